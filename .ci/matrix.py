@@ -1,8 +1,10 @@
-"""What the tests are run with: the pinned packages of constraints.txt, newer and older ones, other settings.
+"""What the tests are run with: the pinned packages of constraints.txt, newer and older ones, other
+settings.
 
-    python3 .ci/matrix.py pins [--keep] PYTHON ...  # writes constraints.txt; --keep: versions that it has stay
-    python3 .ci/matrix.py newest                    # fast tests, where newer packages are out than are pinned
-    python3 .ci/matrix.py table [PYTHON ...]        # the fast tests under every setting, with these Pythons, too
+    python3 .ci/matrix.py pins [--keep] PYTHON ...  # writes constraints.txt; --keep: versions that
+    it has stay python3 .ci/matrix.py newest                    # fast tests, where newer packages
+    are out than are pinned python3 .ci/matrix.py table [PYTHON ...]        # the fast tests under
+    every setting, with these Pythons, too
 
 Other packages go into temporary environments; this needs pip and a package index.
 """
@@ -43,7 +45,8 @@ MEETING = tuple(
     )
 )
 HEAD = """\
-# The versions that the tests run with, of every package that is installed with dobc_design and all its extras.
+# The versions that the tests run with, of every package that is installed
+# with dobc_design and all its extras.
 # `make` installs these.  Written by .ci/matrix.py.
 """
 
@@ -58,7 +61,9 @@ def environment(folder: str, python: str, *wanted: str) -> str:
     inside = str(Path(folder) / "bin" / "python")
     pip = [inside, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     subprocess.run([*pip, *wanted, *BUILDS], check=True)
-    subprocess.run([*pip, *wanted, "--no-build-isolation", "--editable", f"{ROOT}[dev]"], check=True)
+    subprocess.run(
+        [*pip, *wanted, "--no-build-isolation", "--editable", f"{ROOT}[dev]"], check=True
+    )
     return inside
 
 
@@ -68,7 +73,17 @@ def normal(name: str) -> str:
 
 def installed(python: str) -> dict[str, str]:
     """Name and version of what an environment holds, without the project itself."""
-    command = [python, "-m", "pip", "list", "--format=json", "--exclude", "dobc_design", "--exclude", "pip"]
+    command = [
+        python,
+        "-m",
+        "pip",
+        "list",
+        "--format=json",
+        "--exclude",
+        "dobc_design",
+        "--exclude",
+        "pip",
+    ]
     listed = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
     return {normal(each["name"]): each["version"] for each in listed}
 
@@ -82,9 +97,13 @@ def pins(pythons: list[str], *, keep: bool) -> None:
         with tempfile.TemporaryDirectory() as folder:
             inside = environment(folder, python, *known)
             pip = [inside, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *known]
-            subprocess.run([*pip, "--no-build-isolation", "--editable", f"{ROOT}[{extras}]"], check=True)
+            subprocess.run(
+                [*pip, "--no-build-isolation", "--editable", f"{ROOT}[{extras}]"], check=True
+            )
             code = "import sys; print('%d.%d' % sys.version_info[:2])"
-            version = subprocess.run([inside, "-c", code], check=True, capture_output=True, text=True).stdout.strip()
+            version = subprocess.run(
+                [inside, "-c", code], check=True, capture_output=True, text=True
+            ).stdout.strip()
             for name, found in installed(inside).items():
                 versions[name][version] = found
             say(f"{python}: Python {version}, {len(installed(inside))} packages")
@@ -117,23 +136,44 @@ def core() -> list[str]:
 
 
 def newest() -> int:
-    """Resolve without pins; run fast tests if a package that the project asks for is newer than the tested one."""
+    """Resolve without pins; run fast tests if a package that the project asks for is newer than the
+    tested one."""
     with tempfile.TemporaryDirectory() as folder:
         made = subprocess.run([sys.executable, "-m", "venv", folder], check=False)  # for its pip
         if made.returncode:
-            say("Skipped: this Python cannot make an environment with pip, which tells what is the newest.")
+            say(
+                "Skipped: this Python cannot make an environment with pip, which tells "
+                "what is the newest."
+            )
             return 0
-        ask = [f"{folder}/bin/python", "-m", "pip", "install", "--dry-run", "--quiet", "--report", "-"]
+        ask = [
+            f"{folder}/bin/python",
+            "-m",
+            "pip",
+            "install",
+            "--dry-run",
+            "--quiet",
+            "--report",
+            "-",
+        ]
         answer = subprocess.run([*ask, f"{ROOT}[dev]"], check=False, capture_output=True, text=True)
         if answer.returncode:
             say(f"The newest versions cannot be found out:\n{answer.stderr[-1000:]}")
-            return int("ResolutionImpossible" in answer.stderr)  # not a failure of the index, but of pyproject.toml
+            # not a failure of the index, but of pyproject.toml
+            return int("ResolutionImpossible" in answer.stderr)
         report = json.loads(answer.stdout)["install"]
         found = {normal(each["metadata"]["name"]): each["metadata"]["version"] for each in report}
         tested = {name: metadata.version(name) for name in core()}
-        newer = [f"{name} {tested[name]} -> {found[name]}" for name in core() if found[name] != tested[name]]
+        newer = [
+            f"{name} {tested[name]} -> {found[name]}"
+            for name in core()
+            if found[name] != tested[name]
+        ]
         if not newer:
-            say(f"No newer version is allowed of any of the {len(tested)} packages that the project asks for.")
+            say(
+                f"No newer version is allowed of any of the {len(tested)} packages that "
+                "the project asks for."
+            )
             return 0
     say("Newer than tested: " + ", ".join(newer))
     with tempfile.TemporaryDirectory() as folder:
@@ -150,14 +190,27 @@ def lowest() -> list[str]:
 def fast_tests(python: str, *rooms: str, **more: str) -> subprocess.CompletedProcess[str]:
     """Run those of these rooms, or all; what they print is kept."""
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    command = [python, "-m", "pytest", *rooms, "-n", "2", "--dist", "worksteal", "--benchmark-disable"]
-    return subprocess.run(command, check=False, cwd=ROOT, env=clean | more, capture_output=True, text=True)
+    command = [
+        python,
+        "-m",
+        "pytest",
+        *rooms,
+        "-n",
+        "2",
+        "--dist",
+        "worksteal",
+        "--benchmark-disable",
+    ]
+    return subprocess.run(
+        command, check=False, cwd=ROOT, env=clean | more, capture_output=True, text=True
+    )
 
 
 def settings() -> dict[str, dict[str, str]]:
     """By name, what differs from the usual run."""
     cores = ["Haswell", "Sandybridge"]
-    if "avx512f" in Path("/proc/cpuinfo").read_text("utf-8"):  # elsewhere its first instruction ends the process
+    # elsewhere its first instruction ends the process
+    if "avx512f" in Path("/proc/cpuinfo").read_text("utf-8"):
         cores.append("SkylakeX")
     return {
         "as it is": {},
@@ -176,12 +229,20 @@ def table(pythons: list[str]) -> int:
         nonlocal failures
         began = time.monotonic()
         ran = fast_tests(python, **more)
-        kernels = next((line for line in ran.stdout.splitlines() if line.startswith("OpenBLAS")), "")
+        kernels = next(
+            (line for line in ran.stdout.splitlines() if line.startswith("OpenBLAS")), ""
+        )
         said = ran.stdout.strip().rpartition("\n")[2].strip("= ")
         say(f"| {name} | {kernels} | {said} | {time.monotonic() - began:.0f} s |")
         if ran.returncode:
             failures += 1
-            say("\n".join(line for line in ran.stdout.splitlines() if line.startswith(("FAILED", "ERROR", "E  "))))
+            say(
+                "\n".join(
+                    line
+                    for line in ran.stdout.splitlines()
+                    if line.startswith(("FAILED", "ERROR", "E  "))
+                )
+            )
 
     for name, more in settings().items():
         row(name, sys.executable, **more)
@@ -191,7 +252,10 @@ def table(pythons: list[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         low = Path(folder) / "lowest.txt"
         low.write_text("\n".join(lowest()), "utf-8")
-        row("lowest versions", environment(str(Path(folder) / "venv"), sys.executable, "--constraint", str(low)))
+        row(
+            "lowest versions",
+            environment(str(Path(folder) / "venv"), sys.executable, "--constraint", str(low)),
+        )
     with tempfile.TemporaryDirectory() as folder:
         row("newest versions", environment(folder, sys.executable))
     return failures

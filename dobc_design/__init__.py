@@ -58,15 +58,19 @@ _NAMES = {
 }
 _HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
-#: Types that functions return (the widget needs an extra): here for annotations, and no part of ``__all__``.
+#: Types that functions return (the widget needs an extra): here for annotations, and no part of
+#: ``__all__``.
 _TYPES = (
-    "Analysis Designer Falsification Model ObserverDesign Pinning PinningDesign Settling Suspect SweepResult TradeOff"
+    "Analysis Designer Falsification Model ObserverDesign Pinning PinningDesign Settling "
+    "Suspect SweepResult TradeOff"
 )
 __all__ = sorted({"__version__", *_HOMES} - set(_TYPES.split()))  # noqa: PLE0605
 
 #: Old names and where they are now.
 _MOVED = {
-    **dict.fromkeys(("Fixed", "Markov", "Mobile", "Periodic", "RandomDwell", "Schedule", "Waypoints"), "signals"),
+    **dict.fromkeys(
+        ("Fixed", "Markov", "Mobile", "Periodic", "RandomDwell", "Schedule", "Waypoints"), "signals"
+    ),
     **dict.fromkeys(("Cone", "Disk", "HalfPlane", "NoiseLimit"), "poles"),
     **dict.fromkeys(("to_c", "to_casadi", "to_control", "to_fmu", "to_latex"), "export"),
     **dict.fromkeys(("to_numpy", "to_sdpa", "to_sympy"), "export"),
@@ -79,7 +83,11 @@ def __getattr__(name: str) -> Any:
         from warnings import warn
 
         new = name.removesuffix("_regions")
-        warn(f"dobc_design.{name} is now dobc_design.{_MOVED[name]}.{new}", DeprecationWarning, stacklevel=2)
+        warn(
+            f"dobc_design.{name} is now dobc_design.{_MOVED[name]}.{new}",
+            DeprecationWarning,
+            stacklevel=2,
+        )
         return getattr(__getattr__(_MOVED[name]), new)
     home = _HOMES.get(name)
     if home is None:

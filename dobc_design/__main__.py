@@ -1,6 +1,8 @@
-"""Where ``dobc`` and ``python -m dobc_design`` begin: first the signal handler, then everything else.
+"""Where ``dobc`` and ``python -m dobc_design`` begin: first the signal handler, then everything
+else.
 
-Importing the command line takes a good tenth of a second, in which an interrupt would show a traceback.
+Importing the command line takes a good tenth of a second, in which an interrupt would show a
+traceback.
 """
 
 from __future__ import annotations
@@ -18,14 +20,16 @@ except KeyboardInterrupt:  # in the millisecond before the handler stands
     os.write(2, b"Interrupted.\n")
     os._exit(130)
 
-# Our dense matrices are small: threads that wait for each other, beside other programs, cost more than they bring.
-# It has to be said before NumPy is imported, and whoever has chosen a number keeps it.
+# Our dense matrices are small: threads that wait for each other, beside other programs, cost more
+# than they bring. It has to be said before NumPy is imported, and whoever has chosen a number keeps
+# it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def main() -> None:
     """Run the command line; see ``cli.main``."""
-    # A command makes many objects that live until it ends; looking through them for cycles took an eighth of its time.
+    # A command makes many objects that live until it ends; looking through them for cycles took an
+    # eighth of its time.
     gc.set_threshold(100_000, 20, 100)
     _open_standard_streams()
     from dobc_design.cli.main import main as run

@@ -28,7 +28,10 @@ def require_shape(
     widths = [len(matrix[i]) for i in range(len(matrix))]
     for number, width in enumerate(widths, start=1):
         if width != widths[0]:
-            what = f"must have rows of one length; got {widths[0]} in row 1 and {width} in row {number}."
+            what = (
+                f"must have rows of one length; got {widths[0]} in row 1 and {width} in row "
+                f"{number}."
+            )
             raise wrong(name, what, kind=ShapeError)
     got = (len(widths), widths[0] if widths else 0)
     # Nested sequences cannot say how many columns no rows have, so those agree with any number.
@@ -44,7 +47,9 @@ def require_square(matrix: Rows, *, name: str, because: str = "") -> int:
     rows, columns = require_shape(matrix, (None, None), name=name)
     if rows != columns:
         reason = f", {because}" if because else ""
-        raise wrong(name, f"must be square{reason}; got shape ({rows}, {columns}).", kind=ShapeError)
+        raise wrong(
+            name, f"must be square{reason}; got shape ({rows}, {columns}).", kind=ShapeError
+        )
     return rows
 
 

@@ -1,11 +1,12 @@
 """What happens when somebody wants the program to stop: Ctrl-C, SIGTERM, SIGHUP.
 
-The command line ends at once, from the signal handler, with one line and 128 + the number of the signal: unwinding by
-KeyboardInterrupt gets lost inside a destructor, a callback or a library that is just being imported.  Nothing is lost,
-because files are replaced as a whole (``certificate.files``), and while that happens the signal waits (``Postponed``).
+The command line ends at once, from the signal handler, with one line and 128 + the number of the
+signal: unwinding by KeyboardInterrupt gets lost inside a destructor, a callback or a library that
+is just being imported.  Nothing is lost, because files are replaced as a whole
+(``certificate.files``), and while that happens the signal waits (``Postponed``).
 
-Python runs signal handlers in the main thread; called from another thread, all of this does nothing.  The imports are
-few and light, because this is loaded before anything else.
+Python runs signal handlers in the main thread; called from another thread, all of this does
+nothing.  The imports are few and light, because this is loaded before anything else.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ if TYPE_CHECKING:
     from types import FrameType
     from typing import Any
 
-STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+STOPPING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 SENTENCE = "Interrupted; no file was left half written."
 _DOCUMENT = """{{
   "error": {{
@@ -32,7 +35,8 @@ _DOCUMENT = """{{
 
 
 class Ending:
-    """A signal handler that says so and leaves, by os.write and os._exit only: the interpreter may be anywhere.
+    """A signal handler that says so and leaves, by os.write and os._exit only: the interpreter may
+    be anywhere.
 
     ``as_json``: the error is a document on standard output, else a line on standard error.
     """
@@ -43,7 +47,9 @@ class Ending:
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """End the process."""
         try:
-            text = _DOCUMENT.format(_escaped(self.sentence)) if self.as_json else f"{self.sentence}\n"
+            text = (
+                _DOCUMENT.format(_escaped(self.sentence)) if self.as_json else f"{self.sentence}\n"
+            )
             if not self.as_json and os.isatty(2):
                 text = f"\x1b[?25h\n{text}"  # a progress line hides the cursor
             os.write(1 if self.as_json else 2, text.encode("utf-8", errors="replace"))
@@ -54,7 +60,8 @@ class Ending:
 def end_at_once(*, as_json: bool) -> None:
     """From now on a stopping signal ends this process with 128 + its number: 130 for Ctrl-C.
 
-    A signal that the caller has told us to ignore (nohup, a background job of a shell) stays ignored.
+    A signal that the caller has told us to ignore (nohup, a background job of a shell) stays
+    ignored.
     """
     for number in STOPPING:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
@@ -66,7 +73,8 @@ def _endings() -> list[Ending]:
 
 
 def answer_begins() -> None:
-    """From now on a signal puts nothing more on standard output, where the answer stands or begins to."""
+    """From now on a signal puts nothing more on standard output, where the answer stands or begins
+    to."""
     for handler in _endings():
         handler.as_json = False
 
@@ -84,7 +92,8 @@ def _escaped(text: str) -> str:
 
 
 class Postponed:
-    """A context in which stopping signals wait until it is left.  A second one of the same kind does not wait."""
+    """A context in which stopping signals wait until it is left.  A second one of the same kind
+    does not wait."""
 
     def __init__(self) -> None:
         self.before: dict[int, Any] = {}

@@ -1,7 +1,8 @@
 """The exceptions of the toolbox: what went wrong, at which key, and what cures it.
 
-The caller's mistake raises a SpecError (also a ValueError), a broken machine a SolverError or CertificateError (also a
-RuntimeError); the mathematics' answer is never an exception but a ``Verdict``.
+The caller's mistake raises a SpecError (also a ValueError), a broken machine a SolverError or
+CertificateError (also a RuntimeError); the mathematics' answer is never an exception but a
+``Verdict``.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import ClassVar
 
-logging.getLogger("dobc_design").addHandler(logging.NullHandler())  # loaded by every module that logs
+# loaded by every module that logs
+logging.getLogger("dobc_design").addHandler(logging.NullHandler())
 
 
 class DobcError(Exception):
@@ -38,7 +40,8 @@ class DobcError(Exception):
 
 
 def reason_of(error: Exception) -> str:
-    """What is wrong with a file whose reading raised this, in words of the file and not of Python."""
+    """What is wrong with a file whose reading raised this, in words of the file and not of
+    Python."""
     if isinstance(error, RecursionError):
         return "it is nested too deeply"
     if isinstance(error, KeyError):
@@ -46,7 +49,9 @@ def reason_of(error: Exception) -> str:
     if isinstance(error, UnicodeDecodeError):
         return f"byte {error.start} is not UTF-8"
     return (
-        str(error) if isinstance(error, (DobcError, ValueError, SyntaxError)) else "a value in it is of the wrong kind"
+        str(error)
+        if isinstance(error, (DobcError, ValueError, SyntaxError))
+        else "a value in it is of the wrong kind"
     )
 
 
@@ -90,12 +95,16 @@ class ExpressionError(SpecError):
     kind: ClassVar[str] = "expression"
 
 
-def wrong(key: str, what: str, cure: str | None = None, *, kind: type[SpecError] = SpecError) -> SpecError:
+def wrong(
+    key: str, what: str, cure: str | None = None, *, kind: type[SpecError] = SpecError
+) -> SpecError:
     """Return the error "KEY WHAT" about a key."""
     return kind(f"{key} {what}", key=key, cure=cure)
 
 
-def about(key: str, what: str, cure: str | None = None, *, kind: type[SpecError] = SpecError) -> SpecError:
+def about(
+    key: str, what: str, cure: str | None = None, *, kind: type[SpecError] = SpecError
+) -> SpecError:
     """Return the error "KEY: WHAT" about a key."""
     return kind(f"{key}: {what}", key=key, cure=cure)
 

@@ -1,7 +1,8 @@
 """The three answers a question of mathematics can get here: proved, refuted, undecided.
 
-A Verdict has no truth value on purpose: ``if verdict`` would read "undecided" as yes or as no.  It equals its word;
-comparing it with any other text is an error, so that a slip is never silently false.
+A Verdict has no truth value on purpose: ``if verdict`` would read "undecided" as yes or as no.  It
+equals its word; comparing it with any other text is an error, so that a slip is never silently
+false.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from dobc_design._show.cards import Card, html_of
 
 
 class _Framed:
-    """Shows itself in Jupyter; a class of its own, because an Enum reserves names like _repr_html_."""
+    """Shows itself in Jupyter; a class of its own, because an Enum reserves names like
+    _repr_html_."""
 
     def _repr_html_(self) -> str:
         return html_of(Card(title="Verdict:", verdict=str(self)))
@@ -32,7 +34,9 @@ class Verdict(_Framed, Enum):
 
     def __eq__(self, other: object) -> bool:
         if isinstance(other, str) and other not in ("proved", "refuted", "undecided"):
-            raise ValueError(f'a Verdict is "proved", "refuted" or "undecided"; it was compared with {other!r}')
+            raise ValueError(
+                f'a Verdict is "proved", "refuted" or "undecided"; it was compared with {other!r}'
+            )
         return self is other or self.value == other
 
     def __hash__(self) -> int:

@@ -13,9 +13,18 @@ author = "dobc_design contributors"
 copyright = author
 release = version = __version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "docstrings", "gallery", "generated", "mathml", "names"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "docstrings",
+    "gallery",
+    "generated",
+    "mathml",
+    "names",
+]
 exclude_patterns = ["_build", "_ext"]
-suppress_warnings = ["mystnb.unknown_mime_type"]  # notebooks show widgets and figures in richer ways as well
+# notebooks show widgets and figures in richer ways as well
+suppress_warnings = ["mystnb.unknown_mime_type"]
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
@@ -23,10 +32,13 @@ nb_execution_mode = "cache"  # a notebook that did not change is not run again
 nb_execution_timeout = 600  # s, for a slow machine
 nb_execution_raise_on_error = True
 nb_merge_streams = True
-# Nobody's own start-up files, and no warning that kernels talk over TCP: they do so on this machine only.
+# Nobody's own start-up files, and no warning that kernels talk over TCP: they do so on this machine
+# only.
 _ipython = Path(__file__).parent / "_build" / "ipython"
 (_ipython / "profile_default").mkdir(parents=True, exist_ok=True)
-(_ipython / "profile_default" / "ipython_kernel_config.py").write_text('c.IPKernelApp.log_level = "ERROR"\n', "utf-8")
+(_ipython / "profile_default" / "ipython_kernel_config.py").write_text(
+    'c.IPKernelApp.log_level = "ERROR"\n', "utf-8"
+)
 os.environ["IPYTHONDIR"] = str(_ipython)
 
 autodoc_typehints = "none"  # the docstrings say shapes and units, which types cannot

@@ -1,4 +1,5 @@
-"""How many examples Hypothesis draws, that CI draws the same ones every time, and what all workers of a run share."""
+"""How many examples Hypothesis draws, that CI draws the same ones every time, and what all workers
+of a run share."""
 
 import gc
 import json
@@ -12,7 +13,8 @@ from typing import Any, NamedTuple
 import pytest
 from heard import let_children_hear
 
-# Two processes of tests fill two cores; threads of linear algebra inside each would only wait for one another.
+# Two processes of tests fill two cores; threads of linear algebra inside each would only wait for
+# one another.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from certified import FOLDER
@@ -23,7 +25,9 @@ from dobc_design import Exosystem, Network, Problem
 
 # No deadline: a first call may import a large package, which is slow and not a defect.
 settings.register_profile("fast", max_examples=50, deadline=None)
-settings.register_profile("ci", parent=settings.get_profile("fast"), derandomize=True, print_blob=True)
+settings.register_profile(
+    "ci", parent=settings.get_profile("fast"), derandomize=True, print_blob=True
+)
 settings.load_profile("ci" if os.environ.get("CI") else "fast")
 
 let_children_hear()
@@ -70,7 +74,9 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
 def _is_whole(config: pytest.Config) -> bool:
     """All fast tests, asked for by the process that begins the run."""
     option = config.option
-    chosen = option.keyword or option.collectonly or option.markexpr != _FAST or config.args != ["tests"]
+    chosen = (
+        option.keyword or option.collectonly or option.markexpr != _FAST or config.args != ["tests"]
+    )
     return not chosen and not hasattr(config, "workerinput")
 
 
@@ -86,7 +92,8 @@ _LONG = ("karate-club", "microgrid-ieee14", "uav-swarm")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of problems that take long as slow, wherever all built-in problems are gone through."""
+    """Mark the tests of problems that take long as slow, wherever all built-in problems are gone
+    through."""
     for item in items:
         if any(name in item.name for name in _LONG):
             item.add_marker(pytest.mark.slow)
@@ -138,10 +145,16 @@ def cycle():
     """A directed cycle of n agents, the paper's coupling, chosen pins."""
 
     def make(
-        n: int = 4, *, pins: Any = None, exosystem: Exosystem = HARMONIC, coupling: Any = "exp(y) - 1 + y"
+        n: int = 4,
+        *,
+        pins: Any = None,
+        exosystem: Exosystem = HARMONIC,
+        coupling: Any = "exp(y) - 1 + y",
     ) -> Problem:
         return Problem(
-            network=Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n),
+            network=Network.from_arcs(
+                [[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n
+            ),
             coupling=coupling,
             gains={1: 3} if pins is None else pins,
             exosystem=exosystem,
@@ -153,13 +166,19 @@ def cycle():
 
 @pytest.fixture
 def separable():
-    """Random problems with m = 1, or Lambda = Lambda_n (x) I_m: one h for all components, gains that are numbers."""
+    """Random problems with m = 1, or Lambda = Lambda_n (x) I_m: one h for all components, gains
+    that are numbers."""
 
     def make(seed: int, *, modes: int, m: int = 1) -> Problem:
         r = Random(f"{seed} {modes} {m}")
         n = r.randint(2, 4)
         arcs = {
-            f"G{k}": [[i, j, r.choice((1, "1/2", 2))] for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
+            f"G{k}": [
+                [i, j, r.choice((1, "1/2", 2))]
+                for i in range(1, n + 1)
+                for j in range(1, n + 1)
+                if i != j
+            ]
             for k in range(modes)
         }
         arcs = {name: [arc for arc in every if r.random() < 0.7] for name, every in arcs.items()}

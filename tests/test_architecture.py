@@ -1,9 +1,10 @@
-"""The rules of docs/architecture.md: no circles, what a proof may rest on, the packages of every room, a few words.
+"""The rules of docs/architecture.md: no circles, what a proof may rest on, the packages of every
+room, a few words.
 
-Everything is read from the syntax trees of the sources: nothing is imported, so an import inside a function or under
-TYPE_CHECKING counts like any other.  Every rule is a function of a ``House``, so that the last tests can show it a
-house that breaks the rule.  ``python tests/test_architecture.py`` prints how large the house is and what its proofs
-rest on.
+Everything is read from the syntax trees of the sources: nothing is imported, so an import inside a
+function or under TYPE_CHECKING counts like any other.  Every rule is a function of a ``House``, so
+that the last tests can show it a house that breaks the rule.  ``python tests/test_architecture.py``
+prints how large the house is and what its proofs rest on.
 """
 
 from __future__ import annotations
@@ -52,7 +53,16 @@ ONLY_IN = {"pydantic": ("problem.load", "problem.schema"), "typst": ("report.pdf
 
 # What a proof rests on, by name: these rooms, and in every topic these files.
 TRUSTED_ROOMS = ("exact", "coupling", "problem", "certificate")
-TRUSTED_FILES = ("claim", "coordinates", "decide", "checks", "large", "network", "sectors", "timing")
+TRUSTED_FILES = (
+    "claim",
+    "coordinates",
+    "decide",
+    "checks",
+    "large",
+    "network",
+    "sectors",
+    "timing",
+)
 # What no proof may rest on, however indirectly.
 UNTRUSTED_ROOMS = ("solvers", "model", "simulation", "falsification", "synthesis")
 UNTRUSTED_PACKAGES = ("casadi", "clarabel", "control", "cvxpy")
@@ -66,7 +76,8 @@ MOST_LOOSE, SHORT = 10, 100
 
 @dataclass(frozen=True)
 class House:
-    """The sources of the package by dotted name without the package: "problem.load", "exact.__init__", "errors"."""
+    """The sources of the package by dotted name without the package: "problem.load",
+    "exact.__init__", "errors"."""
 
     sources: Mapping[str, str]
 
@@ -81,19 +92,23 @@ class House:
 
     @cached_property
     def imports(self) -> dict[str, list[tuple[int, str]]]:
-        """Line and absolute dotted name of everything that a module imports; relative names are resolved."""
+        """Line and absolute dotted name of everything that a module imports; relative names are
+        resolved."""
         return {name: list(imported_names(tree, name)) for name, tree in self.trees.items()}
 
     @cached_property
     def uses(self) -> dict[str, set[str]]:
         """The modules of the package that each module imports."""
         return {
-            name: {own for _, target in targets if (own := self.module_of(target)) not in (None, name)}
+            name: {
+                own for _, target in targets if (own := self.module_of(target)) not in (None, name)
+            }
             for name, targets in self.imports.items()
         }
 
     def module_of(self, target: str) -> str | None:
-        """The module that an imported dotted name lies in; None for other packages and for the version."""
+        """The module that an imported dotted name lies in; None for other packages and for the
+        version."""
         top, _, rest = target.partition(".")
         if top != PACKAGE or rest == "__version__":
             return None
@@ -120,7 +135,9 @@ class House:
 def house_on_disk() -> House:
     folder = ROOT / PACKAGE
     files = sorted(folder.rglob("*.py"))
-    return House({".".join(f.relative_to(folder).with_suffix("").parts): f.read_text("utf-8") for f in files})
+    return House(
+        {".".join(f.relative_to(folder).with_suffix("").parts): f.read_text("utf-8") for f in files}
+    )
 
 
 def statements(tree: ast.AST) -> Iterator[ast.AST]:
@@ -149,13 +166,21 @@ def imported_names(tree: ast.AST, module: str) -> Iterator[tuple[int, str]]:
 def room_of(module: str) -> str:
     """ "exact", "conditions.observer" for a topic; "conditions" for what its topics share."""
     parts = module.split(".")
-    return ".".join(parts[:2]) if parts[0] in ("conditions", "synthesis") and len(parts) > 2 else parts[0]
+    return (
+        ".".join(parts[:2])
+        if parts[0] in ("conditions", "synthesis") and len(parts) > 2
+        else parts[0]
+    )
 
 
 def is_trusted(module: str) -> bool:
     parts = module.split(".")
     named = parts[0] in ("conditions", "synthesis") and parts[-1] in TRUSTED_FILES
-    return parts[0] in TRUSTED_ROOMS or named or module in ("certification.overall", "certification.recheck")
+    return (
+        parts[0] in TRUSTED_ROOMS
+        or named
+        or module in ("certification.overall", "certification.recheck")
+    )
 
 
 def untrusted(module: str) -> bool:
@@ -175,7 +200,9 @@ def circles(house: House) -> Iterator[str]:
                 near[room_of(module)][room_of(other)] = f"{module} imports {other}"
     left = {room: set(others) for room, others in near.items()}
     while outside := [
-        room for room in left if not left[room] & left.keys() or not any(room in o for o in left.values())
+        room
+        for room in left
+        if not left[room] & left.keys() or not any(room in o for o in left.values())
     ]:
         for room in outside:
             del left[room]
@@ -189,7 +216,9 @@ def trust_violations(house: House) -> Iterator[str]:
     for module in filter(is_trusted, house.sources):
         closure = house.closure(module)
         for other in closure:
-            packages = {name.partition(".")[0] for _, name in house.imports[other]} & set(UNTRUSTED_PACKAGES)
+            packages = {name.partition(".")[0] for _, name in house.imports[other]} & set(
+                UNTRUSTED_PACKAGES
+            )
             if untrusted(other) or packages:
                 chain = [other]
                 while closure[chain[-1]]:
@@ -203,20 +232,27 @@ def package_violations(house: House) -> Iterator[str]:
         for line, name in targets:
             top = name.partition(".")[0]
             if room == "checker" and top == PACKAGE and not name.startswith(f"{PACKAGE}.checker."):
-                yield f"{module}:{line}: the checker imports nothing of the package, yet it imports {name}"
+                yield (
+                    f"{module}:{line}: the checker imports nothing of the package, yet it "
+                    f"imports {name}"
+                )
             elif top == PACKAGE or top in sys.stdlib_module_names:
                 if house.module_of(name) == "__init__" and module != "__main__":
                     yield f"{module}:{line}: import from the room, not from the facade: {name}"
             elif top not in THIRD_PARTY.get(room, set()):
                 yield f"{module}:{line}: third-party package {top} is not allowed in {room}"
             elif top in ONLY_IN and not module.startswith(ONLY_IN[top]):
-                yield f"{module}:{line}: third-party package {top} is allowed in {' and '.join(ONLY_IN[top])} only"
+                yield (
+                    f"{module}:{line}: third-party package {top} is allowed in "
+                    f"{' and '.join(ONLY_IN[top])} only"
+                )
 
 
 def word_violations(house: House) -> Iterator[str]:
     """Asserts, bare excepts, star imports, print, and whatever runs text as code."""
     for module, tree in house.trees.items():
-        forbidden = FORBIDDEN_NAMES - ({"import_module"} if module == "__init__" else set())  # PEP 562
+        # PEP 562
+        forbidden = FORBIDDEN_NAMES - ({"import_module"} if module == "__init__" else set())
         for node in ast.walk(tree):
             for what in forbidden_words(node, forbidden) if isinstance(node, JUDGED) else ():
                 yield f"{module}:{getattr(node, 'lineno', 0)}: {what}"
@@ -231,11 +267,19 @@ def forbidden_words(node: ast.AST, forbidden: set[str]) -> Iterator[str]:
         yield "assert: raise an error instead, python -O removes asserts"
     elif isinstance(node, ast.ExceptHandler) and node.type is None:
         yield "bare except"
-    elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in BUILTINS | forbidden:
+    elif (
+        isinstance(node, ast.Name)
+        and isinstance(node.ctx, ast.Load)
+        and node.id in BUILTINS | forbidden
+    ):
         yield f"{node.id} is forbidden"
     elif isinstance(node, ast.Attribute) and node.attr in forbidden:
         yield f"{node.attr} is forbidden"
-    elif isinstance(node, ast.Attribute) and node.attr in BUILTINS and is_named(node.value, "builtins"):
+    elif (
+        isinstance(node, ast.Attribute)
+        and node.attr in BUILTINS
+        and is_named(node.value, "builtins")
+    ):
         yield f"builtins.{node.attr} is forbidden"
     elif isinstance(node, ast.ImportFrom):
         for alias in node.names:
@@ -277,7 +321,8 @@ def test_every_room_is_on_the_page():
     assert not missing
 
 
-# A small house of one topic in which nothing is wrong; each case puts one file in, or another in its place.
+# A small house of one topic in which nothing is wrong; each case puts one file in, or another in
+# its place.
 SOUND = {
     "errors": "",
     "exact.matrix": "import flint\nfrom ..errors import ShapeError",
@@ -316,19 +361,39 @@ def test_a_sound_house_is_left_in_peace():
             "from dobc_design.conditions.lure.propose import find",
             "decide is trusted and rests",
         ),
-        ("conditions.lure.decide", "def f():\n    from .propose import find", "decide is trusted and rests"),
+        (
+            "conditions.lure.decide",
+            "def f():\n    from .propose import find",
+            "decide is trusted and rests",
+        ),
         ("conditions.lure.claim", "import cvxpy", "claim is trusted and rests on cvxpy"),
-        ("conditions.check", "import casadi", "certificate.text is trusted and rests on casadi <- conditions.check"),
+        (
+            "conditions.check",
+            "import casadi",
+            "certificate.text is trusted and rests on casadi <- conditions.check",
+        ),
         ("exact.matrix", "from dobc_design.solvers.conic import solve", "exact.matrix is trusted"),
-        ("certification.overall", "from dobc_design.conditions.lure.stage import run", "overall is trusted"),
+        (
+            "certification.overall",
+            "from dobc_design.conditions.lure.stage import run",
+            "overall is trusted",
+        ),
         (
             "problem.problem",
             "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import control",
             "rests on control",
         ),
         ("errors", "from dobc_design.exact.matrix import Matrix", "circle: "),
-        ("exact.matrix", "from ..problem import problem", "circle: exact.matrix imports problem.problem"),
-        ("conditions.check", "from dobc_design.conditions.lure.claim import Lure\nimport x", "third-party package x"),
+        (
+            "exact.matrix",
+            "from ..problem import problem",
+            "circle: exact.matrix imports problem.problem",
+        ),
+        (
+            "conditions.check",
+            "from dobc_design.conditions.lure.claim import Lure\nimport x",
+            "third-party package x",
+        ),
         ("problem.problem", "import pydantic", "allowed in problem.load and problem.schema only"),
         ("problem.problem", "import dobc_design as dd", "not from the facade"),
         ("cli.main", "from dobc_design import certify", "not from the facade"),
@@ -343,7 +408,11 @@ def test_a_sound_house_is_left_in_peace():
         ("problem.problem", "eval('1')", "eval is forbidden"),
         ("problem.problem", "import builtins\nbuiltins.exec('1')", "builtins.exec is forbidden"),
         ("problem.problem", "from builtins import exec as run", "exec is forbidden"),
-        ("cli.main", "import importlib\nimportlib.import_module('x')", "import_module is forbidden"),
+        (
+            "cli.main",
+            "import importlib\nimportlib.import_module('x')",
+            "import_module is forbidden",
+        ),
     ],
 )
 def test_a_house_that_breaks_a_rule_is_found_out(module: str, source: str, complaint: str):
@@ -351,20 +420,33 @@ def test_a_house_that_breaks_a_rule_is_found_out(module: str, source: str, compl
 
 
 def lines_below(folder: Path) -> int:
-    return sum(path.read_text("utf-8").count("\n") for end in ("*.py", "*.pyi") for path in folder.rglob(end))
+    return sum(
+        path.read_text("utf-8").count("\n")
+        for end in ("*.py", "*.pyi")
+        for path in folder.rglob(end)
+    )
 
 
 def statements_below(folder: Path) -> int:
     trees = (ast.parse(path.read_text("utf-8")) for path in sorted(folder.rglob("*.py")))
-    return sum(isinstance(node, ast.stmt) and not is_docstring(node) for tree in trees for node in ast.walk(tree))
+    return sum(
+        isinstance(node, ast.stmt) and not is_docstring(node)
+        for tree in trees
+        for node in ast.walk(tree)
+    )
 
 
 def is_docstring(node: ast.AST) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
 
 
 def size_of_the_house() -> str:
-    """Lines, modules, short modules with one importer, wide functions, and what the trusted modules rest on."""
+    """Lines, modules, short modules with one importer, wide functions, and what the trusted modules
+    rest on."""
     house, folder = house_on_disk(), ROOT / PACKAGE
     users = defaultdict(set)
     for module, others in house.uses.items():
@@ -375,8 +457,12 @@ def size_of_the_house() -> str:
         for name, text in house.sources.items()
         if text.count("\n") < SHORT and len(users[name]) == 1 and not name.endswith("__")
     ]
-    functions = [n for tree in house.trees.values() for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
-    wide = sum(len(f.args.posonlyargs) + len(f.args.args) + len(f.args.kwonlyargs) >= 8 for f in functions)
+    functions = [
+        n for tree in house.trees.values() for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)
+    ]
+    wide = sum(
+        len(f.args.posonlyargs) + len(f.args.args) + len(f.args.kwonlyargs) >= 8 for f in functions
+    )
     lines = [
         f"lines in {PACKAGE}/: {lines_below(folder)}",
         f"modules: {len(house.sources)}",

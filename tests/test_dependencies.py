@@ -1,4 +1,5 @@
-"""constraints.txt is the tested set: of every package that is needed on a Python one version, which is allowed."""
+"""constraints.txt is the tested set: of every package that is needed on a Python one version, which
+is allowed."""
 
 import sys
 import tomllib
@@ -17,14 +18,17 @@ PINS = [Requirement(line) for line in LINES if not line.startswith("#")]
 
 def pinned_for(python: str) -> dict[str, str]:
     """Name and version of what is pinned for a Python."""
-    here = [each for each in PINS if not each.marker or each.marker.evaluate({"python_version": python})]
+    here = [
+        each for each in PINS if not each.marker or each.marker.evaluate({"python_version": python})
+    ]
     versions = {each.name: str(each.specifier).removeprefix("==") for each in here}
     assert len(versions) == len(here)
     return versions
 
 
 def needed(extra: str) -> set[str]:
-    """Everything that dobc_design with this extra needs here, directly or not, as the installed packages say."""
+    """Everything that dobc_design with this extra needs here, directly or not, as the installed
+    packages say."""
     found: set[str] = set()
     left = [("dobc_design", frozenset({"", extra}))]
     asked = set(left)
@@ -49,7 +53,9 @@ def test_every_dependency_has_one_tested_version_that_is_allowed(python: str):
     extras = PROJECT["optional-dependencies"]
     asked = [*PROJECT["dependencies"], *(each for group in extras.values() for each in group)]
     for requirement in map(Requirement, asked):
-        assert requirement.specifier.contains(versions[canonicalize_name(requirement.name)]), requirement
+        assert requirement.specifier.contains(versions[canonicalize_name(requirement.name)]), (
+            requirement
+        )
 
 
 def test_what_these_need_is_pinned_too():
@@ -62,4 +68,8 @@ def test_the_makefile_installs_the_tested_set():
     """Its stamp is older than constraints.txt as soon as a pin changes."""
     text = (ROOT / "Makefile").read_text("utf-8")
     assert "$(READY): pyproject.toml constraints.txt\n" in text
-    assert text.count("--constraint constraints.txt") == text.count("$$into --constraint constraints.txt") == 2
+    assert (
+        text.count("--constraint constraints.txt")
+        == text.count("$$into --constraint constraints.txt")
+        == 2
+    )

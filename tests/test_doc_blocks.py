@@ -1,10 +1,12 @@
-"""Every code block of the README and the handbook runs, in the order of its page, in an empty folder.
+"""Every code block of the README and the handbook runs, in the order of its page, in an empty
+folder.
 
-Python blocks of a page share one namespace. Of shell blocks the lines that begin with ``dobc`` or ``cd`` are run, and
-have to leave with 0, or with the N of a comment ``# exit code N``; other lines (make, pip, ls) are skipped. They run
-in this process, since starting one takes longer than most commands. A TOML block whose first line is ``# NAME.toml`` is
-saved under that name; other ones only have to be TOML. What a ``text`` block shows has to have been said before it on
-its page, whatever the line breaks.
+Python blocks of a page share one namespace. Of shell blocks the lines that begin with ``dobc`` or
+``cd`` are run, and have to leave with 0, or with the N of a comment ``# exit code N``; other lines
+(make, pip, ls) are skipped. They run in this process, since starting one takes longer than most
+commands. A TOML block whose first line is ``# NAME.toml`` is saved under that name; other ones only
+have to be TOML. What a ``text`` block shows has to have been said before it on its page, whatever
+the line breaks.
 """
 
 import contextlib
@@ -28,7 +30,8 @@ WRITTEN_BY_PROGRAM = {f"docs/reference/{name}.md" for name in _MADE}
 PAGES = [
     name
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-    if "_build" not in path.parts and (name := path.relative_to(ROOT).as_posix()) not in WRITTEN_BY_PROGRAM
+    if "_build" not in path.parts
+    and (name := path.relative_to(ROOT).as_posix()) not in WRITTEN_BY_PROGRAM
 ]
 RUNNABLE = ("python", "sh", "toml", "text")
 #: "Your own problem" of a page that does not write one.
@@ -36,7 +39,9 @@ MINE = CHAIN.replace('"chain"', '"mine"').replace('"y"', '"tanh(y)"')
 
 
 def blocks(page: str) -> list[tuple[str, str]]:
-    return [found for found in BLOCK.findall((ROOT / page).read_text("utf-8")) if found[0] in RUNNABLE]
+    return [
+        found for found in BLOCK.findall((ROOT / page).read_text("utf-8")) if found[0] in RUNNABLE
+    ]
 
 
 def run_shell(line: str, folder: Path) -> tuple[Path, str]:
@@ -53,10 +58,16 @@ def run_shell(line: str, folder: Path) -> tuple[Path, str]:
         target = words[words.index(">") + 1]
         words = words[: words.index(">")]
     out, errors = io.StringIO(), io.StringIO()
-    quiet = contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors)
+    quiet = (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(errors),
+    )
     with quiet[0], quiet[1], quiet[2], pytest.raises(SystemExit) as left:
         main(words[1:])
-    assert left.value.code == int(promised[1] if promised else 0), f"{line}\n{out.getvalue()}\n{errors.getvalue()}"
+    assert left.value.code == int(promised[1] if promised else 0), (
+        f"{line}\n{out.getvalue()}\n{errors.getvalue()}"
+    )
     if target:
         (folder / target).write_text(out.getvalue(), "utf-8")
     return folder, out.getvalue() + errors.getvalue()
@@ -95,7 +106,8 @@ def test_the_pages_have_blocks():
 
 @pytest.mark.slow
 def test_the_picture_of_the_readme_is_the_one_of_its_problem_file(monkeypatch: pytest.MonkeyPatch):
-    """Drawn anew from the mine.toml that the README shows, certified as it is; positions may differ by half a point."""
+    """Drawn anew from the mine.toml that the README shows, certified as it is; positions may differ
+    by half a point."""
     monkeypatch.syspath_prepend(ROOT / "docs" / "_ext")
     overview = importlib.import_module("overview")
     drawn, kept = overview.overview().file("svg").decode(), overview.PICTURE.read_text("utf-8")

@@ -1,4 +1,5 @@
-"""The notes of record name things that exist, and links inside the handbook lead to a page and to a heading of it."""
+"""The notes of record name things that exist, and links inside the handbook lead to a page and to a
+heading of it."""
 
 import ast
 import json
@@ -22,7 +23,11 @@ _MADE = ("command-line", "commands-design", "commands-prepare", "conditions")
 WRITTEN_BY_PROGRAM = {f"docs/reference/{name}.md" for name in _MADE}
 PAGES = sorted(
     path.relative_to(ROOT).as_posix()
-    for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "notebooks").glob("*.ipynb")]
+    for path in [
+        ROOT / "README.md",
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "notebooks").glob("*.ipynb"),
+    ]
     if "_build" not in path.parts
 )
 CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
@@ -59,7 +64,9 @@ def text_of(page: Path) -> str:
 
 def anchors(page: Path) -> set[str]:
     """What headings are called in a link, as GitHub and the handbook call them."""
-    heads = re.findall(r"^#{1,6} +(.+?) *$", re.sub(r"^```.*?^```$", "", text_of(page), flags=re.M | re.S), re.M)
+    heads = re.findall(
+        r"^#{1,6} +(.+?) *$", re.sub(r"^```.*?^```$", "", text_of(page), flags=re.M | re.S), re.M
+    )
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
@@ -85,18 +92,25 @@ def test_links_inside_the_project_lead_somewhere(name: str):
 
 def test_a_link_to_no_page_or_no_heading_is_found(tmp_path: Path):
     page = tmp_path / "page.md"
-    page.write_text("# The `h`, once\n[a](#the-h-once) [b](#three) [c](page.md#the-h-once) [d](none.md)\n", "utf-8")
+    page.write_text(
+        "# The `h`, once\n[a](#the-h-once) [b](#three) [c](page.md#the-h-once) [d](none.md)\n",
+        "utf-8",
+    )
     assert broken_links(page) == ["#three", "none.md"]
 
 
 def toctree_entries(page: Path) -> list[str]:
     trees = re.findall(r"^```\{toctree\}\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S)
-    return [line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")]
+    return [
+        line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")
+    ]
 
 
 def test_every_page_of_the_handbook_stands_in_a_table_of_contents():
     pages = [ROOT / name for name in PAGES if name.startswith("docs/")]
-    listed = [(page.parent / f"{entry}.md").resolve() for page in pages for entry in toctree_entries(page)]
+    listed = [
+        (page.parent / f"{entry}.md").resolve() for page in pages for entry in toctree_entries(page)
+    ]
     assert set(pages) <= {ROOT / "docs/index.md", *listed}
 
 
@@ -104,14 +118,22 @@ def test_the_page_of_the_problem_file_has_every_key_of_its_schema_and_no_other()
     schema = json_schema()
     wanted = set()
     for name, key in schema["properties"].items():
-        tables = [each["$ref"].rpartition("/")[2] for each in [key, *key.get("anyOf", [])] if "$ref" in each]
+        tables = [
+            each["$ref"].rpartition("/")[2]
+            for each in [key, *key.get("anyOf", [])]
+            if "$ref" in each
+        ]
         inside = schema["$defs"][tables[0]].get("properties", {}) if tables else {}
         wanted |= {f"{name}.{part}" for part in inside} or {name}
     found, table = set(), ""
     for line in (ROOT / "docs/reference/problem-file.md").read_text("utf-8").splitlines():
-        for name in re.findall(r"`([\w.]+)`", line.split(" | ")[0]) if line.startswith("| `") else ():
+        for name in (
+            re.findall(r"`([\w.]+)`", line.split(" | ")[0]) if line.startswith("| `") else ()
+        ):
             table = name.rpartition(".")[0] or table  # `switching.dwell`, `sequence`: one table
-            found.add(name.removesuffix(".NAME") if "." in name or name in wanted else f"{table}.{name}")
+            found.add(
+                name.removesuffix(".NAME") if "." in name or name in wanted else f"{table}.{name}"
+            )
     assert found == wanted
 
 
@@ -134,17 +156,22 @@ C = [[1]]
 initial_states = [-1, 1]
 initial_disturbance = 1
 """
-#: Every command, with what is needed to see all keys of its document; the first file is LINE, the second lacks its pin.
+#: Every command, with what is needed to see all keys of its document; the first file is LINE, the
+#: second lacks its pin.
 COMMANDS = """
-problems; schema; doctor; explain; explain hurwitz; check line.toml; check groups.toml --canonical problem.json
+problems; schema; doctor; explain; explain hurwitz; check line.toml; check groups.toml --canonical
+problem.json
 check alone.toml
-certify line.toml --no-report; certify free.toml --no-report --theorem lemma1 --apply-fix cured.toml --search
+certify line.toml --no-report; certify free.toml --no-report --theorem lemma1 --apply-fix
+cured.toml --search
 verify line-certificate --problem line.toml; region line.toml; region line.toml --all --search
 design line.toml --out designed.toml; design platoon --coupling --rate 0.4 --out trucks.toml
 simulate line.toml; simulate line.toml --runs 3; stress line.toml --noise 0.1 --runs 3
 stress line.toml --loss 0.1 --certificate line-certificate
-simulate line.toml --certificate line-certificate; sweep line.toml pinning.gains.1=1,2 --jobs 1 --out swept
-report line-certificate; new pumps; export line.toml --sdpa lmi.dat-s; export line.toml --c code --period 1/4
+simulate line.toml --certificate line-certificate; sweep line.toml pinning.gains.1=1,2 --jobs 1
+--out swept
+report line-certificate; new pumps; export line.toml --sdpa lmi.dat-s; export line.toml --c code
+--period 1/4
 export line.toml --fmu agent.fmu --period 1/4; export line.toml --python-control loop.py
 export line-certificate --rocq proof.v"""
 
@@ -152,7 +179,9 @@ export line-certificate --rocq proof.v"""
 def keys_of_documents() -> dict[str, dict[str, bool]]:
     """Heading of docs/reference/json.md or json-more.md -> key -> whether it is always there."""
     tables: dict[str, dict[str, bool]] = {}
-    pages = [(ROOT / f"docs/reference/{name}.md").read_text("utf-8") for name in ("json", "json-more")]
+    pages = [
+        (ROOT / f"docs/reference/{name}.md").read_text("utf-8") for name in ("json", "json-more")
+    ]
     for line in "".join(pages).splitlines():
         if line.startswith("## "):
             table = tables.setdefault(line[3:], {})
@@ -163,11 +192,16 @@ def keys_of_documents() -> dict[str, dict[str, bool]]:
 
 
 @pytest.mark.slow
-def test_the_json_documents_have_the_keys_of_the_reference_and_no_others(tmp_path, monkeypatch, capsys):
-    """Those not said to be there only in some cases are there always; all but `group`, `breaking`, `rocq` are seen."""
+def test_the_json_documents_have_the_keys_of_the_reference_and_no_others(
+    tmp_path, monkeypatch, capsys
+):
+    """Those not said to be there only in some cases are there always; all but `group`, `breaking`,
+    `rocq` are seen."""
     monkeypatch.chdir(tmp_path)
     Path("line.toml").write_text(LINE, "utf-8")
-    Path("free.toml").write_text(LINE.replace("gains = { 1 = 2 }", "").replace("line", "free"), "utf-8")
+    Path("free.toml").write_text(
+        LINE.replace("gains = { 1 = 2 }", "").replace("line", "free"), "utf-8"
+    )
     own = 'C = [[1]]\n[[exosystem.groups]]\nagents = [3]\nkind = "ramp"\n'
     Path("groups.toml").write_text(LINE.replace("C = [[1]]\n", own), "utf-8")
     one = '[[exosystem.groups]]\nagents = [3]\nkind = "ramp"\n'
@@ -198,7 +232,8 @@ def test_the_json_documents_have_the_keys_of_the_reference_and_no_others(tmp_pat
 
 
 def test_the_comparison_has_the_columns_that_the_benchmark_prints():
-    """docs/comparison.md is what `make bench` printed once: another table there has to be pasted anew."""
+    """docs/comparison.md is what `make bench` printed once: another table there has to be pasted
+    anew."""
     assigned = [
         node
         for node in ast.parse((ROOT / "tests/benchmarks/peers.py").read_text("utf-8")).body
@@ -211,7 +246,9 @@ def test_the_comparison_has_the_columns_that_the_benchmark_prints():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper-fixed", "paper-switching"])
 def test_a_rate_that_the_readme_promises_is_proved_and_not_far_below(name: str):
-    said = float(re.search(rf"`{name}`[^`]*?([0-9.]+) 1/s", (ROOT / "README.md").read_text("utf-8"))[1])
+    said = float(
+        re.search(rf"`{name}`[^`]*?([0-9.]+) 1/s", (ROOT / "README.md").read_text("utf-8"))[1]
+    )
     certificate = certify(load.load_problem(name))
     assert certificate.verdict is Verdict.PROVED
     assert said <= certificate.rate < 1.01 * said
@@ -237,6 +274,6 @@ LIMITS = [
 @pytest.mark.parametrize(("page", "sentence", "limit"), LIMITS)
 def test_a_limit_that_a_page_names_is_the_one_of_the_code(page: str, sentence: str, limit: int):
     """How each is refused is tested where it is read."""
-    assert sentence.format(f"{limit:,}".replace(",", " ") if limit >= 10_000 else limit) in " ".join(
-        (ROOT / page).read_text("utf-8").split()
-    )
+    assert sentence.format(
+        f"{limit:,}".replace(",", " ") if limit >= 10_000 else limit
+    ) in " ".join((ROOT / page).read_text("utf-8").split())

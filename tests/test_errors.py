@@ -5,7 +5,14 @@ import pickle
 import pytest
 
 from dobc_design import errors
-from dobc_design.errors import CertificateError, DobcError, ExpressionError, ShapeError, SolverError, SpecError
+from dobc_design.errors import (
+    CertificateError,
+    DobcError,
+    ExpressionError,
+    ShapeError,
+    SolverError,
+    SpecError,
+)
 
 
 def test_an_error_carries_message_key_and_cure():
@@ -20,7 +27,10 @@ def test_an_error_carries_message_key_and_cure():
 
 @pytest.mark.parametrize(
     ("message", "text"),
-    [("it must vanish at 0", "it must vanish at 0; add - 1"), ("it must vanish.", "it must vanish. add - 1")],
+    [
+        ("it must vanish at 0", "it must vanish at 0; add - 1"),
+        ("it must vanish.", "it must vanish. add - 1"),
+    ],
 )
 def test_the_text_is_the_message_then_the_cure(message, text):
     """Architecture, floor 0: str() = message, then cure."""
@@ -45,7 +55,11 @@ def test_broken_machines_are_runtime_errors(kind):
 
 def test_every_kind_has_its_own_word():
     """The word is what JSON shows; two classes with one word could not be told apart."""
-    kinds = [value.kind for value in vars(errors).values() if isinstance(value, type) and issubclass(value, DobcError)]
+    kinds = [
+        value.kind
+        for value in vars(errors).values()
+        if isinstance(value, type) and issubclass(value, DobcError)
+    ]
     assert len(kinds) == len(set(kinds)) == 6
 
 
@@ -74,4 +88,8 @@ def test_errors_survive_pickling():
     joined = SpecError.several([SpecError("a", key="k", cure="c"), ExpressionError("b")])
     again = pickle.loads(pickle.dumps(joined))
     assert str(again) == str(joined)
-    assert (again.errors[0].key, again.errors[0].cure, type(again.errors[1])) == ("k", "c", ExpressionError)
+    assert (again.errors[0].key, again.errors[0].cure, type(again.errors[1])) == (
+        "k",
+        "c",
+        ExpressionError,
+    )

@@ -1,4 +1,5 @@
-"""The handbook in a browser, built without running the notebooks: no page is too long, and nothing is cut off."""
+"""The handbook in a browser, built without running the notebooks: no page is too long, and nothing
+is cut off."""
 
 import importlib.util
 import json
@@ -15,7 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 TALLEST = 8000  # pixels of a page that is no notebook, in a window of 1280
 LOOK = """({tall: document.documentElement.scrollHeight, wide: document.documentElement.scrollWidth,
   cut: [...document.querySelectorAll("article pre, article table")]
-    .filter(each => each.scrollWidth > each.clientWidth + 1).map(each => each.innerText.slice(0, 60))})"""
+    .filter(each => each.scrollWidth > each.clientWidth + 1).map(each => each.innerText.slice(0,
+    60))})"""
 
 pytestmark = [
     pytest.mark.slow,
@@ -31,7 +33,17 @@ pytestmark = [
 def handbook(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of its pages, without a warning."""
     out = tmp_path_factory.mktemp("handbook")
-    options = ["-W", "--keep-going", "--quiet", "-b", "html", "-D", "nb_execution_mode=off", "-d", str(out / "trees")]
+    options = [
+        "-W",
+        "--keep-going",
+        "--quiet",
+        "-b",
+        "html",
+        "-D",
+        "nb_execution_mode=off",
+        "-d",
+        str(out / "trees"),
+    ]
     command = [sys.executable, "-m", "sphinx", *options, "docs", str(out / "html")]
     done = subprocess.run(
         command,
@@ -54,11 +66,22 @@ def test_no_page_is_too_long_or_wider_than_the_window_and_no_code_is_cut_off(
     assert len(pages) > 40
     wrong = []
     with browser(tmp_path, (handbook / "index.html").as_uri(), wanted="index.html") as tab:
-        tab.ask("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        tab.ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=900,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         for page in pages:
             name, there = page.relative_to(handbook).as_posix(), json.dumps(page.as_uri())
             tab.ask("Page.navigate", url=page.as_uri())
-            until(name, lambda there=there: tab.run(f"document.readyState === 'complete' && location.href === {there}"))
+            until(
+                name,
+                lambda there=there: tab.run(
+                    f"document.readyState === 'complete' && location.href === {there}"
+                ),
+            )
             found = tab.run(LOOK)
             if width == 1280 and "gallery" not in name and found["tall"] > TALLEST:
                 wrong.append(f"{name} is {found['tall']} pixels high")
@@ -69,10 +92,22 @@ def test_no_page_is_too_long_or_wider_than_the_window_and_no_code_is_cut_off(
 
 
 def test_the_first_page_has_one_picture_three_lines_and_four_doors(handbook: Path):
-    article = (handbook / "index.html").read_text("utf-8").partition("<article")[2].partition("</article>")[0]
+    article = (
+        (handbook / "index.html")
+        .read_text("utf-8")
+        .partition("<article")[2]
+        .partition("</article>")[0]
+    )
     assert re.findall(r'<img [^>]*src="([^"]+)"', article) == ["_images/mine.svg"]
     (code,) = re.findall(r"<pre>(.*?)</pre>", article, re.DOTALL)
     assert code.strip().count("\n") == 2
-    doors = re.findall(r'<a class="reference internal" href="([^"]+)">', article.partition('class="doors')[2])
-    assert doors == ["learn.html", "howto/index.html", "reference/index.html", "explanation/index.html"]
+    doors = re.findall(
+        r'<a class="reference internal" href="([^"]+)">', article.partition('class="doors')[2]
+    )
+    assert doors == [
+        "learn.html",
+        "howto/index.html",
+        "reference/index.html",
+        "explanation/index.html",
+    ]
     assert all((handbook / door).is_file() for door in doors)

@@ -1,4 +1,5 @@
-"""The notebooks run from a clean kernel, use public names only, and are stored without outputs, as jupytext likes."""
+"""The notebooks run from a clean kernel, use public names only, and are stored without outputs, as
+jupytext likes."""
 
 import json
 import re
@@ -40,7 +41,8 @@ def test_a_notebook_opens_with_what_one_learns_and_ends_with_what_to_do_next(pat
 @pytest.mark.slow
 @each_quickly
 def test_a_notebook_and_its_script_are_one(path: Path):
-    """`jupytext --sync` pairs the two; no cell is lost or joined on the way to a script and back."""
+    """`jupytext --sync` pairs the two; no cell is lost or joined on the way to a script and
+    back."""
     jupytext = pytest.importorskip("jupytext")
     notebook = jupytext.reads(path.read_text("utf-8"), fmt="ipynb")
     assert notebook.metadata["jupytext"]["formats"] == "ipynb,py:percent"
@@ -50,7 +52,9 @@ def test_a_notebook_and_its_script_are_one(path: Path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", [path for path in NOTEBOOKS if path.stem[:2] not in LONG], ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", [path for path in NOTEBOOKS if path.stem[:2] not in LONG], ids=lambda path: path.stem
+)
 def test_a_notebook_runs_from_a_clean_kernel(path: Path):
     """`make evidence` runs the long ones too."""
     assert failure_of(path) == ""

@@ -17,16 +17,24 @@ import pytest
 import dobc_design
 
 _NAMES = """
-Certificate Check Coupling Design Dynamics Ensemble Exosystem Failure Group Network Observer Problem Region Stress
-Switching Trajectory Verdict __version__ analyse build_model certify certify_settling design design_observer
-design_pinning exact exosystems export falsify from_pandapower load_problem load_trajectory poles problem_from_file
-search_certificate signals simulate sweep trade_off verify what_breaks_first write_comparison write_report
+Certificate Check Coupling Design Dynamics Ensemble Exosystem Failure Group Network Observer
+Problem Region Stress
+Switching Trajectory Verdict __version__ analyse build_model certify certify_settling design
+design_observer
+design_pinning exact exosystems export falsify from_pandapower load_problem load_trajectory poles
+problem_from_file
+search_certificate signals simulate sweep trade_off verify what_breaks_first write_comparison
+write_report
 """
 #: Types that functions return, and what the modules among the names hold for users.
-TYPES = "Analysis Falsification Model ObserverDesign Pinning PinningDesign Settling Suspect SweepResult TradeOff"
+TYPES = (
+    "Analysis Falsification Model ObserverDesign Pinning PinningDesign Settling Suspect "
+    "SweepResult TradeOff"
+)
 INSIDE = """
 export.to_c export.to_casadi export.to_control export.to_fmu export.to_latex export.to_numpy
-export.to_sdpa export.to_sympy poles.Cone poles.Disk poles.HalfPlane poles.NoiseLimit signals.Fixed signals.Markov
+export.to_sdpa export.to_sympy poles.Cone poles.Disk poles.HalfPlane poles.NoiseLimit signals.Fixed
+signals.Markov
 signals.Mobile signals.Periodic signals.RandomDwell signals.Schedule signals.Waypoints
 """
 PUBLIC = _NAMES.split()
@@ -57,7 +65,8 @@ def test_every_public_name_can_be_imported_and_explains_itself(name: str):
 
 @pytest.mark.slow
 def test_public_functions_stay_functions_whatever_room_is_loaded_first():
-    """Importing a room sets an attribute of the package, which would hide a function of the same name."""
+    """Importing a room sets an attribute of the package, which would hide a function of the same
+    name."""
     script = f"""
 import sys
 import dobc_design.simulation.runs, dobc_design.certification.certify, dobc_design.sweeps.running
@@ -74,22 +83,29 @@ MODULES = {"exact": "dobc_design.exact", "exosystems": "dobc_design.problem.exos
 
 
 def documented() -> list[str]:
-    """What the pages of the reference show with its docstring, as it is reached from the package."""
+    """What the pages of the reference show with its docstring, as it is reached from the
+    package."""
     text = "".join(page.read_text("utf-8") for page in REFERENCE)
     shown = re.findall(r"^\.\. auto(?:function|class|module):: (\S+)$", text, re.MULTILINE)
     return [
-        name.removeprefix("dobc_design.") if name.removeprefix("dobc_design.") in INSIDE else name for name in shown
+        name.removeprefix("dobc_design.") if name.removeprefix("dobc_design.") in INSIDE else name
+        for name in shown
     ]
 
 
 def test_the_reference_shows_every_public_name_once_and_no_other():
     names = documented()
-    wanted = [MODULES.get(name, name) for name in PUBLIC if name not in ("__version__", "export", "poles", "signals")]
+    wanted = [
+        MODULES.get(name, name)
+        for name in PUBLIC
+        if name not in ("__version__", "export", "poles", "signals")
+    ]
     wanted += [*TYPES.split(), *INSIDE.split()]
-    # The widget needs an extra, so it is public but no part of __all__; the errors are reached by their module.
-    assert sorted(name for name in names if not name.startswith("dobc_design.") or name in MODULES.values()) == sorted(
-        [*wanted, "Designer"]
-    )
+    # The widget needs an extra, so it is public but no part of __all__; the errors are reached by
+    # their module.
+    assert sorted(
+        name for name in names if not name.startswith("dobc_design.") or name in MODULES.values()
+    ) == sorted([*wanted, "Designer"])
     assert len(set(names)) == len(names)
 
 
@@ -101,7 +117,9 @@ def test_what_the_reference_shows_besides_exists_and_explains_itself(path: str):
 
 
 @pytest.mark.parametrize("name", [*PUBLIC, *INSIDE.split()])
-def test_a_public_function_says_what_it_returns_and_what_every_argument_means_that_is_given_by_name(name: str):
+def test_a_public_function_says_what_it_returns_and_what_every_argument_means_that_is_given_by_name(
+    name: str,
+):
     function = attrgetter(name)(dobc_design)
     if inspect.isfunction(function):
         text = inspect.getdoc(function)
@@ -137,7 +155,8 @@ def test_the_examples_in_docstrings_are_true():
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [("Markov", "signals.Markov"), ("to_c", "export.to_c"), ("plot_regions", "Certificate.plot")]
+    ("old", "new"),
+    [("Markov", "signals.Markov"), ("to_c", "export.to_c"), ("plot_regions", "Certificate.plot")],
 )
 def test_a_name_that_moved_still_works_and_says_where_it_is(old: str, new: str):
     with pytest.warns(DeprecationWarning, match=rf"dobc_design\.{old} is now dobc_design\.{new}"):
@@ -155,4 +174,6 @@ def test_an_unknown_name_is_an_attribute_error():
 
 def test_the_version_is_the_one_in_pyproject():
     project = Path(__file__).resolve().parents[1] / "pyproject.toml"
-    assert tomllib.loads(project.read_text("utf-8"))["project"]["version"] == dobc_design.__version__
+    assert (
+        tomllib.loads(project.read_text("utf-8"))["project"]["version"] == dobc_design.__version__
+    )

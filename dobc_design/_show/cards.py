@@ -1,8 +1,9 @@
-"""How nouns and results show themselves: one look in notebooks, light or dark, and small whatever their size.
+"""How nouns and results show themselves: one look in notebooks, light or dark, and small whatever
+their size.
 
-A class that derives from ``Shown`` says with ``_card`` what is shown of it; without it, its fields are.  HTML and LaTeX
-are made of the same card.  Text is escaped, mathematics is MathML, matrices end at 12 x 12, lists and tables are cut.
-Nothing is computed here.
+A class that derives from ``Shown`` says with ``_card`` what is shown of it; without it, its fields
+are.  HTML and LaTeX are made of the same card.  Text is escaped, mathematics is MathML, matrices
+end at 12 x 12, lists and tables are cut. Nothing is computed here.
 """
 
 from __future__ import annotations
@@ -22,15 +23,19 @@ MOST_ITEMS, MOST_ROWS, MOST_FACTS = 12, 40, 60
 LONGEST_TEXT, LONGEST_REPR = 600, 900  # characters
 SIGNS = {"proved": "✓", "refuted": "✗", "undecided": "?"}
 
-# Colours of lines are readable on white and on black; letters keep the colour of the page they stand on.
+# Colours of lines are readable on white and on black; letters keep the colour of the page they
+# stand on.
 STYLE = Fragment(
     "<style>.dobc-shown{overflow-x:auto;max-width:70em}.dobc-shown p{margin:.35em 0}"
     ".dobc-shown table{border-collapse:collapse;margin:.4em 0;color:inherit}"
-    ".dobc-shown :is(th,td){text-align:left!important;vertical-align:top;padding:.25em .8em .25em .3em;"
+    ".dobc-shown :is(th,td){text-align:left!important;vertical-align:top;padding:.25em "
+    ".8em .25em .3em;"
     "border:0;border-bottom:1px solid #8886;font-weight:400;color:inherit;max-width:46em}"
     ".dobc-shown thead th{font-weight:600}.dobc-shown tbody th{white-space:nowrap}"
-    ".dobc-shown .dobc-verdict{font-weight:600;padding:0 .45em;border:2px solid #87c;border-radius:4px;"
-    "white-space:nowrap}.dobc-shown .dobc-proved{border-color:#0a9e6e}.dobc-shown .dobc-refuted{border-color:#d55e00}"
+    ".dobc-shown .dobc-verdict{font-weight:600;padding:0 .45em;border:2px solid "
+    "#87c;border-radius:4px;"
+    "white-space:nowrap}.dobc-shown .dobc-proved{border-color:#0a9e6e}.dobc-shown "
+    ".dobc-refuted{border-color:#d55e00}"
     "</style>"
 )
 
@@ -45,8 +50,8 @@ class Formula(str):
 class Card:
     """What is shown of one value.
 
-    ``facts``: pairs of a name and a value of any kind; ``heads`` and ``rows``: one table, ``hidden`` of whose rows are
-    left out already; ``lines``: sentences below it.
+    ``facts``: pairs of a name and a value of any kind; ``heads`` and ``rows``: one table,
+    ``hidden`` of whose rows are left out already; ``lines``: sentences below it.
     """
 
     title: str
@@ -65,7 +70,10 @@ class Shown:
     __slots__ = ()
 
     def _card(self) -> Card:
-        return Card(title=type(self).__name__, facts=[(name.replace("_", " "), x) for name, x in own_fields(self)])
+        return Card(
+            title=type(self).__name__,
+            facts=[(name.replace("_", " "), x) for name, x in own_fields(self)],
+        )
 
     def _repr_html_(self) -> str:
         return html_of(self._card())
@@ -103,7 +111,11 @@ def own_fields(value: object) -> Iterator[tuple[str, Any]]:
     """Names and values of the fields of a dataclass that say something: not None and not empty."""
     for each in fields(value):  # type: ignore[arg-type]  # any dataclass
         found = getattr(value, each.name)
-        if each.repr and found is not None and not (isinstance(found, (str, tuple, Mapping)) and not found):
+        if (
+            each.repr
+            and found is not None
+            and not (isinstance(found, (str, tuple, Mapping)) and not found)
+        ):
             yield each.name, found
 
 
@@ -116,7 +128,9 @@ def html_of(card: Card) -> str:
         parts.append(_facts_html(card.facts))
     if card.rows or card.hidden:
         heads = "".join(f'<th scope="col">{escape_html(head)}</th>' for head in card.heads)
-        rows = ["".join(f"<td>{value_html(cell)}</td>" for cell in row) for row in card.rows[:MOST_ROWS]]
+        rows = [
+            "".join(f"<td>{value_html(cell)}</td>" for cell in row) for row in card.rows[:MOST_ROWS]
+        ]
         body = "".join(f"<tr>{cells}</tr>" for cells in rows)
         parts.append(f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>")
         parts.append(_more(card.hidden + max(0, len(card.rows) - MOST_ROWS)))
@@ -126,11 +140,15 @@ def html_of(card: Card) -> str:
 
 
 def text_of(card: Card) -> str:
-    """The card as text: title, verdict and words; below them facts, the table in columns, and sentences."""
+    """The card as text: title, verdict and words; below them facts, the table in columns, and
+    sentences."""
     verdict = "" if card.verdict is None else f" {card.verdict.upper()}."
     head = f"{card.title}:{verdict} {card.text}" if card.verdict or card.text else card.title
     facts = (f"{name}: {plain(value, quoted=False)}" for name, value in card.facts)
-    cells = [["–" if x is None else x if isinstance(x, str) else plain(x) for x in row] for row in card.rows]
+    cells = [
+        ["–" if x is None else x if isinstance(x, str) else plain(x) for x in row]
+        for row in card.rows
+    ]
     rows = [*([list(card.heads)] if any(card.heads) else []), *cells]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     table = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
@@ -151,7 +169,10 @@ def latex_of(card: Card) -> str | None:
 def verdict_html(verdict: object) -> str:
     """A verdict with its sign, framed in its colour."""
     word, sign = escape_html(verdict), SIGNS.get(str(verdict), "")
-    return f'<span class="dobc-verdict dobc-{word}"><span aria-hidden="true">{sign}</span> {word}</span>'
+    return (
+        f'<span class="dobc-verdict dobc-{word}"><span aria-hidden="true">{sign}</span> '
+        f"{word}</span>"
+    )
 
 
 def cut(text: str, longest: int = LONGEST_TEXT) -> str:
@@ -160,7 +181,8 @@ def cut(text: str, longest: int = LONGEST_TEXT) -> str:
 
 
 def listed(items: Iterable[Any], *, count: int | None = None) -> str:
-    """Items as text, the first few of them; ``count`` is how many there are where ``items`` has no length."""
+    """Items as text, the first few of them; ``count`` is how many there are where ``items`` has no
+    length."""
     shown = [plain(item, quoted=False) for item in islice(items, MOST_ITEMS)]
     known = len(items) if isinstance(items, (Sequence, AbstractSet, Mapping)) else len(shown)
     more = (known if count is None else count) - len(shown)
@@ -172,7 +194,9 @@ def is_matrix(value: object) -> bool:
     return (
         isinstance(value, tuple)
         and bool(value)
-        and all(isinstance(row, tuple) and len(row) == len(value[0]) and len(row) > 0 for row in value)
+        and all(
+            isinstance(row, tuple) and len(row) == len(value[0]) and len(row) > 0 for row in value
+        )
         and all(isinstance(x, (Fraction, int, float)) for x in value[0])
     )
 
@@ -191,7 +215,10 @@ def plain(value: object, *, quoted: bool = True) -> str:
         first = list(islice(value, MOST_ITEMS))
         items = [plain(item, quoted=quoted) for item in first]
         if isinstance(value, Mapping):
-            items = [f"{key}: {plain(value[own], quoted=quoted)}" for key, own in zip(items, first, strict=True)]
+            items = [
+                f"{key}: {plain(value[own], quoted=quoted)}"
+                for key, own in zip(items, first, strict=True)
+            ]
         if len(value) > MOST_ITEMS:
             items.append(f"and {len(value) - MOST_ITEMS} more")
         return f"{{{', '.join(items)}}}" if isinstance(value, Mapping) else f"[{', '.join(items)}]"
@@ -199,7 +226,8 @@ def plain(value: object, *, quoted: bool = True) -> str:
 
 
 def value_html(value: Any) -> str:
-    """One value as HTML: mathematics as MathML, a nested card as a table, everything else as escaped text."""
+    """One value as HTML: mathematics as MathML, a nested card as a table, everything else as
+    escaped text."""
     if value is None:
         return "–"
     if isinstance(value, Fragment):
@@ -212,7 +240,11 @@ def value_html(value: Any) -> str:
         return mathml(_text.latex_number(value))
     if is_matrix(value):
         entries = _text.latex_matrix(value)
-        return f"{len(value)} × {len(value[0])} matrix, too large to be shown" if entries is None else mathml(entries)
+        return (
+            f"{len(value)} × {len(value[0])} matrix, too large to be shown"
+            if entries is None
+            else mathml(entries)
+        )
     if isinstance(value, Shown):
         card = value._card()
         return _facts_html(card.facts) if card.facts else escape_html(cut(card.text or card.title))
@@ -224,7 +256,10 @@ def value_html(value: Any) -> str:
 
 
 def _facts_html(facts: Sequence[tuple[str, Any]]) -> str:
-    rows = [f'<tr><th scope="row">{escape_html(x)}</th><td>{value_html(y)}</td></tr>' for x, y in facts[:MOST_FACTS]]
+    rows = [
+        f'<tr><th scope="row">{escape_html(x)}</th><td>{value_html(y)}</td></tr>'
+        for x, y in facts[:MOST_FACTS]
+    ]
     return f"<table><tbody>{''.join(rows)}</tbody></table>{_more(len(facts) - MOST_FACTS)}"
 
 

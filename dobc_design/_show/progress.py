@@ -1,4 +1,5 @@
-"""``progress=True``: a bar with the time left, on a terminal or in a notebook; nothing elsewhere."""
+"""``progress=True``: a bar with the time left, on a terminal or in a notebook; nothing
+elsewhere."""
 
 from __future__ import annotations
 
@@ -13,8 +14,8 @@ Reports = Callable[[S], None] | bool | None  # True: a bar; else what is called 
 
 
 class Bar:
-    """Shows what it is called with: the name of a stage, the part that is done (0 to 1), or a state with ``done`` and
-    ``total``.  The time left is known where a part is."""
+    """Shows what it is called with: the name of a stage, the part that is done (0 to 1), or a state
+    with ``done`` and ``total``.  The time left is known where a part is."""
 
     def __init__(self, console: Any = None) -> None:
         from rich import progress as rich
@@ -23,8 +24,15 @@ class Bar:
         console = console or Console(stderr=True)
         if not console.is_jupyter:
             console.quiet = not console.is_terminal
-        left = rich.TextColumn("left"), rich.TimeRemainingColumn(), rich.TextColumn("after"), rich.TimeElapsedColumn()
-        self.moving = rich.Progress(rich.BarColumn(), *left, rich.TextColumn("{task.description}"), console=console)
+        left = (
+            rich.TextColumn("left"),
+            rich.TimeRemainingColumn(),
+            rich.TextColumn("after"),
+            rich.TimeElapsedColumn(),
+        )
+        self.moving = rich.Progress(
+            rich.BarColumn(), *left, rich.TextColumn("{task.description}"), console=console
+        )
         self.task = self.moving.add_task("starting", total=None)
 
     def __call__(self, state: Any) -> None:
@@ -33,7 +41,9 @@ class Bar:
         elif isinstance(state, float):
             self.moving.update(self.task, description="", total=1.0, completed=state)
         else:
-            self.moving.update(self.task, description=str(state), total=state.total, completed=state.done)
+            self.moving.update(
+                self.task, description=str(state), total=state.total, completed=state.done
+            )
 
 
 def shows_progress(function: Callable[P, R]) -> Callable[P, R]:
@@ -51,5 +61,6 @@ def shows_progress(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def report_to(progress: Reports[S]) -> Callable[[S], None]:
-    """The function that is called with every state; one that does nothing where none is asked for."""
+    """The function that is called with every state; one that does nothing where none is asked
+    for."""
     return progress if callable(progress) else lambda state: None

@@ -15,8 +15,11 @@ from fractions import Fraction
 MAX_SHOWN = 12
 _POWER = re.compile(r"e([+-]\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Written outside \text{}: inside, converters to MathML take a backslash literally and end at the first brace.
-_SPECIAL = {"\\": r"\backslash", "^": r"\wedge", "~": r"\sim", "<": "<", ">": ">"} | {c: rf"\{c}" for c in "{}$&#%_"}
+# Written outside \text{}: inside, converters to MathML take a backslash literally and end at the
+# first brace.
+_SPECIAL = {"\\": r"\backslash", "^": r"\wedge", "~": r"\sim", "<": "<", ">": ">"} | {
+    c: rf"\{c}" for c in "{}$&#%_"
+}
 
 
 def escape_html(text: object) -> str:
@@ -25,7 +28,8 @@ def escape_html(text: object) -> str:
 
 
 class Fragment(str):
-    """HTML, SVG or MathML made by this package, with user text escaped already: templates insert it as it is."""
+    """HTML, SVG or MathML made by this package, with user text escaped already: templates insert it
+    as it is."""
 
     __slots__ = ()
 
@@ -41,12 +45,17 @@ def significant(value: float | Fraction | None, digits: int = 4) -> str:
     if isinstance(value, Fraction):  # a float may be too small for it: 1e400 is a legal number
         context = decimal.Context(prec=digits)
         exact = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))
-        return f"{exact.normalize():.{digits}g}" if abs(exact.adjusted()) > 300 else f"{float(exact):.{digits}g}"
+        return (
+            f"{exact.normalize():.{digits}g}"
+            if abs(exact.adjusted()) > 300
+            else f"{float(exact):.{digits}g}"
+        )
     return f"{value:.{digits}g}"
 
 
 def significant_towards_zero(value: float | Fraction | None, digits: int = 4) -> str:
-    """Format a number with ``digits`` significant digits, never larger in size than it is; None gives an en dash.
+    """Format a number with ``digits`` significant digits, never larger in size than it is; None
+    gives an en dash.
 
     Certified margins and rates stay claims that hold when they are shown.
     """
@@ -54,7 +63,8 @@ def significant_towards_zero(value: float | Fraction | None, digits: int = 4) ->
 
 
 def significant_away_from_zero(value: float | Fraction | None, digits: int = 4) -> str:
-    """The same, never smaller in size than it is: for upper bounds and times after which something holds."""
+    """The same, never smaller in size than it is: for upper bounds and times after which something
+    holds."""
     return _directed(value, digits, decimal.ROUND_UP)
 
 
@@ -72,7 +82,9 @@ def _directed(value: float | Fraction | None, digits: int, rounding: str) -> str
 
 def typeset(text: str) -> str:
     """Write a number given as text with a real minus and a power of ten: -1.5e-08 as −1.5·10⁻⁸."""
-    return _POWER.sub(lambda match: "·10" + str(int(match.group(1))).translate(_RAISED), text).replace("-", "−")
+    return _POWER.sub(
+        lambda match: "·10" + str(int(match.group(1))).translate(_RAISED), text
+    ).replace("-", "−")
 
 
 def lower(value: float | Fraction | None) -> str:
@@ -86,7 +98,8 @@ def upper(value: float | None) -> str:
 
 
 def latex_number(value: Fraction) -> str:
-    """LaTeX of a rational, exactly where it is short: a decimal, else a fraction; long ones as a rounded decimal."""
+    """LaTeX of a rational, exactly where it is short: a decimal, else a fraction; long ones as a
+    rounded decimal."""
     top, bottom, longest = value.numerator, value.denominator, 12
     if 10**longest % bottom == 0 and Fraction(significant(value, 6)) == value:
         return latex_decimal(value, 6)
@@ -105,7 +118,8 @@ def latex_decimal(value: float | Fraction, digits: int = 5) -> str:
 
 
 def latex_text(text: str) -> str:
-    r"""The user's text inside \text{}; characters that LaTeX would act on stand beside it, escaped."""
+    r"""The user's text inside \text{}; characters that LaTeX would act on stand beside it,
+    escaped."""
     inside = "".join(rf"}}{_SPECIAL[each]} \text{{" if each in _SPECIAL else each for each in text)
     return rf"\text{{{inside}}}".replace(r"\text{}", "").strip()
 
@@ -131,4 +145,7 @@ def mathml(latex: str, *, display: bool = False) -> str:
 
 def visible(text: str) -> str:
     """Show control characters and lone surrogates as escapes."""
-    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode("ascii") for each in text)
+    return "".join(
+        each if each.isprintable() else each.encode("unicode_escape").decode("ascii")
+        for each in text
+    )

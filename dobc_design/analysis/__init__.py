@@ -1,1 +1,2 @@
-"""Diagnostics in floating point: observability, spectra and graph facts.  They explain; they never prove."""
+"""Diagnostics in floating point: observability, spectra and graph facts.  They explain; they never
+prove."""

@@ -47,7 +47,8 @@ class SpectrumResult:
 
 
 def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
-    """Eigenvalues of A - W C (17), A (q, q), C (m, q), W (q, m), and the rate -max Re in 1/s.  Raises: ShapeError."""
+    """Eigenvalues of A - W C (17), A (q, q), C (m, q), W (q, m), and the rate -max Re in 1/s.
+    Raises: ShapeError."""
     q = require_square(A, name="A")
     m, _ = require_shape(C, (None, q), name="C", because="one column per exosystem state")
     because = "one row per exosystem state, one column per disturbance component"
@@ -59,7 +60,8 @@ def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeMargin:
-    """An eigenvalue of A (1/s) and the smallest singular value of [A - eigenvalue I; C]; 0 means unseen."""
+    """An eigenvalue of A (1/s) and the smallest singular value of [A - eigenvalue I; C]; 0 means
+    unseen."""
 
     eigenvalue: complex
     margin: float
@@ -67,9 +69,9 @@ class ModeMargin:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservabilityResult:
-    """Rank and singular values of the observability matrix, and the Popov-Belevitch-Hautus margin of each mode.
-    ``rank`` is numerical (NumPy's default tolerance), None if the matrix overflows; ``order``
-    is q."""
+    """Rank and singular values of the observability matrix, and the Popov-Belevitch-Hautus margin
+    of each mode. ``rank`` is numerical (NumPy's default tolerance), None if the matrix overflows;
+    ``order`` is q."""
 
     order: int
     rank: int | None
@@ -86,7 +88,8 @@ class ObservabilityResult:
 
 
 def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
-    """Rank, singular values and mode margins of the pair A (q, q), C (m, q) of (12).  Raises: ShapeError."""
+    """Rank, singular values and mode margins of the pair A (q, q), C (m, q) of (12).  Raises:
+    ShapeError."""
     q = require_square(A, name="A")
     require_shape(C, (None, q), name="C", because="one column per exosystem state")
     dynamics, output, rank, values = to_float(A), to_float(C), None, ()
@@ -105,7 +108,8 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
 
 
 def _observability_matrix(A: NDArray[np.float64], C: NDArray[np.float64]) -> NDArray[np.float64]:
-    """C, C A, ..., C A^(q-1), one below the other: what `control.obsv` gives, whose import takes half a second."""
+    """C, C A, ..., C A^(q-1), one below the other: what `control.obsv` gives, whose import takes
+    half a second."""
     blocks = [C]
     for _ in range(1, len(A)):
         blocks.append(blocks[-1] @ A)
@@ -114,11 +118,11 @@ def _observability_matrix(A: NDArray[np.float64], C: NDArray[np.float64]) -> NDA
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphFacts:
-    """Facts of one mode, agents by label in the order of the network.  ``unreached``: agents that no pinned agent
-    reaches.  ``components``: the strongly connected components, ordered by their first agent.  ``sources``: those of
-    them that hear nobody outside; unless each has a pinned agent, somebody is unreached.  ``balanced``: every agent
-    hears as much weight as it sends, exactly. ``heard`` and ``hearing`` count, per agent, whom it hears and who hears
-    it."""
+    """Facts of one mode, agents by label in the order of the network.  ``unreached``: agents that
+    no pinned agent reaches.  ``components``: the strongly connected components, ordered by their
+    first agent.  ``sources``: those of them that hear nobody outside; unless each has a pinned
+    agent, somebody is unreached.  ``balanced``: every agent hears as much weight as it sends,
+    exactly. ``heard`` and ``hearing`` count, per agent, whom it hears and who hears it."""
 
     mode: str
     arcs: int
@@ -134,15 +138,23 @@ class GraphFacts:
         return len(self.components) == 1
 
     def __str__(self) -> str:
-        reached = f"not reached: {', '.join(self.unreached[:10])}" if self.unreached else "all agents reached"
+        reached = (
+            f"not reached: {', '.join(self.unreached[:10])}"
+            if self.unreached
+            else "all agents reached"
+        )
         if len(self.unreached) > 10:
             reached += f" and {len(self.unreached) - 10} more"
-        parts, balance = f"{len(self.components)} strongly connected component(s)", "" if self.balanced else "not "
+        parts, balance = (
+            f"{len(self.components)} strongly connected component(s)",
+            "" if self.balanced else "not ",
+        )
         return f'mode "{self.mode}": {self.arcs} arcs, {parts}, {balance}balanced, {reached}'
 
 
 def graph_facts(problem: Problem, mode: str) -> GraphFacts:
-    """Collect the graph facts of one mode; an agent counts as pinned if its gain is not zero.  Raises: KeyError."""
+    """Collect the graph facts of one mode; an agent counts as pinned if its gain is not zero.
+    Raises: KeyError."""
     arcs, labels, n = problem.network.modes[mode], problem.network.labels, problem.n
     hearing = sparse.csr_array((np.ones(len(arcs)), (arcs.speakers, arcs.listeners)), shape=(n, n))
     _, numbers = connected_components(hearing, directed=True, connection="strong")
@@ -172,9 +184,10 @@ MAX_DENSE = 2000  # rows of the largest matrix whose eigenvalues are computed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeSpectrum:
-    """Eigenvalues at the consensus in 1/s: of Lambda(J(0)), ascending, and of J(0) - K, slowest first; or None.
-    ``second_order``: of double integrators that feel alpha p + beta p' of each other, beta^2/alpha, and what that has
-    to exceed, max Im(mu)^2/(Re(mu) |mu|^2) over the eigenvalues mu of L + K (Yu, Chen and Cao, 2010)."""
+    """Eigenvalues at the consensus in 1/s: of Lambda(J(0)), ascending, and of J(0) - K, slowest
+    first; or None. ``second_order``: of double integrators that feel alpha p + beta p' of each
+    other, beta^2/alpha, and what that has to exceed, max Im(mu)^2/(Re(mu) |mu|^2) over the
+    eigenvalues mu of L + K (Yu, Chen and Cao, 2010)."""
 
     mode: str
     lambda_eigenvalues: tuple[float, ...] | None
@@ -183,20 +196,30 @@ class ModeSpectrum:
 
     @property
     def lambda_max(self) -> float | None:
-        """The largest eigenvalue of Lambda(J(0)); below 0 the network part of (18) is met at the consensus."""
+        """The largest eigenvalue of Lambda(J(0)); below 0 the network part of (18) is met at the
+        consensus."""
         return self.lambda_eigenvalues[-1] if self.lambda_eigenvalues else None
 
     @property
     def decay_rate(self) -> float | None:
-        """-max Re of the eigenvalues of J(0) - K, the decay of small errors when the disturbance is known."""
+        """-max Re of the eigenvalues of J(0) - K, the decay of small errors when the disturbance is
+        known."""
         return -self.loop_eigenvalues[0].real if self.loop_eigenvalues else None
 
     def __str__(self) -> str:
         said = [] if self.lambda_max is None else [f"lambda_max(Lambda) = {self.lambda_max:.4g}"]
-        said += [] if self.decay_rate is None else [f"small errors decay at {self.decay_rate:.4g} 1/s"]
+        said += (
+            [] if self.decay_rate is None else [f"small errors decay at {self.decay_rate:.4g} 1/s"]
+        )
         if self.second_order is not None:
-            said.append("double integrators: beta^2/alpha = {:.4g} has to exceed {:.4g}".format(*self.second_order))
-        return f'mode "{self.mode}": {", ".join(said) or "eigenvalues at the consensus not computed"}'
+            said.append(
+                "double integrators: beta^2/alpha = {:.4g} has to exceed {:.4g}".format(
+                    *self.second_order
+                )
+            )
+        return (
+            f'mode "{self.mode}": {", ".join(said) or "eigenvalues at the consensus not computed"}'
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -215,7 +238,9 @@ class Analysis(Headed):
     @property
     def lines(self) -> tuple[str, ...]:
         """The facts in words, one line each."""
-        observer = [] if self.observability is None else [f"observability of (A, C): {self.observability}"]
+        observer = (
+            [] if self.observability is None else [f"observability of (A, C): {self.observability}"]
+        )
         observer += [] if self.spectrum is None else [str(self.spectrum)]
         return (*observer, *map(str, self.graphs), *map(str, self.modes))
 
@@ -224,23 +249,35 @@ class Analysis(Headed):
 
 
 def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
-    """Collect the diagnostics; ``gain`` (q, m) takes the place of problem.observer.W.  Of agents with
-    [dynamics] Lambda and J - K are those of the integrators with the same errors.  Raises: SpecError."""
+    """Collect the diagnostics; ``gain`` (q, m) takes the place of problem.observer.W.  Of agents
+    with [dynamics] Lambda and J - K are those of the integrators with the same errors.  Raises:
+    SpecError."""
     problem = as_integrators(problem)
-    W, exosystem, modes = chosen_gain(problem, gain), problem.joint_exosystem, tuple(problem.network.modes)
-    alike = network_of(state_theorems(problem)) if problem.origin is not None and problem.n <= MAX_DENSE else None
+    W, exosystem, modes = (
+        chosen_gain(problem, gain),
+        problem.joint_exosystem,
+        tuple(problem.network.modes),
+    )
+    alike = (
+        network_of(state_theorems(problem))
+        if problem.origin is not None and problem.n <= MAX_DENSE
+        else None
+    )
     return Analysis(
         name=problem.name,
         observability=None if exosystem is None else check_observability(exosystem.A, exosystem.C),
-        spectrum=None if exosystem is None or W is None else check_spectrum(exosystem.A, exosystem.C, W),
+        spectrum=None
+        if exosystem is None or W is None
+        else check_spectrum(exosystem.A, exosystem.C, W),
         graphs=tuple(graph_facts(problem.origin or problem, mode) for mode in modes),
         modes=tuple(mode_spectrum(problem, mode, alike) for mode in modes),
     )
 
 
 def mode_spectrum(problem: Problem, mode: str, alike: Alike | str | None = None) -> ModeSpectrum:
-    """Compute the eigenvalues of Lambda(J(0)) and of J(0) - K of one mode, up to 2000 rows; up to 2000 agents that feel
-    their neighbours ``alike``: then those are of A - mu G, with mu of the network alone."""
+    """Compute the eigenvalues of Lambda(J(0)) and of J(0) - K of one mode, up to 2000 rows; up to
+    2000 agents that feel their neighbours ``alike``: then those are of A - mu G, with mu of the
+    network alone."""
     jacobian = consensus_jacobian(problem, mode) if problem.n * problem.m <= MAX_DENSE else None
     ascending = found = mu = second_order = None
     if isinstance(alike, Alike):
@@ -249,11 +286,25 @@ def mode_spectrum(problem: Problem, mode: str, alike: Alike | str | None = None)
         mu = None if M is None else np.linalg.eigvals((pinning_matrix(alone) - M).toarray())
     if mu is not None:
         found = np.linalg.eigvals(A - mu[:, None, None] * G).ravel()
-        if np.array_equal(A, [[0, 1], [0, 0]]) and not G[0].any() and min(G[1]) > 0 and min(mu.real) > 0:
-            second_order = float(G[1, 1] ** 2 / G[1, 0]), float(np.max(mu.imag**2 / (mu.real * np.abs(mu) ** 2)))
+        if (
+            np.array_equal(A, [[0, 1], [0, 0]])
+            and not G[0].any()
+            and min(G[1]) > 0
+            and min(mu.real) > 0
+        ):
+            second_order = (
+                float(G[1, 1] ** 2 / G[1, 0]),
+                float(np.max(mu.imag**2 / (mu.real * np.abs(mu) ** 2))),
+            )
     if jacobian is not None:
         loop = (jacobian - pinning_matrix(problem)).toarray()
         ascending = tuple(np.linalg.eigvalsh(loop + loop.T).tolist())
         found = np.linalg.eigvals(loop) if found is None else found
-    slowest = found if found is None else tuple(sorted(map(complex, found), key=lambda s: (-s.real, s.imag)))
-    return ModeSpectrum(mode=mode, lambda_eigenvalues=ascending, loop_eigenvalues=slowest, second_order=second_order)
+    slowest = (
+        found
+        if found is None
+        else tuple(sorted(map(complex, found), key=lambda s: (-s.real, s.imag)))
+    )
+    return ModeSpectrum(
+        mode=mode, lambda_eigenvalues=ascending, loop_eigenvalues=slowest, second_order=second_order
+    )

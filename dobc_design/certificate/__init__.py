@@ -1,1 +1,2 @@
-"""The certificate: what was decided about a problem, and what a sceptic needs to decide it again."""
+"""The certificate: what was decided about a problem, and what a sceptic needs to decide it
+again."""

@@ -1,7 +1,9 @@
-"""Certified bounds of |e(t)|_inf over time that follow from proved checks, and the one that belongs to a simulated run.
+"""Certified bounds of |e(t)|_inf over time that follow from proved checks, and the one that belongs
+to a simulated run.
 
-Each V of a certificate falls like exp(-rate t) from its largest value over a set of starts, and |e|_inf is at most a
-height times V (max-separable) or sqrt(V) (quadratic): theory, sections 2, 4 and 5.  Nothing is decided here.
+Each V of a certificate falls like exp(-rate t) from its largest value over a set of starts, and
+|e|_inf is at most a height times V (max-separable) or sqrt(V) (quadratic): theory, sections 2, 4
+and 5.  Nothing is decided here.
 """
 
 from __future__ import annotations
@@ -44,9 +46,11 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 Array = NDArray[np.float64]
-#: Rows of a full P_e up to which the diagonal of its inverse is computed; beyond, its least eigenvalue is used.
+#: Rows of a full P_e up to which the diagonal of its inverse is computed; beyond, its least
+#: eigenvalue is used.
 MOST_INVERTED: Final = 40
-#: Starts count as inside a region when they exceed it by rounding only; floats of a run are what they are.
+#: Starts count as inside a region when they exceed it by rounding only; floats of a run are what
+#: they are.
 ROUNDING: Final = Fraction(1, 10**12)
 #: Of the floats that evaluate height exp(-rate t): a thousand times what they can be off.
 IN_HAND: Final = 1e-12
@@ -55,7 +59,8 @@ _root = partial(root_above, unit=10**18)
 
 @dataclass(frozen=True, slots=True)
 class Starts:
-    """Starts with |e|_inf <= box, |e| <= ball (Euclidean, all agents stacked) and |eps_i| <= disturbance."""
+    """Starts with |e|_inf <= box, |e| <= ball (Euclidean, all agents stacked) and |eps_i| <=
+    disturbance."""
 
     box: Fraction
     ball: Fraction
@@ -64,7 +69,8 @@ class Starts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Envelope:
-    """|e(t)|_inf <= height exp(-rate t) for t >= 0 s, by the check ``id``; height in the unit of x, rate in 1/s."""
+    """|e(t)|_inf <= height exp(-rate t) for t >= 0 s, by the check ``id``; height in the unit of x,
+    rate in 1/s."""
 
     id: str
     height: Fraction
@@ -73,14 +79,19 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class CertifiedBound(Shown):
-    """The least of several proved bounds of |e(t)|_inf, a function of times in s; without any, ``reason`` says why."""
+    """The least of several proved bounds of |e(t)|_inf, a function of times in s; without any,
+    ``reason`` says why."""
 
     envelopes: tuple[Envelope, ...] = ()
     settling: Settling | None = None
     reason: str = ""
 
     def _card(self) -> Card:
-        text = f"of |e(t)|_inf, from {listed(self.sources)}" if self.sources else f"none: {self.reason}"
+        text = (
+            f"of |e(t)|_inf, from {listed(self.sources)}"
+            if self.sources
+            else f"none: {self.reason}"
+        )
         return Card(title="Certified bound", text=text)
 
     def __repr__(self) -> str:
@@ -89,17 +100,26 @@ class CertifiedBound(Shown):
     @property
     def sources(self) -> tuple[str, ...]:
         """The ids of the checks it follows from."""
-        return (*(each.id for each in self.envelopes), *(() if self.settling is None else ("settling",)))
+        return (
+            *(each.id for each in self.envelopes),
+            *(() if self.settling is None else ("settling",)),
+        )
 
     def __call__(self, times: ArrayLike) -> Array:
-        """The bound at times >= 0 in s, rounded up, same shape.  Raises: SpecError if there is none."""
+        """The bound at times >= 0 in s, rounded up, same shape.  Raises: SpecError if there is
+        none."""
         t = np.asarray(times, dtype=np.float64)
         if not self.sources:
-            raise SpecError("there is no certified bound to evaluate.", key="certificate", cure=self.reason)
+            raise SpecError(
+                "there is no certified bound to evaluate.", key="certificate", cure=self.reason
+            )
         if not (np.isfinite(t).all() and (t >= 0).all()):
-            raise SpecError("times must be finite and >= 0 s.", key="times", cure="Leave out the others.")
+            raise SpecError(
+                "times must be finite and >= 0 s.", key="times", cure="Leave out the others."
+            )
         bounds = [
-            float_above(each.height) * (1 + IN_HAND) * np.exp(-float_below(each.rate) * t) + np.finfo(float).tiny
+            float_above(each.height) * (1 + IN_HAND) * np.exp(-float_below(each.rate) * t)
+            + np.finfo(float).tiny
             for each in self.envelopes
         ]
         if self.settling is not None:
@@ -116,14 +136,17 @@ def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[E
             if found is not None:
                 yield found
     lemmas = [check for check in claims.checks if check.id == "lemma1"]
-    proved = [check for check in lemmas if check.verdict is Verdict.PROVED and check.domain == "global"]
+    proved = [
+        check for check in lemmas if check.verdict is Verdict.PROVED and check.domain == "global"
+    ]
     rates = [check.rate for check in proved if check.rate is not None]
     if not problem.groups and lemmas and len(rates) == len(lemmas):
         yield Envelope(id="lemma1", height=starts.ball, rate=claimed(min(rates)))
 
 
 def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
-    """The settling time that ``claims`` prove, with its envelope; None without one.  Raises: CertificateError."""
+    """The settling time that ``claims`` prove, with its envelope; None without one.  Raises:
+    CertificateError."""
     with reading_claims():
         found = next((check for check in claims.checks if check.id == "settling"), None)
         if found is None or found.verdict is not Verdict.PROVED:
@@ -133,15 +156,21 @@ def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
 
 
 def is_inside(domain: object, starts: Starts) -> bool:
-    """Whether a check with this domain is about these starts; not for one that holds close to the target only."""
+    """Whether a check with this domain is about these starts; not for one that holds close to the
+    target only."""
     if not isinstance(domain, Mapping):
         return domain == "global"
     reach = starts.box if domain["kind"] == "box" else starts.ball
     room = 1 + ROUNDING
-    return reach <= claimed(domain["radius"]) * room and starts.disturbance <= claimed(domain["disturbance"]) * room
+    return (
+        reach <= claimed(domain["radius"]) * room
+        and starts.disturbance <= claimed(domain["disturbance"]) * room
+    )
 
 
-def envelope_of(problem: Problem, check: Check, claim: Claim | None, starts: Starts) -> Envelope | None:
+def envelope_of(
+    problem: Problem, check: Check, claim: Claim | None, starts: Starts
+) -> Envelope | None:
     """The bound of one check; None for one that gives none by itself."""
     domain, disturbance = check.domain, starts.disturbance
     radius = starts.box if isinstance(claim, Separable | Cycles | Kept) else starts.ball
@@ -157,8 +186,17 @@ def envelope_of(problem: Problem, check: Check, claim: Claim | None, starts: Sta
         if claim.level is not None and isinstance(domain, Mapping):  # the level is a bound as well
             first = min(first, claim.level)
         return Envelope(id=check.id, height=_root(first * tallest(claim.P_e)), rate=claim.rate)
-    if isinstance(claim, Kept) and not claim.kind and claim.rate is not None and claim.box is not None:
-        return Envelope(id=check.id, height=radius + error_share(claim.box, disturbance, unit=10**18), rate=claim.rate)
+    if (
+        isinstance(claim, Kept)
+        and not claim.kind
+        and claim.rate is not None
+        and claim.box is not None
+    ):
+        return Envelope(
+            id=check.id,
+            height=radius + error_share(claim.box, disturbance, unit=10**18),
+            rate=claim.rate,
+        )
     if isinstance(claim, Weighted) and check.rate is not None:
         first = largest(claim.D) * radius**2 + _errors(problem, claim.P, disturbance)
         return Envelope(id=check.id, height=_root(first / least(claim.D)), rate=claimed(check.rate))
@@ -166,23 +204,30 @@ def envelope_of(problem: Problem, check: Check, claim: Claim | None, starts: Sta
         form = SparseSymmetric.from_dense(claim.R)
         first = largest(claim.weights.D) * eigenvalue_bound(form) * radius**2
         return Envelope(
-            id=check.id, height=_root(first * tallest(form) / least(claim.weights.D)), rate=claimed(check.rate)
+            id=check.id,
+            height=_root(first * tallest(form) / least(claim.weights.D)),
+            rate=claimed(check.rate),
         )
-    if isinstance(claim, PairFacts) and check.rate is not None:  # V = e'e + sum eps_i'P eps_i of Theorems 1 and 2
+    # V = e'e + sum eps_i'P eps_i of Theorems 1 and 2
+    if isinstance(claim, PairFacts) and check.rate is not None:
         first = radius**2 + _errors(problem, claim.pair.P, disturbance)
         return Envelope(id=check.id, height=_root(first), rate=claimed(check.rate))
     return None
 
 
 def error_share(claim: Separable | Cycles, disturbance: Fraction, *, unit: int) -> Fraction:
-    """What |eps_i| <= disturbance may take of V of weights: kappa s sqrt(size), rounded up to 1/unit."""
+    """What |eps_i| <= disturbance may take of V of weights: kappa s sqrt(size), rounded up to
+    1/unit."""
     if claim.error is None:
         return Fraction(0)
     return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=unit)
 
 
-def _bound_of_weights(problem: Problem, claim: Cycles, radius: Fraction, disturbance: Fraction) -> Envelope:
-    """V falls at the rate from the beginning of one phase to the next, and never rises; |e_i| <= v_i V in between."""
+def _bound_of_weights(
+    problem: Problem, claim: Cycles, radius: Fraction, disturbance: Fraction
+) -> Envelope:
+    """V falls at the rate from the beginning of one phase to the next, and never rises; |e_i| <=
+    v_i V in between."""
     rate = claim.rate or Fraction(0)
     first = radius * claim.spread(problem) + error_share(claim, disturbance, unit=10**18)
     return Envelope(id="schedule", height=first * claim.height, rate=rate)
@@ -196,7 +241,8 @@ def _errors(problem: Problem, P: Matrix | None, disturbance: Fraction) -> Fracti
 
 
 def tallest(P_e: SparseSymmetric) -> Fraction:
-    """A bound of the largest e_c^2 where e'P_e e <= 1, P_e > 0: exact for diagonal and for small P_e."""
+    """A bound of the largest e_c^2 where e'P_e e <= 1, P_e > 0: exact for diagonal and for small
+    P_e."""
     if P_e.size <= MOST_INVERTED or all(i == j for i, j in P_e.entries):
         return max(diagonal_of_inverse(P_e))
     ceiling = eigenvalue_bound(P_e)
@@ -207,7 +253,8 @@ def tallest(P_e: SparseSymmetric) -> Fraction:
 
 
 def starts_of(problem: Problem, radius: Number | None, disturbance: Number | None) -> Starts:
-    """Every start with |e|_inf <= radius and |eps_i| <= disturbance; what is None comes from the [region].
+    """Every start with |e|_inf <= radius and |eps_i| <= disturbance; what is None comes from the
+    [region].
 
     Raises: SpecError for a number that is wrong or missing.
     """
@@ -216,20 +263,32 @@ def starts_of(problem: Problem, radius: Number | None, disturbance: Number | Non
         what = "must be given, because the problem has no [region] that says where it starts."
         key = "radius" if radius is None else "disturbance"
         raise wrong(
-            key, what, "Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance; or a [region]."
+            key,
+            what,
+            "Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance; or "
+            "a [region].",
         )
-    sides = asked_radius(problem) if radius is None else (parse_number(radius, key="radius"),) * problem.m
+    sides = (
+        asked_radius(problem)
+        if radius is None
+        else (parse_number(radius, key="radius"),) * problem.m
+    )
     error = Fraction(0) if region is None else region.initial_disturbance or Fraction(0)
     error = error if disturbance is None else parse_number(disturbance, key="disturbance")
     if min(sides) < 0 or error < 0 or (error and not problem.groups):
         key = "radius" if min(sides) < 0 else "disturbance"
-        raise wrong(key, "must be >= 0, and without an [exosystem] there is no disturbance.", "Give another number.")
+        raise wrong(
+            key,
+            "must be >= 0, and without an [exosystem] there is no disturbance.",
+            "Give another number.",
+        )
     ball = _root(problem.n * sum((side * side for side in sides), Fraction(0)))
     return Starts(box=max(sides), ball=ball, disturbance=error)
 
 
 def bound_from(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBound:
-    """What ``claims``, which are about ``problem``, prove about |e(t)|_inf from all of these starts."""
+    """What ``claims``, which are about ``problem``, prove about |e(t)|_inf from all of these
+    starts."""
     settling = certified_settling(problem, claims)
     room = 1 + ROUNDING
     if settling is not None and (
@@ -243,32 +302,43 @@ def bound_from(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBou
 
 
 def bound_of_plant(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBound:
-    """The same for the plant that the file states: where weights or gains may be off, what ``tolerance`` proves; with a
-    limit from starts where ``actuators`` proves that no input exceeds it."""
+    """The same for the plant that the file states: where weights or gains may be off, what
+    ``tolerance`` proves; with a limit from starts where ``actuators`` proves that no input exceeds
+    it."""
     stated = stated_in(problem)
     if stated.absolute:
-        reason = "what [uncertainty] says acts on the plant for ever; the check accuracy has the errors that remain"
+        reason = (
+            "what [uncertainty] says acts on the plant for ever; the check accuracy has the "
+            "errors that remain"
+        )
         return CertifiedBound(reason=reason)
     proved = {check.id: check for check in claims.checks if check.verdict is Verdict.PROVED}
     limit, tolerance = proved.get(LIMIT), proved.get(TOLERANCE)
     if stated.limit and (limit is None or not is_inside(limit.domain, starts)):
         return CertifiedBound(
-            reason=f"from these starts it is not proved that inputs keep {table_words(problem, LIMIT)}"
+            reason="from these starts it is not proved that inputs keep "
+            f"{table_words(problem, LIMIT)}"
         )
     if not stated.relative:
         return bound_from(problem, claims, starts)
     if tolerance is not None and tolerance.rate and is_inside(tolerance.domain, starts):
         with reading_claims():
             height = _height_of(problem, claims, tolerance, starts)
-            apart = limit is not None and "v" not in (limit.exact or {})  # its box is that of max-separable
+            # its box is that of max-separable
+            apart = limit is not None and "v" not in (limit.exact or {})
         if height is not None and not (stated.limit and apart and "v" in (tolerance.exact or {})):
             found = Envelope(id=TOLERANCE, height=height, rate=claimed(tolerance.rate))
             return CertifiedBound(envelopes=(found,))
-    return CertifiedBound(reason=f"from these starts no rate is proved with {table_words(problem, TOLERANCE)}")
+    return CertifiedBound(
+        reason=f"from these starts no rate is proved with {table_words(problem, TOLERANCE)}"
+    )
 
 
-def _height_of(problem: Problem, claims: Claims, tolerance: Check, starts: Starts) -> Fraction | None:
-    """Of |e|_inf under errors of weights and gains: V of the max-separable beside falls, or N of weights of its own."""
+def _height_of(
+    problem: Problem, claims: Claims, tolerance: Check, starts: Starts
+) -> Fraction | None:
+    """Of |e|_inf under errors of weights and gains: V of the max-separable beside falls, or N of
+    weights of its own."""
     claim, room = claim_of(tolerance, problem, claims.W), 1 + ROUNDING
     if isinstance(claim, Tolerance) and claim.v is not None:
         return None if starts.disturbance else starts.box * largest(claim.v) / least(claim.v)
@@ -276,7 +346,9 @@ def _height_of(problem: Problem, claims: Claims, tolerance: Check, starts: Start
     base = None if beside is None else claim_of(beside, problem, claims.W)
     if not isinstance(base, Separable):
         return None
-    return (starts.box * room * base.spread + error_share(base, starts.disturbance * room, unit=10**18)) * base.reach
+    return (
+        starts.box * room * base.spread + error_share(base, starts.disturbance * room, unit=10**18)
+    ) * base.reach
 
 
 class RunLike(Protocol):
@@ -298,16 +370,21 @@ class RunLike(Protocol):
 
 
 def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> CertifiedBound:
-    """What ``claims``, which are about ``problem``, prove about |e(t)|_inf of a run, or of all runs of an ensemble.
+    """What ``claims``, which are about ``problem``, prove about |e(t)|_inf of a run, or of all runs
+    of an ensemble.
 
-    Raises: SpecError for a run of another problem or with another W, CertificateError for claims that cannot be read.
+    Raises: SpecError for a run of another problem or with another W, CertificateError for claims
+    that cannot be read.
     """
     if reason := _other_loop(run):
         return CertifiedBound(reason=reason)
     other = (run.name, run.labels) != (problem.name, problem.network.labels)
     if other or run.loop_sha256 != loop_sha256(problem, claims.W):
         own = repr(run.name) if other else "another problem of that name, or with another gain W"
-        what = f"the run must be one of {problem.name!r}, which the certificate is about; it is one of {own}."
+        what = (
+            f"the run must be one of {problem.name!r}, which the certificate is about; it is "
+            f"one of {own}."
+        )
         cure = "Certify the problem that was simulated, or simulate this one."
         raise SpecError(what, key="certificate", cure=cure)
     box, ball, disturbance = map(Fraction, run.start_size())
@@ -315,13 +392,18 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     bound = bound_from(problem, claims, starts)
     if not keeps_guarantee(problem, json.loads(run.signal or "{}")):
         found = tuple(each for each in bound.envelopes if each.id != "schedule")
-        kept = None if bound.settling is None or bound.settling.guarantee is not None else bound.settling
+        kept = (
+            None
+            if bound.settling is None or bound.settling.guarantee is not None
+            else bound.settling
+        )
         bound = CertifiedBound(envelopes=found, settling=kept)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
 
 
 def keeps_guarantee(problem: Problem, signal: Mapping[str, Any]) -> bool:
-    """Whether a signal of simulations, as JSON, is one that a proof by the guarantee of [switching] is about."""
+    """Whether a signal of simulations, as JSON, is one that a proof by the guarantee of [switching]
+    is about."""
     phases, own = phases_of(problem), problem.switching
     if own is None or not phases:
         return True
@@ -331,10 +413,14 @@ def keeps_guarantee(problem: Problem, signal: Mapping[str, Any]) -> bool:
     if own.guarantee == "sequence":
         turns = list(zip(order, np.broadcast_to(lasting, len(order)).tolist(), strict=True))
         once = turns[: shortest_period(turns)]
-        return kind == "periodic" and once == [(phase.mode, float(phase.shortest)) for phase in phases]
+        return kind == "periodic" and once == [
+            (phase.mode, float(phase.shortest)) for phase in phases
+        ]
     if kind == "periodic":
         alone = any(a == b for a, b in zip(order, order[1:] + order[:1], strict=True))
-        return (longest == np.inf or not alone) and bool(shortest <= lasting.min() and lasting.max() <= longest)
+        return (longest == np.inf or not alone) and bool(
+            shortest <= lasting.min() and lasting.max() <= longest
+        )
     if kind == "random":
         return bool(shortest <= lasting[0]) and (signal["longest"] or np.inf) <= longest
     return kind == "fixed" and longest == np.inf
@@ -345,23 +431,38 @@ def _other_loop(run: RunLike) -> str:
     if run.stress:
         return "no certificate is about a loop under stress"
     if not run.loop_sha256:
-        return "the run does not record of which problem and W it is (too large a network, or an older file)"
+        return (
+            "the run does not record of which problem and W it is (too large a network, or an "
+            "older file)"
+        )
     if run.observer == "off":
         return "certificates are about the loop with its observer, and here it is off"
     if run.signal and json.loads(run.signal).get("signal") == "mobile":
-        return "certificates are about the arcs of the modes, and here the graph follows from positions"
+        return (
+            "certificates are about the arcs of the modes, and here the graph follows from "
+            "positions"
+        )
     return ""
 
 
 def _nothing(claims: Claims, starts: Starts) -> str:
     """Why no check bounds these starts."""
-    held = [check for check in claims.checks if check.id == "schedule" and check.verdict is Verdict.PROVED]
+    held = [
+        check
+        for check in claims.checks
+        if check.id == "schedule" and check.verdict is Verdict.PROVED
+    ]
     if held and is_inside(held[0].domain, starts):
-        return f"the proof {'states no rate' if held[0].rate is None else 'is not about the signal of the run'}"
+        return (
+            "the proof "
+            f"{'states no rate' if held[0].rate is None else 'is not about the signal of the run'}"
+        )
     where = f"|e|_inf = {float(starts.box):.4g} and |eps_i| = {float(starts.disturbance):.4g}"
     regions = [check.domain for check in claims.checks if not isinstance(check.domain, str)]
     if not regions:
-        return "the certificate proves nothing about starts away from the target; ask for a [region]"
+        return (
+            "the certificate proves nothing about starts away from the target; ask for a [region]"
+        )
     most = max(regions, key=lambda domain: (domain["kind"] == "box", domain["radius"]))
     edge = "|e|_inf" if most["kind"] == "box" else "|e|"
     proved = f"{edge} <= {most['radius']:.6g} with |eps_i| <= {most['disturbance']:.6g}"

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 class Certificate(Headed):
     """A problem and the claims about it; shows itself as text, and as a table in Jupyter.
 
-    ``verdict``, ``reason``, ``rate`` (1/s), ``factor``, ``covered_by`` and ``checks`` are the same facts as in
-    ``certify --json``; ``claims`` holds everything that certificate.json holds.
+    ``verdict``, ``reason``, ``rate`` (1/s), ``factor``, ``covered_by`` and ``checks`` are the same
+    facts as in ``certify --json``; ``claims`` holds everything that certificate.json holds.
     """
 
     problem: Problem
@@ -73,7 +73,8 @@ class Certificate(Headed):
 
     @property
     def factor(self) -> float | None:
-        """The factor of that rate: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds; or None."""
+        """The factor of that rate: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error
+        adds; or None."""
         return self.claims.factor
 
     @property
@@ -88,7 +89,8 @@ class Certificate(Headed):
 
     @property
     def W(self) -> NDArray[np.float64] | None:  # noqa: N802 - the paper's letter
-        """The observer gain as floats, (q, m) in 1/s; None without one.  What is proved is about ``W_exact``."""
+        """The observer gain as floats, (q, m) in 1/s; None without one.  What is proved is about
+        ``W_exact``."""
         return None if self.claims.W is None else to_float(self.claims.W)
 
     @property
@@ -109,17 +111,22 @@ class Certificate(Headed):
 
     @property
     def settling(self) -> Settling | None:
-        """The certified settling time with its ``envelope(t)`` of |e|_inf; None where no ``settling`` is proved.
+        """The certified settling time with its ``envelope(t)`` of |e|_inf; None where no
+        ``settling`` is proved.
 
-        Raises: CertificateError for a claim that cannot be read, as in a file that somebody else wrote.
+        Raises: CertificateError for a claim that cannot be read, as in a file that somebody else
+        wrote.
         """
         return certified_settling(self._loop, self.claims)
 
     @property
     def weights(self) -> tuple[tuple[Phase, Weights], ...]:
-        """The phases of the guarantee of [switching], each with its proved weights v(t) of max |e_i| / v_i; empty where
-        no `schedule` is proved with weights.  Raises: CertificateError for a claim that cannot be read."""
-        proved = (each for each in self.checks if each.id == "schedule" and each.verdict is Verdict.PROVED)
+        """The phases of the guarantee of [switching], each with its proved weights v(t) of max
+        |e_i| / v_i; empty where no `schedule` is proved with weights.  Raises: CertificateError for
+        a claim that cannot be read."""
+        proved = (
+            each for each in self.checks if each.id == "schedule" and each.verdict is Verdict.PROVED
+        )
         with reading_claims():
             for claim in (claim_of(check, self._loop, self.claims.W) for check in proved):
                 if isinstance(claim, Cycles) and claim.phases and claim.T is None:
@@ -131,32 +138,40 @@ class Certificate(Headed):
     ) -> NDArray[np.float64]:
         """The proved bound of |e(t)|_inf at times >= 0 in s, rounded up, same shape.
 
-        At each time it is the least of all proved checks and of the settling time's envelope.  It holds for every start
-        with |e(0)|_inf <= ``radius`` and |eps_i(0)| <= ``disturbance``, by default the smallest such set that holds the
-        [region]; where the proof is about a guarantee of [switching], for signals that keep it.  It is about the plant
-        that the file states: with errors of weights or gains it is that of `tolerance`, with a limit it needs starts
-        that keep it.
-        Raises: SpecError without a [region] and without a radius, and where nothing is proved about these starts, as
-        under a disturbance, drift or noise of [uncertainty], which leave errors for ever.
+        At each time it is the least of all proved checks and of the settling time's envelope.  It
+        holds for every start with |e(0)|_inf <= ``radius`` and |eps_i(0)| <= ``disturbance``, by
+        default the smallest such set that holds the [region]; where the proof is about a guarantee
+        of [switching], for signals that keep it.  It is about the plant that the file states: with
+        errors of weights or gains it is that of `tolerance`, with a limit it needs starts that keep
+        it.
+        Raises: SpecError without a [region] and without a radius, and where nothing is proved about
+        these starts, as under a disturbance, drift or noise of [uncertainty], which leave errors
+        for ever.
         Example:
-            >>> dd.certify("clock-sync").bound([0, 1000], radius=1, disturbance=0).round(6).tolist()[1]
+            >>> bound = dd.certify("clock-sync").bound([0, 1000], radius=1, disturbance=0)
+            >>> bound.round(6).tolist()[1]
             0.0
         """
-        return bound_of_plant(self._loop, self.claims, starts_of(self._loop, radius, disturbance))(times)
+        return bound_of_plant(self._loop, self.claims, starts_of(self._loop, radius, disturbance))(
+            times
+        )
 
     def envelope(self, run: RunLike) -> CertifiedBound:
-        """The proved bound of |e(t)|_inf from the start of a simulated run (or of all runs of an ensemble).
+        """The proved bound of |e(t)|_inf from the start of a simulated run (or of all runs of an
+        ensemble).
 
-        A function of times in s, the least of what the checks prove; its ``reason`` says why where there is none.
-        ``trajectory.plot(certificate=certificate)`` draws it.  Raises: SpecError for a run of another problem.
+        A function of times in s, the least of what the checks prove; its ``reason`` says why where
+        there is none. ``trajectory.plot(certificate=certificate)`` draws it.  Raises: SpecError for
+        a run of another problem.
         """
         return certified_bound(self._loop, self.claims, run)
 
     def plot(self, ax: Any = None) -> Any:
-        """The certified regions: how far each method reaches, from where each agent may start; and moving weights.
+        """The certified regions: how far each method reaches, from where each agent may start; and
+        moving weights.
 
-        Returns: a Sheet, which shows itself in Jupyter and saves itself, ``save("region.svg")``; with Matplotlib's
-        ``ax`` these axes, with the first picture.
+        Returns: a Sheet, which shows itself in Jupyter and saves itself, ``save("region.svg")``;
+        with Matplotlib's ``ax`` these axes, with the first picture.
         """
         from dobc_design.plotting.regions import plot_regions, region_sheet
 
@@ -174,20 +189,28 @@ class Certificate(Headed):
         for each in self.checks:
             if each.id == id and (mode is None or each.mode == mode):
                 return each
-        raise KeyError(f"no check {id!r}; there are {', '.join(dict.fromkeys(c.id for c in self.checks))}")
+        raise KeyError(
+            f"no check {id!r}; there are {', '.join(dict.fromkeys(c.id for c in self.checks))}"
+        )
 
     def save(
         self, folder: str | Path, *, beside: Mapping[str, bytes] | None = None, force: bool = False
     ) -> tuple[Path, Path]:
-        """Write certificate.json and problem.json into ``folder`` (made if absent), replacing older ones.
+        """Write certificate.json and problem.json into ``folder`` (made if absent), replacing older
+        ones.
 
-        ``beside``: more files of the same run by name, such as its report; all are replaced together.
-        Returns: the two paths.  Raises: SpecError where the folder holds results of a problem of another name, unless
-        ``force``; CertificateError when the machine refuses; nothing has changed then.
+        ``beside``: more files of the same run by name, such as its report; all are replaced
+        together.
+        Returns: the two paths.  Raises: SpecError where the folder holds results of a problem of
+        another name, unless ``force``; CertificateError when the machine refuses; nothing has
+        changed then.
         """
         target = make_folder(require_own(Path(folder), self.problem.name, force=force))
         certificate, problem = target / "certificate.json", target / "problem.json"
-        files = {problem: canonical_bytes(self.problem), certificate: certificate_bytes(self.claims)}
+        files = {
+            problem: canonical_bytes(self.problem),
+            certificate: certificate_bytes(self.claims),
+        }
         write_together(files | {target / name: data for name, data in (beside or {}).items()})
         return certificate, problem
 
@@ -195,7 +218,11 @@ class Certificate(Headed):
         return rf"${latex_text(self.problem.name)}\text{{: {self.verdict.value}}}$"
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, str]:
-        return {"text/plain": str(self), "text/html": self._repr_html_(), "text/latex": self._repr_latex_()}
+        return {
+            "text/plain": str(self),
+            "text/html": self._repr_html_(),
+            "text/latex": self._repr_latex_(),
+        }
 
     def _card(self) -> Card:
         return Card(

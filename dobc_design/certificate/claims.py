@@ -1,6 +1,8 @@
-"""What a certificate file claims: everything in it but the problem, which is never taken from there.
+"""What a certificate file claims: everything in it but the problem, which is never taken from
+there.
 
-Also how the values of a check become the noun of its topic again, for a trusted problem; nothing is decided by that.
+Also how the values of a check become the noun of its topic again, for a trusted problem; nothing is
+decided by that.
 """
 
 from __future__ import annotations
@@ -33,13 +35,13 @@ from dobc_design.verdict import Verdict
 class Claims:
     """Verdict, checks and the matrices they rest on.
 
-    ``reason`` is the verdict in one sentence; ``rate`` (1/s), its ``factor`` and ``covered_by`` belong to the best
-    proof.
-    ``W`` (q, m) is the observer gain every check is about, ``gain_source`` says "given" or "designed";
-    ``P`` (q, q) and ``Q`` (q, m) belong to Theorem 1 or 2 where it is proved.  Where agents have different exosystems,
-    these are block diagonal, one block per group, and "designed" says that at least one block of W is.
-    ``notes`` list what was assumed, designed or stood in.  ``options`` are those of `dobc certify` that it was made
-    with, for whoever makes it again; nothing follows from them.
+    ``reason`` is the verdict in one sentence; ``rate`` (1/s), its ``factor`` and ``covered_by``
+    belong to the best proof. ``W`` (q, m) is the observer gain every check is about,
+    ``gain_source`` says "given" or "designed"; ``P`` (q, q) and ``Q`` (q, m) belong to Theorem 1 or
+    2 where it is proved.  Where agents have different exosystems, these are block diagonal, one
+    block per group, and "designed" says that at least one block of W is. ``notes`` list what was
+    assumed, designed or stood in.  ``options`` are those of `dobc certify` that it was made with,
+    for whoever makes it again; nothing follows from them.
     """
 
     problem_name: str
@@ -74,12 +76,18 @@ READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]
 
 
 def claim_of(check: Check, problem: Problem, W: Matrix | None) -> Claim | None:
-    """What a check claims about ``problem`` with the gain W (q, m), as the noun of its topic; None if nothing.
+    """What a check claims about ``problem`` with the gain W (q, m), as the noun of its topic; None
+    if nothing.
 
-    Raises what a malformed claim raises: KeyError, TypeError, ValueError, ArithmeticError or a DobcError.
+    Raises what a malformed claim raises: KeyError, TypeError, ValueError, ArithmeticError or a
+    DobcError.
     """
     read = READERS.get(check.kind.topic)
-    return read(check, problem, W) if isinstance(check.claim, Values) and read is not None else check.claim
+    return (
+        read(check, problem, W)
+        if isinstance(check.claim, Values) and read is not None
+        else check.claim
+    )
 
 
 @contextmanager
@@ -88,12 +96,16 @@ def reading_claims() -> Iterator[None]:
     try:
         yield
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        what = f"a regional check of this certificate cannot be read ({visible(reason_of(error)[:100])})."
+        what = (
+            "a regional check of this certificate cannot be read "
+            f"({visible(reason_of(error)[:100])})."
+        )
         raise CertificateError(what, key="checks", cure="dobc verify says which.") from error
 
 
 def certified_period(problem: Problem, claims: Claims) -> Fraction | None:
-    """The sampling period (s) that a proved check of ``claims``, which are about ``problem``, states; None without one.
+    """The sampling period (s) that a proved check of ``claims``, which are about ``problem``,
+    states; None without one.
 
     Raises: CertificateError for claims that cannot be read.
     """

@@ -1,8 +1,10 @@
-"""The factor that belongs to a rate: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds.
+"""The factor that belongs to a rate: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation
+error adds.
 
-It follows from the claim of a proved check alone, in the norm that ``Check.norm`` names: V is between multiples of |e|
-(a weighted maximum) or of |e|^2 (a quadratic form), and the factor is the quotient of the two, or its square root.
-docs/certificate-claims.md, "Factors", says the same for every kind of check.
+It follows from the claim of a proved check alone, in the norm that ``Check.norm`` names: V is
+between multiples of |e| (a weighted maximum) or of |e|^2 (a quadratic form), and the factor is the
+quotient of the two, or its square root. docs/certificate-claims.md, "Factors", says the same for
+every kind of check.
 """
 
 from __future__ import annotations
@@ -31,20 +33,27 @@ from dobc_design.verdict import Verdict
 
 ONE = Fraction(1)
 MOST = Fraction(10) ** 300  # factors above are of no use to anybody
-IN_HAND = Fraction(1, 10**9)  # of a factor with exp in it, for a second program with a wider enclosure
+# of a factor with exp in it, for a second program with a wider enclosure
+IN_HAND = Fraction(1, 10**9)
 #: V = e'e (+ sum eps_i'P eps_i) of the paper.
 OF_THE_PAPER = ("lemma1", "theorem1", "theorem2", "theorem1-printed", "theorem2-printed")
 _root = partial(root_above, unit=10**12)
 
 
 def with_factors(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> tuple[Check, ...]:
-    """The same checks of the loop with the gain W (q, m); proved ones that have a rate with its factor, rounded up."""
+    """The same checks of the loop with the gain W (q, m); proved ones that have a rate with its
+    factor, rounded up."""
     factors = (factor_of(check, checks, problem, W) for check in checks)
-    return tuple(replace(each, factor=_rounded(factor)) for each, factor in zip(checks, factors, strict=True))
+    return tuple(
+        replace(each, factor=_rounded(factor)) for each, factor in zip(checks, factors, strict=True)
+    )
 
 
-def factor_obstacle(check: Check, checks: Sequence[Check], problem: Problem, W: Matrix | None) -> str | None:
-    """None if the factor of a confirmed check follows from what it claims, or it has none; else what is wrong."""
+def factor_obstacle(
+    check: Check, checks: Sequence[Check], problem: Problem, W: Matrix | None
+) -> str | None:
+    """None if the factor of a confirmed check follows from what it claims, or it has none; else
+    what is wrong."""
     if check.factor is None:
         return None
     own = factor_of(check, checks, problem, W)
@@ -53,8 +62,11 @@ def factor_obstacle(check: Check, checks: Sequence[Check], problem: Problem, W: 
     return None if own <= claimed(check.factor) else f"the factor {check.factor} does not follow"
 
 
-def factor_of(check: Check, checks: Sequence[Check], problem: Problem, W: Matrix | None) -> Fraction | None:
-    """The factor of a check among ``checks``; None for one without a rate, and where no bound follows from it."""
+def factor_of(
+    check: Check, checks: Sequence[Check], problem: Problem, W: Matrix | None
+) -> Fraction | None:
+    """The factor of a check among ``checks``; None for one without a rate, and where no bound
+    follows from it."""
     if check.verdict is not Verdict.PROVED or not check.rate:
         return None
     if check.id in OF_THE_PAPER:
@@ -88,9 +100,12 @@ def _of_claim(claim: Claim | None, problem: Problem) -> Fraction | None:
 def _of_proof_beside(
     claim: DelayBound | Tolerance, checks: Sequence[Check], problem: Problem, W: Matrix | None
 ) -> Fraction | None:
-    """That of the max-separable certificate on which the claim rests.  With an observer a delayed loop keeps every rate
-    below that of the claim, and a bound follows only at rates below beta."""
-    proof = next((each for each in checks if each.id == "max-separable" and each.verdict is Verdict.PROVED), None)
+    """That of the max-separable certificate on which the claim rests.  With an observer a delayed
+    loop keeps every rate below that of the claim, and a bound follows only at rates below beta."""
+    proof = next(
+        (each for each in checks if each.id == "max-separable" and each.verdict is Verdict.PROVED),
+        None,
+    )
     base = None if proof is None else claim_of(proof, problem, W)
     if not isinstance(base, Separable):
         return None
@@ -100,14 +115,16 @@ def _of_proof_beside(
 
 
 def _of_graphs(claim: Kept) -> Fraction | None:
-    """Of V = max |e_i|, of E sum w_i |e_i| as a bound of E |e|_inf, and of E e'P e as one of (E |e|^2)^(1/2)."""
+    """Of V = max |e_i|, of E sum w_i |e_i| as a bound of E |e|_inf, and of E e'P e as one of (E
+    |e|^2)^(1/2)."""
     if claim.w is not None:
         weights = [tuple(each) for each in claim.w.values()]
         return max(sum(each, Fraction(0)) for each in weights) / min(map(min, weights))
     if claim.P is None:
         return ONE
     forms = [SparseSymmetric.from_dense(P) for P in claim.P.values()]
-    blocks = dict[tuple[int, int], Fraction]()  # the forms of all modes along one diagonal: its condition is theirs
+    # the forms of all modes along one diagonal: its condition is theirs
+    blocks = dict[tuple[int, int], Fraction]()
     for number, form in enumerate(forms):
         shift = number * form.size
         blocks |= {(i + shift, j + shift): value for (i, j), value in form.entries.items()}

@@ -1,8 +1,10 @@
-"""Writing files so that a reader sees the old one or the new one, never a part, whatever happens at any moment.
+"""Writing files so that a reader sees the old one or the new one, never a part, whatever happens at
+any moment.
 
-Every file is written under another name beside its place, flushed to disk and renamed; then the folder is flushed.  Of
-several files some may be old and some new, if a kill falls between two renames; a certificate names the hash of its
-problem, so that such a pair is found out.  Ctrl-C and SIGTERM wait until all are renamed.
+Every file is written under another name beside its place, flushed to disk and renamed; then the
+folder is flushed.  Of several files some may be old and some new, if a kill falls between two
+renames; a certificate names the hash of its problem, so that such a pair is found out.  Ctrl-C and
+SIGTERM wait until all are renamed.
 """
 
 from __future__ import annotations
@@ -20,10 +22,13 @@ from dobc_design._signals import Postponed
 from dobc_design.errors import CertificateError, SpecError
 
 STALE = 3600.0  # seconds after which a temporary file belongs to nobody; no write takes so long
-_LONGEST_NAME = 40  # characters of the file's own name in that of its temporary file; systems allow 255 bytes
+# characters of the file's own name in that of its temporary file; systems allow 255 bytes
+_LONGEST_NAME = 40
 _SUFFIX = ".dobc-tmp"
 _CURES = {
-    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "Free some space there, or choose another folder with --out."),
+    **dict.fromkeys(
+        (errno.ENOSPC, errno.EDQUOT), "Free some space there, or choose another folder with --out."
+    ),
     errno.EFBIG: "Raise the limit on the size of files, or choose another folder with --out.",
     errno.EISDIR: "Move that folder away, or choose another with --out.",
 }
@@ -37,9 +42,11 @@ def write_atomically(path: Path, data: bytes) -> None:
 def write_together(files: Mapping[Path, bytes], *, without: Iterable[Path] = ()) -> None:
     """Replace several files, in this order, once all of them are on the disk.
 
-    ``without``: files of an earlier run that this one does not have; those that are there are removed with it.
+    ``without``: files of an earlier run that this one does not have; those that are there are
+    removed with it.
 
-    Raises: CertificateError when the machine refuses (full disk, read-only folder); all files are then as before.
+    Raises: CertificateError when the machine refuses (full disk, read-only folder); all files are
+    then as before.
     """
     path = Path()
     try:
@@ -62,13 +69,18 @@ def write_together(files: Mapping[Path, bytes], *, without: Iterable[Path] = ())
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         cure = _CURES.get(getattr(error, "errno", None) or 0, "Choose another folder with --out.")
         reason = getattr(error, "strerror", None) or error
-        raise CertificateError(f"{path.name} cannot be written: {reason}.", key=str(path), cure=cure) from error
+        raise CertificateError(
+            f"{path.name} cannot be written: {reason}.", key=str(path), cure=cure
+        ) from error
 
 
 def _write_down(name: str, data: bytes) -> None:
     """Write a new file, down to the disk."""
-    # Not tempfile: its files are for the owner's eyes only, and these get the permissions of any new file.
-    descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+    # Not tempfile: its files are for the owner's eyes only, and these get the permissions of any
+    # new file.
+    descriptor = os.open(
+        name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
+    )
     with os.fdopen(descriptor, "wb") as stream:
         stream.write(data)
         stream.flush()
@@ -76,16 +88,28 @@ def _write_down(name: str, data: bytes) -> None:
 
 
 def require_own(folder: Path, name: str, *, force: bool) -> Path:
-    """Refuse a folder with results of another problem, or of none that can be read, unless ``force``.  SpecError."""
-    held = [each for each in ("certificate.json", "problem.json", "report.html") if (folder / each).exists()]
+    """Refuse a folder with results of another problem, or of none that can be read, unless
+    ``force``.  SpecError."""
+    held = [
+        each
+        for each in ("certificate.json", "problem.json", "report.html")
+        if (folder / each).exists()
+    ]
     if held and not force:
         try:
             there = json.loads((folder / "problem.json").read_bytes())["name"]
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             there = None
         if there != name:
-            owner = f"the certificate of another problem, {there!r}" if there else f"{held[0]} of an unknown problem"
-            cure = "Choose another folder with --out, or replace these files with --force (in Python: force=True)."
+            owner = (
+                f"the certificate of another problem, {there!r}"
+                if there
+                else f"{held[0]} of an unknown problem"
+            )
+            cure = (
+                "Choose another folder with --out, or replace these files with --force (in "
+                "Python: force=True)."
+            )
             raise SpecError(f"{str(folder)!r} holds {owner}.", key="--out", cure=cure)
     return folder
 
@@ -95,7 +119,9 @@ def make_folder(path: Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        what = f"the folder {str(path)!r} cannot be made: {getattr(error, 'strerror', None) or error}."
+        what = (
+            f"the folder {str(path)!r} cannot be made: {getattr(error, 'strerror', None) or error}."
+        )
         raise CertificateError(what, key=str(path), cure="Choose another with --out.") from error
     return path
 
@@ -106,7 +132,8 @@ def _prefix(path: Path) -> str:
 
 def _flush_folder(folder: Path) -> None:
     """Make the renames last through a power cut, where the system lets folders be opened."""
-    # Windows, a folder that may be written and not read, a file system without it: the files themselves are complete.
+    # Windows, a folder that may be written and not read, a file system without it: the files
+    # themselves are complete.
     with suppress(OSError), ExitStack() as stack:
         descriptor = os.open(folder, os.O_RDONLY)
         stack.callback(os.close, descriptor)

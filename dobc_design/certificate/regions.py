@@ -1,7 +1,8 @@
-"""From which starts a certificate proves consensus: its regional claims side by side, with what was asked for.
+"""From which starts a certificate proves consensus: its regional claims side by side, with what was
+asked for.
 
-Nothing is decided here.  Sizes and rates are rounded down, times and what is asked up: what is shown stays a claim that
-holds.  Theory, sections 1, 4 and 5.
+Nothing is decided here.  Sizes and rates are rounded down, times and what is asked up: what is
+shown stays a claim that holds.  Theory, sections 1, 4 and 5.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ from dobc_design.verdict import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """The region of the problem: |e|_inf <= box, which the ball |e| <= ball holds; |eps_i| <= disturbance.
+    """The region of the problem: |e|_inf <= box, which the ball |e| <= ball holds; |eps_i| <=
+    disturbance.
 
     ``interval``: the states x_i(0) asked for where they have one component, else None.
     """
@@ -48,10 +50,10 @@ class Asked:
 class RegionClaim:
     """What one condition says about starts.
 
-    ``kind``: "everywhere", "box", "ball", "near" (local, no radius) or "none" (nothing proved).  Every start with
-    |e|_inf <= box is covered, and every one with |e| <= ball (Euclidean, all agents stacked), where |eps_i| <=
-    ``disturbance``.  ``rate`` in 1/s, with its ``factor``.  ``time`` (s): from then on |e|_inf <= the tolerance.
-    ``limit``: why no more.
+    ``kind``: "everywhere", "box", "ball", "near" (local, no radius) or "none" (nothing proved).
+    Every start with |e|_inf <= box is covered, and every one with |e| <= ball (Euclidean, all
+    agents stacked), where |eps_i| <= ``disturbance``.  ``rate`` in 1/s, with its ``factor``.
+    ``time`` (s): from then on |e|_inf <= the tolerance. ``limit``: why no more.
     """
 
     id: str
@@ -85,7 +87,8 @@ class RegionClaim:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentBound:
-    """One agent of the max-separable certificate: starts with |e_i| <= bound for all agents at once are covered.
+    """One agent of the max-separable certificate: starts with |e_i| <= bound for all agents at once
+    are covered.
 
     ``goal``: where it is to go, None with several state components.
     """
@@ -100,8 +103,9 @@ class AgentBound:
 class Regions(Headed):
     """The certified regions of one problem, in the order in which they were tried.
 
-    ``tolerance`` belongs to the times of ``claims`` (same unit as the states); ``agents`` to the max-separable
-    certificate, empty without one or above 2000 agents.  The others are the checks of these ids.
+    ``tolerance`` belongs to the times of ``claims`` (same unit as the states); ``agents`` to the
+    max-separable certificate, empty without one or above 2000 agents.  The others are the checks of
+    these ids.
     """
 
     name: str
@@ -125,7 +129,9 @@ class Regions(Headed):
     @property
     def sized(self) -> bool:
         """Whether there is anything to be drawn: a region asked for, or one that is proved."""
-        return self.asked is not None or any(claim.kind not in ("near", "none") for claim in self.claims)
+        return self.asked is not None or any(
+            claim.kind not in ("near", "none") for claim in self.claims
+        )
 
     @property
     def rest(self) -> float | None:
@@ -133,16 +139,22 @@ class Regions(Headed):
         found = self.equilibrium
         if found is None or found.verdict is not Verdict.REFUTED or found.witness is None:
             return None
-        return max((abs(float(Fraction(value))) for value in found.witness.values or ()), default=None)
+        return max(
+            (abs(float(Fraction(value))) for value in found.witness.values or ()), default=None
+        )
 
     def to_json(self) -> dict[str, Any]:
         """JSON object: numbers rounded towards the weaker claim."""
         a, checks = self.asked, {name: getattr(self, name) for name in BESIDE}
         return {
-            "asked": None if a is None else {"box": a.box, "ball": a.ball, "disturbance": a.disturbance},
+            "asked": None
+            if a is None
+            else {"box": a.box, "ball": a.ball, "disturbance": a.disturbance},
             "tolerance": self.tolerance,
             "regions": [claim.to_json() for claim in self.claims],
-            "agents": [{"label": a.label, "bound": a.bound, "pinned": a.pinned} for a in self.agents],
+            "agents": [
+                {"label": a.label, "bound": a.bound, "pinned": a.pinned} for a in self.agents
+            ],
             **{name: None if check is None else check.to_json() for name, check in checks.items()},
         }
 
@@ -155,10 +167,13 @@ class Regions(Headed):
             bound = [significant_towards_zero(claim.rate), significant_away_from_zero(claim.factor)]
             rows.append([title, claim.kind, *sizes, *bound, yes])
         heads = ("method", "kind", "|e|_inf <=", "|e| <=", "rate 1/s", "factor", "covers")
-        return Card(title=self.name, verdict=self.verdict.value, text=self.reason, heads=heads, rows=rows)
+        return Card(
+            title=self.name, verdict=self.verdict.value, text=self.reason, heads=heads, rows=rows
+        )
 
 
-BESIDE: Final = ("settling", "delay", "sampling", "equilibrium")  # checks that stand beside the regions
+# checks that stand beside the regions
+BESIDE: Final = ("settling", "delay", "sampling", "equilibrium")
 #: Agents up to which the bound of each is listed.
 MOST_AGENTS: Final = 2000
 _DIGITS, _UNIT = 6, 10**9
@@ -169,9 +184,14 @@ def certified_regions(problem: Problem, claims: Claims) -> Regions:
 
     Raises: CertificateError for claims that cannot be read, as in a file that somebody else wrote.
     """
-    asked, beside = _asked(problem), dict[str, Any]((check.id, check) for check in claims.checks if check.id in BESIDE)
+    asked, beside = (
+        _asked(problem),
+        dict[str, Any]((check.id, check) for check in claims.checks if check.id in BESIDE),
+    )
     with reading_claims():
-        known = tuple(replace(check, claim=claim_of(check, problem, claims.W)) for check in claims.checks)
+        known = tuple(
+            replace(check, claim=claim_of(check, problem, claims.W)) for check in claims.checks
+        )
         tolerance = _tolerance(known, asked)
         gatherer = _Gatherer(problem, known, asked, tolerance)
         chosen = list(_chosen(problem, known))
@@ -182,24 +202,33 @@ def certified_regions(problem: Problem, claims: Claims) -> Regions:
             asked=asked,
             tolerance=tolerance,
             claims=tuple(gatherer.claim(check) for check in chosen),
-            agents=next((_agents(problem, check) for check in chosen if isinstance(check.claim, Separable)), ()),
+            agents=next(
+                (_agents(problem, check) for check in chosen if isinstance(check.claim, Separable)),
+                (),
+            ),
             **beside,
         )
 
 
 def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
-    """That of a proved settling time, so that all times are about the same; else a part of the radius."""
+    """That of a proved settling time, so that all times are about the same; else a part of the
+    radius."""
     for check in checks:
         if check.verdict is Verdict.PROVED and isinstance(check.claim, Descent):
             return _down(check.claim.tolerance)
-    proved = [check for check in checks if check.verdict is Verdict.PROVED and check.kind.is_consensus]
-    radii = [claimed(check.domain["radius"]) for check in proved if isinstance(check.domain, Mapping)]
+    proved = [
+        check for check in checks if check.verdict is Verdict.PROVED and check.kind.is_consensus
+    ]
+    radii = [
+        claimed(check.domain["radius"]) for check in proved if isinstance(check.domain, Mapping)
+    ]
     size = min(radii, default=None) if asked is None else claimed(asked.box)
     return _down(size * SETTLED) if size else None
 
 
 def _chosen(problem: Problem, checks: Sequence[Check]) -> Iterator[Check]:
-    """The checks of Lemma 1 (once for all modes, only without disturbance), of the theorems and of regions."""
+    """The checks of Lemma 1 (once for all modes, only without disturbance), of the theorems and of
+    regions."""
     lemmas = [check for check in checks if check.id == "lemma1"]
     for check in checks:
         if check.kind.role not in ("paper", "region"):
@@ -242,8 +271,14 @@ class _Gatherer:
                 kind, disturbance = str(check.domain["kind"]), float(check.domain["disturbance"])
                 box = ball = float(check.domain["radius"])
                 if kind == "ball":  # the corners of a box are the farthest from its middle
-                    box = _down(root_below(claimed(ball) ** 2 / (self.problem.n * self.problem.m), unit=_UNIT))
-        covering = kind != "none" and self.asked is not None and covers(self.problem, check, self.checks)
+                    box = _down(
+                        root_below(
+                            claimed(ball) ** 2 / (self.problem.n * self.problem.m), unit=_UNIT
+                        )
+                    )
+        covering = (
+            kind != "none" and self.asked is not None and covers(self.problem, check, self.checks)
+        )
         return RegionClaim(
             id=check.id,
             variant=_variant(check),
@@ -260,10 +295,13 @@ class _Gatherer:
         )
 
     def _time(self, check: Check) -> float | None:
-        """When |e|_inf <= tolerance at the latest, by the bound of the check alone; None where it gives none."""
+        """When |e|_inf <= tolerance at the latest, by the bound of the check alone; None where it
+        gives none."""
         asked, starts = self.asked, None
         if isinstance(check.domain, Mapping):
-            starts = Starts(*(claimed(check.domain[name]) for name in ("radius", "radius", "disturbance")))
+            starts = Starts(
+                *(claimed(check.domain[name]) for name in ("radius", "radius", "disturbance"))
+            )
         elif asked is not None and check.domain == "global":
             starts = Starts(claimed(asked.box), claimed(asked.ball), claimed(asked.disturbance))
         if check.verdict is not Verdict.PROVED or starts is None or self.tolerance is None:
@@ -283,7 +321,8 @@ class _Gatherer:
         return "" if covering else {"near": near, "none": check.reason}.get(kind, "")
 
     def _turning(self, check: Check) -> str:
-        """Where a coupling does not rise with the distance, neighbours pull less the farther they are."""
+        """Where a coupling does not rise with the distance, neighbours pull less the farther they
+        are."""
         claim = check.claim
         if not isinstance(claim, Separable) or claim.T is not None or claim.rho is None:
             return ""
@@ -296,8 +335,14 @@ class _Gatherer:
                     continue
             except UndefinedError:
                 return ""
-            far = f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
-            return f"{far} h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
+            far = (
+                "Two agents in this box may differ by "
+                f"{significant(float(claim.rho * reach))}, and on such distances"
+            )
+            return (
+                f"{far} h = {coupling.texts[0]} does not rise throughout: a neighbour farther "
+                "away pulls less."
+            )
         return ""
 
 
@@ -311,7 +356,12 @@ def _variant(check: Check) -> str:
 
 def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
     claim, domain = check.claim, check.domain
-    if not isinstance(domain, Mapping) or not isinstance(claim, Separable) or claim.T or claim.rho is None:
+    if (
+        not isinstance(domain, Mapping)
+        or not isinstance(claim, Separable)
+        or claim.T
+        or claim.rho is None
+    ):
         return ()
     if problem.n > MOST_AGENTS:
         return ()
@@ -322,7 +372,10 @@ def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
     moving = problem.m > 1 or problem.leader is not None
     goals = [None if moving else _nearest(problem.goal_of(agent)[0]) for agent in range(problem.n)]
     rows = enumerate(zip(problem.network.labels, bounds, goals, strict=True))
-    return tuple(AgentBound(label=a, bound=bound, pinned=k in pinned, goal=goal) for k, (a, bound, goal) in rows)
+    return tuple(
+        AgentBound(label=a, bound=bound, pinned=k in pinned, goal=goal)
+        for k, (a, bound, goal) in rows
+    )
 
 
 def _down(value: Fraction) -> float:

@@ -1,7 +1,7 @@
 """certificate.json: its bytes, and reading it back.
 
-A field that is not known, is missing or stands there twice is refused: what nobody checks must not look
-like a part of the proof.
+A field that is not known, is missing or stands there twice is refused: what nobody checks must not
+look like a part of the proof.
 """
 
 from __future__ import annotations
@@ -29,7 +29,12 @@ from dobc_design.conditions.check import (
     withdrawn,
 )
 from dobc_design.conditions.consensus.claim import Unstable
-from dobc_design.conditions.numbers import LONGEST, VECTOR_BITS, has_short_denominator, read_rational
+from dobc_design.conditions.numbers import (
+    LONGEST,
+    VECTOR_BITS,
+    has_short_denominator,
+    read_rational,
+)
 from dobc_design.errors import CertificateError, SpecError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import matrix_text
@@ -43,7 +48,9 @@ MAX_BYTES = 256 * 1024 * 1024
 
 def certificate_document(claims: Claims) -> dict[str, Any]:
     """The JSON document of certificate.json."""
-    W, P, Q = (None if each is None else matrix_text(each) for each in (claims.W, claims.P, claims.Q))
+    W, P, Q = (
+        None if each is None else matrix_text(each) for each in (claims.W, claims.P, claims.Q)
+    )
     options = {"options": list(claims.options)} if claims.options else {}
     return {
         "format": FORMAT,
@@ -71,26 +78,45 @@ def certificate_bytes(claims: Claims) -> bytes:
 def read_claims(data: bytes) -> Claims:
     """Read certificate.json.  Raises CertificateError for anything that is not one."""
     if len(data) > MAX_BYTES:
-        raise CertificateError(f"the certificate is too large ({len(data)} bytes).", cure="Choose another file.")
+        raise CertificateError(
+            f"the certificate is too large ({len(data)} bytes).", cure="Choose another file."
+        )
     try:
         numbers = partial(json.loads, parse_float=_claimed_float, parse_constant=_no_constant)
         document = numbers(data.decode("utf-8"), object_pairs_hook=_no_duplicates)
         if not isinstance(document, dict) or document.get("format") != FORMAT:
             found = not_a(CERTIFICATE, document, name="the file")
-            raise CertificateError(f"the certificate cannot be read: {found.message}", cure=found.cure)
-        if type(document["version"]) is not int or document["version"] != VERSION:  # true and 1.0 equal 1
-            raise ValueError(f"version {document['version']!r} is not known here (this program knows {VERSION})")
+            raise CertificateError(
+                f"the certificate cannot be read: {found.message}", cure=found.cure
+            )
+        # true and 1.0 equal 1
+        if type(document["version"]) is not int or document["version"] != VERSION:
+            raise ValueError(
+                f"version {document['version']!r} is not known here (this program knows {VERSION})"
+            )
         return _claims(document)
     except SpecError as error:
         said = visible(str(error)[:300])
-        raise CertificateError(f"the certificate cannot be read: {said}", cure="Make it again.") from None
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, ArithmeticError) as error:
+        raise CertificateError(
+            f"the certificate cannot be read: {said}", cure="Make it again."
+        ) from None
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        ArithmeticError,
+    ) as error:
         what = f"the certificate cannot be read: {visible(reason_of(error)[:200])}."
         raise CertificateError(what, cure="Make it again with `dobc certify`.") from None
 
 
 def _claims(document: dict[str, Any]) -> Claims:
-    keys = "format version program problem problem_sha256 verdict reason rate covered_by observer notes checks"
+    keys = (
+        "format version program problem problem_sha256 verdict reason rate covered_by observer "
+        "notes checks"
+    )
     require_keys(document, "the certificate", needed=keys.split(), allowed=("factor",))
     program, observer, checks = document["program"], document["observer"], document["checks"]
     require_keys(program, "program", needed=("name", "version"), allowed=("options",))
@@ -105,9 +131,13 @@ def _claims(document: dict[str, Any]) -> Claims:
         reason=read_text(document["reason"], "reason"),
         rate=number_or_none(document["rate"]),
         factor=factor_or_none(document.get("factor")),
-        covered_by=None if document["covered_by"] is None else read_text(document["covered_by"], "covered_by"),
+        covered_by=None
+        if document["covered_by"] is None
+        else read_text(document["covered_by"], "covered_by"),
         checks=tuple(check_from_json(item) for item in checks),
-        gain_source=None if observer["source"] is None else read_text(observer["source"], "observer.source"),
+        gain_source=None
+        if observer["source"] is None
+        else read_text(observer["source"], "observer.source"),
         **{name: _read_matrix(observer[name], f"observer.{name}") for name in ("W", "P", "Q")},
         notes=read_texts(document["notes"], "notes"),
         version=read_text(program["version"], "program.version"),
@@ -118,7 +148,11 @@ def _claims(document: dict[str, Any]) -> Claims:
 def _read_matrix(value: Any, key: str) -> Matrix | None:
     if value is None:
         return None
-    if not isinstance(value, list) or not value or not all(isinstance(row, list) and row for row in value):
+    if (
+        not isinstance(value, list)
+        or not value
+        or not all(isinstance(row, list) and row for row in value)
+    ):
         raise TypeError(f"{key} must be a list of rows")
     if len({len(row) for row in value}) != 1:
         raise TypeError(f"{key} must have rows of equal length")
@@ -126,13 +160,15 @@ def _read_matrix(value: Any, key: str) -> Matrix | None:
 
 
 def _claimed_float(text: str) -> float:
-    """The float whose shortest decimal text is what is written, or the next one further from 0; it keeps the text.
+    """The float whose shortest decimal text is what is written, or the next one further from 0; it
+    keeps the text.
 
-    A rate, a margin or a radius further from 0 claims more: what is confirmed then is never less than what is written.
-    Of a factor the opposite is true; who reads one looks at the text.
+    A rate, a margin or a radius further from 0 claims more: what is confirmed then is never less
+    than what is written. Of a factor the opposite is true; who reads one looks at the text.
     """
     value, written = float(text), Decimal(text)
-    if math.isfinite(value) and Decimal(repr(value)).copy_abs() < written.copy_abs():  # abs() would round
+    # abs() would round
+    if math.isfinite(value) and Decimal(repr(value)).copy_abs() < written.copy_abs():
         value = math.nextafter(value, math.copysign(math.inf, written))
     return Written.of(value, text)
 
@@ -149,22 +185,29 @@ def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 _DIGITS = re.compile(r"[0-9]+")
-NO_NUMBERS = ("float64", "mode", "group", "tree")  # an array of doubles and a cut-up box, which may be long; names
-LONGEST_COEFFICIENT = 4000  # digits of a numerator or denominator in a polynomial: Python prints no more than 4300
+# an array of doubles and a cut-up box, which may be long; names
+NO_NUMBERS = ("float64", "mode", "group", "tree")
+# digits of a numerator or denominator in a polynomial: Python prints no more than 4300
+LONGEST_COEFFICIENT = 4000
 
 
 def writable(check: Check, domain: str) -> Check:
-    """The check, if a certificate can hold it; else without what may be left out; else UNDECIDED with the reason, about
-    ``domain``, that of Lemma 1.
+    """The check, if a certificate can hold it; else without what may be left out; else UNDECIDED
+    with the reason, about ``domain``, that of Lemma 1.
 
     Nothing untrue comes of it: a check may always claim less.
     """
     claim = check.claim  # Lemma 1 may leave out its lower bound
-    shorter = replace(check, claim=Unstable(roots=claim.roots)) if isinstance(claim, Unstable) else check
+    shorter = (
+        replace(check, claim=Unstable(roots=claim.roots)) if isinstance(claim, Unstable) else check
+    )
     for each in (check, shorter):
         if _fits(each):
             return each
-    reason = f"it is {check.verdict.value} here, but a number in the proof has more digits than a certificate holds"
+    reason = (
+        f"it is {check.verdict.value} here, but a number in the proof has more digits than a "
+        "certificate holds"
+    )
     cure = "Give the numbers of the problem with fewer digits, or with one common denominator."
     return withdrawn(check, domain, f"{reason} ({LONGEST} characters). {cure}")
 

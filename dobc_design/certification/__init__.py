@@ -1,1 +1,2 @@
-"""From a problem to a certificate: the order of the stages, cures, the overall verdict; and every claim again."""
+"""From a problem to a certificate: the order of the stages, cures, the overall verdict; and every
+claim again."""

@@ -1,7 +1,8 @@
 """From a problem to a certificate, and back to the claims in it: the order of the topics.
 
-certify: network and Lemma 1, the observer, the theorem; then cures, the stages of the region cheapest first, a settling
-time, another equilibrium.  Every stage proposes in floating point and decides exactly.
+certify: network and Lemma 1, the observer, the theorem; then cures, the stages of the region
+cheapest first, a settling time, another equilibrium.  Every stage proposes in floating point and
+decides exactly.
 """
 
 from __future__ import annotations
@@ -36,12 +37,29 @@ from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
 from dobc_design.conditions.linearisation.stage import linearisation_stage
 from dobc_design.conditions.margins.stage import inputs_stage, is_asked, margins_stage
 from dobc_design.conditions.numbers import claimed, is_writable
-from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
-from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
+from dobc_design.conditions.observer.decide import (
+    detectability_check,
+    hurwitz_check,
+    observability_check,
+    too_large,
+)
+from dobc_design.conditions.observer.propose import (
+    GainDesign,
+    chosen_gains,
+    design_gains,
+    observer_gain,
+    propose_pairs,
+)
 from dobc_design.conditions.quadratic.stage import SMALL_ROWS, quadratic_stage
 from dobc_design.conditions.schedule.cycles import phases_of
 from dobc_design.conditions.schedule.decide import Settling
-from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, schedule_stage, settle, settling_stage
+from dobc_design.conditions.schedule.stage import (
+    asked_of,
+    read_tolerance,
+    schedule_stage,
+    settle,
+    settling_stage,
+)
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.stated import stated_in
 from dobc_design.conditions.weighted.stage import weighted_stage
@@ -82,15 +100,17 @@ def certify(
 ) -> Certificate:
     """Run every condition that applies and decide each exactly.
 
-    ``problem`` is a Problem, a path or a built-in name.  The region asked for is examined cheapest first, until a
-    proof covers it; ``everything``: all of it, also where no region is asked for.  ``settling``: a tolerance in the
-    unit of x; the time after which |e(t)|_inf stays below it is proved as well (with ``everything`` and a region a
-    hundredth of its radius by default).  ``time_limit`` (s): stages that would begin later are left out, and long ones
-    cut off; without one every stage has a limit that is counted, so that the same input gives the same claims.
-    ``rate`` (1/s): proofs with at least this rate are looked for; without it those with the least time to one percent.
-    ``progress``: True for a bar, or a function of the name of each stage.
+    ``problem`` is a Problem, a path or a built-in name.  The region asked for is examined cheapest
+    first, until a proof covers it; ``everything``: all of it, also where no region is asked for.
+    ``settling``: a tolerance in the unit of x; the time after which |e(t)|_inf stays below it is
+    proved as well (with ``everything`` and a region a hundredth of its radius by default).
+    ``time_limit`` (s): stages that would begin later are left out, and long ones cut off; without
+    one every stage has a limit that is counted, so that the same input gives the same claims.
+    ``rate`` (1/s): proofs with at least this rate are looked for; without it those with the least
+    time to one percent. ``progress``: True for a bar, or a function of the name of each stage.
     Returns: a Certificate; its verdict is PROVED, REFUTED or UNDECIDED.
-    Raises: SpecError for a wrong problem.  A numerical library that breaks down costs at most a shorter proof.
+    Raises: SpecError for a wrong problem.  A numerical library that breaks down costs at most a
+    shorter proof.
     Source: Lemma 1, Theorems 1 and 2; theory, sections 1 to 5.
     Example:
         >>> certificate = dd.certify("clock-sync")
@@ -113,20 +133,42 @@ def certify(
         P = None if found.pair is None else found.pair.P
         findings = Findings(statements=found.statements, directions=found.directions, P=P)
         checks, W, pair, domain = found.checks, found.W, found.pair, found.statements.domain
-        regions = partial(region_checks, problem, W, domain=domain, everything=everything, report=report, rate=least)
+        regions = partial(
+            region_checks,
+            problem,
+            W,
+            domain=domain,
+            everything=everything,
+            report=report,
+            rate=least,
+        )
         guaranteed = problem.switching is not None and problem.switching.is_guaranteed
         own = tuple(regions(checks)) if guaranteed else ()  # it may need no cure of single modes
         curable = given.dynamics is None and out_of_time() is None
         if curable and not any(covers(problem, check, own) for check in own):
             checks = with_cures(
-                problem, checks, findings, progress=report, decide=lambda x: decide(x, lambda stage: None).checks
+                problem,
+                checks,
+                findings,
+                progress=report,
+                decide=lambda x: decide(x, lambda stage: None).checks,
             )
         checks += own if guaranteed else tuple(regions(checks))
-        checks += tuple(safety_stage(read_region(problem, W, domain=domain, everything=everything), report))
-        if tolerance is not None or (everything and problem.region is not None):
-            checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
         checks += tuple(
-            _ending("accuracy", domain, lambda: accuracy_stage(problem, W, checks, domain=domain, report=report))
+            safety_stage(read_region(problem, W, domain=domain, everything=everything), report)
+        )
+        if tolerance is not None or (everything and problem.region is not None):
+            checks += (
+                settling_stage(
+                    problem, W, checks, tolerance=tolerance, domain=domain, report=report
+                ),
+            )
+        checks += tuple(
+            _ending(
+                "accuracy",
+                domain,
+                lambda: accuracy_stage(problem, W, checks, domain=domain, report=report),
+            )
         )
         asked = read_region(problem, W, domain=domain, everything=everything)
         checks += tuple(_ending("actuators", domain, lambda: inputs_stage(asked, checks, report)))
@@ -142,7 +184,10 @@ def certify(
             gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
             P=P,
             Q=None if pair is None else pair.Q,
-            notes=(*notes_of(problem, found.designs, found.how), *_asked_rate(problem, checks, overall, wanted)),
+            notes=(
+                *notes_of(problem, found.designs, found.how),
+                *_asked_rate(problem, checks, overall, wanted),
+            ),
             version=__version__,
             options=tuple(options),
         )
@@ -150,7 +195,9 @@ def certify(
         return Certificate(problem=given, claims=agreed(claims, problem))
 
 
-def _asked_rate(problem: Problem, checks: Sequence[Check], overall: Overall, wanted: Fraction | None) -> Iterator[str]:
+def _asked_rate(
+    problem: Problem, checks: Sequence[Check], overall: Overall, wanted: Fraction | None
+) -> Iterator[str]:
     """What became of a rate that was asked for, where the verdict does not have it."""
     if wanted is None or claimed(overall.rate or 0.0) >= wanted:
         return
@@ -167,15 +214,21 @@ def _read_rate(value: Number) -> Fraction:
     """A rate > 0 in 1/s.  Raises: SpecError for anything else."""
     rate = parse_number(value, key="rate")
     if rate <= 0:
-        raise wrong("rate", f"must be > 0, in 1/s; got {number_text(rate)}.", "Leave it out for the least time.")
+        raise wrong(
+            "rate",
+            f"must be > 0, in 1/s; got {number_text(rate)}.",
+            "Leave it out for the least time.",
+        )
     return rate
 
 
 def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Recheck:
-    """Check every claim of a certificate exactly, against the problem, which is trusted and never taken from it.
+    """Check every claim of a certificate exactly, against the problem, which is trusted and never
+    taken from it.
 
     Two programs written apart decide, the package's own exact arithmetic and ``checker/``.
-    Returns: a Recheck; ``holds`` is True iff both find that every claim holds and the verdict follows from them.
+    Returns: a Recheck; ``holds`` is True iff both find that every claim holds and the verdict
+    follows from them.
     Raises: CertificateError if the certificate cannot be read.
     Example:
         >>> dd.verify(dd.certify("clock-sync"), "clock-sync").holds
@@ -194,13 +247,16 @@ def certify_settling(
     disturbance: Number | None = None,
     progress: Reports[str] = None,
 ) -> Settling:
-    """Prove a settling time: |e(t)|_inf <= tolerance for all t >= time, and an envelope of |e(t)|_inf on the way.
+    """Prove a settling time: |e(t)|_inf <= tolerance for all t >= time, and an envelope of
+    |e(t)|_inf on the way.
 
-    ``tolerance`` in the unit of x.  The starts are |e(0)|_inf <= ``radius`` and |eps_i(0)| <= ``disturbance``
-    (Euclidean), by default the smallest such set that holds the [region].  It holds for arbitrary switching among the
-    modes.  A missing W is designed first, as ``certify`` does.  ``progress``: as in ``certify``.
-    Returns: a Settling with ``time`` (s), ``envelope(t)``, ``stages`` and ``verdict``: PROVED, or UNDECIDED with
-    the reason.  Raises: SpecError for a wrong number, or without a [region] and without a radius.
+    ``tolerance`` in the unit of x.  The starts are |e(0)|_inf <= ``radius`` and |eps_i(0)| <=
+    ``disturbance`` (Euclidean), by default the smallest such set that holds the [region].  It holds
+    for arbitrary switching among the modes.  A missing W is designed first, as ``certify`` does.
+    ``progress``: as in ``certify``.
+    Returns: a Settling with ``time`` (s), ``envelope(t)``, ``stages`` and ``verdict``: PROVED, or
+    UNDECIDED with the reason.  Raises: SpecError for a wrong number, or without a [region] and
+    without a radius.
     Source: theory, section 11.
     Example:
         >>> settling = dd.certify_settling("clock-sync", radius=1, disturbance=1, tolerance="1/10")
@@ -222,10 +278,10 @@ def region_checks(
     report: Progress,
     rate: float = 0.0,
 ) -> list[Check]:
-    """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are
-    for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.  Of linear
-    couplings the same holds from every start, which may decide a question without a region.  Last, what errors of
-    weights and gains it leaves room for."""
+    """Examine the region, or with ``everything`` the largest box where none is asked for; W is what
+    ``checks`` are for.  Nothing is examined where ``checks`` cover the region already, unless
+    ``everything`` is wanted.  Of linear couplings the same holds from every start, which may decide
+    a question without a region.  Last, what errors of weights and gains it leaves room for."""
     known = any(covers(problem, check, checks) for check in checks)
     if problem.region is None and not known:
         known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
@@ -242,14 +298,17 @@ def region_checks(
             found = separable_stage(asked, report)
             if not any(covers(problem, check, found) for check in found):
                 found += schedule_stage(asked, report) + markov_stage(asked, report)
-            return found + (margins_stage(asked, found, report) if stated_in(problem).relative else [])
+            return found + (
+                margins_stage(asked, found, report) if stated_in(problem).relative else []
+            )
         known = known or domain != "global"
     asked = read_region(problem, W, domain=domain, everything=everything, rate=rate)
     found = []
     for stage in STAGES if everything or not known else STAGES[: is_asked(asked)]:
         found += stage(asked, report)
         covering = [check for check in found if covers(problem, check, found)]
-        # boxes in coordinates T x are found fast, but few decay as fast as a ball of a small problem
+        # boxes in coordinates T x are found fast, but few decay as fast as a ball of a small
+        # problem
         small = stage is separable_stage and problem.n * problem.m <= SMALL_ROWS
         slow = small and all(getattr(check.claim, "T", None) for check in covering)
         if not everything and covering and not slow:
@@ -268,10 +327,15 @@ def _ending(id: str, domain: str, stage: Callable[[], list[Check]]) -> list[Chec
 def other_equilibria(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, report: Progress
 ) -> Iterator[Check]:
-    """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
+    """The check that refutes a region with a second equilibrium, where nothing is proved or refuted
+    so far."""
     can = problem.region is not None and (W is not None or not problem.groups)
     can = can and not any(covers(problem, check, checks) for check in checks)
-    if can and out_of_time() is None and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
+    if (
+        can
+        and out_of_time() is None
+        and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED
+    ):
         from dobc_design.falsification.search import equilibrium_check
 
         report("looking for another equilibrium")
@@ -282,7 +346,8 @@ def other_equilibria(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decided:
-    """The checks of one problem and what they are about: W, how it was designed, the pair, directions by mode."""
+    """The checks of one problem and what they are about: W, how it was designed, the pair,
+    directions by mode."""
 
     checks: tuple[Check, ...]
     statements: Statements
@@ -331,8 +396,8 @@ def decide(problem: Problem, report: Progress, *, rate: float = 0.0) -> Decided:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Run:
-    """One certification: the problem, its conditions, floating-point estimates to propose from.  ``found``:
-    directions of few agents, filled in for the modes where Lambda < 0 looks doubtful."""
+    """One certification: the problem, its conditions, floating-point estimates to propose from.
+    ``found``: directions of few agents, filled in for the modes where Lambda < 0 looks doubtful."""
 
     problem: Problem
     statements: Statements
@@ -361,31 +426,49 @@ class _Run:
         """Observability, detectability, Hurwitz, for every group of agents."""
         if not self.problem.is_grouped:
             return _checks_of(self.problem.groups[0], gains[0], self.problem)
-        lacking = next((g for g, W in zip(self.problem.groups, gains, strict=True) if W is None), None)
+        lacking = next(
+            (g for g, W in zip(self.problem.groups, gains, strict=True) if W is None), None
+        )
         checks = []
         for group, W in zip(self.problem.groups, gains, strict=True):
             own = _checks_of(group, None if lacking is not None else W, None)
             if W is not None and lacking is not None:  # a certificate holds all gains or none
-                reason = f"it is left open, because the group of agent {lacking.name} has no gain W."
+                reason = (
+                    f"it is left open, because the group of agent {lacking.name} has no gain W."
+                )
                 own[-1] = undecided_check("hurwitz", "global", reason)
             # without its fix, which names keys that all agents share
             who = f"Of {name_some(group.agents)}: "
-            checks += [replace(check, group=group.name, fix=None, reason=who + check.reason) for check in own]
+            checks += [
+                replace(check, group=group.name, fix=None, reason=who + check.reason)
+                for check in own
+            ]
         return checks
 
     def theorem_checks(
-        self, exosystem: Exosystem, gains: Sequence[Matrix | None], lemmas: Sequence[Check], observer: Sequence[Check]
+        self,
+        exosystem: Exosystem,
+        gains: Sequence[Matrix | None],
+        lemmas: Sequence[Check],
+        observer: Sequence[Check],
     ) -> tuple[list[Check], Pair | None, str]:
-        """The printed P where there is one, then the theorem with a P of our own; how that came about."""
+        """The printed P where there is one, then the theorem with a P of our own; how that came
+        about."""
         problem, checks = self.problem, []
         name = "theorem2" if problem.network.switches else "theorem1"
-        check = partial(consensus.theorem_check, statements=self.statements, exosystem=exosystem, lemmas=lemmas)
+        check = partial(
+            consensus.theorem_check, statements=self.statements, exosystem=exosystem, lemmas=lemmas
+        )
         own = problem.joint_observer
         if own.P is not None and own.W is not None:
             given = Pair(P=own.P, Q=multiply(own.P, own.W))
             proposal = self.proposal(given, exosystem)
-            checks.append(check(f"{name}-printed", pair=given, proposal=proposal, obstacle=None, printed=True))
-        obstacle = next((c for c in observer if c.id in OBSTACLES and c.verdict is Verdict.REFUTED), None)
+            checks.append(
+                check(f"{name}-printed", pair=given, proposal=proposal, obstacle=None, printed=True)
+            )
+        obstacle = next(
+            (c for c in observer if c.id in OBSTACLES and c.verdict is Verdict.REFUTED), None
+        )
         blocked = obstacle is not None or any(c.verdict is not Verdict.PROVED for c in lemmas)
         known = [W for W in gains if W is not None]
         blocked = blocked or len(known) < len(gains)
@@ -401,12 +484,17 @@ class _Run:
         return checks, pair, how
 
     def find_pair(self, exosystem: Exosystem, gains: Sequence[Matrix]) -> tuple[Pair | None, str]:
-        """The first proposed pair for which Psi < 0 is proved, and a sentence if it did not come the usual way."""
+        """The first proposed pair for which Psi < 0 is proved, and a sentence if it did not come
+        the usual way."""
         bound = max((top.value for top in self.tops.values()), default=math.nan)
         for P, Q, how in _proposed_pairs(self.problem.groups, gains, bound=bound):
             pair = Pair(P=P, Q=Q)
             S = consensus.schur_block(pair, exosystem)
-            if S is not None and is_writable(P, Q, S) and consensus.psi_is_negative(self.statements, exosystem, pair):
+            if (
+                S is not None
+                and is_writable(P, Q, S)
+                and consensus.psi_is_negative(self.statements, exosystem, pair)
+            ):
                 return pair, how
             if out_of_time() is not None:
                 break
@@ -420,27 +508,41 @@ class _Run:
             P, Q = to_float(pair.P), to_float(pair.Q)
         except DobcError:  # entries too large for floats: the exact side does without
             return Proposal()
-        margin, rate = (f(self.tops, P, Q, exosystem) for f in (estimates.pair_margin, estimates.pair_rate))
+        margin, rate = (
+            f(self.tops, P, Q, exosystem) for f in (estimates.pair_margin, estimates.pair_rate)
+        )
         slowest_first = sorted(self.tops.values(), key=lambda top: -top.value)
-        return Proposal(margin=margin, rate=rate, vectors=[top.vector.tolist() for top in slowest_first])
+        return Proposal(
+            margin=margin, rate=rate, vectors=[top.vector.tolist() for top in slowest_first]
+        )
 
 
 def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[Check]:
     """The checks of one exosystem and its gain; ``problem`` where cures may change its keys."""
     exosystem = group.exosystem
     if (reason := too_large(exosystem)) is not None:
-        return [undecided_check(id, "global", reason) for id in ("observability", "detectability", "hurwitz")]
+        return [
+            undecided_check(id, "global", reason)
+            for id in ("observability", "detectability", "hurwitz")
+        ]
     source = "given" if group.observer.W is not None else "designed"
     estimate = 0.0 if W is None else decay_rate(exosystem, W)
     key = "W of the group" if problem is None else "observer.W"
-    hurwitz = hurwitz_check(exosystem, W, estimate=estimate, source=source, problem=problem, key=key)
-    return [observability_check(exosystem, problem), detectability_check(exosystem, problem), hurwitz]
+    hurwitz = hurwitz_check(
+        exosystem, W, estimate=estimate, source=source, problem=problem, key=key
+    )
+    return [
+        observability_check(exosystem, problem),
+        detectability_check(exosystem, problem),
+        hurwitz,
+    ]
 
 
 def _proposed_pairs(
     groups: Sequence[Group], gains: Sequence[Matrix], *, bound: float
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
-    """Pairs in turn, block diagonal; the last of a group, which must do, stands in when its others are used up."""
+    """Pairs in turn, block diagonal; the last of a group, which must do, stands in when its others
+    are used up."""
     each = [
         propose_pairs(group.exosystem, W, bound=bound, decay=decay_rate(group.exosystem, W))
         for group, W in zip(groups, gains, strict=True)
@@ -451,21 +553,36 @@ def _proposed_pairs(
         known = [pair for pair in last if pair is not None]
         if len(known) == len(each):
             words = dict.fromkeys(how for _, _, how in known if how)
-            yield block_diagonal([P for P, _, _ in known]), block_diagonal([Q for _, Q, _ in known]), " ".join(words)
+            yield (
+                block_diagonal([P for P, _, _ in known]),
+                block_diagonal([Q for _, Q, _ in known]),
+                " ".join(words),
+            )
 
 
 def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -> Iterator[str]:
-    """What was given, assumed and designed, in sentences; ``how`` the pair came about, if not the usual way."""
+    """What was given, assumed and designed, in sentences; ``how`` the pair came about, if not the
+    usual way."""
     yield from problem.notes
     if not problem.groups:
         yield "No exosystem was given: there is no disturbance and no observer."
     if problem.is_grouped:
-        yield "Agents differ in their exosystem: W, P and Q hold one block for each group, in this order."
+        yield (
+            "Agents differ in their exosystem: W, P and Q hold one block for each group, in "
+            "this order."
+        )
     if problem.undisturbed:
-        who, has = name_some(problem.undisturbed), "has" if len(problem.undisturbed) == 1 else "have"
+        who, has = (
+            name_some(problem.undisturbed),
+            "has" if len(problem.undisturbed) == 1 else "have",
+        )
         yield f"{who[0].upper()}{who[1:]} {has} no disturbance and no observer."
     for group, design in zip(problem.groups, designs, strict=True):
-        who = f"Group of agent {group.name} ({name_some(group.agents)}): " if problem.is_grouped else ""
+        who = (
+            f"Group of agent {group.name} ({name_some(group.agents)}): "
+            if problem.is_grouped
+            else ""
+        )
         if design is None:
             yield f"{who}The observer gain W was given."
         else:
@@ -475,21 +592,36 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     for applies, note in (
         (how, how),
         (not problem.pinning.agents, "No agent is pinned."),
-        (own.W is not None and own.rate is not None, "observer.rate is not used, because W was given."),
+        (
+            own.W is not None and own.rate is not None,
+            "observer.rate is not used, because W was given.",
+        ),
         (problem.region is None and not linear, f"No region was asked for: {local}"),
         (
-            len(problem.network.modes) > 1 and not phases_of(problem) and generator_of(problem) is None,
+            len(problem.network.modes) > 1
+            and not phases_of(problem)
+            and generator_of(problem) is None,
             "The modes may switch in any way, so one V has to serve them all.",
         ),
         (
             loose := [name for name, arcs in problem.network.modes.items() if arcs.optional],
-            f"The optional arcs of mode {', '.join(loose)} may come and go at any time, also while the mode lasts.",
+            f"The optional arcs of mode {', '.join(loose)} may come and go at any time, "
+            "also while the mode lasts.",
         ),
         (linear, "Every coupling is exactly linear: what holds near the target holds everywhere."),
-        (problem.exceptions, f"{counted(len(problem.exceptions), 'arc')} with a coupling of their own."),
-        (problem.offsets, "Agents go to the target plus their formation offset; couplings act on x - offset."),
+        (
+            problem.exceptions,
+            f"{counted(len(problem.exceptions), 'arc')} with a coupling of their own.",
+        ),
+        (
+            problem.offsets,
+            "Agents go to the target plus their formation offset; couplings act on x - offset.",
+        ),
     ):
         if applies:
             yield note
     if (why := out_of_time()) is not None:
-        yield f"What was not decided in time was {why} On another machine, or with more time, more may be proved."
+        yield (
+            f"What was not decided in time was {why} On another machine, or with more time, "
+            "more may be proved."
+        )

@@ -1,6 +1,7 @@
 """Cures: what would turn a refuted condition into a proof, cheapest first, and how that is said.
 
-Every proposal is put into the problem and what failed is decided again, exactly; what is not proved is not offered.
+Every proposal is put into the problem and what failed is decided again, exactly; what is not proved
+is not offered.
 """
 
 from __future__ import annotations
@@ -16,7 +17,13 @@ from dobc_design.conditions.consensus import cures
 from dobc_design.conditions.consensus.claim import PairFacts, Statements, state_theorems
 from dobc_design.conditions.consensus.cures import PinProposal, rounded_up
 from dobc_design.conditions.consensus.decide import enclosed_lambda
-from dobc_design.conditions.consensus.network import Directions, carriers, is_negative, name_agents, unpinned_witness
+from dobc_design.conditions.consensus.network import (
+    Directions,
+    carriers,
+    is_negative,
+    name_agents,
+    unpinned_witness,
+)
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, too_large
@@ -47,7 +54,8 @@ Decide = Callable[[Problem], Sequence[Check]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Findings:
-    """What the decision of a problem left behind: its conditions, the directions looked at, P if there is one."""
+    """What the decision of a problem left behind: its conditions, the directions looked at, P if
+    there is one."""
 
     statements: Statements
     directions: Mapping[str, Directions]
@@ -68,13 +76,20 @@ class Accepted:
 
 
 def with_cures(
-    problem: Problem, checks: Sequence[Check], findings: Findings, *, decide: Decide, progress: Progress
+    problem: Problem,
+    checks: Sequence[Check],
+    findings: Findings,
+    *,
+    decide: Decide,
+    progress: Progress,
 ) -> tuple[Check, ...]:
-    """The checks, failed ones with a fix where one is proved: ``decide`` decides all checks of another problem."""
+    """The checks, failed ones with a fix where one is proved: ``decide`` decides all checks of
+    another problem."""
     if findings.statements.inapplicable is not None:
         return tuple(checks)
     found: dict[str, Fix] = {}
-    # Cures of W and P name keys that all agents share; those of the network are the same for groups.
+    # Cures of W and P name keys that all agents share; those of the network are the same for
+    # groups.
     for search in (_model_and_network,) if problem.is_grouped else (_model_and_network, _printed):
         try:
             with at_most(WORK * STAGE):
@@ -92,7 +107,11 @@ def _cured(check: Check, fix: Fix | None) -> Check:
 
 
 def _model_and_network(
-    problem: Problem, checks: Sequence[Check], findings: Findings, decide: Decide, progress: Progress
+    problem: Problem,
+    checks: Sequence[Check],
+    findings: Findings,
+    decide: Decide,
+    progress: Progress,
 ) -> dict[str, Fix]:
     """Cures of the exosystem, of W and of the network, and all of them together for the theorem."""
     found: dict[str, Fix] = {}
@@ -117,7 +136,8 @@ def _model_and_network(
 
 
 def _weights_do(problem: Problem) -> bool:
-    """Whether the theorem is proved with weights, asked of large networks: the other checks of it are not needed."""
+    """Whether the theorem is proved with weights, asked of large networks: the other checks of it
+    are not needed."""
     W = problem.joint_observer.W if problem.groups else None
     if problem.n <= LARGE or (problem.groups and W is None):
         return False
@@ -125,7 +145,8 @@ def _weights_do(problem: Problem) -> bool:
 
 
 def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
-    """Whether the theorem is proved, with weights or without; without an exosystem, Lemma 1 in every mode."""
+    """Whether the theorem is proved, with weights or without; without an exosystem, Lemma 1 in
+    every mode."""
     if _has_weights(checks):
         return True
     ids = ("theorem1", "theorem2") if problem.groups else ("lemma1",)
@@ -138,8 +159,11 @@ def _has_weights(checks: Iterable[Check]) -> bool:
 
 
 def _held_with_weights(problem: Problem, statements: Statements, *, rate: float = 0.0) -> bool:
-    """Whether weights of V are proved to do for the network alone: then no pin and no gain is missing."""
-    if why_not(statements) is not None or any(unreached(problem, [arcs]) for arcs in problem.network.modes.values()):
+    """Whether weights of V are proved to do for the network alone: then no pin and no gain is
+    missing."""
+    if why_not(statements) is not None or any(
+        unreached(problem, [arcs]) for arcs in problem.network.modes.values()
+    ):
         return False
     claim = network_claim(problem, rate)
     return claim is not None and network_holds(claim, statements, rate=claimed(rate))
@@ -152,12 +176,15 @@ def _merged(fixes: Sequence[Fix]) -> Fix | None:
     changes = {key: value for fix in fixes for key, value in fix.set.items()}
     kinds = {fix.kind for fix in fixes}
     return Fix(
-        kind=kinds.pop() if len(kinds) == 1 else "several", set=changes, text=" ".join(fix.text for fix in fixes)
+        kind=kinds.pop() if len(kinds) == 1 else "several",
+        set=changes,
+        text=" ".join(fix.text for fix in fixes),
     )
 
 
 def _model_parts(problem: Problem) -> list[Fix]:
-    """What the exosystem and W need: the observable part of an undetectable pair; a W that decays, with its P."""
+    """What the exosystem and W need: the observable part of an undetectable pair; a W that decays,
+    with its P."""
     parts: list[Fix] = []
     if problem.is_grouped or problem.exosystem is None or too_large(problem.exosystem) is not None:
         return parts
@@ -166,7 +193,11 @@ def _model_parts(problem: Problem) -> list[Fix]:
         parts.append(reduction)
         problem = changed_problem(problem, reduction.set)
     exosystem, observer = problem.exosystem, problem.observer
-    if exosystem is None or observer.W is None or hurwitz_check(exosystem, observer.W).verdict is Verdict.PROVED:
+    if (
+        exosystem is None
+        or observer.W is None
+        or hurwitz_check(exosystem, observer.W).verdict is Verdict.PROVED
+    ):
         return parts
     W = design_gain(exosystem, rate=observer.rate).W
     check = None if W is None else hurwitz_check(exosystem, W)
@@ -175,12 +206,15 @@ def _model_parts(problem: Problem) -> list[Fix]:
         gone = "" if observer.P is None else " and drop P, which was meant for the old W"
         changes: dict[str, Any] = {"observer.W": typed_matrix(W)}
         text = f"Use the observer gain W below{gone}: with it the estimation error decays{pace}."
-        parts.append(Fix(kind="gain", set=changes | ({"observer.P": None} if gone else {}), text=text))
+        parts.append(
+            Fix(kind="gain", set=changes | ({"observer.P": None} if gone else {}), text=text)
+        )
     return parts
 
 
 def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fix | None:
-    """The cheapest pins and gains proved to hold the network: with weights of V for one mode, else with Lambda < 0."""
+    """The cheapest pins and gains proved to hold the network: with weights of V for one mode, else
+    with Lambda < 0."""
     present = list(_proved(problem, cures.on_present_pins(problem)))
     if present:
         other = None
@@ -191,11 +225,18 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
         return _pin_fix(problem, present[0], faster=present[1:], other=other if cheaper else None)
     held_back = None
     apart = {agent for group in cures.groups_without_pin(problem) for agent in group}
-    if problem.pinning.agents and apart and why_not(findings.statements) is None and len(problem.network.modes) == 1:
+    if (
+        problem.pinning.agents
+        and apart
+        and why_not(findings.statements) is None
+        and len(problem.network.modes) == 1
+    ):
         rows = (Fraction(row // problem.m in apart) for row in range(problem.n * problem.m))
         held_back = next(iter(problem.network.modes)), tuple(rows)
     elif problem.pinning.agents:
-        matrices = {mode: enclosed_lambda(findings.statements, mode) for mode in findings.statements.lambdas}
+        matrices = {
+            mode: enclosed_lambda(findings.statements, mode) for mode in findings.statements.lambdas
+        }
         held_back = unpinned_witness(problem, matrices, findings.directions)
     for search in (cures.one_more, cures.several_more):
         proved = _proved(problem, search(problem, progress=progress))
@@ -203,7 +244,10 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
         if accepted is not None:
             least = accepted.proposal
             after = next(proved, None) if least.smallest else None
-            same = after is not None and (after.proposal.added, after.proposal.keeps) == (least.added, least.keeps)
+            same = after is not None and (after.proposal.added, after.proposal.keeps) == (
+                least.added,
+                least.keeps,
+            )
             faster = [after] if after is not None and same and not after.proposal.smallest else []
             groups = cures.groups_without_pin(problem) if len(least.added) > 1 else []
             return _pin_fix(problem, accepted, faster=faster, held_back=held_back, groups=groups)
@@ -211,7 +255,8 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
 
 
 def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Accepted]:
-    """The proposals for which Lambda < 0 is proved in every mode, or weights of V, with the rounded gains that do."""
+    """The proposals for which Lambda < 0 is proved in every mode, or weights of V, with the rounded
+    gains that do."""
     for proposal in proposals:
         for factor in FACTORS:
             spend(CURE)
@@ -245,20 +290,25 @@ def _pin_fix(
     held_back: tuple[str, Vector] | None = None,
     groups: Sequence[tuple[int, ...]] = (),
 ) -> Fix:
-    """What to do and what was considered: ``accepted`` are the smallest gains, ``faster`` those that are recommended on
-    the same agents; ``other``, one more pin though the present ones do; a direction that ``held_back`` all gains there;
-    ``groups`` each of which needs a pin."""
+    """What to do and what was considered: ``accepted`` are the smallest gains, ``faster`` those
+    that are recommended on the same agents; ``other``, one more pin though the present ones do; a
+    direction that ``held_back`` all gains there; ``groups`` each of which needs a pin."""
     several_modes = len(problem.network.modes) > 1
     chosen = faster[0] if faster else accepted
     parts = [_task(problem, chosen, minimum=accepted if faster else None)]
     if held_back is not None:
         mode, vector = held_back
-        who, pins = name_agents(carriers(problem, vector)), name_agents(_labels(problem, problem.pinning.agents))
+        who, pins = (
+            name_agents(carriers(problem, vector)),
+            name_agents(_labels(problem, problem.pinning.agents)),
+        )
         where = f" in mode {mode}" if several_modes else ""
         parts.append(f"No gain on {pins} can help: the error of {who} would not decrease{where}.")
     sets = [set(group) for group in groups]  # within one mode no smallest group contains another
     pairs = zip(groups, sets, strict=True)
-    least = [group for group, own in pairs if not (several_modes and any(each < own for each in sets))]
+    least = [
+        group for group, own in pairs if not (several_modes and any(each < own for each in sets))
+    ]
     if len(least) > 1:
         named = " and ".join(
             f"({', '.join(_labels(problem, group[:SHOWN]))}{', ...' if len(group) > SHOWN else ''})"
@@ -266,7 +316,10 @@ def _pin_fix(
         )
         more = f" and {len(least) - RIVALS} more" if len(least) > RIVALS else ""
         where = "in one of the modes " if several_modes else ""
-        parts.append(f"These groups listen {where}to nobody else, so each needs a pin of its own: {named}{more}.")
+        parts.append(
+            f"These groups listen {where}to nobody else, so each needs a pin of its own: "
+            f"{named}{more}."
+        )
     rivals = _labels(problem, accepted.proposal.rivals)
     if len(rivals) > 1 and len(rivals) + 1 == problem.n - len(set(problem.pinning.agents)):
         parts.append("Any other agent would do as well.")
@@ -277,15 +330,20 @@ def _pin_fix(
         new = name_agents(_labels(problem, other.proposal.added))
         total = f", in total {_short(other.total)}" if len(other.gains) > 1 else ""
         parts.append(
-            f"Also possible, with a pin on {new}: {_gains(problem, other.gains)}{total}{_none(problem, other)}."
+            f"Also possible, with a pin on {new}: "
+            f"{_gains(problem, other.gains)}{total}{_none(problem, other)}."
         )
     return Fix(kind="pinning", set=_gain_changes(problem, chosen), text=" ".join(parts))
 
 
 def _task(problem: Problem, accepted: Accepted, *, minimum: Accepted | None) -> str:
-    """What to do; ``minimum``: the smallest gains on the same agents, where these are the recommended ones."""
+    """What to do; ``minimum``: the smallest gains on the same agents, where these are the
+    recommended ones."""
     proposal, gains, pins = accepted.proposal, accepted.gains, problem.pinning.agents
-    new, plural = name_agents(_labels(problem, proposal.added)) if proposal.added else "", len(gains) > 1
+    new, plural = (
+        name_agents(_labels(problem, proposal.added)) if proposal.added else "",
+        len(gains) > 1,
+    )
     if new and set(gains) == set(proposal.added):
         as_well = " as well" if pins and proposal.keeps else ""
         how = f"with {_gains(problem, gains)}"
@@ -299,7 +357,10 @@ def _task(problem: Problem, accepted: Accepted, *, minimum: Accepted | None) -> 
         head = f"Change the gain{s} of the present pin{s}: {_gains(problem, gains)}"
     head += (f" (in total {_short(accepted.total)})" if plural else "") + _none(problem, accepted)
     if proposal.rate:
-        aim = f"a decay rate of at least {proposal.rate:.2g} 1/s near the target (V = e'De, a weight for each agent)"
+        aim = (
+            f"a decay rate of at least {proposal.rate:.2g} 1/s near the target (V = e'De, a "
+            "weight for each agent)"
+        )
         return f"{head}. Recommended: {aim}. Smaller gains do as well."
     if minimum is not None:
         least = f"Minimum with V = e'e: {_gains(problem, minimum.gains)}"
@@ -312,7 +373,11 @@ def _task(problem: Problem, accepted: Accepted, *, minimum: Accepted | None) -> 
 def _none(problem: Problem, accepted: Accepted) -> str:
     """The pins that are no longer needed."""
     idle = [agent for agent in problem.pinning.agents if agent not in accepted.gains]
-    return f", none for {name_agents(_labels(problem, idle))}" if idle and not accepted.proposal.keeps else ""
+    return (
+        f", none for {name_agents(_labels(problem, idle))}"
+        if idle and not accepted.proposal.keeps
+        else ""
+    )
 
 
 def _gains(problem: Problem, gains: Mapping[int, Fraction]) -> str:
@@ -323,7 +388,10 @@ def _gains(problem: Problem, gains: Mapping[int, Fraction]) -> str:
         return f"k = {_short(values[0])} for {who}"
     if len(gains) > SHOWN:
         return f"gains from {_short(values[0])} to {_short(values[-1])} for {name_agents(labels)}"
-    each = [f"k = {_short(k)} for agent {label}" for label, k in zip(labels, gains.values(), strict=True)]
+    each = [
+        f"k = {_short(k)} for agent {label}"
+        for label, k in zip(labels, gains.values(), strict=True)
+    ]
     return f"{', '.join(each[:-1])} and {each[-1]}"
 
 
@@ -336,22 +404,33 @@ def _labels(problem: Problem, agents: Iterable[int]) -> tuple[str, ...]:
 
 
 def _printed(
-    problem: Problem, checks: Sequence[Check], findings: Findings, decide: Decide, progress: Progress
+    problem: Problem,
+    checks: Sequence[Check],
+    findings: Findings,
+    decide: Decide,
+    progress: Progress,
 ) -> dict[str, Fix]:
-    """A printed P that fails by its scale, times the smallest factor that does; any other, the P that was found."""
-    check = next((c for c in checks if c.id.endswith("-printed") and c.verdict is Verdict.REFUTED), None)
+    """A printed P that fails by its scale, times the smallest factor that does; any other, the P
+    that was found."""
+    check = next(
+        (c for c in checks if c.id.endswith("-printed") and c.verdict is Verdict.REFUTED), None
+    )
     own = problem.observer.P
     if check is None or own is None or not _holds(problem, checks):
         return {}
     progress("looking for a P")
-    factor = cures.scale_needed(problem, check.claim.S) if isinstance(check.claim, PairFacts) else None
+    factor = (
+        cures.scale_needed(problem, check.claim.S) if isinstance(check.claim, PairFacts) else None
+    )
     tries: list[tuple[Matrix, str]] = []
     for more in FACTORS if factor else ():
         a = rounded_up(Fraction(factor or 1) * Fraction(more))
         why = "only its scale is wrong, and this is the smallest sufficient factor, rounded up."
         tries.append((scale(a, own), f"Multiply P by {_short(a)}: {why}"))
     if findings.P is not None:
-        tries.append((findings.P, "Use the P that was found for this W, for which the condition is proved."))
+        tries.append(
+            (findings.P, "Use the P that was found for this W, for which the condition is proved.")
+        )
     for P, text in tries:
         fix = Fix(kind="pair", set={"observer.P": typed_matrix(P)}, text=text)
         cured = next(c for c in decide(changed_problem(problem, fix.set)) if c.id == check.id)

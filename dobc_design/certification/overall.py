@@ -1,7 +1,8 @@
-"""The overall verdict.  Proved iff a consensus proof covers what is asked, and the checks of the tables [actuators] and
-[uncertainty] do, where the file states something there (``conditions.stated``).  Refuted iff consensus itself is proved
-to fail: agents out of reach of every pin in all modes together, an estimation error that reaches the agents and does
-not decay, or an unstable linearisation.  A theorem that does not apply never refutes."""
+"""The overall verdict.  Proved iff a consensus proof covers what is asked, and the checks of the
+tables [actuators] and [uncertainty] do, where the file states something there
+(``conditions.stated``).  Refuted iff consensus itself is proved to fail: agents out of reach of
+every pin in all modes together, an estimation error that reaches the agents and does not decay, or
+an unstable linearisation.  A theorem that does not apply never refutes."""
 
 from __future__ import annotations
 
@@ -18,7 +19,15 @@ from dobc_design.conditions.graphs.decide import absorbing, generator_of, signal
 from dobc_design.conditions.numbers import read_rational, rounded_up, shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
 from dobc_design.conditions.schedule.cycles import cycles_of, may_stay, phases_of
-from dobc_design.conditions.stated import ACCURACY, LIMIT, TOLERANCE, answer_of, gaps, stated_in, table_words
+from dobc_design.conditions.stated import (
+    ACCURACY,
+    LIMIT,
+    TOLERANCE,
+    answer_of,
+    gaps,
+    stated_in,
+    table_words,
+)
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import decide_hurwitz
@@ -29,7 +38,8 @@ from dobc_design.problem.integrators import slopes_of_nodes
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-OF_A_GUARANTEE = ("schedule", "markov")  # which carry the verdict where nothing holds for arbitrary switching
+# which carry the verdict where nothing holds for arbitrary switching
+OF_A_GUARANTEE = ("schedule", "markov")
 MOST_PHASES = 40  # of a guarantee, of which cycles are examined
 MOST = Fraction(10) ** 300  # what a sentence can show of a number
 ALONE = "Without [region] the verdict is about the consensus alone."
@@ -37,8 +47,8 @@ ALONE = "Without [region] the verdict is about the consensus alone."
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overall:
-    """The verdict in one word and one sentence, the certified rate (1/s) with its factor, and the check that carries
-    it."""
+    """The verdict in one word and one sentence, the certified rate (1/s) with its factor, and the
+    check that carries it."""
 
     verdict: Verdict
     reason: str
@@ -48,8 +58,9 @@ class Overall:
 
 
 def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> Overall:
-    """Combine checks decided for the gain W.  Of these only verdicts, domains, rates and proved instabilities enter,
-    never a text; the rest is exact facts of ``problem``.  A designed W that fails says nothing against the problem."""
+    """Combine checks decided for the gain W.  Of these only verdicts, domains, rates and proved
+    instabilities enter, never a text; the rest is exact facts of ``problem``.  A designed W that
+    fails says nothing against the problem."""
     stated = stated_in(problem)
     covering = [check for check in checks if covers(problem, check, checks)]
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
@@ -57,7 +68,9 @@ def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) 
     if covering:
         best = min(covering, key=_preference)
         return _proved(problem, checks, best) if not stated else _with_tables(problem, checks, best)
-    refuted = _apart_reason(problem) or _adrift_reason(problem) or _refuted_reason(problem, checks, W)
+    refuted = (
+        _apart_reason(problem) or _adrift_reason(problem) or _refuted_reason(problem, checks, W)
+    )
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, reason=refuted)
     reason = _undecided_reason(problem, checks) + _moving_words(problem, checks, None)
@@ -67,15 +80,25 @@ def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) 
 def _proved(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
     """The verdict that ``best`` carries for the model without tables."""
     reason = _proved_reason(problem, best) + _moving_words(problem, checks, best)
-    return Overall(verdict=Verdict.PROVED, rate=best.rate, factor=best.factor, covered_by=best.id, reason=reason)
+    return Overall(
+        verdict=Verdict.PROVED,
+        rate=best.rate,
+        factor=best.factor,
+        covered_by=best.id,
+        reason=reason,
+    )
 
 
 def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
-    """The verdict about the plant that the file states, where ``best`` proves what is asked of the model alone."""
+    """The verdict about the plant that the file states, where ``best`` proves what is asked of the
+    model alone."""
     stated, open_tables = stated_in(problem), list(gaps(problem, checks))
     if open_tables:
         without = " and ".join(_NAMES[id] for id in stated.wanted)
-        told = f"Undecided: without {without} {_arrival(problem, best, pace=best).replace('All', 'all', 1)}"
+        told = (
+            f"Undecided: without {without} "
+            f"{_arrival(problem, best, pace=best).replace('All', 'all', 1)}"
+        )
         reasons = dict.fromkeys(gap.reason for gap in open_tables)
         for reason in reasons:
             tables = " and with ".join(gap.table for gap in open_tables if gap.reason == reason)
@@ -86,27 +109,39 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
     for id in (ACCURACY, TOLERANCE):
         if id in stated.wanted:
             carrier = answer_of(problem, checks, id) or best
-    reason = _arrival(problem, best, pace=carrier, final=carrier if carrier.id == ACCURACY else None)
+    reason = _arrival(
+        problem, best, pace=carrier, final=carrier if carrier.id == ACCURACY else None
+    )
     if carrier is not best:
         reason += f", with {table_words(problem, carrier.id)}"
     if stated.limit:
         reason += (
-            f", and no {_limited(problem)} exceeds {table_words(problem, LIMIT)}{_limited_starts(problem, checks)}"
+            f", and no {_limited(problem)} exceeds "
+            f"{table_words(problem, LIMIT)}{_limited_starts(problem, checks)}"
         )
     reason += f".{_local_words(carrier)}{_moving_words(problem, checks, best)}"
     return Overall(
-        verdict=Verdict.PROVED, rate=carrier.rate, factor=carrier.factor, covered_by=carrier.id, reason=reason
+        verdict=Verdict.PROVED,
+        rate=carrier.rate,
+        factor=carrier.factor,
+        covered_by=carrier.id,
+        reason=reason,
     )
 
 
 def _limited(problem: Problem) -> str:
     """Which inputs the limits are about."""
     limits = None if problem.actuators is None else problem.actuators.limit
-    return "input" if not isinstance(limits, Mapping) or len(limits) == problem.n else "input of an agent with a limit"
+    return (
+        "input"
+        if not isinstance(limits, Mapping) or len(limits) == problem.n
+        else "input of an agent with a limit"
+    )
 
 
 def _limited_starts(problem: Problem, checks: Sequence[Check]) -> str:
-    """From where no limit is reached.  Without a region that is a box, whatever the domain of the consensus is."""
+    """From where no limit is reached.  Without a region that is a box, whatever the domain of the
+    consensus is."""
     held = answer_of(problem, checks, LIMIT)
     if problem.region is not None or held is None or not isinstance(held.domain, Mapping):
         return ""
@@ -120,7 +155,8 @@ _NAMES = {LIMIT: "the actuator limit", TOLERANCE: "[uncertainty]", ACCURACY: "[u
 
 
 def _preference(check: Check) -> tuple[bool, float, float]:
-    """Less is better: what holds for every signal, then the least certified time to one percent, then the rate."""
+    """Less is better: what holds for every signal, then the least certified time to one percent,
+    then the rate."""
     return check.id in OF_A_GUARANTEE, check.time_to_one_percent, -(check.rate or 0.0)
 
 
@@ -132,9 +168,16 @@ def _moving_words(problem: Problem, checks: Sequence[Check], best: Check | None)
     if best is not None and best.id != "safety":
         words = " This is about the graphs of the declared modes"
         if best.id == "max-separable":
-            words += " and every mix of their neighbour sets: each agent may take its neighbours from any mode"
+            words += (
+                " and every mix of their neighbour sets: each agent may take its neighbours "
+                "from any mode"
+            )
         words += ". Graphs that the modes do not list are not covered."
-    safe = [check for check in checks if check.id == "safety" and check.verdict is Verdict.PROVED and check is not best]
+    safe = [
+        check
+        for check in checks
+        if check.id == "safety" and check.verdict is Verdict.PROVED and check is not best
+    ]
     return words + "".join(f" {check.reason[:1].upper()}{check.reason[1:]}" for check in safe)
 
 
@@ -146,7 +189,10 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
             continue
         if not observable_part_is_hurwitz(group.exosystem, own):
             whose = f" of the group of agent {group.name}" if problem.is_grouped else ""
-            told = f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the"
+            told = (
+                f"Consensus fails: with this W{whose} the estimation error does not decay, and "
+                "it reaches the"
+            )
             return told + " agents. Choose another W, or leave W out to have one designed."
     refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
     for check in refuting if region is None or _target_is_interior(problem) else ():
@@ -157,16 +203,20 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
             return text + f" ({check.claim.roots} eigenvalue(s) with positive real part)."
         if check.id == "schedule":
             return f"Consensus fails: {check.reason}"
-    # Without a region the question is about every neighbourhood of the target, and this one is some way off.
-    resting = [check.reason for check in refuting if check.id == "equilibrium" and region is not None]
+    # Without a region the question is about every neighbourhood of the target, and this one is some
+    # way off.
+    resting = [
+        check.reason for check in refuting if check.id == "equilibrium" and region is not None
+    ]
     return resting[0] if resting else None
 
 
 def _apart_reason(problem: Problem) -> str | None:
-    """Agents that nothing pulls to the target, always, in a cycle of modes, or in modes that a Markov chain never
-    leaves, if the region lets them start so."""
+    """Agents that nothing pulls to the target, always, in a cycle of modes, or in modes that a
+    Markov chain never leaves, if the region lets them start so."""
     labels, phases = problem.network.labels, phases_of(problem)
-    if problem.node is not None:  # what no gain and no slope of f acts on, f itself may still pull: x' = -x**3
+    # what no gain and no slope of f acts on, f itself may still pull: x' = -x**3
+    if problem.node is not None:
         return None
     cycles = cycles_of(phases) if len(phases) <= MOST_PHASES else []
     for cycle in ((), *cycles, *absorbing(problem)):
@@ -177,7 +227,8 @@ def _apart_reason(problem: Problem) -> str | None:
 
 
 def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> str | None:
-    """The same for these modes, or for all with every arc there; what an allowed signal may leave out is left out."""
+    """The same for these modes, or for all with every arc there; what an allowed signal may leave
+    out is left out."""
     modes = problem.network.modes
     arcs, whole = [modes[mode] for mode in cycle], len(cycle) in (0, len(modes))
     arcs = arcs or [each.present for each in modes.values()]
@@ -187,11 +238,18 @@ def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> 
         if c is None:
             continue
         if set(group) <= set(apart):
-            who, them = name_agents(tuple(labels[i] for i in apart)), "it" if len(apart) == 1 else "them"
+            who, them = (
+                name_agents(tuple(labels[i] for i in apart)),
+                "it" if len(apart) == 1 else "them",
+            )
             sure = " by arcs that are always there" if any(each.optional for each in arcs) else ""
             pins = f"no pinned agent reaches {who}{sure}"
             if not whole:
-                turns = f"mode {cycle[0]} stays" if len(cycle) == 1 else f"modes {' and '.join(cycle)} are"
+                turns = (
+                    f"mode {cycle[0]} stays"
+                    if len(cycle) == 1
+                    else f"modes {' and '.join(cycle)} are"
+                )
                 while_on = f"while {turns} on, as the guarantee allows"
                 if generator_of(problem) is not None:
                     on = f"mode {cycle[0]}" if len(cycle) == 1 else f"modes {', '.join(cycle)}"
@@ -200,13 +258,23 @@ def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> 
             else:
                 pins += f", in any mode, so nothing pulls {them}"
             if not problem.pinning.agents:
-                text = f"The target is not reached: no agent is pinned, so nothing pulls {who} to it."
-                return " ".join(filter(None, (text, agreement_words(problem), cure_in_words(problem, arcs))))
+                text = (
+                    f"The target is not reached: no agent is pinned, so nothing pulls {who} to it."
+                )
+                return " ".join(
+                    filter(None, (text, agreement_words(problem), cure_in_words(problem, arcs)))
+                )
             return f"Consensus fails: {pins} to the target. {cure_in_words(problem, arcs)}"
         direction = ", ".join(number_text(x) for x in c)
         own = "the gains" if problem.origin is None else "the gains and the dynamics"
-        text = f"Consensus fails: {own} of {name_agents(tuple(labels[i] for i in group))} leave the direction"
-        text += f" ({direction}) free, and no other agent acts on it: an error in this direction never decays."
+        text = (
+            f"Consensus fails: {own} of {name_agents(tuple(labels[i] for i in group))} leave "
+            "the direction"
+        )
+        text += (
+            f" ({direction}) free, and no other agent acts on it: an error in this direction "
+            "never decays."
+        )
         return text + " Give one of them a gain k with k c != 0 for that direction c."
     return None
 
@@ -216,29 +284,42 @@ def _adrift_reason(problem: Problem) -> str | None:
     A, origin = slopes_of_nodes(problem), problem.origin
     if origin is None or not A or problem.node is not None or not _target_is_interior(problem):
         return None
-    arcs, pinned = [each.present for each in problem.network.modes.values()], set(origin.pinning.agents)
+    arcs, pinned = (
+        [each.present for each in problem.network.modes.values()],
+        set(origin.pinning.agents),
+    )
     alone = [group for group in closed_groups(problem, arcs) if not pinned & set(group)]
     if not alone or decide_hurwitz(A).verdict is not Verdict.REFUTED:
         return None
     who = name_agents([problem.network.labels[i] for i in alone[0]])
-    text = f"Consensus fails: no pinned agent reaches {who}, in any mode, and a common error there does not decay:"
+    text = (
+        f"Consensus fails: no pinned agent reaches {who}, in any mode, and a common error "
+        "there does not decay:"
+    )
     return f"{text} A is not Hurwitz. {cure_in_words(origin, arcs)}"
 
 
 def _start_apart(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> Vector | None:
-    """A c != 0 for which the region allows e_S = c and no gain of the group acts on c; None if there is none."""
+    """A c != 0 for which the region allows e_S = c and no gain of the group acts on c; None if
+    there is none."""
     if problem.region is None:
         return free[0]
     box = _room(problem, group)
     if any(lo > hi for lo, hi in box):
         return None
-    box = [(lo - last, hi - first) for (lo, hi), (first, last) in zip(box, problem.leads, strict=True)]
-    return find_in_nullspace(tuple(row for i in group for row in problem.pinning.gains.get(i, ())), box)
+    box = [
+        (lo - last, hi - first) for (lo, hi), (first, last) in zip(box, problem.leads, strict=True)
+    ]
+    return find_in_nullspace(
+        tuple(row for i in group for row in problem.pinning.gains.get(i, ())), box
+    )
 
 
 def _target_is_interior(problem: Problem) -> bool:
-    """Whether all agents may start beside their goals, in every direction; with a leader, for one of its starts."""
-    rooms = zip(_room(problem, range(problem.n)), problem.leads, strict=False)  # no room is asked for without a region
+    """Whether all agents may start beside their goals, in every direction; with a leader, for one
+    of its starts."""
+    # no room is asked for without a region
+    rooms = zip(_room(problem, range(problem.n)), problem.leads, strict=False)
     return all(lo < hi and lo < last and first < hi for (lo, hi), (first, last) in rooms)
 
 
@@ -247,7 +328,8 @@ def _room(problem: Problem, group: Sequence[int]) -> list[tuple[Fraction, Fracti
     pairs = problem.region.initial_states if problem.region is not None else ()
     goals = {problem.goal_of(agent) for agent in group} if problem.offsets else {problem.target}
     return [
-        (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals)) for c, (lo, hi) in enumerate(pairs)
+        (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals))
+        for c, (lo, hi) in enumerate(pairs)
     ]
 
 
@@ -260,17 +342,22 @@ def _local_words(check: Check) -> str:
 
 
 def _arrival(problem: Problem, check: Check, *, pace: Check, final: Check | None = None) -> str:
-    """Who arrives where, from which starts and how fast, without a full stop.  ``pace``: the check whose rate counts;
-    ``final``: a proved ``accuracy``."""
+    """Who arrives where, from which starts and how fast, without a full stop.  ``pace``: the check
+    whose rate counts; ``final``: a proved ``accuracy``."""
     switching = f" {signals_in_words(problem, check)}".rstrip()
     shown = check if final is None else final
-    elsewhere = " in the region" if problem.region is not None else f" with {_domain_in_words(shown)}"
+    elsewhere = (
+        " in the region" if problem.region is not None else f" with {_domain_in_words(shown)}"
+    )
     which = {"global": "", "consensus": " close enough to it"}.get(str(shown.domain), elsewhere)
     if final is not None:
         goal = "the target" if problem.leader is None else "the leader"
         goal += " plus their offset" if problem.offsets else ""
         goal += ", in every component," if problem.m > 1 else ""
-        return f"All agents end within {_final_bound(final)} of {goal} from every start{which}{switching}"
+        return (
+            f"All agents end within {_final_bound(final)} of {goal} from every "
+            f"start{which}{switching}"
+        )
     arrive = "reach the target" if problem.leader is None else "follow the leader"
     return f"All agents {arrive} from every start{which}{switching}{_pace_in_words(problem, pace)}"
 
@@ -278,7 +365,9 @@ def _arrival(problem: Problem, check: Check, *, pace: Check, final: Check | None
 def _final_bound(check: Check) -> str:
     """The largest final bound, rounded up."""
     given = (check.exact or {}).get("bounds", {}).values()
-    listed = [read_rational(x) for each in given for x in (each if isinstance(each, list) else [each])]
+    listed = [
+        read_rational(x) for each in given for x in (each if isinstance(each, list) else [each])
+    ]
     return f"{float(rounded_up(max(listed), digits=4)):.6g}"
 
 
@@ -292,7 +381,10 @@ def _pace_in_words(problem: Problem, check: Check) -> str:
     factor = significant_away_from_zero(check.factor)
     time = significant_away_from_zero(check.time_to_one_percent, 3)
     beside = ", up to what the estimation error adds" if problem.groups else ""
-    return f"{pace} with a factor of {factor}: {check.norm} falls to one percent within {time} s{beside}"
+    return (
+        f"{pace} with a factor of {factor}: {check.norm} falls to one percent within {time} "
+        f"s{beside}"
+    )
 
 
 def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
@@ -304,8 +396,14 @@ def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
     if tried[0].verdict is Verdict.REFUTED and not proved:
         signals = " Consensus may still hold for some signals." if problem.network.switches else ""
         return f"Undecided: {tried[0].reason}{signals} More pinned agents would help."
-    near = proved or any(check.kind.is_consensus and check.verdict is Verdict.PROVED for check in checks)
-    smaller = "a smaller [region], larger gains or more pinned agents" if near else "more pinned agents, larger gains"
+    near = proved or any(
+        check.kind.is_consensus and check.verdict is Verdict.PROVED for check in checks
+    )
+    smaller = (
+        "a smaller [region], larger gains or more pinned agents"
+        if near
+        else "more pinned agents, larger gains"
+    )
     advice = f"What would help: {smaller}. {ALONE}"
     if not proved:
         return f"Undecided: no proof reaches the region asked for: {tried[0].reason} {advice}"
@@ -321,25 +419,43 @@ def _domain_in_words(check: Check) -> str:
         return f"every start ({check.id})"
     error = "|e_i|" if check.domain.get("kind") == "box" else "|e|"
     noise = check.domain.get("disturbance")
-    return f"{error} <= {check.domain.get('radius')}{f' and |eps_i| <= {noise}' if noise else ''} ({check.id})"
+    return (
+        f"{error} <= {check.domain.get('radius')}{f' and |eps_i| <= {noise}' if noise else ''} "
+        f"({check.id})"
+    )
 
 
 def _cut_reason(checks: Sequence[Check]) -> str | None:
-    """What was not decided, because time or work ran out, where that might have decided; None if nothing."""
-    cut = [check for check in checks if check.cut and (check.kind.is_consensus or check.kind.role == "safety")]
+    """What was not decided, because time or work ran out, where that might have decided; None if
+    nothing."""
+    cut = [
+        check
+        for check in checks
+        if check.cut and (check.kind.is_consensus or check.kind.role == "safety")
+    ]
     if not cut:
         return None
     names = list(dict.fromkeys(check.id for check in cut))
     listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
     seconds = time_limit()
     if seconds is not None and out_of_time() is not None:
-        told = f"Undecided: time ran out. The time limit of {seconds:g} s ended before {listed} could be decided;"
+        told = (
+            f"Undecided: time ran out. The time limit of {seconds:g} s ended before {listed} "
+            "could be decided;"
+        )
         told += " with more time more may be proved."
     else:
-        told = f"Undecided: work ran out. {listed} would take too long for a problem of this size, so that nothing is"
+        told = (
+            f"Undecided: work ran out. {listed} would take too long for a problem of this "
+            "size, so that nothing is"
+        )
         told += " known of what would be proved. Fewer agents, states, modes or phases would help."
-        told += " `dobc certify --all` searches longer." if any(check.longer for check in cut) else ""
-    regions = [check for check in checks if check.kind.role == "region" and check.verdict is Verdict.PROVED]
+        told += (
+            " `dobc certify --all` searches longer." if any(check.longer for check in cut) else ""
+        )
+    regions = [
+        check for check in checks if check.kind.role == "region" and check.verdict is Verdict.PROVED
+    ]
     reach = [_domain_in_words(check) for check in regions]
     return told if not reach else f"{told} So far consensus is proved from {', '.join(reach)}."
 
@@ -347,23 +463,49 @@ def _cut_reason(checks: Sequence[Check]) -> str | None:
 def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
     if (cut := _cut_reason(checks)) is not None:
         return cut
-    unmet = [check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED]
-    somewhere = any(check.kind.role == "region" and check.verdict is Verdict.PROVED for check in checks)
+    unmet = [
+        check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED
+    ]
+    somewhere = any(
+        check.kind.role == "region" and check.verdict is Verdict.PROVED for check in checks
+    )
     if unmet and problem.network.switches and not somewhere:
         text = f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
         if problem.network.modes[str(unmet[0].mode)].optional:
-            text += " An arc that is always there would help as well: in this mode or, with a guarantee in [switching]"
+            text += (
+                " An arc that is always there would help as well: in this mode or, with a "
+                "guarantee in [switching]"
+            )
             return text + ' on time (such as "dwell"), in another one that comes often enough.'
         return text + " Consensus may still hold for signals that leave that mode often enough."
     reached = None if problem.region is None else _reached(problem, checks)
     if reached is not None:
         return reached
-    local = [c for c in checks if c.kind.is_consensus and c.verdict is Verdict.PROVED and c.domain == "consensus"]
+    local = [
+        c
+        for c in checks
+        if c.kind.is_consensus and c.verdict is Verdict.PROVED and c.domain == "consensus"
+    ]
     complete = [c for c in local if c.id != "lemma1"] if problem.groups else local
     if complete and problem.region is not None:
-        return f"Undecided: consensus is proved near the target only, and the region asked for is larger. {ALONE}"
-    ids: tuple[str, ...] = ("detectability", "hurwitz", "theorem2-weighted", "theorem2", "theorem1", "lemma1")
+        return (
+            "Undecided: consensus is proved near the target only, and the region asked for is "
+            f"larger. {ALONE}"
+        )
+    ids: tuple[str, ...] = (
+        "detectability",
+        "hurwitz",
+        "theorem2-weighted",
+        "theorem2",
+        "theorem1",
+        "lemma1",
+    )
     ids = ("lure", *ids) if problem.slopes_move else ids
-    unproved = [check for check in checks if check.id in ids and check.verdict is not Verdict.PROVED]
+    unproved = [
+        check for check in checks if check.id in ids and check.verdict is not Verdict.PROVED
+    ]
     first = min(unproved, key=lambda check: ids.index(check.id), default=None)
-    return f"Undecided: {'no condition that applies covers what is asked.' if first is None else first.reason}"
+    return (
+        "Undecided: "
+        f"{'no condition that applies covers what is asked.' if first is None else first.reason}"
+    )

@@ -1,7 +1,7 @@
-"""Every claim of a certificate decided again, from the trusted problem, by two programs written apart: ``recheck``
-with the package's exact arithmetic, and the lone checker; that they disagree is itself a failure.  Not checked,
-because no verdict depends on them: sentences, notes beyond those of the problem, the program's version, and the
-advice."""
+"""Every claim of a certificate decided again, from the trusted problem, by two programs written
+apart: ``recheck`` with the package's exact arithmetic, and the lone checker; that they disagree is
+itself a failure.  Not checked, because no verdict depends on them: sentences, notes beyond those of
+the problem, the program's version, and the advice."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker, plain Python.
+#: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker,
+#: plain Python.
 LONE_ARCS, LONE_ROWS = 100_000, 50_000
 #: How a proof or refutation is confirmed that is about a region and rests on no other check.
 REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
@@ -49,20 +50,30 @@ REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
     "accuracy": accuracy.confirm,
     "graphs": graphs.confirm,
 }
-#: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in its findings.
+#: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in
+#: its findings.
 PROMPT_ARCS: Final = 2000
 FIRST: Final = 3
 DISAGREE: Final = "it is {} here, but the second checker does not confirm it ({}). {}"
 # How the second checker says that it met a limit, not that a claim is wrong.
-UNSURE: Final = ("not shown", "followed here", "too many", "too large", "too long", "more than", "may be none")
+UNSURE: Final = (
+    "not shown",
+    "followed here",
+    "too many",
+    "too large",
+    "too long",
+    "more than",
+    "may be none",
+)
 HOW = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Recheck(Shown):
-    """The outcome of checking a certificate.  ``verdict`` is what the certificate claims; it counts if it ``holds``:
-    every claim holds and the verdict follows. ``confirmed`` and ``failures`` list the checks by title, the failures
-    with what is wrong.  ``lone_checker`` says what the lone checker found."""
+    """The outcome of checking a certificate.  ``verdict`` is what the certificate claims; it counts
+    if it ``holds``: every claim holds and the verdict follows. ``confirmed`` and ``failures`` list
+    the checks by title, the failures with what is wrong.  ``lone_checker`` says what the lone
+    checker found."""
 
     verdict: Verdict
     confirmed: tuple[str, ...]
@@ -79,7 +90,9 @@ class Recheck(Shown):
         return Card(
             title="Recheck",
             verdict=self.verdict.value if self.holds else None,
-            text="Every claim holds." if self.holds else f"{len(self.failures)} claim(s) do not hold.",
+            text="Every claim holds."
+            if self.holds
+            else f"{len(self.failures)} claim(s) do not hold.",
             heads=("claim", "outcome"),
             rows=[*failed, *((title, "confirmed") for title in self.confirmed)],
             lines=(f"Second checker: {self.lone_checker}",),
@@ -87,20 +100,27 @@ class Recheck(Shown):
 
     def __str__(self) -> str:
         head = "every claim holds" if self.holds else f"{len(self.failures)} claim(s) do not hold"
-        rows = [f"{head}; {f'verdict {self.verdict.value}' if self.holds else 'no verdict is confirmed'}."]
+        rows = [
+            f"{head}; "
+            f"{f'verdict {self.verdict.value}' if self.holds else 'no verdict is confirmed'}."
+        ]
         rows += [f"  confirmed: {title}" for title in self.confirmed]
         rows += [f"  NOT confirmed: {text}" for text in self.failures]
         return "\n".join([*rows, f"  second checker: {self.lone_checker}"])
 
 
 def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
-    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.  Raises: CertificateError if
-    the bytes are no certificate; where only one program can read them the lone checker says so, if it is asked."""
+    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.  Raises:
+    CertificateError if the bytes are no certificate; where only one program can read them the lone
+    checker says so, if it is asked."""
     unreadable: CertificateError | None = None
     try:
         own = recheck(certificate, problem)
     except CertificateError as error:
-        unreadable, own = error, Recheck(verdict=Verdict.UNDECIDED, confirmed=(), failures=(str(error),))
+        unreadable, own = (
+            error,
+            Recheck(verdict=Verdict.UNDECIDED, confirmed=(), failures=(str(error),)),
+        )
     arcs = sum(len(mode) for mode in problem.network.modes.values())
     data = certificate if isinstance(certificate, bytes) else certificate_bytes(certificate)
     document = canonical_bytes(problem)
@@ -109,20 +129,31 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
         if unreadable is not None:
             raise unreadable
         why = f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
-        return replace(own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}" if many else why)
+        return replace(
+            own,
+            lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}"
+            if many
+            else why,
+        )
     try:
         refusals = [text for holds, text in checker.examine(data, document) if not holds]
     except checker.Refused as error:
         foreign = unreadable is None and read_claims(data).problem_sha256 != problem_sha256(problem)
         if not own.holds and not foreign:
-            raise unreadable or CertificateError(f"the certificate cannot be read: {error}.") from error
+            raise unreadable or CertificateError(
+                f"the certificate cannot be read: {error}."
+            ) from error
         refusals = [f"it cannot read the files: {error}"]
     said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
-    own_view, lone_view = ("accepts", f"refuses ({refusals[0]})") if refusals else ("refuses", "accepts")
+    own_view, lone_view = (
+        ("accepts", f"refuses ({refusals[0]})") if refusals else ("refuses", "accepts")
+    )
     view = f"the package {own_view}, the second checker {lone_view}"
-    disagreement = f"two programs that decide the same claims disagree: {view}. {_what_follows(*refusals)}"
+    disagreement = (
+        f"two programs that decide the same claims disagree: {view}. {_what_follows(*refusals)}"
+    )
     return replace(own, failures=(*own.failures, disagreement), lone_checker=said)
 
 
@@ -133,7 +164,8 @@ def _what_follows(*refusals: str) -> str:
 
 
 def agreed(claims: Claims, problem: Problem) -> Claims:
-    """What both programs confirm of claims just made: what the lone checker refuses becomes undecided."""
+    """What both programs confirm of claims just made: what the lone checker refuses becomes
+    undecided."""
     arcs = sum(len(mode) for mode in problem.network.modes.values())
     if arcs > PROMPT_ARCS or problem.n * problem.m > PROMPT_ARCS:
         return claims
@@ -147,7 +179,11 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         except checker.Refused as error:
             found = [(False, f"it cannot read the files: {error}")]
         whole = next((text for holds, text in found[:FIRST] if not holds), None)
-        said = [(whole is None, whole or "")] * len(checks) if whole else found[FIRST : FIRST + len(checks)]
+        said = (
+            [(whole is None, whole or "")] * len(checks)
+            if whole
+            else found[FIRST : FIRST + len(checks)]
+        )
         unasked = checks[len(said) :]
         said += [(True, "")] * len(unasked)
         decided = (check.verdict is not Verdict.UNDECIDED for check in checks)
@@ -155,12 +191,18 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         if not any(refused):
             break
         checks = tuple(
-            withdrawn(check, domain, DISAGREE.format(check.verdict.value, text, _what_follows(text))) if bad else check
+            withdrawn(
+                check, domain, DISAGREE.format(check.verdict.value, text, _what_follows(text))
+            )
+            if bad
+            else check
             for check, bad, (_, text) in zip(checks, refused, said, strict=True)
         )
         overall, proofs = decide_overall(problem, checks, claims.W), ("theorem1", "theorem2")
         pair = any(check.id in proofs and check.verdict is Verdict.PROVED for check in checks)
-        claims = replace(claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None)
+        claims = replace(
+            claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None
+        )
         claims = replace(claims, **asdict(overall))
     if any(check.verdict is not Verdict.UNDECIDED for check in unasked):
         claims = replace(claims, notes=(*claims.notes, _unasked_words(unasked)))
@@ -168,7 +210,9 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
     reason = "Undecided: " + DISAGREE.format(claims.verdict.value, lacking, _what_follows(lacking))
-    return replace(claims, verdict=Verdict.UNDECIDED, reason=reason, rate=None, factor=None, covered_by=None)
+    return replace(
+        claims, verdict=Verdict.UNDECIDED, reason=reason, rate=None, factor=None, covered_by=None
+    )
 
 
 def _unasked_words(unasked: Sequence[Check]) -> str:
@@ -178,7 +222,8 @@ def _unasked_words(unasked: Sequence[Check]) -> str:
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
-    """Confirm the claims one by one, then that the verdict follows from those confirmed.  Raises: CertificateError."""
+    """Confirm the claims one by one, then that the verdict follows from those confirmed.  Raises:
+    CertificateError."""
     problem = as_integrators(problem)
     claims = read_claims(certificate) if isinstance(certificate, bytes) else certificate
     failures: list[str] = []
@@ -197,9 +242,23 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
         trusted = trust(claims, problem)
         for check in claims.checks:
             try:
-                reason = confirm(check, trusted) or factor_obstacle(check, claims.checks, problem, claims.W)
-                read = replace(check, claim=claim_of(check, problem, claims.W)) if reason is None else check
-            except (DobcError, ArithmeticError, ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
+                reason = confirm(check, trusted) or factor_obstacle(
+                    check, claims.checks, problem, claims.W
+                )
+                read = (
+                    replace(check, claim=claim_of(check, problem, claims.W))
+                    if reason is None
+                    else check
+                )
+            except (
+                DobcError,
+                ArithmeticError,
+                ValueError,
+                TypeError,
+                KeyError,
+                IndexError,
+                AttributeError,
+            ) as error:
                 reason = f"it cannot be evaluated ({reason_of(error)[:120]})"
             if reason is None:
                 confirmed.append(read)
@@ -207,14 +266,16 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
                 failures.append(f"{check.title}: {reason}")
         failures += _overall_failures(claims, problem, confirmed)
     return Recheck(
-        verdict=claims.verdict, confirmed=tuple(check.title for check in confirmed), failures=tuple(failures)
+        verdict=claims.verdict,
+        confirmed=tuple(check.title for check in confirmed),
+        failures=tuple(failures),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trusted:
-    """What claims are confirmed against; ``separable`` and ``accuracy``: the checks of these ids beside, on which
-    others rest."""
+    """What claims are confirmed against; ``separable`` and ``accuracy``: the checks of these ids
+    beside, on which others rest."""
 
     problem: Problem
     statements: Statements
@@ -225,10 +286,12 @@ class Trusted:
 
 
 def trust(claims: Claims, problem: Problem) -> Trusted:
-    """What the claims are confirmed against, with the vectors v > 0 that proved checks of Lemma 1 bring."""
+    """What the claims are confirmed against, with the vectors v > 0 that proved checks of Lemma 1
+    bring."""
     pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
     separable, final = (
-        next((check for check in claims.checks if check.id == id), None) for id in ("max-separable", "accuracy")
+        next((check for check in claims.checks if check.id == id), None)
+        for id in ("max-separable", "accuracy")
     )
     statements, vectors = state_theorems(problem), {}
     for check in claims.checks:
@@ -241,14 +304,27 @@ def trust(claims: Claims, problem: Problem) -> Trusted:
             if len(vector) == problem.n * problem.m and check.mode in statements.lambdas:
                 vectors[str(check.mode)] = vector
     statements = consensus.with_vectors(statements, vectors)
-    return Trusted(problem=problem, statements=statements, W=claims.W, pair=pair, separable=separable, accuracy=final)
+    return Trusted(
+        problem=problem,
+        statements=statements,
+        W=claims.W,
+        pair=pair,
+        separable=separable,
+        accuracy=final,
+    )
 
 
 def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None], ...]:
-    """The (id, mode, group) of the checks that every complete certificate holds; regional ones may stand beside."""
-    modes, observer_ids = tuple(problem.network.modes), ("observability", "detectability", "hurwitz")
+    """The (id, mode, group) of the checks that every complete certificate holds; regional ones may
+    stand beside."""
+    modes, observer_ids = (
+        tuple(problem.network.modes),
+        ("observability", "detectability", "hurwitz"),
+    )
     theorem = "theorem2" if problem.network.switches else "theorem1"
-    theorems = [f"{theorem}-printed", theorem] if problem.joint_observer.P is not None else [theorem]
+    theorems = (
+        [f"{theorem}-printed", theorem] if problem.joint_observer.P is not None else [theorem]
+    )
     names = [group.name if problem.is_grouped else None for group in problem.groups]
     return (
         *((id, None, name) for name in names for id in observer_ids),
@@ -258,9 +334,10 @@ def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None
 
 
 def confirm(check: Check, trusted: Trusted) -> str | None:
-    """None if everything the check claims is confirmed, else what is not.  Raises what a malformed claim raises.
-    Nothing is believed: matrices are rebuilt, witnesses multiplied out, margins and rates proved as they are written. A
-    proof may claim less than is true (a smaller margin or rate, "undecided"), never more."""
+    """None if everything the check claims is confirmed, else what is not.  Raises what a malformed
+    claim raises. Nothing is believed: matrices are rebuilt, witnesses multiplied out, margins and
+    rates proved as they are written. A proof may claim less than is true (a smaller margin or rate,
+    "undecided"), never more."""
     problem, W, domain = trusted.problem, trusted.W, trusted.statements.domain
     expected = (check.id, check.mode, check.group) in expected_checks(problem)
     if not expected and (check.group is not None or check.kind.topic in ("observer", "consensus")):
@@ -269,10 +346,15 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         return "a regional check has no mode and no margin"
     wanted = "global" if check.kind.role == "part" else domain
     if (expected or check.verdict is not Verdict.PROVED) and check.domain != wanted:
-        return f"the domain must be {wanted!r}"  # a proof for a region names its starts; every other domain is known
+        # a proof for a region names its starts; every other domain is known
+        return f"the domain must be {wanted!r}"
     if check.verdict is Verdict.UNDECIDED:
         claims = (check.margin, check.rate, check.factor, check.claim, check.witness)
-        return None if all(part is None for part in claims) else "an undecided check must claim nothing"
+        return (
+            None
+            if all(part is None for part in claims)
+            else "an undecided check must claim nothing"
+        )
     if check.kind.topic == "observer":
         return observer.confirm(check, problem, W)
     if check.kind.topic == "linearisation":
@@ -282,7 +364,9 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     if check.kind.topic == "separable":
         return separable.confirm(check, problem, W, domain=domain, proof=trusted.separable)
     if check.kind.topic == "margins":
-        return margins.confirm(check, problem, W, domain=domain, proof=trusted.separable, final=trusted.accuracy)
+        return margins.confirm(
+            check, problem, W, domain=domain, proof=trusted.separable, final=trusted.accuracy
+        )
     if check.kind.topic in REGIONAL:
         return REGIONAL[check.kind.topic](check, problem, W, domain=domain)
     refutes = check.verdict is Verdict.REFUTED and check.id in ("theorem1", "theorem2")
@@ -300,10 +384,17 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
     exact = check.exact or {}
     block, group = exact["block"], exact.get("group")
     exosystem, W = observer.group_of(group, trusted.problem, trusted.W)
-    own = observer.detectability_check(exosystem) if block == "detectability" else observer.hurwitz_check(exosystem, W)
+    own = (
+        observer.detectability_check(exosystem)
+        if block == "detectability"
+        else observer.hurwitz_check(exosystem, W)
+    )
     if own.verdict is not Verdict.REFUTED:
         return f"{block} is {own.verdict.value}"
-    given = any(group in (each.name, None) and each.observer.W is not None for each in trusted.problem.groups)
+    given = any(
+        group in (each.name, None) and each.observer.W is not None
+        for each in trusted.problem.groups
+    )
     if block == "hurwitz" and not given:
         return "another W can be designed, so no pair is ruled out"
     named = {"block": block} | ({} if group is None else {"group": group})
@@ -313,7 +404,8 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
 
 
 def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
-    """W must be the problem's own where it has one, P symmetric, and Q = P W; of several groups, block diagonal."""
+    """W must be the problem's own where it has one, P symmetric, and Q = P W; of several groups,
+    block diagonal."""
     q, outputs = problem.q, problem.m * max(1, len(problem.groups))
     shapes = {"W": (claims.W, (q, outputs)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, outputs))}
     failures = [
@@ -326,18 +418,26 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     own = problem.joint_observer.W
     for name, matrix in (("P", claims.P), ("W", claims.W if own is None else None)):
         if matrix is not None and not is_short(matrix):
-            return [f"{name}: its entries need a common denominator of more than {MATRIX_BITS} bits"]
+            return [
+                f"{name}: its entries need a common denominator of more than {MATRIX_BITS} bits"
+            ]
     if own not in (None, claims.W):
         failures.append("W: not the gain of the problem")
     orders = [group.exosystem.order for group in problem.groups] if problem.is_grouped else []
-    if orders and claims.P is not None and blocks_of(claims.P, [(each, each) for each in orders]) is None:
+    if (
+        orders
+        and claims.P is not None
+        and blocks_of(claims.P, [(each, each) for each in orders]) is None
+    ):
         failures.append("P: not block diagonal")
     if orders and claims.W is not None:
         blocks = blocks_of(claims.W, [(each, problem.m) for each in orders])
         given = [group.observer.W for group in problem.groups]
         if blocks is None:
             failures.append("W: not block diagonal")
-        elif any(mine is not None and mine != block for mine, block in zip(given, blocks, strict=True)):
+        elif any(
+            mine is not None and mine != block for mine, block in zip(given, blocks, strict=True)
+        ):
             failures.append("W: not the gains of the problem")
     source = None if claims.W is None else ("designed" if own is None else "given")
     if claims.gain_source != source:
@@ -355,7 +455,10 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
 def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Check]) -> list[str]:
     found = [(check.id, check.mode, check.group) for check in claims.checks]
     lacking = [each for each in expected_checks(problem) if each not in found]
-    missing = [f"{id} ({mode or f'group of {group}'})" if mode or group else id for id, mode, group in lacking]
+    missing = [
+        f"{id} ({mode or f'group of {group}'})" if mode or group else id
+        for id, mode, group in lacking
+    ]
     if missing:
         return [f"verdict: the certificate lacks {', '.join(missing)}"]
     failures = []
@@ -365,8 +468,13 @@ def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Chec
     overall = decide_overall(problem, confirmed, claims.W)
     if overall.verdict is not claims.verdict:
         failures.append(
-            f"verdict: {claims.verdict.value} does not follow from the confirmed checks ({overall.verdict.value} does)"
+            f"verdict: {claims.verdict.value} does not follow from the confirmed checks "
+            f"({overall.verdict.value} does)"
         )
-    if (overall.rate, overall.factor, overall.covered_by) != (claims.rate, claims.factor, claims.covered_by):
+    if (overall.rate, overall.factor, overall.covered_by) != (
+        claims.rate,
+        claims.factor,
+        claims.covered_by,
+    ):
         failures.append("rate, factor, covered_by: not what the confirmed checks give")
     return failures

@@ -1,7 +1,8 @@
-"""Claims about the target: facts of exosystems, observer and graph, Lemma 1 (e'e decreases), and the theorems.
+"""Claims about the target: facts of exosystems, observer and graph, Lemma 1 (e'e decreases), and
+the theorems.
 
-The theorems are about e and the observer's error together, by a pair P, Q. Psi < 0 in a mode iff Omega(0) < 0 and
-Lambda + the blocks of S(0) of the agents < 0.
+The theorems are about e and the observer's error together, by a pair P, Q. Psi < 0 in a mode iff
+Omega(0) < 0 and Lambda + the blocks of S(0) of the agents < 0.
 """
 
 from fractions import Fraction
@@ -32,12 +33,26 @@ from .matrices import (
     transpose,
     unstable,
 )
-from .reading import MATRIX_BITS, an_object, direction, matrix, need, rational, read, same, short, text, weights
+from .reading import (
+    MATRIX_BITS,
+    an_object,
+    direction,
+    matrix,
+    need,
+    rational,
+    read,
+    same,
+    short,
+    text,
+    weights,
+)
 
-Fact = tuple[bool, Any, Any]  # whether it is so, the exact value that stands there, and the witness if it is not so
+# whether it is so, the exact value that stands there, and the witness if it is not so
+Fact = tuple[bool, Any, Any]
 
 
-# --- Facts ------------------------------------------------------------------------------------------------------------
+# --- Facts
+# --------------------------------------------------------------------------------------------------
 def observable(group: Any) -> tuple[Matrix, list[int]]:
     """T, a basis of what is seen of the exosystem, and the columns of its leading ones."""
     rows, part = Matrix(), group.C
@@ -47,9 +62,13 @@ def observable(group: Any) -> tuple[Matrix, list[int]]:
 
 
 def takes_long(group: Any) -> bool:
-    """The limit on the order and the bits of (A, C), to the seventh and second power, of the whole format."""
+    """The limit on the order and the bits of (A, C), to the seventh and second power, of the whole
+    format."""
     sizes, bottom = integers([abs(x) for row in (*group.A, *group.C) for x in row])
-    return bool(len(group.A) ** 7 * (bottom.bit_length() + (-(-max(sizes) // bottom)).bit_length()) ** 2 > 5 * 10**13)
+    return bool(
+        len(group.A) ** 7 * (bottom.bit_length() + (-(-max(sizes) // bottom)).bit_length()) ** 2
+        > 5 * 10**13
+    )
 
 
 def closed(system: Any, W: Matrix | None, b: Fraction = ZERO) -> Matrix:
@@ -61,7 +80,11 @@ def closed(system: Any, W: Matrix | None, b: Fraction = ZERO) -> Matrix:
 def observability(group: Any, W: Matrix | None) -> Fact:
     """C, C A, C A^2, ... have full rank."""
     T, q = observable(group)[0], len(group.A)
-    return len(T) == q, {"rank": Fraction(len(T))}, {"kind": "vector", "values": [*nullspace(T, q)[0], []][0]}
+    return (
+        len(T) == q,
+        {"rank": Fraction(len(T))},
+        {"kind": "vector", "values": [*nullspace(T, q)[0], []][0]},
+    )
 
 
 def detectability(group: Any, W: Matrix | None) -> Fact:
@@ -77,7 +100,11 @@ def hurwitz(group: Any, W: Matrix | None) -> Fact:
     """Every eigenvalue of A - W C has a negative real part."""
     column = routh(characteristic(closed(group, W)))
     end = next((k for k, entry in enumerate(column) if entry <= 0), 0)
-    return end == 0, None if end else {"routh": column}, {"kind": "routh_row", "values": column[: end + 1]}
+    return (
+        end == 0,
+        None if end else {"routh": column},
+        {"kind": "routh_row", "values": column[: end + 1]},
+    )
 
 
 OF_GROUPS = {"observability": observability, "detectability": detectability, "hurwitz": hurwitz}
@@ -95,21 +122,28 @@ def fact(case: Certificate, check: Any) -> None:
         found, exact, witness = not rest, None, {"kind": "agents", "labels": rest}
     need(check.margin is None, "it has no margin to claim")
     need(check.rate is None or check.id == "hurwitz", "it has no rate to claim")
-    need(check.rate is None or (check.rate > 0 and stable(closed(group, W, check.rate))), "the rate is not shown")
+    need(
+        check.rate is None or (check.rate > 0 and stable(closed(group, W, check.rate))),
+        "the rate is not shown",
+    )
     need((check.verdict == "proved") == found, f"it is {'proved' if found else 'refuted'} here")
     need(same(check.exact, exact), "the exact value is another one here")
     need(same(check.witness, None if found else witness), "the witness is another one here")
 
 
-# --- Observer ---------------------------------------------------------------------------------------------------------
+# --- Observer
+# --------------------------------------------------------------------------------------------------
 def own(case: Certificate, name: str | None) -> tuple[Any, Matrix | None]:
     """A group by its name, and its block of W."""
     k = case.problem.names.index(name)
-    return case.problem.groups[k], None if case.W is None else parts(case.problem, case.W, case.problem.m)[k]
+    return case.problem.groups[k], None if case.W is None else parts(
+        case.problem, case.W, case.problem.m
+    )[k]
 
 
 def parts(p: Problem, X: Matrix, width: int) -> list[Matrix]:
-    """The blocks of X that belong to the groups, of this width (0: square); X must be zero elsewhere."""
+    """The blocks of X that belong to the groups, of this width (0: square); X must be zero
+    elsewhere."""
     blocks, row, column = list[Matrix](), 0, 0
     for group in p.groups:
         rows, columns = len(group.A), width or len(group.A)
@@ -129,7 +163,9 @@ def observer(case: Certificate) -> None:
     for group, gain in zip(p.groups, parts(p, W, p.m), strict=True) if W is not None else ():
         need(group.W in (None, gain), "the observer gain of a group is not that of the problem")
     proved = any(check.id == case.theorem and check.verdict == "proved" for check in case.checks)
-    need((P is not None) == (Q is not None) == proved, "P and Q belong beside a proved theorem, both")
+    need(
+        (P is not None) == (Q is not None) == proved, "P and Q belong beside a proved theorem, both"
+    )
     if P is not None:
         parts(p, P, 0)
         need(transpose(P) == P, "P is not symmetric")
@@ -146,11 +182,14 @@ def schur(case: Certificate, P: Matrix, b: Fraction) -> Matrix:
     """S = C (-Omega)^-1 C', once Omega < 0 is shown."""
     Omega, C = omega(case, P, b), case.problem.C
     need(definite(Omega, -1), "Omega < 0 is not shown")
-    rows, _ = echelon([[-x for x in row] + column for row, column in zip(Omega, transpose(C), strict=True)])
+    rows, _ = echelon(
+        [[-x for x in row] + column for row, column in zip(Omega, transpose(C), strict=True)]
+    )
     return product(C, [row[len(Omega) :] for row in rows])
 
 
-# --- Lemma 1 and the theorems: proofs ---------------------------------------------------------------------------------
+# --- Lemma 1 and the theorems: proofs
+# ---------------------------------------------------------------------------------
 def consensus(case: Certificate, check: Any) -> None:
     """Decide lemma1, theorem1, theorem2 and the printed pairs."""
     need(not case.problem.kinked, "a coupling has a kink, so the theorems do not apply")
@@ -161,19 +200,29 @@ def consensus(case: Certificate, check: Any) -> None:
         proof(case, check)
     else:
         need(check.rate is None, "it is refuted and claims a rate")
-        need(check.margin is None or check.margin <= 0, "it is refuted and claims a positive margin")
-        {"lemma1": lemma_refuted, case.theorem: theorem_refuted}.get(check.id, pair_refuted)(case, check)
+        need(
+            check.margin is None or check.margin <= 0, "it is refuted and claims a positive margin"
+        )
+        {"lemma1": lemma_refuted, case.theorem: theorem_refuted}.get(check.id, pair_refuted)(
+            case, check
+        )
 
 
 def proof(case: Certificate, check: Any) -> None:
-    """Lambda < 0 in the mode, or Psi < 0 for the pair in every mode, with the margin and the rate."""
+    """Lambda < 0 in the mode, or Psi < 0 for the pair in every mode, with the margin and the
+    rate."""
     lemma, P = check.id == "lemma1", (case.P if check.id == case.theorem else case.problem.P) or []
     need(lemma or definite(P), "P > 0 is not shown")
     need(lemma or same(check.exact, values(case, P)), "P, Q, S or the bound is another one here")
     modes = [check.mode] if lemma else list(case.problem.modes)
-    for b, shift in [(ZERO, check.margin)] + ([(check.rate, 2 * check.rate)] if check.rate is not None else []):
+    for b, shift in [(ZERO, check.margin)] + (
+        [(check.rate, 2 * check.rate)] if check.rate is not None else []
+    ):
         S = None if lemma else schur(case, P, b)
-        need(all(decreases(case, mode, shift, S) for mode in modes), "the margin or the rate is not shown")
+        need(
+            all(decreases(case, mode, shift, S) for mode in modes),
+            "the margin or the rate is not shown",
+        )
 
 
 def values(case: Certificate, P: Matrix) -> dict[str, Any]:
@@ -184,8 +233,8 @@ def values(case: Certificate, P: Matrix) -> dict[str, Any]:
 
 
 def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -> bool:
-    """Lambda + the blocks of S of the agents + shift I < 0 in that mode; if a vector stands beside Lemma 1, it has to
-    show this, with room for every block."""
+    """Lambda + the blocks of S of the agents + shift I < 0 in that mode; if a vector stands beside
+    Lemma 1, it has to show this, with room for every block."""
     p, m = case.problem, case.problem.m
     blocks: dict[int | None, Matrix] = {}
     for i in range(p.n):
@@ -206,30 +255,46 @@ def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -
 
 
 def room(case: Certificate, mode: str) -> Fraction | None:
-    """The least -(U v)_i / v_i for the vector v beside a proved Lemma 1, if there is one, where U >= Lambda has its
-    entries beside the diagonal taken by their sizes: every eigenvalue of Lambda is at most minus that."""
-    p, lemma = case.problem, next(each for each in case.checks if (each.id, each.mode) == ("lemma1", mode))
+    """The least -(U v)_i / v_i for the vector v beside a proved Lemma 1, if there is one, where U
+    >= Lambda has its entries beside the diagonal taken by their sizes: every eigenvalue of Lambda
+    is at most minus that."""
+    p, lemma = (
+        case.problem,
+        next(each for each in case.checks if (each.id, each.mode) == ("lemma1", mode)),
+    )
     if lemma.verdict != "proved" or lemma.exact is None:
         return None
     v, _ = integers(read(lemma.exact, {"v": partial(weights, p.n * p.m)}).v)
     need(type(lemma.exact["v"]) is dict, "the vector is no block of doubles")
     rows = enumerate(p.bounds[mode])
-    return min(sum((-abs(x) * v[j] for j, x in row.items() if j != i), -row[i] * v[i]) / v[i] for i, row in rows)
+    return min(
+        sum((-abs(x) * v[j] for j, x in row.items() if j != i), -row[i] * v[i]) / v[i]
+        for i, row in rows
+    )
 
 
 def weighted(case: Certificate, check: Any) -> None:
-    """V = e'De + sum eps_i'P eps_i decreases at the rate: in every mode N w > 0 for N = D M + M'D - 2 rate D - s D^2, M
-    = K - J, which has no positive entry beside the diagonal; s is the largest row sum of the agent's block of S."""
+    """V = e'De + sum eps_i'P eps_i decreases at the rate: in every mode N w > 0 for N = D M + M'D -
+    2 rate D - s D^2, M = K - J, which has no positive entry beside the diagonal; s is the largest
+    row sum of the agent's block of S."""
     p, b, m = case.problem, check.rate or ZERO, case.problem.m
     size = p.n * m
     need(not p.kinked, "a coupling has a kink, so the theorem does not apply")
-    need(check.verdict == "proved" and check.witness is None, "it is proved, without a witness, or undecided")
-    need(check.margin is None and (check.rate is None or b > 0), "it claims a margin, or a rate that is not positive")
+    need(
+        check.verdict == "proved" and check.witness is None,
+        "it is proved, without a witness, or undecided",
+    )
+    need(
+        check.margin is None and (check.rate is None or b > 0),
+        "it claims a margin, or a rate that is not positive",
+    )
     known = partial(weights, size)
     if p.B is not None and "R" in (check.exact or {}):
         alike(case, check)
         return
-    claim = read(check.exact, {"D": known, "w": an_object} | ({"P": matrix(p.q, p.q)} if p.q else {}))
+    claim = read(
+        check.exact, {"D": known, "w": an_object} | ({"P": matrix(p.q, p.q)} if p.q else {})
+    )
     need(set(claim.w) == set(p.modes), "there is no vector for each mode")
     if p.q:
         parts(p, claim.P, 0)
@@ -241,7 +306,8 @@ def weighted(case: Certificate, check: Any) -> None:
         left = [-(2 * b + worst[i // m] * D[i]) * D[i] * w[i] for i in range(size)] + [ZERO]
         for i, j, own, (lo, hi) in p.terms(mode):
             need(own == i or lo == hi == 0, "a coupling or a gain mixes components")
-            need(lo >= 0 or j == size, "a slope is negative")  # what dynamics do to an agent itself may have any sign
+            # what dynamics do to an agent itself may have any sign
+            need(lo >= 0 or j == size, "a slope is negative")
             pull = 2 * w[i] - w[j]
             left[i] += D[i] * pull * (lo if pull > 0 else hi) if own == i else 0
             left[j] -= D[i] * hi * w[i] if own == i else 0
@@ -249,8 +315,9 @@ def weighted(case: Certificate, check: Any) -> None:
 
 
 def alike(case: Certificate, check: Any) -> None:
-    """V = e'(D (x) R)e of agents with dynamics decreases at the rate: slopes are g G, gains B K = k G, g, k >= 0, and
-    N w > 0 for N = D M + M'D - 2 c D, R > 0, R G = G'R >= 0, A'R + R A - 2 c R G + 2 rate R < 0, M = L(g) + diag(k)."""
+    """V = e'(D (x) R)e of agents with dynamics decreases at the rate: slopes are g G, gains B K = k
+    G, g, k >= 0, and N w > 0 for N = D M + M'D - 2 c D, R > 0, R G = G'R >= 0, A'R + R A - 2 c R G
+    + 2 rate R < 0, M = L(g) + diag(k)."""
     p, b, vector = case.problem, check.rate or ZERO, partial(weights, case.problem.n)
     claim = read(check.exact, {"D": vector, "w": an_object, "c": rational, "R": matrix(p.m, p.m)})
     need(set(claim.w) == set(p.modes), "there is no vector for each mode")
@@ -283,15 +350,22 @@ def multiple(X: Matrix, G: Matrix) -> Fraction:
     """The number g >= 0 with X = g G."""
     pairs = [(x, y) for rows in zip(X, G, strict=True) for x, y in zip(*rows, strict=True)]
     g = next((x / y for x, y in pairs if y), ZERO)
-    need(g >= 0 and all(x == g * y for x, y in pairs), "couplings and gains are not multiples of one matrix")
+    need(
+        g >= 0 and all(x == g * y for x, y in pairs),
+        "couplings and gains are not multiples of one matrix",
+    )
     return g
 
 
 def linearisation(case: Certificate, check: Any) -> None:
-    """J - K (of one mode) and A - W C have all eigenvalues left of minus the rate, or J - K has some right of 0."""
+    """J - K (of one mode) and A - W C have all eigenvalues left of minus the rate, or J - K has
+    some right of 0."""
     p, b = case.problem, check.rate or ZERO
     need(not p.kinked and not p.switches, "it is about a smooth loop with one graph")
-    need(check.margin is None and check.witness is None and (check.rate is None or b > 0), "it claims something else")
+    need(
+        check.margin is None and check.witness is None and (check.rate is None or b > 0),
+        "it claims something else",
+    )
     (X,) = map(p.jacobian, p.modes)
     if check.verdict == "proved":
         need(check.exact is None, "it claims exact values")
@@ -299,21 +373,33 @@ def linearisation(case: Certificate, check: Any) -> None:
         need(not p.q or stable(closed(p, case.W, b)), "A - W C + rate I is not Hurwitz")
     else:
         count = read(check.exact, {"unstable_roots": rational}).unstable_roots
-        need(check.rate is None and count.denominator == 1 and count > 0, "it is refuted by a number of roots")
+        need(
+            check.rate is None and count.denominator == 1 and count > 0,
+            "it is refuted by a number of roots",
+        )
         need(unstable(X, int(count)), "unstable roots are not shown")
 
 
-# --- Lemma 1 and the theorems: refutations ----------------------------------------------------------------------------
+# --- Lemma 1 and the theorems: refutations
+# ----------------------------------------------------------------------------
 def by_vector(case: Certificate, check: Any, mode: str, S: Matrix | None = None) -> Fraction:
-    """The witness v shows that X = Lambda + the blocks of S has v'Xv >= max(0, -M v'v); a lower bound of v'Xv."""
+    """The witness v shows that X = Lambda + the blocks of S has v'Xv >= max(0, -M v'v); a lower
+    bound of v'Xv."""
     p, m = case.problem, case.problem.m
-    witness = read(check.witness, {"kind": text, "labels": [text], "values": partial(direction, p.n * p.m)})
+    witness = read(
+        check.witness, {"kind": text, "labels": [text], "values": partial(direction, p.n * p.m)}
+    )
     v, each = witness.values, [witness.values[i * m : i * m + m] for i in range(p.n)]
     need(witness.kind == "vector", "the witness is no vector")
     support = [label for label, part in zip(p.labels, each, strict=True) if any(part)]
     need(witness.labels == support, "the labels are not the agents where the vector is not 0")
-    low = p.low(mode, [*v, ZERO]) + sum(form(part, p.block(S, i), part) for i, part in enumerate(each) if S)
-    need(low >= max(ZERO, -(check.margin or ZERO) * sum(map(mul, v, v))), "the vector does not show it")
+    low = p.low(mode, [*v, ZERO]) + sum(
+        form(part, p.block(S, i), part) for i, part in enumerate(each) if S
+    )
+    need(
+        low >= max(ZERO, -(check.margin or ZERO) * sum(map(mul, v, v))),
+        "the vector does not show it",
+    )
     return low
 
 
@@ -321,11 +407,17 @@ def lemma_refuted(case: Certificate, check: Any) -> None:
     """A vector shows that Lambda < 0 fails; unstable roots are counted besides."""
     exact = read(check.exact, {"unstable_roots": rational, "value?": rational})
     low, count = by_vector(case, check, check.mode), exact.unstable_roots
-    need(exact.value is None or exact.value <= low, "v'Lambda v is less than the value that is claimed")
+    need(
+        exact.value is None or exact.value <= low,
+        "v'Lambda v is less than the value that is claimed",
+    )
     need(count >= 0 and count.denominator == 1, "unstable_roots is no number of roots")
     # Where J - K is symmetric, Lambda = 2 (J - K), and v shows an eigenvalue > 0.
     shown = count == 0 or (count == 1 and low > 0 and case.problem.is_symmetric(check.mode))
-    need(shown or unstable(case.problem.jacobian(check.mode), int(count)), "unstable roots are not shown")
+    need(
+        shown or unstable(case.problem.jacobian(check.mode), int(count)),
+        "unstable roots are not shown",
+    )
 
 
 def theorem_refuted(case: Certificate, check: Any) -> None:
@@ -335,21 +427,37 @@ def theorem_refuted(case: Certificate, check: Any) -> None:
         need(exact.mode in p.modes and exact.group is None, "there is no such mode")
         by_vector(case, check, exact.mode)
         return
-    need(exact.mode is None and check.margin is None, "a cause in the exosystem has no mode and no margin")
-    need(exact.block in ("detectability", "hurwitz") and exact.group in p.names, "the cause is none that is known")
+    need(
+        exact.mode is None and check.margin is None,
+        "a cause in the exosystem has no mode and no margin",
+    )
+    need(
+        exact.block in ("detectability", "hurwitz") and exact.group in p.names,
+        "the cause is none that is known",
+    )
     group, W = own(case, exact.group)
     need(exact.block == "detectability" or group.W is not None, "a designed W refutes nothing")
     found, _, witness = OF_GROUPS[exact.block](group, W)
-    need(not found and same(check.witness, witness), "the cause is not there, or it has another witness")
+    need(
+        not found and same(check.witness, witness),
+        "the cause is not there, or it has another witness",
+    )
 
 
 def pair_refuted(case: Certificate, check: Any) -> None:
-    """The pair of the problem does not do: P > 0, Omega < 0 or, in a mode, Lambda + the blocks of S < 0 fails."""
+    """The pair of the problem does not do: P > 0, Omega < 0 or, in a mode, Lambda + the blocks of S
+    < 0 fails."""
     p, exact, P = case.problem, check.exact or {}, case.problem.P or []
     if exact in ({"block": "P"}, {"block": "Omega0"}):
         witness = read(check.witness, {"kind": text, "values": partial(direction, p.q)})
-        v, X = witness.values, P if exact["block"] == "P" else [[-x for x in row] for row in omega(case, P, ZERO)]
-        need(witness.kind == "vector" and check.margin is None, "the witness is no vector, or it claims a margin")
+        v, X = (
+            witness.values,
+            P if exact["block"] == "P" else [[-x for x in row] for row in omega(case, P, ZERO)],
+        )
+        need(
+            witness.kind == "vector" and check.margin is None,
+            "the witness is no vector, or it claims a margin",
+        )
         need(form(v, X, v) <= 0, "the vector does not show it")
     else:
         listed, mode = values(case, P), exact.get("mode")

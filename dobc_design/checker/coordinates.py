@@ -1,7 +1,9 @@
-"""max-separable in coordinates z_i = T e_i: N = max |z_ic| / v_ic decreases while N <= rho, where gains are bounded.
+"""max-separable in coordinates z_i = T e_i: N = max |z_ic| / v_ic decreases while N <= rho, where
+gains are bounded.
 
-By the mean value theorem h_ij = J (e_j - e_i) with J in the gains of the arc, and what f adds to A is F e_i. The worst
-corner of J and F counts in every row, and the worst signs of the agent's other components.
+By the mean value theorem h_ij = J (e_j - e_i) with J in the gains of the arc, and what f adds to A
+is F e_i. The worst corner of J and F counts in every row, and the worst signs of the agent's other
+components.
 """
 
 import itertools
@@ -24,20 +26,31 @@ MOST = 6  # components of an agent; gains of a coupling that vary
 def boxes(case: Certificate, check: Any) -> None:
     """A claim of max-separable, in coordinates or without."""
     p, own = case.problem, check.exact is not None and "T" in check.exact
-    need(own or (not p.nodes and all(h.single for h in p.couplings)), "a coupling is a list, or nodes are curved")
+    need(
+        own or (not p.nodes and all(h.single for h in p.couplings)),
+        "a coupling is a list, or nodes are curved",
+    )
     (in_coordinates if own else max_separable)(case, check)
 
 
 def in_coordinates(case: Certificate, check: Any) -> None:
     """V decreases in the region, at the rate of the check."""
     p, m = case.problem, case.problem.m
-    shape = {"T": matrix(m, m), "v": partial(weights, p.n * m), "alpha": rational, "rho": maybe(rational)}
+    shape = {
+        "T": matrix(m, m),
+        "v": partial(weights, p.n * m),
+        "alpha": rational,
+        "rho": maybe(rational),
+    }
     claim = read(check.exact, shape | {"ranges": gains(m)} | observed(p))
     S = inverse(claim.T)
 
     need(p.q == 0 or claim.kappa > 0, "kappa is not positive")
     second = claim.beta - 1 / (claim.kappa * min(claim.v)) if p.q else claim.alpha
-    need(check.rate is not None and 0 < check.rate <= min(claim.alpha, second), "the rate does not follow")
+    need(
+        check.rate is not None and 0 < check.rate <= min(claim.alpha, second),
+        "the rate does not follow",
+    )
     composite(case, claim, outputs(p, claim.T))
     if claim.rho is None:
         need(check.domain == "global" == p.domain, "it has no rho and is not global")
@@ -65,7 +78,10 @@ def spread(T: Matrix, v: Sequence[Fraction]) -> Fraction:
 def sizes(S: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
     """The largest |e_ic| of every agent where N <= 1."""
     for k in range(0, len(v), len(S)):
-        yield [sum((abs(s) * x for s, x in zip(row, v[k : k + len(S)], strict=True)), ZERO) for row in S]
+        yield [
+            sum((abs(s) * x for s, x in zip(row, v[k : k + len(S)], strict=True)), ZERO)
+            for row in S
+        ]
 
 
 def far(case: Certificate, S: Matrix, claim: Any) -> dict[Coupling, Any]:
@@ -78,7 +94,9 @@ def far(case: Certificate, S: Matrix, claim: Any) -> dict[Coupling, Any]:
         found[arc.coupling] = list(map(max, found[arc.coupling], both))
     for nodes in p.couplings[len(p.couplings) - p.nodes :]:
         found[nodes] = [max(column) for column in zip(*reach, strict=True)]
-    return {h: None if claim.rho is None else [claim.rho * x for x in each] for h, each in found.items()}
+    return {
+        h: None if claim.rho is None else [claim.rho * x for x in each] for h, each in found.items()
+    }
 
 
 def inverse(T: Matrix) -> Matrix:
@@ -92,15 +110,21 @@ def inverse(T: Matrix) -> Matrix:
 
 
 def shown(case: Certificate, claim: Any, S: Matrix, load: Sequence[Fraction] = ()) -> None:
-    """The gains are those of the couplings, and the rows hold at the rate alpha with ``load`` (n m,) added."""
+    """The gains are those of the couplings, and the rows hold at the rate alpha with ``load`` (n
+    m,) added."""
     outward = [claim.alpha * x for x in claim.v]
     added = [x + y for x, y in zip(outward, load, strict=True)] if load else outward
-    judge(case, claim, S, read_ranges(case.problem, claim, far(case, S, claim)))(claim.v, added, case.problem.modes)
+    judge(case, claim, S, read_ranges(case.problem, claim, far(case, S, claim)))(
+        claim.v, added, case.problem.modes
+    )
 
 
-def judge(case: Certificate, claim: Any, S: Matrix, ranges: Ranges) -> Callable[[Any, Any, Iterable[str]], None]:
-    """What shows, for weights v, a load (n m,) and modes: for every row c of G = T J S, all x with x_c = v_ic and
-    |x_d| = v_id, in every one of the modes: sum of w (|G| v_j - G x) + T (F - B K) S x + load_ic <= 0."""
+def judge(
+    case: Certificate, claim: Any, S: Matrix, ranges: Ranges
+) -> Callable[[Any, Any, Iterable[str]], None]:
+    """What shows, for weights v, a load (n m,) and modes: for every row c of G = T J S, all x with
+    x_c = v_ic and |x_d| = v_id, in every one of the modes: sum of w (|G| v_j - G x) + T (F - B K) S
+    x + load_ic <= 0."""
     p, m = case.problem, case.problem.m
     beside = (ranges[h] for h in p.couplings[len(p.couplings) - p.nodes :])  # A, which gains hold
     F = [
@@ -114,7 +138,9 @@ def judge(case: Certificate, claim: Any, S: Matrix, ranges: Ranges) -> Callable[
     def corners(h: Coupling) -> list[tuple[list[list[int]], int]]:
         ends = [sorted(set(pair)) for row in ranges[h] for pair in row]
         need(sum(len(each) > 1 for each in ends) <= MOST, "too many gains of a coupling vary")
-        matrices = ([list(J[k : k + m]) for k in range(0, m * m, m)] for J in itertools.product(*ends))
+        matrices = (
+            [list(J[k : k + m]) for k in range(0, m * m, m)] for J in itertools.product(*ends)
+        )
         every = [product(product(claim.T, J), S) for J in matrices]
         flat = [integers([x for G in every for x in G[c]]) for c in range(m)]
         return [([g[k : k + m] for k in range(0, len(g), m)], unit) for g, unit in flat]
@@ -124,7 +150,10 @@ def judge(case: Certificate, claim: Any, S: Matrix, ranges: Ranges) -> Callable[
 
         @cache
         def pull(h: Coupling, c: int, j: int) -> list[int]:
-            return [sum(abs(g) * y for g, y in zip(G, v[j * m : j * m + m], strict=True)) for G in corners(h)[c][0]]
+            return [
+                sum(abs(g) * y for g, y in zip(G, v[j * m : j * m + m], strict=True))
+                for G in corners(h)[c][0]
+            ]
 
         def heard(h: Coupling, c: int, j: int, x: list[int], loose: bool) -> Fraction:
             rows, unit = corners(h)[c]
@@ -136,9 +165,13 @@ def judge(case: Certificate, claim: Any, S: Matrix, ranges: Ranges) -> Callable[
                 e = [sum(map(mul, row, x)) for row in S]
                 alone = load[i * m + c] * bottom - sum(map(mul, H[i][c], x))
                 for t, row in zip(claim.T[c] if F else (), F, strict=True):
-                    alone += sum(max(t * y * lo, t * y * hi) for y, (lo, hi) in zip(e, row, strict=True))
+                    alone += sum(
+                        max(t * y * lo, t * y * hi) for y, (lo, hi) in zip(e, row, strict=True)
+                    )
                 for arcs in (p.heard[mode][i] for mode in modes):
-                    others = sum((arc.w * heard(arc.coupling, c, arc.j, x, arc.loose) for arc in arcs), alone)
+                    others = sum(
+                        (arc.w * heard(arc.coupling, c, arc.j, x, arc.loose) for arc in arcs), alone
+                    )
                     need(others <= 0, f"the row of agent {p.labels[i]} is not shown")
 
     return hold

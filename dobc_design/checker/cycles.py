@@ -1,5 +1,5 @@
-"""schedule: weights that move from mode to mode, for signals that keep the guarantee of the problem; or the graphs
-alone, where couplings rise."""
+"""schedule: weights that move from mode to mode, for signals that keep the guarantee of the
+problem; or the graphs alone, where couplings rise."""
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
@@ -28,7 +28,8 @@ Box = list[Fraction]
 
 
 class Phase(NamedTuple):
-    """A mode that is on for ``shortest`` to ``longest`` (None: for ever), then a phase of ``following``."""
+    """A mode that is on for ``shortest`` to ``longest`` (None: for ever), then a phase of
+    ``following``."""
 
     mode: str
     shortest: Fraction
@@ -41,35 +42,52 @@ def phases(p: Problem) -> list[Phase]:
     """The phases of the guarantee in the problem file."""
     table, modes = p.switching or {}, list(p.modes)
     kind = table.get("guarantee")
-    number = {key: rational(table[key]) for key in ("dwell", "period", "longest") if table.get(key) is not None}
+    number = {
+        key: rational(table[key])
+        for key in ("dwell", "period", "longest")
+        if table.get(key) is not None
+    }
     need(kind in ("dwell", "sequence") and len(modes) > 1, "there is no guarantee")
     if kind == "dwell":
         need(number.get("dwell", ZERO) > 0, "it is not said how long a mode lasts at least")
         others = [[q for q in range(len(modes)) if q != k] for k in range(len(modes))]
-        return [Phase(mode, number["dwell"], number.get("longest"), others[k], True) for k, mode in enumerate(modes)]
+        return [
+            Phase(mode, number["dwell"], number.get("longest"), others[k], True)
+            for k, mode in enumerate(modes)
+        ]
     order = read(table.get("sequence"), maybe([text])) or modes
     listed = read(table.get("schedule"), maybe([(rational, text)])) or []
-    need("period" in number or ("dwell" in number and not listed), "it is not said how long a phase lasts")
+    need(
+        "period" in number or ("dwell" in number and not listed),
+        "it is not said how long a phase lasts",
+    )
     if listed:
         begins, order = [time for time, _ in listed], [mode for _, mode in listed]
         lengths = [b - a for a, b in pairwise([*begins, number["period"] + begins[0]])]
     else:
-        lengths = [number["dwell"] if "dwell" in number else number["period"] / len(order)] * len(order)
+        lengths = [number["dwell"] if "dwell" in number else number["period"] / len(order)] * len(
+            order
+        )
     need(set(order) <= set(modes) and min(lengths) > 0, "the sequence is none of modes")
     turns = list(zip(order, lengths, strict=True))
     size = len(turns)  # of the shortest beginning that, over and over, gives the whole
     size = next(k for k in range(1, size + 1) if size % k == 0 and turns[k:] == turns[: size - k])
-    return [Phase(mode, time, time, [(k + 1) % size], k == 0) for k, (mode, time) in enumerate(turns[:size])]
+    return [
+        Phase(mode, time, time, [(k + 1) % size], k == 0)
+        for k, (mode, time) in enumerate(turns[:size])
+    ]
 
 
 def timed(p: Problem) -> list[Phase]:
     """The phases where it is said which one is on at every time, else none."""
-    return phases(p) if len(p.modes) > 1 and (p.switching or {}).get("guarantee") == "sequence" else []
+    return (
+        phases(p) if len(p.modes) > 1 and (p.switching or {}).get("guarantee") == "sequence" else []
+    )
 
 
 def turn_at(ends: list[Fraction], time: Fraction) -> tuple[int, Fraction, Fraction]:
-    """The place of the timed phase that is on from a time on, when it began and when it ends; ``ends``: those of the
-    phases of the first round."""
+    """The place of the timed phase that is on from a time on, when it began and when it ends;
+    ``ends``: those of the phases of the first round."""
     begun = time - time % ends[-1]
     place = bisect_right(ends, time - begun)
     return place, begun + (ends[place - 1] if place else ZERO), begun + ends[place]
@@ -81,16 +99,25 @@ def ends_of(turns: list[Phase]) -> list[Fraction]:
 
 
 def schedule(case: Certificate, check: Any) -> None:
-    """N = max |e_i| / v_i(t) falls from phase to phase at the rate, or the graphs alone show that all errors decay; or
-    errors grow from round to round."""
+    """N = max |e_i| / v_i(t) falls from phase to phase at the rate, or the graphs alone show that
+    all errors decay; or errors grow from round to round."""
     if check.verdict == "refuted":
         grows(case.problem, check)
         return
     exact = read_cycles(case, check.exact, check.exact is not None and "T" in check.exact)
     plain = not case.problem.nodes and all(h.single for h in case.problem.couplings)
-    need(exact.rate is not None if exact.T else plain, "a coupling is a list, or nodes are curved, or T has no weights")
-    need((check.rate is None) == (exact.rate is None), "it claims a rate that it does not have, or has one")
-    need(check.rate is None or 0 < check.rate <= exact.rate, "the rate is not between 0 and that of the claim")
+    need(
+        exact.rate is not None if exact.T else plain,
+        "a coupling is a list, or nodes are curved, or T has no weights",
+    )
+    need(
+        (check.rate is None) == (exact.rate is None),
+        "it claims a rate that it does not have, or has one",
+    )
+    need(
+        check.rate is None or 0 < check.rate <= exact.rate,
+        "the rate is not between 0 and that of the claim",
+    )
     keeps(case, exact)
     turns = zip(phases(case.problem), exact.phases, strict=False)
     begun = [each.v[0] for turn, each in turns if turn.first]
@@ -98,21 +125,32 @@ def schedule(case: Certificate, check: Any) -> None:
 
 
 def read_cycles(case: Certificate, value: Any, turned: bool = False) -> Any:
-    """Read weights that move from mode to mode, phase by phase; none where the graphs alone are claimed.  ``turned``:
-    in coordinates."""
+    """Read weights that move from mode to mode, phase by phase; none where the graphs alone are
+    claimed.  ``turned``: in coordinates."""
     p = case.problem
     shape: dict[str, Any] = {"rate": maybe(rational), "rho": maybe(rational)}
     shape["phases"] = [{"times": [rational], "v": [partial(weights, p.n * (p.m if turned else 1))]}]
-    exact = read(value, shape | observed(p) | ({"T": matrix(p.m, p.m), "ranges": gains(p.m)} if turned else {}))
+    exact = read(
+        value,
+        shape | observed(p) | ({"T": matrix(p.m, p.m), "ranges": gains(p.m)} if turned else {}),
+    )
     exact.T = exact.T if turned else None
-    need(all(0 < len(each.times) == len(each.v) <= TIMES for each in exact.phases), "there are no times, or too many")
+    need(
+        all(0 < len(each.times) == len(each.v) <= TIMES for each in exact.phases),
+        "there are no times, or too many",
+    )
     return exact
 
 
 def keeps(case: Certificate, exact: Any) -> None:
     """V = N + kappa E never rises and, with weights, falls at the rate over each phase."""
     p, turns = case.problem, phases(case.problem)
-    decays(case, exact, exact.rate or ZERO, min([x for each in exact.phases for v in each.v for x in v], default=ONE))
+    decays(
+        case,
+        exact,
+        exact.rate or ZERO,
+        min([x for each in exact.phases for v in each.v for x in v], default=ONE),
+    )
     if exact.rate is None:
         need(not exact.phases, "it has weights and no rate")
         rises(p, p.couplings, exact.rho)
@@ -123,7 +161,11 @@ def keeps(case: Certificate, exact: Any) -> None:
     need(len(exact.phases) == len(turns), "there are not weights for every phase")
     hold = in_coordinates(case, exact) if exact.T else None
     most = max(x for each in exact.phases for v in each.v for x in v)
-    curves = {} if hold else {mode: curves_of(p, mode, most, exact) for mode in {turn.mode for turn in turns}}
+    curves = (
+        {}
+        if hold
+        else {mode: curves_of(p, mode, most, exact) for mode in {turn.mode for turn in turns}}
+    )
     for turn, each in zip(turns, exact.phases, strict=True):
         need(each.times[0] == 0, "times do not begin at 0")
         need(all(a < b for a, b in pairwise(each.times)), "times do not rise")
@@ -141,18 +183,28 @@ def keeps(case: Certificate, exact: Any) -> None:
 
 
 def in_coordinates(case: Certificate, exact: Any) -> Any:
-    """What shows rows in coordinates z = T e, for gains that hold as far out as any weights reach."""
+    """What shows rows in coordinates z = T e, for gains that hold as far out as any weights
+    reach."""
     S = inverse(exact.T)
-    exact.v = [max(column) for column in zip(*(v for each in exact.phases for v in each.v), strict=True)]
+    exact.v = [
+        max(column) for column in zip(*(v for each in exact.phases for v in each.v), strict=True)
+    ]
     return judge(case, exact, S, read_ranges(case.problem, exact, far(case, S, exact)))
 
 
 def decays(case: Certificate, claim: Any, rate: Fraction, least: Fraction = ONE) -> None:
-    """The part of the estimation error in V = N + kappa E, with weights of at least ``least``, allows the rate."""
+    """The part of the estimation error in V = N + kappa E, with weights of at least ``least``,
+    allows the rate."""
     p = case.problem
     composite(case, claim, outputs(p, claim.T) if getattr(claim, "T", None) else None)
-    need(p.q == 0 or (claim.kappa > 0 and claim.kappa * (claim.beta - rate) * least >= 1), "kappa is too small")
-    need(claim.rho is not None or p.domain == "global", "it has no rho, and the couplings are not all linear")
+    need(
+        p.q == 0 or (claim.kappa > 0 and claim.kappa * (claim.beta - rate) * least >= 1),
+        "kappa is too small",
+    )
+    need(
+        claim.rho is not None or p.domain == "global",
+        "it has no rho, and the couplings are not all linear",
+    )
 
 
 def inside(case: Certificate, check: Any, claim: Any, most: Fraction = ONE) -> None:
@@ -167,21 +219,31 @@ def inside(case: Certificate, check: Any, claim: Any, most: Fraction = ONE) -> N
 
 
 def handed(turn: Phase, each: Any, nexts: list[Box], rate: Fraction) -> None:
-    """v(t) <= exp(-rate t) v'(0) for every t at which the phase may end: the larger end of a segment, and the factor
-    of its later one, which is 1 / exp(rate t)."""
+    """v(t) <= exp(-rate t) v'(0) for every t at which the phase may end: the larger end of a
+    segment, and the factor of its later one, which is 1 / exp(rate t)."""
     first = each.times.index(turn.shortest)
     need(rate * each.times[-1] <= LONGEST, "a phase is too long")
     for k in range(first, len(each.times)):
         factor = 1 / Fraction(by_decimal("exp", (rate * each.times[k],) * 2)[1])
         most = map(max, each.v[max(first, k - 1)], each.v[k])
-        need(all(x <= factor * min(after) for x, after in zip(most, zip(*nexts, strict=True), strict=True)), "no fall")
+        need(
+            all(
+                x <= factor * min(after)
+                for x, after in zip(most, zip(*nexts, strict=True), strict=True)
+            ),
+            "no fall",
+        )
 
 
 def curves_of(p: Problem, mode: str, most: Fraction, exact: Any) -> Curves:
     """The couplings of a mode with tables as far as weights of at most ``most`` need them."""
     width = enclosed(2 * (exact.rho or ONE) * most)[1]
     couplings = {arc.coupling for arcs in p.heard[mode] for arc in arcs}
-    return {(h, mirrored): Curve(h, mirrored, -width, width) for h in couplings for mirrored in (False, True)}
+    return {
+        (h, mirrored): Curve(h, mirrored, -width, width)
+        for h in couplings
+        for mirrored in (False, True)
+    }
 
 
 def falls(p: Problem, turn: Phase, each: Any, exact: Any, curves: Curves) -> None:
@@ -203,35 +265,51 @@ def cycles(turns: list[Phase]) -> list[tuple[str, ...]]:
     """Modes that may be on over and over, and no other; no longer cycle lacks all of them."""
     alone = [(turn.mode,) for turn in turns if turn.longest is None]
     every = tuple(dict.fromkeys(turn.mode for turn in turns))
-    return [*alone, *(combinations(every, 2) if len(turns) > 1 and all(turn.first for turn in turns) else [every])]
+    return [
+        *alone,
+        *(
+            combinations(every, 2)
+            if len(turns) > 1 and all(turn.first for turn in turns)
+            else [every]
+        ),
+    ]
 
 
 def allowed(p: Problem) -> list[tuple[str, ...]]:
-    """All modes, whatever arcs are there, and the cycles that a guarantee allows of at most PHASES phases."""
+    """All modes, whatever arcs are there, and the cycles that a guarantee allows of at most PHASES
+    phases."""
     guaranteed = len(p.modes) > 1 and (p.switching or {}).get("guarantee") in ("dwell", "sequence")
     turns = phases(p) if guaranteed else []
     return [tuple(p.modes), *(cycles(turns) if 0 < len(turns) <= PHASES else [])]
 
 
-def rises(p: Problem, couplings: Iterable[Coupling], rho: Fraction | None, strictly: bool = True) -> None:
+def rises(
+    p: Problem, couplings: Iterable[Coupling], rho: Fraction | None, strictly: bool = True
+) -> None:
     """Couplings rise on |y| <= 2 rho, ``strictly`` at 0, and no gain pushes outward."""
     width = enclosed(2 * (rho or ZERO))[1]
     need(all(p.least_gain(i) >= 0 for i in range(p.n)), "a gain pushes outward")
     for h in couplings:
         curve = Curve(h, False, -width, width)
-        slope = curve.at((-NEAR, NEAR))[1] if h.kinked else h.slope(0, 0)  # a kink has its slopes on both sides
+        # a kink has its slopes on both sides
+        slope = curve.at((-NEAR, NEAR))[1] if h.kinked else h.slope(0, 0)
         flat = not strictly and (slope[0] >= 0 or not h.straight)
         need(slope[0] > 0 or flat, "a coupling does not rise at the target")
         need(h.straight or all(cell.way == 1 for cell in curve.table), "a coupling may fall")
 
 
 def reached(p: Problem, modes: Iterable[str]) -> None:
-    """Along the arcs of these modes together every agent is reached from one that its gain holds."""
+    """Along the arcs of these modes together every agent is reached from one that its gain
+    holds."""
     pinned = [i for i in range(p.n) if p.least_gain(i) > 0]
-    need(len(reach(pinned, p.edges(modes, False))) == p.n, f"modes {', '.join(modes)} do not reach every agent")
+    need(
+        len(reach(pinned, p.edges(modes, False))) == p.n,
+        f"modes {', '.join(modes)} do not reach every agent",
+    )
 
 
-# --- Rows of boxes that move, for settling times as well --------------------------------------------------------------
+# --- Rows of boxes that move, for settling times as well
+# --------------------------------------------------------------
 class Face(NamedTuple):
     """A face of the box, the one across, and its speed, on a part of a segment: at its two ends."""
 
@@ -256,8 +334,9 @@ def shown(
     halvings: int,
     rho: Fraction = ZERO,
 ) -> bool:
-    """Whether a row holds on a part of a segment, whole or in halves: what drives e_i outward on the face is at most
-    the speed of the face; with ``rho`` for the box times every s of (0, rho]."""
+    """Whether a row holds on a part of a segment, whole or in halves: what drives e_i outward on
+    the face is at most the speed of the face; with ``rho`` for the box times every s of (0,
+    rho]."""
     still()
     held = min(p.least_gain(i) * box[i] for box in face.own)
     room, terms, slopes = held + face.speed[i] - max(loads), list[Term](), ZERO
@@ -278,33 +357,54 @@ def shown(
         return True
     if not halvings:
         return False
-    return all(shown(p, arcs, i, *part, curves, mirrored, halvings - 1, rho) for part in halves(face, loads))
+    return all(
+        shown(p, arcs, i, *part, curves, mirrored, halvings - 1, rho)
+        for part in halves(face, loads)
+    )
 
 
-def halves(face: Face, loads: tuple[Fraction, Fraction]) -> Iterator[tuple[Face, tuple[Fraction, Fraction]]]:
+def halves(
+    face: Face, loads: tuple[Fraction, Fraction]
+) -> Iterator[tuple[Face, tuple[Fraction, Fraction]]]:
     """The two halves of a part of a segment."""
-    own, other = ([(a + b) / 2 for a, b in zip(*ends, strict=True)] for ends in (face.own, face.other))
+    own, other = (
+        [(a + b) / 2 for a, b in zip(*ends, strict=True)] for ends in (face.own, face.other)
+    )
     load = sum(loads, ZERO) / 2
     yield Face((face.own[0], own), (face.other[0], other), face.speed), (loads[0], load)
     yield Face((own, face.own[1]), (other, face.other[1]), face.speed), (load, loads[1])
 
 
-# --- Errors that grow from round to round: |tr M^k| > n m, M the linear map of a round --------------------------------
+# --- Errors that grow from round to round: |tr M^k| > n m, M the linear map of a round
+# --------------------------------
 BITS = 256
-POWER, ROWS, ROUND, GROWTH = 64, 20, 200, 1000  # limits, the last of the sum of |J - K| T in the largest row sum
+# limits, the last of the sum of |J - K| T in the largest row sum
+POWER, ROWS, ROUND, GROWTH = 64, 20, 200, 1000
 
-Ball = tuple[list[list[int]], int]  # a matrix in units of 2^-BITS, and a bound of what its rows may miss, in all
+# a matrix in units of 2^-BITS, and a bound of what its rows may miss, in all
+Ball = tuple[list[list[int]], int]
 
 
 def grows(p: Problem, check: Any) -> None:
-    """The trace of a power of M, the product of exp((J - K) T) over the phases, is larger than M can have with
-    eigenvalues of size 1 at most."""
+    """The trace of a power of M, the product of exp((J - K) T) over the phases, is larger than M
+    can have with eigenvalues of size 1 at most."""
     power, turns = read(check.exact, {"power": rational}).power, timed(p)
-    need(check.witness is None and p.domain == "global", "it is about linear couplings, and has no witness")
-    need(0 < len(turns) <= ROUND and p.n * p.m <= ROWS, "so long a round, or so many rows, are not followed here")
-    need(power.denominator == 1 and 1 <= power <= POWER, "the power is no whole number from 1 on, or too large")
+    need(
+        check.witness is None and p.domain == "global",
+        "it is about linear couplings, and has no witness",
+    )
+    need(
+        0 < len(turns) <= ROUND and p.n * p.m <= ROWS,
+        "so long a round, or so many rows, are not followed here",
+    )
+    need(
+        power.denominator == 1 and 1 <= power <= POWER,
+        "the power is no whole number from 1 on, or too large",
+    )
     parts = [(turn.mode, turn.shortest) for turn in turns]
-    sizes = {part: [[x * part[1] for x in row] for row in p.jacobian(part[0])] for part in set(parts)}
+    sizes = {
+        part: [[x * part[1] for x in row] for row in p.jacobian(part[0])] for part in set(parts)
+    }
     reach = sum(max(sum(map(abs, row)) for row in sizes[part]) for part in parts)
     need(reach <= GROWTH, "a round is too long")
     known = {part: exponential(X) for part, X in sizes.items()}
@@ -324,7 +424,10 @@ def multiplied(X: Ball, Y: Ball) -> Ball:
     still()
     (x, r), (y, s) = X, Y
     columns = list(zip(*y, strict=True))
-    entries = [[sum(a * b for a, b in zip(row, column, strict=True)) >> BITS for column in columns] for row in x]
+    entries = [
+        [sum(a * b for a, b in zip(row, column, strict=True)) >> BITS for column in columns]
+        for row in x
+    ]
     return entries, ((largest_row(x) * s + largest_row(y) * r + r * s) >> BITS) + 1 + len(x)
 
 
@@ -334,7 +437,8 @@ def largest_row(x: list[list[int]]) -> int:
 
 
 def exponential(X: list[list[Fraction]]) -> Ball:
-    """exp(X): its series at X / 2^k with rows of at most 1/4, whose rest is below one unit, squared k times."""
+    """exp(X): its series at X / 2^k with rows of at most 1/4, whose rest is below one unit, squared
+    k times."""
     size, halvings = len(X), 0
     while max(sum(map(abs, row)) for row in X) > Fraction(2**halvings, 4):
         halvings += 1
@@ -344,7 +448,9 @@ def exponential(X: list[list[Fraction]]) -> Ball:
     for k in range(1, BITS // 4):
         rows, r = multiplied(term, small)
         term = [[x // k for x in row] for row in rows], r // k + 1 + size
-        total = [[a + b for a, b in zip(*both, strict=True)] for both in zip(total, term[0], strict=True)]
+        total = [
+            [a + b for a, b in zip(*both, strict=True)] for both in zip(total, term[0], strict=True)
+        ]
         missed += term[1]
     found: Ball = total, missed
     for _ in range(halvings):

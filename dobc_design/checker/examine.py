@@ -1,4 +1,5 @@
-"""What is asked of a certificate, in which order, and the verdict that follows from its confirmed claims."""
+"""What is asked of a certificate, in which order, and the verdict that follows from its confirmed
+claims."""
 
 import math
 from collections.abc import Callable
@@ -7,7 +8,17 @@ from functools import partial
 from typing import Any
 
 from .accuracy import accuracy
-from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
+from .consensus import (
+    OF_GROUPS,
+    closed,
+    consensus,
+    fact,
+    linearisation,
+    observable,
+    observer,
+    takes_long,
+    weighted,
+)
 from .coordinates import boxes
 from .cycles import allowed, schedule
 from .factors import bounded, time_to_one_percent
@@ -41,9 +52,11 @@ REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
 
 
 def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list[tuple[bool, str]]:
-    """Every claim of a certificate: does it hold, what it is, and why it fails. It is confirmed iff all of them hold.
+    """Every claim of a certificate: does it hold, what it is, and why it fails. It is confirmed iff
+    all of them hold.
 
-    ``until``: a time of ``time.monotonic``, after which no further claim is examined; the list is then shorter.
+    ``until``: a time of ``time.monotonic``, after which no further claim is examined; the list is
+    then shorter.
     Raises: Refused if one of the two files is not what the format page describes.
     """
     token = UNTIL.set(until)
@@ -63,10 +76,18 @@ def _examined(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
         ("its list of checks", partial(completeness, case)),
     ]
     gain = [("its observer gain and pair (P, Q)", partial(observer, case))]
-    each = [(f"{check.id} {check.mode or ''}: {check.verdict}", partial(confirm, case, check)) for check in case.checks]
+    each = [
+        (f"{check.id} {check.mode or ''}: {check.verdict}", partial(confirm, case, check))
+        for check in case.checks
+    ]
     last = [(f"overall verdict: {case.claims.verdict}", partial(overall, case))]
     findings: list[tuple[bool, str]] = []
-    for title, step in (step for stage in (first, gain, each, last) if all(ok for ok, _ in findings) for step in stage):
+    for title, step in (
+        step
+        for stage in (first, gain, each, last)
+        if all(ok for ok, _ in findings)
+        for step in stage
+    ):
         try:
             step()
             findings.append((True, title))
@@ -90,10 +111,15 @@ def completeness(case: Certificate) -> None:
     p = case.problem
     wanted: list[Any] = [(id, mode, None) for mode in p.modes for id in ("reachability", "lemma1")]
     wanted += [(id, None, group) for id in OF_GROUPS for group in p.names]
-    wanted += [(case.theorem, None, None)] * (p.q > 0) + [(case.theorem + "-printed", None, None)] * (p.P is not None)
+    wanted += [(case.theorem, None, None)] * (p.q > 0) + [
+        (case.theorem + "-printed", None, None)
+    ] * (p.P is not None)
     found = [(check.id, check.mode, check.group) for check in case.checks]
     more = (*REGIONAL, case.theorem + "-weighted", "linearisation")
-    need(set(found) <= {*wanted, *((id, None, None) for id in more)}, "there is a check that nobody asked for")
+    need(
+        set(found) <= {*wanted, *((id, None, None) for id in more)},
+        "there is a check that nobody asked for",
+    )
     need(len(set(found)) == len(found), "a check stands there twice")
     need(set(wanted) <= set(found), "a check is missing")
 
@@ -107,8 +133,15 @@ def confirm(case: Certificate, check: Any) -> None:
         claimed = (check.margin, check.rate, check.factor, check.exact, check.witness)
         need(claimed == (None,) * 5, "it is undecided and claims something")
     else:
-        need(check.verdict in ("proved", "refuted"), "the verdict is none of proved, refuted and undecided")
-        named = {**dict.fromkeys(FACTS, fact), case.theorem + "-weighted": weighted, "linearisation": linearisation}
+        need(
+            check.verdict in ("proved", "refuted"),
+            "the verdict is none of proved, refuted and undecided",
+        )
+        named = {
+            **dict.fromkeys(FACTS, fact),
+            case.theorem + "-weighted": weighted,
+            "linearisation": linearisation,
+        }
         (regional if about_region else named.get(check.id, consensus))(case, check)
         bounded(case, check)
 
@@ -124,15 +157,24 @@ def regional(case: Certificate, check: Any) -> None:
             "a coupling is a list, or nodes are curved",
         )
     need(not p.nodes or check.id not in ("equilibrium", "markov"), "nodes are curved")
-    need(p.leader is None or check.id not in ("equilibrium", "delay", "sampling"), "the leader moves on")
+    need(
+        p.leader is None or check.id not in ("equilibrium", "delay", "sampling"),
+        "the leader moves on",
+    )
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
     else:
         need(check.domain == p.domain, "the domain is wrong")
         need(check.rate is None, "it is refuted and claims a rate")
-        need(check.id in ("max-separable", "equilibrium", "markov", "schedule"), "it cannot be refuted")
+        need(
+            check.id in ("max-separable", "equilibrium", "markov", "schedule"),
+            "it cannot be refuted",
+        )
     REGIONAL[check.id](case, check)
-    need(check.id != "equilibrium" or may_stay(p, check.exact["mode"]), "the guarantee does not let that mode stay on")
+    need(
+        check.id != "equilibrium" or may_stay(p, check.exact["mode"]),
+        "the guarantee does not let that mode stay on",
+    )
 
 
 # --- the overall verdict, once all checks are confirmed
@@ -145,12 +187,19 @@ def overall(case: Certificate) -> None:
 
     proofs = [check for check in case.checks if check.verdict == "proved" and covers(case, check)]
     lemmas = [check for check in proofs if check.id == "lemma1"]
-    slowest = min(lemmas, key=rate, default=None) if len(lemmas) == len(case.problem.modes) else None
+    slowest = (
+        min(lemmas, key=rate, default=None) if len(lemmas) == len(case.problem.modes) else None
+    )
     counted = [check for check in proofs if check.id != "lemma1" or check is slowest]
-    if tables(case.problem):  # the checks of tables are about the graphs of the modes, not about every graph
+    # the checks of tables are about the graphs of the modes, not about every graph
+    if tables(case.problem):
         counted = [check for check in counted if check.id != "safety"]
     always = [check for check in counted if check.id not in ("schedule", "markov")]
-    best: Any = min(always or counted, key=lambda check: (time_to_one_percent(check), -rate(check)), default=None)
+    best: Any = min(
+        always or counted,
+        key=lambda check: (time_to_one_percent(check), -rate(check)),
+        default=None,
+    )
     failed = best is None and refuted(case)
     best = best and answered(case, best)
     verdict = "proved" if best else "refuted" if failed else "undecided"
@@ -161,8 +210,8 @@ def overall(case: Certificate) -> None:
 
 
 def tables(p: Problem) -> list[str]:
-    """The checks that have to be proved because of `actuators` and `uncertainty`; the last one carries the verdict,
-    unless it is about limits alone."""
+    """The checks that have to be proved because of `actuators` and `uncertainty`; the last one
+    carries the verdict, unless it is about limits alone."""
     plant = p.uncertainty
     acts = plant is not None and (plant.disturbance or plant.measurement or (plant.drift and p.q))
     off = plant is not None and (plant.weights or plant.gains)
@@ -171,15 +220,21 @@ def tables(p: Problem) -> list[str]:
 
 
 def answered(case: Certificate, best: Any) -> Any:
-    """The check that carries the verdict about the plant with its tables, beside ``best``; None if one is open."""
+    """The check that carries the verdict about the plant with its tables, beside ``best``; None if
+    one is open."""
     p = case.problem
     for id in tables(p):
         found = [check for check in case.checks if (check.id, check.verdict) == (id, "proved")]
         if not found or not asked_for(case, found[0].domain):
             return None
         best = best if id == "actuators" else found[0]
-    if tables(p) == ["actuators", "tolerance"] and "v" in best.exact:  # errors at the target, and inputs in a box
-        own = (check.exact for check in case.checks if (check.id, check.verdict) == ("actuators", "proved"))
+    # errors at the target, and inputs in a box
+    if tables(p) == ["actuators", "tolerance"] and "v" in best.exact:
+        own = (
+            check.exact
+            for check in case.checks
+            if (check.id, check.verdict) == ("actuators", "proved")
+        )
         return best if all("v" in exact for exact in own) else None
     return best
 
@@ -188,7 +243,11 @@ def asked_for(case: Certificate, domain: Any) -> bool:
     """True if a domain of these checks holds the starts that are asked for."""
     p = case.problem
     if p.region is not None or type(domain) is str:
-        return domain == "global" or (p.region is None and type(domain) is str) or holds_region(p, domain)
+        return (
+            domain == "global"
+            or (p.region is None and type(domain) is str)
+            or holds_region(p, domain)
+        )
     return bool(domain.radius > 0 and (not p.q or domain.disturbance > 0))
 
 
@@ -203,9 +262,12 @@ def covers(case: Certificate, check: Any) -> bool:
         return False
     if type(domain) is str:
         return bool(domain == "global")
-    if p.region is None:  # a box around the target answers the local question: several modes, dynamics, leaders
+    # a box around the target answers the local question: several modes, dynamics, leaders
+    if p.region is None:
         near = domain.radius > 0 and (not p.q or domain.disturbance > 0)
-        box = check.id in ("max-separable", "schedule", "markov") and (p.switches or p.B is not None)
+        box = check.id in ("max-separable", "schedule", "markov") and (
+            p.switches or p.B is not None
+        )
         return bool((safe or box or (check.id == "lure" and p.nodes and p.leader)) and near)
     return holds_region(p, domain)
 
@@ -216,13 +278,18 @@ def holds_region(p: Problem, domain: Any) -> bool:
         return False
     sides = list(zip(p.region.initial_states, p.leads, strict=True))
     ends = [[end - s for end in side for s in leads] for side, leads in sides]
-    farthest = [max(abs(end - goal[c]) for goal in p.goals for end in each) for c, each in enumerate(ends)]
+    farthest = [
+        max(abs(end - goal[c]) for goal in p.goals for end in each) for c, each in enumerate(ends)
+    ]
     square = max(farthest) ** 2 if domain.kind == "box" else p.n * sum(side**2 for side in farthest)
-    return bool(domain.radius**2 >= square and domain.disturbance >= (p.region.initial_disturbance or 0))
+    return bool(
+        domain.radius**2 >= square and domain.disturbance >= (p.region.initial_disturbance or 0)
+    )
 
 
 def refuted(case: Certificate) -> bool:
-    """True if a closed set of agents, an equilibrium, a group's own W or an unstable mode shows that it fails."""
+    """True if a closed set of agents, an equilibrium, a group's own W or an unstable mode shows
+    that it fails."""
     p, found = case.problem, [check for check in case.checks if check.verdict == "refuted"]
     asked = p.groups if p.region is None or p.region.initial_disturbance else []
     parts = (  # what is seen of an error has to decay
@@ -233,12 +300,23 @@ def refuted(case: Certificate) -> bool:
     )
     last = absorbing(p) if len(p.modes) <= MODES else []
     apart = any(p.escapes(cycle, k == 0) for k, cycle in enumerate([*allowed(p), *last]))
-    if apart or (p.region and any(check.id == "equilibrium" for check in found)) or not all(map(stable, parts)):
+    if (
+        apart
+        or (p.region and any(check.id == "equilibrium" for check in found))
+        or not all(map(stable, parts))
+    ):
         return True
-    sides = enumerate([] if p.region is None else zip(p.region.initial_states, p.leads, strict=True))
-    rooms = ((max(lo - x[c] for x in p.goals), min(hi - x[c] for x in p.goals), *s) for c, ((lo, hi), s) in sides)
+    sides = enumerate(
+        [] if p.region is None else zip(p.region.initial_states, p.leads, strict=True)
+    )
+    rooms = (
+        (max(lo - x[c] for x in p.goals), min(hi - x[c] for x in p.goals), *s)
+        for c, ((lo, hi), s) in sides
+    )
     inside = (lo < hi and lo < last and first < hi for lo, hi, first, last in rooms)
     unstable = (check for check in found if check.id in ("lemma1", "linearisation"))
     rooted = (check.exact for check in unstable if may_stay(p, check.mode or next(iter(p.modes))))
     grows = any(check.id == "schedule" for check in found)
-    return all(inside) and (grows or p.drifts() or any(rational(exact["unstable_roots"]) > 0 for exact in rooted))
+    return all(inside) and (
+        grows or p.drifts() or any(rational(exact["unstable_roots"]) > 0 for exact in rooted)
+    )

@@ -1,8 +1,9 @@
-"""The reader of couplings: Python parses the text (it runs nothing), and whatever is not in the grammar is refused.
+"""The reader of couplings: Python parses the text (it runs nothing), and whatever is not in the
+grammar is refused.
 
-An expression becomes a list of steps on jets. A jet is a value with its slopes along the variables (none: constant),
-all of them intervals; at a kink the slopes are Clarke's. The same steps give the exact slopes at 0, on rationals, and
-enclosures on whole intervals of floating-point numbers.
+An expression becomes a list of steps on jets. A jet is a value with its slopes along the variables
+(none: constant), all of them intervals; at a kink the slopes are Clarke's. The same steps give the
+exact slopes at 0, on rationals, and enclosures on whole intervals of floating-point numbers.
 """
 
 import ast
@@ -17,21 +18,35 @@ from operator import add
 from typing import Any, NamedTuple
 
 from . import intervals
-from .intervals import PI, Exact, Interval, Real, added, divided, enclosed, like, negative, power, times
+from .intervals import (
+    PI,
+    Exact,
+    Interval,
+    Real,
+    added,
+    divided,
+    enclosed,
+    like,
+    negative,
+    power,
+    times,
+)
 from .reading import Refused, need, rational
 
 Jet = tuple[Interval[Real], tuple[Interval[Real], ...]]
 Operation = tuple[Callable[..., Any], Callable[..., Any]]
 
 
-# --- Operations on jets -----------------------------------------------------------------------------------------------
+# --- Operations on jets
+# -----------------------------------------------------------------------------------------------
 def variables(box: Sequence[Interval[Real]]) -> list[Jet[Real]]:
     """The variables on a box."""
     return [(y, tuple(like(y, k == own) for k in range(len(box)))) for own, y in enumerate(box)]
 
 
 def applied(operation: Operation, *jets: Jet[Real]) -> Jet[Real]:
-    """A smooth operation, by the chain rule; the partial derivatives are looked at only where an argument varies."""
+    """A smooth operation, by the chain rule; the partial derivatives are looked at only where an
+    argument varies."""
     function, partials = operation
     arguments, slopes = [jet[0] for jet in jets], tuple[Interval[Real], ...]()
     value = function(*arguments)
@@ -61,7 +76,13 @@ def greatest(*x: Jet[Real]) -> Jet[Real]:
 
 def sign(x: Interval[Real]) -> Interval[Real]:
     """The slope of |x|."""
-    return like(x, 1) if x[0] >= 0 else like(x, -1) if x[1] <= 0 else intervals.hull(like(x, -1), like(x, 1))
+    return (
+        like(x, 1)
+        if x[0] >= 0
+        else like(x, -1)
+        if x[1] <= 0
+        else intervals.hull(like(x, -1), like(x, 1))
+    )
 
 
 def rest(x: Interval[Real]) -> Interval[Real]:
@@ -89,11 +110,23 @@ SMOOTH: dict[str, Operation] = {
     "sin": (lambda x: intervals.wave(x, 0), lambda x, f: (intervals.wave(x, 1),)),
     "cos": (lambda x: intervals.wave(x, 1), lambda x, f: (negative(intervals.wave(x, 0)),)),
     "tan": (intervals.tangent, lambda x, f: (added(like(x, 1), power(f, 2)),)),
-    "atan": (intervals.arctangent, lambda x, f: (divided(like(x, 1), added(like(x, 1), power(x, 2))),)),
-    "asinh": (intervals.inverse_sine, lambda x, f: (divided(like(x, 1), intervals.hyperbolic(f, True)),)),
+    "atan": (
+        intervals.arctangent,
+        lambda x, f: (divided(like(x, 1), added(like(x, 1), power(x, 2))),),
+    ),
+    "asinh": (
+        intervals.inverse_sine,
+        lambda x, f: (divided(like(x, 1), intervals.hyperbolic(f, True)),),
+    ),
     "tanh": (intervals.hyperbolic_tangent, lambda x, f: (rest(power(f, 2)),)),
-    "sinh": (lambda x: intervals.hyperbolic(x, False), lambda x, f: (intervals.hyperbolic(x, True),)),
-    "cosh": (lambda x: intervals.hyperbolic(x, True), lambda x, f: (intervals.hyperbolic(x, False),)),
+    "sinh": (
+        lambda x: intervals.hyperbolic(x, False),
+        lambda x, f: (intervals.hyperbolic(x, True),),
+    ),
+    "cosh": (
+        lambda x: intervals.hyperbolic(x, True),
+        lambda x, f: (intervals.hyperbolic(x, False),),
+    ),
     "abs": (intervals.absolute, lambda x, f: (sign(x),)),
 }
 # Functions of jets: what they do, and how many arguments they take; those with kinks.
@@ -106,9 +139,11 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], float, float]] = {
 KINKS = ("abs", "min", "max", "clip")
 
 
-# --- Expressions ------------------------------------------------------------------------------------------------------
+# --- Expressions
+# --------------------------------------------------------------------------------------------------
 class Step(NamedTuple):
-    """An operation on the jets with these numbers; a variable or a constant has none, a constant has a value."""
+    """An operation on the jets with these numbers; a variable or a constant has none, a constant
+    has a value."""
 
     operation: Callable[..., Any] | None
     arguments: tuple[int, ...]
@@ -132,7 +167,9 @@ class Expression:
         try:
             self.result = self.read(ast.parse(self.source, mode="eval").body)
         except (SyntaxError, MemoryError, RecursionError):
-            raise Refused("an expression does not follow the grammar, or is nested too deeply") from None
+            raise Refused(
+                "an expression does not follow the grammar, or is nested too deeply"
+            ) from None
         self.degree = self.steps[self.result].degree
 
     def read(self, node: ast.expr) -> int:
@@ -144,12 +181,16 @@ class Expression:
             case ast.Name(id="pi"):
                 return self.append(None, (), 0, PI)
             case ast.Name(id=name):
-                need(name in self.names, "an expression holds a name that the grammar does not know")
+                need(
+                    name in self.names, "an expression holds a name that the grammar does not know"
+                )
                 return self.names.index(name)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 inner = self.read(operand)
                 return self.append(partial(applied, NEGATIVE), (inner,), self.steps[inner].degree)
-            case ast.BinOp(left=left, op=ast.Pow(), right=ast.expr(col_offset=start, end_col_offset=end)):
+            case ast.BinOp(
+                left=left, op=ast.Pow(), right=ast.expr(col_offset=start, end_col_offset=end)
+            ):
                 return self.read_power(left, self.source[start:end])
             case ast.BinOp():
                 return self.read_chain(node)
@@ -166,8 +207,13 @@ class Expression:
         n, place = int(exponent), self.read(base)
         degree = self.steps[place].degree
         polynomial = degree < math.inf and (n >= 0 or degree == 0)
-        raised: Operation = (lambda x: power(x, n), lambda x, f: (times(like(x, n), power(x, n - 1 if n else 0)),))
-        return self.append(partial(applied, raised), (place,), degree * n if polynomial else math.inf)
+        raised: Operation = (
+            lambda x: power(x, n),
+            lambda x, f: (times(like(x, n), power(x, n - 1 if n else 0)),),
+        )
+        return self.append(
+            partial(applied, raised), (place,), degree * n if polynomial else math.inf
+        )
 
     def read_chain(self, node: ast.BinOp) -> int:
         """Sums and products: a long one leans to the left, deeper than Python follows calls."""
@@ -178,7 +224,10 @@ class Expression:
 
         place = self.read(first)
         for part in reversed(chain):
-            need(type(part.op) in OPERATIONS, "an expression holds an operation that the grammar does not know")
+            need(
+                type(part.op) in OPERATIONS,
+                "an expression holds an operation that the grammar does not know",
+            )
             right = self.read(part.right)
             degree = DEGREES[type(part.op)](self.steps[place].degree, self.steps[right].degree)
             place = self.append(partial(applied, OPERATIONS[type(part.op)]), (place, right), degree)
@@ -189,10 +238,16 @@ class Expression:
         need(name in FUNCTIONS, "an expression holds a function that the grammar does not know")
         function, fewest, most = FUNCTIONS[name]
         need(fewest <= len(arguments) <= most, "a function has the wrong number of arguments")
-        self.kinked = self.kinked or (name in KINKS and any(self.steps[k].varies for k in arguments))
-        return self.append(function, arguments, math.inf if any(self.steps[k].degree for k in arguments) else 0)
+        self.kinked = self.kinked or (
+            name in KINKS and any(self.steps[k].varies for k in arguments)
+        )
+        return self.append(
+            function, arguments, math.inf if any(self.steps[k].degree for k in arguments) else 0
+        )
 
-    def append(self, operation: Any, arguments: tuple[int, ...], degree: float, value: Exact | None = None) -> int:
+    def append(
+        self, operation: Any, arguments: tuple[int, ...], degree: float, value: Exact | None = None
+    ) -> int:
         """A new step; one that depends on constants only is done at once."""
         varies = any(self.steps[k].varies for k in arguments)
         if operation and not varies:
@@ -203,21 +258,27 @@ class Expression:
     @cached_property
     def rounded(self) -> list[Step]:
         """The steps with constants between floating-point numbers."""
-        return [each._replace(value=each.value and intervals.hull(*map(enclosed, each.value))) for each in self.steps]
+        return [
+            each._replace(value=each.value and intervals.hull(*map(enclosed, each.value)))
+            for each in self.steps
+        ]
 
     def run(self, steps: list[Step], given: Sequence[Jet[Real]]) -> Jet[Real]:
-        """Value and slopes, from those of the variables, by the steps in the arithmetic of the variables."""
+        """Value and slopes, from those of the variables, by the steps in the arithmetic of the
+        variables."""
         jets: list[Jet[Real]] = list(given)
         for operation, arguments, _, _, value in steps[len(given) :]:
             jets.append(operation(*[jets[k] for k in arguments]) if operation else (value, ()))
         return jets[self.result]
 
     def at(self, *given: Jet[Any]) -> Jet[Any]:
-        """Value and slopes, exactly on rationals, with rounded constants on intervals of floating-point numbers."""
+        """Value and slopes, exactly on rationals, with rounded constants on intervals of
+        floating-point numbers."""
         return self.run(self.rounded if isinstance(given[0][0][0], float) else self.steps, given)
 
 
-# --- Couplings --------------------------------------------------------------------------------------------------------
+# --- Couplings
+# --------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """h: a single expression for every component, or m expressions."""
@@ -226,7 +287,8 @@ class Coupling:
     parts: list[Expression]
     kinked: bool  # as it is written
     straight: bool  # linear as it is written, and not kinked
-    slopes: dict[tuple[int, int], Exact]  # those at 0 that are not 0: dh_c/dy_d (none if it is kinked)
+    # those at 0 that are not 0: dh_c/dy_d (none if it is kinked)
+    slopes: dict[tuple[int, int], Exact]
 
     @property
     def single(self) -> bool:
@@ -247,9 +309,19 @@ def read_coupling(h: tuple[str, ...], m: int, longest: int = LONGEST) -> Couplin
     need(vanishing, "a coupling is not shown to vanish at 0")
 
     kinked = any(part.kinked for part in parts)
-    rows = [] if kinked else [part.run(part.steps, variables([zero] * len(names)))[1] for part in parts]
+    rows = (
+        []
+        if kinked
+        else [part.run(part.steps, variables([zero] * len(names)))[1] for part in parts]
+    )
     slopes = {(c, d): slope for c, row in enumerate(rows) for d, slope in enumerate(row)}
     if len(h) == 1:
         slopes = {(c, c): slope for c in range(m) for slope in slopes.values()}
     straight = not kinked and all(part.degree <= 1 for part in parts)
-    return Coupling(h, parts, kinked, straight, {place: slope for place, slope in slopes.items() if slope != zero})
+    return Coupling(
+        h,
+        parts,
+        kinked,
+        straight,
+        {place: slope for place, slope in slopes.items() if slope != zero},
+    )

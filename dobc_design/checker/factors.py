@@ -1,6 +1,8 @@
-"""The factor of a rate: abs(e(t)) <= factor abs(e(0)) exp(-rate t) + what the estimation error adds.
+"""The factor of a rate: abs(e(t)) <= factor abs(e(0)) exp(-rate t) + what the estimation error
+adds.
 
-The norm is the largest component where V is a weighted maximum, and the Euclidean one where it is a quadratic form.
+The norm is the largest component where V is a weighted maximum, and the Euclidean one where it is a
+quadratic form.
 """
 
 import math
@@ -17,7 +19,8 @@ from .reading import matrix, need, rational, read, weights
 
 ONE = Fraction(1)
 TINY = Fraction(1, 10**300)  # rates below count as none
-OF_THE_PAPER = ("lemma1", "theorem1", "theorem2", "theorem1-printed", "theorem2-printed")  # V = e'e + ...
+# V = e'e + ...
+OF_THE_PAPER = ("lemma1", "theorem1", "theorem2", "theorem1-printed", "theorem2-printed")
 OF_QUADRATIC_FORMS = ("theorem1-weighted", "theorem2-weighted", "lure")
 
 
@@ -25,7 +28,10 @@ def bounded(case: Certificate, check: Any) -> None:
     """The factor that a confirmed check claims, if it does, is at least the one that follows."""
     if check.factor is None:
         return
-    need(check.verdict == "proved" and check.rate is not None, "a factor belongs to the rate of a proof")
+    need(
+        check.verdict == "proved" and check.rate is not None,
+        "a factor belongs to the rate of a proof",
+    )
     if check.id in OF_QUADRATIC_FORMS:
         shown = follows_from_form(case, check)
     elif check.id == "markov" and check.exact["kind"] == "mean square":
@@ -38,7 +44,8 @@ def bounded(case: Certificate, check: Any) -> None:
 
 
 def least_factor(case: Certificate, check: Any) -> Fraction:
-    """The largest N where abs(e) <= 1, times the largest abs(e) where N <= 1 (and times exp(rate t) for a schedule)."""
+    """The largest N where abs(e) <= 1, times the largest abs(e) where N <= 1 (and times exp(rate t)
+    for a schedule)."""
     p, exact = case.problem, check.exact
     if check.id in OF_THE_PAPER or check.id == "safety":
         return ONE
@@ -48,9 +55,14 @@ def least_factor(case: Certificate, check: Any) -> Fraction:
         v = weights(p.n, exact["v"])
         return max(v) / min(v)
     if check.id in ("delay", "tolerance"):
-        beside = next(each for each in case.checks if (each.id, each.verdict) == ("max-separable", "proved"))
+        beside = next(
+            each for each in case.checks if (each.id, each.verdict) == ("max-separable", "proved")
+        )
         late = check.id == "delay" and p.q > 0
-        need(not late or rational(exact["rate"]) < rational(beside.exact["beta"]), "no bound follows at the rate beta")
+        need(
+            not late or rational(exact["rate"]) < rational(beside.exact["beta"]),
+            "no bound follows at the rate beta",
+        )
         return of_weights(case, beside.exact)
     if check.id == "schedule":
         return of_schedule(case, exact)
@@ -91,7 +103,8 @@ def of_schedule(case: Certificate, exact: Any) -> Fraction:
 
 
 def follows_from_form(case: Certificate, check: Any) -> bool:
-    """Of V = e'De, e'(D (x) R)e or e'P_e e: the factor squared is at least lambda_max / lambda_min."""
+    """Of V = e'De, e'(D (x) R)e or e'P_e e: the factor squared is at least lambda_max /
+    lambda_min."""
     p, exact, square = case.problem, check.exact, check.factor**2
     if check.id == "lure":
         return conditioned([read_form(p.n * p.m, exact["P_e"])], square)
@@ -102,8 +115,11 @@ def follows_from_form(case: Certificate, check: Any) -> bool:
 
 
 def conditioned(forms: list[Matrix], square: Fraction) -> bool:
-    """True if lambda_max of any of these positive definite matrices is at most ``square`` times lambda_min of any."""
-    plain = all(i == j or not x for P in forms for i, row in enumerate(P) for j, x in enumerate(row))
+    """True if lambda_max of any of these positive definite matrices is at most ``square`` times
+    lambda_min of any."""
+    plain = all(
+        i == j or not x for P in forms for i, row in enumerate(P) for j, x in enumerate(row)
+    )
     if plain:
         entries = [P[i][i] for P in forms for i in range(len(P))]
         return max(entries) <= square * min(entries)
@@ -112,7 +128,8 @@ def conditioned(forms: list[Matrix], square: Fraction) -> bool:
 
 
 def time_to_one_percent(check: Any) -> float:
-    """After how many seconds the bound is a hundredth of abs(e(0)); for a comparison, in floating point."""
+    """After how many seconds the bound is a hundredth of abs(e(0)); for a comparison, in floating
+    point."""
     if check.factor is None or not check.rate or check.rate < TINY:
         return math.inf
     return (math.log(100) + math.log(check.factor)) / float(check.rate)

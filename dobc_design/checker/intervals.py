@@ -1,10 +1,11 @@
 """Interval arithmetic, rounded outward: pairs (lo, hi) of rationals or of floating-point numbers.
 
-Every function is written once for both. Rationals are exact as long as they are single numbers of at most EXACT_BITS
-bits, or ends of at most PRECISION bits, and are rounded outward to PRECISION bits otherwise: they serve where slopes at
-0 have to be exact. Floating-point
-numbers serve where couplings are enclosed on many intervals. The two are never mixed. Sums, products and quotients of
-floating-point numbers are those of IEEE 754; exp, ln and sqrt come from the decimal module, the others from integers.
+Every function is written once for both. Rationals are exact as long as they are single numbers of
+at most EXACT_BITS bits, or ends of at most PRECISION bits, and are rounded outward to PRECISION
+bits otherwise: they serve where slopes at 0 have to be exact. Floating-point numbers serve where
+couplings are enclosed on many intervals. The two are never mixed. Sums, products and quotients of
+floating-point numbers are those of IEEE 754; exp, ln and sqrt come from the decimal module, the
+others from integers.
 """
 
 import decimal
@@ -25,17 +26,22 @@ NOTHING, ONE = (0.0, 0.0), (1.0, 1.0)
 EXACT_BITS, PRECISION = 1536, 256  # a longer rational is enclosed; bits of an enclosure
 LARGEST = 1e300  # of the floating-point numbers followed here
 WAYS = decimal.ROUND_FLOOR, decimal.ROUND_CEILING
-CONTEXTS = {kind: [decimal.Context(digits, way) for way in WAYS] for kind, digits in ((float, 22), (Fraction, 80))}
-PLACES: dict[type, int] = {float: 160, Fraction: 330}  # binary places of the integers that sin and atan are made of
+CONTEXTS = {
+    kind: [decimal.Context(digits, way) for way in WAYS]
+    for kind, digits in ((float, 22), (Fraction, 80))
+}
+# binary places of the integers that sin and atan are made of
+PLACES: dict[type, int] = {float: 160, Fraction: 330}
 SLACK = 60  # the error of such an integer is at most 2^SLACK units
 FAR = 2**14  # exp is followed up to there
 OUT_OF_RANGE = "a coupling leaves the range of numbers followed here"
 
 
-# --- Arithmetic -------------------------------------------------------------------------------------------------------
+# --- Arithmetic
+# --------------------------------------------------------------------------------------------------
 def outward(lo: Real, hi: Real) -> Interval[Real]:
-    """Room for rounding: the next floating-point numbers outside (a result of IEEE arithmetic is at most half as far
-    away), or rationals of PRECISION bits."""
+    """Room for rounding: the next floating-point numbers outside (a result of IEEE arithmetic is at
+    most half as far away), or rationals of PRECISION bits."""
     if isinstance(lo, float):
         lo, hi = math.nextafter(lo, -math.inf), math.nextafter(hi, math.inf)
         need(-LARGEST < lo <= hi < LARGEST, OUT_OF_RANGE)
@@ -47,7 +53,8 @@ def outward(lo: Real, hi: Real) -> Interval[Real]:
 
 
 def shortened(x: Fraction, rounding: Callable[[Fraction], int], longest: int) -> Fraction:
-    """The rational, or with more than ``longest`` bits the one of PRECISION bits on the side of ``rounding``."""
+    """The rational, or with more than ``longest`` bits the one of PRECISION bits on the side of
+    ``rounding``."""
     if max(x.numerator.bit_length(), x.denominator.bit_length()) <= longest:
         return x
     unit = Fraction(2) ** (magnitude(x) - PRECISION)
@@ -158,10 +165,11 @@ def growing(at: Callable[[Real], Interval[Real]], x: Interval[Real]) -> Interval
     return low if x[0] == x[1] else (low[0], at(x[1])[1])
 
 
-# --- exp, ln and sqrt: the decimal module rounds them correctly, so that one unit further out is outside --------------
+# --- exp, ln and sqrt: the decimal module rounds them correctly, so that one unit further out is
+# outside --------------
 def by_decimal(name: str, x: Interval[Real]) -> Interval[Real]:
-    """exp, ln or sqrt, all of which are nondecreasing. Rational by the rules of the format page are exp 0, ln 1, and
-    roots of squares."""
+    """exp, ln or sqrt, all of which are nondecreasing. Rational by the rules of the format page are
+    exp 0, ln 1, and roots of squares."""
     (lo, hi), kind = x, type(x[0])
     top, bottom = lo.as_integer_ratio()
     root = Fraction(math.isqrt(max(0, top)), math.isqrt(bottom)) if name == "sqrt" else Fraction(0)
@@ -192,7 +200,10 @@ def inverse_sine(x: Interval[Real]) -> Interval[Real]:
     """asinh, log(z + sqrt(1 + z^2)) for z >= 0."""
     return growing(
         odd(
-            lambda z: by_decimal("ln", added((z, z), by_decimal("sqrt", added(like((z, z), 1), times((z, z), (z, z))))))
+            lambda z: by_decimal(
+                "ln",
+                added((z, z), by_decimal("sqrt", added(like((z, z), 1), times((z, z), (z, z))))),
+            )
         ),
         x,
     )
@@ -208,7 +219,8 @@ def hyperbolic(x: Interval[Real], cosine: bool) -> Interval[Real]:
     return growing(at, absolute(x) if cosine else x)
 
 
-# --- sin, cos, tan and atan: series in integers, in units of 2^-bits --------------------------------------------------
+# --- sin, cos, tan and atan: series in integers, in units of 2^-bits
+# --------------------------------------------------
 def whole(x: Fraction | float, bits: int) -> int:
     """x in units of 2^-bits, within one unit."""
     top, bottom = x.as_integer_ratio()
@@ -217,12 +229,13 @@ def whole(x: Fraction | float, bits: int) -> int:
 
 def between(low: int, high: int, bits: int, kind: type[Real]) -> Interval[Real]:
     """From low to high units of 2^-bits."""
-    return outward(kind(low) / (1 << bits), kind(high) / (1 << bits))  # by a power of 2: rounded once
+    # by a power of 2: rounded once
+    return outward(kind(low) / (1 << bits), kind(high) / (1 << bits))
 
 
 def arctangent_of(z: int, bits: int) -> int:
-    """atan of z >= 0: atan x = 2 atan(x / (1 + sqrt(1 + x^2))), three times, makes x < 1/5; then the Taylor series.
-    Every one of the less than 1000 operations is off by at most two units."""
+    """atan of z >= 0: atan x = 2 atan(x / (1 + sqrt(1 + x^2))), three times, makes x < 1/5; then
+    the Taylor series. Every one of the less than 1000 operations is off by at most two units."""
     unit = 1 << bits
     for _ in range(3):
         z = z * unit // (unit + math.isqrt(unit * unit + z * z))
@@ -253,7 +266,10 @@ def half_turn(bits: int) -> int:
 
 
 PI: Exact = between(
-    half_turn(PLACES[Fraction]) - 2**SLACK, half_turn(PLACES[Fraction]) + 2**SLACK, PLACES[Fraction], Fraction
+    half_turn(PLACES[Fraction]) - 2**SLACK,
+    half_turn(PLACES[Fraction]) + 2**SLACK,
+    PLACES[Fraction],
+    Fraction,
 )
 
 
@@ -271,8 +287,9 @@ def sine_of(z: int, bits: int) -> int:
 
 
 def wave(x: Interval[Real], quarter: int) -> Interval[Real]:
-    """Sine (quarter 0) or cosine (quarter 1): the values at the ends, and 1 or -1 where it turns between them.
-    For |x| up to 2^more there are 2^more turns, whose error is made up for by as many more places."""
+    """Sine (quarter 0) or cosine (quarter 1): the values at the ends, and 1 or -1 where it turns
+    between them. For |x| up to 2^more there are 2^more turns, whose error is made up for by as many
+    more places."""
     if x[0] == 0 == x[1]:
         return like(x, quarter)
     kind, more = type(x[0]), max(1, 1 + magnitude(x[0]), 1 + magnitude(x[1]))
@@ -280,7 +297,8 @@ def wave(x: Interval[Real], quarter: int) -> Interval[Real]:
     bits, slack = PLACES[kind] + more, 1 << SLACK + more
     half = half_turn(bits)
     low, high = (whole(end, bits) + quarter * half // 2 for end in x)
-    first = -((half // 2 - low + slack) // half)  # it turns at (k + 1/2) pi; wider by slack is no harm
+    # it turns at (k + 1/2) pi; wider by slack is no harm
+    first = -((half // 2 - low + slack) // half)
     last = (high + slack - half // 2) // half
     turns = [like(x, (1, -1)[k % 2]) for k in range(first, last + 1)[:2]]
     ends = [sine_of(end, bits) for end in {low, high}]

@@ -1,6 +1,7 @@
 """Matrices over the rationals: elimination, polynomials, definiteness.
 
-Of definiteness True is a proof, False says that there is none here. Floating point only proposes a vector.
+Of definiteness True is a proof, False says that there is none here. Floating point only proposes a
+vector.
 """
 
 import math
@@ -21,7 +22,8 @@ def root(square: Fraction) -> Fraction:
     return Fraction(math.isqrt(math.ceil(square * 4**60)) + 1, 2**60)
 
 
-# --- Sums and products ------------------------------------------------------------------------------------------------
+# --- Sums and products
+# ------------------------------------------------------------------------------------------------
 def identity(size: int, factor: Fraction | int = 1) -> Matrix:
     """The identity times a factor; 0 gives a matrix of zeros."""
     return [[Fraction(factor * (i == j)) for j in range(size)] for i in range(size)]
@@ -45,7 +47,9 @@ def plus(X: Matrix, factor: Fraction | int, Y: Matrix) -> Matrix:
 
 def form(u: list[Fraction], X: Matrix, v: list[Fraction]) -> Fraction:
     """The number u'X v."""
-    return sum((a * x * b for a, row in zip(u, X, strict=True) for x, b in zip(row, v, strict=True)), ZERO)
+    return sum(
+        (a * x * b for a, row in zip(u, X, strict=True) for x, b in zip(row, v, strict=True)), ZERO
+    )
 
 
 def diagonal(blocks: list[Any]) -> Matrix:
@@ -63,9 +67,11 @@ def integers(v: list[Fraction]) -> tuple[list[int], int]:
     return [int(x * bottom) for x in v], bottom
 
 
-# --- Elimination ------------------------------------------------------------------------------------------------------
+# --- Elimination
+# --------------------------------------------------------------------------------------------------
 def echelon(X: Matrix) -> tuple[Matrix, list[int]]:
-    """The nonzero rows of the reduced row echelon form, and the columns of their leading ones; in integers."""
+    """The nonzero rows of the reduced row echelon form, and the columns of their leading ones; in
+    integers."""
     rest, rows, pivots = [integers(row)[0] for row in X], list[list[int]](), list[int]()
     for column in range(len(X[0]) if X else 0):
         still()
@@ -73,11 +79,14 @@ def echelon(X: Matrix) -> tuple[Matrix, list[int]]:
         if lead is not None:
             rest = [without(row, lead, column) for row in rest if row is not lead]
             rows, pivots = [*(without(row, lead, column) for row in rows), lead], [*pivots, column]
-    return [[Fraction(x, row[lead]) for x in row] for row, lead in zip(rows, pivots, strict=True)], pivots
+    return [
+        [Fraction(x, row[lead]) for x in row] for row, lead in zip(rows, pivots, strict=True)
+    ], pivots
 
 
 def without(row: list[int], lead: list[int], column: int) -> list[int]:
-    """A multiple of the row, less one of ``lead``, so that its entry in the column is 0, without common factors."""
+    """A multiple of the row, less one of ``lead``, so that its entry in the column is 0, without
+    common factors."""
     left = [lead[column] * x - row[column] * y for x, y in zip(row, lead, strict=True)]
     return [x // factor for factor in [math.gcd(*left) or 1] for x in left]
 
@@ -85,14 +94,22 @@ def without(row: list[int], lead: list[int], column: int) -> list[int]:
 def nullspace(X: Matrix, size: int) -> tuple[Matrix, list[int]]:
     """A basis of {v: X v = 0} in R^size, one vector per free column, and the free columns."""
     rows, pivots = echelon(X)
-    free, row = [column for column in range(size) if column not in pivots], dict(zip(pivots, rows, strict=True))
-    return [[-row[k][column] if k in row else Fraction(k == column) for k in range(size)] for column in free], free
+    free, row = (
+        [column for column in range(size) if column not in pivots],
+        dict(zip(pivots, rows, strict=True)),
+    )
+    return [
+        [-row[k][column] if k in row else Fraction(k == column) for k in range(size)]
+        for column in free
+    ], free
 
 
 def meets(rows: Matrix, basis: list[int], box: list[Any]) -> bool:
-    """True iff some v with rows v = 0 lies in a box; rows in echelon form, basis: the columns of their leading ones.
+    """True iff some v with rows v = 0 lies in a box; rows in echelon form, basis: the columns of
+    their leading ones.
 
-    The simplex method without an objective, with the rule of Bland, which ends: x has the other entries of v.
+    The simplex method without an objective, with the rule of Bland, which ends: x has the other
+    entries of v.
     """
     x = [ZERO if k in basis else max(lo, min(hi, ZERO)) for k, (lo, hi) in enumerate(box)]
     while wrong := [
@@ -102,7 +119,10 @@ def meets(rows: Matrix, basis: list[int], box: list[Any]) -> bool:
     ]:
         k, value, lead = min(wrong)
         x[k] = max(box[k][0], min(box[k][1], value))
-        helps = ((x[j] < hi) if (lead[j] < 0) == (value < x[k]) else (x[j] > lo) for j, (lo, hi) in enumerate(box))
+        helps = (
+            (x[j] < hi) if (lead[j] < 0) == (value < x[k]) else (x[j] > lo)
+            for j, (lo, hi) in enumerate(box)
+        )
         able = [j for j, each in enumerate(helps) if each and lead[j] and j != k]
         if not able:
             return False
@@ -112,7 +132,8 @@ def meets(rows: Matrix, basis: list[int], box: list[Any]) -> bool:
     return True
 
 
-# --- Polynomials ------------------------------------------------------------------------------------------------------
+# --- Polynomials
+# --------------------------------------------------------------------------------------------------
 def characteristic(X: Matrix) -> list[Fraction]:
     """Coefficients of det(s I - X), highest power first (Faddeev and LeVerrier, in integers)."""
     scale, size = math.lcm(*(entry.denominator for row in X for entry in row)), len(X)
@@ -134,7 +155,10 @@ def routh(polynomial: list[Fraction]) -> list[Fraction]:
     while lower and column[-1]:
         column.append(lower[0])
         factor = upper[0] / lower[0] if lower[0] else ZERO
-        upper, lower = lower, [a - factor * b for a, b in zip_longest(upper[1:], lower[1:], fillvalue=ZERO)]
+        upper, lower = (
+            lower,
+            [a - factor * b for a, b in zip_longest(upper[1:], lower[1:], fillvalue=ZERO)],
+        )
     return column
 
 
@@ -146,7 +170,8 @@ def stable(X: Matrix) -> bool:
 def unstable(X: Matrix, count: int) -> bool:
     """True if X is seen to have at least ``count`` eigenvalues with positive real part.
 
-    Sign changes in Routh's column count the roots to the right of delta >= 0, if no entry of it is 0.
+    Sign changes in Routh's column count the roots to the right of delta >= 0, if no entry of it is
+    0.
     """
     polynomial = characteristic(X)
     for delta in (ZERO, *(Fraction(1, 2**k) for k in (0, 2, 4, 8, 16, 32, 64))):
@@ -164,14 +189,18 @@ def polynomial_text(polynomial: list[Fraction]) -> str:
     """A polynomial in s as the format writes it."""
     text = ""
     for power, c in zip(range(len(polynomial) - 1, -1, -1), polynomial, strict=True):
-        need(max(abs(c.numerator), c.denominator) < 10**4000, "a polynomial has coefficients of more than 4000 digits")
+        need(
+            max(abs(c.numerator), c.denominator) < 10**4000,
+            "a polynomial has coefficients of more than 4000 digits",
+        )
         symbol = "" if power == 0 else "s" if power == 1 else f"s^{power}"
         size = "" if abs(c) == 1 and symbol else f"{abs(c)} "
         text += f" {'-' if c < 0 else '+'} {size}{symbol}".rstrip() if c else ""
     return text.removeprefix(" + ")
 
 
-# --- Definiteness -----------------------------------------------------------------------------------------------------
+# --- Definiteness
+# --------------------------------------------------------------------------------------------------
 def definite(X: Matrix, sign: int = 1) -> bool:
     """True only if the symmetric matrix sign X is positive definite."""
     return positive([{j: sign * x for j, x in enumerate(row)} for row in X])
@@ -184,12 +213,16 @@ def positive(M: Rows) -> bool:
         return False
     M = [{j: x / top for j, x in row.items() if x} for row in M]
     signs = ((x > 0) == (i == j) for i, row in enumerate(M) for j, x in row.items())
-    lengths = (bits for bits in (60, 250, 1000, 4000) if bits * len(M) < 80_000)  # else it takes minutes
-    return (len(M) > 20 and all(signs) and by_vector(M)) or any(by_factor(M, bits) for bits in lengths)
+    # else it takes minutes
+    lengths = (bits for bits in (60, 250, 1000, 4000) if bits * len(M) < 80_000)
+    return (len(M) > 20 and all(signs) and by_vector(M)) or any(
+        by_factor(M, bits) for bits in lengths
+    )
 
 
 def by_vector(M: Rows) -> bool:
-    """True if a v > 0 with M v > 0 is found: then M, whose other entries are <= 0, is positive definite.
+    """True if a v > 0 with M v > 0 is found: then M, whose other entries are <= 0, is positive
+    definite.
 
     Conjugate gradients on M v = 1 propose v in floating point; the check is exact.
     """
@@ -214,16 +247,23 @@ def by_vector(M: Rows) -> bool:
 def by_factor(M: Rows, bits: int) -> bool:
     """True if Cholesky in integers runs to its end for M - shift; the entries of M are at most 1.
 
-    In units of 2^-bits for L and 4^-bits for M, every entry of M - shift - L L' beside the diagonal is a remainder of a
-    division by L_jj <= 2^bits, plus less than 1 from rounding M down, so at most 2^bits; on the diagonal it is not
-    negative. With shift = (n + 1) 2^bits the matrix M - L L' is diagonally dominant, so M > 0.
+    In units of 2^-bits for L and 4^-bits for M, every entry of M - shift - L L' beside the diagonal
+    is a remainder of a division by L_jj <= 2^bits, plus less than 1 from rounding M down, so at
+    most 2^bits; on the diagonal it is not negative. With shift = (n + 1) 2^bits the matrix M - L L'
+    is diagonally dominant, so M > 0.
     """
     L: list[list[int]] = []
     for i, row in enumerate(M):
         own: list[int] = []
         for j, other in enumerate(L):
-            own.append((math.floor(row.get(j, ZERO) * 4**bits) - sum(map(mul, own, other))) // other[j])
-        square = math.floor(row.get(i, ZERO) * 4**bits) - ((len(M) + 1) << bits) - sum(map(mul, own, own))
+            own.append(
+                (math.floor(row.get(j, ZERO) * 4**bits) - sum(map(mul, own, other))) // other[j]
+            )
+        square = (
+            math.floor(row.get(i, ZERO) * 4**bits)
+            - ((len(M) + 1) << bits)
+            - sum(map(mul, own, own))
+        )
         if square <= 0:
             return False
         L.append([*own, math.isqrt(square)])
@@ -236,12 +276,16 @@ def semidefinite(X: Matrix) -> bool:
         (top, *rest), *rows = X
         if top < 0 or (top == 0 and any(rest)):
             return False
-        X = [[x - row[0] * y / top if top else x for x, y in zip(row[1:], rest, strict=True)] for row in rows]
+        X = [
+            [x - row[0] * y / top if top else x for x, y in zip(row[1:], rest, strict=True)]
+            for row in rows
+        ]
     return True
 
 
 def nonnegative(X: Matrix) -> bool:
-    """True only if X is positive semidefinite: positive definite beside its rows of zeros, or else by elimination."""
+    """True only if X is positive semidefinite: positive definite beside its rows of zeros, or else
+    by elimination."""
     kept = [k for k, row in enumerate(X) if any(row)]
     X = [[X[a][b] for b in kept] for a in kept]
     return not X or definite(X) or (len(X) <= 20 and semidefinite(X))

@@ -1,8 +1,8 @@
 """settling: a box that moves holds every run, and hands over to a certificate near the target.
 
--lower <= e <= upper at every time of the tube, |C eps_i| <= root(size) disturbance exp(-beta t). From the end of the
-tube on the size W of the certificate, V of max-separable or the root of V of lure, is at most level exp(-pace (t -
-end)), and |e|_inf at most height W.
+-lower <= e <= upper at every time of the tube, |C eps_i| <= root(size) disturbance exp(-beta t).
+From the end of the tube on the size W of the certificate, V of max-separable or the root of V of
+lure, is at most level exp(-pace (t - end)), and |e|_inf at most height W.
 """
 
 from fractions import Fraction
@@ -10,7 +10,18 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from .cycles import HALVINGS, TIMES, Face, ends_of, fading, keeps, read_cycles, shown, timed, turn_at
+from .cycles import (
+    HALVINGS,
+    TIMES,
+    Face,
+    ends_of,
+    fading,
+    keeps,
+    read_cycles,
+    shown,
+    timed,
+    turn_at,
+)
 from .files import Certificate
 from .intervals import enclosed
 from .matrices import ZERO, identity, nonnegative, plus, root
@@ -22,13 +33,21 @@ ONE = Fraction(1)
 
 
 def settling(case: Certificate, check: Any) -> None:
-    """The tube holds all starts and its rows hold; its last box lies in the level of what takes over, in time."""
+    """The tube holds all starts and its rows hold; its last box lies in the level of what takes
+    over, in time."""
     p = case.problem
     need(check.rate is None, "it has no rate to claim")
     starts(case, check.domain, "box")
-    tube: dict[str, Any] = {"times": [rational], "upper": [partial(weights, p.n)], "lower": [partial(weights, p.n)]}
+    tube: dict[str, Any] = {
+        "times": [rational],
+        "upper": [partial(weights, p.n)],
+        "lower": [partial(weights, p.n)],
+    }
     tube |= {"P": ((rational,) * p.q,) * p.q, "beta": rational, "size": rational} if p.q else {}
-    last = dict.fromkeys(("level", "height", "stretch"), rational) | {"kind": text, "certificate": an_object}
+    last = dict.fromkeys(("level", "height", "stretch"), rational) | {
+        "kind": text,
+        "certificate": an_object,
+    }
     exact = read(check.exact, {"tolerance": rational, "time": rational, "tube": tube, "last": last})
     moves(case, exact.tube, check.domain)
 
@@ -53,14 +72,24 @@ def moves(case: Certificate, tube: Any, box: Any) -> None:
     composite(case, tube)
     need(p.q == 0 or tube.beta > 0, "beta is not positive")
     need(min(tube.upper[0] + tube.lower[0]) >= box.radius, "the first box does not hold all starts")
-    mixed = any(x for gain in p.gains.values() for c, row in enumerate(gain) for d, x in enumerate(row) if c != d)
+    mixed = any(
+        x
+        for gain in p.gains.values()
+        for c, row in enumerate(gain)
+        for d, x in enumerate(row)
+        if c != d
+    )
     need(not mixed or tube.upper == tube.lower, "gains mix components, and the faces are not alike")
     if count == 1:
         return
 
     reach = enclosed(2 * max(x for face in (tube.upper, tube.lower) for x in map(max, face)))[1]
     couplings = {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}
-    curves = {(h, mirrored): Curve(h, mirrored, -reach, reach) for h in couplings for mirrored in (False, True)}
+    curves = {
+        (h, mirrored): Curve(h, mirrored, -reach, reach)
+        for h in couplings
+        for mirrored in (False, True)
+    }
     turns = timed(p)
     ends = ends_of(turns)
     loads = [noise(case, tube, box, time) for time in tube.times]
@@ -70,18 +99,24 @@ def moves(case: Certificate, tube: Any, box: Any) -> None:
             place, _, end = turn_at(ends, tube.times[k])
             need(tube.times[k + 1] <= end, "the mode changes between two times")
             on = [turns[place].mode]
-        for own, other, mirrored in ((tube.upper, tube.lower, False), (tube.lower, tube.upper, True)):
+        for own, other, mirrored in (
+            (tube.upper, tube.lower, False),
+            (tube.lower, tube.upper, True),
+        ):
             speed = [(b - a) / length for a, b in zip(own[k], own[k + 1], strict=True)]
             face = Face((own[k], own[k + 1]), (other[k], other[k + 1]), speed)
             open_rows = [(p.heard[mode][i], i) for mode in on for i in range(p.n)]
             for arcs, i in open_rows:
                 held = shown(p, arcs, i, face, (loads[k], loads[k + 1]), curves, mirrored, HALVINGS)
-                need(held, f"the row of agent {p.labels[i]} is not shown from {float(tube.times[k])} s on")
+                need(
+                    held,
+                    f"the row of agent {p.labels[i]} is not shown from {float(tube.times[k])} s on",
+                )
 
 
 def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> tuple[Fraction, Fraction]:
-    """The certificate at the end of the tube holds, and the last box lies in its level; its rate, and for how long it
-    may not decay yet."""
+    """The certificate at the end of the tube holds, and the last box lies in its level; its rate,
+    and for how long it may not decay yet."""
     p, quadratic = case.problem, last.kind == "quadratic"
     need(last.kind in ("max-separable", "quadratic", "schedule"), "the kind is not known")
     need(last.level > 0 and last.height > 0 and last.stretch > 0, "a size is not positive")
@@ -91,8 +126,14 @@ def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> tuple[Fract
         if last.kind == "schedule":
             claim = read_cycles(case, last.certificate)
             keeps(case, claim)
-            highest, v = max((x for each in claim.phases for y in each.v for x in y), default=ONE), [ONE] * p.n
-            speed, wait = claim.rate or ZERO, max((each.times[-1] for each in claim.phases), default=ZERO)
+            highest, v = (
+                max((x for each in claim.phases for y in each.v for x in y), default=ONE),
+                [ONE] * p.n,
+            )
+            speed, wait = (
+                claim.rate or ZERO,
+                max((each.times[-1] for each in claim.phases), default=ZERO),
+            )
             if claim.phases:
                 turns = timed(p)
                 need(bool(turns), "it is not said which phase is on when the tube ends")
@@ -101,7 +142,10 @@ def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> tuple[Fract
                 v = claim.phases[place].v[0]
         else:
             claim = read_separable(case, last.certificate)
-            need(claim.rho is not None or p.domain == "global", "it has no rho, and the couplings are not all linear")
+            need(
+                claim.rho is not None or p.domain == "global",
+                "it has no rho, and the couplings are not all linear",
+            )
             composite(case, claim)
             rows(case, claim, claim.alpha, Fraction(1))
             highest, v, speed, wait = max(claim.v), claim.v, pace(case, claim), ZERO
@@ -110,7 +154,9 @@ def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> tuple[Fract
         need(alike and last.stretch == 1, "P, beta and size are not those of the tube")
         need(last.height >= highest, "the height is too small")
         need(claim.rho is None or last.level <= claim.rho, "the level leaves the region")
-        size = max(b / v for b, v in zip(widths, v, strict=True)) + (claim.kappa * left if p.q else ZERO)
+        size = max(b / v for b, v in zip(widths, v, strict=True)) + (
+            claim.kappa * left if p.q else ZERO
+        )
         need(last.level >= size, "the last box leaves the level")
     else:
         claim = read_quadratic(case, last.certificate)
@@ -121,8 +167,13 @@ def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> tuple[Fract
             gap = plus(plus(identity(p.q, 0), last.stretch**2, tube.P), -1, claim.P)
             need(nonnegative(gap), "P' <= stretch^2 P is not shown")
         wide = [x for x in widths for _ in range(p.m)]
-        square = sum(abs(x) * wide[a] * wide[b] for a, row in enumerate(claim.P_e) for b, x in enumerate(row))
-        need(last.level**2 >= square + p.n * (last.stretch * left) ** 2, "the last box leaves the level")
+        square = sum(
+            abs(x) * wide[a] * wide[b] for a, row in enumerate(claim.P_e) for b, x in enumerate(row)
+        )
+        need(
+            last.level**2 >= square + p.n * (last.stretch * left) ** 2,
+            "the last box leaves the level",
+        )
         speed, wait = claim.rate, ZERO
         need(speed > 0, "it does not decrease")
     return Fraction(speed), wait

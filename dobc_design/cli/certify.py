@@ -1,5 +1,5 @@
-"""``dobc certify`` and ``dobc region``: what is proved, in files, in words or as JSON; ``region`` with numbers and a
-picture of the starts in place of the report."""
+"""``dobc certify`` and ``dobc region``: what is proved, in files, in words or as JSON; ``region``
+with numbers and a picture of the starts in place of the report."""
 
 from __future__ import annotations
 
@@ -35,20 +35,30 @@ MOST_MODES = 4  # that are named in one row
 def certify(
     file: output.File,
     out: output.CertificateFolder = None,
-    everything: Annotated[bool, typer.Option("--all", help="Run every condition, also when one suffices.")] = False,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Run every condition, also when one suffices.")
+    ] = False,
     theorem: Annotated[
-        str | None, typer.Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=output.ids)
+        str | None,
+        typer.Option(
+            help="Show and judge only this condition, e.g. lemma1.", autocompletion=output.ids
+        ),
     ] = None,
     settling: output.Tolerance = None,
     rate: Annotated[
         str | None,
-        typer.Option(help="Look for proofs with at least this rate, 1/s; default: the least time to 1 %."),
+        typer.Option(
+            help="Look for proofs with at least this rate, 1/s; default: the least time to 1 %."
+        ),
     ] = None,
     time_limit: output.TimeLimit = None,
     search: output.Search = False,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and report.md.")] = True,
+    report: Annotated[
+        bool, typer.Option("--report/--no-report", help="Write report.html and report.md.")
+    ] = True,
     apply_fix: Annotated[
-        Path | None, typer.Option("--apply-fix", help="Write the cured problem here, a new .toml file.")
+        Path | None,
+        typer.Option("--apply-fix", help="Write the cured problem here, a new .toml file."),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace the cured file, or another problem's folder.")
@@ -70,7 +80,9 @@ def certify(
 
         stages = output.Progress(quiet=quiet, verbose=verbose)
         if theorem is not None and theorem not in KINDS:
-            raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(KINDS)}.")
+            raise SpecError(
+                f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(KINDS)}."
+            )
         output.refuse_option(out, key="--out")
         if apply_fix is not None:
             output.check_target(apply_fix, force=force, key="--apply-fix")
@@ -96,10 +108,14 @@ def certify(
     verdict, reason = certificate.verdict.value, certificate.reason
     if theorem is not None:
         values, reason = {each.verdict.value for each in checks}, f"This is about {theorem} alone."
-        verdict = "proved" if values == {"proved"} else "refuted" if "refuted" in values else "undecided"
+        verdict = (
+            "proved" if values == {"proved"} else "refuted" if "refuted" in values else "undecided"
+        )
         if not checks:
             others = ", ".join(dict.fromkeys(each.id for each in certificate.checks))
-            reason = f"does not apply: {theorem} is not among the conditions of this problem ({others})."
+            reason = (
+                f"does not apply: {theorem} is not among the conditions of this problem ({others})."
+            )
     if as_json:
         document = _head(certificate) | {
             "checks": [each.to_json() for each in checks],
@@ -137,10 +153,14 @@ def certify(
 def region(
     file: output.File,
     out: output.CertificateFolder = None,
-    everything: Annotated[bool, typer.Option("--all", help="Try every method, even if one suffices.")] = False,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Try every method, even if one suffices.")
+    ] = False,
     settling: output.Tolerance = None,
     search: output.Search = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace files in the folder of another problem.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files in the folder of another problem.")
+    ] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
     as_json: output.Json = False,
@@ -157,7 +177,9 @@ def region(
     with stages as progress:
         largest = everything or problem.region is None
         how: dict[str, Any] = {"everything": largest, "time_limit": None}
-        certificate, searches = _certified(problem, _tolerance(settling), progress, search=search, **how)
+        certificate, searches = _certified(
+            problem, _tolerance(settling), progress, search=search, **how
+        )
         document = _head(certificate) | certificate.regions.to_json()
         if search:
             document["searches"] = [each.to_json() for each in searches]
@@ -217,7 +239,8 @@ def _head(certificate: Certificate) -> dict[str, Any]:
 
 
 def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
-    """The bytes of the cured problem.  Raises SpecError when there is nothing to cure, or no cure."""
+    """The bytes of the cured problem.  Raises SpecError when there is nothing to cure, or no
+    cure."""
     from dobc_design.conditions.check import main_cure
     from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import source_text
@@ -226,17 +249,28 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
     fix = None if check is None else check.fix
     output.require_toml(target, key="--apply-fix")
     if fix is None:
-        message, cure = "no cure is known for this problem.", "The reasons of the checks say what fails."
+        message, cure = (
+            "no cure is known for this problem.",
+            "The reasons of the checks say what fails.",
+        )
         if certificate.verdict.value == "proved":
-            message, cure = "there is nothing to cure: everything asked for is proved.", "Leave --apply-fix out."
+            message, cure = (
+                "there is nothing to cure: everything asked for is proved.",
+                "Leave --apply-fix out.",
+            )
         raise SpecError(message, key="--apply-fix", cure=cure)
-    text = changed_file(certificate.problem, fix.set, text=source_text(source), folder=target.resolve().parent)
+    text = changed_file(
+        certificate.problem, fix.set, text=source_text(source), folder=target.resolve().parent
+    )
     return text.encode("utf-8")
 
 
-def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check], *, file: str | None) -> None:
-    """The verdict, the checks with their reasons, and what would cure it.  Text of the user is shown as it is.
-    ``file``: what the problem was read from, for the command that writes the cured one."""
+def _show(
+    head: RenderableType, certificate: Certificate, checks: Sequence[Check], *, file: str | None
+) -> None:
+    """The verdict, the checks with their reasons, and what would cure it.  Text of the user is
+    shown as it is. ``file``: what the problem was read from, for the command that writes the cured
+    one."""
     from rich.text import Text
 
     from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
@@ -252,21 +286,33 @@ def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check
         table.add_column("what it says", overflow="fold")
     rows = _rows(checks)
     for title, each in rows:
-        rate, margin = ("" if x is None else significant_towards_zero(x) for x in (each.rate, each.margin))
-        texts = [rate, "" if each.factor is None else significant_away_from_zero(each.factor), margin]
+        rate, margin = (
+            "" if x is None else significant_towards_zero(x) for x in (each.rate, each.margin)
+        )
+        texts = [
+            rate,
+            "" if each.factor is None else significant_away_from_zero(each.factor),
+            margin,
+        ]
         texts += [capitalize_first(each.reason)] if beside else []
         table.add_row(Text(title), output.verdict_text(each.verdict.value), *map(Text, texts))
     parts: list[RenderableType] = [Text(""), table] if checks else []
     for title, each in () if beside else rows:
-        lines = textwrap.wrap(capitalize_first(each.reason), width, initial_indent="  ", subsequent_indent="  ")
+        lines = textwrap.wrap(
+            capitalize_first(each.reason), width, initial_indent="  ", subsequent_indent="  "
+        )
         parts += [Text.assemble("\n", (title, "bold")), Text("\n".join(lines))]
     output.show(parts, wrapped=True)
     if checks:
         output.show([Text(f"\n{COLUMNS}", style="dim")])
-    regional = any(check.id == certificate.covered_by and check.kind.role == "region" for check in checks)
+    regional = any(
+        check.id == certificate.covered_by and check.kind.role == "region" for check in checks
+    )
     if not regional or certificate.problem.region is not None:  # else nothing is to be cured
         unproved = certificate.verdict.value != "proved"
-        output.show(_cures(checks, width=width, file=file, name=certificate.problem.name, unproved=unproved))
+        output.show(
+            _cures(checks, width=width, file=file, name=certificate.problem.name, unproved=unproved)
+        )
     notes = shown_notes(certificate)
     output.show(Text(f"{'' if place else chr(10)}Note: {note}") for place, note in enumerate(notes))
 
@@ -281,12 +327,17 @@ def _rows(checks: Sequence[Check]) -> list[tuple[str, Check]]:
     for alike in same.values():
         modes = ", ".join(str(each.mode) for each in alike[:MOST_MODES])
         more = f" and {len(alike) - MOST_MODES} more" if len(alike) > MOST_MODES else ""
-        rows.append((f"{alike[0].id} ({modes}{more})" if len(alike) > 1 else alike[0].title, alike[0]))
+        rows.append(
+            (f"{alike[0].id} ({modes}{more})" if len(alike) > 1 else alike[0].title, alike[0])
+        )
     return rows
 
 
-def _cures(checks: Sequence[Check], *, width: int, file: str | None, name: str, unproved: bool) -> Iterator[str]:
-    """What would cure what failed: in words, as lines of the problem file, and the command that writes them."""
+def _cures(
+    checks: Sequence[Check], *, width: int, file: str | None, name: str, unproved: bool
+) -> Iterator[str]:
+    """What would cure what failed: in words, as lines of the problem file, and the command that
+    writes them."""
     from dobc_design.conditions.check import main_cure, other_cures
     from dobc_design.problem.changes import change_lines
 
@@ -298,14 +349,22 @@ def _cures(checks: Sequence[Check], *, width: int, file: str | None, name: str, 
         if each.verdict.value != "refuted" or each.id == "observability":
             head = f"What would help {each.id}:"
         words = f"{head} {each.fix.text}"
-        lines = [words] if width == output.PIPED else textwrap.wrap(words, width, subsequent_indent="  ")
+        lines = (
+            [words]
+            if width == output.PIPED
+            else textwrap.wrap(words, width, subsequent_indent="  ")
+        )
         yield "\n".join(["", *lines, *(f"    {line}" for line in change_lines(each.fix.set))])
         if each is main and file is not None:
-            command = shlex.join(["dobc", "certify", file, "--apply-fix", f"{output.folder_name(name)}-cured.toml"])
+            command = shlex.join(
+                ["dobc", "certify", file, "--apply-fix", f"{output.folder_name(name)}-cured.toml"]
+            )
             yield f"  To write the cured problem to a new file:\n    {command}"
 
 
-def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide: bool) -> Iterator[RenderableType]:
+def _shown(
+    certificate: Certificate, searches: Sequence[Falsification], *, wide: bool
+) -> Iterator[RenderableType]:
     """The regions on a terminal: the verdict, one row per method, delays and sampling."""
     from rich.padding import Padding
     from rich.text import Text
@@ -322,7 +381,9 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
     norms = "|e|∞ is the largest error of any agent, |e|₂ the Euclidean norm of all errors."
     yield Text(f"{told.asked_sentence(regions)} {norms}\n")
     table = told.regions_table(regions, disturbed=False)
-    yield output.document_table(table, leave_out=["certified", *([] if wide else ["|e|₂ ≤", "why not further"])])
+    yield output.document_table(
+        table, leave_out=["certified", *([] if wide else ["|e|₂ ≤", "why not further"])]
+    )
     for claim in () if wide else regions.claims:  # the last column stands below the table
         yield Text(f"\n{claim.method}", style="bold")
         yield Padding(Text(told.limit_words(claim)), (0, 0, 0, 2))

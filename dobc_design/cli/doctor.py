@@ -1,6 +1,8 @@
-"""``dobc doctor``: what is installed, what is missing, what that costs, and the command that installs it.
+"""``dobc doctor``: what is installed, what is missing, what that costs, and the command that
+installs it.
 
-The packages and their versions are those that this package itself asks for; nothing is listed twice.
+The packages and their versions are those that this package itself asks for; nothing is listed
+twice.
 """
 
 from __future__ import annotations
@@ -33,15 +35,26 @@ PURPOSES = {
 }
 #: Programs that some commands lead to: names, what for, package of Debian, formula of Homebrew.
 PROGRAM_TABLE = (
-    (("coqc", "rocq"), "checking proofs: dobc verify --rocq", "coq libcoq-coquelicot libcoq-interval", "coq"),
+    (
+        ("coqc", "rocq"),
+        "checking proofs: dobc verify --rocq",
+        "coq libcoq-coquelicot libcoq-interval",
+        "coq",
+    ),
     (("gcc", "cc", "clang"), "compiling the C code of dobc export --c", "gcc", "gcc"),
-    (("chromium", "chromium-browser", "google-chrome"), "the tests of the report's page", "chromium", "chromium"),
+    (
+        ("chromium", "chromium-browser", "google-chrome"),
+        "the tests of the report's page",
+        "chromium",
+        "chromium",
+    ),
     (("csdp",), "a second solver for the files of dobc export --sdpa", "coinor-csdp", "csdp"),
 )
 
 
 class Item(NamedTuple):
-    """One package or program: its group ("core", an extra, "programs"), what was found, and what would install it."""
+    """One package or program: its group ("core", an extra, "programs"), what was found, and what
+    would install it."""
 
     item: str
     group: str
@@ -51,7 +64,8 @@ class Item(NamedTuple):
 
 
 def doctor(as_json: Json = False) -> None:
-    """Say what is installed, what is missing and how to install it, and whether the main path works."""
+    """Say what is installed, what is missing and how to install it, and whether the main path
+    works."""
     items = examine()
     if as_json:
         ok = all(each.ok for each in items if each.group == CORE)
@@ -85,7 +99,9 @@ def _package(text: str) -> Item:
 
     required, typed = Requirement(text), text.partition(";")[0].replace(" ", "")
     extra = re.search(r"extra == ['\"]([a-z]+)", str(required.marker))
-    missing = Item(required.name, extra[1] if extra else CORE, "not installed", False, install_command([typed]))
+    missing = Item(
+        required.name, extra[1] if extra else CORE, "not installed", False, install_command([typed])
+    )
     try:
         version = metadata.version(required.name)
         fits = required.specifier.contains(version, prereleases=True)
@@ -123,7 +139,9 @@ def _main_path() -> Item:
     try:
         certificate = certify("paper-fixed")
         works = certificate.verdict.value == "proved" and verify(certificate, "paper-fixed").holds
-        detail = f"{certificate.verdict.value}, re-checked" if works else "not proved, or not confirmed"
+        detail = (
+            f"{certificate.verdict.value}, re-checked" if works else "not proved, or not confirmed"
+        )
     except (DobcError, ImportError) as error:
         works, detail = False, str(error)[:200]
     return Item("paper-fixed", CORE, detail, works)
@@ -134,11 +152,16 @@ def _words(items: Sequence[Item]) -> str:
     lines: list[str] = []
     for group in dict.fromkeys(each.group for each in items):
         own = [each for each in items if each.group == group]
-        title = {CORE: "needed", PROGRAMS: "programs, none of them needed"}.get(group, f"dobc_design[{group}]")
+        title = {CORE: "needed", PROGRAMS: "programs, none of them needed"}.get(
+            group, f"dobc_design[{group}]"
+        )
         purpose = PURPOSES.get(group)
         lines += ["", f"{title}: {purpose}" if purpose else title]
         absent = "MISSING" if group == CORE else "absent"
-        lines += [f"  {'ok' if each.ok else absent:<7}  {each.item:<{width}}  {each.detail}" for each in own]
+        lines += [
+            f"  {'ok' if each.ok else absent:<7}  {each.item:<{width}}  {each.detail}"
+            for each in own
+        ]
     return "\n".join([*lines[1:], "", *_conclusion(items)])
 
 
@@ -146,11 +169,22 @@ def _conclusion(items: Sequence[Item]) -> Iterator[str]:
     broken = sum(each.group == CORE and not each.ok for each in items)
     bad = f"{broken} of the things that are needed are missing or broken."
     yield bad if broken else "Everything that is needed is there and works."
-    for group in dict.fromkeys(each.group for each in items if not each.ok and each.group not in DEVELOPERS):
-        missing = [each for each in items if each.group == group and not each.ok and each.install is not None]
+    for group in dict.fromkeys(
+        each.group for each in items if not each.ok and each.group not in DEVELOPERS
+    ):
+        missing = [
+            each
+            for each in items
+            if each.group == group and not each.ok and each.install is not None
+        ]
         if group == PROGRAMS:
             yield from (f"To install {each.item}:\n  {each.install}" for each in missing)
         elif missing:
-            head = "To install what is missing:" if group == CORE else f"To install the extra {group}:"
+            head = (
+                "To install what is missing:" if group == CORE else f"To install the extra {group}:"
+            )
             # the requirement stands at the end of an item's command
-            yield f"{head}\n  {install_command([shlex.split(each.install or '')[-1] for each in missing])}"
+            yield (
+                f"{head}\n  "
+                f"{install_command([shlex.split(each.install or '')[-1] for each in missing])}"
+            )

@@ -33,33 +33,60 @@ Stage = Callable[[str], None]
 
 
 def export(
-    file: Annotated[str, typer.Argument(help="For --rocq a certificate.json or its folder, else a problem.")],
-    c: Annotated[Path | None, typer.Option("--c", help="Write C99 of the sampled agents into this folder.")] = None,
-    fmu: Annotated[Path | None, typer.Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")] = None,
-    sdpa: Annotated[Path | None, typer.Option("--sdpa", help="Write the LMI for any SDP solver (.dat-s).")] = None,
+    file: Annotated[
+        str, typer.Argument(help="For --rocq a certificate.json or its folder, else a problem.")
+    ],
+    c: Annotated[
+        Path | None, typer.Option("--c", help="Write C99 of the sampled agents into this folder.")
+    ] = None,
+    fmu: Annotated[
+        Path | None, typer.Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")
+    ] = None,
+    sdpa: Annotated[
+        Path | None, typer.Option("--sdpa", help="Write the LMI for any SDP solver (.dat-s).")
+    ] = None,
     python_control: Annotated[
-        Path | None, typer.Option("--python-control", help="Write the loop as a Python file for python-control.")
+        Path | None,
+        typer.Option(
+            "--python-control", help="Write the loop as a Python file for python-control."
+        ),
     ] = None,
     rocq: Annotated[
         Path | None,
-        typer.Option(help="Write what is proved as a Rocq (Coq) file here: of all motions, or of a matrix."),
+        typer.Option(
+            help="Write what is proved as a Rocq (Coq) file here: of all motions, or of a matrix."
+        ),
     ] = None,
-    period: Annotated[str | None, typer.Option(help="With --c, --fmu: seconds from sample to sample.")] = None,
-    precision: Annotated[str | None, typer.Option(help="With --c: double (default) or float.")] = None,
-    agent: Annotated[str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")] = None,
+    period: Annotated[
+        str | None, typer.Option(help="With --c, --fmu: seconds from sample to sample.")
+    ] = None,
+    precision: Annotated[
+        str | None, typer.Option(help="With --c: double (default) or float.")
+    ] = None,
+    agent: Annotated[
+        str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")
+    ] = None,
     certificate: Annotated[
         Path | None, typer.Option(help="With --c: say whether this certificate proves the period.")
     ] = None,
-    problem: Annotated[str | None, typer.Option(help="With --rocq: problem; default problem.json beside it.")] = None,
-    rate: Annotated[bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")] = False,
+    problem: Annotated[
+        str | None, typer.Option(help="With --rocq: problem; default problem.json beside it.")
+    ] = None,
+    rate: Annotated[
+        bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")
+    ] = False,
     theorem: Annotated[
         bool,
-        typer.Option("--theorem", help="With --rocq: Theorem 1, 2 or Lemma 1, not the motions in the box of starts."),
+        typer.Option(
+            "--theorem",
+            help="With --rocq: Theorem 1, 2 or Lemma 1, not the motions in the box of starts.",
+        ),
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
     as_json: output.Json = False,
 ) -> None:
-    """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq (Coq 8.16)."""
+    """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq
+    (Coq 8.16)."""
     asked = _Asked(period, precision, agent, certificate, problem, rate, theorem, force)
     targets = {
         "--c": (c, _c),
@@ -98,7 +125,11 @@ def _check_options(asked: _Asked, target: str) -> None:
     }
     for key, (value, targets) in belongs.items():
         if value is not None and target not in targets:
-            raise SpecError(f"{key} has no meaning with {target}.", key=key, cure=f"It is for {' and '.join(targets)}.")
+            raise SpecError(
+                f"{key} has no meaning with {target}.",
+                key=key,
+                cure=f"It is for {' and '.join(targets)}.",
+            )
 
 
 def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
@@ -114,7 +145,9 @@ def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
         claims = output.read_claims(asked.certificate, problem)
     progress("discretising and simulating")
     agents, precision = None if asked.agent is None else [asked.agent], asked.precision or "double"
-    found = to_c(problem, period=asked.period, precision=precision, agents=agents, certificate=claims)
+    found = to_c(
+        problem, period=asked.period, precision=precision, agents=agents, certificate=claims
+    )
     written = found.save(folder, force=asked.force)
     controller = found.controller
     document = {
@@ -150,7 +183,9 @@ def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     problem = load_problem(file)
     progress("deciding the theorem")
     output.write_file(target, to_sdpa(problem).encode("ascii"), key="--sdpa")
-    return {"sdpa": str(target)}, f"wrote {target}\nsolve it with, say: {shlex.join(['csdp', str(target)])}"
+    return {
+        "sdpa": str(target)
+    }, f"wrote {target}\nsolve it with, say: {shlex.join(['csdp', str(target)])}"
 
 
 def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
@@ -174,7 +209,13 @@ def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     progress("looking at the rows piece by piece")
     whole = proved_in_states(own) is not None and not (asked.theorem or asked.rate)
     if not target.stem.replace("_", "a").isalnum():
-        raise SpecError("Coq takes file names of letters, digits and _.", key="--rocq", cure="Choose another name.")
+        raise SpecError(
+            "Coq takes file names of letters, digits and _.",
+            key="--rocq",
+            cure="Choose another name.",
+        )
     text = motions_proof(own) if whole else rocq_proof(own, rate=asked.rate)
     output.write_file(target, text.encode("ascii"), key="--rocq")
-    return {"rocq": str(target)}, f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
+    return {
+        "rocq": str(target)
+    }, f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"

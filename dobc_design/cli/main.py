@@ -3,7 +3,8 @@
 Exit codes: 0 proved or done, 1 refuted, 3 undecided, 2 the caller's mistake, 4 the machine failed,
 130 interrupted.  With --json standard output holds one JSON document and nothing else.
 
-Short commands stand here, the others in files of their names, which import what they need when they are called.
+Short commands stand here, the others in files of their names, which import what they need when they
+are called.
 """
 
 from __future__ import annotations
@@ -25,7 +26,18 @@ from typer.core import TyperCommand
 from typer.main import get_command
 
 from dobc_design._signals import SENTENCE
-from dobc_design.cli import certify, design, doctor, export, new, output, report, simulate, stress, sweep
+from dobc_design.cli import (
+    certify,
+    design,
+    doctor,
+    export,
+    new,
+    output,
+    report,
+    simulate,
+    stress,
+    sweep,
+)
 from dobc_design.errors import CertificateError, DobcError, SpecError
 
 if TYPE_CHECKING:
@@ -45,11 +57,13 @@ class _Command(TyperCommand):
 
 
 app = typer.Typer(
-    # typer's own options for it cost a tenth of the time of --help; those of ``options`` load them when they are used.
+    # typer's own options for it cost a tenth of the time of --help; those of ``options`` load
+    # them when they are used.
     add_completion=COMPLETING in os.environ,
     no_args_is_help=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # rich takes as long to import as all the rest of --help, and reads [words] as markup
+    # rich takes as long to import as all the rest of --help, and reads [words] as markup
+    rich_markup_mode=None,
     help="Certify disturbance-observer-based consensus control: from a problem file to a proof.",
 )
 
@@ -67,7 +81,11 @@ def _completion(context: typer.Context, parameter: typer.CallbackParam, wanted: 
     if wanted and not context.resilient_parsing:
         from typer import completion as shells
 
-        action = shells.install_callback if parameter.name == "install_completion" else shells.show_callback
+        action = (
+            shells.install_callback
+            if parameter.name == "install_completion"
+            else shells.show_callback
+        )
         shells.get_completion_inspect_parameters()  # prepares the shells' scripts
         try:
             action(context, parameter, wanted)
@@ -82,13 +100,20 @@ def _completion(context: typer.Context, parameter: typer.CallbackParam, wanted: 
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Print the version.")
+        bool,
+        typer.Option("--version", is_eager=True, callback=_show_version, help="Print the version."),
     ] = False,
     install_completion: Annotated[
-        bool, typer.Option("--install-completion", callback=_completion, help="Let your shell complete with tab.")
+        bool,
+        typer.Option(
+            "--install-completion", callback=_completion, help="Let your shell complete with tab."
+        ),
     ] = False,
     show_completion: Annotated[
-        bool, typer.Option("--show-completion", callback=_completion, help="Print what that adds to your shell.")
+        bool,
+        typer.Option(
+            "--show-completion", callback=_completion, help="Print what that adds to your shell."
+        ),
     ] = False,
 ) -> None:
     """Certify disturbance-observer-based consensus control: from a problem file to a proof."""
@@ -113,7 +138,9 @@ app.command(cls=_Command)(new.new)
 @app.command(cls=_Command)
 def check(
     file: output.File,
-    canonical: Annotated[Path | None, typer.Option(help="Write the canonical problem.json here.")] = None,
+    canonical: Annotated[
+        Path | None, typer.Option(help="Write the canonical problem.json here.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite --canonical.")] = False,
     as_json: output.Json = False,
 ) -> None:
@@ -130,7 +157,9 @@ def check(
     if as_json:
         written = None if canonical is None else str(canonical)
         sha256 = problem_sha256(problem)
-        output.print_json({"valid": True, **facts(problem), "problem_sha256": sha256, "canonical": written})
+        output.print_json(
+            {"valid": True, **facts(problem), "problem_sha256": sha256, "canonical": written}
+        )
         return
     output.say(describe(problem))
 
@@ -140,10 +169,18 @@ app.command(cls=_Command)(certify.certify)
 
 @app.command(cls=_Command)
 def verify(
-    certificate: Annotated[Path, typer.Argument(help="certificate.json, or the folder it lies in.")],
-    problem: Annotated[str, typer.Option(help="The trusted problem: TOML, problem.json or a built-in name.")],
+    certificate: Annotated[
+        Path, typer.Argument(help="certificate.json, or the folder it lies in.")
+    ],
+    problem: Annotated[
+        str, typer.Option(help="The trusted problem: TOML, problem.json or a built-in name.")
+    ],
     rocq: Annotated[
-        bool, typer.Option("--rocq", help="Let Coq check that every motion converges; writes proof.v and the report.")
+        bool,
+        typer.Option(
+            "--rocq",
+            help="Let Coq check that every motion converges; writes proof.v and the report.",
+        ),
     ] = False,
     as_json: output.Json = False,
 ) -> None:
@@ -157,7 +194,9 @@ def verify(
         found = run(data, trusted)
     except CertificateError as error:
         # Unreadable: what was handed in is wrong, not the machine.
-        raise typer.Exit(output.fail(output.error_bodies(error), output.MISTAKE, as_json=as_json)) from error
+        raise typer.Exit(
+            output.fail(output.error_bodies(error), output.MISTAKE, as_json=as_json)
+        ) from error
     kernel = _let_coq_check(certificate, trusted) if rocq and found.holds else None
     if as_json:
         listed = {"confirmed": list(found.confirmed), "failures": list(found.failures)}
@@ -170,7 +209,8 @@ def verify(
 
 
 def _let_coq_check(path: Path, problem: Problem) -> Judgement:
-    """What the kernel says of the motions; if it accepts them, proof.v and the report are beside the certificate."""
+    """What the kernel says of the motions; if it accepts them, proof.v and the report are beside
+    the certificate."""
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.certificate.files import write_together
     from dobc_design.export.rocq.kernel import FILE, judged
@@ -186,7 +226,12 @@ def _let_coq_check(path: Path, problem: Problem) -> Judgement:
         found = judged(text)
         if found.accepted:
             pages = render_report(certificate, kernel=str(found), progress=progress)
-            write_together({folder / name: data for name, data in (pages | {FILE: text.encode("ascii")}).items()})
+            write_together(
+                {
+                    folder / name: data
+                    for name, data in (pages | {FILE: text.encode("ascii")}).items()
+                }
+            )
     return found
 
 
@@ -200,7 +245,10 @@ app.command(cls=_Command)(export.export)
 def explain(
     id: Annotated[
         str | None,
-        typer.Argument(help="The id of a check, e.g. theorem1; without it all are listed.", autocompletion=output.ids),
+        typer.Argument(
+            help="The id of a check, e.g. theorem1; without it all are listed.",
+            autocompletion=output.ids,
+        ),
     ] = None,
     as_json: output.Json = False,
 ) -> None:
@@ -211,7 +259,9 @@ def explain(
 
     if id is None:
         if as_json:
-            output.print_json({"conditions": [{"id": each, "title": text.title} for each, text in KINDS.items()]})
+            output.print_json(
+                {"conditions": [{"id": each, "title": text.title} for each, text in KINDS.items()]}
+            )
             return
         width = max(map(len, KINDS))
         output.say("\n".join(f"{each:<{width}}  {text.title}" for each, text in KINDS.items()))
@@ -220,7 +270,9 @@ def explain(
     if text is None:
         near = get_close_matches(id[:40], KINDS, n=1)
         hint = f"Did you mean {near[0]}? " if near else ""
-        raise SpecError(f"{id[:40]!r} is not known.", key="id", cure=f"{hint}One of {', '.join(KINDS)}.")
+        raise SpecError(
+            f"{id[:40]!r} is not known.", key="id", cure=f"{hint}One of {', '.join(KINDS)}."
+        )
     if as_json:
         output.print_json({"id": id, **{name: getattr(text, name) for name in TOLD}})
         return
@@ -240,12 +292,15 @@ app.command(cls=_Command)(doctor.doctor)
 
 
 def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
-    """Run it and return the exit code, having said what went wrong.  Raises: NoOutput when that cannot be said.  No
-    traceback reaches a user, and an uncaught exception is never 1, which means refuted."""
+    """Run it and return the exit code, having said what went wrong.  Raises: NoOutput when that
+    cannot be said.  No traceback reaches a user, and an uncaught exception is never 1, which means
+    refuted."""
     from typer.exceptions import TyperException
 
     def failed(kind: str, message: str, cure: str | None, code: int, key: str | None = None) -> int:
-        return output.fail([{"kind": kind, "key": key, "message": message, "cure": cure}], code, as_json=as_json)
+        return output.fail(
+            [{"kind": kind, "key": key, "message": message, "cure": cure}], code, as_json=as_json
+        )
 
     try:
         code = run()
@@ -254,8 +309,13 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
         command = "dobc" if context is None else context.command_path
         option = getattr(error, "option_name", None)
         if command == "dobc simulate" and option in stress.MOVED:
-            message = f"{option} is no option of simulate: what a loop withstands is a command of its own, stress."
-            return failed("usage", message, f"Write `{stress.MOVED[option]}`.", output.MISTAKE, option)
+            message = (
+                f"{option} is no option of simulate: what a loop withstands is a command of "
+                "its own, stress."
+            )
+            return failed(
+                "usage", message, f"Write `{stress.MOVED[option]}`.", output.MISTAKE, option
+            )
         return failed("usage", error.format_message(), f"See `{command} --help`.", output.MISTAKE)
     except DobcError as error:
         status = output.MISTAKE if isinstance(error, SpecError) else output.MACHINE
@@ -263,16 +323,22 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     except KeyboardInterrupt:
         return failed("interrupted", SENTENCE, None, output.INTERRUPTED)
     except SystemExit as error:  # help, too, goes to standard output
-        if error.code in (0, None) or COMPLETING in os.environ:  # typer's way to end after completion
+        # typer's way to end after completion
+        if error.code in (0, None) or COMPLETING in os.environ:
             return error.code if isinstance(error.code, int) else 0
         raise output.NobodyReads from error
     except output.NoOutput:
         raise
     except MemoryError:
-        return failed("memory", "The machine ran out of memory.", "Try a smaller problem.", output.MACHINE)
+        return failed(
+            "memory", "The machine ran out of memory.", "Try a smaller problem.", output.MACHINE
+        )
     except OSError as error:
-        if error.filename is None and error.errno in _NO_ROOM:  # typer's own output; our files are named
-            raise (output.NobodyReads if error.errno == errno.EPIPE else output.NoOutput)(error.strerror) from error
+        # typer's own output; our files are named
+        if error.filename is None and error.errno in _NO_ROOM:
+            raise (output.NobodyReads if error.errno == errno.EPIPE else output.NoOutput)(
+                error.strerror
+            ) from error
         place = None if error.filename is None else str(error.filename)
         message = f"{error.strerror or error}{'' if place is None else f' ({place})'}."
         code = output.MISTAKE if error.errno == errno.ENAMETOOLONG else output.MACHINE
@@ -283,7 +349,9 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
 
             traceback.print_exc()
         text = f"Internal error ({type(error).__name__}: {str(error)[:200]})."
-        return failed("internal", text, "Set DOBC_TRACEBACK=1 to see where, and report it.", output.MACHINE)
+        return failed(
+            "internal", text, "Set DOBC_TRACEBACK=1 to see where, and report it.", output.MACHINE
+        )
     if code == output.INTERRUPTED:  # typer turns the interrupt into this
         return failed("interrupted", SENTENCE, None, output.INTERRUPTED)
     return code if isinstance(code, int) else 0
@@ -302,7 +370,8 @@ def _run(arguments: list[str]) -> Any:
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code.  No exception gets out of here."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    # What libraries warn of is decided here, exactly; and a home that cannot be written is no concern of the reader.
+    # What libraries warn of is decided here, exactly; and a home that cannot be written is no
+    # concern of the reader.
     if not sys.warnoptions:
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of processes that are started
         warnings.simplefilter("ignore")
@@ -315,14 +384,17 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             raise output.NoOutput("it is closed")
         code = _guarded(lambda: _run(given), as_json="--json" in given)
         sys.stdout.flush()
-    except (output.NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
+    # nobody reads standard output, or there is no room for it
+    except (output.NoOutput, OSError) as error:
         with suppress(OSError, ValueError, AttributeError):  # Python is not to complain at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = output.NOT_READ
         if not isinstance(error, (output.NobodyReads, BrokenPipeError)):
             output.complain(
-                f"error: standard output cannot be written: {getattr(error, 'strerror', None) or error}.\n"
-                "       Send it to a file on a disk with free space, or to /dev/null. This exit code is not a verdict."
+                "error: standard output cannot be written: "
+                f"{getattr(error, 'strerror', None) or error}.\n"
+                "       Send it to a file on a disk with free space, or to /dev/null. This "
+                "exit code is not a verdict."
             )
             code = output.MACHINE
     sys.exit(code)

@@ -26,7 +26,10 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
 
 def new(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the problem, of its files and of the folder.")],
+    name: Annotated[
+        str,
+        typer.Argument(metavar="NAME", help="Name of the problem, of its files and of the folder."),
+    ],
     source: Annotated[
         Path | None,
         typer.Option(
@@ -36,18 +39,22 @@ def new(
         ),
     ] = None,
     arrow: Annotated[
-        str | None, typer.Option(help="With --from: what an arc [a, b] means, listens_to or sends_to.")
+        str | None,
+        typer.Option(help="With --from: what an arc [a, b] means, listens_to or sends_to."),
     ] = None,
     merge: Annotated[
-        str | None, typer.Option(help='With --from: "sum" adds the weights of parallel arcs.', metavar="sum")
+        str | None,
+        typer.Option(help='With --from: "sum" adds the weights of parallel arcs.', metavar="sum"),
     ] = None,
     drop_loops: Annotated[
-        bool, typer.Option("--drop-loops", help="With --from: leave out arcs from an agent to itself.")
+        bool,
+        typer.Option("--drop-loops", help="With --from: leave out arcs from an agent to itself."),
     ] = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Start a project: write a problem file to edit, a notebook and a test. All three work without changes."""
+    """Start a project: write a problem file to edit, a notebook and a test. All three work without
+    changes."""
     from dobc_design.certificate.files import make_folder, write_together
 
     if _NAME.fullmatch(name) is None or len(name) > LONGEST:
@@ -72,7 +79,11 @@ def new(
     there = next((each for each in files if (folder / each).exists()), None)
     if there is not None:
         cure = "Choose another name, or another folder with --out."
-        raise SpecError(f"{str(folder / there)!r} exists already; nothing is overwritten.", key="NAME", cure=cure)
+        raise SpecError(
+            f"{str(folder / there)!r} exists already; nothing is overwritten.",
+            key="NAME",
+            cure=cure,
+        )
     make_folder(folder)
     write_together({folder / each: data for each, data in files.items()})
     written = [str(folder / each) for each in files]
@@ -81,18 +92,26 @@ def new(
     else:
         say(read + "\n".join(f"wrote {path}" for path in written))
         file = shlex.quote(f"{name}.toml")
-        say(f"\nnext:  cd {shlex.quote(str(folder))}\n       dobc check {file}\n       dobc certify {file}")
+        say(
+            f"\nnext:  cd {shlex.quote(str(folder))}\n       dobc check {file}\n       "
+            f"dobc certify {file}"
+        )
 
 
 def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> dict[str, bytes]:
-    """The files of a new project by name.  ``problem``: what was read of ``source``, a file of another program."""
+    """The files of a new project by name.  ``problem``: what was read of ``source``, a file of
+    another program."""
     from dobc_design.problem.schema import json_schema
 
     identifier = re.sub(r"\W", "_", name).lower()
     text, verdict = _template("problem.toml", name), "PROVED"
     if problem is not None:
         text, verdict = _converted(name, problem, source)
-    test = _template("test.py.txt", name).replace("@IDENTIFIER@", identifier).replace("@VERDICT@", verdict)
+    test = (
+        _template("test.py.txt", name)
+        .replace("@IDENTIFIER@", identifier)
+        .replace("@VERDICT@", verdict)
+    )
     texts = {
         f"{name}.toml": text,
         f"{name}.ipynb": _template("notebook.ipynb.txt", name),
@@ -103,11 +122,14 @@ def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> 
 
 
 def _template(file: str, name: str) -> str:
-    return (files("dobc_design.cli") / "templates" / file).read_text("utf-8").replace("@NAME@", name)
+    return (
+        (files("dobc_design.cli") / "templates" / file).read_text("utf-8").replace("@NAME@", name)
+    )
 
 
 def _converted(name: str, problem: Problem, source: str) -> tuple[str, str]:
-    """The text of the problem that a file of another program means, and the verdict that it gets today."""
+    """The text of the problem that a file of another program means, and the verdict that it gets
+    today."""
     from dobc_design._show.text import visible
     from dobc_design.certification.certify import certify
     from dobc_design.problem.changes import changed_text, problem_text

@@ -1,4 +1,5 @@
-"""What all commands share: options, standard output (results) and error (the rest), exit codes, progress, files."""
+"""What all commands share: options, standard output (results) and error (the rest), exit codes,
+progress, files."""
 
 from __future__ import annotations
 
@@ -34,11 +35,13 @@ MISTAKE, MACHINE, INTERRUPTED = 2, 4, 130
 NOT_READ = 141  # 128 + SIGPIPE, as of other programs
 COLOURS = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
 PIPED = 160  # columns of output that no terminal limits
-LONGEST_FOLDER = 60  # characters of a problem's name that go into its folder's; file systems take 255 bytes
+# characters of a problem's name that go into its folder's; file systems take 255 bytes
+LONGEST_FOLDER = 60
 
 
 def problem_names(incomplete: str) -> list[str]:
-    """What the shell offers for a problem: built-in ones, problem files, and folders on the way to them."""
+    """What the shell offers for a problem: built-in ones, problem files, and folders on the way to
+    them."""
     from dobc_design.problem.load import builtin_names
 
     found = sorted(name for name in builtin_names() if name.startswith(incomplete))
@@ -48,7 +51,11 @@ def problem_names(incomplete: str) -> list[str]:
         entries = sorted(os.scandir(head or "."), key=lambda entry: entry.name)
     except OSError:
         return found
-    own = [entry for entry in entries if entry.name.startswith(beginning) and not entry.name.startswith(".")]
+    own = [
+        entry
+        for entry in entries
+        if entry.name.startswith(beginning) and not entry.name.startswith(".")
+    ]
     known = [entry for entry in own if entry.is_dir() or entry.name.endswith((".toml", ".json"))]
     return found + [f"{head}{entry.name}{'/' if entry.is_dir() else ''}" for entry in known]
 
@@ -61,19 +68,34 @@ def ids(incomplete: str) -> list[str]:
 
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only; the exit code is the answer.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Every stage as a line on standard error.")]
-File = Annotated[
-    str, typer.Argument(help="A problem file, or the name of a built-in problem.", autocompletion=problem_names)
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print errors only; the exit code is the answer.")
 ]
-CertificateFolder = Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME-certificate.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Every stage as a line on standard error.")
+]
+File = Annotated[
+    str,
+    typer.Argument(
+        help="A problem file, or the name of a built-in problem.", autocompletion=problem_names
+    ),
+]
+CertificateFolder = Annotated[
+    Path | None, typer.Option(help="Folder for the files; default ./NAME-certificate.")
+]
 Tolerance = Annotated[
-    str | None, typer.Option(metavar="TOL", help="Also prove a time from which every |e_i| stays below TOL.")
+    str | None,
+    typer.Option(metavar="TOL", help="Also prove a time from which every |e_i| stays below TOL."),
 ]
 TimeLimit = Annotated[
-    str | None, typer.Option("--time-limit", metavar="SECONDS", help="Skip or stop stages that would take longer.")
+    str | None,
+    typer.Option(
+        "--time-limit", metavar="SECONDS", help="Skip or stop stages that would take longer."
+    ),
 ]
-Search = Annotated[bool, typer.Option("--search", help="Also look for starts that do not converge.")]
+Search = Annotated[
+    bool, typer.Option("--search", help="Also look for starts that do not converge.")
+]
 
 
 class NoOutput(Exception):
@@ -81,7 +103,8 @@ class NoOutput(Exception):
 
 
 class NobodyReads(NoOutput):
-    """Whoever read standard output has stopped, as in ``dobc problems | head -1``; there is nothing to be said."""
+    """Whoever read standard output has stopped, as in ``dobc problems | head -1``; there is nothing
+    to be said."""
 
 
 @contextmanager
@@ -128,7 +151,10 @@ def complain(text: str) -> None:
 def error_bodies(error: DobcError) -> list[dict[str, Any]]:
     """An error of the toolbox, or all that it consists of, as JSON objects."""
     parts = error.errors if isinstance(error, SpecError) else (error,)
-    return [{"kind": each.kind, "key": each.key, "message": each.message, "cure": each.cure} for each in parts]
+    return [
+        {"kind": each.kind, "key": each.key, "message": each.message, "cure": each.cure}
+        for each in parts
+    ]
 
 
 def fail(bodies: Sequence[dict[str, Any]], code: int, *, as_json: bool) -> int:
@@ -152,7 +178,8 @@ def make_console() -> Console:
 
 
 def show(parts: Iterable[RenderableType], *, wrapped: bool = False) -> None:
-    """Write parts of an answer to standard output; a str as it is, the rest ``wrapped`` also where no terminal is."""
+    """Write parts of an answer to standard output; a str as it is, the rest ``wrapped`` also where
+    no terminal is."""
     from rich.text import Text
 
     console = make_console()
@@ -163,13 +190,17 @@ def show(parts: Iterable[RenderableType], *, wrapped: bool = False) -> None:
 
 
 class Progress:
-    """Names the current stage on standard error: on a terminal as a line that changes, silent elsewhere.
-    ``verbose``: every stage as a line of its own with the seconds so far, wherever standard error goes; ``quiet``:
-    nothing.  Raises: SpecError for both."""
+    """Names the current stage on standard error: on a terminal as a line that changes, silent
+    elsewhere. ``verbose``: every stage as a line of its own with the seconds so far, wherever
+    standard error goes; ``quiet``: nothing.  Raises: SpecError for both."""
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         if quiet and verbose:
-            raise SpecError("--quiet and --verbose exclude each other.", key="--quiet", cure="Leave one of them out.")
+            raise SpecError(
+                "--quiet and --verbose exclude each other.",
+                key="--quiet",
+                cure="Leave one of them out.",
+            )
         self.quiet, self.verbose = quiet, verbose
         self.moving: Bar | None = None  # where standard error is a terminal
         self.said: object = ""
@@ -223,7 +254,11 @@ def verdict_text(verdict: str) -> Text:
 
 def certify_it(path: str, notes: Sequence[str]) -> str:
     """What to do with a problem that was written to ``path``."""
-    more = "\nlook at      its notes: they are unchanged and may describe the old problem" if notes else ""
+    more = (
+        "\nlook at      its notes: they are unchanged and may describe the old problem"
+        if notes
+        else ""
+    )
     return f"{path}\ncertify it   {shlex.join(['dobc', 'certify', path])}{more}"
 
 
@@ -238,7 +273,8 @@ def make_table(heads: Iterable[str] = ()) -> Table:
 
 
 def document_table(table: doc.Table, leave_out: Collection[str] = ()) -> Table:
-    """A table of a report as Markdown has it, without these columns and those in which nothing stands."""
+    """A table of a report as Markdown has it, without these columns and those in which nothing
+    stands."""
     from rich.text import Text
 
     from dobc_design.report.document import Mark
@@ -247,12 +283,19 @@ def document_table(table: doc.Table, leave_out: Collection[str] = ()) -> Table:
     kept = [
         (k, column.head)
         for k, column in enumerate(table.columns)
-        if "markdown" in column.only and column.head not in leave_out and any(row[k] != NONE for row in table.rows)
+        if "markdown" in column.only
+        and column.head not in leave_out
+        and any(row[k] != NONE for row in table.rows)
     ]
     shown = make_table(head for _, head in kept)
     for row in table.rows:
         cells = [row[k] for k, _ in kept]
-        shown.add_row(*(verdict_text(each.verdict) if isinstance(each, Mark) else Text(str(each)) for each in cells))
+        shown.add_row(
+            *(
+                verdict_text(each.verdict) if isinstance(each, Mark) else Text(str(each))
+                for each in cells
+            )
+        )
     return shown
 
 
@@ -281,7 +324,9 @@ def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:
         for place, block in enumerate(section.blocks):
             match block:
                 case Paragraph(words):
-                    yield Text(plain(words)) if place == 0 else Text(f"\n{plain(words)}", style="dim")
+                    yield (
+                        Text(plain(words)) if place == 0 else Text(f"\n{plain(words)}", style="dim")
+                    )
                 case List(items):
                     yield from (Text(plain(item)) for item in items)
                 case Table():
@@ -289,7 +334,8 @@ def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:
 
 
 def folder_name(name: str) -> str:
-    """A problem's name as one folder name: letters and digits, with dots, dashes and underscores between them."""
+    """A problem's name as one folder name: letters and digits, with dots, dashes and underscores
+    between them."""
     text = "".join(c if c.isalnum() or c in "._-" else "-" for c in name).lstrip("._-")
     return text[:LONGEST_FOLDER] or "problem"
 
@@ -302,12 +348,17 @@ def results_folder(out: Path | None, name: str, *, suffix: str = "certificate") 
 def require_folder(folder: Path, *, key: str = "--out") -> Path:
     """Refuse a folder that is something else already.  Raises: SpecError."""
     if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
-        raise SpecError(f"{str(folder)!r} is not a folder.", key=key, cure=f"Choose another with {key}.")
+        raise SpecError(
+            f"{str(folder)!r} is not a folder.", key=key, cure=f"Choose another with {key}."
+        )
     return folder
 
 
-def require_free(folder: Path, names: Iterable[str], *, force: bool, key: str = "--out", other: str = "") -> None:
-    """Refuse a folder that holds one of these files already, unless ``force``; ``other``: what else would help."""
+def require_free(
+    folder: Path, names: Iterable[str], *, force: bool, key: str = "--out", other: str = ""
+) -> None:
+    """Refuse a folder that holds one of these files already, unless ``force``; ``other``: what else
+    would help."""
     there = next((name for name in names if (folder / name).exists()), None)
     if there is not None and not force:
         cure = f"Add --force to replace it{other}."
@@ -317,7 +368,11 @@ def require_free(folder: Path, names: Iterable[str], *, force: bool, key: str = 
 def refuse_option(path: Path | None, *, key: str) -> None:
     """Refuse an option that was taken for the value of another one, as in ``--out --json``."""
     if path is not None and str(path).startswith("--"):
-        raise SpecError(f"{key} needs a value before {str(path)!r}.", key=key, cure=f"A path of that name is ./{path}.")
+        raise SpecError(
+            f"{key} needs a value before {str(path)!r}.",
+            key=key,
+            cure=f"A path of that name is ./{path}.",
+        )
 
 
 def check_target(path: Path, *, force: bool, key: str) -> None:
@@ -326,7 +381,9 @@ def check_target(path: Path, *, force: bool, key: str) -> None:
     if path.is_dir():
         raise SpecError(f"{str(path)!r} is a folder.", key=key, cure="Name a file in it.")
     if path.exists() and not force:
-        raise SpecError(f"{str(path)!r} exists already.", key=key, cure="Add --force to replace it.")
+        raise SpecError(
+            f"{str(path)!r} exists already.", key=key, cure="Add --force to replace it."
+        )
 
 
 def require_toml(path: Path, *, key: str) -> None:
@@ -347,8 +404,8 @@ def write_file(path: Path, data: bytes, *, key: str) -> None:
 
 
 def read_claims(certificate: Path, problem: Problem | None = None) -> Claims:
-    """The claims of a certificate; with ``problem`` only if every one of them, decided again, holds for it.  Raises:
-    SpecError also where it cannot be read: what was handed in is wrong."""
+    """The claims of a certificate; with ``problem`` only if every one of them, decided again, holds
+    for it.  Raises: SpecError also where it cannot be read: what was handed in is wrong."""
     from dobc_design.certificate import text
     from dobc_design.certification.certify import verify
 
@@ -358,7 +415,11 @@ def read_claims(certificate: Path, problem: Problem | None = None) -> Claims:
         raise SpecError(error.message, key=error.key, cure=error.cure) from error
     if problem is not None and not verify(claims, problem).holds:
         message = "--certificate must be a valid certificate of this problem; this one is not."
-        raise SpecError(message, key="--certificate", cure="`dobc verify` says why; `dobc certify` makes a new one.")
+        raise SpecError(
+            message,
+            key="--certificate",
+            cure="`dobc verify` says why; `dobc certify` makes a new one.",
+        )
     return claims
 
 

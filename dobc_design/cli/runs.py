@@ -1,4 +1,5 @@
-"""What ``dobc simulate`` and ``dobc stress`` share: options of runs, the document that --json prints, and the files.
+"""What ``dobc simulate`` and ``dobc stress`` share: options of runs, the document that --json
+prints, and the files.
 
 An ensemble of one run is a trajectory.  A run that diverges is an answer, not a failure.
 """
@@ -22,7 +23,12 @@ if TYPE_CHECKING:
     from dobc_design.simulation.setting import Stress
     from dobc_design.simulation.trajectory import Trajectory
 
-SUMMARY, FIGURE, NETWORK, BREAKING = "summary.json", "simulation.svg", "network.html", "breaking.svg"
+SUMMARY, FIGURE, NETWORK, BREAKING = (
+    "summary.json",
+    "simulation.svg",
+    "network.html",
+    "breaking.svg",
+)
 TRAJECTORY, ENSEMBLE = "trajectory.npz", "ensemble.npz"
 WRITTEN = (TRAJECTORY, ENSEMBLE, FIGURE, NETWORK, BREAKING, SUMMARY)  # all that a run may write
 MOST_MOVING = 200  # agents whose motion is drawn
@@ -36,13 +42,22 @@ Files = dict[str, bytes]  # by their names in --out
 class Runs:
     """Which runs are made, and how."""
 
-    runs: Annotated[int | None, typer.Option(help="How many runs, with the seeds S, S + 1, ...")] = None
-    seed: Annotated[int | None, typer.Option(help="Seed of starts and switches; default the problem's.")] = None
-    t_final: Annotated[float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")] = None
-    mode: Annotated[str | None, typer.Option(help="Stay in this mode, whatever [switching] says.")] = None
+    runs: Annotated[
+        int | None, typer.Option(help="How many runs, with the seeds S, S + 1, ...")
+    ] = None
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of starts and switches; default the problem's.")
+    ] = None
+    t_final: Annotated[
+        float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")
+    ] = None
+    mode: Annotated[
+        str | None, typer.Option(help="Stay in this mode, whatever [switching] says.")
+    ] = None
     start: Annotated[str | None, typer.Option(help="Start from a CSV or .npz file.")] = None
     observer: Annotated[
-        str, typer.Option(help="closed-form, full-loop (the reference), or off: d is not compensated.")
+        str,
+        typer.Option(help="closed-form, full-loop (the reference), or off: d is not compensated."),
     ] = OBSERVER
 
     @property
@@ -55,8 +70,12 @@ class Runs:
 class Answer:
     """What is shown of the runs, and where it goes."""
 
-    certificate: Annotated[Path | None, typer.Option(help="Show the bounds that this certificate proves.")] = None
-    out: Annotated[Path | None, typer.Option(help="Folder for arrays (.npz), figures and summary.json.")] = None
+    certificate: Annotated[
+        Path | None, typer.Option(help="Show the bounds that this certificate proves.")
+    ] = None
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for arrays (.npz), figures and summary.json.")
+    ] = None
     force: Annotated[bool, typer.Option("--force", help="Overwrite files in --out.")] = False
     quiet: output.Quiet = False
     verbose: output.Verbose = False
@@ -73,14 +92,19 @@ class Answer:
         """Refuse a folder that has files of runs already, unless they may be replaced."""
         if self.out is not None:
             folder = output.require_folder(self.out)
-            output.require_free(folder, WRITTEN, force=self.force, other=", or choose another folder")
+            output.require_free(
+                folder, WRITTEN, force=self.force, other=", or choose another folder"
+            )
 
     def proof(self, problem: Problem, progress: Callable[[str], None]) -> Certificate | None:
         """The certificate whose bounds are shown, verified."""
         return None if self.certificate is None else _verified(self.certificate, problem, progress)
 
-    def write(self, document: dict[str, Any], names: Sequence[str], draw: Callable[[], Files]) -> None:
-        """Write what ``draw`` gives and the document, all of it or nothing; without a folder nothing is drawn."""
+    def write(
+        self, document: dict[str, Any], names: Sequence[str], draw: Callable[[], Files]
+    ) -> None:
+        """Write what ``draw`` gives and the document, all of it or nothing; without a folder
+        nothing is drawn."""
         from dobc_design.certificate.files import make_folder, write_together
 
         document["files"] = [] if self.out is None else [str(self.out / name) for name in names]
@@ -97,11 +121,15 @@ class Answer:
             output.print_json(document)
         elif not self.quiet:
             notes = [f"  Note: {note}" for note in document["notes"]]
-            files = [f"wrote {path}" for path in document["files"]] or [f"Add --out FOLDER for {', '.join(names)}."]
+            files = [f"wrote {path}" for path in document["files"]] or [
+                f"Add --out FOLDER for {', '.join(names)}."
+            ]
             output.say("\n".join([text, *notes, *files]))
 
 
-def make_runs(file: str, runs: Runs, answer: Answer, *, stress: Stress | Literal["worst"] | None = None) -> None:
+def make_runs(
+    file: str, runs: Runs, answer: Answer, *, stress: Stress | Literal["worst"] | None = None
+) -> None:
     """Make the runs, write their files, and say what came of them."""
     from dobc_design.problem.load import load_problem
     from dobc_design.simulation.runs import simulate
@@ -142,12 +170,17 @@ def _moving_network(result: Trajectory, problem: Problem) -> bytes:
     from dobc_design.plotting.animation import animation_page
 
     modes = problem.network.modes.items()
-    arcs = {name: list(zip(x.listeners.tolist(), x.speakers.tolist(), strict=True)) for name, x in modes}
+    arcs = {
+        name: list(zip(x.listeners.tolist(), x.speakers.tolist(), strict=True)) for name, x in modes
+    }
     return animation_page(result, arcs=arcs).encode("utf-8")
 
 
-def _document(result: Any, problem: Problem, proof: Certificate | None, *, single: bool) -> dict[str, Any]:
-    """What --json prints of runs, with what the certificate bounds; a note where it bounds nothing here."""
+def _document(
+    result: Any, problem: Problem, proof: Certificate | None, *, single: bool
+) -> dict[str, Any]:
+    """What --json prints of runs, with what the certificate bounds; a note where it bounds nothing
+    here."""
     notes = list(result.notes)
     document: dict[str, Any] = result.summary() | {"problem": problem.name, "mode": result.mode}
     document |= {"reasons": _reasons(result), "notes": notes}
@@ -172,14 +205,17 @@ def _document(result: Any, problem: Problem, proof: Certificate | None, *, singl
 
 
 def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) -> Certificate:
-    """The certificate at ``place``, every claim decided again.  Raises: SpecError unless all of them hold."""
+    """The certificate at ``place``, every claim decided again.  Raises: SpecError unless all of
+    them hold."""
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.conditions.observer.propose import observer_gain
 
     progress("verifying the certificate")
     claims = output.read_claims(place, problem)
     if claims.W is not None and observer_gain(problem) != claims.W:
-        message = "the certificate is about another observer gain W than the one that is designed here."
+        message = (
+            "the certificate is about another observer gain W than the one that is designed here."
+        )
         cure = "Certify the problem anew, or give the W of the certificate in [observer]."
         raise SpecError(message, key="--certificate", cure=cure)
     return Certificate(problem=problem, claims=claims)
@@ -191,7 +227,9 @@ def _reasons(result: Trajectory | Ensemble) -> list[dict[str, Any]]:
 
     if isinstance(result, Trajectory):
         return [{"seed": result.seed, "reason": result.reason}] if result.diverged else []
-    return [{"seed": int(result.seeds[run]), "reason": reason} for run, reason in result.reasons.items()]
+    return [
+        {"seed": int(result.seeds[run]), "reason": reason} for run, reason in result.reasons.items()
+    ]
 
 
 def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
@@ -202,7 +240,10 @@ def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
         ("decay_rate", "decay rate", " 1/s", "unknown"),
     ):
         values = document[name] if document["runs"] > 1 else {"": document[name]["median"]}
-        named = [f"{each} {nothing if value is None else f'{value:.4g}{unit}'}" for each, value in values.items()]
+        named = [
+            f"{each} {nothing if value is None else f'{value:.4g}{unit}'}"
+            for each, value in values.items()
+        ]
         lines.append(f"  {title:<22} {', '.join(named).strip()}")
     for name, interval in document.get("intervals", {}).items():
         words = f"no confidence interval with {document['runs']} runs"
@@ -210,7 +251,10 @@ def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
             words = f"{interval[0]:.4g} to {interval[1]:.4g}, with 95 % confidence"
         lines.append(f"  {name.replace('_', ' '):<22} {words}")
     if document.get("certified"):
-        final, sources = document["certified"]["final_error"], ", ".join(document["certified"]["sources"])
+        final, sources = (
+            document["certified"]["final_error"],
+            ", ".join(document["certified"]["sources"]),
+        )
         lines.append(f"  {'certified':<22} final |e|_inf <= {final:.4g}, by {sources}")
     reasons = document["reasons"]
     lines += [f"  seed {each['seed']}: {each['reason']}." for each in reasons[:SHOWN]]

@@ -25,21 +25,33 @@ if TYPE_CHECKING:
 class Stresses:
     """What acts on the loop; what is not given does not."""
 
-    noise: Annotated[float | None, typer.Option(help="Standard deviation of measured states.")] = None
-    disturbance: Annotated[float | None, typer.Option(help="Amplitude of a sine outside the exosystem.")] = None
+    noise: Annotated[float | None, typer.Option(help="Standard deviation of measured states.")] = (
+        None
+    )
+    disturbance: Annotated[
+        float | None, typer.Option(help="Amplitude of a sine outside the exosystem.")
+    ] = None
     saturation: Annotated[float | None, typer.Option(help="Bound on every component of u.")] = None
     period: Annotated[float | None, typer.Option(help="Period in s of sample and hold.")] = None
     loss: Annotated[float | None, typer.Option(help="Probability that a packet is lost.")] = None
-    fail: Annotated[list[str] | None, typer.Option(help="LABEL@TIME or LABEL@TIME:freeze; may be repeated.")] = None
+    fail: Annotated[
+        list[str] | None, typer.Option(help="LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
+    ] = None
     worst: Annotated[
-        bool, typer.Option("--worst", help="As bad as [uncertainty], [actuators] and the guarantee allow.")
+        bool,
+        typer.Option(
+            "--worst", help="As bad as [uncertainty], [actuators] and the guarantee allow."
+        ),
     ] = False
 
     def chosen(self) -> Stress | Literal["worst"] | None:
-        """The stress that the options describe; None where none of them is given.  Raises: SpecError."""
+        """The stress that the options describe; None where none of them is given.  Raises:
+        SpecError."""
         from dobc_design.simulation.setting import Stress
 
-        given: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "worst"}
+        given: dict[str, Any] = {
+            each.name: getattr(self, each.name) for each in fields(self) if each.name != "worst"
+        }
         given = {name: value for name, value in given.items() if value not in (None, [])}
         if self.worst:
             if given:
@@ -59,7 +71,8 @@ MOVED["--what-breaks-first"] = "dobc stress FILE"
 
 @in_groups
 def stress(file: output.File, stresses: Stresses, runs: Runs, answer: Answer) -> None:
-    """Find what breaks the loop first; with --noise, --saturation, --worst, ... simulate it under that stress."""
+    """Find what breaks the loop first; with --noise, --saturation, --worst, ... simulate it under
+    that stress."""
     chosen = stresses.chosen()
     if chosen is None:
         _break(file, runs, answer)
@@ -75,8 +88,12 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
 
     unfit = "--observer" if runs.observer != OBSERVER else None if runs.single else "--runs"
     if unfit is not None:
-        message = f"{unfit} needs a stress: without one every stress is made worse, in runs of its own."
-        raise SpecError(message, key=unfit, cure=f"Add one, such as --noise 0.1, or leave {unfit} out.")
+        message = (
+            f"{unfit} needs a stress: without one every stress is made worse, in runs of its own."
+        )
+        raise SpecError(
+            message, key=unfit, cure=f"Add one, such as --noise 0.1, or leave {unfit} out."
+        )
     names = (BREAKING, SUMMARY)
     with answer.progress() as progress:
         problem = load_problem(file)
@@ -116,9 +133,13 @@ def _failure(text: str) -> Failure:
 
 
 def _document(found: Any, problem: Problem, proof: Certificate | None) -> dict[str, Any]:
-    """What --json prints of what breaks the loop first, with the certified sampling period beside."""
+    """What --json prints of what breaks the loop first, with the certified sampling period
+    beside."""
     notes = list(found.calm.notes)
     if proof is not None and found.period is not None and found.period.certified is None:
         notes.append("The certificate proves no sampling period.")
-    document: dict[str, Any] = found.calm.summary() | {"problem": problem.name, "mode": found.calm.mode}
+    document: dict[str, Any] = found.calm.summary() | {
+        "problem": problem.name,
+        "mode": found.calm.mode,
+    }
     return document | {"notes": notes, "breaking": found.to_json()}

@@ -27,29 +27,41 @@ def sweep_command(
         list[str],
         typer.Argument(
             metavar="KEY=VALUES...",
-            help="What is varied: KEY=1:5:9 (nine values from 1 to 5), KEY=1:100:5:log, KEY=a,b,c, KEY=~uniform(0,1);"
+            help="What is varied: KEY=1:5:9 (nine values from 1 to 5), KEY=1:100:5:log, "
+            "KEY=a,b,c, KEY=~uniform(0,1);"
             " KEY,KEY=VALUES sets both. Listed values make a grid.",
         ),
     ],
     task: Annotated[str, typer.Option(help="certify or simulate every case.")] = "certify",
-    samples: Annotated[int | None, typer.Option(help="Random samples of the keys with ~, per grid point.")] = None,
+    samples: Annotated[
+        int | None, typer.Option(help="Random samples of the keys with ~, per grid point.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
     runs: Annotated[int, typer.Option(help="With --task simulate: runs of every case.")] = 1,
-    everything: Annotated[bool, typer.Option("--all", help="With --task certify: run every condition.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder, new or of this sweep; default ./NAME-sweep.")] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="With --task certify: run every condition.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder, new or of this sweep; default ./NAME-sweep.")
+    ] = None,
     jobs: Annotated[int | None, typer.Option(help="Processes; default one per processor.")] = None,
     cluster: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, or local: a cluster on this machine.")
+        str | None,
+        typer.Option(help="Address of a Dask scheduler, or local: a cluster on this machine."),
     ] = None,
     time_limit: Annotated[
-        str | None, typer.Option("--time-limit", help="Time limit of one case in s; the other cases continue.")
+        str | None,
+        typer.Option("--time-limit", help="Time limit of one case in s; the other cases continue."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the sweep in the folder, also another one.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the sweep in the folder, also another one.")
+    ] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
     as_json: output.Json = False,
 ) -> None:
-    """Certify or simulate a problem for many values of some keys; a stopped sweep can be continued."""
+    """Certify or simulate a problem for many values of some keys; a stopped sweep can be
+    continued."""
     from dobc_design.certificate.files import write_atomically
     from dobc_design.problem.load import load_problem
     from dobc_design.sweeps.result import HEAD, LINES
@@ -57,13 +69,28 @@ def sweep_command(
 
     stages = _Bar(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
-    folder = output.results_folder(out, "" if out is not None else load_problem(file).name, suffix="sweep")
+    folder = output.results_folder(
+        out, "" if out is not None else load_problem(file).name, suffix="sweep"
+    )
     command = shlex.join(["dobc", *sys.argv[1:]])
-    kept = f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes on with the others:"
+    kept = (
+        f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes "
+        "on with the others:"
+    )
     say_on_ending(f"{kept}\n  {command}")
     with stages as progress:
-        options: dict[str, Any] = {"task": task, "samples": samples, "seed": seed, "everything": everything}
-        how: dict[str, Any] = {"jobs": jobs, "cluster": cluster, "time_limit": time_limit, "force": force}
+        options: dict[str, Any] = {
+            "task": task,
+            "samples": samples,
+            "seed": seed,
+            "everything": everything,
+        }
+        how: dict[str, Any] = {
+            "jobs": jobs,
+            "cluster": cluster,
+            "time_limit": time_limit,
+            "force": force,
+        }
         result = sweep(file, axes, runs=runs, out=folder, progress=progress, **options, **how)
     tables = (folder / name for name in ("results.csv", "results.parquet"))
     files = [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
@@ -73,19 +100,28 @@ def sweep_command(
         files.append(figure)
     except SpecError as error:  # nothing numeric was varied or found
         notes.append(f"No figure: {error.message}")
-    except (ArithmeticError, ValueError) as error:  # numbers beyond what the scales of Matplotlib hold
+    # numbers beyond what the scales of Matplotlib hold
+    except (ArithmeticError, ValueError) as error:
         notes.append(f"No figure: Matplotlib cannot draw these numbers ({error}).")
     if notes:
         figure.unlink(missing_ok=True)  # of an earlier run
     if as_json:
-        output.print_json(_document(result, folder, files, resumed=stages.resumed) | {"notes": notes})
+        output.print_json(
+            _document(result, folder, files, resumed=stages.resumed) | {"notes": notes}
+        )
     elif not quiet:
         output.say("\n".join([_words(result, files, resumed=stages.resumed), *notes]))
 
 
-def _document(result: SweepResult, folder: Path, files: Sequence[Path], *, resumed: int) -> dict[str, Any]:
+def _document(
+    result: SweepResult, folder: Path, files: Sequence[Path], *, resumed: int
+) -> dict[str, Any]:
     failures = [
-        {"case": line["case"], "values": dict(zip(result.axes, line["values"], strict=True)), "error": line["error"]}
+        {
+            "case": line["case"],
+            "values": dict(zip(result.axes, line["values"], strict=True)),
+            "error": line["error"],
+        }
         for line in result.failures[:100]
     ]
     return {
@@ -107,7 +143,9 @@ def _words(result: SweepResult, files: Sequence[Path], *, resumed: int) -> str:
     if resumed:
         lines.append(f"  {resumed} of the cases were there from before")
     for line in result.failures[:SHOWN]:
-        values = ", ".join(f"{name}={value}" for name, value in zip(result.axes, line["values"], strict=True))
+        values = ", ".join(
+            f"{name}={value}" for name, value in zip(result.axes, line["values"], strict=True)
+        )
         error = DobcError(line["error"]["message"], cure=line["error"]["cure"])
         lines.append(f"  case {line['case']} ({values}) failed: {error}")
     if len(result.failures) > SHOWN:
@@ -116,7 +154,8 @@ def _words(result: SweepResult, files: Sequence[Path], *, resumed: int) -> str:
 
 
 class _Bar(output.Progress):
-    """Progress on standard error: a bar on a terminal; with --verbose ten lines or so; else nothing."""
+    """Progress on standard error: a bar on a terminal; with --verbose ten lines or so; else
+    nothing."""
 
     resumed = 0  # cases that were there from before
 

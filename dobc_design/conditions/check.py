@@ -1,7 +1,9 @@
-"""One checked condition, of which a certificate consists: its verdict, where it holds, its margin, why, and its claim.
+"""One checked condition, of which a certificate consists: its verdict, where it holds, its margin,
+why, and its claim.
 
-The claim is the noun of its topic.  It becomes JSON when a certificate is written; a check that was read from a file
-holds the values as they stand there, until ``certificate.claims`` reads them for a trusted problem.
+The claim is the noun of its topic.  It becomes JSON when a certificate is written; a check that was
+read from a file holds the values as they stand there, until ``certificate.claims`` reads them for a
+trusted problem.
 """
 
 from __future__ import annotations
@@ -46,7 +48,8 @@ class Claim(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """A claim that consists of named values only, or one that was read from a file, as it stands there."""
+    """A claim that consists of named values only, or one that was read from a file, as it stands
+    there."""
 
     values: Mapping[str, Any]
 
@@ -56,8 +59,9 @@ class Values:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Witness(Shown):
-    """Why something is refuted.  ``kind``: "vector" (rational v with v'Mv >= 0), "agents", "polynomial" (a factor that
-    does not decay), "routh_row", "farkas", "start".  ``labels`` name agents, ``values`` are exact numbers as text."""
+    """Why something is refuted.  ``kind``: "vector" (rational v with v'Mv >= 0), "agents",
+    "polynomial" (a factor that does not decay), "routh_row", "farkas", "start".  ``labels`` name
+    agents, ``values`` are exact numbers as text."""
 
     kind: str
     labels: tuple[str, ...] | None = None
@@ -65,12 +69,15 @@ class Witness(Shown):
 
     def to_json(self) -> dict[str, Any]:
         lists = {"labels": self.labels, "values": self.values}
-        return {"kind": self.kind} | {name: list(found) for name, found in lists.items() if found is not None}
+        return {"kind": self.kind} | {
+            name: list(found) for name, found in lists.items() if found is not None
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Fix(Shown):
-    """What would cure a refuted or undecided check: keys of the problem file to set, and a sentence."""
+    """What would cure a refuted or undecided check: keys of the problem file to set, and a
+    sentence."""
 
     kind: str
     set: Mapping[str, Any]
@@ -84,13 +91,14 @@ class Fix(Shown):
 class Check(Shown):
     """One condition, decided.
 
-    ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``factor`` >= 1 belongs to the rate: |e(t)| <=
-    factor |e(0)| exp(-rate t) + what the estimation error adds, in the norm ``norm``; None where no such bound follows.
-    ``claim``: what is proved, exactly; ``exact`` is that as text.  ``mode`` is None on checks that speak of all modes
-    together.  ``group``, the label of its first agent, stands on checks of one group of agents where these have
-    different exosystems.  ``applies``: False where an undecided condition is not about such a problem at all.
-    ``cut``: True where time or work ran out before it was decided, so that it says nothing about the problem;
-    ``longer``: and `certify --all` searches longer for it.
+    ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``factor`` >= 1 belongs to
+    the rate: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds, in the norm
+    ``norm``; None where no such bound follows. ``claim``: what is proved, exactly; ``exact`` is
+    that as text.  ``mode`` is None on checks that speak of all modes together.  ``group``, the
+    label of its first agent, stands on checks of one group of agents where these have different
+    exosystems.  ``applies``: False where an undecided condition is not about such a problem at all.
+    ``cut``: True where time or work ran out before it was decided, so that it says nothing about
+    the problem; ``longer``: and `certify --all` searches longer for it.
     """
 
     id: str
@@ -131,13 +139,15 @@ class Check(Shown):
 
     @property
     def norm(self) -> str:
-        """The norm of its bound: the largest component of all errors, or the Euclidean length of all of them."""
+        """The norm of its bound: the largest component of all errors, or the Euclidean length of
+        all of them."""
         in_mean_square = self.id == "markov" and (self.exact or {}).get("kind") == "mean square"
         return "|e|" if self.kind.topic in EUCLIDEAN or in_mean_square else "|e|_inf"
 
     @property
     def time_to_one_percent(self) -> float:
-        """After how many seconds the bound is a hundredth of |e(0)|: ln(100 factor) / rate; infinite without one."""
+        """After how many seconds the bound is a hundredth of |e(0)|: ln(100 factor) / rate;
+        infinite without one."""
         return time_to_one_percent(self.rate, self.factor)
 
     @property
@@ -149,27 +159,53 @@ class Check(Shown):
 
     @property
     def remark(self) -> str:
-        """The reason without its first sentence, which says what is proved; to be shown, never to be read."""
+        """The reason without its first sentence, which says what is proved; to be shown, never to
+        be read."""
         return self.reason.partition(". ")[2]
 
     def _card(self) -> Card:
-        domain = self.domain if isinstance(self.domain, str) else ", ".join(f"{k} {v}" for k, v in self.domain.items())
+        domain = (
+            self.domain
+            if isinstance(self.domain, str)
+            else ", ".join(f"{k} {v}" for k, v in self.domain.items())
+        )
         facts = [("holds for", domain)]
         numbers = (("margin", self.margin), ("rate in 1/s", self.rate))
-        facts += [(name, significant_towards_zero(value, 6)) for name, value in numbers if value is not None]
+        facts += [
+            (name, significant_towards_zero(value, 6))
+            for name, value in numbers
+            if value is not None
+        ]
         if self.factor is not None:
             facts.append((f"factor of {self.norm}", significant_away_from_zero(self.factor, 6)))
-        facts += [(name, str(value)) for name, value in (self.exact or {}).items() if isinstance(value, (str, int))]
+        facts += [
+            (name, str(value))
+            for name, value in (self.exact or {}).items()
+            if isinstance(value, (str, int))
+        ]
         if self.witness is not None:
-            facts.append((f"witness, {self.witness.kind}", listed(self.witness.labels or self.witness.values or ())))
+            facts.append(
+                (
+                    f"witness, {self.witness.kind}",
+                    listed(self.witness.labels or self.witness.values or ()),
+                )
+            )
         if self.fix is not None:
             facts.append(("cure", self.fix.text))
         return Card(title=self.title, verdict=self.verdict.value, text=self.reason, facts=facts)
 
     def to_json(self) -> dict[str, Any]:
         """JSON object of the contract."""
-        places = {name: text for name, text in (("mode", self.mode), ("group", self.group)) if text is not None}
-        parts: dict[str, Claim | None] = {"exact": self.claim, "witness": self.witness, "fix": self.fix}
+        places = {
+            name: text
+            for name, text in (("mode", self.mode), ("group", self.group))
+            if text is not None
+        }
+        parts: dict[str, Claim | None] = {
+            "exact": self.claim,
+            "witness": self.witness,
+            "fix": self.fix,
+        }
         return {
             "id": self.id,
             **places,
@@ -188,9 +224,20 @@ def undecided_check(id: str, domain: str, reason: str, *, applies: bool = True) 
     return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, applies=applies)
 
 
-def cut_check(id: str, domain: Domain, reason: str, *, mode: str | None = None, longer: bool = False) -> Check:
-    """A check that was not decided, because time or work ran out; ``longer``: `certify --all` searches longer."""
-    return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, mode=mode, cut=True, longer=longer)
+def cut_check(
+    id: str, domain: Domain, reason: str, *, mode: str | None = None, longer: bool = False
+) -> Check:
+    """A check that was not decided, because time or work ran out; ``longer``: `certify --all`
+    searches longer."""
+    return Check(
+        id=id,
+        verdict=Verdict.UNDECIDED,
+        domain=domain,
+        reason=reason,
+        mode=mode,
+        cut=True,
+        longer=longer,
+    )
 
 
 def withdrawn(check: Check, domain: str, reason: str) -> Check:
@@ -201,7 +248,8 @@ def withdrawn(check: Check, domain: str, reason: str) -> Check:
 
 
 def limited(id: str, domain: str, decide: Callable[[], Check]) -> Check:
-    """What ``decide`` finds within the work of one stage, or an undecided check that says how far it came."""
+    """What ``decide`` finds within the work of one stage, or an undecided check that says how far
+    it came."""
     try:
         with at_most(STAGE):
             spend(0)
@@ -212,7 +260,8 @@ def limited(id: str, domain: str, decide: Callable[[], Check]) -> Check:
 
 @contextmanager
 def surviving(what: str, *beside: type[Exception]) -> Iterator[None]:
-    """A proposal in floating point may break down (or meet what stands ``beside``): the log tells it, all goes on."""
+    """A proposal in floating point may break down (or meet what stands ``beside``): the log tells
+    it, all goes on."""
     expected: tuple[type[Exception], ...] = (ArithmeticError, RuntimeError, ValueError, *beside)
     try:
         yield
@@ -221,19 +270,29 @@ def surviving(what: str, *beside: type[Exception]) -> Iterator[None]:
 
 
 def fastest_in_words(rate: float, factor: float) -> str:
-    """What a proof with the largest rate would say, as a sentence for the reason of one that settles earlier."""
+    """What a proof with the largest rate would say, as a sentence for the reason of one that
+    settles earlier."""
     shown = significant_towards_zero(rate), significant_away_from_zero(factor, 3)
-    return f" The largest rate is about {shown[0]} 1/s, with a factor of {shown[1]}: it reaches one percent later."
+    return (
+        f" The largest rate is about {shown[0]} 1/s, with a factor of {shown[1]}: it reaches "
+        "one percent later."
+    )
 
 
 def starts_in(kind: str, radius: float, disturbance: float) -> Domain:
-    """The domain |e|_inf <= radius ("box") or |e| <= radius ("ball", Euclidean), and |eps_i| <= disturbance."""
+    """The domain |e|_inf <= radius ("box") or |e| <= radius ("ball", Euclidean), and |eps_i| <=
+    disturbance."""
     return {"kind": kind, "radius": radius, "disturbance": disturbance}
 
 
 def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fraction, Fraction]:
-    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".  Raises: ValueError or TypeError."""
-    if not isinstance(domain, Mapping) or set(domain) != {"kind", "radius", "disturbance"} or domain["kind"] != kind:
+    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".  Raises: ValueError or
+    TypeError."""
+    if (
+        not isinstance(domain, Mapping)
+        or set(domain) != {"kind", "radius", "disturbance"}
+        or domain["kind"] != kind
+    ):
         raise ValueError(f"the domain must be a {kind} with radius and disturbance")
     radius, disturbance = number_or_none(domain["radius"]), number_or_none(domain["disturbance"])
     if radius is None or radius <= 0 or disturbance is None or disturbance < 0:
@@ -244,14 +303,24 @@ def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fractio
 
 
 def main_cure(checks: Sequence[Check]) -> Check | None:
-    """The failed check whose fix cures most: the condition everything rests on, else a printed P, else the model."""
-    order = ("theorem2", "theorem1", "lemma1", "theorem2-printed", "theorem1-printed", "detectability", "hurwitz")
+    """The failed check whose fix cures most: the condition everything rests on, else a printed P,
+    else the model."""
+    order = (
+        "theorem2",
+        "theorem1",
+        "lemma1",
+        "theorem2-printed",
+        "theorem1-printed",
+        "detectability",
+        "hurwitz",
+    )
     cured = [check for check in checks if check.fix is not None and check.id in order]
     return min(cured, key=lambda check: order.index(check.id), default=None)
 
 
 def other_cures(checks: Sequence[Check]) -> list[Check]:
-    """Checks with a fix that sets other keys than the main one and than those before, which supersede it."""
+    """Checks with a fix that sets other keys than the main one and than those before, which
+    supersede it."""
     main = main_cure(checks)
     seen = [] if main is None or main.fix is None else [set(main.fix.set)]
     result = []
@@ -263,12 +332,17 @@ def other_cures(checks: Sequence[Check]) -> list[Check]:
 
 
 def check_from_json(data: Any) -> Check:
-    """Read a check back.  Raises: KeyError, TypeError or ValueError, also for a field that is not known here."""
+    """Read a check back.  Raises: KeyError, TypeError or ValueError, also for a field that is not
+    known here."""
     require_keys(data, "a check", needed=NEEDED, allowed=OPTIONAL)
     domain, witness, fix = data["domain"], data.get("witness"), data.get("fix")
     if "witness" in data:
         require_keys(witness, "witness", needed=("kind",), allowed=("labels", "values"))
-        lists = {name: read_texts(witness[name], f"witness.{name}") for name in ("labels", "values") if name in witness}
+        lists = {
+            name: read_texts(witness[name], f"witness.{name}")
+            for name in ("labels", "values")
+            if name in witness
+        }
         witness = Witness(kind=read_text(witness["kind"], "witness.kind"), **lists)
     if "fix" in data:
         require_keys(fix, "fix", needed=("kind", "set", "text"))
@@ -289,21 +363,31 @@ def check_from_json(data: Any) -> Check:
 
 
 def differs(check: Check, own: Check) -> str | None:
-    """What a claimed check says otherwise than our own one for the same question; None if nothing."""
+    """What a claimed check says otherwise than our own one for the same question; None if
+    nothing."""
     if own.verdict is not check.verdict:
         return f"it is {own.verdict.value}"
     if not agrees(check.exact, own.exact):
         return "exact differs from what the problem gives"
-    return None if same_witness(check.witness, own.witness) else "witness differs from what the problem gives"
+    return (
+        None
+        if same_witness(check.witness, own.witness)
+        else "witness differs from what the problem gives"
+    )
 
 
 def agrees(claim: object, own: object, *, as_text: bool = False) -> bool:
-    """Whether a part of a check says the same: rationals as numbers, names and polynomials as they are written."""
+    """Whether a part of a check says the same: rationals as numbers, names and polynomials as they
+    are written."""
     if isinstance(own, Mapping) and isinstance(claim, Mapping):
-        return set(claim) == set(own) and all(agrees(claim[key], own[key], as_text=key in NAMES) for key in own)
+        return set(claim) == set(own) and all(
+            agrees(claim[key], own[key], as_text=key in NAMES) for key in own
+        )
     if isinstance(own, Sequence) and isinstance(claim, Sequence) and not isinstance(own, str):
         same_length = not isinstance(claim, str) and len(claim) == len(own)
-        return same_length and all(agrees(a, b, as_text=as_text) for a, b in zip(claim, own, strict=True))
+        return same_length and all(
+            agrees(a, b, as_text=as_text) for a, b in zip(claim, own, strict=True)
+        )
     if claim == own or as_text or not isinstance(own, str):
         return claim == own
     return read_rational(claim) == read_rational(own)
@@ -317,8 +401,11 @@ def same_witness(claim: Witness | None, own: Witness | None) -> bool:
     return named and agrees(claim.values, own.values, as_text=own.kind == "polynomial")
 
 
-def require_keys(data: Any, name: str, *, needed: Collection[str], allowed: Collection[str] = ()) -> None:
-    """Raise TypeError, KeyError or ValueError unless ``data`` is an object with these keys and no others."""
+def require_keys(
+    data: Any, name: str, *, needed: Collection[str], allowed: Collection[str] = ()
+) -> None:
+    """Raise TypeError, KeyError or ValueError unless ``data`` is an object with these keys and no
+    others."""
     _object(data, name)
     missing = [key for key in needed if key not in data]
     if missing:
@@ -329,13 +416,15 @@ def require_keys(data: Any, name: str, *, needed: Collection[str], allowed: Coll
 
 
 def read_object(data: object, names: Collection[str]) -> Mapping[str, Any]:
-    """An object with exactly these keys.  Raises: KeyError, TypeError or ValueError for anything else."""
+    """An object with exactly these keys.  Raises: KeyError, TypeError or ValueError for anything
+    else."""
     require_keys(data, "exact", needed=names)
     return data if isinstance(data, Mapping) else {}
 
 
 def number_or_none(value: Any) -> float | None:
-    """Read a finite number or null; of an integer that is no float the next one further from 0, which claims more.
+    """Read a finite number or null; of an integer that is no float the next one further from 0,
+    which claims more.
     Raises: TypeError, ValueError or OverflowError."""
     if value is None:
         return None
@@ -344,7 +433,11 @@ def number_or_none(value: Any) -> float | None:
     if not math.isfinite(value):
         raise ValueError(f"expected a finite number, got {value!r}")
     nearest = float(value)
-    return math.nextafter(nearest, math.copysign(math.inf, value)) if abs(nearest) < abs(value) else nearest
+    return (
+        math.nextafter(nearest, math.copysign(math.inf, value))
+        if abs(nearest) < abs(value)
+        else nearest
+    )
 
 
 class Written(float):
@@ -361,7 +454,8 @@ class Written(float):
 
 
 def factor_or_none(value: Any) -> float | None:
-    """Read a factor or null; of a number that is no float the next one below, because a smaller factor claims more.
+    """Read a factor or null; of a number that is no float the next one below, because a smaller
+    factor claims more.
     Raises: as ``number_or_none``, and ValueError below 1."""
     if value is None:
         return None

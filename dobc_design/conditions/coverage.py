@@ -19,7 +19,8 @@ from dobc_design.verdict import Verdict
 
 def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
     """Whether this check proves what the problem asks."""
-    safe = check.kind.role == "safety" and check.rate is not None  # without a rate it is no proof of consensus
+    # without a rate it is no proof of consensus
+    safe = check.kind.role == "safety" and check.rate is not None
     if check.verdict is not Verdict.PROVED or not (check.kind.is_consensus or safe):
         return False
     if check.id == "lemma1":
@@ -33,8 +34,13 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
             return False
         if check is not min(lemmas, key=lambda other: other.rate or 0.0):
             return False
-    if problem.region is None:  # others are about some starts, and the question is about the consensus itself
-        return check.kind.role not in ("region", "safety") or check.domain == "global" or _is_near(problem, check)
+    # others are about some starts, and the question is about the consensus itself
+    if problem.region is None:
+        return (
+            check.kind.role not in ("region", "safety")
+            or check.domain == "global"
+            or _is_near(problem, check)
+        )
     return holds_region(problem, check.domain)
 
 
@@ -43,7 +49,11 @@ def holds_region(problem: Problem, domain: Domain) -> bool:
     region = problem.region
     if region is None or isinstance(domain, str):
         return domain == "global"
-    radius, disturbance, reach = domain.get("radius"), domain.get("disturbance"), asked_radius(problem)
+    radius, disturbance, reach = (
+        domain.get("radius"),
+        domain.get("disturbance"),
+        asked_radius(problem),
+    )
     if not isinstance(radius, (int, float)):
         return False
     if domain.get("kind") == "box":
@@ -53,30 +63,42 @@ def holds_region(problem: Problem, domain: Domain) -> bool:
         inside = domain.get("kind") == "ball" and radius >= 0 and claimed(radius) ** 2 >= square
     if region.initial_disturbance is None:
         return inside
-    return inside and isinstance(disturbance, (int, float)) and claimed(disturbance) >= region.initial_disturbance
+    return (
+        inside
+        and isinstance(disturbance, (int, float))
+        and claimed(disturbance) >= region.initial_disturbance
+    )
 
 
 def is_box_near(problem: Problem, domain: Domain) -> bool:
-    """Whether a domain is a box around the target, of errors and, with an exosystem, of estimation errors."""
+    """Whether a domain is a box around the target, of errors and, with an exosystem, of estimation
+    errors."""
     box = domain if isinstance(domain, Mapping) else {}
     return box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
 
 
 def _is_near(problem: Problem, check: Check) -> bool:
-    """Whether a box around the target is proved: under switching, and for agents with dynamics, that answers the local
-    question, too; so does a ball where the slopes of f move with a leader."""
+    """Whether a box around the target is proved: under switching, and for agents with dynamics,
+    that answers the local question, too; so does a ball where the slopes of f move with a
+    leader."""
     known = ("max-separable", "schedule", "markov", "safety", *("lure",) * problem.slopes_move)
     several = problem.network.switches or check.id == "safety" or problem.origin is not None
     return several and check.id in known and is_box_near(problem, check.domain)
 
 
 def asked_radius(problem: Problem) -> tuple[Fraction, ...]:
-    """R_c, per component: the largest |e_ic(0)| that the region allows, wherever a leader starts."""
+    """R_c, per component: the largest |e_ic(0)| that the region allows, wherever a leader
+    starts."""
     pairs = problem.region.initial_states if problem.region is not None else ()
-    goals = {problem.goal_of(agent) for agent in range(problem.n)} if problem.offsets else {problem.target}
+    goals = (
+        {problem.goal_of(agent) for agent in range(problem.n)}
+        if problem.offsets
+        else {problem.target}
+    )
     return tuple(
         max(max(abs(lo - goal[c] - leads[1]), abs(hi - goal[c] - leads[0])) for goal in goals)
-        for c, ((lo, hi), leads) in enumerate(zip(pairs, problem.leads, strict=False))  # no pairs without a region
+        # no pairs without a region
+        for c, ((lo, hi), leads) in enumerate(zip(pairs, problem.leads, strict=False))
     )
 
 
@@ -90,12 +112,13 @@ CAP = Fraction(10)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """What is to be covered: |e|_inf <= radius and |eps_i| <= disturbance, by the loop with the gain W (q, m).
+    """What is to be covered: |e|_inf <= radius and |eps_i| <= disturbance, by the loop with the
+    gain W (q, m).
 
-    ``ball``: |e| <= ball holds all of these starts, and no less of the region does.  ``wanted`` is False where no
-    region was asked for and the largest up to ``radius`` is looked for.  ``domain``: that of Lemma 1.  ``everything``:
-    go on where the region is covered already.  ``rate`` (1/s): of those with at least this rate the proof with the
-    least time to one percent is looked for.
+    ``ball``: |e| <= ball holds all of these starts, and no less of the region does.  ``wanted`` is
+    False where no region was asked for and the largest up to ``radius`` is looked for.  ``domain``:
+    that of Lemma 1.  ``everything``: go on where the region is covered already.  ``rate`` (1/s): of
+    those with at least this rate the proof with the least time to one percent is looked for.
     """
 
     problem: Problem
@@ -109,7 +132,9 @@ class Asked:
     rate: float = 0.0
 
 
-def read_region(problem: Problem, W: Matrix | None, *, domain: str, everything: bool, rate: float = 0.0) -> Asked:
+def read_region(
+    problem: Problem, W: Matrix | None, *, domain: str, everything: bool, rate: float = 0.0
+) -> Asked:
     """Decimals that are not below what is asked; a point counts as a small region."""
     region = problem.region
     reach = (CAP,) * problem.m if region is None else asked_radius(problem)
@@ -118,7 +143,8 @@ def read_region(problem: Problem, W: Matrix | None, *, domain: str, everything: 
         largest = max((sum((x * x for x in row), Fraction(0)) for row in rows), default=Fraction(0))
         disturbance = root_above(largest, unit=10**6)
         if problem.groups and not disturbance and (problem.actuators or problem.uncertainty):
-            disturbance = claimed(NEAR)  # a box answers for a table if it holds errors of the estimates, too
+            # a box answers for a table if it holds errors of the estimates, too
+            disturbance = claimed(NEAR)
     else:
         disturbance = region.initial_disturbance or Fraction(0)
     square = problem.n * sum((r * r for r in reach), Fraction(0))

@@ -1,6 +1,8 @@
-"""The register of checks, kinds.toml: one table per id, in the order in which they are tried; words and flags only.
+"""The register of checks, kinds.toml: one table per id, in the order in which they are tried; words
+and flags only.
 
-What reads a claim and what confirms it are found by the topic, in ``certificate.claims`` and ``certification.recheck``.
+What reads a claim and what confirms it are found by the topic, in ``certificate.claims`` and
+``certification.recheck``.
 """
 
 from __future__ import annotations
@@ -13,18 +15,20 @@ from typing import Final, Literal
 
 from dobc_design._show.cards import Card, Shown
 
-#: What a proof is worth.  "part": a fact of the network or of the exosystem alone, the same for every coupling.
-#: "paper": Lemma 1 and the theorems.  "given": a theorem with the P of the problem file.  "region": for a set of
-#: starts.  "timing": carries a region over to late or held messages.  "rest": refutes a region.  "settling": a time.
-#: "plant": what the model leaves out, bounded.  "safety": a set that is not left, and with a rate for a set of starts.
+#: What a proof is worth.  "part": a fact of the network or of the exosystem alone, the same for
+#: every coupling. "paper": Lemma 1 and the theorems.  "given": a theorem with the P of the problem
+#: file.  "region": for a set of starts.  "timing": carries a region over to late or held messages.
+#: "rest": refutes a region.  "settling": a time. "plant": what the model leaves out, bounded.
+#: "safety": a set that is not left, and with a rate for a set of starts.
 Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling", "plant", "safety"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Kind(Shown):
-    """One kind of check.  ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are the words of reports,
-    the fields from ``title`` to ``source`` those of `dobc explain`; ``statement`` is LaTeX.  ``decided_in``: its
-    modules, ``checker``: the file of the second checker that decides it again."""
+    """One kind of check.  ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are
+    the words of reports, the fields from ``title`` to ``source`` those of `dobc explain`;
+    ``statement`` is LaTeX.  ``decided_in``: its modules, ``checker``: the file of the second
+    checker that decides it again."""
 
     id: str
     topic: str

@@ -1,6 +1,8 @@
-"""Numbers that a certificate claims: floats on the safe side, read back as the decimal text they show.
+"""Numbers that a certificate claims: floats on the safe side, read back as the decimal text they
+show.
 
-Rationals of a certificate may be longer than a number that somebody types: they come out of arithmetic.
+Rationals of a certificate may be longer than a number that somebody types: they come out of
+arithmetic.
 """
 
 from __future__ import annotations
@@ -15,26 +17,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import common_denominator, float_above, float_below, number_text, read_text
+from dobc_design.exact.number import (
+    common_denominator,
+    float_above,
+    float_below,
+    number_text,
+    read_text,
+)
 from dobc_design.exact.symmetric import Doubles
 
 Real = TypeVar("Real", float, Fraction)
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
 LONGEST = 10_000  # characters of a rational in a certificate
-VECTOR_BITS, MATRIX_BITS = 65_536, 16_384  # of the common denominator of a vector; of P, and of a designed W
+# of the common denominator of a vector; of P, and of a designed W
+VECTOR_BITS, MATRIX_BITS = 65_536, 16_384
 LARGEST = Fraction(10) ** 300  # numbers above are no radii
 MANY_AGENTS = 1000  # from which on vectors travel as doubles
 _DIGITS = 12  # of a decimal that is rounded up
 
 
 def claimed(value: float) -> Fraction:
-    """The exact number a claimed float stands for: its shortest decimal text.  Raises ValueError for nan and inf."""
+    """The exact number a claimed float stands for: its shortest decimal text.  Raises ValueError
+    for nan and inf."""
     return Fraction(repr(float(value)))
 
 
 def shorten(value: float | Fraction, *, digits: int = 9) -> float:
-    """Round down to about ``digits`` digits, ``claimed`` of it included; 0.0 for what is not positive and finite."""
+    """Round down to about ``digits`` digits, ``claimed`` of it included; 0.0 for what is not
+    positive and finite."""
     if isinstance(value, float) and not math.isfinite(value):
         return 0.0
     below = float_below(Fraction(value))
@@ -46,7 +57,8 @@ def shorten(value: float | Fraction, *, digits: int = 9) -> float:
 
 
 def rounded_down(value: Fraction | float, *, digits: int = 9) -> Fraction:
-    """A decimal number of ``digits`` digits, at most ``value`` >= 0 and the same if that has no more."""
+    """A decimal number of ``digits`` digits, at most ``value`` >= 0 and the same if that has no
+    more."""
     value = Fraction(value)
     if value <= 0:
         return Fraction(0)
@@ -59,7 +71,8 @@ def rounded_down(value: Fraction | float, *, digits: int = 9) -> Fraction:
 
 
 def rounded_up(value: Fraction, *, digits: int) -> Fraction:
-    """A decimal number of ``digits`` digits, at least ``value`` >= 0 and the same if that has no more."""
+    """A decimal number of ``digits`` digits, at least ``value`` >= 0 and the same if that has no
+    more."""
     below = rounded_down(value, digits=digits)
     if below == value:
         return below
@@ -67,24 +80,33 @@ def rounded_up(value: Fraction, *, digits: int) -> Fraction:
 
 
 def decimal_below(value: Fraction) -> float:
-    """A decimal number of at most nine digits that does not exceed ``value`` > 0; the same if it has no more."""
+    """A decimal number of at most nine digits that does not exceed ``value`` > 0; the same if it
+    has no more."""
     found = float(rounded_down(value))
     return found if claimed(found) <= value else shorten(value)
 
 
 def decimal_above(value: Fraction) -> float:
-    """A decimal number >= ``value`` >= 0 of at most twelve digits; those beyond the floats are cut."""
+    """A decimal number >= ``value`` >= 0 of at most twelve digits; those beyond the floats are
+    cut."""
     if value <= 0:
         return 0.0
     if value > LARGEST:
         return float(LARGEST)
     unit = Fraction(10) ** (_DIGITS - 1 - len(str(int(value))))
     found = float(math.ceil(value * unit) / unit)
-    return found if claimed(found) >= value else float_above(claimed(found) * (1 + Fraction(1, 10**14)))
+    return (
+        found
+        if claimed(found) >= value
+        else float_above(claimed(found) * (1 + Fraction(1, 10**14)))
+    )
 
 
-def bisected(holds: Callable[[Real], bool], low: Real, high: Real, *, steps: int) -> tuple[Real, Real]:
-    """The interval from ``low``, where something holds, to ``high``, halved so many times around where it ceases to."""
+def bisected(
+    holds: Callable[[Real], bool], low: Real, high: Real, *, steps: int
+) -> tuple[Real, Real]:
+    """The interval from ``low``, where something holds, to ``high``, halved so many times around
+    where it ceases to."""
     for _ in range(steps):
         middle = (low + high) / 2
         low, high = (middle, high) if holds(middle) else (low, middle)
@@ -113,14 +135,16 @@ def follows(rate: float | None, proved: Fraction) -> bool:
 
 
 def time_to_one_percent(rate: float | None, factor: float | None) -> float:
-    """After how many seconds factor exp(-rate t) is a hundredth: ln(100 factor) / rate; infinite where one is None."""
+    """After how many seconds factor exp(-rate t) is a hundredth: ln(100 factor) / rate; infinite
+    where one is None."""
     if not rate or factor is None:
         return math.inf
     return (math.log(100) + math.log(factor)) / rate
 
 
 def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
-    """The first number a little below ``estimate`` for which ``holds`` proves the claim; 0 last; None if none."""
+    """The first number a little below ``estimate`` for which ``holds`` proves the claim; 0 last;
+    None if none."""
     if estimate > 0 and math.isfinite(estimate):
         for part in SHRINK:
             candidate = shorten(estimate * (1 - part))
@@ -130,15 +154,16 @@ def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float 
 
 
 def read_rational(text: object, *, key: str = "certificate") -> Fraction:
-    """Read a rational of a certificate, "-9/8", "3" or "1e-300": text of at most 10000 characters.  Raises: SpecError
-    or ValueError for anything else, JSON numbers included."""
+    """Read a rational of a certificate, "-9/8", "3" or "1e-300": text of at most 10000 characters.
+    Raises: SpecError or ValueError for anything else, JSON numbers included."""
     if not isinstance(text, str) or len(text) > LONGEST:
         raise ValueError(f"{key} must be a rational as text of at most {LONGEST} characters")
     return read_text(text, key=key, longest=LONGEST)
 
 
 def is_writable(P: Matrix, *others: Matrix) -> bool:
-    """Whether a certificate can hold P and what follows from it: no entry too long, nor the common denominator of P."""
+    """Whether a certificate can hold P and what follows from it: no entry too long, nor the common
+    denominator of P."""
     texts = (number_text(x) for matrix in (P, *others) for row in matrix for x in row)
     return all(len(text) <= LONGEST for text in texts) and is_short(P)
 
@@ -160,9 +185,15 @@ def doubles_to_json(doubles: NDArray[np.float64]) -> dict[str, str]:
 
 def doubles_from_json(data: object) -> NDArray[np.float64]:
     """Read finite doubles back.  Raises: TypeError or ValueError for anything else."""
-    if not isinstance(data, dict) or set(data) != {"float64"} or not isinstance(data["float64"], str):
+    if (
+        not isinstance(data, dict)
+        or set(data) != {"float64"}
+        or not isinstance(data["float64"], str)
+    ):
         raise TypeError("doubles must be an object with float64, text in base64")
-    doubles = np.frombuffer(b64decode(data["float64"], validate=True), dtype="<f8").astype(np.float64)
+    doubles = np.frombuffer(b64decode(data["float64"], validate=True), dtype="<f8").astype(
+        np.float64
+    )
     if not np.all(np.isfinite(doubles)):
         raise ValueError("every number must be finite")
     return doubles
@@ -182,10 +213,13 @@ def form_from_json(rows: Any) -> Matrix:
 
 
 def vector_to_json(v: Vector | Doubles) -> list[str] | dict[str, str]:
-    """A list of rationals, or for many agents the base64 of little-endian doubles where those are exact."""
+    """A list of rationals, or for many agents the base64 of little-endian doubles where those are
+    exact."""
     if len(v) > MANY_AGENTS:
         doubles = v.array if isinstance(v, Doubles) else np.array([float(x) for x in v])
-        if isinstance(v, Doubles) or all(Fraction(x) == y for x, y in zip(doubles.tolist(), v, strict=True)):
+        if isinstance(v, Doubles) or all(
+            Fraction(x) == y for x, y in zip(doubles.tolist(), v, strict=True)
+        ):
             return doubles_to_json(doubles)
     return [number_text(x) for x in v]
 

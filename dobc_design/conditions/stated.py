@@ -1,10 +1,12 @@
-"""What the tables [actuators] and [uncertainty] of a file state, and which proved checks are about that plant.
+"""What the tables [actuators] and [uncertainty] of a file state, and which proved checks are about
+that plant.
 
-The verdict is about the plant that the file states.  A limit is answered by a proved ``actuators``, relative errors of
-weights and gains by ``tolerance``, and a disturbance, drift or noise that no exosystem generates by ``accuracy``, each
-for all starts that are asked for.  Separate checks prove nothing together: accuracy has the errors of weights and gains
-in its rows, and actuators bounds the inputs under all that is stated: in a box of its own, or where errors are all, in
-that of max-separable, whose rows ``tolerance`` has proved.
+The verdict is about the plant that the file states.  A limit is answered by a proved ``actuators``,
+relative errors of weights and gains by ``tolerance``, and a disturbance, drift or noise that no
+exosystem generates by ``accuracy``, each for all starts that are asked for.  Separate checks prove
+nothing together: accuracy has the errors of weights and gains in its rows, and actuators bounds the
+inputs under all that is stated: in a box of its own, or where errors are all, in that of
+max-separable, whose rows ``tolerance`` has proved.
 """
 
 from __future__ import annotations
@@ -26,8 +28,9 @@ NO_ROOM = "so that no region and no gain would do."
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stated:
-    """Whether the file states a limit of an input, relative errors of weights or gains, and something that acts on the
-    plant and that no exosystem generates (a drift is one only where there is an exosystem)."""
+    """Whether the file states a limit of an input, relative errors of weights or gains, and
+    something that acts on the plant and that no exosystem generates (a drift is one only where
+    there is an exosystem)."""
 
     limit: bool
     relative: bool
@@ -38,15 +41,16 @@ class Stated:
 
     @property
     def wanted(self) -> tuple[str, ...]:
-        """The ids of the checks that have to be proved; the last one of them that is about [uncertainty] carries the
-        verdict."""
+        """The ids of the checks that have to be proved; the last one of them that is about
+        [uncertainty] carries the verdict."""
         answers = (ACCURACY,) if self.absolute else (TOLERANCE,) if self.relative else ()
         return (*((LIMIT,) if self.limit else ()), *answers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gap:
-    """A table without an answer: the check that would be one, the table in words, and why there is none."""
+    """A table without an answer: the check that would be one, the table in words, and why there is
+    none."""
 
     id: str
     table: str
@@ -80,23 +84,36 @@ def gaps(problem: Problem, checks: Sequence[Check]) -> Iterator[Gap]:
         if answer_of(problem, checks, id) is None:
             found = next((check for check in checks if check.id == id), None)
             yield Gap(
-                id=id, table=table_words(problem, id), reason=_why(problem, found), cure=_cure(problem, checks, id)
+                id=id,
+                table=table_words(problem, id),
+                reason=_why(problem, found),
+                cure=_cure(problem, checks, id),
             )
         elif id == LIMIT and stated.relative and not stated.absolute and _are_apart(checks):
             reason = "errors of weights and gains are counted at the target, and inputs in a box."
-            yield Gap(id=id, table=table_words(problem, id), reason=reason, cure=_cure(problem, checks, id))
+            yield Gap(
+                id=id,
+                table=table_words(problem, id),
+                reason=reason,
+                cure=_cure(problem, checks, id),
+            )
 
 
 def _are_apart(checks: Sequence[Check]) -> bool:
-    """Whether the tolerance has weights of its own, and the inputs are bounded in the box of max-separable."""
-    own = {check.id: "v" in (check.exact or {}) for check in checks if check.id in (TOLERANCE, LIMIT)}
+    """Whether the tolerance has weights of its own, and the inputs are bounded in the box of
+    max-separable."""
+    own = {
+        check.id: "v" in (check.exact or {}) for check in checks if check.id in (TOLERANCE, LIMIT)
+    }
     return own.get(TOLERANCE, False) and not own.get(LIMIT, False)
 
 
 _CURES = {
-    LIMIT: "a larger limit or, where the disturbance leaves room, a smaller [region] or smaller gains",
+    LIMIT: "a larger limit or, where the disturbance leaves room, a smaller [region] or smaller "
+    "gains",
     TOLERANCE: "smaller errors, larger gains or more pinned agents",
-    ACCURACY: "a smaller [region], smaller bounds in [uncertainty], larger gains or more pinned agents",
+    ACCURACY: "a smaller [region], smaller bounds in [uncertainty], larger gains or more pinned "
+    "agents",
 }
 #: The same where there is no region.
 _CURES_NEAR = {
@@ -107,7 +124,8 @@ _CURES_NEAR = {
 
 
 def _cure(problem: Problem, checks: Sequence[Check], id: str) -> str:
-    """What would help; final bounds of linear couplings scale with the bounds of [uncertainty], and hold everywhere."""
+    """What would help; final bounds of linear couplings scale with the bounds of [uncertainty], and
+    hold everywhere."""
     if any(check.id == "max-separable" and check.verdict is Verdict.REFUTED for check in checks):
         return "pins or arcs by which every agent is reached in every mode"
     found = next((check for check in checks if check.id == id), None)
@@ -121,7 +139,11 @@ def _cure(problem: Problem, checks: Sequence[Check], id: str) -> str:
 def _holds_asked(problem: Problem, check: Check) -> bool:
     if problem.region is not None:
         return holds_region(problem, check.domain)
-    return check.domain == "global" or is_box_near(problem, check.domain) or check.domain == "consensus"
+    return (
+        check.domain == "global"
+        or is_box_near(problem, check.domain)
+        or check.domain == "consensus"
+    )
 
 
 def _why(problem: Problem, check: Check | None) -> str:
@@ -135,7 +157,9 @@ def _why(problem: Problem, check: Check | None) -> str:
     if problem.groups:
         starts += f" and |eps_i| <= {check.domain['disturbance']:.6g}"
     if problem.region is None:
-        return f"this is proved only from {starts}, so not for all estimates close to the true values."
+        return (
+            f"this is proved only from {starts}, so not for all estimates close to the true values."
+        )
     return f"this is proved only from {starts}, and the region is larger."
 
 
@@ -146,7 +170,11 @@ def table_words(problem: Problem, id: str) -> str:
     table = problem.uncertainty
     if table is None:
         return ""
-    relative = [f"{name} off by up to {_number(100 * x)} %" for name in RELATIVE if (x := getattr(table, name))]
+    relative = [
+        f"{name} off by up to {_number(100 * x)} %"
+        for name in RELATIVE
+        if (x := getattr(table, name))
+    ]
     names = {"disturbance": "a disturbance", "drift": "a drift", "measurement": "measurement noise"}
     given = ((name, getattr(table, name)) for name in names if name != "drift" or problem.groups)
     absolute = [f"{names[name]} of up to {_number(x)}" for name, x in given if x]

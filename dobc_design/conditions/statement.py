@@ -1,4 +1,5 @@
-"""One exact statement about a designed observer, decided: what it says, the verdict, the numbers that show it."""
+"""One exact statement about a designed observer, decided: what it says, the verdict, the numbers
+that show it."""
 
 from __future__ import annotations
 
@@ -13,8 +14,9 @@ from dobc_design.verdict import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Statement(Shown):
-    """What was decided, and how.  ``kind``: "detectable", "hurwitz", "rate", "region", "gain", "noise", "lyapunov",
-    "peak", "sampled" or a reason for impossibility.  ``text`` is a sentence; ``exact`` holds exact values as text."""
+    """What was decided, and how.  ``kind``: "detectable", "hurwitz", "rate", "region", "gain",
+    "noise", "lyapunov", "peak", "sampled" or a reason for impossibility.  ``text`` is a sentence;
+    ``exact`` holds exact values as text."""
 
     kind: str
     text: str
@@ -25,7 +27,12 @@ class Statement(Shown):
         return f"{self.verdict.value}: {self.text}"
 
     def to_json(self) -> dict[str, Any]:
-        return {"kind": self.kind, "text": self.text, "verdict": self.verdict.value, "exact": dict(self.exact)}
+        return {
+            "kind": self.kind,
+            "text": self.text,
+            "verdict": self.verdict.value,
+            "exact": dict(self.exact),
+        }
 
 
 def _stated(verdict: Verdict, kind: str, text: str, /, **exact: str) -> Statement:

@@ -1,7 +1,9 @@
-"""Enclosures of a scalar coupling h on an interval: of h, of h' and of the secant gain g(y) = h(y)/y.
+"""Enclosures of a scalar coupling h on an interval: of h, of h' and of the secant gain g(y) =
+h(y)/y.
 
-Theory, sections 1 and 5: h(y) = g(y) y exactly, g(0) = h'(0).  Bounds are rounded outwards, and tight by end points
-where h or g is monotone, else by subdivision.  At kinks slopes are Clarke's, which bound g, too (mean value theorem).
+Theory, sections 1 and 5: h(y) = g(y) y exactly, g(0) = h'(0).  Bounds are rounded outwards, and
+tight by end points where h or g is monotone, else by subdivision.  At kinks slopes are Clarke's,
+which bound g, too (mean value theorem).
 """
 
 from __future__ import annotations
@@ -29,9 +31,11 @@ from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, height
 from dobc_design.exact.work import spend
 
-#: How much wider than the truth a range may be at each end (relative to the value where that is above 1).
+#: How much wider than the truth a range may be at each end (relative to the value where that is
+#: above 1).
 TOLERANCE: Final = Fraction(1, 10**6)
-# Pieces looked at before a range is returned as tight as it is; halvings before "undefined" is believed.
+# Pieces looked at before a range is returned as tight as it is; halvings before "undefined" is
+# believed.
 _MOST_PIECES: Final = 4000
 _MOST_HALVINGS: Final = 40
 _NARROWEST: Final = Fraction(1, 2**30)
@@ -45,7 +49,8 @@ _CALL: Final = 8  # steps that a function takes, in units of a sum
 # The narrowest cell, as a part of the radius, and the most cells looked at.
 _NARROWEST_CELL: Final = Fraction(1, 2**24)
 _MOST_CELLS: Final = 20_000
-_NEARLY: Final = Fraction(1, 10**6)  # as a part of its size, how close to one sign a slope is looked at exactly
+# as a part of its size, how close to one sign a slope is looked at exactly
+_NEARLY: Final = Fraction(1, 10**6)
 
 _VALUES: Final = IntervalAlgebra()
 _JETS: Final = GradientAlgebra(1, second=True)
@@ -56,15 +61,19 @@ Form = Callable[[Interval], Interval]
 
 
 class _Programs:
-    """One coupling function as enclosures run it: its values, its jets, and these without what is outside."""
+    """One coupling function as enclosures run it: its values, its jets, and these without what is
+    outside."""
 
     def __init__(self, expression: Expression) -> None:
         self.values = program(expression.node, _VALUES)
-        self.jets, self.restricted = (program(expression.node, algebra) for algebra in (_JETS, _RESTRICTED))
+        self.jets, self.restricted = (
+            program(expression.node, algebra) for algebra in (_JETS, _RESTRICTED)
+        )
         parts = postorder(expression.node)
         #: Steps that one evaluation takes, about.
         self.cost = sum(
-            _CALL if x.kind == "call" else abs(x.own).bit_length() if x.kind == "power" else 1 for x in parts
+            _CALL if x.kind == "call" else abs(x.own).bit_length() if x.kind == "power" else 1
+            for x in parts
         )
 
 
@@ -83,13 +92,16 @@ class Curve:
 
     def __post_init__(self) -> None:
         if self.expression.dimension != 1:
-            raise ValueError(f"a Curve is a function of y; got one of {self.expression.dimension} variables.")
+            raise ValueError(
+                f"a Curve is a function of y; got one of {self.expression.dimension} variables."
+            )
         object.__setattr__(self, "programs", _programs(self.expression))
 
 
 @dataclass(frozen=True, slots=True)
 class Secant:
-    """Enclosures of the secant gain g and of its derivative on an interval; None where that may be unbounded."""
+    """Enclosures of the secant gain g and of its derivative on an interval; None where that may be
+    unbounded."""
 
     value: Interval
     slope: Interval | None
@@ -97,7 +109,8 @@ class Secant:
 
 @lru_cache(maxsize=_REMEMBERED)
 def value(curve: Curve, Y: Interval) -> Interval:
-    """Enclose h on Y by one evaluation.  Raises: UndefinedError naming the function and the interval."""
+    """Enclose h on Y by one evaluation.  Raises: UndefinedError naming the function and the
+    interval."""
     return run(curve.programs.values, (Y,))
 
 
@@ -110,9 +123,10 @@ def jet(curve: Curve, Y: Interval, *, restricted: bool = False) -> Jet:
 
 @lru_cache(maxsize=_REMEMBERED)
 def secant(curve: Curve, Y: Interval) -> Secant:
-    """Enclose g and g' on Y by a few evaluations; end points where g is shown to be monotone.  g' = (h' - g)/y away
-    from 0, and g'(y) = int_0^1 s h''(s y) ds lies in half the hull of h'' between 0 and y. Raises: UndefinedError where
-    h has no value on Y, or no bounded slope on a Y that contains 0."""
+    """Enclose g and g' on Y by a few evaluations; end points where g is shown to be monotone.  g' =
+    (h' - g)/y away from 0, and g'(y) = int_0^1 s h''(s y) ds lies in half the hull of h'' between 0
+    and y. Raises: UndefinedError where h has no value on Y, or no bounded slope on a Y that
+    contains 0."""
     if Y.is_narrow:
         return Secant(_secant_at(curve, Y), None)
     known, slope = _from_zero(curve, Y) if Y.contains(0) else _from_both(curve, Y)
@@ -131,7 +145,8 @@ def _from_zero(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
 
 
 def _from_both(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
-    """g and g' on Y without 0, from h on Y itself and from h' and h'' between 0 and Y where these are bounded."""
+    """g and g' on Y without 0, from h on Y itself and from h' and h'' between 0 and Y where these
+    are bounded."""
     known, slope = value(curve, Y) / Y, None
     try:
         mean, slope = _from_zero(curve, Y.hull(ZERO))
@@ -151,18 +166,23 @@ def _from_both(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
 
 
 def slope_bound(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Fraction:
-    """A number that no h'(y), y in Y, exceeds.  Raises: UndefinedError where h' is not bounded on Y."""
+    """A number that no h'(y), y in Y, exceeds.  Raises: UndefinedError where h' is not bounded on
+    Y."""
     return tight_range(curve, slope_form, Y, tolerance=tolerance, what="h'", lower=False).hi
 
 
 def secant_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Interval:
-    """Enclose {g(y) : y in Y}, g(y) = h(y)/y and g(0) = h'(0), at most about ``tolerance`` too wide at each end.
+    """Enclose {g(y) : y in Y}, g(y) = h(y)/y and g(0) = h'(0), at most about ``tolerance`` too wide
+    at each end.
     Raises: UndefinedError naming h and the interval where h is not defined between 0 and Y."""
-    return tight_range(curve, lambda h, piece: secant(h, piece).value, Y, tolerance=tolerance, what="h(y)/y")
+    return tight_range(
+        curve, lambda h, piece: secant(h, piece).value, Y, tolerance=tolerance, what="h(y)/y"
+    )
 
 
 def value_form(curve: Curve, Y: Interval) -> Interval:
-    """Enclose h on Y by one or two evaluations: end points where h is monotone, else the mean value form."""
+    """Enclose h on Y by one or two evaluations: end points where h is monotone, else the mean value
+    form."""
     natural = value(curve, Y)
     if Y.is_point:
         return natural
@@ -178,7 +198,8 @@ def value_form(curve: Curve, Y: Interval) -> Interval:
 
 @lru_cache(maxsize=_REMEMBERED)
 def slope_form(curve: Curve, Y: Interval) -> Interval:
-    """Enclose h' on Y, kinks at the ends included; end points where h' is monotone, else the mean value form."""
+    """Enclose h' on Y, kinks at the ends included; end points where h' is monotone, else the mean
+    value form."""
     found = jet(curve, Y)
     if Y.is_point or found.curvature is None:
         return found.slope
@@ -208,7 +229,8 @@ def tight_range(
     what: str = "h",
     lower: bool = True,
 ) -> Interval:
-    """The range of what a form encloses, at most about ``tolerance`` too wide at each end; or its upper end only."""
+    """The range of what a form encloses, at most about ``tolerance`` too wide at each end; or its
+    upper end only."""
 
     def form(piece: Interval) -> Interval:
         spend(curve.programs.cost)
@@ -221,9 +243,14 @@ def tight_range(
         highest = _supremum(form, pieces, tolerance)
         if not lower:
             return Interval.point(highest)
-        lowest = -_supremum(lambda piece: -form(piece), [(-values, piece) for values, piece in pieces], tolerance)
+        lowest = -_supremum(
+            lambda piece: -form(piece), [(-values, piece) for values, piece in pieces], tolerance
+        )
     except UndefinedError as error:
-        what = f'{what} of h = "{curve.expression}" cannot be enclosed on [{_shown(Y.lo)}, {_shown(Y.hi)}]: {error}'
+        what = (
+            f'{what} of h = "{curve.expression}" cannot be enclosed on [{_shown(Y.lo)}, '
+            f"{_shown(Y.hi)}]: {error}"
+        )
         raise UndefinedError(what) from error
     return Interval(lowest, highest)
 
@@ -234,7 +261,8 @@ def _length(found: Interval) -> int:
 
 
 def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
-    """Split Y into pieces on which the form has values.  Raises UndefinedError if one of 2^-40 of Y has none."""
+    """Split Y into pieces on which the form has values.  Raises UndefinedError if one of 2^-40 of Y
+    has none."""
     found: list[tuple[Interval, Interval]] = []
     open_pieces = [(Y, 0)]
     while open_pieces:
@@ -249,7 +277,8 @@ def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
 
 
 def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fraction) -> Fraction:
-    """An upper bound of the form's values on the pieces: branch and bound, the highest piece first."""
+    """An upper bound of the form's values on the pieces: branch and bound, the highest piece
+    first."""
     attained = max(form(end).bottom for _, piece in pieces for end in piece.ends())
     count = len(pieces)
     heap = [(-values.top, number, piece) for number, (values, piece) in enumerate(pieces)]
@@ -258,7 +287,8 @@ def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fr
     while True:
         highest, _, piece = heap[0]
         slack = float(tolerance) * max(1.0, abs(float(highest)))
-        # At a kink slopes of both sides are enclosed, and no smaller piece around it will be tighter.
+        # At a kink slopes of both sides are enclosed, and no smaller piece around it will be
+        # tighter.
         if -highest - attained <= slack or count >= _MOST_PIECES or piece.width <= narrow:
             return -Fraction(highest)
         heapq.heappop(heap)
@@ -274,7 +304,8 @@ def _shown(number: Fraction) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """h on an interval of y: ``direction`` +1 nondecreasing, -1 nonincreasing, 0 not known; ``values`` there."""
+    """h on an interval of y: ``direction`` +1 nondecreasing, -1 nonincreasing, 0 not known;
+    ``values`` there."""
 
     place: Interval
     direction: int
@@ -283,7 +314,8 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """A coupling with its cells from left to right; ``tops``, ``bottoms``: where h may have an inner extremum."""
+    """A coupling with its cells from left to right; ``tops``, ``bottoms``: where h may have an
+    inner extremum."""
 
     curve: Curve
     radius: Fraction
@@ -299,14 +331,20 @@ class Profile:
 
 @lru_cache(maxsize=_REMEMBERED)
 def profile(curve: Curve, radius: Fraction) -> Profile:
-    """Split [-radius, radius] into cells where the sign of h' is proved where possible.  Raises: UndefinedError."""
+    """Split [-radius, radius] into cells where the sign of h' is proved where possible.  Raises:
+    UndefinedError."""
     whole = Interval(-radius, radius)
     try:
         cells = _merged(curve, _split(curve, whole))
         if any(cell.values.magnitude > _LARGEST for cell in cells):
-            raise UndefinedError("its values are beyond what a second program can follow in floating point.")
+            raise UndefinedError(
+                "its values are beyond what a second program can follow in floating point."
+            )
     except UndefinedError as error:
-        what = f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, {float(radius):.6g}]: {error}'
+        what = (
+            f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, '
+            f"{float(radius):.6g}]: {error}"
+        )
         raise UndefinedError(what) from error
     return Profile(curve, radius, cells, _turns(curve, cells, +1), _turns(curve, cells, -1))
 
@@ -347,7 +385,8 @@ def _direction(curve: Curve, place: Interval) -> int:
 
 
 def _tight_slope(curve: Curve, place: Interval) -> Interval:
-    """Enclose h' on a place, kinks at its ends left out; where h' only touches 0, the mean value form tells."""
+    """Enclose h' on a place, kinks at its ends left out; where h' only touches 0, the mean value
+    form tells."""
     slope = jet(curve, place, restricted=True).slope
     spend(curve.programs.cost * _length(slope))  # of powers of powers
     return slope if slope.sign or place.is_point else slope.meet(slope_form(curve, place))
@@ -358,12 +397,17 @@ def _merged(curve: Curve, pieces: list[tuple[Interval, int]]) -> tuple[Cell, ...
     joined: list[tuple[Interval, int]] = []
     for direction, group in groupby(pieces, key=lambda piece: piece[1]):
         places = [place for place, _ in group]
-        joined += [(places[0].hull(places[-1]), direction)] if direction else [(place, 0) for place in places]
+        joined += (
+            [(places[0].hull(places[-1]), direction)]
+            if direction
+            else [(place, 0) for place in places]
+        )
     return tuple(Cell(place, direction, value_form(curve, place)) for place, direction in joined)
 
 
 def _turns(curve: Curve, cells: tuple[Cell, ...], rising: int) -> tuple[Cell, ...]:
-    """Cells of unknown direction, and the points between a rising and a falling cell (for -1: falling and rising)."""
+    """Cells of unknown direction, and the points between a rising and a falling cell (for -1:
+    falling and rising)."""
     found = [cell for cell in cells if not cell.direction]
     for left, right in pairwise(cells):
         if left.direction == rising and right.direction == -rising:

@@ -1,4 +1,5 @@
-"""Coupling functions as text: ``parse_expression`` is the only way to a tree; nothing here uses ``eval`` or SymPy."""
+"""Coupling functions as text: ``parse_expression`` is the only way to a tree; nothing here uses
+``eval`` or SymPy."""
 
 from __future__ import annotations
 
@@ -36,15 +37,19 @@ class Piece:
     number: bool = False
 
 
-def evaluated(expressions: Sequence[Expression], y: Sequence[T], algebra: tree.Algebra[T]) -> list[T]:
-    """Return their values at y, one value of the algebra for each component; one in a single variable acts on each."""
+def evaluated(
+    expressions: Sequence[Expression], y: Sequence[T], algebra: tree.Algebra[T]
+) -> list[T]:
+    """Return their values at y, one value of the algebra for each component; one in a single
+    variable acts on each."""
     if [each.dimension for each in expressions] == [1]:
         return [tree.evaluate(expressions[0].node, [each], algebra) for each in y]
     return [tree.evaluate(each.node, y, algebra) for each in expressions]
 
 
 def to_text(node: tree.Node, *, dimension: int = 1, compact: bool = False) -> str:
-    """Write the tree in the parser's language, with the fewest parentheses; ``compact``: in the fewest characters."""
+    """Write the tree in the parser's language, with the fewest parentheses; ``compact``: in the
+    fewest characters."""
     variables = [Piece(name, ATOM) for name in tree.variable_names(dimension)]
     return tree.evaluate(node, variables, _TextAlgebra(compact=compact)).text
 
@@ -72,7 +77,8 @@ class Infix:
 
     space = times = " "  # around + and -, and around * and /
     brackets = "({})"
-    negated, negative = ATOM, UNARY  # what a minus sign may stand before, and how tightly both then bind
+    # what a minus sign may stand before, and how tightly both then bind
+    negated, negative = ATOM, UNARY
 
     def inside(self, piece: Piece, level: int) -> str:
         """The text where something that binds at least as tightly is wanted."""
@@ -88,10 +94,16 @@ class Infix:
         return Piece(f"{left.text}{self.space}-{self.space}{self.inside(right, PRODUCT)}", SUM)
 
     def multiply(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{self.inside(left, PRODUCT)}{self.times}*{self.times}{self.inside(right, UNARY)}", PRODUCT)
+        return Piece(
+            f"{self.inside(left, PRODUCT)}{self.times}*{self.times}{self.inside(right, UNARY)}",
+            PRODUCT,
+        )
 
     def divide(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{self.inside(left, PRODUCT)}{self.times}/{self.times}{self.inside(right, UNARY)}", PRODUCT)
+        return Piece(
+            f"{self.inside(left, PRODUCT)}{self.times}/{self.times}{self.inside(right, UNARY)}",
+            PRODUCT,
+        )
 
 
 class _TextAlgebra(Infix):
@@ -105,7 +117,11 @@ class _TextAlgebra(Infix):
 
     def constant(self, value: Fraction) -> Piece:
         text = decimal_text(value, compact=self.compact)
-        return Piece(f"{value.numerator}/{value.denominator}", PRODUCT) if text is None else Piece(text, ATOM)
+        return (
+            Piece(f"{value.numerator}/{value.denominator}", PRODUCT)
+            if text is None
+            else Piece(text, ATOM)
+        )
 
     def pi(self) -> Piece:
         return Piece("pi", ATOM)
@@ -132,7 +148,9 @@ class _LatexAlgebra(Infix):
         if not exponent:
             return Piece(text, ATOM, number=True)
         power = f"10^{{{exponent}}}"
-        return Piece(power, POWER) if mantissa == "1" else Piece(rf"{mantissa} \cdot {power}", PRODUCT)
+        return (
+            Piece(power, POWER) if mantissa == "1" else Piece(rf"{mantissa} \cdot {power}", PRODUCT)
+        )
 
     def pi(self) -> Piece:
         return Piece(r"\pi", ATOM)
@@ -143,7 +161,9 @@ class _LatexAlgebra(Infix):
             dot = r" \cdot "
         else:
             dot = " " if left.number else r" \, "
-        return Piece(self.inside(left, SIGN) + dot + factor, SIGN if left.level == SIGN else PRODUCT)
+        return Piece(
+            self.inside(left, SIGN) + dot + factor, SIGN if left.level == SIGN else PRODUCT
+        )
 
     def divide(self, left: Piece, right: Piece) -> Piece:
         return Piece(rf"\frac{{{left.text}}}{{{right.text}}}", POWER)
@@ -156,11 +176,15 @@ class _LatexAlgebra(Infix):
         return Piece(f"{self.inside(base, ATOM)}^{{{exponent}}}", POWER)
 
     def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
-        inside, latex = ", ".join(argument.text for argument in arguments), LATEX.get(name, f"\\{name}")
+        inside, latex = (
+            ", ".join(argument.text for argument in arguments),
+            LATEX.get(name, f"\\{name}"),
+        )
         level = POWER if name in WITHOUT_POWERS else ATOM
         if "#" in latex:
             return Piece(latex.replace("#", inside), level)
-        # Between the name and its argument an exponent is usual for some, and misleading for the others.
+        # Between the name and its argument an exponent is usual for some, and misleading for the
+        # others.
         return Piece(rf"{latex}\left({inside}\right)", level, head=latex if level == ATOM else "")
 
 
@@ -172,9 +196,9 @@ _LONGEST_SUGGESTION = 100
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Expression:
-    """A function of y (dimension 1) or of y1..ym; made by ``parse_expression``.  ``text`` is what the user typed,
-    ``node`` the tree, ``str()`` the canonical text, which parses back to the same tree.  Two expressions are equal when
-    their trees and dimensions are."""
+    """A function of y (dimension 1) or of y1..ym; made by ``parse_expression``.  ``text`` is what
+    the user typed, ``node`` the tree, ``str()`` the canonical text, which parses back to the same
+    tree.  Two expressions are equal when their trees and dimensions are."""
 
     text: str = field(compare=False)
     node: tree.Node
@@ -182,14 +206,21 @@ class Expression:
 
     def __str__(self) -> str:
         pretty = to_text(self.node, dimension=self.dimension)
-        return pretty if len(pretty) <= LONGEST else to_text(self.node, dimension=self.dimension, compact=True)
+        return (
+            pretty
+            if len(pretty) <= LONGEST
+            else to_text(self.node, dimension=self.dimension, compact=True)
+        )
 
     def __repr__(self) -> str:
         return f"parse_expression({str(self)!r}, dimension={self.dimension})"
 
     def __reduce__(self) -> tuple[Callable[..., Expression], tuple[str]]:
-        # Long sums are deep trees, on which pickle and deepcopy would meet Python's recursion limit.
-        return partial(parse_expression, dimension=self.dimension, longest=LONGEST_MADE), (self.text,)
+        # Long sums are deep trees, on which pickle and deepcopy would meet Python's recursion
+        # limit.
+        return partial(parse_expression, dimension=self.dimension, longest=LONGEST_MADE), (
+            self.text,
+        )
 
     @property
     def latex(self) -> str:
@@ -197,12 +228,15 @@ class Expression:
         return to_latex(self.node, dimension=self.dimension)
 
 
-def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h", longest: int = LONGEST) -> Expression:
+def parse_expression(
+    text: str, *, dimension: int = 1, key: str = "coupling.h", longest: int = LONGEST
+) -> Expression:
     """Read a function of y (dimension 1; y1 is the same) or of y1..ym.  Raises: ExpressionError.
 
-    The language: + - * / with Python's precedence, ** with a literal integer from -64 to 64 or 1/2 (written 0.5 or
-    (1/2); it becomes sqrt), numbers, pi, and the functions of ``functions``: min and max of two or more,
-    clip(y, lo, hi) with rational constants lo <= hi.  At most 2000 characters, 50 nested parentheses.
+    The language: + - * / with Python's precedence, ** with a literal integer from -64 to 64 or 1/2
+    (written 0.5 or (1/2); it becomes sqrt), numbers, pi, and the functions of ``functions``: min
+    and max of two or more, clip(y, lo, hi) with rational constants lo <= hi.  At most 2000
+    characters, 50 nested parentheses.
     """
     if not isinstance(text, str):
         raise wrong(
@@ -230,13 +264,16 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h", 
 
 
 def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.float64]]:
-    """Return the expression as a function of arrays; overflow gives inf, undefined places nan, without warnings."""
+    """Return the expression as a function of arrays; overflow gives inf, undefined places nan,
+    without warnings."""
     steps, dimension = tree.program(expression.node, tree.NumpyAlgebra()), expression.dimension
 
     def function(y: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(y, dtype=np.float64)
         if dimension > 1 and (array.ndim == 0 or array.shape[-1] != dimension):
-            raise ShapeError(f"the last axis of y must have length {dimension}; got shape {array.shape}.")
+            raise ShapeError(
+                f"the last axis of y must have length {dimension}; got shape {array.shape}."
+            )
         variables = [array] if dimension == 1 else [array[..., index] for index in range(dimension)]
         with np.errstate(all="ignore"):
             result = tree.run(steps, variables)
@@ -246,8 +283,11 @@ def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.f
 
 
 def polynomial_degree(node: tree.Node) -> int | None:
-    """Return a bound on the degree as written (y**2 - y**2 counts 2), so that 0 and 1 are proofs; None without one."""
-    degree = tree.evaluate(node, (1.0,) * (1 + max(variables_used(node), default=-1)), _DegreeAlgebra())
+    """Return a bound on the degree as written (y**2 - y**2 counts 2), so that 0 and 1 are proofs;
+    None without one."""
+    degree = tree.evaluate(
+        node, (1.0,) * (1 + max(variables_used(node), default=-1)), _DegreeAlgebra()
+    )
     return None if degree == inf else int(degree)
 
 
@@ -261,7 +301,9 @@ def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> SpecError:
     found = f"{fault.found} in {place}" if text.strip() else place
     guess = _repaired(text, fault.repair, dimension=dimension)
     what = f"{excerpt(text, fault.start)}: found {found}; {fault.why}"
-    return wrong(key, what, None if guess is None else f'did you mean "{guess}"?', kind=ExpressionError)
+    return wrong(
+        key, what, None if guess is None else f'did you mean "{guess}"?', kind=ExpressionError
+    )
 
 
 def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None:

@@ -1,7 +1,9 @@
-"""The functions of the expression language: all that the package knows about a function stands in its row here.
+"""The functions of the expression language: all that the package knows about a function stands in
+its row here.
 
-A new function is a row here (its LaTeX and other names in the tables below), one in the checker's expression module,
-its name in docs/reference/problem-file.md and a test.  Libraries that no proof may rest on are named by text only.
+A new function is a row here (its LaTeX and other names in the tables below), one in the checker's
+expression module, its name in docs/reference/problem-file.md and a test.  Libraries that no proof
+may rest on are named by text only.
 """
 
 from __future__ import annotations
@@ -26,13 +28,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """A function f of the language.  Names elsewhere are left empty where they are the same; Python texts
-    import NumPy's by the name of the language.
+    """A function f of the language.  Names elsewhere are left empty where they are the same; Python
+    texts import NumPy's by the name of the language.
 
-    ``interval``: encloses f on an interval, from its monotone pieces; of two intervals for min and max.
-    ``slope``: encloses f' on x from x and f(x); ``curvature``: f'' from x, f(x) and f'(x);
-    without it f is continuous and piecewise rational, but not C1.
-    ``steepest``: floats x and far >= |x| give a bound of |f'| as far around x as far - |x|; without it 1.
+    ``interval``: encloses f on an interval, from its monotone pieces; of two intervals for min and
+    max. ``slope``: encloses f' on x from x and f(x); ``curvature``: f'' from x, f(x) and f'(x);
+    without it f is continuous and piecewise rational, but not C1. ``steepest``: floats x and far >=
+    |x| give a bound of |f'| as far around x as far - |x|; without it 1.
     """
 
     name: str
@@ -47,7 +49,8 @@ class Function:
     arguments: tuple[int, float] = (1, 1)  # the fewest and the most
 
     def found_in(self, module: Any, library: str) -> Callable[..., Any]:
-        """Return this function of a module: NumPy for "numpy", CasADi for "casadi", SymPy for "sympy"."""
+        """Return this function of a module: NumPy for "numpy", CasADi for "casadi", SymPy for
+        "sympy"."""
         found: Callable[..., Any] = getattr(module, getattr(self, library) or self.name)
         return found
 
@@ -67,7 +70,13 @@ def _cosh(x: Array, far: Array) -> Any:
 
 
 _ROWS: Final = (
-    Function("exp", interval.exp, lambda x, f: f, lambda x, f, s: f, lambda x, far: np.exp(x + (far - np.abs(x)))),
+    Function(
+        "exp",
+        interval.exp,
+        lambda x, f: f,
+        lambda x, f, s: f,
+        lambda x, far: np.exp(x + (far - np.abs(x))),
+    ),
     Function(
         "log",
         interval.log,
@@ -78,9 +87,18 @@ _ROWS: Final = (
     Function("sin", interval.sin, lambda x, f: interval.cos(x), lambda x, f, s: -f),
     Function("cos", interval.cos, lambda x, f: -interval.sin(x), lambda x, f, s: -f),
     Function(
-        "tan", interval.tan, lambda x, f: 1 + f**2, lambda x, f, s: 2 * f * s, lambda x, far: 2 * (1 + np.tan(x) ** 2)
+        "tan",
+        interval.tan,
+        lambda x, f: 1 + f**2,
+        lambda x, f, s: 2 * f * s,
+        lambda x, far: 2 * (1 + np.tan(x) ** 2),
     ),
-    Function("tanh", methodcaller("increasing", "tanh"), lambda x, f: 1 - f**2, lambda x, f, s: -2 * f * s),
+    Function(
+        "tanh",
+        methodcaller("increasing", "tanh"),
+        lambda x, f: 1 - f**2,
+        lambda x, f, s: -2 * f * s,
+    ),
     Function(
         "atan",
         methodcaller("increasing", "atan"),
@@ -105,28 +123,43 @@ _ROWS: Final = (
         lambda x, far: 0.5 / np.sqrt(np.maximum(2 * x - far, 0)),
     ),
     Function("abs", abs, _sign, casadi="fabs", sympy="Abs"),
-    Function("min", interval.minimum, numpy="minimum", casadi="fmin", sympy="Min", arguments=(2, inf)),
-    Function("max", interval.maximum, numpy="maximum", casadi="fmax", sympy="Max", arguments=(2, inf)),
+    Function(
+        "min", interval.minimum, numpy="minimum", casadi="fmin", sympy="Min", arguments=(2, inf)
+    ),
+    Function(
+        "max", interval.maximum, numpy="maximum", casadi="fmax", sympy="Max", arguments=(2, inf)
+    ),
     Function("clip", interval.clip, arguments=(3, 3)),
 )
 FUNCTIONS: Final = {row.name: row for row in _ROWS}
 NONSMOOTH: Final = tuple(row.name for row in _ROWS if row.curvature is None)
-# In LaTeX, where it is not the name as a command: another command, or a text with # for the arguments.
-LATEX: Final = {"exp": "e^{#}", "sqrt": r"\sqrt{#}", "abs": r"\left|#\right|", "log": r"\ln", "atan": r"\arctan"} | {
+# In LaTeX, where it is not the name as a command: another command, or a text with # for the
+# arguments.
+LATEX: Final = {
+    "exp": "e^{#}",
+    "sqrt": r"\sqrt{#}",
+    "abs": r"\left|#\right|",
+    "log": r"\ln",
+    "atan": r"\arctan",
+} | {
     "asinh": r"\operatorname{arsinh}",
     "clip": r"\operatorname{clip}",
 }
-# After which in LaTeX no exponent may follow, neither at the end nor between the command and its arguments.
+# After which in LaTeX no exponent may follow, neither at the end nor between the command and its
+# arguments.
 WITHOUT_POWERS: Final = ("exp", "log", "atan", "asinh", "min", "max", "clip")
 # What users may write for a function, to be asked "did you mean".
-_OTHERS = "ln:log tg:tan th:tanh sh:sinh ch:cosh arctan:atan arctg:atan arcsinh:asinh arsinh:asinh fabs:abs"
+_OTHERS = (
+    "ln:log tg:tan th:tanh sh:sinh ch:cosh arctan:atan arctg:atan arcsinh:asinh arsinh:asinh "
+    "fabs:abs"
+)
 _OTHERS += " minimum:min maximum:max sat:clip saturate:clip"
 OTHER_NAMES: Final[dict[str, str]] = dict(pair.split(":") for pair in _OTHERS.split())
 
 
 def by_twos(name: str, arguments: tuple[T, ...], call: Callable[..., T]) -> T:
-    """Call a function through ``call(name, ...)`` of one argument, or of min or max and two.  Min and max of several
-    are taken one after the other, clip(x, lo, hi) is min(max(x, lo), hi)."""
+    """Call a function through ``call(name, ...)`` of one argument, or of min or max and two.  Min
+    and max of several are taken one after the other, clip(x, lo, hi) is min(max(x, lo), hi)."""
     if len(arguments) == 1:
         return call(name, arguments[0])
     if name == "clip":
@@ -136,8 +169,14 @@ def by_twos(name: str, arguments: tuple[T, ...], call: Callable[..., T]) -> T:
 
 
 _INVERSES = [name for name in FUNCTIONS if name[0] == "a" and name[1:] in FUNCTIONS]
-_ONLY_INVERSE = f"the only inverse function{' is' if len(_INVERSES) == 1 else 's are'} {' and '.join(_INVERSES)}"
-_INVERSES_ELSEWHERE = ["atan2", *(a + name for name in ("sin", "cos", "sinh", "cosh", "tanh") for a in ("a", "arc"))]
+_ONLY_INVERSE = (
+    f"the only inverse function{' is' if len(_INVERSES) == 1 else 's are'} "
+    f"{' and '.join(_INVERSES)}"
+)
+_INVERSES_ELSEWHERE = [
+    "atan2",
+    *(a + name for name in ("sin", "cos", "sinh", "cosh", "tanh") for a in ("a", "arc")),
+]
 _STEEP = "a coupling must be continuous; a steep one is tanh(100*y)"
 # Names of other languages, and what to write here.
 FOREIGN: Final = {
@@ -146,7 +185,11 @@ FOREIGN: Final = {
     "log2": "write log(y)/log(2) for log2(y)",
     "expm1": "write exp(y) - 1 for expm1(y)",
     "log1p": "write log(1 + y) for log1p(y)",
-    **{name: _ONLY_INVERSE for name in _INVERSES_ELSEWHERE if name not in {*FUNCTIONS, *OTHER_NAMES}},
+    **{
+        name: _ONLY_INVERSE
+        for name in _INVERSES_ELSEWHERE
+        if name not in {*FUNCTIONS, *OTHER_NAMES}
+    },
     "sign": _STEEP,
     "sgn": _STEEP,
 }

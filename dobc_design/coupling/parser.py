@@ -1,4 +1,5 @@
-"""The whitelist parser of coupling expressions: text to tree, Python's precedence, never ``eval``; all is bounded."""
+"""The whitelist parser of coupling expressions: text to tree, Python's precedence, never ``eval``;
+all is bounded."""
 
 from __future__ import annotations
 
@@ -44,7 +45,8 @@ class Repair:
 
 
 class Fault(Exception):
-    """The text is not in the language: what was found where, why that is wrong, perhaps a repair."""
+    """The text is not in the language: what was found where, why that is wrong, perhaps a
+    repair."""
 
     def __init__(self, start: int, found: str, why: str, *, repair: Repair | None = None) -> None:
         super().__init__(why)
@@ -82,7 +84,8 @@ _ALLOWED = "only numbers, names, + - * / ** ( ) and commas are allowed, in ASCII
 
 
 def tokenize(text: str) -> list[Token]:
-    """Split the text into words; the last one is of kind END.  Raises: Fault where no word begins."""
+    """Split the text into words; the last one is of kind END.  Raises: Fault where no word
+    begins."""
     words: list[Token] = []
     place = 0
     while place < len(text):
@@ -128,10 +131,19 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
     if word[0] == "y" and (word[1:].strip("_").isdigit() or word == "y"):
         guess = "y" + (word[1:].strip("_") or "1") if word != "y" or dimension > 1 else "y"
         repair = Repair(token.start, token.end, guess) if guess in names else None
-        why = f"the variables are {tree.names_in_words(dimension)}" if dimension > 1 else "the only variable is y"
+        why = (
+            f"the variables are {tree.names_in_words(dimension)}"
+            if dimension > 1
+            else "the only variable is y"
+        )
         return Fault(token.start, quote(token), why, repair=repair)
-    why = f"the names are {tree.names_in_words(dimension)}, pi, and the functions {' '.join(FUNCTIONS)}"
-    return Fault(token.start, quote(token), why, repair=_guess_name(token, names=names, called=called))
+    why = (
+        f"the names are {tree.names_in_words(dimension)}, pi, and the functions "
+        f"{' '.join(FUNCTIONS)}"
+    )
+    return Fault(
+        token.start, quote(token), why, repair=_guess_name(token, names=names, called=called)
+    )
 
 
 def _guess_name(token: Token, *, names: tuple[str, ...], called: bool) -> Repair | None:
@@ -164,11 +176,13 @@ _EXPONENTS = f"an exponent must be a literal {_INTEGERS}, or 1/2 (written 0.5)"
 @dataclass(frozen=True, slots=True)
 class _Operand:
     node: tree.Node
-    value: Fraction | None  # the exact value of a constant, where it is rational by arithmetic alone
+    # the exact value of a constant, where it is rational by arithmetic alone
+    value: Fraction | None
 
 
 def parse(text: str, *, dimension: int) -> tree.Node:
-    """Parse an expression in ``dimension`` variables.  Raises: Fault, which says where the text leaves the language."""
+    """Parse an expression in ``dimension`` variables.  Raises: Fault, which says where the text
+    leaves the language."""
     return _Parser(text, dimension=dimension).parse()
 
 
@@ -227,7 +241,10 @@ class _Parser:
             minuses += self._advance().text == "-"
         operand = self._power()
         for _ in range(minuses):
-            operand = _Operand(tree.Node("negate", (operand.node,)), None if operand.value is None else -operand.value)
+            operand = _Operand(
+                tree.Node("negate", (operand.node,)),
+                None if operand.value is None else -operand.value,
+            )
         return operand
 
     def _power(self) -> _Operand:
@@ -260,7 +277,9 @@ class _Parser:
         value = -value if negative else value
         if value != _HALF and (value.denominator != 1 or abs(value) > tree.LARGEST_EXPONENT):
             hint = "; y**-0.5 is written 1/sqrt(y)" if value == -_HALF else ""
-            used = "".join(token.text for token in self.tokens[: self.place] if token.start >= first.start)
+            used = "".join(
+                token.text for token in self.tokens[: self.place] if token.start >= first.start
+            )
             raise Fault(first.start, f'"{used[:LONGEST_QUOTE]}"', _EXPONENTS + hint)
         return value
 
@@ -329,7 +348,9 @@ class _Parser:
         if self._at(")"):
             return self._fault("there is no ( that it closes")
         if self._at(","):
-            return self._fault("a comma only separates the arguments of min, max and clip; 0.5 has a point")
+            return self._fault(
+                "a comma only separates the arguments of min, max and clip; 0.5 has a point"
+            )
         repair = Repair(token.start, token.start, "*")
         return self._fault("here an operator is needed; a product is written with *", repair=repair)
 
@@ -368,8 +389,14 @@ def _bounded(value: Fraction, token: Token) -> Fraction:
 def _check_arguments(name: Token, arguments: list[_Operand]) -> None:
     fewest, most = FUNCTIONS[name.text].arguments
     if not fewest <= len(arguments) <= most:
-        wanted = f"{fewest} argument{'s' if fewest > 1 else ''}" + ("" if most == fewest else " or more")
-        raise Fault(name.start, f"{quote(name)} with {len(arguments)} argument(s)", f"{name.text} takes {wanted}")
+        wanted = f"{fewest} argument{'s' if fewest > 1 else ''}" + (
+            "" if most == fewest else " or more"
+        )
+        raise Fault(
+            name.start,
+            f"{quote(name)} with {len(arguments)} argument(s)",
+            f"{name.text} takes {wanted}",
+        )
     if name.text != "clip":
         return
     low, high = arguments[1].value, arguments[2].value

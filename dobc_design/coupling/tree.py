@@ -1,8 +1,9 @@
 """The expression tree of a coupling function h, the one walk over it, and its algebras.
 
-Every use of h (NumPy, intervals, CasADi, SymPy, text, LaTeX) is an ``Algebra`` handed to ``evaluate``.  The tree is
-what the user wrote; the walk keeps its own stack, so a sum of a thousand terms is no deeper for Python than y.  The
-interval algebras here are rigorous: they return what contains every value on the given box, or raise UndefinedError.
+Every use of h (NumPy, intervals, CasADi, SymPy, text, LaTeX) is an ``Algebra`` handed to
+``evaluate``.  The tree is what the user wrote; the walk keeps its own stack, so a sum of a thousand
+terms is no deeper for Python than y.  The interval algebras here are rigorous: they return what
+contains every value on the given box, or raise UndefinedError.
 """
 
 from __future__ import annotations
@@ -27,10 +28,12 @@ LARGEST_EXPONENT = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """An operation of ``Algebra`` by its name, or a variable; two are equal when the whole trees below them are.
+    """An operation of ``Algebra`` by its name, or a variable; two are equal when the whole trees
+    below them are.
 
-    ``own`` is what it holds besides its operands: the value of a constant, at least 0 (a negative one is negated), the
-    index of a variable, from 0, the integer exponent of a power (y**0.5 is a call of sqrt), the name of a function.
+    ``own`` is what it holds besides its operands: the value of a constant, at least 0 (a negative
+    one is negated), the index of a variable, from 0, the integer exponent of a power (y**0.5 is a
+    call of sqrt), the name of a function.
     """
 
     kind: str
@@ -41,11 +44,15 @@ class Node:
         if self.kind == "constant" and self.own < 0:
             raise ValueError(f"a constant must be at least 0; got {self.own}: negate it.")
         if self.kind == "power" and abs(self.own) > LARGEST_EXPONENT:
-            raise ValueError(f"an exponent must be at most {LARGEST_EXPONENT} in size; got {self.own}.")
+            raise ValueError(
+                f"an exponent must be at most {LARGEST_EXPONENT} in size; got {self.own}."
+            )
         if self.kind == "call":
             fewest, most = FUNCTIONS[self.own].arguments if self.own in FUNCTIONS else (1, 0)
             if not fewest <= len(self.operands) <= most:
-                raise ValueError(f"{self.own} with {len(self.operands)} argument(s) is not in the whitelist.")
+                raise ValueError(
+                    f"{self.own} with {len(self.operands)} argument(s) is not in the whitelist."
+                )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Node):
@@ -57,8 +64,9 @@ class Node:
 
 
 class Algebra(Protocol[T]):
-    """The operations on one kind of value.  ``power`` gets integer exponents of at most 64 in size; ``call`` gets the
-    names in ``functions``: min and max with two or more arguments, clip with (x, lo, hi), all others with one."""
+    """The operations on one kind of value.  ``power`` gets integer exponents of at most 64 in size;
+    ``call`` gets the names in ``functions``: min and max with two or more arguments, clip with (x,
+    lo, hi), all others with one."""
 
     def constant(self, value: Fraction) -> T: ...
     def pi(self) -> T: ...
@@ -104,7 +112,8 @@ def postorder(node: Node) -> tuple[Node, ...]:
 
 
 def evaluate(node: Node, variables: Sequence[T], algebra: Algebra[T]) -> T:
-    """Evaluate the tree with ``variables[i]`` for y_(i + 1).  Raises: whatever the algebra raises."""
+    """Evaluate the tree with ``variables[i]`` for y_(i + 1).  Raises: whatever the algebra
+    raises."""
     return run(program(node, algebra), variables)
 
 
@@ -166,7 +175,11 @@ class NumpyAlgebra(Operators):
         return np.asarray(np.pi)
 
     def call(self, name: str, arguments: tuple[Array, ...]) -> Array:
-        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(np, "numpy")(*operands))
+        return by_twos(
+            name,
+            arguments,
+            lambda name, *operands: FUNCTIONS[name].found_in(np, "numpy")(*operands),
+        )
 
 
 class IntervalAlgebra(Operators):
@@ -185,8 +198,9 @@ class IntervalAlgebra(Operators):
 
 
 class Jet(NamedTuple):
-    """Enclosures of a value and its partial derivatives (Clarke's at a kink) on a box, in one variable also of h''.
-    ``curvature`` is None where it is not asked for, or where there may be a kink and h'' is not defined everywhere."""
+    """Enclosures of a value and its partial derivatives (Clarke's at a kink) on a box, in one
+    variable also of h''. ``curvature`` is None where it is not asked for, or where there may be a
+    kink and h'' is not defined everywhere."""
 
     value: Interval
     partials: tuple[Interval, ...]
@@ -199,16 +213,19 @@ class Jet(NamedTuple):
 
 
 class GradientAlgebra:
-    """Forward differentiation with intervals, for ``variable_count`` variables; ``second``: of one, twice.
+    """Forward differentiation with intervals, for ``variable_count`` variables; ``second``: of one,
+    twice.
 
-    Theory, sections 1 and 5: the signs of h' and h'' on an interval say where h and its secant gain are monotone.
-    Where abs, min, max or clip may have a kink, the hull of the slopes on both sides is taken, which contains
-    Clarke's generalized gradient.  ``restricted``: derivatives are those of the function on this box only, so that a
-    kink at an end point does not count.
+    Theory, sections 1 and 5: the signs of h' and h'' on an interval say where h and its secant gain
+    are monotone. Where abs, min, max or clip may have a kink, the hull of the slopes on both sides
+    is taken, which contains Clarke's generalized gradient.  ``restricted``: derivatives are those
+    of the function on this box only, so that a kink at an end point does not count.
     Raises: UndefinedError where a value or a slope is not bounded on the box (sqrt at 0).
     """
 
-    def __init__(self, variable_count: int, *, second: bool = False, restricted: bool = False) -> None:
+    def __init__(
+        self, variable_count: int, *, second: bool = False, restricted: bool = False
+    ) -> None:
         self.no_slope = (ZERO,) * variable_count
         self.second = second
         self.restricted = restricted
@@ -217,7 +234,9 @@ class GradientAlgebra:
         """Return the variables themselves, y_i in box[i]."""
         indices = range(len(self.no_slope))
         return tuple(
-            Jet(side, tuple(ONE if i == j else ZERO for j in indices), ZERO if self.second else None)
+            Jet(
+                side, tuple(ONE if i == j else ZERO for j in indices), ZERO if self.second else None
+            )
             for i, side in zip(indices, box, strict=True)
         )
 
@@ -229,7 +248,9 @@ class GradientAlgebra:
 
     def negate(self, operand: Jet) -> Jet:
         curvature = None if operand.curvature is None else -operand.curvature
-        return Jet(-operand.value, tuple(u if u is ZERO else -u for u in operand.partials), curvature)
+        return Jet(
+            -operand.value, tuple(u if u is ZERO else -u for u in operand.partials), curvature
+        )
 
     def add(self, left: Jet, right: Jet) -> Jet:
         u, v = left.curvature, right.curvature
@@ -244,11 +265,20 @@ class GradientAlgebra:
         if left.partials is self.no_slope and left.curvature is ZERO:  # a constant
             factor, (value, partials, curvature) = left.value, right
             scaled = tuple(_times(u, factor) for u in partials)
-            return Jet(factor * value, scaled, None if curvature is None else _times(curvature, factor))
+            return Jet(
+                factor * value, scaled, None if curvature is None else _times(curvature, factor)
+            )
         curvature = None
         if left.curvature is not None and right.curvature is not None:
-            twice = ZERO if left.slope is ZERO or right.slope is ZERO else _times(left.slope, right.slope) * 2
-            curvature = _plus(_plus(_times(left.curvature, right.value), twice), _times(right.curvature, left.value))
+            twice = (
+                ZERO
+                if left.slope is ZERO or right.slope is ZERO
+                else _times(left.slope, right.slope) * 2
+            )
+            curvature = _plus(
+                _plus(_times(left.curvature, right.value), twice),
+                _times(right.curvature, left.value),
+            )
         partials = tuple(
             _plus(_times(u, right.value), _times(v, left.value))
             for u, v in zip(left.partials, right.partials, strict=True)
@@ -290,13 +320,19 @@ class GradientAlgebra:
         if slope is None or curvature is None:  # abs
             found = self._extreme("max", argument, self.negate(argument))
             return Jet(value, found.partials, found.curvature)
-        return self._chain(argument, value, lambda: slope(x, value), lambda first: curvature(x, value, first))
+        return self._chain(
+            argument, value, lambda: slope(x, value), lambda first: curvature(x, value, first)
+        )
 
     def _still(self, value: Interval) -> Jet:
         return Jet(value, self.no_slope, ZERO if self.second else None)
 
     def _chain(
-        self, inner: Jet, value: Interval, outer: Callable[[], Interval], curved: Callable[[Interval], Interval]
+        self,
+        inner: Jet,
+        value: Interval,
+        outer: Callable[[], Interval],
+        curved: Callable[[Interval], Interval],
     ) -> Jet:
         if inner.curvature is ZERO and inner.slope is ONE:  # of y itself, which is asked most often
             first = outer()
@@ -310,7 +346,9 @@ class GradientAlgebra:
         if inner.curvature is None:
             return Jet(value, partials, None)
         square = ONE if inner.slope is ONE else inner.slope**2
-        return Jet(value, partials, _plus(_times(square, curved(first)), _times(inner.curvature, first)))
+        return Jet(
+            value, partials, _plus(_times(square, curved(first)), _times(inner.curvature, first))
+        )
 
     def _extreme(self, name: str, left: Jet, right: Jet) -> Jet:
         below, above = (left, right) if name == "min" else (right, left)

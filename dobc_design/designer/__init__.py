@@ -1,1 +1,2 @@
-"""A problem designed by hand in Jupyter: agents clicked, gains dragged, the exact verdict when the hand rests."""
+"""A problem designed by hand in Jupyter: agents clicked, gains dragged, the exact verdict when the
+hand rests."""

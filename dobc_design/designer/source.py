@@ -1,4 +1,5 @@
-"""A problem as the Python that builds it: numbers as somebody would type them, exact ones as text."""
+"""A problem as the Python that builds it: numbers as somebody would type them, exact ones as
+text."""
 
 from __future__ import annotations
 
@@ -27,7 +28,11 @@ def python_source(problem: Problem) -> str:
     given = problem.__reduce__()[0].keywords  # the arguments of its constructor
     given["gains"] = gain_table(problem.pinning.gains, problem.network.labels)
     said = {name: _plain(value) for name, value in given.items()}
-    written = _text(_Call("Problem", {name: value for name, value in said.items() if value not in (None, {}, [])}))
+    written = _text(
+        _Call(
+            "Problem", {name: value for name, value in said.items() if value not in (None, {}, [])}
+        )
+    )
     return f"import dobc_design as dd\n\nproblem = {written}\n"
 
 
@@ -37,11 +42,13 @@ class _Call:
     arguments: Mapping[str, Any]
 
     def __repr__(self) -> str:
-        return f"dd.{self.name}({', '.join(f'{name}={value!r}' for name, value in self.arguments.items())})"
+        arguments = ", ".join(f"{name}={value!r}" for name, value in self.arguments.items())
+        return f"dd.{self.name}({arguments})"
 
 
 def _plain(value: Any) -> Any:
-    """Numbers, texts, lists and tables in place of nouns, and calls of those that have to be built."""
+    """Numbers, texts, lists and tables in place of nouns, and calls of those that have to be
+    built."""
     match value:
         case Fraction():
             return typed_number(value)
@@ -51,11 +58,15 @@ def _plain(value: Any) -> Any:
             counted = labels == labels_of(n)  # 1 and "1" are one label
             name: Any = range(1, n + 1) if counted else labels
             arcs = {
-                mode: [[name[i], name[j], *([] if w == 1 else [typed_number(w)])] for i, j, w in each]
+                mode: [
+                    [name[i], name[j], *([] if w == 1 else [typed_number(w)])] for i, j, w in each
+                ]
                 for mode, each in value.modes.items()
             }
             agents = n if counted else list(labels)
-            return _Call("Network.from_arcs", {"arcs": arcs, "arrow": "listens_to", "agents": agents})
+            return _Call(
+                "Network.from_arcs", {"arcs": arcs, "arrow": "listens_to", "agents": agents}
+            )
         case Exosystem() | Observer() | Group() | Switching():
             return _Call(type(value).__name__, _fields(value))
         case Region() | Simulation() | Uncertainty() | Actuators():

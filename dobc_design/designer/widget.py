@@ -41,7 +41,8 @@ try:
     import traitlets
 except ImportError as error:
     raise ImportError(
-        "Designer needs anywidget, which is not installed. Install it: pip install 'dobc_design[notebook]'"
+        "Designer needs anywidget, which is not installed. Install it: pip install "
+        "'dobc_design[notebook]'"
     ) from error
 
 FOLDER = Path(__file__).parent
@@ -56,14 +57,15 @@ POINTS = 120  # of a curve
 class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     """A problem to be changed by hand: pin agents, set gains, rate and region, add and remove arcs.
 
-    Estimates in floating point follow every change; the exact verdict comes after a short rest.  ``problem`` is the
-    problem as it stands now, equal to the one given until something is changed; ``certificate`` is that of the last
-    exact verdict, or None if something was changed since.  ``save`` writes a problem file: after a restart of the
-    kernel, ``Designer(path)`` goes on from it.  ``python_source(designer.problem)`` is the problem as Python.
+    Estimates in floating point follow every change; the exact verdict comes after a short rest.
+    ``problem`` is the problem as it stands now, equal to the one given until something is changed;
+    ``certificate`` is that of the last exact verdict, or None if something was changed since.
+    ``save`` writes a problem file: after a restart of the kernel, ``Designer(path)`` goes on from
+    it.  ``python_source(designer.problem)`` is the problem as Python.
 
-    ``problem``: Problem, path of a problem file, or name of a built-in problem; at most 200 agents, numbers as gains.
-    ``rate``: the decay rate in 1/s that the previewed region has to have.  ``radius``: starts within this distance of
-    the target; default those of the problem's region.
+    ``problem``: Problem, path of a problem file, or name of a built-in problem; at most 200 agents,
+    numbers as gains. ``rate``: the decay rate in 1/s that the previewed region has to have.
+    ``radius``: starts within this distance of the target; default those of the problem's region.
     Raises: SpecError for a problem that it cannot show.
     """
 
@@ -71,7 +73,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     _css = FOLDER / "designer.css"
 
     network = traitlets.Dict().tag(sync=True)
-    arcs = traitlets.Dict().tag(sync=True)  # mode -> [listener, speaker, weight as text], counted from 0
+    # mode -> [listener, speaker, weight as text], counted from 0
+    arcs = traitlets.Dict().tag(sync=True)
     gains = traitlets.Dict().tag(sync=True)  # label -> k in 1/s, of pinned agents
     rate = traitlets.Float(0.05).tag(sync=True)
     radius = traitlets.Float(1.0).tag(sync=True)
@@ -80,7 +83,11 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     verdict = traitlets.Dict().tag(sync=True)
 
     def __init__(
-        self, problem: Problem | str | PathLike[str], *, rate: float = 0.05, radius: float | None = None
+        self,
+        problem: Problem | str | PathLike[str],
+        *,
+        rate: float = 0.05,
+        radius: float | None = None,
     ) -> None:
         base = problem if isinstance(problem, Problem) else load_problem(problem)
         base.require_integrators("the Designer")
@@ -89,7 +96,10 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         self._working = threading.Lock()
         self.certificate: Certificate | None = None
         self._gains = {base.network.labels[i]: k[0][0] for i, k in base.pinning.gains.items()}
-        self._arcs = {mode: [[i, j, number_text(w)] for i, j, w in arcs] for mode, arcs in base.network.modes.items()}
+        self._arcs = {
+            mode: [[i, j, number_text(w)] for i, j, w in arcs]
+            for mode, arcs in base.network.modes.items()
+        }
         super().__init__(
             network=_drawn(base),
             arcs=self._arcs,
@@ -103,36 +113,58 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
 
     @property
     def problem(self) -> Problem:
-        """The problem as it stands now.  Raises: SpecError for an arc, a gain or a radius that is none."""
+        """The problem as it stands now.  Raises: SpecError for an arc, a gain or a radius that is
+        none."""
         base, changes = self._base, dict[str, Any]()
-        given = {label: k for label, k in self._gains.items() if float(k) == self.gains.get(label)}  # 1/3 stays 1/3
-        changes["gains"] = {label: given.get(label) or exact(value) for label, value in self.gains.items()}
+        # 1/3 stays 1/3
+        given = {label: k for label, k in self._gains.items() if float(k) == self.gains.get(label)}
+        changes["gains"] = {
+            label: given.get(label) or exact(value) for label, value in self.gains.items()
+        }
         if self.radius != _radius(base):
             changes["region"] = _region(base, exact(self.radius))
         if self.arcs != self._arcs:
             labels = base.network.labels
-            arcs = {mode: [[labels[i], labels[j], w] for i, j, w in each] for mode, each in self.arcs.items()}
-            changes["network"] = network = Network.from_arcs(arcs, arrow="listens_to", agents=labels)
+            arcs = {
+                mode: [[labels[i], labels[j], w] for i, j, w in each]
+                for mode, each in self.arcs.items()
+            }
+            changes["network"] = network = Network.from_arcs(
+                arcs, arrow="listens_to", agents=labels
+            )
             there = {(i, j) for each in network.modes.values() for i, j, _ in each}
             changes["exceptions"] = {arc: h for arc, h in base.exceptions.items() if arc in there}
         return base.replace(**changes)
 
     def certify(self) -> Certificate:
-        """Decide the problem as it stands, exactly, show the verdict, and return the certificate."""
+        """Decide the problem as it stands, exactly, show the verdict, and return the
+        certificate."""
         with self._working:
             version = self.version
             self.verdict = {"busy": True}
             certificate = certify(self.problem)
             if version == self.version:  # else it is out of date already
                 self.certificate = certificate
-                rate = None if certificate.rate is None else significant_towards_zero(certificate.rate)
-                factor = None if certificate.factor is None else significant_away_from_zero(certificate.factor)
+                rate = (
+                    None if certificate.rate is None else significant_towards_zero(certificate.rate)
+                )
+                factor = (
+                    None
+                    if certificate.factor is None
+                    else significant_away_from_zero(certificate.factor)
+                )
                 found = {"verdict": certificate.verdict.value, "text": certificate.reason}
-                self.verdict = {**found, "rate": rate, "factor": factor, "plant": plant_numbers(certificate)}
+                self.verdict = {
+                    **found,
+                    "rate": rate,
+                    "factor": factor,
+                    "plant": plant_numbers(certificate),
+                }
             return certificate
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
-        """Write the problem as a TOML file.  Raises: SpecError if the file is there, unless ``force``."""
+        """Write the problem as a TOML file.  Raises: SpecError if the file is there, unless
+        ``force``."""
         target = Path(path)
         if target.exists() and not force:
             cure = "Choose another name, or tick replace (in Python: force=True)."
@@ -153,7 +185,10 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             seen = preview(self.problem, radius=self.radius, rate=self.rate, t_final=t_final)
         except DobcError as error:
             seen = Preview(note=str(error))
-        taken = {"version": self.version, "milliseconds": round(1000 * (time.perf_counter() - started))}
+        taken = {
+            "version": self.version,
+            "milliseconds": round(1000 * (time.perf_counter() - started)),
+        }
         self.numbers = asdict(seen) | taken
 
     def _asked(self, _widget: Any, content: Any, _buffers: Any) -> None:
@@ -165,8 +200,14 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
                 if kind == "python":
                     self.send({"kind": "python", "text": python_source(self.problem)})
                 else:
-                    path = str(self.save(str(content.get("path", "")), force=content.get("replace") is True))
-                    self.send({"kind": "saved", "text": f"Saved. To open it again: dd.Designer({path!r})"})
+                    path = str(
+                        self.save(
+                            str(content.get("path", "")), force=content.get("replace") is True
+                        )
+                    )
+                    self.send(
+                        {"kind": "saved", "text": f"Saved. To open it again: dd.Designer({path!r})"}
+                    )
             except (DobcError, OSError) as error:
                 self.send({"kind": "saved", "text": str(error)})
 
@@ -188,7 +229,10 @@ def _require_drawable(problem: Problem) -> None:
         raise SpecError(told, key="network.agents", cure="Use certify and design for it.")
     for agent, k in problem.pinning.gains.items():
         if not is_scalar_matrix(k):
-            told = f"agent {problem.network.labels[agent]} has a matrix gain; sliders set numbers only."
+            told = (
+                f"agent {problem.network.labels[agent]} has a matrix gain; sliders set numbers "
+                "only."
+            )
             raise SpecError(told, key="pinning.gains", cure="Give one number per agent.")
 
 
@@ -210,19 +254,23 @@ def _radius(problem: Problem) -> float:
 
 
 def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
-    """Starts within ``radius`` of the target, in every component; the bound on the estimation error stays as it was."""
+    """Starts within ``radius`` of the target, in every component; the bound on the estimation error
+    stays as it was."""
     states = [[target - radius, target + radius] for target in problem.target]
-    missing = problem.groups and (problem.region is None or problem.region.initial_disturbance is None)
+    missing = problem.groups and (
+        problem.region is None or problem.region.initial_disturbance is None
+    )
     region: dict[str, Any] = {"initial_disturbance": 0} if missing else {}
     return region | {"initial_states": states[0] if problem.m == 1 else states}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preview:
-    """Estimates for one problem: numbers in floating point, in a fraction of a second, and no proofs.  ``lambda_max``:
-    the largest eigenvalue of Lambda over all modes in 1/s, None where h may have a kink.  ``reach``: the largest box
-    |e|_inf <= reach, up to the radius asked for, that seems to shrink at the rate asked for (the network alone, without
-    the observer); 0 if none does.  ``errors`` (agents, times): |x_i - goal_i|_inf at ``times`` in s.  ``note``: why
+    """Estimates for one problem: numbers in floating point, in a fraction of a second, and no
+    proofs.  ``lambda_max``: the largest eigenvalue of Lambda over all modes in 1/s, None where h
+    may have a kink.  ``reach``: the largest box |e|_inf <= reach, up to the radius asked for, that
+    seems to shrink at the rate asked for (the network alone, without the observer); 0 if none
+    does.  ``errors`` (agents, times): |x_i - goal_i|_inf at ``times`` in s.  ``note``: why
     something is missing."""
 
     lambda_max: float | None = None
@@ -271,19 +319,27 @@ def _shrinks(problem: Problem, radius: float, rate: float) -> bool:
         field = field_of(problem, rho=radius)
     except (ArithmeticError, DobcError):
         return False
-    field = replace(field, grid=field.grid[:: max(1, len(field.grid) // SCALES)])  # enough for an estimate
+    # enough for an estimate
+    field = replace(field, grid=field.grid[:: max(1, len(field.grid) // SCALES)])
     return least_above(field, alpha=rate, lower=np.ones(problem.n)) is not None
 
 
 def _response(problem: Problem, radius: float, t_final: float) -> Preview:
-    """The network without disturbances, from a start on the box's boundary that is the same every time."""
-    goals = np.array([[float(value) for value in problem.goal_of(agent)] for agent in range(problem.n)])
-    start = goals + radius * np.random.default_rng(0).choice((-1.0, -0.5, 0.5, 1.0), size=goals.shape)
+    """The network without disturbances, from a start on the box's boundary that is the same every
+    time."""
+    goals = np.array(
+        [[float(value) for value in problem.goal_of(agent)] for agent in range(problem.n)]
+    )
+    start = goals + radius * np.random.default_rng(0).choice(
+        (-1.0, -0.5, 0.5, 1.0), size=goals.shape
+    )
     unused = ("exosystem", "observer", "groups", "region", "switching", "simulation")
     alone = problem.replace(**dict.fromkeys(unused))
     mode = next(iter(problem.network.modes))
     try:
-        run = simulate(alone, mode=mode, start={"x": start}, t_final=t_final, samples=POINTS, tolerance=1e-5)
+        run = simulate(
+            alone, mode=mode, start={"x": start}, t_final=t_final, samples=POINTS, tolerance=1e-5
+        )
     except DobcError as error:
         return Preview(note=str(error))
     errors = np.abs(run.x - goals).max(axis=2)  # (times, agents)

@@ -53,11 +53,53 @@ from dobc_design.exact.polynomial import (
 )
 from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 
-__all__ = ["Definiteness", "Detectability", "IntegerSymmetric", "Interval", "Matrix", "Observability", "RouthTable"]
+__all__ = [
+    "Definiteness",
+    "Detectability",
+    "IntegerSymmetric",
+    "Interval",
+    "Matrix",
+    "Observability",
+    "RouthTable",
+]
 __all__ += ["SparseSymmetric", "UndefinedError", "Vector"]
-__all__ += ["add", "characteristic_polynomial", "count_right_half_plane", "decide_detectable", "decide_hurwitz"]
-__all__ += ["decide_observable", "decide_positive_definite", "decide_positive_semidefinite", "decide_quickly"]
-__all__ += ["definiteness", "float_above", "float_below", "from_float", "identity", "interval", "inverse"]
-__all__ += ["is_symmetric", "kronecker", "multiply", "nullspace", "number_text", "observability_matrix"]
-__all__ += ["observable_reduction", "parse_number", "polynomial_text", "rank", "routh", "row_echelon", "scale"]
+__all__ += [
+    "add",
+    "characteristic_polynomial",
+    "count_right_half_plane",
+    "decide_detectable",
+    "decide_hurwitz",
+]
+__all__ += [
+    "decide_observable",
+    "decide_positive_definite",
+    "decide_positive_semidefinite",
+    "decide_quickly",
+]
+__all__ += [
+    "definiteness",
+    "float_above",
+    "float_below",
+    "from_float",
+    "identity",
+    "interval",
+    "inverse",
+]
+__all__ += [
+    "is_symmetric",
+    "kronecker",
+    "multiply",
+    "nullspace",
+    "number_text",
+    "observability_matrix",
+]
+__all__ += [
+    "observable_reduction",
+    "parse_number",
+    "polynomial_text",
+    "rank",
+    "routh",
+    "row_echelon",
+    "scale",
+]
 __all__ += ["shape", "subtract", "to_float", "transpose", "zeros"]

@@ -1,7 +1,7 @@
 """Dense matrices decided by a floating-point Cholesky factor that is checked in exact integers.
 
-It works on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0 iff D M D > 0. It never answers
-"not positive definite"; eigenvectors that may show it come from ``low_directions``.
+It works on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0 iff D M D > 0. It
+never answers "not positive definite"; eigenvectors that may show it come from ``low_directions``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 # Fraction, or flint's fmpq for larger matrices; both mix with int.
 Scalar: TypeAlias = Any
-Step: TypeAlias = tuple[int, Scalar, dict[int, Scalar]]  # which row, its pivot, and the rest of the row over the pivot
+# which row, its pivot, and the rest of the row over the pivot
+Step: TypeAlias = tuple[int, Scalar, dict[int, Scalar]]
 
 # From this size on the conversion to flint's rationals has paid for itself.
 FLINT_SIZE: Final = 13
@@ -36,9 +37,10 @@ class UnfinishedError(Exception):
 def bad_direction(
     M: SparseSymmetric, *, strict: bool, flint: bool | None = None, most_work: int | None = None
 ) -> dict[int, Fraction] | None:
-    """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, with v'Mv <= 0 (< 0).  ``flint``
-    chooses the arithmetic; by default the size does. ``most_work``: products of numbers of 64 bits, about; counted, not
-    timed, so that every machine answers the same. Raises: UnfinishedError beyond it."""
+    """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, with v'Mv <= 0
+    (< 0).  ``flint`` chooses the arithmetic; by default the size does. ``most_work``: products of
+    numbers of 64 bits, about; counted, not timed, so that every machine answers the same. Raises:
+    UnfinishedError beyond it."""
     long = M.size >= FLINT_SIZE if flint is None else flint
     rows: list[dict[int, Scalar]] = M.rows()
     if long:
@@ -49,8 +51,8 @@ def bad_direction(
 
 @dataclass(frozen=True, slots=True)
 class Square:
-    """d (x_pivot + sum of others[i] x_i)^2: one entry of D and one column of L.  ``others`` are the entries of the
-    column that are neither 0 nor the 1 at the pivot, by rising index."""
+    """d (x_pivot + sum of others[i] x_i)^2: one entry of D and one column of L.  ``others`` are the
+    entries of the column that are neither 0 nor the 1 at the pivot, by rising index."""
 
     weight: Fraction
     pivot: int
@@ -58,18 +60,22 @@ class Square:
 
 
 def squares_of(M: SparseSymmetric, *, strict: bool = True) -> tuple[Square, ...] | None:
-    """The squares M is the sum of, pivots by least degree, then least index; None unless M > 0 (strict) or M >= 0."""
+    """The squares M is the sum of, pivots by least degree, then least index; None unless M > 0
+    (strict) or M >= 0."""
     steps: list[Step] = []
     if _eliminate(M.rows(), steps, strict=strict, most_work=None) is not None:
         return None
-    return tuple(Square(weight, pivot, dict(sorted(others.items()))) for pivot, weight, others in steps)
+    return tuple(
+        Square(weight, pivot, dict(sorted(others.items()))) for pivot, weight, others in steps
+    )
 
 
 def _eliminate(
     rows: list[dict[int, Scalar]], steps: list[Step], *, strict: bool, most_work: int | None
 ) -> dict[int, Scalar] | None:
-    """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.  ``rows`` hold both
-    triangles without zeros, and are consumed: the open ones hold the Schur complement.  ``steps`` gets every pivot."""
+    """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
+    ``rows`` hold both triangles without zeros, and are consumed: the open ones hold the Schur
+    complement.  ``steps`` gets every pivot."""
     bad_rows = (_bad_diagonal(rows, i, strict=strict) for i in range(len(rows)))
     if (bad := next(filter(None, bad_rows), None)) is not None:
         return bad
@@ -90,7 +96,9 @@ def _eliminate(
         if most_work is not None:
             work += len(row) * (len(row) + 1) // 2 * (1 + int(pivot.denominator).bit_length() // 64)
             if work > most_work:
-                raise UnfinishedError(f"elimination stopped at pivot {len(steps) + 1} of {len(rows)}")
+                raise UnfinishedError(
+                    f"elimination stopped at pivot {len(steps) + 1} of {len(rows)}"
+                )
         factors = {j: x / pivot for j, x in row.items()}
         steps.append((k, pivot, factors))
         _subtract_outer(rows, k, factors)
@@ -117,8 +125,11 @@ def _subtract_outer(rows: list[dict[int, Scalar]], k: int, factors: dict[int, Sc
                 rows[j].pop(i, None)
 
 
-def _bad_diagonal(rows: list[dict[int, Scalar]], i: int, *, strict: bool) -> dict[int, Scalar] | None:
-    """Return a direction in which the open part is not positive because of entry (i, i), or None."""
+def _bad_diagonal(
+    rows: list[dict[int, Scalar]], i: int, *, strict: bool
+) -> dict[int, Scalar] | None:
+    """Return a direction in which the open part is not positive because of entry (i, i), or
+    None."""
     row = rows[i]
     diagonal = row.get(i, 0)
     if diagonal > 0:
@@ -146,9 +157,11 @@ def _back_substitute(bad: dict[int, Scalar], steps: list[Step]) -> dict[int, Sca
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
-# Products of integers are exact in doubles, in any order of summation, while no partial sum reaches this.
+# Products of integers are exact in doubles, in any order of summation, while no partial sum reaches
+# this.
 _EXACT: Final = 2.0**53
-# Float bounds below are multiplied by this: their own rounding errors are below (n + 10) 2^-53 of them.
+# Float bounds below are multiplied by this: their own rounding errors are below (n + 10) 2^-53 of
+# them.
 _UPWARDS: Final = 1 + 2.0**-20
 HIGH_BITS: Final = 25
 _BLOCK: Final = 256
@@ -158,11 +171,12 @@ _DIRECTION_BITS: Final = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scaled:
-    """D M D (n, n), D = diag(2^-exponents): whole numbers of 2^-bits, rounded down, and the nearest doubles.
+    """D M D (n, n), D = diag(2^-exponents): whole numbers of 2^-bits, rounded down, and the nearest
+    doubles.
 
-    whole <= 2^bits D M D < whole + 1 in every entry, whole = high 2^(2 low_bits) + middle 2^low_bits + low
-    with middle and low in [0, 2^low_bits), bits = 2 (25 + low_bits). ``floats`` differ from D M D by at most
-    2^-53 |floats| + 2^-bits per entry.
+    whole <= 2^bits D M D < whole + 1 in every entry, whole = high 2^(2 low_bits) + middle
+    2^low_bits + low with middle and low in [0, 2^low_bits), bits = 2 (25 + low_bits). ``floats``
+    differ from D M D by at most 2^-53 |floats| + 2^-bits per entry.
     """
 
     size: int  # n
@@ -175,7 +189,8 @@ class Scaled:
 
 
 def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
-    """Return D M D; None if the diagonal is not positive; integers v with v'Mv < 0 where an entry is too large."""
+    """Return D M D; None if the diagonal is not positive; integers v with v'Mv < 0 where an entry
+    is too large."""
     low_bits = 27 - (max(M.size - 1, 1).bit_length() + 1) // 2
     bits = 2 * (HIGH_BITS + low_bits)
     found = _whole_entries(M, bits)
@@ -184,7 +199,9 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     exponents, rows, columns, whole = found
     large = np.flatnonzero((rows != columns) & ((whole >= 1 << bits) | (whole < -(1 << bits))))
     if len(large):
-        return _against(int(rows[large[0]]), int(columns[large[0]]), int(whole[large[0]]), exponents)
+        return _against(
+            int(rows[large[0]]), int(columns[large[0]]), int(whole[large[0]]), exponents
+        )
 
     def dense(values: NDArray[Any]) -> NDArray[Any]:
         full = np.zeros((M.size, M.size), dtype=values.dtype)
@@ -203,21 +220,29 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     )
 
 
-def _whole_entries(M: SparseSymmetric | IntegerSymmetric, bits: int) -> tuple[Whole, Whole, Whole, NDArray[Any]] | None:
-    """Exponents, rows, columns, and 2^bits D M D there rounded down; None as above.  A denominator is left out."""
+def _whole_entries(
+    M: SparseSymmetric | IntegerSymmetric, bits: int
+) -> tuple[Whole, Whole, Whole, NDArray[Any]] | None:
+    """Exponents, rows, columns, and 2^bits D M D there rounded down; None as above.  A denominator
+    is left out."""
     if isinstance(M, IntegerSymmetric):
         rows, columns, numerators = M.rows, M.columns, M.values.astype(object)
         denominators = np.ones(len(rows), dtype=object)
     else:
-        rows, columns = (np.array([place[k] for place in M.entries], dtype=np.int64) for k in (0, 1))
+        rows, columns = (
+            np.array([place[k] for place in M.entries], dtype=np.int64) for k in (0, 1)
+        )
         numerators = np.array([x.numerator for x in M.entries.values()], dtype=object)
         denominators = np.array([x.denominator for x in M.entries.values()], dtype=object)
     on = rows == columns
     if np.count_nonzero(on) < M.size or not (numerators[on] > 0).all():
         return None
     below = denominators[on].tolist()
-    # M_ii lies in (2^(e-1), 2^(e+1)), e the difference of the bit lengths; hence (D M D)_ii in [1/8, 1).
-    lengths = [x.bit_length() - y.bit_length() for x, y in zip(numerators[on].tolist(), below, strict=True)]
+    # M_ii lies in (2^(e-1), 2^(e+1)), e the difference of the bit lengths; hence (D M D)_ii in
+    # [1/8, 1).
+    lengths = [
+        x.bit_length() - y.bit_length() for x, y in zip(numerators[on].tolist(), below, strict=True)
+    ]
     exponents = np.zeros(M.size, dtype=np.int64)
     exponents[rows[on]] = [(e + 2) // 2 for e in lengths]
     shift = bits - exponents[rows] - exponents[columns]
@@ -226,7 +251,8 @@ def _whole_entries(M: SparseSymmetric | IntegerSymmetric, bits: int) -> tuple[Wh
 
 
 def _against(i: int, j: int, entry: int, exponents: Whole) -> list[int]:
-    """Return D (e_i -+ e_j) as integers: its value is d_ii + d_jj - 2 |d_ij| < 0 for D M D = (d_ij)."""
+    """Return D (e_i -+ e_j) as integers: its value is d_ii + d_jj - 2 |d_ij| < 0 for D M D =
+    (d_ij)."""
     top = max(int(exponents[i]), int(exponents[j]))
     direction = [0] * len(exponents)
     direction[i] = 1 << (top - int(exponents[i]))
@@ -240,13 +266,14 @@ def proves_by_integers(S: Scaled) -> bool:
 
 
 def margin(S: Scaled) -> float:
-    """Return about the smallest eigenvalue of D M D that ``integer_factors`` can show: twice n roundings."""
+    """Return about the smallest eigenvalue of D M D that ``integer_factors`` can show: twice n
+    roundings."""
     return 2 * S.size * 2.0 ** -(HIGH_BITS + S.low_bits)
 
 
 def integer_factors(S: Scaled) -> Iterator[tuple[Floats, Floats]]:
-    """Propose factors L = high 2^-25 + low 2^-(25 + low_bits) of D M D - c I, c the margin and then 16 times that:
-    lower triangular, both hold integers as doubles."""
+    """Propose factors L = high 2^-25 + low 2^-(25 + low_bits) of D M D - c I, c the margin and then
+    16 times that: lower triangular, both hold integers as doubles."""
     for often in (1, 16):
         L = _factor(S.floats, often * margin(S))
         if L is None:
@@ -257,7 +284,8 @@ def integer_factors(S: Scaled) -> Iterator[tuple[Floats, Floats]]:
 
 
 def leaves_dominated_rest(S: Scaled, high: Floats, low: Floats) -> bool:
-    """Whether D M D - L L' is dominated by its diagonal, any integers L; products in doubles stay below 2^53."""
+    """Whether D M D - L L' is dominated by its diagonal, any integers L; products in doubles stay
+    below 2^53."""
     if not all(np.array_equal(part, np.rint(part)) for part in (high, low)):
         return False
     longest, shortest = (float(np.sqrt((part * part).sum(axis=1).max())) for part in (high, low))
@@ -289,14 +317,16 @@ def leaves_dominated_rest(S: Scaled, high: Floats, low: Floats) -> bool:
 
 
 def low_directions(S: Scaled, eigenvectors: Floats) -> list[list[int]]:
-    """Return D w for the columns w of ``eigenvectors`` (n, k), as integers: v'Mv is w'(D M D)w but for a factor."""
+    """Return D w for the columns w of ``eigenvectors`` (n, k), as integers: v'Mv is w'(D M D)w but
+    for a factor."""
     lift = (S.exponents.max() - S.exponents).tolist()
     whole = np.rint(np.ldexp(eigenvectors.T, _DIRECTION_BITS)).tolist()
     return [[int(x) << e for x, e in zip(w, lift, strict=True)] for w in whole]
 
 
 def _factor(A: Floats, shift: float) -> Floats | None:
-    """Return the Cholesky factor of A - shift I in doubles, or None. It is finite; it proves nothing by itself."""
+    """Return the Cholesky factor of A - shift I in doubles, or None. It is finite; it proves
+    nothing by itself."""
     shifted = A.copy()
     shifted.flat[:: len(A) + 1] -= shift
     try:
@@ -313,17 +343,25 @@ _SHARE: Final = 8
 
 
 def decide_lifted(
-    M: SparseSymmetric | IntegerSymmetric, S: Scaled, values: Floats, vectors: Floats, *, strict: bool
+    M: SparseSymmetric | IntegerSymmetric,
+    S: Scaled,
+    values: Floats,
+    vectors: Floats,
+    *,
+    strict: bool,
 ) -> dict[int, Fraction] | None:
-    """Decide M > 0 (strict) or M >= 0 exactly: {} if proved, else a direction; None if it does not get through.  S: M
-    scaled; values, vectors: the eigenvalues, rising, and eigenvectors of its floats, as guesses only."""
+    """Decide M > 0 (strict) or M >= 0 exactly: {} if proved, else a direction; None if it does not
+    get through.  S: M scaled; values, vectors: the eigenvalues, rising, and eigenvectors of its
+    floats, as guesses only."""
     few = int(np.count_nonzero(values < 2**10 * margin(S)))
     if not 0 < few <= max(4, S.size // _SHARE):
         return None
     lift = np.rint(np.ldexp(vectors[:, :few], _LIFT_BITS)).astype(np.int64)
     square = lift @ lift.T
     B = replace(
-        S, high=S.high + (square << 2 * (HIGH_BITS - _LIFT_BITS)), floats=S.floats + np.ldexp(square, -2 * _LIFT_BITS)
+        S,
+        high=S.high + (square << 2 * (HIGH_BITS - _LIFT_BITS)),
+        floats=S.floats + np.ldexp(square, -2 * _LIFT_BITS),
     )
     if not proves_by_integers(B):
         return None
@@ -332,7 +370,9 @@ def decide_lifted(
     V = [[unit * x for x in row] for row in lift.tolist()]
     pairs = [(a, b) for a in range(few) for b in range(a, few)]
     G = {
-        (a, b): (a == b) - sum((v[a] * z[b] for v, z in zip(V, Z, strict=True) if v[a]), Fraction(0)) for a, b in pairs
+        (a, b): (a == b)
+        - sum((v[a] * z[b] for v, z in zip(V, Z, strict=True) if v[a]), Fraction(0))
+        for a, b in pairs
     }
     found = bad_direction(SparseSymmetric(few, G), strict=strict)
     if found is None:
@@ -343,8 +383,11 @@ def decide_lifted(
     return {i: Fraction(2) ** -exponents[i] * x for i, x in enumerate(direction) if x}
 
 
-def _solved(M: SparseSymmetric | IntegerSymmetric, S: Scaled, square: Whole, lift: Whole) -> fmpq_mat:
-    """Return Z (n, k) with (D M D + V V') Z = V, exactly; M without its denominator if it is an IntegerSymmetric."""
+def _solved(
+    M: SparseSymmetric | IntegerSymmetric, S: Scaled, square: Whole, lift: Whole
+) -> fmpq_mat:
+    """Return Z (n, k) with (D M D + V V') Z = V, exactly; M without its denominator if it is an
+    IntegerSymmetric."""
     from flint import fmpq, fmpq_mat
 
     n = S.size
@@ -353,7 +396,9 @@ def _solved(M: SparseSymmetric | IntegerSymmetric, S: Scaled, square: Whole, lif
     entries = [[unit * x for x in row] for row in square.tolist()]
     places: Iterable[tuple[int, int, fmpq]]
     if isinstance(M, IntegerSymmetric):
-        places = zip(M.rows.tolist(), M.columns.tolist(), (fmpq(x) for x in M.values.tolist()), strict=True)
+        places = zip(
+            M.rows.tolist(), M.columns.tolist(), (fmpq(x) for x in M.values.tolist()), strict=True
+        )
     else:
         places = ((i, j, to_fmpq(x)) for (i, j), x in M.entries.items())
     for i, j, x in places:
@@ -362,5 +407,7 @@ def _solved(M: SparseSymmetric | IntegerSymmetric, S: Scaled, square: Whole, lif
         entries[i][j] += entry
         if i != j:
             entries[j][i] += entry
-    right = fmpq_mat(n, lift.shape[1], [fmpq(x, 2**_LIFT_BITS) for row in lift.tolist() for x in row])
+    right = fmpq_mat(
+        n, lift.shape[1], [fmpq(x, 2**_LIFT_BITS) for row in lift.tolist() for x in row]
+    )
     return fmpq_mat(n, n, [x for row in entries for x in row]).solve(right)

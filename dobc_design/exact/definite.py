@@ -1,8 +1,10 @@
-"""Definiteness of symmetric rational matrices: decided exactly at every size, by the path that fits.
+"""Definiteness of symmetric rational matrices: decided exactly at every size, by the path that
+fits.
 
-Up to 12 rows LDL' over the rationals; from 13 on the paths of ``_PATHS``, in this order, then LDL' by python-flint.
-A path answers or passes on; the last one always answers, unless the caller bounds its work. "Proved" comes from exact
-or outward-rounded arithmetic, "refuted" only from a vector that is multiplied out exactly.
+Up to 12 rows LDL' over the rationals; from 13 on the paths of ``_PATHS``, in this order, then LDL'
+by python-flint. A path answers or passes on; the last one always answers, unless the caller bounds
+its work. "Proved" comes from exact or outward-rounded arithmetic, "refuted" only from a vector that
+is multiplied out exactly.
 """
 
 from __future__ import annotations
@@ -41,9 +43,10 @@ _WITNESS_BITS: Final = (1, 2, 4, 8, 16, 32, 64)
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Definiteness(Shown):
-    """A decision with its proof method, a short sentence that names the path by size and structure.  Refuted: an
-    integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against "semidefinite". Proved by a vector: the positive
-    integers v, with M v > 0 (>= 0), positive entries beside the diagonal taken as negative."""
+    """A decision with its proof method, a short sentence that names the path by size and
+    structure.  Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against
+    "semidefinite". Proved by a vector: the positive integers v, with M v > 0 (>= 0), positive
+    entries beside the diagonal taken as negative."""
 
     verdict: Verdict
     method: str
@@ -52,42 +55,52 @@ class Definiteness(Shown):
     vector: tuple[int, ...] | None = None
 
 
-def refuted(M: Symmetric, direction: Mapping[int, Fraction], *, strict: bool, method: str) -> Definiteness:
-    """Return the decision REFUTED by an integer multiple or rounding of an exact direction, by its entries.  Raises:
-    CertificateError if it does not refute, which would be a mistake in the path that gave it."""
+def refuted(
+    M: Symmetric, direction: Mapping[int, Fraction], *, strict: bool, method: str
+) -> Definiteness:
+    """Return the decision REFUTED by an integer multiple or rounding of an exact direction, by its
+    entries.  Raises: CertificateError if it does not refute, which would be a mistake in the path
+    that gave it."""
     common = math.lcm(*(x.denominator for x in direction.values()))
     exact = [int(direction.get(i, 0) * common) for i in range(M.size)]
     decision = first_refuting(M, (*roundings(exact), exact), strict=strict, method=method)
     if decision is None:
-        raise CertificateError("the elimination gave a witness that does not refute; nothing is claimed.")
+        raise CertificateError(
+            "the elimination gave a witness that does not refute; nothing is claimed."
+        )
     return decision
 
 
 def first_refuting(
     M: Symmetric, candidates: Iterable[Sequence[int]], *, strict: bool, method: str
 ) -> Definiteness | None:
-    """Return the decision REFUTED by the first candidate, a vector of integers, that refutes; else None."""
+    """Return the decision REFUTED by the first candidate, a vector of integers, that refutes; else
+    None."""
     for candidate in filter(any, candidates):
         # Without a common factor, and the first entry that is not 0 positive.
         factor = math.gcd(*candidate) * (1 if next(filter(None, candidate)) > 0 else -1)
         witness = tuple(Fraction(x // factor) for x in candidate)
         value = M.quadratic_form(witness)
         if value < 0 or (strict and value == 0):
-            return Definiteness(verdict=Verdict.REFUTED, method=method, witness=witness, value=value)
+            return Definiteness(
+                verdict=Verdict.REFUTED, method=method, witness=witness, value=value
+            )
     return None
 
 
 def roundings(vector: Sequence[int]) -> Iterator[list[int]]:
-    """Yield shorter and shorter roundings of integers, the coarsest first; small entries become 0."""
+    """Yield shorter and shorter roundings of integers, the coarsest first; small entries become
+    0."""
     largest = max((abs(x) for x in vector), default=0)
     for bits in _WITNESS_BITS:
         if largest.bit_length() > bits:
             yield [(2 * x * 2**bits + largest) // (2 * largest) for x in vector]
 
 
-# The borders, by CPU times measured in one run (Gram matrices of random integers; rings with chords): up to 12 rows
-# Fractions take 2 ms at most, and nothing is easier to trust. LDL' with flint takes 11 to 60 times as long as the
-# integer rest at 32 rows, over 1000 times as long as the vector on a ring of 400.
+# The borders, by CPU times measured in one run (Gram matrices of random integers; rings with
+# chords): up to 12 rows Fractions take 2 ms at most, and nothing is easier to trust. LDL' with
+# flint takes 11 to 60 times as long as the integer rest at 32 rows, over 1000 times as long as the
+# vector on a ring of 400.
 _DENSE_SIZE: Final = 2000
 # Sparse: at most one entry of the upper triangle in so many.
 _SPARSE: Final = 8
@@ -95,43 +108,53 @@ _SPARSE: Final = 8
 _EIGENVECTORS: Final = 2
 
 
-def decide_positive_definite(M: Matrix | Symmetric, *, most_work: int | None = None) -> Definiteness:
+def decide_positive_definite(
+    M: Matrix | Symmetric, *, most_work: int | None = None
+) -> Definiteness:
     """Decide M > 0 for a symmetric M (n, n); the empty matrix is positive definite.
 
-    ``most_work`` bounds the last path above 2000 rows, where no other is without a bound (``elimination``). Returns:
-    PROVED, or REFUTED with an integer witness v != 0, v'Mv <= 0; UNDECIDED only beyond ``most_work``. Raises:
-    ShapeError if M is not square and exactly symmetric. Source: theory, sections 3 and 8; the table above.
+    ``most_work`` bounds the last path above 2000 rows, where no other is without a bound
+    (``elimination``). Returns: PROVED, or REFUTED with an integer witness v != 0, v'Mv <= 0;
+    UNDECIDED only beyond ``most_work``. Raises: ShapeError if M is not square and exactly
+    symmetric. Source: theory, sections 3 and 8; the table above.
     """
     return _decide(_Case(given=_symmetric(M), strict=True, most_work=most_work))
 
 
 def decide_positive_semidefinite(M: Matrix | Symmetric) -> Definiteness:
-    """Decide M >= 0 for a symmetric M (n, n); the empty matrix is positive semidefinite.  Returns: PROVED, or REFUTED
-    with an integer witness v, v'Mv < 0; never UNDECIDED. Raises: ShapeError if M is not square and exactly symmetric.
-    Source: as above. What proves M > 0 proves this; singular M are left to the vector, the lift and LDL'."""
+    """Decide M >= 0 for a symmetric M (n, n); the empty matrix is positive semidefinite.  Returns:
+    PROVED, or REFUTED with an integer witness v, v'Mv < 0; never UNDECIDED. Raises: ShapeError if M
+    is not square and exactly symmetric.
+    Source: as above. What proves M > 0 proves this; singular M are left to the vector, the lift and
+    LDL'."""
     return _decide(_Case(given=_symmetric(M), strict=False))
 
 
 def decide_quickly(M: Matrix | Symmetric) -> Definiteness:
-    """Decide M > 0 by one Cholesky factorisation or one eigenvector, or leave it UNDECIDED near the edge.  PROVED by
-    the factor's exact rest; REFUTED by v'Mv <= 0, multiplied out exactly. O(n^3) in doubles, O(n^2) memory. Raises:
-    ShapeError if M is not square and exactly symmetric."""
+    """Decide M > 0 by one Cholesky factorisation or one eigenvector, or leave it UNDECIDED near the
+    edge.  PROVED by the factor's exact rest; REFUTED by v'Mv <= 0, multiplied out exactly. O(n^3)
+    in doubles, O(n^2) memory. Raises: ShapeError if M is not square and exactly symmetric."""
     case = _Case(given=_symmetric(M), strict=True)
     if case.size == 0:
         return case.proved("no rows")
-    unknown = Definiteness(verdict=Verdict.UNDECIDED, method=case.named("Cholesky factor in integers"))
+    unknown = Definiteness(
+        verdict=Verdict.UNDECIDED, method=case.named("Cholesky factor in integers")
+    )
     return _by_diagonal(case) or _by_integers(case) or _by_eigenvector(case) or unknown
 
 
 def definiteness(matrix: object) -> Verdict:
     """Decide exactly whether a symmetric matrix is positive definite.
 
-    Accepts a SparseSymmetric or IntegerSymmetric, or nested sequences of int, Fraction, float (its decimal text: 0.1 is
-    1/10) and text ("9/16"), or a two-dimensional NumPy array (each float is its exact binary value). The empty matrix
-    is positive definite.  Returns: PROVED iff matrix > 0, REFUTED iff not; never UNDECIDED.
-    Raises: ShapeError if not square or not exactly symmetric; SpecError for nan, inf and what is no number.
+    Accepts a SparseSymmetric or IntegerSymmetric, or nested sequences of int, Fraction, float (its
+    decimal text: 0.1 is 1/10) and text ("9/16"), or a two-dimensional NumPy array (each float is
+    its exact binary value). The empty matrix is positive definite.  Returns: PROVED iff matrix > 0,
+    REFUTED iff not; never UNDECIDED.
+    Raises: ShapeError if not square or not exactly symmetric; SpecError for nan, inf and what is no
+    number.
     Example:
-        >>> dd.exact.definiteness([[2, 1], [1, "1/2"]]).value, dd.exact.definiteness([[2, 1], [1, 0.51]]).value
+        >>> matrices = [[2, 1], [1, "1/2"]], [[2, 1], [1, 0.51]]
+        >>> tuple(dd.exact.definiteness(each).value for each in matrices)
         ('refuted', 'proved')
     """
     return decide_positive_definite(_read(matrix)).verdict
@@ -151,12 +174,17 @@ class _Case:
 
     @cached_property
     def matrix(self) -> Symmetric:
-        """The same matrix, in arrays of integers where these are not long: they multiply out faster."""
+        """The same matrix, in arrays of integers where these are not long: they multiply out
+        faster."""
         return self.given if self.size < FLINT_SIZE else in_integers(self.given) or self.given
 
     @cached_property
     def entries(self) -> int:
-        return len(self.matrix.values) if isinstance(self.matrix, IntegerSymmetric) else len(self.matrix.entries)
+        return (
+            len(self.matrix.values)
+            if isinstance(self.matrix, IntegerSymmetric)
+            else len(self.matrix.entries)
+        )
 
     @cached_property
     def scaled(self) -> Scaled | list[int] | None:
@@ -189,7 +217,11 @@ def _decide(case: _Case) -> Definiteness:
 
 
 def _by_elimination(case: _Case) -> Definiteness:
-    method = "LDL' over the rationals" if case.size < FLINT_SIZE else "LDL' over the rationals (python-flint)"
+    method = (
+        "LDL' over the rationals"
+        if case.size < FLINT_SIZE
+        else "LDL' over the rationals (python-flint)"
+    )
     M = case.given.to_sparse() if isinstance(case.given, IntegerSymmetric) else case.given
     most_work = case.most_work if case.size > _DENSE_SIZE else None
     try:
@@ -205,7 +237,11 @@ def _by_elimination(case: _Case) -> Definiteness:
 def _by_diagonal(case: _Case) -> Definiteness | None:
     diagonal = case.matrix.diagonal()
     bad = next((i for i, x in enumerate(diagonal) if x < 0 or (case.strict and x == 0)), None)
-    return None if bad is None else _first(case, ([int(i == bad) for i in range(case.size)],), "entry of the diagonal")
+    return (
+        None
+        if bad is None
+        else _first(case, ([int(i == bad) for i in range(case.size)],), "entry of the diagonal")
+    )
 
 
 def _by_vector(case: _Case) -> Definiteness | None:
@@ -263,9 +299,15 @@ def _read(given: object) -> Matrix | Symmetric:
         large = len(given) >= FLINT_SIZE and given.dtype in (np.float32, np.float64)
         return IntegerSymmetric.from_floats(given) if large else from_float(given, None)
     if not isinstance(given, (Sequence, np.ndarray)):
-        raise wrong("matrix", f"must be a list of rows; got {type(given).__name__}.", kind=ShapeError)
-    numeric = [isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object for row in given]
-    rows: list[Any] = [from_float(row[None], None)[0] if x else row for row, x in zip(given, numeric, strict=True)]
+        raise wrong(
+            "matrix", f"must be a list of rows; got {type(given).__name__}.", kind=ShapeError
+        )
+    numeric = [
+        isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object for row in given
+    ]
+    rows: list[Any] = [
+        from_float(row[None], None)[0] if x else row for row, x in zip(given, numeric, strict=True)
+    ]
     return matrix(rows)
 
 

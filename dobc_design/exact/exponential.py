@@ -1,4 +1,5 @@
-"""Products of exponentials of rational matrices, enclosed by the balls of python-flint, and whether they expand."""
+"""Products of exponentials of rational matrices, enclosed by the balls of python-flint, and whether
+they expand."""
 
 from __future__ import annotations
 
@@ -16,9 +17,12 @@ if TYPE_CHECKING:
 BITS: Final = 256
 
 
-def expanding_product(parts: Sequence[tuple[Matrix, Fraction]], power: int) -> list[list[float]] | None:
-    """M = exp(A_p T_p) ... exp(A_1 T_1) in floats, about, where |tr M^power| > size is proved, so that an eigenvalue of
-    M is larger than 1 in size; None elsewhere.  ``parts``: A (size, size) and T, in the order in which they act."""
+def expanding_product(
+    parts: Sequence[tuple[Matrix, Fraction]], power: int
+) -> list[list[float]] | None:
+    """M = exp(A_p T_p) ... exp(A_1 T_1) in floats, about, where |tr M^power| > size is proved, so
+    that an eigenvalue of M is larger than 1 in size; None elsewhere.  ``parts``: A (size, size) and
+    T, in the order in which they act."""
     from flint import ctx
 
     size = len(parts[0][0])

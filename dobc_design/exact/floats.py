@@ -1,8 +1,10 @@
-"""Intervals with floating-point ends, every result rounded outwards: quick, where 53 bits are enough.
+"""Intervals with floating-point ends, every result rounded outwards: quick, where 53 bits are
+enough.
 
-IEEE 754 rounds sums, products, quotients and square roots to the nearest number, so that the next number outside is a
-bound, as for values too small to be written; functions come from balls of python-flint.  Nothing infinite is kept.
-An interval of floats is an ``Interval``: outside of operations its ends are the exact rationals that these floats are.
+IEEE 754 rounds sums, products, quotients and square roots to the nearest number, so that the next
+number outside is a bound, as for values too small to be written; functions come from balls of
+python-flint.  Nothing infinite is kept. An interval of floats is an ``Interval``: outside of
+operations its ends are the exact rationals that these floats are.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ _MAX_ANGLE, _MARGIN = 2.0**20, 2.0**-30
 
 
 class Floats(Interval):
-    """The closed interval from bottom to top; numbers and other intervals are taken as the least one that holds them.
+    """The closed interval from bottom to top; numbers and other intervals are taken as the least
+    one that holds them.
     Raises: UndefinedError for ends beyond LARGEST, or where bottom <= top is not true."""
 
     __slots__ = ("bottom", "top")
@@ -38,7 +41,8 @@ class Floats(Interval):
 
     @classmethod
     def around(cls, value: Interval | Fraction | int) -> Floats:
-        """Return the least interval of floats that contains a number, or an interval, which remembers it."""
+        """Return the least interval of floats that contains a number, or an interval, which
+        remembers it."""
         if type(value) is Interval:
             found: Floats | None = value.in_floats
             if found is None:
@@ -96,7 +100,10 @@ class Floats(Interval):
         elif d <= 0:
             p, q, r, s = b, c, a, c
         else:
-            (p, q), (r, s) = (a, d) if a * d <= b * c else (b, c), (a, c) if a * c >= b * d else (b, d)
+            (p, q), (r, s) = (
+                (a, d) if a * d <= b * c else (b, c),
+                (a, c) if a * c >= b * d else (b, d),
+            )
         lo, hi = p * q, r * s
         # With 0 there is no rounding; a product that is too small to be written has one.
         return Floats(nextafter(lo, -inf) if p and q else lo, nextafter(hi, inf) if r and s else hi)
@@ -117,7 +124,9 @@ class Floats(Interval):
 
     def increasing(self, name: str) -> Floats:
         low = float_values(name, self.bottom)
-        return Floats(low[0], low[1] if self.bottom == self.top else float_values(name, self.top)[1])
+        return Floats(
+            low[0], low[1] if self.bottom == self.top else float_values(name, self.top)[1]
+        )
 
     def wave(self, name: str) -> Floats:
         a, b, shift = self.bottom, self.top, WAVES[name]
@@ -129,7 +138,10 @@ class Floats(Interval):
             return Floats(-1.0, 1.0)
         (low, high), (low_there, high_there) = float_values(name, a), float_values(name, b)
         turns = None if last < first else first % 2
-        return Floats(-1.0 if turns == 1 else min(low, low_there), 1.0 if turns == 0 else max(high, high_there))
+        return Floats(
+            -1.0 if turns == 1 else min(low, low_there),
+            1.0 if turns == 0 else max(high, high_there),
+        )
 
     def root(self) -> Floats:
         lo, hi = math.sqrt(self.bottom), math.sqrt(self.top)

@@ -1,7 +1,9 @@
-"""Interval arithmetic with rational end points, every result rounded outwards, and the discretisation of x' = A x.
+"""Interval arithmetic with rational end points, every result rounded outwards, and the
+discretisation of x' = A x.
 
-Theory, section 3: enclosures of h' and of the secant gain must contain every true value. Short rationals stay exact;
-long ones are rounded outwards to 128 bits. Nothing here is ever too narrow; it may be too wide.
+Theory, section 3: enclosures of h' and of the secant gain must contain every true value. Short
+rationals stay exact; long ones are rounded outwards to 128 bits. Nothing here is ever too narrow;
+it may be too wide.
 """
 
 from __future__ import annotations
@@ -17,7 +19,14 @@ from typing import TYPE_CHECKING, Any, Final, Self, cast
 from dobc_design._show.cards import Told
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import float_above, float_below, number_text, root_above, root_below, to_fmpq
+from dobc_design.exact.number import (
+    float_above,
+    float_below,
+    number_text,
+    root_above,
+    root_below,
+    to_fmpq,
+)
 from dobc_design.exact.polynomial import routh_column
 from dobc_design.verdict import Verdict
 
@@ -36,7 +45,8 @@ def height(value: Fraction) -> int:
 
 
 def round_down(value: Fraction, bits: int = BITS) -> Fraction:
-    """Return a number <= value of at most ``bits`` significant bits.  Raises: OverflowError below -2^65536."""
+    """Return a number <= value of at most ``bits`` significant bits.  Raises: OverflowError below
+    -2^65536."""
     if not value:
         return value
     numerator, denominator = value.numerator, value.denominator
@@ -54,7 +64,8 @@ def round_down(value: Fraction, bits: int = BITS) -> Fraction:
 
 
 def round_up(value: Fraction, bits: int = BITS) -> Fraction:
-    """Return a number >= value of at most ``bits`` significant bits. Raises: OverflowError for values above 2^65536."""
+    """Return a number >= value of at most ``bits`` significant bits. Raises: OverflowError for
+    values above 2^65536."""
     return -round_down(-value, bits)
 
 
@@ -86,8 +97,9 @@ _GREATEST: Final = {"sin": 1, "cos": 1, "tanh": 1}
 
 
 def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
-    """Return bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x, equal where the value is rational.  They
-    differ by about 2^-128 of the value, or of 1. Raises: OverflowError if there is no finite enclosure."""
+    """Return bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x, equal where the
+    value is rational.  They differ by about 2^-128 of the value, or of 1. Raises: OverflowError if
+    there is no finite enclosure."""
     known = _EXACT.get((name, int(x))) if x.denominator == 1 else None
     if known is not None:
         return Fraction(known), Fraction(known)
@@ -95,12 +107,15 @@ def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
 
     with FLINT, ctx.workprec(BITS + _GUARD + min(height(x), _MAX_HEIGHT)):
         lower, upper = _ends(getattr(arb(to_fmpq(x)), name)())
-    return max(lower, Fraction(_LEAST.get(name, lower))), min(upper, Fraction(_GREATEST.get(name, upper)))
+    return max(lower, Fraction(_LEAST.get(name, lower))), min(
+        upper, Fraction(_GREATEST.get(name, upper))
+    )
 
 
 @lru_cache(maxsize=1 << 14)
 def float_values(name: str, x: float) -> tuple[float, float]:
-    """Return floats below and above the value that ``bounds`` encloses at x; infinite where there is no enclosure."""
+    """Return floats below and above the value that ``bounds`` encloses at x; infinite where there
+    is no enclosure."""
     known = _EXACT.get((name, int(x))) if x in (0, 1) else None
     if known is not None:
         return known, known
@@ -133,20 +148,24 @@ def _ends(ball: arb) -> tuple[Fraction, Fraction]:
 
 
 def _dyadic(number: arb) -> tuple[Fraction, Fraction]:
-    """An exact ball's value and the error of dropping tiny exponents: fmpq() ends the process at radii of 2^-15000."""
+    """An exact ball's value and the error of dropping tiny exponents: fmpq() ends the process at
+    radii of 2^-15000."""
     mantissa, exponent = (int(part) for part in number.man_exp())
     if exponent < -_MAX_EXPONENT and mantissa.bit_length() + exponent < 0:
         return Fraction(0), Fraction(1, 1 << min(_MAX_EXPONENT, -exponent - mantissa.bit_length()))
     if exponent > _MAX_EXPONENT:
         raise OverflowError("there is no finite enclosure")
-    return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent), Fraction(0)
+    return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(
+        mantissa, 1 << -exponent
+    ), Fraction(0)
 
 
 # End points of this many bits stay as they are. Points have more: 1e-400 is a number of 1329 bits,
 # and a point that becomes an interval can no longer prove that something vanishes.
 _KEPT, _KEPT_POINT = 256, 1536
-# exp(575) is below 1e250: enclosures stay within what doubles hold, with room for products, so that readers of a
-# certificate who calculate in doubles can follow. To the left exp leaves the range of 2^-65536, and only nears 0.
+# exp(575) is below 1e250: enclosures stay within what doubles hold, with room for products, so that
+# readers of a certificate who calculate in doubles can follow. To the left exp leaves the range of
+# 2^-65536, and only nears 0.
 _MAX_EXP, _MIN_EXP = 575, -45_000
 # Beyond this the argument of a periodic function says nothing about its value.
 _MAX_ANGLE: Final = 1 << 2048
@@ -158,8 +177,8 @@ class UndefinedError(ArithmeticError):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Interval(Told):
-    """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.  Raises: SpecError if
-    lo > hi or an end is not an int or Fraction."""
+    """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.
+    Raises: SpecError if lo > hi or an end is not an int or Fraction."""
 
     lo: Fraction
     hi: Fraction
@@ -287,9 +306,15 @@ class Interval(Told):
         if x._mixed:
             return _enclose(min(x.lo * y.hi, x.hi * y.lo), max(x.lo * y.lo, x.hi * y.hi), "*", x, y)
         if x.lo.numerator >= 0:
-            low, high = y.lo * (x.lo if y.lo.numerator >= 0 else x.hi), y.hi * (x.hi if y.hi.numerator >= 0 else x.lo)
+            low, high = (
+                y.lo * (x.lo if y.lo.numerator >= 0 else x.hi),
+                y.hi * (x.hi if y.hi.numerator >= 0 else x.lo),
+            )
         else:
-            low, high = y.hi * (x.lo if y.hi.numerator >= 0 else x.hi), y.lo * (x.hi if y.lo.numerator >= 0 else x.lo)
+            low, high = (
+                y.hi * (x.lo if y.hi.numerator >= 0 else x.hi),
+                y.lo * (x.hi if y.lo.numerator >= 0 else x.lo),
+            )
         return _enclose(low, high, "*", self, y)
 
     def __truediv__(self, other: Interval | Fraction | int) -> Interval:
@@ -298,11 +323,15 @@ class Interval(Told):
         if y.lo.numerator <= 0 <= y.hi.numerator:
             raise UndefinedError(f"division by {y}, which contains 0, is not defined.")
         x, near, far = (self, y.lo, y.hi) if y.lo.numerator > 0 else (-self, -y.hi, -y.lo)
-        low, high = x.lo / (far if x.lo.numerator >= 0 else near), x.hi / (near if x.hi.numerator >= 0 else far)
+        low, high = (
+            x.lo / (far if x.lo.numerator >= 0 else near),
+            x.hi / (near if x.hi.numerator >= 0 else far),
+        )
         return _enclose(low, high, "/", self, y)
 
     def __pow__(self, exponent: int) -> Interval:
-        """Return the integer power; 0 ** 0 is 1. Raises: UndefinedError for a negative one if 0 lies inside."""
+        """Return the integer power; 0 ** 0 is 1. Raises: UndefinedError for a negative one if 0
+        lies inside."""
         if exponent < 0:
             return 1 / self**-exponent
         if exponent < 2:
@@ -393,7 +422,8 @@ def cosh(x: Interval) -> Interval:
 
 
 def sqrt(x: Interval) -> Interval:
-    """Enclose the square root, exact for squares of rationals. Raises: UndefinedError unless x >= 0."""
+    """Enclose the square root, exact for squares of rationals. Raises: UndefinedError unless x >=
+    0."""
     if x.lo < 0:
         raise UndefinedError(f"sqrt is not defined on the whole of {x}.")
     return x.root()
@@ -427,7 +457,12 @@ def _interval(value: Interval | Fraction | int) -> Interval:
 
 
 def _enclose(
-    lo: Fraction, hi: Fraction, operation: str, *operands: Interval, kept: int | None = None, bits: int = BITS
+    lo: Fraction,
+    hi: Fraction,
+    operation: str,
+    *operands: Interval,
+    kept: int | None = None,
+    bits: int = BITS,
 ) -> Interval:
     """Return the interval, end points of more than ``kept`` bits rounded outwards."""
     if kept is None:
@@ -437,20 +472,25 @@ def _enclose(
         return Interval(low, hi if height(hi) <= kept else round_up(hi, bits))
     except OverflowError as cause:
         shown = " and ".join(str(operand) for operand in operands)
-        raise UndefinedError(f"{operation} of {shown} exceeds the bound 2^{MAX_EXPONENT}.") from cause
+        raise UndefinedError(
+            f"{operation} of {shown} exceeds the bound 2^{MAX_EXPONENT}."
+        ) from cause
 
 
 def _growing(name: str, x: Interval) -> Interval:
     """Enclose an increasing function of exponential growth; far to the left exp is above 0."""
     if x.hi > _MAX_EXP or (x.lo < -_MAX_EXP and name != "exp"):
-        raise UndefinedError(f"{name} of {x} is too large to enclose: |x| may be at most {_MAX_EXP}.")
+        raise UndefinedError(
+            f"{name} of {x} is too large to enclose: |x| may be at most {_MAX_EXP}."
+        )
     if x.lo >= _MIN_EXP:
         return x.increasing(name)
     return Interval(Fraction(0), Interval.point(max(x.hi, Fraction(_MIN_EXP))).increasing(name).hi)
 
 
 def _multiples_of_pi(x: Interval, *, shift: Fraction) -> tuple[int, int] | None:
-    """Return first and last k for which (k + shift) pi may lie in x (first > last: none does); None far out."""
+    """Return first and last k for which (k + shift) pi may lie in x (first > last: none does); None
+    far out."""
     if x.magnitude > _MAX_ANGLE:
         return None
     low, high = pi_bounds(BITS + int(x.magnitude).bit_length())
@@ -480,8 +520,8 @@ class Discretisation:
 def discretise(A: Matrix, period: Fraction) -> Discretisation:
     """Enclose the exact discretisation of x' = A x, A (q, q) in 1/s, over ``period`` > 0 (s).
 
-    exp of the block matrix [[A, I], [0, 0]] T holds exp(A T) and its integral (Van Loan 1978), in balls of 320 bits:
-    what is lost in large exponents still leaves the bits that intervals keep.
+    exp of the block matrix [[A, I], [0, 0]] T holds exp(A T) and its integral (Van Loan 1978), in
+    balls of 320 bits: what is lost in large exponents still leaves the bits that intervals keep.
 
     Raises: SpecError if the period is not positive or the exponential is too large to enclose.
     """
@@ -499,27 +539,36 @@ def discretise(A: Matrix, period: Fraction) -> Discretisation:
         try:
             ends = [[_ends(found[i, j]) for j in range(2 * q)] for i in range(q)]
         except OverflowError as cause:
-            raise SpecError("exp(A T) must be finite; A T is too large.", cure="Sample faster.") from cause
+            raise SpecError(
+                "exp(A T) must be finite; A T is too large.", cure="Sample faster."
+            ) from cause
     rounded = [[Interval(lo, hi).rounded(2 * BITS) for lo, hi in row] for row in ends]
     mean = tuple(tuple(x * (1 / period) for x in row[q:]) for row in rounded)
     return Discretisation(transition=tuple(tuple(row[:q]) for row in rounded), mean=mean)
 
 
 def interval_characteristic_polynomial(F: Sequence[Sequence[Interval]]) -> tuple[Interval, ...]:
-    """Enclose det(s I - F) for every F in an interval matrix (q, q): Faddeev and LeVerrier in intervals."""
+    """Enclose det(s I - F) for every F in an interval matrix (q, q): Faddeev and LeVerrier in
+    intervals."""
     size = len(F)
     coefficients = [Interval.point(1)]
     product = [[Interval.point(int(i == j)) for j in range(size)] for i in range(size)]
     for k in range(1, size + 1):
-        image = [[_total([F[i][r] * product[r][j] for r in range(size)]) for j in range(size)] for i in range(size)]
+        image = [
+            [_total([F[i][r] * product[r][j] for r in range(size)]) for j in range(size)]
+            for i in range(size)
+        ]
         value = _total([image[i][i] for i in range(size)]) * Fraction(-1, k)
         coefficients.append(value)
-        product = [[x + value if i == j else x for j, x in enumerate(row)] for i, row in enumerate(image)]
+        product = [
+            [x + value if i == j else x for j, x in enumerate(row)] for i, row in enumerate(image)
+        ]
     return tuple(coefficients)
 
 
 def interval_routh(coefficients: Sequence[Interval | Fraction]) -> Verdict:
-    """Decide whether polynomials with such coefficients have all roots left: PROVED all, REFUTED none, or UNDECIDED."""
+    """Decide whether polynomials with such coefficients have all roots left: PROVED all, REFUTED
+    none, or UNDECIDED."""
     values = [x if isinstance(x, Interval) else Interval.point(x) for x in coefficients]
     if values[0].lo <= 0 <= values[0].hi:
         return Verdict.UNDECIDED

@@ -1,6 +1,7 @@
 """Rational matrices as tuples of row tuples, and the linear algebra on them, without rounding.
 
-A matrix without rows is (); it stands for 0 x anything. Long products and eliminations are python-flint's.
+A matrix without rows is (); it stands for 0 x anything. Long products and eliminations are
+python-flint's.
 """
 
 from __future__ import annotations
@@ -27,18 +28,23 @@ _FLINT_WORK: Final = 1000
 
 
 def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matrix") -> Matrix:
-    """Return nested rows of numbers as an exact matrix; entries are read by ``parse_number``.  Raises: ShapeError if
-    the rows differ in length or are no rows; SpecError for a bad entry, with the key ``name[i][j]``, counted from 0."""
+    """Return nested rows of numbers as an exact matrix; entries are read by ``parse_number``.
+    Raises: ShapeError if the rows differ in length or are no rows; SpecError for a bad entry, with
+    the key ``name[i][j]``, counted from 0."""
     if not _is_list(rows):
         raise wrong(name, f"must be a list of rows; got {type(rows).__name__}.", kind=ShapeError)
     for row in (row for row in rows if not _is_list(row)):
-        raise wrong(name, f"must have lists as rows; got {str(row)[:40]!r} as one.", kind=ShapeError)
+        raise wrong(
+            name, f"must have lists as rows; got {str(row)[:40]!r} as one.", kind=ShapeError
+        )
     require_shape(rows, (None, None), name=name)
 
     def read(entry: object, i: int, j: int) -> Fraction:
         return entry if type(entry) is Fraction else parse_number(entry, key=f"{name}[{i}][{j}]")
 
-    return tuple(tuple(read(entry, i, j) for j, entry in enumerate(row)) for i, row in enumerate(rows))
+    return tuple(
+        tuple(read(entry, i, j) for j, entry in enumerate(row)) for i, row in enumerate(rows)
+    )
 
 
 def shape(M: Matrix) -> tuple[int, int]:
@@ -80,11 +86,16 @@ def multiply(M: Matrix, N: Matrix) -> Matrix:
     """Return M N for M (a, b) and N (b, c). Raises: ShapeError if they do not fit."""
     (a, b), (rows, c) = shape(M), shape(N)
     if b != rows:
-        raise ShapeError(f"the right factor must have {b} rows, one per column of the left; got {rows}.")
+        raise ShapeError(
+            f"the right factor must have {b} rows, one per column of the left; got {rows}."
+        )
     if a * b * c > _FLINT_WORK:
         return from_fmpq_mat(to_fmpq_mat(M) * to_fmpq_mat(N))
     columns = transpose(N)
-    return tuple(tuple(sum((x * y for x, y in zip(p, q, strict=True)), Fraction(0)) for q in columns) for p in M)
+    return tuple(
+        tuple(sum((x * y for x, y in zip(p, q, strict=True)), Fraction(0)) for q in columns)
+        for p in M
+    )
 
 
 def kronecker(M: Matrix, N: Matrix) -> Matrix:
@@ -93,7 +104,8 @@ def kronecker(M: Matrix, N: Matrix) -> Matrix:
 
 
 def inverse(M: Matrix) -> Matrix:
-    """Return the inverse of a square matrix (k, k).  Raises: ShapeError; SpecError if it is singular."""
+    """Return the inverse of a square matrix (k, k).  Raises: ShapeError; SpecError if it is
+    singular."""
     size = require_square(M, name="matrix to invert")
     try:
         return from_fmpq_mat(to_fmpq_mat(M).inv()) if size else ()
@@ -116,24 +128,34 @@ def rank(M: Matrix) -> int:
 
 
 def nullspace(M: Matrix) -> tuple[Vector, ...]:
-    """Return a basis of {v : M v = 0}, M (a, b): each vector is 1 at its own free column, 0 at those of the others."""
+    """Return a basis of {v : M v = 0}, M (a, b): each vector is 1 at its own free column, 0 at
+    those of the others."""
     reduced, pivots = row_echelon(M)
     row, columns = dict(zip(pivots, reduced, strict=True)), range(shape(M)[1])
     free = [k for k in columns if k not in row]
-    return tuple(tuple(-row[j][k] if j in row else Fraction(int(j == k)) for j in columns) for k in free)
+    return tuple(
+        tuple(-row[j][k] if j in row else Fraction(int(j == k)) for j in columns) for k in free
+    )
 
 
 def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Vector | None:
-    """Return a v != 0 with M v = 0, M (a, b), in a box of b sides [lo, hi]; None if there is none.  Exact.  A box
-    without 0 asks whether a program has a solution.  In one with 0 any v of the cone that it spans at 0 can be made
-    short enough: then one entry after the other is tried as 1 and -1."""
+    """Return a v != 0 with M v = 0, M (a, b), in a box of b sides [lo, hi]; None if there is none.
+    Exact.  A box without 0 asks whether a program has a solution.  In one with 0 any v of the cone
+    that it spans at 0 can be made short enough: then one entry after the other is tried as 1 and
+    -1."""
     if any(lo > hi for lo, hi in box):
         return None
     if any(lo > 0 or hi < 0 for lo, hi in box):
         return _solve(M, box)
-    cone: list[tuple[Bound, Bound]] = [(-math.inf if lo else lo, math.inf if hi else hi) for lo, hi in box]
+    cone: list[tuple[Bound, Bound]] = [
+        (-math.inf if lo else lo, math.inf if hi else hi) for lo, hi in box
+    ]
     for k, x in ((k, Fraction(x)) for k in range(len(box)) for x in (1, -1)):
-        found = _solve(M, [*cone[:k], (x, x), *cone[k + 1 :]]) if cone[k][0] <= x <= cone[k][1] else None
+        found = (
+            _solve(M, [*cone[:k], (x, x), *cone[k + 1 :]])
+            if cone[k][0] <= x <= cone[k][1]
+            else None
+        )
         if found is not None:
             size = min(max(lo / x, hi / x) for x, (lo, hi) in zip(found, box, strict=True) if x)
             return tuple(size * x for x in found)
@@ -141,7 +163,8 @@ def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Ve
 
 
 def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
-    """A v in a nonempty box with M v = 0, by the simplex method with Bland's rule, so that it ends."""
+    """A v in a nonempty box with M v = 0, by the simplex method with Bland's rule, so that it
+    ends."""
     order, v = list(range(len(box))), [Fraction(max(lo, min(hi, 0))) for lo, hi in box]
     while True:
         reduced, pivots = row_echelon(tuple(tuple(row[k] for k in order) for row in M))
@@ -156,7 +179,9 @@ def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
             return tuple(v)
         goal = Fraction(max(box[leaving][0], min(box[leaving][1], v[leaving])))
         up, row = goal > v[leaving], rows.pop(leaving)
-        able = [k for k, x in row.items() if (v[k] < box[k][1] if (x > 0) == up else v[k] > box[k][0])]
+        able = [
+            k for k, x in row.items() if (v[k] < box[k][1] if (x > 0) == up else v[k] > box[k][0])
+        ]
         if not able:
             return None
         v[leaving] = goal
@@ -179,9 +204,9 @@ def to_float(M: Matrix) -> NDArray[np.float64]:
 
 
 def from_float(array: NDArray[Any], digits: int | None) -> Matrix:
-    """Return a 2-D array as rationals, each entry rounded to ``digits`` significant decimals.  ``digits`` None keeps
-    the exact binary value. Equal floats give equal rationals, so symmetry stays. Raises: ShapeError unless 2-D,
-    SpecError for nan, inf, booleans and complex numbers."""
+    """Return a 2-D array as rationals, each entry rounded to ``digits`` significant decimals.
+    ``digits`` None keeps the exact binary value. Equal floats give equal rationals, so symmetry
+    stays. Raises: ShapeError unless 2-D, SpecError for nan, inf, booleans and complex numbers."""
     array = np.asarray(array)
     if array.ndim != 2:
         raise ShapeError(f"array must have 2 dimensions; got {array.ndim}.")
@@ -209,9 +234,9 @@ def _entrywise(operation: Callable[[Fraction, Fraction], Fraction], M: Matrix, N
 
 
 def solve_lyapunov(F: Matrix, N: Matrix) -> Matrix | None:
-    """Return the symmetric X with F'X + X F + N = 0, or None if there is no unique one.  Shapes: F, N and X (q, q), N
-    symmetric. X is unique iff no two eigenvalues of F add up to 0. Raises: ShapeError if the shapes do not fit. Source:
-    Lyapunov 1892, as q (q + 1)/2 linear equations."""
+    """Return the symmetric X with F'X + X F + N = 0, or None if there is no unique one.  Shapes: F,
+    N and X (q, q), N symmetric. X is unique iff no two eigenvalues of F add up to 0. Raises:
+    ShapeError if the shapes do not fit. Source: Lyapunov 1892, as q (q + 1)/2 linear equations."""
     q = require_square(F, name="F")
     require_shape(N, (q, q), name="N", because="as F")
     places = [(i, j) for i in range(q) for j in range(i, q)]

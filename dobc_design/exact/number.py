@@ -1,4 +1,5 @@
-"""Rational numbers in and out: what a number in a problem means, and its directed rounding to a float.
+"""Rational numbers in and out: what a number in a problem means, and its directed rounding to a
+float.
 
 A number is read as the decimal text the user sees: 3.2 is 16/5, not the nearest binary fraction.
 Text is checked before it is converted, so hostile text (1e99999999) costs nothing. Whatever is
@@ -19,7 +20,8 @@ import numpy as np
 
 from dobc_design.errors import SpecError, wrong
 
-Number = int | float | str | Decimal | Fraction  # as a caller gives one; a float means its shortest decimal text
+# as a caller gives one; a float means its shortest decimal text
+Number = int | float | str | Decimal | Fraction
 
 if TYPE_CHECKING:
     from flint import fmpq, fmpq_mat
@@ -91,14 +93,16 @@ def parse_number(value: object, *, key: str) -> Fraction:
 
 
 def number_key(value: object) -> str:
-    """A key for dictionaries of numbers as they are given: all multiples of 2^61 - 1 have the same hash."""
+    """A key for dictionaries of numbers as they are given: all multiples of 2^61 - 1 have the same
+    hash."""
     if isinstance(value, (int, Fraction)):
         return f"{value.numerator:x}/{value.denominator:x}"
     return repr(value)
 
 
 def number_text(value: Fraction) -> str:
-    """Return "16/5", "3", or a decimal ("1e-300") where a quotient would be too long; reading gives it back."""
+    """Return "16/5", "3", or a decimal ("1e-300") where a quotient would be too long; reading gives
+    it back."""
     quotient = quotient_text(value)
     long = max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS
     parts = None if long or len(quotient) <= MAX_CHARACTERS else decimal_parts(abs(value))
@@ -106,7 +110,8 @@ def number_text(value: Fraction) -> str:
 
 
 def decimal_text(value: Fraction) -> str:
-    """Return the number as people read it: "3.2" where a short decimal is exact, else "1/3"; reading gives it back."""
+    """Return the number as people read it: "3.2" where a short decimal is exact, else "1/3";
+    reading gives it back."""
     parts = decimal_parts(abs(value))
     if parts is None or len(parts[0]) > _SHORT or not -_SHORT <= parts[1] <= 0:
         return number_text(value)
@@ -114,7 +119,8 @@ def decimal_text(value: Fraction) -> str:
 
 
 def decimal_parts(value: Fraction) -> tuple[str, int] | None:
-    """Return digits and exponent with value = digits 10^exponent >= 0, no 0 at the end; None if it is no decimal."""
+    """Return digits and exponent with value = digits 10^exponent >= 0, no 0 at the end; None if it
+    is no decimal."""
     places = MAX_CHARACTERS + MAX_EXPONENT  # no text gives more
     scaled = value * 10**places
     if scaled.denominator != 1:
@@ -139,7 +145,8 @@ def with_exponent(digits: str, exponent: int) -> str:
 
 
 def quotient_text(value: Fraction) -> str:
-    """Return "16/5", or "3" for an integer, however long that is: for texts that are compared as they are."""
+    """Return "16/5", or "3" for an integer, however long that is: for texts that are compared as
+    they are."""
     if max(value.numerator.bit_length(), value.denominator.bit_length()) <= _PLAIN_BITS:
         return str(value)
     from flint import fmpz
@@ -167,7 +174,11 @@ def float_below(value: Fraction | int) -> float:
     except OverflowError:
         return -math.inf if value < 0 else math.nextafter(math.inf, 0.0)
     top, bottom = nearest.as_integer_ratio()
-    return math.nextafter(nearest, -math.inf) if top * value.denominator > value.numerator * bottom else nearest + 0.0
+    return (
+        math.nextafter(nearest, -math.inf)
+        if top * value.denominator > value.numerator * bottom
+        else nearest + 0.0
+    )
 
 
 def float_above(value: Fraction | int) -> float:
@@ -184,7 +195,8 @@ def nearest(x: Fraction) -> float:
 
 
 def common_denominator(values: Iterable[Fraction], *, bits: int, start: int = 1) -> int | None:
-    """Return the least common multiple of the denominators and ``start``; None as soon as it has more than ``bits``."""
+    """Return the least common multiple of the denominators and ``start``; None as soon as it has
+    more than ``bits``."""
     common = start
     for value in values:
         if common % value.denominator:
@@ -194,8 +206,11 @@ def common_denominator(values: Iterable[Fraction], *, bits: int, start: int = 1)
     return common
 
 
-def read_text(text: str, *, key: str, longest: int = MAX_CHARACTERS, given: object = None) -> Fraction:
-    """The number of a text of at most ``longest`` characters.  Raises: SpecError, which shows what was ``given``."""
+def read_text(
+    text: str, *, key: str, longest: int = MAX_CHARACTERS, given: object = None
+) -> Fraction:
+    """The number of a text of at most ``longest`` characters.  Raises: SpecError, which shows what
+    was ``given``."""
     refusal = partial(_refusal, key, text if given is None else given)
     if len(text) > longest:
         raise refusal(f"must have at most {longest} characters")
@@ -208,7 +223,12 @@ def read_text(text: str, *, key: str, longest: int = MAX_CHARACTERS, given: obje
     decimal = _DECIMAL.fullmatch(text)
     if not decimal:
         raise refusal(f"must be {_EXAMPLES}")
-    sign, whole, part, exponent = decimal[1], decimal[2], decimal[3] or "", _integer(decimal[4] or "0")
+    sign, whole, part, exponent = (
+        decimal[1],
+        decimal[2],
+        decimal[3] or "",
+        _integer(decimal[4] or "0"),
+    )
     if abs(exponent) > MAX_EXPONENT:
         raise refusal(f"must have an exponent from -{MAX_EXPONENT} to {MAX_EXPONENT}")
     return Fraction(_integer(sign + whole + part)) * Fraction(10) ** (exponent - len(part))

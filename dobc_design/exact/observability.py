@@ -11,16 +11,32 @@ from dataclasses import dataclass
 
 from dobc_design._checks import require_shape, require_square
 from dobc_design._show.cards import Shown
-from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, multiply, nullspace, row_echelon, transpose
+from dobc_design.exact.matrix import (
+    Matrix,
+    Vector,
+    identity,
+    inverse,
+    multiply,
+    nullspace,
+    row_echelon,
+    transpose,
+)
 from dobc_design.exact.number import from_fmpq_mat, to_fmpq_mat
-from dobc_design.exact.polynomial import Coefficients, RouthTable, characteristic_polynomial, polynomial_text, routh
+from dobc_design.exact.polynomial import (
+    Coefficients,
+    RouthTable,
+    characteristic_polynomial,
+    polynomial_text,
+    routh,
+)
 from dobc_design.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Observability(Shown):
-    """Rank of the observability matrix of (A, C), A (q, q), and what C never sees.  ``verdict`` is PROVED iff rank =
-    size; ``unobservable`` is a basis of the states xi0 from which d = C xi stays 0, q entries each."""
+    """Rank of the observability matrix of (A, C), A (q, q), and what C never sees.  ``verdict`` is
+    PROVED iff rank = size; ``unobservable`` is a basis of the states xi0 from which d = C xi stays
+    0, q entries each."""
 
     rank: int
     size: int
@@ -30,9 +46,9 @@ class Observability(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Detectability(Shown):
-    """Whether what C never sees dies out by itself.  ``unobservable_polynomial`` is the characteristic polynomial of A
-    on the unobservable subspace, highest power first, (1,) if that is {0}; ``table`` is its Routh table and ``verdict``
-    follows."""
+    """Whether what C never sees dies out by itself.  ``unobservable_polynomial`` is the
+    characteristic polynomial of A on the unobservable subspace, highest power first, (1,) if that
+    is {0}; ``table`` is its Routh table and ``verdict`` follows."""
 
     verdict: Verdict
     unobservable_polynomial: Coefficients
@@ -57,9 +73,9 @@ def observability_matrix(A: Matrix, C: Matrix) -> Matrix:
 
 
 def decide_observable(A: Matrix, C: Matrix) -> Observability:
-    """Decide exactly whether (A, C) is observable, A (q, q), C (m, q).  Returns: PROVED or REFUTED, with the rank and
-    the unobservable states; q = 0 is observable. Raises: ShapeError if the shapes do not fit. Source: Kalman 1963;
-    paper, below (16)."""
+    """Decide exactly whether (A, C) is observable, A (q, q), C (m, q).  Returns: PROVED or REFUTED,
+    with the rank and the unobservable states; q = 0 is observable. Raises: ShapeError if the shapes
+    do not fit. Source: Kalman 1963; paper, below (16)."""
     size = _require_pair(A, C)
     unobservable = nullspace(observability_matrix(A, C)) if C else identity(size)
     found = size - len(unobservable)
@@ -68,9 +84,9 @@ def decide_observable(A: Matrix, C: Matrix) -> Observability:
 
 
 def decide_detectable(A: Matrix, C: Matrix) -> Detectability:
-    """Decide exactly whether (A, C) is detectable: A Hurwitz on the unobservable subspace.  Shapes: A (q, q) in 1/s, C
-    (m, q). Returns: PROVED or REFUTED, with the polynomial of the undetected modes. Raises: ShapeError if the shapes do
-    not fit. Source: theory, section 2."""
+    """Decide exactly whether (A, C) is detectable: A Hurwitz on the unobservable subspace.  Shapes:
+    A (q, q) in 1/s, C (m, q). Returns: PROVED or REFUTED, with the polynomial of the undetected
+    modes. Raises: ShapeError if the shapes do not fit. Source: theory, section 2."""
     basis: Matrix = decide_observable(A, C).unobservable
     R: Matrix = ()
     if basis:  # A N = N R: the subspace that the columns N of the basis span is invariant
@@ -84,9 +100,10 @@ def decide_detectable(A: Matrix, C: Matrix) -> Detectability:
 def observable_reduction(A: Matrix, C: Matrix) -> tuple[Matrix, Matrix, Matrix]:
     """Return (A_o, C_o, T): the observable part xi_o = T xi, with T A = A_o T and C = C_o T.
 
-    Shapes: A (q, q), C (m, q); with r = rank of the observability matrix, A_o (r, r), C_o (m, r), T (r, q) of full row
-    rank; (A_o, C_o) is observable. An observable pair comes back with T = I; with r = 0, A_o and T have no rows and C_o
-    has empty rows. Raises: ShapeError if the shapes do not fit. Source: Kalman decomposition.
+    Shapes: A (q, q), C (m, q); with r = rank of the observability matrix, A_o (r, r), C_o (m, r), T
+    (r, q) of full row rank; (A_o, C_o) is observable. An observable pair comes back with T = I;
+    with r = 0, A_o and T have no rows and C_o has empty rows. Raises: ShapeError if the shapes do
+    not fit. Source: Kalman decomposition.
     """
     _require_pair(A, C)
     T = row_echelon(observability_matrix(A, C))[0]

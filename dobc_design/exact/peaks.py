@@ -1,8 +1,10 @@
-"""Peak gains of a stable linear system: upper bounds of the integral of |C exp(F t) B| over all t > 0, by Arb.
+"""Peak gains of a stable linear system: upper bounds of the integral of |C exp(F t) B| over all t >
+0, by Arb.
 
-On a step of length h every entry f of C exp(F t) B has |f| <= the chord of |f(t)| and |f(t + h)| + (h^2/8) sup |f''|:
-its integral is at most h (|f(t)| + |f(t + h)|)/2 + (h^3/12) sup |f''|, f'' = C F^2 exp(F s) (exp(F t) B), s <= h.
-What is left after T = steps h is a part of the whole: exp(F (T + t)) = exp(F t) exp(F T) with |exp(F T)|_inf = r < 1.
+On a step of length h every entry f of C exp(F t) B has |f| <= the chord of |f(t)| and |f(t + h)| +
+(h^2/8) sup |f''|: its integral is at most h (|f(t)| + |f(t + h)|)/2 + (h^3/12) sup |f''|, f'' = C
+F^2 exp(F s) (exp(F t) B), s <= h. What is left after T = steps h is a part of the whole: exp(F (T +
+t)) = exp(F t) exp(F T) with |exp(F T)|_inf = r < 1.
 """
 
 from __future__ import annotations
@@ -40,9 +42,10 @@ def peak_gains(
 def peak_gains_by_row(
     F: Matrix, C: Matrix, inputs: Sequence[Matrix], *, step: Fraction, steps: int
 ) -> tuple[tuple[Fraction, ...], ...] | None:
-    """Upper bounds of the integral over t > 0 of the row sums of |C exp(F t) B|: for every row of C one for I and then
-    for every B (q, m) of ``inputs``.  ``step`` > 0 (s).  None where no bound is shown: F (q, q) is not Hurwitz, or
-    the steps end too early or are too many; a bound proves that F is Hurwitz."""
+    """Upper bounds of the integral over t > 0 of the row sums of |C exp(F t) B|: for every row of C
+    one for I and then for every B (q, m) of ``inputs``.  ``step`` > 0 (s).  None where no bound is
+    shown: F (q, q) is not Hurwitz, or the steps end too early or are too many; a bound proves that
+    F is Hurwitz."""
     from flint import arb, arb_mat, ctx
 
     size = len(F)
@@ -66,14 +69,17 @@ def peak_gains_by_row(
         for k in range(steps + 1):
             share = h / 2 if k in (0, steps) else h
             total = [
-                [x + share * y for x, y in zip(*rows, strict=True)] for rows in zip(total, sums(G * Z), strict=True)
+                [x + share * y for x, y in zip(*rows, strict=True)]
+                for rows in zip(total, sums(G * Z), strict=True)
             ]
             norms = [_largest(column) for column in zip(*sums(Z), strict=True)]
             if k < steps:
                 mass = [x + y for x, y in zip(mass, norms, strict=True)]
                 Z = phi * Z
         bend = h**3 / 12 * arb(to_fmpq(row_norm(F) * step)).exp()
-        curved = [sum(map(abs, row), Fraction(0)) for row in exact.multiply(C, exact.multiply(F, F))]
+        curved = [
+            sum(map(abs, row), Fraction(0)) for row in exact.multiply(C, exact.multiply(F, F))
+        ]
         if not norms[0] < 1:
             return None
         found: list[tuple[Fraction, ...]] = []
@@ -85,7 +91,8 @@ def peak_gains_by_row(
 
 
 def _error_growth(F: Matrix, step: Fraction, steps: int) -> int:
-    """About how much rounding errors grow, as a power of e: |exp(F h)| <= |I + F h| + (|F| h)^2 for |F| h < 1."""
+    """About how much rounding errors grow, as a power of e: |exp(F h)| <= |I + F h| + (|F| h)^2 for
+    |F| h < 1."""
     euler = [[(i == j) + float(x * step) for j, x in enumerate(row)] for i, row in enumerate(F)]
     norm = max(sum(map(abs, row)) for row in euler) + float(row_norm(F) * step) ** 2
     return math.ceil(steps * max(0.0, math.log(norm)))

@@ -36,8 +36,9 @@ class Unknown:
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """What one irrational slope adds to v'Fv: 2 t v[row] (v[speaker] - v[listener]), |t| <= size.  It is J + J' of one
-    entry of one arc: t at (row, speaker), -t at (row, listener), and the transpose."""
+    """What one irrational slope adds to v'Fv: 2 t v[row] (v[speaker] - v[listener]), |t| <= size.
+    It is J + J' of one entry of one arc: t at (row, speaker), -t at (row, listener), and the
+    transpose."""
 
     row: int
     speaker: int
@@ -47,9 +48,9 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pencil:
-    """F(x) = constant + sum over places of x[place] coefficients[place], to be negative definite.  ``deviations``: what
-    the constant may differ by where slopes are irrational; none if it is exact.  Lambda of a large network is an
-    IntegerSymmetric (``arrays``)."""
+    """F(x) = constant + sum over places of x[place] coefficients[place], to be negative definite.
+    ``deviations``: what the constant may differ by where slopes are irrational; none if it is
+    exact.  Lambda of a large network is an IntegerSymmetric (``arrays``)."""
 
     name: str
     constant: Symmetric
@@ -62,13 +63,16 @@ class Pencil:
         return self.constant.size
 
     def at(self, values: Mapping[str, Matrix]) -> SparseSymmetric:
-        """F at rational values of the unknowns.  Raises ShapeError if one is missing or has a wrong shape."""
+        """F at rational values of the unknowns.  Raises ShapeError if one is missing or has a wrong
+        shape."""
         entries = dict(self.constant.entries)
         for unknown in self.unknowns:
             value, wanted = values.get(unknown.name), (unknown.rows, unknown.columns)
             got = None if value is None else (len(value), len(value[0]))
             if value is None or got != wanted:
-                what = f"{self.name}: {unknown.name} must have shape {wanted}; got {got or 'nothing'}."
+                what = (
+                    f"{self.name}: {unknown.name} must have shape {wanted}; got {got or 'nothing'}."
+                )
                 raise ShapeError(what, key=unknown.name)
             for place in unknown.places():
                 x = value[place[1]][place[2]]
@@ -92,4 +96,9 @@ def _beside(unknown: Unknown, shift: Fraction, *, factor: int, name: str) -> Pen
     """Return shift I + factor X < 0."""
     n = unknown.rows
     units = {place: SparseSymmetric(n, {place[1:]: Fraction(factor)}) for place in unknown.places()}
-    return Pencil(name=name, constant=SparseSymmetric(n, {}).shifted(shift), unknowns=(unknown,), coefficients=units)
+    return Pencil(
+        name=name,
+        constant=SparseSymmetric(n, {}).shifted(shift),
+        unknowns=(unknown,),
+        coefficients=units,
+    )

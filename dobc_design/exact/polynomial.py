@@ -1,7 +1,8 @@
 """Characteristic polynomials, the Routh test and exact root counts, over the rationals.
 
-Theory, section 3: A is Hurwitz iff Routh's first column, started with a positive number, stays positive; a zero in it
-means not Hurwitz. Polynomials are coefficient tuples, highest power first. No root is ever computed.
+Theory, section 3: A is Hurwitz iff Routh's first column, started with a positive number, stays
+positive; a zero in it means not Hurwitz. Polynomials are coefficient tuples, highest power first.
+No root is ever computed.
 """
 
 from __future__ import annotations
@@ -27,9 +28,10 @@ Coefficients = tuple[Fraction, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class RouthTable(Shown):
-    """Routh's test of one polynomial.  ``first_column`` is for the polynomial made monic, and ends with the first entry
-    <= 0. ``verdict`` is PROVED iff every root has a negative real part, else REFUTED; ``failing_row`` is the index of
-    that last entry, counted from 0 (row 0 is the leading coefficient), or None."""
+    """Routh's test of one polynomial.  ``first_column`` is for the polynomial made monic, and ends
+    with the first entry <= 0. ``verdict`` is PROVED iff every root has a negative real part, else
+    REFUTED; ``failing_row`` is the index of that last entry, counted from 0 (row 0 is the leading
+    coefficient), or None."""
 
     first_column: Coefficients
     verdict: Verdict
@@ -37,25 +39,33 @@ class RouthTable(Shown):
 
 
 def characteristic_polynomial(A: Matrix) -> Coefficients:
-    """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1. Raises: ShapeError if A is not square."""
+    """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1. Raises: ShapeError if A
+    is not square."""
     size = require_square(A, name="A")
-    return tuple(from_fmpq(x) for x in reversed(to_fmpq_mat(A).charpoly().coeffs())) if size else (Fraction(1),)
+    return (
+        tuple(from_fmpq(x) for x in reversed(to_fmpq_mat(A).charpoly().coeffs()))
+        if size
+        else (Fraction(1),)
+    )
 
 
 def routh(coefficients: Sequence[Fraction | int]) -> RouthTable:
-    """Decide exactly whether all roots of a polynomial lie in the open left half plane.  Leading zeros are dropped; a
-    nonzero constant has no roots, and is PROVED. Raises: SpecError for the zero polynomial. Source: Routh 1877; theory,
-    section 3."""
+    """Decide exactly whether all roots of a polynomial lie in the open left half plane.  Leading
+    zeros are dropped; a nonzero constant has no roots, and is PROVED. Raises: SpecError for the
+    zero polynomial. Source: Routh 1877; theory, section 3."""
     column = []
     for entry in routh_column([to_fmpq(x) for x in _monic(coefficients)]):
         column.append(from_fmpq(entry))
         if entry <= 0:
-            return RouthTable(first_column=tuple(column), verdict=Verdict.REFUTED, failing_row=len(column) - 1)
+            return RouthTable(
+                first_column=tuple(column), verdict=Verdict.REFUTED, failing_row=len(column) - 1
+            )
     return RouthTable(first_column=tuple(column), verdict=Verdict.PROVED, failing_row=None)
 
 
 def routh_column(coefficients: Sequence[Any]) -> Iterator[Any]:
-    """Return the entries of Routh's first column, rationals or intervals, as long as they are asked for."""
+    """Return the entries of Routh's first column, rationals or intervals, as long as they are asked
+    for."""
     upper, lower = coefficients[0::2], coefficients[1::2]
     yield upper[0]
     while lower:
@@ -66,7 +76,8 @@ def routh_column(coefficients: Sequence[Any]) -> Iterator[Any]:
 
 
 def decide_hurwitz(A: Matrix) -> RouthTable:
-    """Decide exactly whether every eigenvalue of A (q, q), in 1/s, has a negative real part.  Raises: ShapeError."""
+    """Decide exactly whether every eigenvalue of A (q, q), in 1/s, has a negative real part.
+    Raises: ShapeError."""
     return routh(characteristic_polynomial(A))
 
 
@@ -81,14 +92,17 @@ def count_right_half_plane(coefficients: Sequence[Fraction | int]) -> int:
     monic = _monic(coefficients)
     degree = len(monic) - 1
     # i^k runs through 1, i, -1, -i: split by parity of the power k, with signs alternating.
-    real, imaginary = ([x * (0, 1, 0, -1)[(degree - n + k) % 4] for n, x in enumerate(monic)] for k in (1, 0))
+    real, imaginary = (
+        [x * (0, 1, 0, -1)[(degree - n + k) % 4] for n, x in enumerate(monic)] for k in (1, 0)
+    )
     high, low = (real, imaginary) if degree % 2 == 0 else (imaginary, real)
     chain = _sturm_chain(_flint(high), _flint(low))
     # The argument of p(iw) grows by pi (left - right) and falls by pi at each step up of V/U.
     surplus = _real_roots(chain) if degree % 2 else -_real_roots(chain)
     symmetric = chain[-1]
     paired, on_axis = symmetric.degree(), 0
-    while symmetric.degree() > 0:  # gcd(p, p') has every root of p once less: the others are counted again and again
+    # gcd(p, p') has every root of p once less: the others are counted again and again
+    while symmetric.degree() > 0:
         chain = _sturm_chain(symmetric, symmetric.derivative())
         on_axis, symmetric = on_axis + _real_roots(chain), chain[-1]
     return (degree - paired - surplus) // 2 + (paired - on_axis) // 2
@@ -123,7 +137,8 @@ def _flint(coefficients: Sequence[Fraction]) -> fmpq_poly:
 
 
 def _sturm_chain(first: fmpq_poly, second: fmpq_poly) -> list[fmpq_poly]:
-    """Return the chain of negated remainders, but for positive factors; it ends in the greatest common divisor."""
+    """Return the chain of negated remainders, but for positive factors; it ends in the greatest
+    common divisor."""
     chain = [first]
     while second:
         chain.append(second)
@@ -141,8 +156,11 @@ def _changes_at_minus_infinity(chain: list[fmpq_poly]) -> int:
 
 
 def _real_roots(chain: list[fmpq_poly]) -> int:
-    """Return the sign changes that the chain loses from -infinity to infinity: of p and p' the real roots of p."""
-    return _changes_at_minus_infinity(chain) - _changes(each.leading_coefficient() > 0 for each in chain)
+    """Return the sign changes that the chain loses from -infinity to infinity: of p and p' the real
+    roots of p."""
+    return _changes_at_minus_infinity(chain) - _changes(
+        each.leading_coefficient() > 0 for each in chain
+    )
 
 
 def shifted(coefficients: Sequence[Any], by: Fraction) -> tuple[Any, ...]:
@@ -159,10 +177,12 @@ def reflected(coefficients: Coefficients) -> Coefficients:
     return tuple(-x if k % 2 else x for k, x in enumerate(coefficients))
 
 
-def disk_image(coefficients: Sequence[Any], *, centre: Fraction, radius: Fraction) -> tuple[Any, ...]:
-    """Return the polynomial in v whose roots lie left iff those of p lie in the disk: s = centre + radius w.  With w =
-    (v + 1)/(v - 1), |w| < 1 iff Re v < 0. A root w = 1 makes the first coefficient 0. Raises: SpecError unless radius >
-    0."""
+def disk_image(
+    coefficients: Sequence[Any], *, centre: Fraction, radius: Fraction
+) -> tuple[Any, ...]:
+    """Return the polynomial in v whose roots lie left iff those of p lie in the disk: s = centre +
+    radius w.  With w = (v + 1)/(v - 1), |w| < 1 iff Re v < 0. A root w = 1 makes the first
+    coefficient 0. Raises: SpecError unless radius > 0."""
     from flint import fmpz_poly
 
     if radius <= 0:
@@ -180,9 +200,10 @@ def disk_image(coefficients: Sequence[Any], *, centre: Fraction, radius: Fractio
 def cone_image(coefficients: Coefficients, *, damping: Fraction) -> Coefficients:
     """Return a polynomial of twice the degree whose roots lie left iff those of p lie in the cone.
 
-    The cone holds the s with Re s <= 0 and Re(s)^2 >= damping^2 |s|^2: damping is the cosine of its half
-    angle. p rotated by the angle phi with sin phi = damping, times its conjugate, has coefficients with
-    cos(k phi); for odd k they hold the root of 1 - damping^2 once, and scaling s by that root clears it.
+    The cone holds the s with Re s <= 0 and Re(s)^2 >= damping^2 |s|^2: damping is the cosine of its
+    half angle. p rotated by the angle phi with sin phi = damping, times its conjugate, has
+    coefficients with cos(k phi); for odd k they hold the root of 1 - damping^2 once, and scaling s
+    by that root clears it.
     Raises: SpecError unless 0 < damping < 1.
     """
     if not 0 < damping < 1:
@@ -199,25 +220,31 @@ def cone_image(coefficients: Coefficients, *, damping: Fraction) -> Coefficients
 
 
 def decide_images(images: Sequence[Coefficients], *, degree: int) -> tuple[bool, bool]:
-    """(All roots of all images left or on the axis, all strictly); roots lost to infinity are on the border."""
+    """(All roots of all images left or on the axis, all strictly); roots lost to infinity are on
+    the border."""
     inside = all(count_right_half_plane(image) == 0 for image in images)
     strictly = inside and all(
-        len(image) == degree + 1 and image[0] != 0 and routh(image).verdict is Verdict.PROVED for image in images
+        len(image) == degree + 1 and image[0] != 0 and routh(image).verdict is Verdict.PROVED
+        for image in images
     )
     return inside, strictly
 
 
 def has_root_up_to_zero(coefficients: Sequence[Fraction]) -> bool:
-    """Return whether a polynomial has a real root x <= 0 (Sturm).  Raises: SpecError for the zero polynomial."""
+    """Return whether a polynomial has a real root x <= 0 (Sturm).  Raises: SpecError for the zero
+    polynomial."""
     polynomial = _flint(_monic(coefficients))
     if polynomial[0] == 0:
         return True
     chain = _sturm_chain(polynomial, polynomial.derivative())
-    return _changes_at_minus_infinity(chain) > _changes(each[0] > 0 for each in chain if each[0] != 0)
+    return _changes_at_minus_infinity(chain) > _changes(
+        each[0] > 0 for each in chain if each[0] != 0
+    )
 
 
 def _cosines(count: int, squared: Fraction) -> list[Fraction]:
-    """cos(k phi) for even k and cos(k phi) / cos phi for odd k, from cos^2 phi, by Chebyshev's recursion."""
+    """cos(k phi) for even k and cos(k phi) / cos phi for odd k, from cos^2 phi, by Chebyshev's
+    recursion."""
     values = [Fraction(1), Fraction(1)]
     for k in range(1, count):
         factor = 2 * squared if k % 2 else Fraction(2)

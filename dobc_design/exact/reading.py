@@ -47,8 +47,11 @@ def is_text(value: object) -> bool:
     return isinstance(value, str) and not isinstance(value, NumberText)
 
 
-def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, because: str = "") -> Matrix:
-    """Read a matrix given by rows, exactly; ``because`` says why the ``shape``.  Raises: ShapeError; SpecError."""
+def read_matrix(
+    value: Any, *, key: str, shape: tuple[int, int] | None = None, because: str = ""
+) -> Matrix:
+    """Read a matrix given by rows, exactly; ``because`` says why the ``shape``.  Raises:
+    ShapeError; SpecError."""
     rows = value.tolist() if isinstance(value, np.ndarray) else value
     example = "For example [[1, 0], [0, 1]]; a column is [[1], [2]]."
     if not is_list(rows) or not rows or not all(is_list(row) for row in rows):
@@ -56,16 +59,29 @@ def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, b
         raise wrong(key, what, example, kind=ShapeError)
     width = len(rows[0])
     if width == 0:
-        raise wrong(f"{key}[0]", "must hold at least one number; got an empty row.", example, kind=ShapeError)
+        raise wrong(
+            f"{key}[0]",
+            "must hold at least one number; got an empty row.",
+            example,
+            kind=ShapeError,
+        )
     for position, row in enumerate(rows):
         if len(row) != width:
-            what = f"must have {counted(width, 'number')}, as many as the first row; got {len(row)}."
+            what = (
+                f"must have {counted(width, 'number')}, as many as the first row; got {len(row)}."
+            )
             raise wrong(f"{key}[{position}]", what, "Make all rows equally long.", kind=ShapeError)
     if shape is not None and (len(rows), width) != shape:
-        what = f"must have shape {shape}{because and f', {because}'}; got shape ({len(rows)}, {width})."
+        what = (
+            f"must have shape {shape}{because and f', {because}'}; got shape ({len(rows)}, "
+            f"{width})."
+        )
         raise wrong(key, what, f"Give {rows_of(shape)}.", kind=ShapeError)
     numbered = enumerate(map(enumerate, rows))
-    return tuple(tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in row) for i, row in numbered)
+    return tuple(
+        tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in row)
+        for i, row in numbered
+    )
 
 
 def read_vector(value: Any, *, key: str, length: int, because: str) -> Vector:
@@ -80,7 +96,8 @@ def read_vector(value: Any, *, key: str, length: int, because: str) -> Vector:
 
 
 def shown(value: object) -> str:
-    """Show what was given, cut to a length that fits in a sentence; nothing in it can move a cursor."""
+    """Show what was given, cut to a length that fits in a sentence; nothing in it can move a
+    cursor."""
     try:
         text = _SHORT.repr(value)
     except ValueError:  # a whole number with more digits than Python prints
@@ -118,5 +135,7 @@ def is_scalar_matrix(matrix: Sequence[Sequence[Fraction]]) -> bool:
     """Tell whether a matrix is a multiple of the identity; one that is not square never is."""
     square = all(len(row) == len(matrix) for row in matrix)
     return square and all(
-        entry == (matrix[0][0] if i == j else 0) for i, row in enumerate(matrix) for j, entry in enumerate(row)
+        entry == (matrix[0][0] if i == j else 0)
+        for i, row in enumerate(matrix)
+        for j, entry in enumerate(row)
     )

@@ -21,8 +21,9 @@ from dobc_design.exact.number import common_denominator
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SparseSymmetric(Shown):
-    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle; for reading only.  Zeros
-    are dropped: equal matrices are equal objects. Raises: ShapeError for an index outside the upper triangle."""
+    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle; for
+    reading only.  Zeros are dropped: equal matrices are equal objects. Raises: ShapeError for an
+    index outside the upper triangle."""
 
     size: int
     entries: Mapping[tuple[int, int], Fraction]
@@ -32,8 +33,14 @@ class SparseSymmetric(Shown):
             raise ShapeError(f"size must be 0 or more; got {self.size}.")
         for i, j in self.entries:
             if not 0 <= i <= j < self.size:
-                raise ShapeError(f"entry ({i}, {j}) must lie in the upper triangle, 0 <= i <= j < {self.size}.")
-        kept = {place: x if type(x) is Fraction else Fraction(x) for place, x in self.entries.items() if x}
+                raise ShapeError(
+                    f"entry ({i}, {j}) must lie in the upper triangle, 0 <= i <= j < {self.size}."
+                )
+        kept = {
+            place: x if type(x) is Fraction else Fraction(x)
+            for place, x in self.entries.items()
+            if x
+        }
         object.__setattr__(self, "entries", kept)
 
     def _card(self) -> Card:
@@ -46,12 +53,15 @@ class SparseSymmetric(Shown):
 
     @classmethod
     def from_dense(cls, M: Matrix, *, name: str = "matrix") -> SparseSymmetric:
-        """Return the sparse form of M (n, n). Raises: ShapeError if M is not square, or not exactly symmetric."""
+        """Return the sparse form of M (n, n). Raises: ShapeError if M is not square, or not exactly
+        symmetric."""
         size = require_square(M, name=name)
         places = [(i, j) for i in range(size) for j in range(i, size)]
         for i, j in ((i, j) for i, j in places if M[i][j] != M[j][i]):
             what = f"must be exactly symmetric; entries [{i}][{j}] and [{j}][{i}] differ."
-            raise wrong(name, what, "Take (M + M')/2 if its symmetric part is meant.", kind=ShapeError)
+            raise wrong(
+                name, what, "Take (M + M')/2 if its symmetric part is meant.", kind=ShapeError
+            )
         return cls(size, {(i, j): M[i][j] for i, j in places})
 
     def to_dense(self) -> Matrix:
@@ -77,7 +87,9 @@ class SparseSymmetric(Shown):
         return SparseSymmetric(self.size, {place: factor * x for place, x in self.entries.items()})
 
     def shifted(self, shift: Fraction | int) -> SparseSymmetric:
-        return self + SparseSymmetric(self.size, {(i, i): Fraction(shift) for i in range(self.size)})
+        return self + SparseSymmetric(
+            self.size, {(i, i): Fraction(shift) for i in range(self.size)}
+        )
 
     def __add__(self, other: SparseSymmetric) -> SparseSymmetric:
         """Return the sum. Raises: ShapeError if the sizes differ."""
@@ -93,7 +105,11 @@ class SparseSymmetric(Shown):
     def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
         """Return the matrix of these rows and columns, in their order."""
         place = {row: k for k, row in enumerate(rows)}
-        kept = {(place[i], place[j]): x for (i, j), x in self.entries.items() if i in place and j in place}
+        kept = {
+            (place[i], place[j]): x
+            for (i, j), x in self.entries.items()
+            if i in place and j in place
+        }
         return SparseSymmetric(len(place), {(min(p), max(p)): x for p, x in kept.items()})
 
     def quadratic_form(self, vector: Sequence[Fraction | int]) -> Fraction:
@@ -141,12 +157,14 @@ _LIMIT: Final = 1 << 62
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class IntegerSymmetric(Shown):
-    """A symmetric matrix (size, size): values / denominator at the places (rows, columns), rows <= columns.
+    """A symmetric matrix (size, size): values / denominator at the places (rows, columns), rows <=
+    columns.
 
-    ``values`` are int64, or an object array of int. The constructor takes the places in any order, adds up what is
-    given for one place, drops zeros, and sorts by row, then column. The arrays are for reading only.
-    Raises: ShapeError for places outside the upper triangle or arrays of different lengths; SpecError for values that
-    are no integers or a denominator below 1.
+    ``values`` are int64, or an object array of int. The constructor takes the places in any order,
+    adds up what is given for one place, drops zeros, and sorts by row, then column. The arrays are
+    for reading only.
+    Raises: ShapeError for places outside the upper triangle or arrays of different lengths;
+    SpecError for values that are no integers or a denominator below 1.
     """
 
     size: int
@@ -162,12 +180,20 @@ class IntegerSymmetric(Shown):
         if self.denominator < 1:
             raise SpecError(f"denominator must be at least 1; got {self.denominator}.")
         rows, columns = (np.asarray(x, dtype=np.int64) for x in (self.rows, self.columns))
-        inside = not len(rows) or (rows.min() >= 0 and columns.max() < self.size and (rows <= columns).all())
+        inside = not len(rows) or (
+            rows.min() >= 0 and columns.max() < self.size and (rows <= columns).all()
+        )
         if self.size < 0 or not inside:
-            raise ShapeError(f"every entry must lie in the upper triangle, 0 <= i <= j < {self.size}.")
+            raise ShapeError(
+                f"every entry must lie in the upper triangle, 0 <= i <= j < {self.size}."
+            )
         values = _integers(self.values)
         numbered = self.size < 1 << 31  # then places are numbers of 64 bits
-        order = np.argsort(rows * self.size + columns, kind="stable") if numbered else np.lexsort((columns, rows))
+        order = (
+            np.argsort(rows * self.size + columns, kind="stable")
+            if numbered
+            else np.lexsort((columns, rows))
+        )
         rows, columns, values = _added_up(rows[order], columns[order], values[order])
         for name, array in (("rows", rows), ("columns", columns), ("values", values)):
             array.flags.writeable = False
@@ -175,7 +201,9 @@ class IntegerSymmetric(Shown):
 
     def _card(self) -> Card:
         text = f"{self.size} × {self.size}, {len(self.values)} entries in the upper triangle"
-        return Card(title="Symmetric matrix of integers", text=f"{text}, over {plain(self.denominator)}")
+        return Card(
+            title="Symmetric matrix of integers", text=f"{text}, over {plain(self.denominator)}"
+        )
 
     def __repr__(self) -> str:
         return f"<IntegerSymmetric of size {self.size} with {len(self.values)} entries>"
@@ -184,13 +212,20 @@ class IntegerSymmetric(Shown):
     def from_sparse(cls, M: SparseSymmetric) -> IntegerSymmetric:
         """Return the same matrix. The common denominator is the least one; it may be long."""
         denominator = math.lcm(1, *{x.denominator for x in M.entries.values()})
-        return cls._of(M, [x.numerator * (denominator // x.denominator) for x in M.entries.values()], denominator)
+        return cls._of(
+            M,
+            [x.numerator * (denominator // x.denominator) for x in M.entries.values()],
+            denominator,
+        )
 
     @classmethod
     def weakened(cls, M: Symmetric, *, bits: int) -> IntegerSymmetric:
-        """Return a matrix over 2^bits, rounded to where domination by the diagonal is harder (``zmatrix``)."""
+        """Return a matrix over 2^bits, rounded to where domination by the diagonal is harder
+        (``zmatrix``)."""
         rounded = [
-            (x.numerator << bits) // x.denominator if i == j or x < 0 else -((-x.numerator << bits) // x.denominator)
+            (x.numerator << bits) // x.denominator
+            if i == j or x < 0
+            else -((-x.numerator << bits) // x.denominator)
             for (i, j), x in M.entries.items()
         ]
         return cls._of(M, rounded, 1 << bits)
@@ -200,11 +235,18 @@ class IntegerSymmetric(Shown):
         count = len(M.entries)
         rows = np.fromiter((i for i, _ in M.entries), dtype=np.int64, count=count)
         columns = np.fromiter((j for _, j in M.entries), dtype=np.int64, count=count)
-        return cls(size=M.size, rows=rows, columns=columns, values=as_integers(values), denominator=denominator)
+        return cls(
+            size=M.size,
+            rows=rows,
+            columns=columns,
+            values=as_integers(values),
+            denominator=denominator,
+        )
 
     @classmethod
     def from_floats(cls, matrix: NDArray[np.floating[Any]]) -> IntegerSymmetric:
-        """Return the exact binary value of a symmetric float array (n, n).  Raises: ShapeError; SpecError."""
+        """Return the exact binary value of a symmetric float array (n, n).  Raises: ShapeError;
+        SpecError."""
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
             raise wrong("matrix", f"must be square; got shape {matrix.shape}.", kind=ShapeError)
         if not np.isfinite(matrix).all():
@@ -216,13 +258,25 @@ class IntegerSymmetric(Shown):
         lowest = int(exponents.min(initial=_MANTISSA)) - _MANTISSA
         whole = np.ldexp(fractions, _MANTISSA).astype(np.int64)
         shifts = exponents - _MANTISSA - lowest
-        values = whole << shifts if shifts.max(initial=0) < 10 else whole.astype(object) << shifts.astype(object)
+        values = (
+            whole << shifts
+            if shifts.max(initial=0) < 10
+            else whole.astype(object) << shifts.astype(object)
+        )
         values = as_integers(values * (1 << lowest)) if lowest > 0 else values
-        return cls(size=len(matrix), rows=rows, columns=columns, values=values, denominator=1 << max(-lowest, 0))
+        return cls(
+            size=len(matrix),
+            rows=rows,
+            columns=columns,
+            values=values,
+            denominator=1 << max(-lowest, 0),
+        )
 
     def to_sparse(self) -> SparseSymmetric:
         listed = zip(self.rows.tolist(), self.columns.tolist(), self.values.tolist(), strict=True)
-        return SparseSymmetric(self.size, {(i, j): Fraction(x, self.denominator) for i, j, x in listed})
+        return SparseSymmetric(
+            self.size, {(i, j): Fraction(x, self.denominator) for i, j, x in listed}
+        )
 
     def to_dense(self) -> Matrix:
         return self.to_sparse().to_dense()
@@ -242,7 +296,9 @@ class IntegerSymmetric(Shown):
         places = np.arange(self.size)
         top, bottom = Fraction(shift).as_integer_ratio()
         ones = np.full(self.size, top, dtype=np.int64 if abs(top) < _LIMIT else object)
-        return self + IntegerSymmetric(size=self.size, rows=places, columns=places, values=ones, denominator=bottom)
+        return self + IntegerSymmetric(
+            size=self.size, rows=places, columns=places, values=ones, denominator=bottom
+        )
 
     def __add__(self, other: SparseSymmetric | IntegerSymmetric) -> IntegerSymmetric:
         """Return the sum.  Raises: ShapeError if the sizes differ."""
@@ -256,7 +312,9 @@ class IntegerSymmetric(Shown):
             size=self.size,
             rows=np.concatenate((self.rows, more.rows)),
             columns=np.concatenate((self.columns, more.columns)),
-            values=np.concatenate([_times(x.values, common // x.denominator) for x in (self, more)]),
+            values=np.concatenate(
+                [_times(x.values, common // x.denominator) for x in (self, more)]
+            ),
             denominator=common,
         )
 
@@ -267,8 +325,12 @@ class IntegerSymmetric(Shown):
         place[list(rows)] = np.arange(len(rows))
         i, j = place[self.rows], place[self.columns]
         chosen = (i >= 0) & (j >= 0)
-        part = zip(i[chosen].tolist(), j[chosen].tolist(), self.values[chosen].tolist(), strict=True)
-        return SparseSymmetric(len(rows), {(min(p), max(p)): Fraction(x, self.denominator) for *p, x in part})
+        part = zip(
+            i[chosen].tolist(), j[chosen].tolist(), self.values[chosen].tolist(), strict=True
+        )
+        return SparseSymmetric(
+            len(rows), {(min(p), max(p)): Fraction(x, self.denominator) for *p, x in part}
+        )
 
     def diagonal(self) -> list[Fraction]:
         on = self.rows == self.columns
@@ -276,7 +338,8 @@ class IntegerSymmetric(Shown):
         return [Fraction(found.get(i, 0), self.denominator) for i in range(self.size)]
 
     def quadratic_form(self, vector: Any) -> Fraction:
-        """Return v' M v for integers or fractions v, n of them. Raises: ShapeError if the length differs."""
+        """Return v' M v for integers or fractions v, n of them. Raises: ShapeError if the length
+        differs."""
         if len(vector) != self.size:
             raise ShapeError(f"vector must have {self.size} entries; got {len(vector)}.")
         common = math.lcm(1, *{x.denominator for x in vector})
@@ -287,7 +350,14 @@ class IntegerSymmetric(Shown):
         for start in range(0, len(where), _CHUNK):
             k = where[start : start + _CHUNK]
             rows, columns = self.rows[k], self.columns[k]
-            total += int(np.sum(np.where(rows == columns, 1, 2) * self.values[k].astype(object) * v[rows] * v[columns]))
+            total += int(
+                np.sum(
+                    np.where(rows == columns, 1, 2)
+                    * self.values[k].astype(object)
+                    * v[rows]
+                    * v[columns]
+                )
+            )
         return Fraction(total, self.denominator * common * common)
 
 
@@ -295,7 +365,8 @@ Symmetric: TypeAlias = SparseSymmetric | IntegerSymmetric
 
 
 def in_integers(M: Symmetric) -> IntegerSymmetric | None:
-    """Return the same matrix in arrays, or None if its least common denominator is longer than 512 bits."""
+    """Return the same matrix in arrays, or None if its least common denominator is longer than 512
+    bits."""
     if isinstance(M, IntegerSymmetric):
         return M
     short = common_denominator(M.entries.values(), bits=DENOMINATOR_BITS) is not None
@@ -304,7 +375,8 @@ def in_integers(M: Symmetric) -> IntegerSymmetric | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rows:
-    """Both triangles, row by row: row i has the columns and values from starts[i] on. No row is empty."""
+    """Both triangles, row by row: row i has the columns and values from starts[i] on. No row is
+    empty."""
 
     starts: Places
     rows: Places
@@ -322,11 +394,17 @@ def both_triangles(M: IntegerSymmetric) -> Rows | None:
     if M.size == 0 or np.bincount(rows, minlength=M.size).min() == 0:
         return None
     columns = np.concatenate((M.columns, M.rows[beside]))[order]
-    return Rows(starts=starts, rows=rows, columns=columns, values=np.concatenate((M.values, M.values[beside]))[order])
+    return Rows(
+        starts=starts,
+        rows=rows,
+        columns=columns,
+        values=np.concatenate((M.values, M.values[beside]))[order],
+    )
 
 
 def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
-    """Return the sign of every entry of M v, exactly, v integers: sums of limbs stay below 2^62, 16 pairs per level."""
+    """Return the sign of every entry of M v, exactly, v integers: sums of limbs stay below 2^62, 16
+    pairs per level."""
     degree = int(np.diff(M.starts, append=len(M.rows)).max())
     bits = (58 - degree.bit_length()) // 2
     left, right = limbs(M.values, bits), limbs(vector, bits)
@@ -343,12 +421,14 @@ def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
         total = level + carry
         carry = total >> bits
         rest |= (total & ((1 << bits) - 1)) != 0
-    # The number is carry 2^(..) + rest with 0 <= rest: its sign is the carry's, or that of the rest.
+    # The number is carry 2^(..) + rest with 0 <= rest: its sign is the carry's, or that of the
+    # rest.
     return np.where(carry != 0, np.sign(carry), rest.astype(np.int64))
 
 
 def limbs(values: Integers, bits: int) -> list[NDArray[np.int64]]:
-    """Cut integers into limbs in [0, 2^bits), low first; the last one has the sign, and is in [-2^bits, 2^bits)."""
+    """Cut integers into limbs in [0, 2^bits), low first; the last one has the sign, and is in
+    [-2^bits, 2^bits)."""
     found: list[NDArray[np.int64]] = []
     while True:
         found.append((values & ((1 << bits) - 1)).astype(np.int64))
@@ -368,7 +448,11 @@ def _times(values: Integers, factor: int) -> Integers:
     """The products, in 64 bits where they fit."""
     if factor == 1:
         return values
-    if values.dtype != object and len(values) and max(int(values.max()), -int(values.min())) * factor < _LIMIT:
+    if (
+        values.dtype != object
+        and len(values)
+        and max(int(values.max()), -int(values.min())) * factor < _LIMIT
+    ):
         return values * factor
     return as_integers(values.astype(object) * factor)
 
@@ -382,7 +466,9 @@ def _integers(values: Any) -> Integers:
     if array.dtype.kind in "iu" and _is_short(array):
         return array.astype(np.int64)
     if not all(type(x) is int for x in array.tolist()):
-        raise SpecError("values must be integers; put what they have in common into the denominator.")
+        raise SpecError(
+            "values must be integers; put what they have in common into the denominator."
+        )
     return as_integers(array)
 
 

@@ -1,7 +1,8 @@
 """Work that is counted, so that every stage ends: steps of about 20 microseconds, not seconds.
 
-A stage opens ``at_most``, loops inside ``spend``; what is spent does not depend on caches, so the same input ends at
-the same place.  A clock enters only where a user asks for one (``until``).  Elsewhere nothing is limited.
+A stage opens ``at_most``, loops inside ``spend``; what is spent does not depend on caches, so the
+same input ends at the same place.  A clock enters only where a user asks for one (``until``).
+Elsewhere nothing is limited.
 """
 
 from __future__ import annotations
@@ -25,11 +26,17 @@ AFTERWARDS: Final = 0.1  # of the limit, for the second program
 
 
 def read_time_limit(value: Any, *, key: str = "time_limit") -> Fraction:
-    """A number of seconds > 0, at most a year.  Raises: SpecError with ``key`` for anything else."""
+    """A number of seconds > 0, at most a year.  Raises: SpecError with ``key`` for anything
+    else."""
     seconds = parse_number(value, key=key)
     if not 0 < seconds <= LONGEST:
-        message = f"{key} must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(value)}."
-        raise SpecError(message, key=key, cure="For example 600; without it nothing is cut off by a clock.")
+        message = (
+            f"{key} must be a number of seconds > 0, at most {LONGEST} (a year); got "
+            f"{shown(value)}."
+        )
+        raise SpecError(
+            message, key=key, cure="For example 600; without it nothing is cut off by a clock."
+        )
     return seconds
 
 
@@ -62,8 +69,8 @@ def at_most(steps: int) -> Iterator[None]:
 
 @contextmanager
 def until(seconds: float | None) -> Iterator[None]:
-    """Let the accounts inside end so many seconds from now; None: as without it.  A clock outside that ends earlier
-    stays."""
+    """Let the accounts inside end so many seconds from now; None: as without it.  A clock outside
+    that ends earlier stays."""
     clock = _CLOCK.get()
     if seconds is not None:
         own = seconds, time.monotonic() + seconds
@@ -96,7 +103,8 @@ def last_call() -> float | None:
 
 
 def seconds_left(most: float = math.inf) -> float:
-    """How long a call of a library may still take, at most ``most``; > 0, so that every library takes it."""
+    """How long a call of a library may still take, at most ``most``; > 0, so that every library
+    takes it."""
     clock = _CLOCK.get()
     return most if clock is None else min(most, max(clock[1] - time.monotonic(), SHORTEST))
 
@@ -112,9 +120,11 @@ def exhausted() -> str | None:
 
 
 def spend(steps: int) -> None:
-    """Take steps from the open account.  Raises: WorkLimitError where it is used up, or the time is.
+    """Take steps from the open account.  Raises: WorkLimitError where it is used up, or the time
+    is.
 
-    A loop over vectors of any length spends by its passes, not by their lengths: what grows like the problem ends.
+    A loop over vectors of any length spends by its passes, not by their lengths: what grows like
+    the problem ends.
     """
     account = _ACCOUNT.get()
     if account is not None:

@@ -1,8 +1,10 @@
-"""Sparse matrices decided by a vector: v > 0 with M v > 0 for Z-matrices, a direction p with p'Mp <= 0 against.
+"""Sparse matrices decided by a vector: v > 0 with M v > 0 for Z-matrices, a direction p with p'Mp
+<= 0 against.
 
-A Z-matrix (no positive entry beside the diagonal) is positive definite iff such a v exists (theory, sections 3 and 8).
-For other signs the same is asked with -|m_ij| beside the diagonal: enough, not necessary. Finding v is floating point
-and may fail; checking it is exact. Time per step and memory are linear in the entries.
+A Z-matrix (no positive entry beside the diagonal) is positive definite iff such a v exists (theory,
+sections 3 and 8). For other signs the same is asked with -|m_ij| beside the diagonal: enough, not
+necessary. Finding v is floating point and may fail; checking it is exact. Time per step and memory
+are linear in the entries.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from dobc_design.exact.symmetric import (
 
 Floats = NDArray[np.float64]
 
-# Bits of the largest entry of v, tried in turn: short vectors make short certificates, and the last loses nothing.
+# Bits of the largest entry of v, tried in turn: short vectors make short certificates, and the last
+# loses nothing.
 _VECTOR_BITS: Final = (16, 31, 61)
 # Bits kept of a direction; whoever multiplies it out rounds it further.
 _DIRECTION_BITS: Final = 60
@@ -51,7 +54,8 @@ class Found:
 
 
 def proves(M: Symmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
-    """Tell, exactly, whether integers v > 0 prove M > 0 (strict) or M >= 0: m_ii v_i > sum |m_ij| v_j, or >=."""
+    """Tell, exactly, whether integers v > 0 prove M > 0 (strict) or M >= 0: m_ii v_i > sum |m_ij|
+    v_j, or >=."""
     if len(vector) != M.size or any(x <= 0 for x in vector):
         return False
     rows = both_triangles(_weakened(M))
@@ -63,8 +67,9 @@ def proves(M: Symmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FloatRows:
-    """A matrix made ready for ``bound``: its diagonal ``own`` (n,), rounded up, and ``sizes`` of what is above it at
-    (``rows``, ``columns``), so far up that every rounding in the sums of both its rows is covered."""
+    """A matrix made ready for ``bound``: its diagonal ``own`` (n,), rounded up, and ``sizes`` of
+    what is above it at (``rows``, ``columns``), so far up that every rounding in the sums of both
+    its rows is covered."""
 
     own: Floats
     largest: float  # of |own|
@@ -73,27 +78,32 @@ class FloatRows:
     sizes: Floats
 
     def bound(self, vector: Floats) -> float:
-        """Return an upper bound of the largest eigenvalue: the largest (m_ii v_i + sum |m_ij| v_j) / v_i; v > 0 (n,).
-        It is rounded up, and inf where floats do not hold it.  Source: theory, section 8, for any signs."""
+        """Return an upper bound of the largest eigenvalue: the largest (m_ii v_i + sum |m_ij| v_j)
+        / v_i; v > 0 (n,). It is rounded up, and inf where floats do not hold it.  Source: theory,
+        section 8, for any signs."""
         if len(vector) != len(self.own) or not len(vector) or not vector.min() > _SMALLEST:
             return math.inf
         with np.errstate(over="ignore", invalid="ignore"):
             heard = vector[self.columns]
             heard *= self.sizes
-            total: Floats = np.bincount(self.rows, weights=heard, minlength=len(vector)).astype(np.float64, copy=False)
+            total: Floats = np.bincount(self.rows, weights=heard, minlength=len(vector)).astype(
+                np.float64, copy=False
+            )
             heard = vector[self.rows]
             heard *= self.sizes
             total += np.bincount(self.columns, weights=heard, minlength=len(vector))
             total /= vector
             total += self.own
-            # The last sum is off by half a unit of its terms: the diagonal, and what is at most this sum without it.
+            # The last sum is off by half a unit of its terms: the diagonal, and what is at most
+            # this sum without it.
             most = float(total.max())
         largest = most + (2 * self.largest + abs(most)) * 2.0**-51
         return largest if math.isfinite(largest) else math.inf
 
 
 def float_rows(M: IntegerSymmetric) -> FloatRows | None:
-    """Return M made ready; None where floats do not hold an entry, or products with it could lose digits."""
+    """Return M made ready; None where floats do not hold an entry, or products with it could lose
+    digits."""
     values = _in_floats(M)
     if values is None or (len(values) and np.abs(values).min() < _SMALLEST):
         return None
@@ -102,7 +112,8 @@ def float_rows(M: IntegerSymmetric) -> FloatRows | None:
     own[M.rows[on]] = values[on] + np.abs(values[on]) * 2.0**-50
     i, j = M.rows[~on], M.columns[~on]
     counts = np.bincount(i, minlength=M.size) + np.bincount(j, minlength=M.size)
-    # An entry is off by 3 half units, its product and the sums by one each; this factor and the quotient by one more.
+    # An entry is off by 3 half units, its product and the sums by one each; this factor and the
+    # quotient by one more.
     slack = 1 + (np.maximum(counts[i], counts[j]) + 8).astype(np.float64) * 2.0**-52
     largest = float(np.abs(own).max(initial=0.0))
     return FloatRows(own=own, largest=largest, rows=i, columns=j, sizes=np.abs(values[~on]) * slack)
@@ -132,7 +143,8 @@ def is_z_matrix(M: Symmetric) -> bool:
 
 
 def search(M: Symmetric, *, strict: bool) -> Found:
-    """Look for a vector that proves M > 0 (strict) or M >= 0, checked exactly, or directions that may refute."""
+    """Look for a vector that proves M > 0 (strict) or M >= 0, checked exactly, or directions that
+    may refute."""
     rows = both_triangles(_weakened(M))
     if rows is None:
         return Found()
@@ -168,11 +180,14 @@ def _weakened(M: Symmetric) -> IntegerSymmetric:
 
 
 def _comparison(rows: Rows) -> Rows:
-    return replace(rows, values=np.where(rows.rows == rows.columns, rows.values, -np.abs(rows.values)))
+    return replace(
+        rows, values=np.where(rows.rows == rows.columns, rows.values, -np.abs(rows.values))
+    )
 
 
 def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
-    """The indicator of the smallest connected group whose row sums are all <= 0 (if not strict: one < 0), if any."""
+    """The indicator of the smallest connected group whose row sums are all <= 0 (if not strict: one
+    < 0), if any."""
     labels = _components(rows)
     sizes = np.bincount(labels, minlength=len(labels))
     unheld = sizes > 0
@@ -184,17 +199,21 @@ def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
 
 
 def _components(rows: Rows) -> Places:
-    """Return for every row the number of its connected component, in the order of their first rows."""
+    """Return for every row the number of its connected component, in the order of their first
+    rows."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
     size, entries = len(rows.starts), len(rows.columns)
-    graph = csr_array((np.ones(entries), rows.columns, np.append(rows.starts, entries)), shape=(size, size))
+    graph = csr_array(
+        (np.ones(entries), rows.columns, np.append(rows.starts, entries)), shape=(size, size)
+    )
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _directions(x: Floats | None, p: Floats | None, *, z_matrix: bool) -> list[list[int]]:
-    """Return what may refute: p, the negative part of x, and x; of Z-matrices |p| and |x|, which are never worse."""
+    """Return what may refute: p, the negative part of x, and x; of Z-matrices |p| and |x|, which
+    are never worse."""
     found = [] if p is None else [np.abs(p) if z_matrix else p]
     if x is not None:
         found += [np.maximum(-x, 0), np.abs(x)] if z_matrix else [x]
@@ -206,7 +225,8 @@ def _rounded(x: Floats, bits: int) -> Places:
 
 
 def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
-    """Guess x with M x = diag(M), every row met by half, or None; and a direction p if p'Mp is about <= 0."""
+    """Guess x with M x = diag(M), every row met by half, or None; and a direction p if p'Mp is
+    about <= 0."""
     longest = max(int(M.values.max()).bit_length(), int(M.values.min()).bit_length())
     values = (M.values >> max(0, longest - 1000)).astype(np.float64)
     root = np.sqrt(values[M.rows == M.columns])
@@ -219,7 +239,8 @@ def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
 
 
 def _iterate(M: Rows, values: Floats, root: Floats) -> tuple[Floats, Floats | None]:
-    """Run conjugate gradients on the matrix with unit diagonal; ``root`` is the root of M's diagonal."""
+    """Run conjugate gradients on the matrix with unit diagonal; ``root`` is the root of M's
+    diagonal."""
     scaled = values / root[M.rows] / root[M.columns]
     x = np.zeros(len(root))
     residual, direction = root.copy(), root.copy()

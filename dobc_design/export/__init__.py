@@ -44,12 +44,13 @@ def to_c(
 ) -> CCode:
     """C99 of the sampled observer and controller, with a self-test; ``save(folder)`` writes it.
 
-    ``period`` in s; ``precision`` "double" or "float"; ``agents``: labels, or one; default all (at most 200), of one
-    group where they have different exosystems; ``certificate``: its check ``sampling`` is compared with the period;
-    ``sampled_gain`` (q, m) in place of the discretised W, as ``design_observer(period=...)`` gives it.  A missing W is
-    designed first, as ``certify`` does.
-    Returns: a CCode.  Raises: SpecError for a certificate of another problem, and for a period at which the sampled
-    loop diverges; it then names one that works.
+    ``period`` in s; ``precision`` "double" or "float"; ``agents``: labels, or one; default all (at
+    most 200), of one group where they have different exosystems; ``certificate``: its check
+    ``sampling`` is compared with the period; ``sampled_gain`` (q, m) in place of the discretised W,
+    as ``design_observer(period=...)`` gives it.  A missing W is designed first, as ``certify``
+    does.
+    Returns: a CCode.  Raises: SpecError for a certificate of another problem, and for a period at
+    which the sampled loop diverges; it then names one that works.
     Example:
         >>> code = dd.export.to_c("clock-sync", period="1/4", agents=["gateway"])
         >>> "dobc_agent.c" in code.files, code.tolerance < 1e-9
@@ -65,7 +66,10 @@ def to_c(
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
         message = "certificate must be one of this problem; it is about another one."
         raise SpecError(message, key="certificate", cure="Certify this problem.")
-    gains = {"gain": observer_gain(problem) if claims is None else claims.W, "sampled_gain": sampled_gain}
+    gains = {
+        "gain": observer_gain(problem) if claims is None else claims.W,
+        "sampled_gain": sampled_gain,
+    }
     recorder = Recorder(**gains, signal=signal_of(problem)[0])
     chosen: Any = [agents] if isinstance(agents, (str, int)) else agents
     given: dict[str, Any] = gains | {"agents": chosen, "objection": recorder.objection}
@@ -77,8 +81,8 @@ def to_c(
 def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any = None) -> Fmu:
     """One agent's sampled controller as an FMU (FMI 3.0, co-simulation); ``save(path)`` writes it.
 
-    ``agent``: its label; default the first pinned one; ``period`` and ``sampled_gain`` as in ``to_c``.  Inputs: mode,
-    x, heard[LABEL]; outputs: u, v, dhat and the packet y.
+    ``agent``: its label; default the first pinned one; ``period`` and ``sampled_gain`` as in
+    ``to_c``.  Inputs: mode, x, heard[LABEL]; outputs: u, v, dhat and the packet y.
     Returns: an Fmu.  Raises: as ``to_c``; SolverError if the C compiler refuses.
     """
     from dobc_design.export.c_controller import make_controller
@@ -94,16 +98,22 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
         label = problem.network.labels[pinned[0] if pinned else 0]
     gains = {"gain": observer_gain(problem), "sampled_gain": sampled_gain}
     recorder = Recorder(**gains, signal=signal_of(problem)[0])
-    return make_fmu(make_controller(problem, period=period, agents=[label], objection=recorder.objection, **gains))
+    return make_fmu(
+        make_controller(
+            problem, period=period, agents=[label], objection=recorder.objection, **gains
+        )
+    )
 
 
 def to_sdpa(problem: Source) -> str:
-    """The matrix inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format, with P, Q and t as unknowns.
+    """The matrix inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format, with P, Q and t as
+    unknowns.
 
     t* < 0 if and only if the theorem holds, for bounds taken from a proved pair.
     Returns: the text.  Raises: SpecError.
     Example:
-        >>> lines = [line for line in dd.export.to_sdpa("clock-sync").splitlines() if not line.startswith('"')]
+        >>> text = dd.export.to_sdpa("clock-sync")
+        >>> lines = [line for line in text.splitlines() if not line.startswith('"')]
         >>> lines[0], lines[2]  # three unknowns: P, Q and t; Psi has ten rows for e and ten for eps
         ('3', '20 1 1 2')
     """
@@ -121,7 +131,8 @@ def to_sdpa(problem: Source) -> str:
 
 
 def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | None = None) -> Any:
-    """One of the problem's casadi.Function objects: h, jacobian, observer, controller, closed_loop, error_dynamics.
+    """One of the problem's casadi.Function objects: h, jacobian, observer, controller, closed_loop,
+    error_dynamics.
 
     ``function``: which of them; ``mode`` defaults to the first.  A missing W is designed first.
     Returns: a casadi.Function with named inputs and outputs.  Raises: SpecError.
@@ -132,16 +143,23 @@ def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | Non
     from dobc_design.model.model import build_model
 
     problem = _loaded(problem)
-    found = {each.name(): each for each in build_model(problem, mode, gain=observer_gain(problem)).functions}
+    found = {
+        each.name(): each
+        for each in build_model(problem, mode, gain=observer_gain(problem)).functions
+    }
     if function not in found:
-        raise SpecError(f"function must be one of {', '.join(found)}; got {function[:60]!r}.", key="function")
+        raise SpecError(
+            f"function must be one of {', '.join(found)}; got {function[:60]!r}.", key="function"
+        )
     return found[function]
 
 
 def to_numpy(source: Source | Certificate) -> dict[str, Any]:
-    """The matrices of a problem, or of a certificate with its W, P and Q, as float64 arrays by name.
+    """The matrices of a problem, or of a certificate with its W, P and Q, as float64 arrays by
+    name.
 
-    Returns: A, C, W, P, Q, K, xbar, L and Lambda; with several modes L_MODE and Lambda_MODE; with [dynamics] Ax and B.
+    Returns: A, C, W, P, Q, K, xbar, L and Lambda; with several modes L_MODE and Lambda_MODE; with
+    [dynamics] Ax and B.
     Raises: SpecError above 500 rows.
     Example:
         >>> dd.export.to_numpy("paper-fixed")["W"].tolist()
@@ -192,7 +210,8 @@ def _loaded(problem: Source) -> Problem:
 
 
 def analyse(problem: Source) -> Analysis:
-    """Compute the diagnostics shown beside a certificate: spectra, margins, graph facts.  Never a proof.
+    """Compute the diagnostics shown beside a certificate: spectra, margins, graph facts.  Never a
+    proof.
 
     Returns: an Analysis.  Raises: SpecError for a wrong problem.
     Example:
@@ -206,7 +225,8 @@ def analyse(problem: Source) -> Analysis:
 
 
 def build_model(problem: Source, *, mode: str | None = None) -> Model:
-    """Build the CasADi functions of the problem: h, its Jacobian, observer, controller, closed loop.
+    """Build the CasADi functions of the problem: h, its Jacobian, observer, controller, closed
+    loop.
 
     A missing W is designed first, as ``certify`` does.  ``mode`` defaults to the first.
     Returns: a Model.  Raises: SpecError for an unknown mode.
@@ -223,11 +243,13 @@ def build_model(problem: Source, *, mode: str | None = None) -> Model:
 def to_control(
     problem: Source, *, mode: str | None = None, signal: Any = None, seed: int | None = None
 ) -> ConsensusLoop:
-    """The closed loop as a control.NonlinearIOSystem, whose response reproduces the trajectory of ``simulate``.
+    """The closed loop as a control.NonlinearIOSystem, whose response reproduces the trajectory of
+    ``simulate``.
 
-    ``exosystem`` and ``observer`` of the result are control.StateSpace of one agent; ``start_of(trajectory)`` is the
-    initial state.  Modes as in ``simulate``: ``mode``, a ``signal`` that does not depend on the states, else the
-    problem's [switching], up to its t_final; ``seed`` draws the switches.  A missing W is designed first.
+    ``exosystem`` and ``observer`` of the result are control.StateSpace of one agent;
+    ``start_of(trajectory)`` is the initial state.  Modes as in ``simulate``: ``mode``, a ``signal``
+    that does not depend on the states, else the problem's [switching], up to its t_final; ``seed``
+    draws the switches.  A missing W is designed first.
     Returns: a ConsensusLoop.  Raises: SpecError.
     """
     from dobc_design.export.python_control import to_control as run
@@ -237,16 +259,20 @@ def to_control(
     if signal is None and mode is None:
         signal = signal_of(problem)[0]
     if isinstance(signal, Mobile):
-        message = "signal must not depend on the states, because python-control keeps no graph between calls."
+        message = (
+            "signal must not depend on the states, because python-control keeps no graph "
+            "between calls."
+        )
         raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
     seed = problem.simulation.seed if seed is None else seed
     return run(problem, mode=mode, signal=signal, seed=seed, gain=observer_gain(problem))
 
 
 def python_script(problem: Source) -> str:
-    """The closed loop as the text of a Python file that needs NumPy and python-control only.  Numbers are floats in
-    their shortest exact form, couplings the text of the problem, which is Python once its functions are named; text of
-    users appears in strings only.  Raises: SpecError for more than 20 000 arcs."""
+    """The closed loop as the text of a Python file that needs NumPy and python-control only.
+    Numbers are floats in their shortest exact form, couplings the text of the problem, which is
+    Python once its functions are named; text of users appears in strings only.  Raises: SpecError
+    for more than 20 000 arcs."""
     problem = _loaded(problem)
     problem.require_no_leader("the Python file")
     gain, plant, own = observer_gain(problem), arrays.plant_arrays(problem), problem.dynamics
@@ -255,10 +281,14 @@ def python_script(problem: Source) -> str:
         message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
         cure = "Use dobc_design.to_control(problem) in Python: it needs no file."
         raise SpecError(message, key="--python-control", cure=cure)
-    # The functions of couplings come from NumPy; min and max of several have definitions of their own.
+    # The functions of couplings come from NumPy; min and max of several have definitions of their
+    # own.
     plain = sorted(["pi", *(row.name for row in FUNCTIONS.values() if not row.numpy)])
     renamed = [row for row in FUNCTIONS.values() if row.numpy and row.name not in ("min", "max")]
-    imports = [f"from numpy import {', '.join(plain)}", *(f"from numpy import {r.numpy} as {r.name}" for r in renamed)]
+    imports = [
+        f"from numpy import {', '.join(plain)}",
+        *(f"from numpy import {r.numpy} as {r.name}" for r in renamed),
+    ]
     A, C = arrays.exosystem_arrays(problem)
     W = arrays.required_gain(as_integrators(problem), gain)
     named = {"A": A, "C": C, "W": W, "GOALS": arrays.goals(problem)}

@@ -1,4 +1,5 @@
-"""C99 as text: literals in either precision, strings, comments, arrays, and functions from expression trees.
+"""C99 as text: literals in either precision, strings, comments, arrays, and functions from
+expression trees.
 
 Text of users appears in strings and comments only, escaped, so that no label can end either.
 """
@@ -14,7 +15,14 @@ from importlib.resources import files
 import numpy as np
 from jinja2 import Template
 
-from dobc_design.coupling.expression import ATOM, Expression, Infix, Piece, evaluated, variables_used
+from dobc_design.coupling.expression import (
+    ATOM,
+    Expression,
+    Infix,
+    Piece,
+    evaluated,
+    variables_used,
+)
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
 from dobc_design.errors import SpecError
 
@@ -24,21 +32,27 @@ HELPERS = ("abs", "min", "max")  # functions that templates/agent.c.j2 has, besi
 
 @cache
 def template(name: str) -> Template:
-    """A file of ``templates/``: text with places for text that is C already: nothing is escaped here."""
+    """A file of ``templates/``: text with places for text that is C already: nothing is escaped
+    here."""
     text = (files("dobc_design.export") / "templates" / name).read_text("utf-8")
-    made: Template = Template(text, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    made: Template = Template(
+        text, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
     return made
 
 
 def rounded(value: Fraction, precision: str) -> Fraction:
-    """The number of this precision that stands for ``value`` in the code, exactly.  Raises: SpecError if too large."""
+    """The number of this precision that stands for ``value`` in the code, exactly.  Raises:
+    SpecError if too large."""
     try:
         near = np.float64(value.numerator / value.denominator)
         with np.errstate(over="ignore"):
             return Fraction(float(near if precision == "double" else np.float32(near)))
     except OverflowError:
         about = len(str(abs(value.numerator))) - len(str(value.denominator))
-        message = f"every number of the code must fit into a {precision}; one of the problem's does not"
+        message = (
+            f"every number of the code must fit into a {precision}; one of the problem's does not"
+        )
         cure = "Use other units." if precision == "double" else "Use --precision double."
         raise SpecError(f"{message} (about 10^{about}).", key="export", cure=cure) from None
 
@@ -55,7 +69,9 @@ def literal(value: Fraction, precision: str) -> str:
 
 def array(rows: Sequence[Sequence[Fraction]], precision: str) -> str:
     """A two-dimensional initializer, one row a line."""
-    inside = ",\n".join("    {" + ", ".join(bare(entry, precision) for entry in row) + "}" for row in rows)
+    inside = ",\n".join(
+        "    {" + ", ".join(bare(entry, precision) for entry in row) + "}" for row in rows
+    )
     return "{\n" + inside + "\n}"
 
 
@@ -70,20 +86,27 @@ def bare(value: Fraction, precision: str) -> str:
 
 
 def string(text: str) -> str:
-    """A C string literal of the UTF-8 bytes of ``text``; octal escapes end by themselves and make no trigraphs."""
+    """A C string literal of the UTF-8 bytes of ``text``; octal escapes end by themselves and make
+    no trigraphs."""
     plain = set(range(32, 127)) - {ord('"'), ord("\\"), ord("?")}
-    return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode("utf-8")) + '"'
+    return (
+        '"'
+        + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode("utf-8"))
+        + '"'
+    )
 
 
 def comment(text: str) -> str:
-    """``text`` for the inside of a comment: ASCII, on one line, without what could end or extend it."""
+    """``text`` for the inside of a comment: ASCII, on one line, without what could end or extend
+    it."""
     # No backslash and no question mark: they continue lines, and trigraphs spell backslashes.
     safe = "".join(each if 32 <= ord(each) < 127 and each not in "\\?" else "_" for each in text)
     return safe.replace("*/", "* /").replace("/*", "/ *")
 
 
 class CAlgebra(Infix):
-    """Algebra (``Algebra``) of C expressions; ``used`` collects helpers, ``library``: <math.h> is needed."""
+    """Algebra (``Algebra``) of C expressions; ``used`` collects helpers, ``library``: <math.h> is
+    needed."""
 
     def __init__(self, precision: str) -> None:
         self.precision = precision
@@ -114,13 +137,23 @@ class CAlgebra(Infix):
 
 
 def function(
-    head: str, expressions: Sequence[Expression], texts: Sequence[str], algebra: CAlgebra, *, m: int, size: str
+    head: str,
+    expressions: Sequence[Expression],
+    texts: Sequence[str],
+    algebra: CAlgebra,
+    *,
+    m: int,
+    size: str,
 ) -> str:
-    """A C function whose ``head`` is "NAME(y, h)": it writes h(y), of ``size`` components, for y with m."""
+    """A C function whose ``head`` is "NAME(y, h)": it writes h(y), of ``size`` components, for y
+    with m."""
     name, y, h = re.findall(r"\w+", head)
     lines = [f"/* {h}({y}) = {comment(', '.join(texts))} */"]
     values = evaluated(expressions, [Piece(f"{y}[{c}]", ATOM) for c in range(m)], algebra)
-    lines += [f"static void {name}(const dobc_real {y}[DOBC_COMPONENTS], dobc_real {h}[{size}])", "{"]
+    lines += [
+        f"static void {name}(const dobc_real {y}[DOBC_COMPONENTS], dobc_real {h}[{size}])",
+        "{",
+    ]
     lines += [] if any(variables_used(each.node) for each in expressions) else [f"    (void){y};"]
     lines += [f"    {h}[{c}] = {value.text};" for c, value in enumerate(values)]
     return "\n".join([*lines, "}", ""])

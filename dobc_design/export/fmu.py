@@ -1,7 +1,8 @@
-"""One agent's controller as an FMU: FMI 3.0, co-simulation, with the C sources and, where a compiler is, the library.
+"""One agent's controller as an FMU: FMI 3.0, co-simulation, with the C sources and, where a
+compiler is, the library.
 
-The FMU is a zip file: modelDescription.xml, sources/, binaries/PLATFORM/.  The same controller gives the same bytes,
-as far as the compiler does.
+The FMU is a zip file: modelDescription.xml, sources/, binaries/PLATFORM/.  The same controller
+gives the same bytes, as far as the compiler does.
 """
 
 from __future__ import annotations
@@ -39,20 +40,26 @@ MACHINES = {"AMD64": "x86_64", "arm64": "aarch64"}
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Fmu(Shown):
-    """The bytes of an FMU and the platform its library is for, None where there is no compiler: sources only then."""
+    """The bytes of an FMU and the platform its library is for, None where there is no compiler:
+    sources only then."""
 
     data: bytes
     platform: str | None
 
     def _card(self) -> Card:
-        made = "sources only, there is no compiler" if self.platform is None else f"library for {self.platform}"
+        made = (
+            "sources only, there is no compiler"
+            if self.platform is None
+            else f"library for {self.platform}"
+        )
         return Card(title="FMU (FMI 3.0)", text=f"{len(self.data)} bytes, {made}")
 
     def __repr__(self) -> str:
         return f"<Fmu: {self._card().text}>"
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the file, replacing an older one.  Raises: CertificateError when the machine refuses."""
+        """Write the file, replacing an older one.  Raises: CertificateError when the machine
+        refuses."""
         write_atomically(Path(path), self.data)
         return Path(path)
 
@@ -67,9 +74,14 @@ class Variable(NamedTuple):
 
 
 def make_fmu(controller: Controller) -> Fmu:
-    """Build the FMU of the controller's only agent.  Raises: SolverError if the compiler refuses the code."""
-    token = hashlib.sha256((header_text(controller) + source_text(controller)).encode("utf-8")).hexdigest()
-    files = {f"sources/{name}": text.encode("utf-8") for name, text in sources(controller, token).items()}
+    """Build the FMU of the controller's only agent.  Raises: SolverError if the compiler refuses
+    the code."""
+    token = hashlib.sha256(
+        (header_text(controller) + source_text(controller)).encode("utf-8")
+    ).hexdigest()
+    files = {
+        f"sources/{name}": text.encode("utf-8") for name, text in sources(controller, token).items()
+    }
     library = _compiled(files)
     described = {"modelDescription.xml": description(controller, token).encode("utf-8"), **files}
     if library is not None:
@@ -96,7 +108,10 @@ def sources(controller: Controller, token: str) -> dict[str, str]:
         code = code.replace(f"@{mark}@", text.removesuffix("\n"))
     listed = "".join(f'<SourceFile name="{name}"/>' for name in ("dobc_agent.c", "fmi3_agent.c"))
     build = '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
-    build += f'  <BuildConfiguration modelIdentifier="{MODEL}">\n    <SourceFileSet language="C99">{listed}'
+    build += (
+        f'  <BuildConfiguration modelIdentifier="{MODEL}">\n    <SourceFileSet '
+        f'language="C99">{listed}'
+    )
     build += "</SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n"
     return {
         "dobc_agent.h": header_text(controller),
@@ -108,8 +123,13 @@ def sources(controller: Controller, token: str) -> dict[str, str]:
 
 
 def variables(controller: Controller) -> list[Variable]:
-    """The real variables in the order of their numbers: x, y, u, v, dhat, and what is heard of every neighbour."""
-    problem, labels, agent = controller.problem, controller.problem.network.labels, controller.agents[0]
+    """The real variables in the order of their numbers: x, y, u, v, dhat, and what is heard of
+    every neighbour."""
+    problem, labels, agent = (
+        controller.problem,
+        controller.problem.network.labels,
+        controller.agents[0],
+    )
     wanted = [
         ("x", "input", "measured state"),
         ("y", "output", "x - goal: the packet for those who listen"),
@@ -117,24 +137,36 @@ def variables(controller: Controller) -> list[Variable]:
         ("v", "output", "couplings + u, held until the next sample"),
         ("dhat", "output", "estimated disturbance"),
     ]
-    wanted += [(f"heard[{labels[j]}]", "input", f"packet y of agent {labels[j]}") for j in agent.neighbours]
-    sizes = {name: problem.inputs if name in ("u", "v", "dhat") else problem.m for name, _, _ in wanted}
+    wanted += [
+        (f"heard[{labels[j]}]", "input", f"packet y of agent {labels[j]}") for j in agent.neighbours
+    ]
+    sizes = {
+        name: problem.inputs if name in ("u", "v", "dhat") else problem.m for name, _, _ in wanted
+    }
     rows = [
         (f"{name}[{c + 1}]" if sizes[name] > 1 else name, causality, text)
         for name, causality, text in wanted
         for c in range(sizes[name])
     ]
-    return [Variable(name, 2 + place, causality, text) for place, (name, causality, text) in enumerate(rows)]
+    return [
+        Variable(name, 2 + place, causality, text)
+        for place, (name, causality, text) in enumerate(rows)
+    ]
 
 
 def description(controller: Controller, token: str) -> str:
     """modelDescription.xml."""
-    problem, agent, period = controller.problem, controller.agents[0], repr(float(controller.period))
+    problem, agent, period = (
+        controller.problem,
+        controller.agents[0],
+        repr(float(controller.period)),
+    )
     return template("modelDescription.xml.j2").render(
         quoted=quoteattr,
         name=f"{problem.name}: agent {agent.label}",
         token=token,
-        about=f"Observer (13) and controller (19) of agent {agent.label}, sampled every {period} s.",
+        about=f"Observer (13) and controller (19) of agent {agent.label}, sampled every {period} "
+        "s.",
         version=__version__,
         model=MODEL,
         period=period,
@@ -159,15 +191,30 @@ def _compiled(files: Mapping[str, bytes]) -> _Library | None:
         for name, data in files.items():
             (Path(folder) / Path(name).name).write_bytes(data)
         library = Path(folder) / f"{MODEL}{suffix}"
-        options = ["-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "dobc_agent.c", "fmi3_agent.c", "-o"]
+        options = [
+            "-std=c99",
+            "-O2",
+            "-shared",
+            "-fPIC",
+            "-fvisibility=hidden",
+            "dobc_agent.c",
+            "fmi3_agent.c",
+            "-o",
+        ]
         command = [compiler, *options, library.name, "-lm"]
         cure = "`dobc export --c DIR` writes the sources alone."
         try:
-            done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=TIME_LIMIT)
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, check=False, text=True, timeout=TIME_LIMIT
+            )
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise SolverError(f"the C compiler could not be run: {error}.", key="--fmu", cure=cure) from error
+            raise SolverError(
+                f"the C compiler could not be run: {error}.", key="--fmu", cure=cure
+            ) from error
         if done.returncode != 0 or not library.exists():
             first = next(iter(done.stderr.strip().splitlines()), "no message")
-            raise SolverError(f"the C compiler refused the FMU's code: {first[:200]}.", key="--fmu", cure=cure)
+            raise SolverError(
+                f"the C compiler refused the FMU's code: {first[:200]}.", key="--fmu", cure=cure
+            )
         machine = MACHINES.get(platform.machine(), platform.machine())
         return _Library(f"{machine}-{system}", library.name, library.read_bytes())

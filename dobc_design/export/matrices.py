@@ -1,16 +1,18 @@
-"""The matrices of a problem, with those of its certificate, by name: exact, in NumPy, in SymPy, in LaTeX.
+"""The matrices of a problem, with those of its certificate, by name: exact, in NumPy, in SymPy, in
+LaTeX.
 
-    A, C, W, P, Q   exosystem, observer gain, Lyapunov matrix, P W       K   pinning gains, (n p, n m), p = m
-    Ax, B   of agents with [dynamics]: A, or the slopes of f at the target, and B
-    L   Laplacian of the weights, (n, n)      Lambda   J + J' - (K + K') at the consensus, where slopes are rational
-    xbar   the target, (m, 1)
+    A, C, W, P, Q   exosystem, observer gain, Lyapunov matrix, P W       K   pinning gains, (n p, n
+    m), p = m Ax, B   of agents with [dynamics]: A, or the slopes of f at the target, and B L
+    Laplacian of the weights, (n, n)      Lambda   J + J' - (K + K') at the consensus, where slopes
+    are rational xbar   the target, (m, 1)
 
 With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE.
 
-The inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format: minimise t subject to Psi_mode(P, Q) <= t I for every
-mode, I <= P <= rho I, |Q| <= r.  Unknowns: the upper triangle of P row by row, Q row by row, t; solvers read minimise
-c'x subject to x_1 F_1 + ... + x_k F_k - F_0 >= 0.  t* < 0 proposes a pair (P, Q); t* >= 0 alone says nothing, because
-rho and r bound the search (theory, section 2); where there is a proved pair both are taken from it.
+The inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format: minimise t subject to Psi_mode(P,
+Q) <= t I for every mode, I <= P <= rho I, |Q| <= r.  Unknowns: the upper triangle of P row by row,
+Q row by row, t; solvers read minimise c'x subject to x_1 F_1 + ... + x_k F_k - F_0 >= 0.  t* < 0
+proposes a pair (P, Q); t* >= 0 alone says nothing, because rho and r bound the search (theory,
+section 2); where there is a proved pair both are taken from it.
 """
 
 from __future__ import annotations
@@ -41,12 +43,17 @@ _LATEX_NAMES = {"xbar": r"\bar{x}", "Lambda": r"\Lambda", "Ax": "A_x"}
 def exact_matrices(
     problem: Problem, *, W: Matrix | None = None, P: Matrix | None = None, Q: Matrix | None = None
 ) -> dict[str, Matrix]:
-    """All matrices by name, as rationals; W, P and Q are those of the problem or certificate, where there are any.
+    """All matrices by name, as rationals; W, P and Q are those of the problem or certificate, where
+    there are any.
     Raises: SpecError for more than 500 rows."""
     n, m, p, dynamics = problem.n, problem.m, problem.inputs, problem.dynamics
     if n * m > MOST_ROWS:
-        message = f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}."
-        raise SpecError(message, key="problem", cure="model.arrays has them as SciPy sparse matrices.")
+        message = (
+            f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}."
+        )
+        raise SpecError(
+            message, key="problem", cure="model.arrays has them as SciPy sparse matrices."
+        )
     found: dict[str, Matrix] = {}
     exosystem = problem.joint_exosystem  # of several groups: block diagonal, as in certificates
     if exosystem is not None:
@@ -60,7 +67,9 @@ def exact_matrices(
             K[agent * p + c][agent * m : agent * m + m] = gain[c]
     found["K"] = tuple(map(tuple, K))
     found["xbar"] = tuple((x,) for x in problem.target)
-    ending = {mode: f"_{mode}" if len(problem.network.modes) > 1 else "" for mode in problem.network.modes}
+    ending = {
+        mode: f"_{mode}" if len(problem.network.modes) > 1 else "" for mode in problem.network.modes
+    }
     for mode, arcs in problem.network.modes.items():
         L = [[Fraction(0)] * n for _ in range(n)]
         for listener, speaker, weight in arcs:
@@ -74,13 +83,16 @@ def exact_matrices(
 
 
 def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, Any]:
-    """The same as SymPy matrices of rationals, and the default coupling "h" as a column in y, or y1 to ym."""
+    """The same as SymPy matrices of rationals, and the default coupling "h" as a column in y, or y1
+    to ym."""
     import sympy
 
     from dobc_design.model.model import to_sympy
 
     result: dict[str, Any] = {
-        name: sympy.Matrix([[sympy.Rational(x.numerator, x.denominator) for x in row] for row in each])
+        name: sympy.Matrix(
+            [[sympy.Rational(x.numerator, x.denominator) for x in row] for row in each]
+        )
         for name, each in found.items()
     }
     result["h"] = sympy.Matrix([to_sympy(each)[0] for each in problem.coupling.components])
@@ -88,10 +100,14 @@ def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, A
 
 
 def latex_of(found: Mapping[str, Matrix], problem: Problem) -> str:
-    """h and the matrices as displayed LaTeX equations, one after the other; above 12 rows only their size.  Rationals
-    of more than 12 digits are rounded to four."""
+    """h and the matrices as displayed LaTeX equations, one after the other; above 12 rows only
+    their size.  Rationals of more than 12 digits are rounded to four."""
     h = problem.coupling.latex
-    column = h[0] if problem.coupling.by_component else r"\begin{pmatrix} " + r" \\ ".join(h) + r" \end{pmatrix}"
+    column = (
+        h[0]
+        if problem.coupling.by_component
+        else r"\begin{pmatrix} " + r" \\ ".join(h) + r" \end{pmatrix}"
+    )
     lines = [f"h(y) = {column}"]
     for name, each in found.items():
         head, _, mode = name.partition("_")
@@ -116,9 +132,13 @@ class Normalisation:
     why: str
 
 
-def sdpa_text(problem: Problem, *, pair: tuple[Matrix, Matrix] | None = None, verdict: Verdict | None = None) -> str:
-    """The file's text.  ``pair``: a proved (P, Q); ``verdict``: what was decided exactly, for the file's first lines.
-    Raises: SpecError where the theorems say nothing (couplings that are not C1), and above 4000 rows."""
+def sdpa_text(
+    problem: Problem, *, pair: tuple[Matrix, Matrix] | None = None, verdict: Verdict | None = None
+) -> str:
+    """The file's text.  ``pair``: a proved (P, Q); ``verdict``: what was decided exactly, for the
+    file's first lines.
+    Raises: SpecError where the theorems say nothing (couplings that are not C1), and above 4000
+    rows."""
     rows = problem.n * (problem.m + problem.q) * len(problem.network.modes)
     if rows > MOST_SDPA_ROWS:
         raise _too_large(rows, "rows")
@@ -156,9 +176,14 @@ def normalisation(pair: tuple[Matrix, Matrix] | None) -> Normalisation:
         with np.errstate(all="ignore"):
             eigenvalues = np.linalg.eigvalsh(P)
             scale = max(1.0, 1.0 / float(eigenvalues[0])) if eigenvalues[0] > 0 else math.inf
-            ratio, radius = ROOM * scale * float(eigenvalues[-1]), ROOM * scale * float(np.linalg.norm(Q))
+            ratio, radius = (
+                ROOM * scale * float(eigenvalues[-1]),
+                ROOM * scale * float(np.linalg.norm(Q)),
+            )
         if math.isfinite(ratio) and math.isfinite(radius):
-            return Normalisation(ratio=_above(ratio), radius=_above(radius), why="twice what the proved pair needs")
+            return Normalisation(
+                ratio=_above(ratio), radius=_above(radius), why="twice what the proved pair needs"
+            )
     return Normalisation(ratio=DEFAULT, radius=DEFAULT, why="chosen; no pair is known")
 
 
@@ -172,7 +197,9 @@ def _above(value: float) -> Fraction:
 Entries = dict[tuple[int, int, int], Fraction]  # number of F, row, column (upper triangle)
 
 
-def _blocks(pencils: tuple[Pencil, ...], limits: Normalisation, places: list[Place]) -> Iterator[tuple[int, Entries]]:
+def _blocks(
+    pencils: tuple[Pencil, ...], limits: Normalisation, places: list[Place]
+) -> Iterator[tuple[int, Entries]]:
     """Size and entries of every block; F_0 has the number 0."""
     last = len(places) + 1
     for pencil in pencils:
@@ -194,14 +221,20 @@ def _blocks(pencils: tuple[Pencil, ...], limits: Normalisation, places: list[Pla
 def _negated(pencil: Pencil, places: list[Place]) -> Entries:
     """-F(x) >= 0 of a pencil F(x) <= 0: F_0 is its constant, every F_k minus its coefficient."""
     constant = pencil.constant
-    entries = {(0, i, j): x for (i, j), x in constant.entries.items()} if isinstance(constant, SparseSymmetric) else {}
+    entries = (
+        {(0, i, j): x for (i, j), x in constant.entries.items()}
+        if isinstance(constant, SparseSymmetric)
+        else {}
+    )
     for number, place in enumerate(places, start=1):
         coefficient = pencil.coefficients.get(place, SparseSymmetric(pencil.size, {}))
         entries |= {(number, i, j): -value for (i, j), value in coefficient.entries.items()}
     return entries
 
 
-def _remarks(problem: Problem, statements: Statements, limits: Normalisation, verdict: Verdict | None) -> Iterator[str]:
+def _remarks(
+    problem: Problem, statements: Statements, limits: Normalisation, verdict: Verdict | None
+) -> Iterator[str]:
     modes = len(problem.network.modes)
     name = "Lemma 1" if problem.exosystem is None else "Theorem 1" if modes == 1 else "Theorem 2"
     title = "".join(each if 32 <= ord(each) < 127 and each != '"' else "?" for each in problem.name)
@@ -209,9 +242,15 @@ def _remarks(problem: Problem, statements: Statements, limits: Normalisation, ve
     if problem.exosystem is None:
         yield "minimise t subject to Lambda(J) <= t I in every mode; holds iff t* < 0"
     else:
-        yield "minimise t subject to Psi(J) <= t I in every mode, I <= P <= rho I, |Q| <= r; x = P (upper), Q, t"
+        yield (
+            "minimise t subject to Psi(J) <= t I in every mode, I <= P <= rho I, |Q| <= r; x = "
+            "P (upper), Q, t"
+        )
         yield f"rho = {float(limits.ratio):g}, r = {float(limits.radius):g} ({limits.why})"
-        yield "t* < 0 proposes a pair (P, Q); t* >= 0 alone says nothing, because rho and r bound the search"
+        yield (
+            "t* < 0 proposes a pair (P, Q); t* >= 0 alone says nothing, because rho and r "
+            "bound the search"
+        )
     if any(each.deviations for each in statements.lambdas.values()):
         yield "slopes of the coupling are irrational: midpoints of their enclosures stand here"
     if verdict is not None:

@@ -1,8 +1,10 @@
-"""How far the C code may be from the double-precision loop: running error analysis along recorded samples.
+"""How far the C code may be from the double-precision loop: running error analysis along recorded
+samples.
 
-Every operation is taken to be off by one unit roundoff u, every function of <math.h> by four (glibc, newlib and musl
-stay below), and errors are carried on to first order with the recorded values; the sum is doubled.  An error of the
-estimate is carried from sample to sample by Ad, because the recorded states do not answer to it.
+Every operation is taken to be off by one unit roundoff u, every function of <math.h> by four
+(glibc, newlib and musl stay below), and errors are carried on to first order with the recorded
+values; the sum is doubled.  An error of the estimate is carried from sample to sample by Ad,
+because the recorded states do not answer to it.
 """
 
 from __future__ import annotations
@@ -56,12 +58,20 @@ class ErringAlgebra:
         return self.add(left, self.negate(right))
 
     def multiply(self, left: Erring, right: Erring) -> Erring:
-        carried = np.abs(left.value) * right.error + np.abs(right.value) * left.error + left.error * right.error
+        carried = (
+            np.abs(left.value) * right.error
+            + np.abs(right.value) * left.error
+            + left.error * right.error
+        )
         return self._made(left.value * right.value, carried)
 
     def divide(self, left: Erring, right: Erring) -> Erring:
         value, room = left.value / right.value, np.abs(right.value) - right.error
-        carried = np.where(room > 0, (left.error + np.abs(value) * right.error) / np.where(room > 0, room, 1), np.inf)
+        carried = np.where(
+            room > 0,
+            (left.error + np.abs(value) * right.error) / np.where(room > 0, room, 1),
+            np.inf,
+        )
         return self._made(value, carried)
 
     def power(self, base: Erring, exponent: int) -> Erring:
@@ -79,7 +89,11 @@ class ErringAlgebra:
         if len(operands) == 2:
             return Erring(value, np.maximum(operands[0].error, operands[1].error))
         (inner,) = operands
-        slope = 1.0 if row.steepest is None else row.steepest(inner.value, np.abs(inner.value) + inner.error)
+        slope = (
+            1.0
+            if row.steepest is None
+            else row.steepest(inner.value, np.abs(inner.value) + inner.error)
+        )
         return self._made(np.asarray(value), np.asarray(slope * inner.error), times=LIBRARY)
 
     def _made(self, value: Array, carried: Array, *, times: float = 1.0) -> Erring:
@@ -88,8 +102,8 @@ class ErringAlgebra:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recorded:
-    """One agent's samples in the double-precision loop.  Shapes: x (S, m), u, v, dhat (S, p), heard (S, neighbours, m),
-    xihat (S, q), modes (S,)."""
+    """One agent's samples in the double-precision loop.  Shapes: x (S, m), u, v, dhat (S, p), heard
+    (S, neighbours, m), xihat (S, q), modes (S,)."""
 
     agent: AgentNumbers
     modes: NDArray[np.int64]
@@ -102,9 +116,13 @@ class Recorded:
 
 
 def rounding_bound(controller: Controller, recorded: Recorded) -> float:
-    """The largest difference of u, v and dhat between C code of the controller's precision and the recorded samples."""
+    """The largest difference of u, v and dhat between C code of the controller's precision and the
+    recorded samples."""
     with np.errstate(all="ignore"):
-        parts = [_bound(controller, recorded, ROUNDOFF[name]) for name in (controller.precision, "double")]
+        parts = [
+            _bound(controller, recorded, ROUNDOFF[name])
+            for name in (controller.precision, "double")
+        ]
     return 2 * sum(parts)
 
 
@@ -112,10 +130,15 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
     agent, m, q = recorded.agent, controller.problem.m, controller.q
     goal, gain = to_float((agent.goal,))[0], np.abs(to_float(agent.gain))
     e = recorded.x - goal
-    own = u * (np.abs(recorded.x) + np.abs(goal) + np.abs(e))  # of e: its input, the goal, the difference
+    # of e: its input, the goal, the difference
+    own = u * (np.abs(recorded.x) + np.abs(goal) + np.abs(e))
     felt, felt_error = felt_with_error(controller, recorded, e, own, u)
     pull = own @ gain.T + (m + 2) * u * np.abs(e) @ gain.T
-    sized = np.abs(felt) + np.abs(e) @ gain.T + (0.0 if agent.rest is None else np.abs(to_float((agent.rest,))[0]))
+    sized = (
+        np.abs(felt)
+        + np.abs(e) @ gain.T
+        + (0.0 if agent.rest is None else np.abs(to_float((agent.rest,))[0]))
+    )
     if q == 0:
         return float(np.max(felt_error + pull + 3 * u * sized))
     Ad, Cd, L = (np.abs(to_float(each)) for each in (controller.Ad, controller.Cd, controller.L))
@@ -124,27 +147,49 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
     surprise, local = _innovation(controller, recorded, held, u)
     local = local + (q + 2) * u * size[:-1]
     estimate = (q + m + 3) * u * (np.abs(recorded.xihat[:-1]) @ Ad.T + surprise @ L.T) + local @ L.T
-    powers = accumulate(repeat(to_float(controller.Ad), len(recorded.x) - 2), np.matmul, initial=np.eye(q))
+    powers = accumulate(
+        repeat(to_float(controller.Ad), len(recorded.x) - 2), np.matmul, initial=np.eye(q)
+    )
     carried = sum(map(np.abs, powers), np.zeros((q, q))) @ np.max(estimate, axis=0, initial=0.0)
     return float(np.max(held) + np.max(Cd @ carried))
 
 
-def _innovation(controller: Controller, recorded: Recorded, held: Array, u: float) -> tuple[Array, Array]:
-    """Sizes of what the samples tell beside the expected disturbance, and bounds on the errors, (S - 1, p) each."""
-    motion, push, watch = (to_float(each) for each in (controller.motion, controller.push, controller.watch))
+def _innovation(
+    controller: Controller, recorded: Recorded, held: Array, u: float
+) -> tuple[Array, Array]:
+    """Sizes of what the samples tell beside the expected disturbance, and bounds on the errors, (S
+    - 1, p) each."""
+    motion, push, watch = (
+        to_float(each) for each in (controller.motion, controller.push, controller.watch)
+    )
     x, before, v = recorded.x[1:], recorded.x[:-1], recorded.v[:-1]
     own, dynamics = Erring(before, np.zeros_like(before)), controller.problem.dynamics
     if dynamics is not None and dynamics.f is not None:
-        own = with_errors(expressions_of(dynamics), Erring(before, u * np.abs(before)), ErringAlgebra(u))
-    apart, terms = x - before - own.value @ motion.T - v @ push.T, np.count_nonzero(motion) + np.count_nonzero(push)
-    moved = np.abs(x) + np.abs(before) + np.abs(own.value) @ np.abs(motion).T + np.abs(v) @ np.abs(push).T
-    error = held[:-1] @ np.abs(push).T + (terms + 3) * u * moved + (len(motion) + 2) * u * np.abs(apart)
+        own = with_errors(
+            expressions_of(dynamics), Erring(before, u * np.abs(before)), ErringAlgebra(u)
+        )
+    apart, terms = (
+        x - before - own.value @ motion.T - v @ push.T,
+        np.count_nonzero(motion) + np.count_nonzero(push),
+    )
+    moved = (
+        np.abs(x)
+        + np.abs(before)
+        + np.abs(own.value) @ np.abs(motion).T
+        + np.abs(v) @ np.abs(push).T
+    )
+    error = (
+        held[:-1] @ np.abs(push).T + (terms + 3) * u * moved + (len(motion) + 2) * u * np.abs(apart)
+    )
     error += own.error @ np.abs(motion).T
     return np.abs(apart @ watch.T - recorded.dhat[:-1]), error @ np.abs(watch).T
 
 
-def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: Array, u: float) -> tuple[Array, Array]:
-    """The couplings at every sample with bounds on their errors, (S, p) each; ``own`` bounds the error of e."""
+def felt_with_error(
+    controller: Controller, recorded: Recorded, e: Array, own: Array, u: float
+) -> tuple[Array, Array]:
+    """The couplings at every sample with bounds on their errors, (S, p) each; ``own`` bounds the
+    error of e."""
     algebra, couplings = ErringAlgebra(u), controller.problem.couplings
     total, error, size = (np.zeros((len(e), controller.problem.inputs)) for _ in range(3))
     for mode, hearings in enumerate(recorded.agent.modes):
@@ -158,11 +203,15 @@ def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: A
             total[here] += weight * h.value
             size[here] += np.abs(weight * h.value)
             error[here] += weight * h.error
-    return total, error + (max((len(each) for each in recorded.agent.modes), default=0) + 2) * u * size
+    return total, error + (
+        max((len(each) for each in recorded.agent.modes), default=0) + 2
+    ) * u * size
 
 
 def with_errors(functions: Sequence[Expression], y: Erring, algebra: ErringAlgebra) -> Erring:
     """Functions of y (S, m), as ``evaluated`` takes them, with a bound on their errors."""
-    parts = evaluated(functions, [Erring(*each) for each in zip(y.value.T, y.error.T, strict=True)], algebra)
+    parts = evaluated(
+        functions, [Erring(*each) for each in zip(y.value.T, y.error.T, strict=True)], algebra
+    )
     found = [np.broadcast_arrays(each.value, each.error, y.value[:, 0])[:2] for each in parts]
     return Erring(*np.moveaxis(np.array(found), 0, -1))

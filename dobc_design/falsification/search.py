@@ -1,7 +1,9 @@
-"""The search for starts that contradict: at random, at corners and edges, uphill, and by Newton's method.
+"""The search for starts that contradict: at random, at corners and edges, uphill, and by Newton's
+method.
 
-Without a certificate: does every start asked for converge?  With one: does V of the certified set decay as certified
-from its whole boundary?  What is found is a suspect; only a proved equilibrium refutes, and only a region.
+Without a certificate: does every start asked for converge?  With one: does V of the certified set
+decay as certified from its whole boundary?  What is found is a suspect; only a proved equilibrium
+refutes, and only a region.
 """
 
 from __future__ import annotations
@@ -21,13 +23,28 @@ from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, surviving
 from dobc_design.conditions.coverage import Progress
-from dobc_design.conditions.equilibrium.decide import LARGEST, Equilibrium, enclose_equilibrium, refuting_check
+from dobc_design.conditions.equilibrium.decide import (
+    LARGEST,
+    Equilibrium,
+    enclose_equilibrium,
+    refuting_check,
+)
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule.cycles import may_stay
 from dobc_design.errors import wrong
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.falsification import starts as sets
-from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Certified, Level, Pair, Runs, Signals, StartSet
+from dobc_design.falsification.starts import (
+    CORNERS,
+    EDGES,
+    RANDOM,
+    Certified,
+    Level,
+    Pair,
+    Runs,
+    Signals,
+    StartSet,
+)
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.model.model import Flow, build_flow, build_model
 from dobc_design.problem.arrays import Array, Gain, chosen_gain, no_gain, pinning_matrix, unreached
@@ -41,7 +58,8 @@ Objective = Callable[[Array], tuple[float, Array]]
 
 RUNS = 500
 TOLERANCE = 1e-9
-SHARES = {CORNERS: 0.2, EDGES: 0.2}  # of the runs; a fifth at most goes uphill, the rest is at random
+# of the runs; a fifth at most goes uphill, the rest is at random
+SHARES = {CORNERS: 0.2, EDGES: 0.2}
 MOST_ASCENTS = 12
 MOST_AGAIN = 16  # runs that stall and are repeated ...
 LONGER = 4.0  # ... for so many times as long
@@ -71,16 +89,17 @@ def falsify(
     t_final: float | None = None,
     progress: Reports[str] = None,
 ) -> Falsification:
-    """Search for starts that do not converge, or that leave a certified set; and prove second equilibria.
+    """Search for starts that do not converge, or that leave a certified set; and prove second
+    equilibria.
 
-    Starts: the region asked for; with ``radius`` the box |e|_inf <= radius; without both |e|_inf <= 1; with
-    ``certified`` the boundary of a certified set: that of a certificate, of one of its checks, or of a claim of
-    theorems.separable, theorems.lure or theorems.shell.  ``disturbance`` bounds |eps_i|.  ``runs`` starts are
-    simulated: corners, edges, random ones, and the worst of them after gradient ascent through CasADi.  ``t_final``
-    in s; ``progress``: as in ``certify``.  The same ``seed`` gives the same search.  A missing W is
-    designed first, as ``certify`` does.
-    Returns: a Falsification with suspects, which prove nothing, and equilibria, each proved in a box by interval
-    arithmetic.  Raises: SpecError for a wrong argument.
+    Starts: the region asked for; with ``radius`` the box |e|_inf <= radius; without both |e|_inf <=
+    1; with ``certified`` the boundary of a certified set: that of a certificate, of one of its
+    checks, or of a claim of theorems.separable, theorems.lure or theorems.shell.  ``disturbance``
+    bounds |eps_i|.  ``runs`` starts are simulated: corners, edges, random ones, and the worst of
+    them after gradient ascent through CasADi.  ``t_final`` in s; ``progress``: as in ``certify``.
+    The same ``seed`` gives the same search.  A missing W is designed first, as ``certify`` does.
+    Returns: a Falsification with suspects, which prove nothing, and equilibria, each proved in a
+    box by interval arithmetic.  Raises: SpecError for a wrong argument.
     """
     problem = as_integrators(load_problem(problem))
     gain = observer_gain(problem)
@@ -88,8 +107,15 @@ def falsify(
         gain, certified = certified.claims.W, sets.regional_check(certified)
         if certified is None:
             message = "must hold a proved check of a region; this certificate has none."
-            raise wrong("certified", message, "Ask for a [region], or give certify everything=True.")
-    given: dict[str, Any] = {"radius": radius, "disturbance": disturbance, "certified": certified, "t_final": t_final}
+            raise wrong(
+                "certified", message, "Ask for a [region], or give certify everything=True."
+            )
+    given: dict[str, Any] = {
+        "radius": radius,
+        "disturbance": disturbance,
+        "certified": certified,
+        "t_final": t_final,
+    }
     return search_starts(problem, runs=runs, seed=seed, gain=gain, progress=progress, **given)
 
 
@@ -105,7 +131,8 @@ def search_starts(
     gain: Gain | None = None,
     progress: Reports[str] = None,
 ) -> Falsification:
-    """The same with ``gain`` (q, m) in place of observer.W; modes are constant or switch at random."""
+    """The same with ``gain`` (q, m) in place of observer.W; modes are constant or switch at
+    random."""
     problem.require_no_leader("the search for starts that fail")
     whole(runs, "runs", least=1)
     seed = problem.simulation.seed if seed is None else whole(seed, "seed", least=0)
@@ -113,15 +140,27 @@ def search_starts(
         message = "says where to start; radius and disturbance must be left out with it."
         raise wrong("certified", message, "Leave one of them out.")
     radius = None if radius is None else positive(radius, "radius", example="2")
-    horizon = sets.settling_horizon(problem) if t_final is None else seconds(t_final, "t_final", example="20")
+    horizon = (
+        sets.settling_horizon(problem)
+        if t_final is None
+        else seconds(t_final, "t_final", example="20")
+    )
     say = report_to(progress)
     with np.errstate(all="ignore"):
         arena = sets.make_arena(problem, gain)
-        level = None if certified is None else sets.level_of(problem, certified, chosen_gain(problem, gain))
-        starts: StartSet = sets.asked_box(problem, arena.loop, radius=radius, disturbance=disturbance)
+        level = (
+            None
+            if certified is None
+            else sets.level_of(problem, certified, chosen_gain(problem, gain))
+        )
+        starts: StartSet = sets.asked_box(
+            problem, arena.loop, radius=radius, disturbance=disturbance
+        )
         if level is not None:
             starts = sets.Boundary(level=level, loop=arena.loop)
-        search = _Search(arena=arena, starts=starts, level=level, horizon=horizon, gain=gain, seed=seed, say=say)
+        search = _Search(
+            arena=arena, starts=starts, level=level, horizon=horizon, gain=gain, seed=seed, say=say
+        )
         return search.run(runs)
 
 
@@ -147,7 +186,10 @@ class _Search:
         counts = {kind: int(share * count) for kind, share in SHARES.items()}
         counts[RANDOM] = count - sum(counts.values())
         parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
-        e, eps = np.concatenate([e for e, _ in parts], axis=1), np.concatenate([eps for _, eps in parts], axis=2)
+        e, eps = (
+            np.concatenate([e for e, _ in parts], axis=1),
+            np.concatenate([eps for _, eps in parts], axis=2),
+        )
         signals = sets.drawn_signals(rng, count, self.problem, self.horizon, longer=LONGER)
         done = [first := self.simulate(e, eps, signals)]
         if uphill:
@@ -163,7 +205,9 @@ class _Search:
 
     def simulate(self, e: Array, eps: Array, signals: Signals, *, longer: float = 1.0) -> Runs:
         horizon = longer * self.horizon
-        return sets.run_starts(self.arena, e, eps, signals, horizon=horizon, tolerance=TOLERANCE, level=self.level)
+        return sets.run_starts(
+            self.arena, e, eps, signals, horizon=horizon, tolerance=TOLERANCE, level=self.level
+        )
 
     def badness(self, runs: Runs) -> Array:
         """What the ascent begins with: how far V is above its bound, or |e| at the end; (R,)."""
@@ -171,23 +215,37 @@ class _Search:
             last = np.where(np.isnan(runs.error[-1]), np.inf, runs.error[-1])
             return np.where(runs.unfinished, -np.inf, last)
         growth = np.log(np.maximum(runs.values, 1e-300) / np.maximum(runs.values[0], 1e-300))
-        early = np.where(runs.values > SPENT * runs.values[0], growth + self.level.rate * runs.times[:, None], -np.inf)
+        early = np.where(
+            runs.values > SPENT * runs.values[0],
+            growth + self.level.rate * runs.times[:, None],
+            -np.inf,
+        )
         return np.asarray(np.max(early[1:], axis=0))
 
     def climb(self, runs: Runs, count: int) -> Runs:
-        """Gradient ascent from the worst starts, each in the mode that it began in; simulated again."""
+        """Gradient ascent from the worst starts, each in the mode that it began in; simulated
+        again."""
         worst = np.argsort(-self.badness(runs), kind="stable")[:count]
         rows, q, modes = len(runs.e), self.arena.loop.q, runs.signals.modes[worst, 0]
-        objective = partial(final_error, rows) if self.level is None else partial(final_level, self.level, rows, q)
+        objective = (
+            partial(final_error, rows)
+            if self.level is None
+            else partial(final_level, self.level, rows, q)
+        )
         flows = {mode: self.flow(mode) for mode in dict.fromkeys(modes.tolist())}
         found = [
             ascend(flows[mode], self.starts, (runs.e[:, run], runs.eps[:, :, run]), objective)
             for run, mode in zip(worst.tolist(), modes.tolist(), strict=True)
         ]
-        e, eps = np.stack([e for e, _ in found], axis=1), np.stack([eps for _, eps in found], axis=2)
+        e, eps = (
+            np.stack([e for e, _ in found], axis=1),
+            np.stack([eps for _, eps in found], axis=2),
+        )
         if not all(may_stay(self.problem, mode) for mode in self.arena.modes):
             rng = np.random.default_rng(self.seed)
-            return self.simulate(e, eps, sets.drawn_signals(rng, count, self.problem, self.horizon, longer=LONGER))
+            return self.simulate(
+                e, eps, sets.drawn_signals(rng, count, self.problem, self.horizon, longer=LONGER)
+            )
         return self.simulate(e, eps, sets.constant_signals(modes))
 
     def flow(self, mode: int) -> Flow:
@@ -198,18 +256,26 @@ class _Search:
         most = max(LEAST_STEPS, min(MOST_STEPS, MOST_WORK // (loop.n * (loop.m + loop.q))))
         horizon = min(ASCENT_PART * self.horizon, most / fastest)
         steps = min(most, max(LEAST_STEPS, math.ceil(horizon * fastest)))
-        return build_flow(self.problem, self.arena.modes[mode], horizon=horizon, steps=steps, gain=self.gain)
+        return build_flow(
+            self.problem, self.arena.modes[mode], horizon=horizon, steps=steps, gain=self.gain
+        )
 
     def beyond(self, runs: Runs) -> list[Suspect]:
         if self.level is None:
             return []
-        bound = runs.values[0] * np.exp(-self.level.rate * runs.times)[:, None] * (1 + BEYOND) + FLOOR
+        bound = (
+            runs.values[0] * np.exp(-self.level.rate * runs.times)[:, None] * (1 + BEYOND) + FLOOR
+        )
         over = np.nanmax(np.where(np.isnan(runs.values), np.inf, runs.values) - bound, axis=0)
         bad = np.flatnonzero((over > 0) & ~runs.unfinished)
-        return [self.suspect(LEAVES, runs, int(run)) for run in bad[np.argsort(-over[bad], kind="stable")]]
+        return [
+            self.suspect(LEAVES, runs, int(run))
+            for run in bad[np.argsort(-over[bad], kind="stable")]
+        ]
 
     def stay_away(self, done: list[Runs]) -> list[Suspect]:
-        """Runs that stall and still do when they last longer; one of those that end at one place."""
+        """Runs that stall and still do when they last longer; one of those that end at one
+        place."""
         found: list[Suspect] = []
         for runs in done:
             worst = np.argsort(-self.badness(runs), kind="stable")
@@ -217,17 +283,23 @@ class _Search:
             if not len(chosen):
                 continue
             signals = Signals(times=runs.signals.times[chosen], modes=runs.signals.modes[chosen])
-            longer = self.simulate(runs.e[:, chosen], runs.eps[:, :, chosen], signals, longer=LONGER)
+            longer = self.simulate(
+                runs.e[:, chosen], runs.eps[:, :, chosen], signals, longer=LONGER
+            )
             ends: list[Array] = []
             for run in np.flatnonzero(longer.stalled).tolist():
                 end = longer.ends[:, run]
-                if not any(np.max(np.abs(end - other)) <= SAME_END * (1 + np.max(np.abs(end))) for other in ends):
+                if not any(
+                    np.max(np.abs(end - other)) <= SAME_END * (1 + np.max(np.abs(end)))
+                    for other in ends
+                ):
                     ends.append(end)
                     found.append(self.suspect(STAYS_AWAY, longer, run))
         return sorted(found, key=lambda suspect: -suspect.final_error)
 
     def equilibria(self, done: list[Runs], rng: np.random.Generator) -> list[Equilibrium]:
-        """Equilibria within the set of starts, proved: from where runs stall, and from other starts."""
+        """Equilibria within the set of starts, proved: from where runs stall, and from other
+        starts."""
         problem = self.problem
         if problem.is_linear or problem.n * problem.m > LARGEST:
             return []
@@ -235,8 +307,12 @@ class _Search:
         stalled = [end for runs in done for end in runs.ends.T[runs.stalled & ~runs.diverged]]
         found: list[Equilibrium] = []
         for mode in self.arena.modes:
-            others = np.concatenate([self.starts.draw(rng, count, kind)[0] for kind in (CORNERS, RANDOM)], axis=1)
-            found += proved_equilibria(problem, mode, [*stalled[:count], *others.T], starts=self.starts)
+            others = np.concatenate(
+                [self.starts.draw(rng, count, kind)[0] for kind in (CORNERS, RANDOM)], axis=1
+            )
+            found += proved_equilibria(
+                problem, mode, [*stalled[:count], *others.T], starts=self.starts
+            )
         return sorted(found, key=lambda claim: float(np.max(np.abs(point_of(claim)))))
 
     def suspect(self, kind: str, runs: Runs, run: int) -> Suspect:
@@ -271,17 +347,24 @@ class _Search:
         )
 
     def farthest(self, e: Array) -> tuple[str, ...]:
-        """The agents that are at least half as far from the target as the farthest, in the order of labels."""
+        """The agents that are at least half as far from the target as the farthest, in the order of
+        labels."""
         sizes = np.abs(e).reshape(self.arena.loop.n, -1).max(axis=1)
-        return tuple(self.problem.network.labels[i] for i in np.flatnonzero(sizes >= sizes.max() / 2))
+        return tuple(
+            self.problem.network.labels[i] for i in np.flatnonzero(sizes >= sizes.max() / 2)
+        )
 
-    def result(self, done: list[Runs], suspects: list[Suspect], proved: list[Equilibrium]) -> Falsification:
+    def result(
+        self, done: list[Runs], suspects: list[Suspect], proved: list[Equilibrium]
+    ) -> Falsification:
         notes = []
         unfinished = sum(int(runs.unfinished.sum()) for runs in done)
         if unfinished:
             notes.append(f"{unfinished} runs took too many steps; nothing is said about them.")
         if self.starts.reach[1].any() and not any(runs.eps.any() for runs in done):
-            notes.append("The observer is too fast for its closed form: every run starts with xihat = xi.")
+            notes.append(
+                "The observer is too fast for its closed form: every run starts with xihat = xi."
+            )
         checks = (refuting_check(self.problem, claim) for claim in proved)
         return Falsification(
             name=self.problem.name,
@@ -307,7 +390,9 @@ class _Search:
             counts = np.sum(runs.values > SPENT * runs.values[0], axis=0)
             for run in np.flatnonzero((counts > 1) & ~runs.unfinished):
                 last = int(counts[run]) - 1
-                rates.append(-math.log(runs.values[last, run] / runs.values[0, run]) / runs.times[last])
+                rates.append(
+                    -math.log(runs.values[last, run] / runs.values[0, run]) / runs.times[last]
+                )
         return min(rates, default=None)
 
 
@@ -330,7 +415,8 @@ def final_level(level: Level, rows: int, q: int, end: Array) -> tuple[float, Arr
 
 
 def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> Pair:
-    """A start, e (n m,) and eps (n, q), that ends farther away than ``start``; ``start`` itself if none is found."""
+    """A start, e (n m,) and eps (n, q), that ends farther away than ``start``; ``start`` itself if
+    none is found."""
     lengths = np.concatenate([part.ravel() for part in starts.reach])
     shape = start[1].shape
     best = np.concatenate([start[0], start[1].ravel()])
@@ -351,7 +437,9 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
         if not 0 < largest < np.inf or step < LEAST_STEP:
             break
         moved = best + step * lengths * scaled / largest
-        e, eps = starts.project(moved[: flow.rows, None], moved[flow.rows :].reshape(shape)[:, :, None])
+        e, eps = starts.project(
+            moved[: flow.rows, None], moved[flow.rows :].reshape(shape)[:, :, None]
+        )
         moved = np.concatenate([e[:, 0], eps[:, :, 0].ravel()])
         found, weight = evaluated(moved)
         if found > value:
@@ -363,10 +451,12 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
 
 Vectors = Callable[[Array], Array]
 STARTS, LEAST_STARTS = 48, 8  # of each kind: shared among the modes at most, in every mode at least
-MOST_ROWS, MOST_ARCS = 1500, 60_000  # starts of one kind times rows, or times arcs: a second or so in all
+# starts of one kind times rows, or times arcs: a second or so in all
+MOST_ROWS, MOST_ARCS = 1500, 60_000
 MOST_PROVED = 4  # roots of one mode for which a proof is tried, the nearest to the target first
 ROUGH = 1e-6  # tolerance of the runs, whose ends are only points to begin with
-ROUGH_STEPS, ROUGH_WORK = 3000, 600_000  # most steps of each, and most steps times characters of the couplings
+# most steps of each, and most steps times characters of the couplings
+ROUGH_STEPS, ROUGH_WORK = 3000, 600_000
 SAMPLES = 21
 STEPS = 60
 CLOSE = 1e-11  # |F|_inf of a root, relative to the slopes and to the size of e
@@ -376,8 +466,9 @@ SAME = 1e-6  # relative distance of roots that are one
 
 
 def equilibrium_check(problem: Problem) -> Check | None:
-    """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing.  It
-    takes the work of one stage: of very many modes only the first are looked at."""
+    """Look for a second equilibrium in the region asked for; the check that refutes, or None, which
+    says nothing.  It takes the work of one stage: of very many modes only the first are looked
+    at."""
     known = problem.region is not None and problem.node is None and problem.leader is None
     if not known or problem.n * problem.m > LARGEST:
         return None
@@ -405,9 +496,16 @@ def _in_modes(problem: Problem) -> Iterator[Equilibrium]:
         if not may_stay(problem, mode) or unreached(problem, [problem.network.modes[mode]]):
             continue  # what rests in such a mode is moved by others: no refutation by the contract
         spend(RUNS_WORK)
-        e = np.concatenate([box.draw(rng, count, kind)[0] for kind in (sets.CORNERS, sets.RANDOM)], axis=1)
-        none, constant = np.zeros((problem.n, problem.q, 2 * count)), sets.constant_signals(np.full(2 * count, number))
-        rough = partial(sets.run_starts, horizon=horizon, tolerance=ROUGH, samples=SAMPLES, most=most)
+        e = np.concatenate(
+            [box.draw(rng, count, kind)[0] for kind in (sets.CORNERS, sets.RANDOM)], axis=1
+        )
+        none, constant = (
+            np.zeros((problem.n, problem.q, 2 * count)),
+            sets.constant_signals(np.full(2 * count, number)),
+        )
+        rough = partial(
+            sets.run_starts, horizon=horizon, tolerance=ROUGH, samples=SAMPLES, most=most
+        )
         runs = rough(arena, e, none, constant)
         points = [*runs.ends.T[runs.stalled & ~runs.diverged], *e.T]
         yield from proved_equilibria(problem, mode, points, starts=box, within_region=True, most=1)
@@ -422,12 +520,15 @@ def proved_equilibria(
     within_region: bool = False,
     most: int = MOST_PROVED,
 ) -> list[Equilibrium]:
-    """Proved equilibria of one mode in the set of starts that the points lead to, the nearest to the target first."""
+    """Proved equilibria of one mode in the set of starts that the points lead to, the nearest to
+    the target first."""
     roots = [root for root in find_roots(problem, mode, points) if starts.holds(root)]
     roots.sort(key=lambda root: float(np.max(np.abs(root))))
     nearest = roots[:MOST_PROVED]
     enclose = partial(enclose_equilibrium, problem, mode, within_region=within_region)
-    found = list(islice((claim for root in nearest if (claim := enclose(root.tolist())) is not None), most))
+    found = list(
+        islice((claim for root in nearest if (claim := enclose(root.tolist())) is not None), most)
+    )
     if found and found[0].is_point:  # one of many: the farthest shows the most
         farthest = enclose(roots[-1].tolist())
         return found if farthest is None else [farthest]
@@ -441,7 +542,8 @@ def point_of(claim: Equilibrium) -> Array:
 
 def find_roots(problem: Problem, mode: str, points: Sequence[Array]) -> Iterator[Array]:
     """Roots other than the target that the points lead to, each once, as they are found."""
-    model, K = build_model(problem, mode, gain=no_gain(problem)), pinning_matrix(problem).toarray()  # eps = 0
+    # eps = 0
+    model, K = build_model(problem, mode, gain=no_gain(problem)), pinning_matrix(problem).toarray()
     known = list[Array]()
 
     def value(e: Array) -> Array:
@@ -454,14 +556,18 @@ def find_roots(problem: Problem, mode: str, points: Sequence[Array]) -> Iterator
     for point in points:
         spend(ROOT_WORK)
         root = _root(value, slope, point, least)
-        if root is not None and all(np.max(np.abs(root - other)) > SAME * np.max(np.abs(root)) for other in known):
+        if root is not None and all(
+            np.max(np.abs(root - other)) > SAME * np.max(np.abs(root)) for other in known
+        ):
             known.append(root)
             yield root
 
 
 def _root(value: Vectors, slope: Vectors, start: Array, least: float) -> Array | None:
     """A root with |e|_inf > ``least`` of a function with this derivative, or None."""
-    found = optimize.root(value, start, jac=slope, method="lm", options={"maxiter": STEPS, "xtol": 0.0, "ftol": 0.0})
+    found = optimize.root(
+        value, start, jac=slope, method="lm", options={"maxiter": STEPS, "xtol": 0.0, "ftol": 0.0}
+    )
     e, J, reach = found.x, slope(found.x), float(np.max(np.abs(found.x)))
     close = np.max(np.abs(value(e))) <= CLOSE * np.abs(J).sum(axis=1).max() * reach  # never for nan
     return np.asarray(e) if close and least < reach < np.inf else None

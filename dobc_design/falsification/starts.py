@@ -1,7 +1,8 @@
-"""Certified sets and other sets of starts, how they are searched, and many starts run side by side, in floats.
+"""Certified sets and other sets of starts, how they are searched, and many starts run side by side,
+in floats.
 
-Starts are e (n m, R) and eps (n, q, R), a column for each run.  Every V is positive homogeneous of degree 1 in them,
-so that a factor brings every start but 0 to the boundary of a certified set.
+Starts are e (n m, R) and eps (n, q, R), a column for each run.  Every V is positive homogeneous of
+degree 1 in them, so that a factor brings every start but 0 to the boundary of a certified set.
 """
 
 from __future__ import annotations
@@ -28,7 +29,15 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import Array, Gain, arc_groups, consensus_jacobian, pinning_matrix
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, MOST_STEPS, Stack, padded
+from dobc_design.simulation.columns import (
+    COLLAPSED,
+    COLUMN_NUMBERS,
+    ESCAPED,
+    HANDED_BACK,
+    MOST_STEPS,
+    Stack,
+    padded,
+)
 from dobc_design.simulation.field import Loop, Network, make_closed_form, make_loop, network_of
 from dobc_design.simulation.signals import Markov
 from dobc_design.simulation.switches import Switches, scheduled_switches
@@ -53,9 +62,10 @@ STALLED = 0.8  # the part of its error halfway that a run still has at the end
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BoxLevel:
-    """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,), scaled so that it is 1 on the boundary.  ``rate`` in
-    1/s: V(t) <= V(0) exp(-rate t) is certified while V <= 1.  ``P`` (q, q) is the observer's matrix, scaled like V;
-    None where the certificate is about eps = 0 only.  With ``T`` (m, m) it is T e_i that the heights belong to."""
+    """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,), scaled so that it is 1 on the
+    boundary.  ``rate`` in 1/s: V(t) <= V(0) exp(-rate t) is certified while V <= 1.  ``P`` (q, q)
+    is the observer's matrix, scaled like V; None where the certificate is about eps = 0 only.  With
+    ``T`` (m, m) it is T e_i that the heights belong to."""
 
     name: str
     rate: float
@@ -66,7 +76,11 @@ class BoxLevel:
     @property
     def lengths(self) -> Array:
         """How far the set reaches from side to side, about, by component of e: (n m,)."""
-        return np.asarray(2 * self.height) if self.T is None else 2 * turned(np.abs(inverse(self.T)), self.height)
+        return (
+            np.asarray(2 * self.height)
+            if self.T is None
+            else 2 * turned(np.abs(inverse(self.T)), self.height)
+        )
 
     def value(self, e: Array, eps: Array) -> Array:
         """V of states e (n m, R) and eps (n, q, R): (R,)."""
@@ -138,40 +152,63 @@ def observer_norms(P: Array | None, eps: Array) -> Array:
 
 
 def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) -> Level:
-    """The set of a claim, or of a proved check about ``W``; up to V = 1 if it holds everywhere.  Raises: SpecError."""
+    """The set of a claim, or of a proved check about ``W``; up to V = 1 if it holds everywhere.
+    Raises: SpecError."""
     cure = "Give the certificate of this very problem."
     if isinstance(certified, Check):
         certified = _claim_of(problem, certified, W)
     if isinstance(certified, Separable):
-        T, count = None if certified.T is None else to_float(certified.T), problem.n * len(certified.T or (1,))
+        T, count = (
+            None if certified.T is None else to_float(certified.T),
+            problem.n * len(certified.T or (1,)),
+        )
         if len(certified.v) != count:
-            raise wrong("certified", f"must have {count} weights v for this problem; got {len(certified.v)}.", cure)
-        rho, error, P = EVERYWHERE if certified.rho is None else float(certified.rho), certified.error, None
+            raise wrong(
+                "certified",
+                f"must have {count} weights v for this problem; got {len(certified.v)}.",
+                cure,
+            )
+        rho, error, P = (
+            EVERYWHERE if certified.rho is None else float(certified.rho),
+            certified.error,
+            None,
+        )
         if error is not None:
             P = to_float(error.P) * (float(error.kappa) / rho) ** 2
         height = np.repeat([float(v) for v in certified.v], problem.m if T is None else 1) * rho
-        return BoxLevel(name="max-separable", rate=float(composite_rate(certified)), height=height, P=P, T=T)
+        return BoxLevel(
+            name="max-separable", rate=float(composite_rate(certified)), height=height, P=P, T=T
+        )
     rows = problem.n * problem.m
     if certified.P_e.size != rows:
         raise wrong("certified", f"must have a P_e of {rows} rows; got {certified.P_e.size}.", cure)
     size = EVERYWHERE if certified.level is None else float(certified.level)
     P = None if certified.P is None else to_float(certified.P) / size
-    return Ellipsoid(name="lure", rate=float(certified.rate), P_e=to_float(certified.P_e.to_dense()) / size, P=P)
+    return Ellipsoid(
+        name="lure", rate=float(certified.rate), P_e=to_float(certified.P_e.to_dense()) / size, P=P
+    )
 
 
 def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Lure:
     """What a proved check of a region claims."""
     known = ids_of("region")
     if check.verdict is not Verdict.PROVED or check.id not in known or check.claim is None:
-        message = f"must be a proved check of a region ({', '.join(known)}); got {check.verdict.value} {check.title}."
+        message = (
+            f"must be a proved check of a region ({', '.join(known)}); got "
+            f"{check.verdict.value} {check.title}."
+        )
         raise wrong("certified", message, "Ask for a [region], or give certify everything=True.")
     try:
         claim = claim_of(check, problem, W)
     except (KeyError, TypeError, ValueError) as error:
         message = f"certified: the check {check.title} does not fit this problem ({error})."
-        raise SpecError(message, key="certified", cure="Give the certificate of this very problem.") from error
+        raise SpecError(
+            message, key="certified", cure="Give the certificate of this very problem."
+        ) from error
     if not isinstance(claim, Separable | Lure):
-        raise SpecError(f"certified: the check {check.title} names no set of starts.", key="certified")
+        raise SpecError(
+            f"certified: the check {check.title} names no set of starts.", key="certified"
+        )
     return claim
 
 
@@ -179,9 +216,13 @@ SIGNALS = ("schedule", "markov")  # about some signals only
 
 
 def regional_check(certificate: Certificate) -> Check | None:
-    """The proved check of a region that covers what is asked, else the first one; None without one.  One whose sets
-    move with time is none."""
-    regional = [check for check in certificate.checks if check.kind.role == "region" and check.id not in SIGNALS]
+    """The proved check of a region that covers what is asked, else the first one; None without
+    one.  One whose sets move with time is none."""
+    regional = [
+        check
+        for check in certificate.checks
+        if check.kind.role == "region" and check.id not in SIGNALS
+    ]
     proved = [check for check in regional if check.verdict is Verdict.PROVED]
     covering = (check for check in proved if check.id == certificate.claims.covered_by)
     return next(covering, proved[0] if proved else None)
@@ -211,7 +252,9 @@ class Box:
 
     def project(self, e: Array, eps: Array) -> Pair:
         eps = eps * _owned(self.loop)[:, :, None]
-        factor = np.minimum(1.0, self.radius / np.maximum(np.linalg.norm(eps, axis=1, keepdims=True), TINY))
+        factor = np.minimum(
+            1.0, self.radius / np.maximum(np.linalg.norm(eps, axis=1, keepdims=True), TINY)
+        )
         return np.clip(e, self.low[:, None], self.high[:, None]), eps * factor
 
     def holds(self, e: Array) -> bool:
@@ -233,12 +276,20 @@ class Boundary:
 
     @property
     def reach(self) -> Pair:
-        width = 0.0 if self.level.P is None else 2 / np.sqrt(max(TINY, float(np.trace(self.level.P)) / self.loop.q))
+        width = (
+            0.0
+            if self.level.P is None
+            else 2 / np.sqrt(max(TINY, float(np.trace(self.level.P)) / self.loop.q))
+        )
         return self.level.lengths, width * _owned(self.loop)
 
     def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
         rows, own = self.loop.n * self.loop.m, _owned(self.loop)
-        part = rng.standard_normal((rows, count)) if kind == RANDOM else unit_cube(rng, rows, count, kind)
+        part = (
+            rng.standard_normal((rows, count))
+            if kind == RANDOM
+            else unit_cube(rng, rows, count, kind)
+        )
         e = self.level.directions(part)
         eps = sphere(rng, own, count) * rng.random((self.loop.n, 1, count))
         sizes, sizes_eps = self.level.value(e, 0 * eps), self.level.value(0 * e, eps)
@@ -254,21 +305,30 @@ class Boundary:
         return e / size, eps / size
 
     def holds(self, e: Array) -> bool:
-        return bool(self.level.value(e[:, None], np.zeros((self.loop.n, self.loop.q, 1)))[0] <= 1 + 1e-9)
+        return bool(
+            self.level.value(e[:, None], np.zeros((self.loop.n, self.loop.q, 1)))[0] <= 1 + 1e-9
+        )
 
 
 StartSet = Box | Boundary
 
 
-def asked_box(problem: Problem, loop: Loop, *, radius: float | None = None, disturbance: float | None = None) -> Box:
-    """|e|_inf <= radius, else the region, else |e|_inf <= 1; |eps_i| as asked, else the region's, else 0."""
+def asked_box(
+    problem: Problem, loop: Loop, *, radius: float | None = None, disturbance: float | None = None
+) -> Box:
+    """|e|_inf <= radius, else the region, else |e|_inf <= 1; |eps_i| as asked, else the region's,
+    else 0."""
     region, goal = problem.region, loop.goal.ravel()
     if radius is None and region is not None:
         low, high = np.tile(to_float(region.initial_states), (problem.n, 1)).T - goal
         words = "the region"
     else:
         far = AWAY if radius is None else radius
-        low, high, words = np.full(len(goal), -far), np.full(len(goal), far), f"|e|_inf <= {far:.4g}"
+        low, high, words = (
+            np.full(len(goal), -far),
+            np.full(len(goal), far),
+            f"|e|_inf <= {far:.4g}",
+        )
     if disturbance is None:
         disturbance = 0.0 if region is None else float(region.initial_disturbance or 0)
     return Box(words=words, low=low, high=high, radius=disturbance, loop=loop)
@@ -280,7 +340,8 @@ def _owned(loop: Loop) -> Array:
 
 
 def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Array:
-    """Points of [-1, 1]^rows, (rows, count): anywhere, at corners (all where there are few), or on sides."""
+    """Points of [-1, 1]^rows, (rows, count): anywhere, at corners (all where there are few), or on
+    sides."""
     inside = rng.uniform(-1, 1, (rows, count))
     signs = rng.choice((-1.0, 1.0), (rows, count))
     if kind == RANDOM:
@@ -300,12 +361,15 @@ def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Arr
 def sphere(rng: np.random.Generator, own: Array, count: int) -> Array:
     """Unit vectors of the numbers that are an agent's own, (n, q, count) for ``own`` (n, q)."""
     directions = rng.standard_normal((*own.shape, count)) * own[:, :, None]
-    return np.asarray(directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), TINY))
+    return np.asarray(
+        directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), TINY)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Arena:
-    """The loop of a problem, ready to be run from many starts.  ``modes`` are the names of the modes."""
+    """The loop of a problem, ready to be run from many starts.  ``modes`` are the names of the
+    modes."""
 
     problem: Problem
     loop: Loop
@@ -314,7 +378,8 @@ class Arena:
 
 
 def make_arena(problem: Problem, gain: Gain | None) -> Arena:
-    """Prepare the loop; ``gain`` (q, m) is W.  Raises: SpecError if there is an exosystem and no W."""
+    """Prepare the loop; ``gain`` (q, m) is W.  Raises: SpecError if there is an exosystem and no
+    W."""
     loop, names = make_loop(problem, gain), tuple(problem.network.modes)
     size = max(1, COLUMN_NUMBERS // (loop.n * loop.m))
     networks = cache(lambda mode: network_of(loop, arc_groups(problem, names[mode]), runs=size))
@@ -335,7 +400,8 @@ class Signals:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Runs:
-    """What became of R starts: error and values (T, R) are |e|_inf and V, or nan; states (R,) as in ``columns``."""
+    """What became of R starts: error and values (T, R) are |e|_inf and V, or nan; states (R,) as in
+    ``columns``."""
 
     times: Array
     error: Array
@@ -357,7 +423,8 @@ class Runs:
 
     @property
     def stalled(self) -> BoolArray:
-        """Runs that diverged, or that end far away without having come closer in the second half."""
+        """Runs that diverged, or that end far away without having come closer in the second
+        half."""
         count = len(self.times)
         last = np.max(self.error[-count // 10 :], axis=0, initial=0.0)
         middle = np.max(self.error[int(0.45 * count) : int(0.55 * count) + 1], axis=0, initial=0.0)
@@ -367,14 +434,21 @@ class Runs:
 
 
 def settling_horizon(problem: Problem) -> float:
-    """How long a run should last (s): the problem's horizon, or longer where the consensus is slow."""
+    """How long a run should last (s): the problem's horizon, or longer where the consensus is
+    slow."""
     horizon = float(problem.simulation.t_final)
     if problem.n * problem.m > LARGEST_SPECTRUM:
         return horizon
     jacobians = (consensus_jacobian(problem, mode) for mode in problem.network.modes)
-    loops = [each.toarray() - pinning_matrix(problem).toarray() for each in jacobians if each is not None]
+    loops = [
+        each.toarray() - pinning_matrix(problem).toarray() for each in jacobians if each is not None
+    ]
     slowest = min((-float(np.linalg.eigvals(each).real.max()) for each in loops), default=np.inf)
-    return float(min(max(horizon, TIME_CONSTANTS / slowest), LONGEST * horizon)) if slowest > 0 else horizon
+    return (
+        float(min(max(horizon, TIME_CONSTANTS / slowest), LONGEST * horizon))
+        if slowest > 0
+        else horizon
+    )
 
 
 def constant_signals(modes: IndexArray) -> Signals:
@@ -385,15 +459,24 @@ def constant_signals(modes: IndexArray) -> Signals:
 def drawn_signals(
     rng: np.random.Generator, count: int, problem: Problem, horizon: float, *, longer: float = 1.0
 ) -> Signals:
-    """Every third run in one mode, the modes in turn; the others switch at random, at quite different paces.  Under a
-    guarantee all keep it, for ``longer`` horizons: modes last as short or as long as they may, or as a chain draws."""
-    names, phases, generator = tuple(problem.network.modes), phases_of(problem), generator_of(problem)
+    """Every third run in one mode, the modes in turn; the others switch at random, at quite
+    different paces.  Under a guarantee all keep it, for ``longer`` horizons: modes last as short or
+    as long as they may, or as a chain draws."""
+    names, phases, generator = (
+        tuple(problem.network.modes),
+        phases_of(problem),
+        generator_of(problem),
+    )
     if phases or generator is not None:
-        rows = [_kept(rng, problem, phases, longer * horizon) for _ in range(count if phases else 0)]
+        rows = [
+            _kept(rng, problem, phases, longer * horizon) for _ in range(count if phases else 0)
+        ]
         rates = tuple(tuple(map(float, row)) for row in generator or ())
         for _ in range(count if rates else 0):
             chain = Markov(generator=rates, start=str(rng.choice(names)))
-            rows.append(scheduled_switches(chain, names, longer * horizon, int(rng.integers(2**32))))
+            rows.append(
+                scheduled_switches(chain, names, longer * horizon, int(rng.integers(2**32)))
+            )
         times, active = padded(rows)
         return Signals(times=times, modes=active)
     modes = len(names)
@@ -411,7 +494,9 @@ def drawn_signals(
     return Signals(times=times, modes=np.where(np.isinf(times), 0, chosen))
 
 
-def _kept(rng: np.random.Generator, problem: Problem, phases: Sequence[Phase], horizon: float) -> Switches:
+def _kept(
+    rng: np.random.Generator, problem: Problem, phases: Sequence[Phase], horizon: float
+) -> Switches:
     """The switches of a signal that keeps the phases of the guarantee."""
     names, times, modes, at = tuple(problem.network.modes), list[float](), list[int](), 0.0
     place = int(rng.choice([p for p, phase in enumerate(phases) if phase.first]))
@@ -420,7 +505,11 @@ def _kept(rng: np.random.Generator, problem: Problem, phases: Sequence[Phase], h
         times.append(at)
         modes.append(names.index(phase.mode))
         shortest = float(phase.shortest)
-        longest = float(rng.choice((2 * shortest, horizon))) if phase.longest is None else float(phase.longest)
+        longest = (
+            float(rng.choice((2 * shortest, horizon)))
+            if phase.longest is None
+            else float(phase.longest)
+        )
         at, place = at + float(rng.choice((shortest, longest))), int(rng.choice(phase.successors))
     return Switches(times=np.array(times), modes=np.array(modes), names=names)
 
@@ -437,7 +526,8 @@ def run_starts(
     level: Level | None = None,
     most: int = MOST_STEPS,
 ) -> Runs:
-    """Simulate every start; V of ``level`` is followed.  Where the observer is too fast, eps = 0 from the start."""
+    """Simulate every start; V of ``level`` is followed.  Where the observer is too fast, eps = 0
+    from the start."""
     loop, count, times = arena.loop, e.shape[1], np.linspace(0.0, horizon, samples)
     closed = make_closed_form(loop.F, loop.C, horizon) if loop.q else None
     states = make_closed_form(loop.F, np.eye(loop.q), horizon) if loop.q else None
@@ -450,7 +540,9 @@ def run_starts(
     for begin in range(0, count, size):
         part = np.arange(begin, min(count, begin + size))
 
-        def visit(sample: IndexArray, run: IndexArray, state: Array, part: IndexArray = part) -> None:
+        def visit(
+            sample: IndexArray, run: IndexArray, state: Array, part: IndexArray = part
+        ) -> None:
             run = part[run]
             error[sample, run] = np.abs(state).max(axis=0)
             if level is not None:
@@ -462,7 +554,25 @@ def run_starts(
             ends[:, run[last]] = state[:, last]
 
         some, switches = eps[:, :, part], (signals.times[part], signals.modes[part])
-        stack = Stack(loop=loop, networks=arena.networks, closed=closed, e=e[:, part], eps=some, switches=switches)
+        stack = Stack(
+            loop=loop,
+            networks=arena.networks,
+            closed=closed,
+            e=e[:, part],
+            eps=some,
+            switches=switches,
+        )
         with np.errstate(all="ignore"):
-            outcome[part] = stack.integrate(times, tolerance=tolerance, visit=visit, most=most).states
-    return Runs(times=times, error=error, values=values, ends=ends, states=outcome, e=e, eps=eps, signals=signals)
+            outcome[part] = stack.integrate(
+                times, tolerance=tolerance, visit=visit, most=most
+            ).states
+    return Runs(
+        times=times,
+        error=error,
+        values=values,
+        ends=ends,
+        states=outcome,
+        e=e,
+        eps=eps,
+        signals=signals,
+    )

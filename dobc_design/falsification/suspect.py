@@ -1,6 +1,7 @@
 """What a search against the region, or against a certified set, brought up.
 
-A Suspect is a start with its simulated motion: an illustration, never a refutation.  Only a proved equilibrium is one.
+A Suspect is a start with its simulated motion: an illustration, never a refutation.  Only a proved
+equilibrium is one.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ MOST_WRITTEN = 10  # suspects of a JSON document
 class Suspect(Told):
     """One start and what became of it.
 
-    Shapes: start (n, m), x at t = 0; eps (n, q), xi - xihat there; times (T,) in s; error (T,), |e|_inf, nan from where
-    the run had ended.  ``final_error`` is the last of them.  ``labels`` name the agents that
-    are farthest from the target at the end, ``modes`` the active mode by the time from which it is (s).
-    ``equilibrium``: the proved box where there is one.
+    Shapes: start (n, m), x at t = 0; eps (n, q), xi - xihat there; times (T,) in s; error (T,),
+    |e|_inf, nan from where the run had ended.  ``final_error`` is the last of them.  ``labels``
+    name the agents that are farthest from the target at the end, ``modes`` the active mode by the
+    time from which it is (s). ``equilibrium``: the proved box where there is one.
     """
 
     kind: str
@@ -47,7 +48,8 @@ class Suspect(Told):
             array.setflags(write=False)
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object: where it starts and what becomes of it; infinite errors and runs that ended are null."""
+        """JSON object: where it starts and what becomes of it; infinite errors and runs that ended
+        are null."""
         return {
             "kind": self.kind,
             "proved": self.equilibrium is not None,
@@ -63,7 +65,10 @@ class Suspect(Told):
     def __str__(self) -> str:
         proved = " (proved)" if self.equilibrium is not None else ""
         names = ", ".join(self.labels[:6]) + (", ..." if len(self.labels) > 6 else "")
-        errors = f"|e|_inf from {self.error[0]:.4g} to {self.final_error:.4g} after {self.times[-1]:.4g} s"
+        errors = (
+            f"|e|_inf from {self.error[0]:.4g} to {self.final_error:.4g} after "
+            f"{self.times[-1]:.4g} s"
+        )
         return f"{self.kind}{proved}: {errors}, farthest: {names}"
 
     def __repr__(self) -> str:
@@ -74,11 +79,12 @@ class Suspect(Told):
 class Falsification(Headed):
     """The outcome of a search.
 
-    ``tried``: starts that were simulated; ``unfinished``: those among them whose runs took too many steps.
-    ``suspects``: the worst first; ``proved``: equilibria other than the target, each a box that holds one.
-    ``check``: the one that refutes the region asked for, None if no proved equilibrium lies there.
-    ``target`` says in words what was searched.  With a certified set ``certified_rate`` (1/s) is its rate and
-    ``observed_rate`` the slowest decay of its function V that was seen; both None without one.
+    ``tried``: starts that were simulated; ``unfinished``: those among them whose runs took too many
+    steps. ``suspects``: the worst first; ``proved``: equilibria other than the target, each a box
+    that holds one. ``check``: the one that refutes the region asked for, None if no proved
+    equilibrium lies there. ``target`` says in words what was searched.  With a certified set
+    ``certified_rate`` (1/s) is its rate and ``observed_rate`` the slowest decay of its function V
+    that was seen; both None without one.
     """
 
     name: str
@@ -95,10 +101,17 @@ class Falsification(Headed):
     notes: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object.  ``proved`` lists boxes that each hold an equilibrium, ends as exact rationals."""
-        boxes = [(claim.mode, [[number_text(x.lo), number_text(x.hi)] for x in claim.box]) for claim in self.proved]
+        """JSON object.  ``proved`` lists boxes that each hold an equilibrium, ends as exact
+        rationals."""
+        boxes = [
+            (claim.mode, [[number_text(x.lo), number_text(x.hi)] for x in claim.box])
+            for claim in self.proved
+        ]
         return {
-            **{name: getattr(self, name) for name in ("target", "tried", "unfinished", "horizon", "seed")},
+            **{
+                name: getattr(self, name)
+                for name in ("target", "tried", "unfinished", "horizon", "seed")
+            },
             "suspects": [each.to_json() for each in self.suspects[:MOST_WRITTEN]],
             "proved": [{"mode": mode, "box": box} for mode, box in boxes],
             "refutes": self.check is not None,
@@ -111,6 +124,12 @@ class Falsification(Headed):
         found = "no suspect" if not self.suspects else f"{len(self.suspects)} suspect(s)"
         rate = ""
         if self.certified_rate and self.observed_rate is not None:
-            rate = f", certified rate {self.certified_rate:.4g} 1/s, slowest seen {self.observed_rate:.4g}"
-        text = f"{self.tried} starts from {self.target}, {found}, {len(self.proved)} proved equilibria{rate}"
+            rate = (
+                f", certified rate {self.certified_rate:.4g} 1/s, slowest seen "
+                f"{self.observed_rate:.4g}"
+            )
+        text = (
+            f"{self.tried} starts from {self.target}, {found}, {len(self.proved)} proved "
+            f"equilibria{rate}"
+        )
         return Card(title=self.name, text=text, lines=[*self.notes, *map(str, self.suspects)])

@@ -19,14 +19,17 @@ LARGEST = 256 * 1024 * 1024
 SUFFIXES = (".m", ".json", *READERS, ".toml")
 ARCS_ONLY = (
     "Imported from {file}, which holds arcs and nothing else.",
-    'Stand-ins: the coupling h = "y" is linear, nobody is pinned, and there is no disturbance. Fill them in.',
+    'Stand-ins: the coupling h = "y" is linear, nobody is pinned, and there is no '
+    "disturbance. Fill them in.",
 )
 ONE_WAY = (
-    "Every line of {file} is one arc, and no two agents hear each other. If its edges have no direction, add a header"
+    "Every line of {file} is one arc, and no two agents hear each other. If its edges have "
+    "no direction, add a header"
     " with a column type and write Undirected there, or list each edge both ways."
 )
 UNWEIGHTED = (
-    "Every arc has the weight 1: no edge of {file} has an attribute called weight, w or value with another number. If"
+    "Every arc has the weight 1: no edge of {file} has an attribute called weight, w or "
+    "value with another number. If"
     " another attribute is meant, call it weight."
 )
 GRAPHS = (".graphml", ".gml")
@@ -34,31 +37,45 @@ LINES = (".csv", ".tsv", ".edges", ".edgelist", ".txt")
 
 
 def problem_from_file(
-    path: str | PathLike[str], *, arrow: str | None = None, merge: str | None = None, drop_loops: bool = False
+    path: str | PathLike[str],
+    *,
+    arrow: str | None = None,
+    merge: str | None = None,
+    drop_loops: bool = False,
 ) -> Problem:
     """Make a problem from a file of another program, by its suffix.
 
-    .m MATPOWER case; .json pandapower network (or problem.json); .csv, .edges, .graphml, .gml, .net (Pajek), .mtx
-    (Matrix Market) arcs, for which ``arrow`` ("listens_to" or "sends_to") has to say what a pair means; .toml a problem
-    file.  Of arcs ``merge`` "sum" adds the weights of parallel ones, ``drop_loops`` leaves out those from an agent to
-    itself.
+    .m MATPOWER case; .json pandapower network (or problem.json); .csv, .edges, .graphml, .gml, .net
+    (Pajek), .mtx (Matrix Market) arcs, for which ``arrow`` ("listens_to" or "sends_to") has to say
+    what a pair means; .toml a problem file.  Of arcs ``merge`` "sum" adds the weights of parallel
+    ones, ``drop_loops`` leaves out those from an agent to itself.
     Returns: a Problem whose notes say what was assumed.  Raises: SpecError.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        what = f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is."
+        what = (
+            f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind "
+            "of file it is."
+        )
         raise SpecError(what, key=path.name, cure="Rename or convert it.")
     given = {"arrow": arrow is not None, "merge": merge is not None, "drop_loops": drop_loops}
     for option in (name for name, there in given.items() if there and suffix not in READERS):
-        what = f"{option} is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says itself who listens."
+        what = (
+            f"{option} is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says "
+            "itself who listens."
+        )
         raise SpecError(what, key=f"--{option.replace('_', '-')}", cure="Leave it out.")
     name = path.stem if is_name(path.stem) else "problem"
     if suffix in READERS:
         if arrow is None:
             why = "there is no default, because a wrong guess is never noticed."
             cure = "listens_to: a hears b.  sends_to: a is heard by b."
-            raise SpecError(f"arrow must say what a pair a, b of the file means; {why}", key="--arrow", cure=cure)
+            raise SpecError(
+                f"arrow must say what a pair a, b of the file means; {why}",
+                key="--arrow",
+                cure=cure,
+            )
         folder = path.resolve().parent
         labels, arcs = read_network_file(
             path.name, folder=folder, arrow=arrow, key="arcs", merge=merge, drop_loops=drop_loops
@@ -69,18 +86,25 @@ def problem_from_file(
         if suffix in GRAPHS and set(arcs.weights) == {1}:
             sentences.append(UNWEIGHTED)
         notes = [note.format(file=path.name) for note in sentences]
-        return Problem(name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes)
+        return Problem(
+            name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes
+        )
     if suffix == ".toml":
         return load_problem(path)
     data = read_bytes(path, limit=LARGEST, what="file")
     if suffix == ".m":
-        return grid_problem(read_matpower(data.decode("utf-8", errors="replace"), name=path.name), name=name)
+        return grid_problem(
+            read_matpower(data.decode("utf-8", errors="replace"), name=path.name), name=name
+        )
     if is_pandapower(data):
         return grid_problem(read_pandapower(data, name=path.name), name=name)
     return load_problem(path)
 
 
 def _goes_one_way(arcs: Arcs) -> bool:
-    """Whether no two agents hear each other, as where a list of undirected edges names each once."""
+    """Whether no two agents hear each other, as where a list of undirected edges names each
+    once."""
     size = int(max(arcs.listeners.max(), arcs.speakers.max())) + 1
-    return not np.isin(arcs.listeners * size + arcs.speakers, arcs.speakers * size + arcs.listeners).any()
+    return not np.isin(
+        arcs.listeners * size + arcs.speakers, arcs.speakers * size + arcs.listeners
+    ).any()

@@ -2,8 +2,9 @@
 
     theta_i' = sum_j (1/D) b_ij sin(theta_j - theta_i) + u_i + d_i,        b_ij = 1 / (x_ij tap_ij)
 
-Lossless lines, voltages of 1 p.u., first order (droop-controlled inverters, or machines whose inertia is left out),
-flat schedule: all angles agree at the target 0.  The weights b_ij are exact; everything else is said in the notes.
+Lossless lines, voltages of 1 p.u., first order (droop-controlled inverters, or machines whose
+inertia is left out), flat schedule: all angles agree at the target 0.  The weights b_ij are exact;
+everything else is said in the notes.
 """
 
 from __future__ import annotations
@@ -28,10 +29,14 @@ from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
 NOTES = (
-    "Imported from {source}: {buses} buses, {branches} branches in service, generators at {generators}.",
-    "Model: voltage angles in rad with h = sin(y) and the weights 1/(x tap) in p.u.; voltages are 1 p.u., resistances,"
-    " shunts, phase shifts, inertia and the schedule of powers are left out, and the droop 1/D is 1 rad/s per p.u.",
-    "Stand-ins: every generator bus is pinned with the gain {gain} 1/s, and the disturbance is an unknown constant (a"
+    "Imported from {source}: {buses} buses, {branches} branches in service, generators at "
+    "{generators}.",
+    "Model: voltage angles in rad with h = sin(y) and the weights 1/(x tap) in p.u.; "
+    "voltages are 1 p.u., resistances,"
+    " shunts, phase shifts, inertia and the schedule of powers are left out, and the droop "
+    "1/D is 1 rad/s per p.u.",
+    "Stand-ins: every generator bus is pinned with the gain {gain} 1/s, and the "
+    "disturbance is an unknown constant (a"
     " load that was not scheduled). Choose your own, for example with design_pinning(allowed=...).",
 )
 SHOWN = 8
@@ -39,7 +44,8 @@ SHOWN = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Branch:
-    """A line or transformer: its two buses, its reactance x times the tap ratio in p.u., and its place in the file."""
+    """A line or transformer: its two buses, its reactance x times the tap ratio in p.u., and its
+    place in the file."""
 
     ends: tuple[str, str]
     reactance: Fraction
@@ -48,7 +54,8 @@ class Branch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grid:
-    """What is read of a grid: bus labels, branches in service, buses with a generator in service, where it is from."""
+    """What is read of a grid: bus labels, branches in service, buses with a generator in service,
+    where it is from."""
 
     buses: tuple[str, ...]
     branches: tuple[Branch, ...]
@@ -57,7 +64,8 @@ class Grid:
 
 
 def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
-    """The consensus problem of a grid; generators are pinned with ``gain`` (1/s).  Raises: SpecError."""
+    """The consensus problem of a grid; generators are pinned with ``gain`` (1/s).  Raises:
+    SpecError."""
     known = set(grid.buses)
     weights: dict[tuple[str, str], Fraction] = {}
     for branch in grid.branches:
@@ -65,9 +73,13 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
         for end in branch.ends:
             if end not in known:
                 what = f"{branch.place} names bus {named(end)}, which is not there."
-                raise SpecError(what, key=branch.place, cure="Add the bus, or take the branch out of service.")
+                raise SpecError(
+                    what, key=branch.place, cure="Add the bus, or take the branch out of service."
+                )
         if a == b:
-            raise SpecError(f"{branch.place} leads from bus {named(a)} to itself.", key=branch.place)
+            raise SpecError(
+                f"{branch.place} leads from bus {named(a)} to itself.", key=branch.place
+            )
     becomes = merged(grid.buses, [branch.ends for branch in grid.branches if not branch.reactance])
     for branch in grid.branches:
         a, b = (becomes[end] for end in branch.ends)
@@ -76,7 +88,9 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
             weights[ends] = weights.get(ends, Fraction(0)) + 1 / branch.reactance
     weights = {ends: w for ends, w in weights.items() if w}
     if not weights:
-        raise SpecError(f"{grid.source} has no branch in service.", key="branch", cure="A grid needs lines.")
+        raise SpecError(
+            f"{grid.source} has no branch in service.", key="branch", cure="A grid needs lines."
+        )
     arcs = [arc for (a, b), w in weights.items() for arc in ([a, b, abs(w)], [b, a, abs(w)])]
     buses = list(dict.fromkeys(becomes.values()))
     repelling = [ends for ends, w in weights.items() if w < 0]
@@ -85,12 +99,22 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     notes = list(NOTES)
     if len(buses) < len(grid.buses):
         joined = some([f"{a} into {b}" for a, b in becomes.items() if a != b], SHOWN)
-        notes.append(f"Buses joined by couplers, or by branches of reactance 0, are one agent: {joined}.")
+        notes.append(
+            f"Buses joined by couplers, or by branches of reactance 0, are one agent: {joined}."
+        )
     if repelling:
         between = some([f"{a} and {b}" for a, b in repelling], SHOWN)
-        notes.append(f"The reactance between buses {between} is negative: these push each other apart, h = -sin(y).")
+        notes.append(
+            f"The reactance between buses {between} is negative: these push each other "
+            "apart, h = -sin(y)."
+        )
     generators = tuple(dict.fromkeys(becomes[bus] for bus in grid.generators if bus in known))
-    facts = {"source": grid.source, "buses": len(grid.buses), "branches": len(grid.branches), "gain": gain}
+    facts = {
+        "source": grid.source,
+        "buses": len(grid.buses),
+        "branches": len(grid.branches),
+        "gain": gain,
+    }
     at = f"bus {some(generators, SHOWN)}" if generators else "no bus"
     return Problem(
         name=name,
@@ -105,13 +129,16 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
 
 
 def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
-    """Label -> the label it becomes when these pairs are joined (closed bus couplers): the first of its group."""
+    """Label -> the label it becomes when these pairs are joined (closed bus couplers): the first of
+    its group."""
     place = {label: i for i, label in enumerate(labels)}
     ends = [[place[pair[end]] for pair in pairs] for end in (0, 1)]
     graph = coo_array((np.ones(len(pairs)), tuple(ends)), shape=(len(labels),) * 2)
     first: dict[int, str] = {}
     groups = connected_components(graph, directed=False)[1].tolist() if labels else []
-    return {label: first.setdefault(group, label) for label, group in zip(labels, groups, strict=True)}
+    return {
+        label: first.setdefault(group, label) for label, group in zip(labels, groups, strict=True)
+    }
 
 
 CURE = "Let MATPOWER compute it: savecase('plain.m', loadcase('case.m')), and import plain.m."
@@ -119,10 +146,14 @@ COMPUTED = " nothing in a case is computed"
 ISOLATED = 4  # bus type
 USED = {"bus": (1, 2), "gen": (1, 8), "branch": (1, 2, 4, 9, 11)}  # columns
 _TABLE = re.compile(r"(?<![\w.])mpc\.(bus|gen|branch)[ \t]*=[ \t]*\[")
-_COMMENT = re.compile(r"^[ \t]*%\{[ \t\r]*$.*?(?:^[ \t]*%\}[ \t\r]*$|\Z)|%[^\n]*", re.MULTILINE | re.DOTALL)
+_COMMENT = re.compile(
+    r"^[ \t]*%\{[ \t\r]*$.*?(?:^[ \t]*%\}[ \t\r]*$|\Z)|%[^\n]*", re.MULTILINE | re.DOTALL
+)
 _END = re.compile(r"\][ \t\r]*(?:[;,\n\v]|\Z)")
 _CONTINUED = re.compile(r"\.\.\.[^\n]*(?:\n|\Z)")  # the end, too: else every dot looks for it again
-_NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?|[iI]nf|[nN]a[nN])"
+_NUMBER = (
+    r"(?:[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?|[iI]nf|[nN]a[nN])"
+)
 _CELL = re.compile(f"[+-]?{_NUMBER}")
 _UNUSED = re.compile(rf"[+-]?{_NUMBER}(?:[*/](?:{_NUMBER}|sqrt\({_NUMBER}\)))*")
 _EQUALS = re.compile(r"(?<![=~<>!])=(?!=)")
@@ -147,17 +178,25 @@ class _Row:
     def bus(self, column: int = 1) -> str:
         number = self.number(column)
         if number.denominator > 1 or number < 0:
-            raise wrong(self.place, f"must name a bus by a whole number; got {self.cells[column - 1]}.", CURE)
+            raise wrong(
+                self.place,
+                f"must name a bus by a whole number; got {self.cells[column - 1]}.",
+                CURE,
+            )
         return str(number)
 
 
 def read_matpower(text: str, *, name: str) -> Grid:
-    """Read a case file; its ``name`` is for messages.  Raises: SpecError that names line, table, row and column."""
+    """Read a case file; its ``name`` is for messages.  Raises: SpecError that names line, table,
+    row and column."""
     plain = _CONTINUED.sub("\v", _COMMENT.sub(lambda found: "\n" * found[0].count("\n"), text))
     tables = dict(_tables(plain, name))
     for table in ("bus", "branch"):
         if table not in tables:
-            what = f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there."
+            what = (
+                f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is "
+                "not there."
+            )
             raise SpecError(what, key=f"mpc.{table}", cure=CURE)
     unit = _unit(plain, tables["bus"], name)
     kinds = {row.bus(): row.number(2) for row in tables["bus"]}
@@ -204,7 +243,10 @@ def _rows(body: str, table: str, line: int, name: str) -> list[_Row]:
                 continue
             i, place = len(rows) + 1, f"{name}, line {line}: mpc.{table}"
             if len(cells) < USED[table][-1]:
-                what = f"{place} must have at least {USED[table][-1]} columns; row {i} has {len(cells)}."
+                what = (
+                    f"{place} must have at least {USED[table][-1]} columns; row {i} has "
+                    f"{len(cells)}."
+                )
                 raise SpecError(what, key=f"mpc.{table}", cure=CURE)
             for j, cell in enumerate(cells, 1):
                 if not (_CELL if j in USED[table] else _UNUSED).fullmatch(cell):
@@ -216,8 +258,9 @@ def _rows(body: str, table: str, line: int, name: str) -> list[_Row]:
 
 
 def _unit(text: str, buses: list[_Row], name: str) -> Fraction:
-    """The p.u. that a reactance of 1 in the table is: 1, or baseMVA / kV^2 where the case turns ohms into p.u. by the
-    statement of the radial cases.  Raises: SpecError for any other change of what is read of the tables."""
+    """The p.u. that a reactance of 1 in the table is: 1, or baseMVA / kV^2 where the case turns
+    ohms into p.u. by the statement of the radial cases.  Raises: SpecError for any other change of
+    what is read of the tables."""
     unit, said, line = Fraction(1), dict[str, str](), 1
     for row in text.split("\n"):
         for statement in row.split(";"):
@@ -226,7 +269,9 @@ def _unit(text: str, buses: list[_Row], name: str) -> Fraction:
                 continue
             short = "".join(statement.split())
             if short == FROM_OHM and (said.get("Vbase"), said.get("Sbase")) == (VOLTS, WATTS):
-                unit *= _decimal(said.get("mpc.baseMVA", ""), "mpc.baseMVA") / buses[0].number(10) ** 2
+                unit *= (
+                    _decimal(said.get("mpc.baseMVA", ""), "mpc.baseMVA") / buses[0].number(10) ** 2
+                )
             elif _GRID.search(left) and not _HARMLESS.match(short):
                 raise wrong(f"{name}, line {line}", f"changes the tables, but{COMPUTED}.", CURE)
             said["".join(left.split())] = "".join(right[0].split())
@@ -252,9 +297,11 @@ TABLES = ("bus", "line", "trafo", "trafo3w", "impedance", "switch", "gen", "ext_
 
 
 def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Problem:
-    """The consensus problem of a pandapower network: angles coupled by sines, generators pinned with ``gain`` (1/s).
+    """The consensus problem of a pandapower network: angles coupled by sines, generators pinned
+    with ``gain`` (1/s).
 
-    ``name`` of the problem, by default that of the network.  Returns: a Problem whose notes say what was left out.
+    ``name`` of the problem, by default that of the network.  Returns: a Problem whose notes say
+    what was left out.
     Raises: SpecError for what is no such network, and for what cannot be a positive susceptance.
     """
     if not all(hasattr(net, table) for table in ("bus", "line", "ext_grid")):
@@ -262,7 +309,9 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
         raise wrong("net", what, "Such as pandapower.networks.case14().")
     tables = {table: _records(getattr(net, table, None)) for table in TABLES}
     title = name or str(getattr(net, "name", "") or "pandapower-grid")
-    return grid_problem(_grid(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain)
+    return grid_problem(
+        _grid(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain
+    )
 
 
 def read_pandapower(data: bytes, *, name: str) -> Grid:
@@ -287,7 +336,10 @@ def is_pandapower(data: bytes) -> bool:
 def _records(table: Any) -> list[Row]:
     if table is None:
         return []
-    return [{"index": index, **row} for index, row in zip(table.index, table.to_dict("records"), strict=True)]
+    return [
+        {"index": index, **row}
+        for index, row in zip(table.index, table.to_dict("records"), strict=True)
+    ]
 
 
 def _json_records(table: Any) -> list[Row]:
@@ -300,19 +352,30 @@ def _json_records(table: Any) -> list[Row]:
 
 
 def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
-    """The grid of the tables.  Raises: SpecError, also for a column that is missing or holds something else."""
+    """The grid of the tables.  Raises: SpecError, also for a column that is missing or holds
+    something else."""
     try:
         if any(_on(row) for row in tables["trafo3w"]):
-            what = "three-winding transformers cannot be imported: their star point may have a negative reactance."
+            what = (
+                "three-winding transformers cannot be imported: their star point may have a "
+                "negative reactance."
+            )
             raise SpecError(what, key="trafo3w", cure="Replace them by two-winding transformers.")
         buses = tuple(str(row["index"]) for row in tables["bus"] if _on(row))
-        generators = tuple(str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row))
+        generators = tuple(
+            str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row)
+        )
         branches = tuple(_branches(tables, base=float(base)))
     except SpecError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
-        what = f"{source} has a table with a column that is missing or holds no number ({str(error)[:60]})."
-        raise SpecError(what, key="pandapower", cure="Write it anew with a current version of pandapower.") from None
+        what = (
+            f"{source} has a table with a column that is missing or holds no number "
+            f"({str(error)[:60]})."
+        )
+        raise SpecError(
+            what, key="pandapower", cure="Write it anew with a current version of pandapower."
+        ) from None
     return Grid(buses=buses, branches=branches, generators=generators, source=source)
 
 
@@ -329,23 +392,35 @@ def _branches(tables: Tables, *, base: float) -> Iterator[Branch]:
             if table == "switch" and (row.get("et") != "b" or not row.get("closed")):
                 continue
             if table == "line":
-                ohm = float(row["x_ohm_per_km"]) * float(row["length_km"]) / float(row.get("parallel") or 1)
+                ohm = (
+                    float(row["x_ohm_per_km"])
+                    * float(row["length_km"])
+                    / float(row.get("parallel") or 1)
+                )
                 x = ohm * base / voltage[row["from_bus"]] ** 2
             elif table == "trafo":
                 part = base / float(row["sn_mva"]) / float(row.get("parallel") or 1) / 100
                 z, r = float(row["vk_percent"]) * part, float(row["vkr_percent"]) * part
                 x = math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
             else:
-                x = float(row["xft_pu"]) * base / float(row["sn_mva"]) if table == "impedance" else 0.0
-            # Twelve digits: x was computed in floats, and 0.05917 should not read 0.059170000000000006.
+                x = (
+                    float(row["xft_pu"]) * base / float(row["sn_mva"])
+                    if table == "impedance"
+                    else 0.0
+                )
+            # Twelve digits: x was computed in floats, and 0.05917 should not read
+            # 0.059170000000000006.
             reactance = parse_number(f"{x:.12g}", key=f"the reactance of {place}")
             yield Branch(ends=(str(ends[0]), str(ends[1])), reactance=reactance, place=place)
 
 
 def _tap(row: Row) -> float:
     """The tap ratio of a transformer, 1 where there is no tap changer."""
-    position, neutral, step = (row.get(key) for key in ("tap_pos", "tap_neutral", "tap_step_percent"))
-    if any(value is None or value != value for value in (position, neutral, step)):  # nan: no tap changer
+    position, neutral, step = (
+        row.get(key) for key in ("tap_pos", "tap_neutral", "tap_step_percent")
+    )
+    # nan: no tap changer
+    if any(value is None or value != value for value in (position, neutral, step)):
         return 1.0
     ratio = 1 + (float(position or 0) - float(neutral or 0)) * float(step or 0) / 100
     return ratio if row.get("tap_side") in (None, "hv") else 1 / ratio

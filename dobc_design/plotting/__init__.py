@@ -1,1 +1,2 @@
-"""Figures of runs: arrays in, Matplotlib figures or HTML out.  Nothing is computed here but what a drawing needs."""
+"""Figures of runs: arrays in, Matplotlib figures or HTML out.  Nothing is computed here but what a
+drawing needs."""

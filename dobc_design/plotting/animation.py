@@ -1,7 +1,7 @@
 """The network in motion: one HTML page that needs no network.
 
-An arrow is not drawn: a line between two agents means that at least one hears the other.  The page holds its data, its
-script and nothing else; it loads nothing and runs in any browser.
+An arrow is not drawn: a line between two agents means that at least one hears the other.  The page
+holds its data, its script and nothing else; it loads nothing and runs in any browser.
 """
 
 from __future__ import annotations
@@ -17,7 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.errors import SpecError
-from dobc_design.plotting.look import BLUE, GRID, INK, MUTED, PAPER, VERMILLION, short, thinned_rows, write_new
+from dobc_design.plotting.look import (
+    BLUE,
+    GRID,
+    INK,
+    MUTED,
+    PAPER,
+    VERMILLION,
+    short,
+    thinned_rows,
+    write_new,
+)
 from dobc_design.plotting.runs import Run
 
 Array = NDArray[np.float64]
@@ -25,11 +35,19 @@ Arcs = Mapping[str, Sequence[tuple[int, int]]]
 MOST_FRAMES = 401
 MOST_AGENTS, MOST_LINKS = 500, 200_000
 PACE = 20.0  # pictures per second
-COLOURS = {"blue": BLUE, "grid": GRID, "ink": INK, "muted": MUTED, "paper": PAPER, "goal": VERMILLION}
+COLOURS = {
+    "blue": BLUE,
+    "grid": GRID,
+    "ink": INK,
+    "muted": MUTED,
+    "paper": PAPER,
+    "goal": VERMILLION,
+}
 
 
 def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bool = True) -> Path:
-    """Write ``path``, an .html file.  ``arcs``: (listener, speaker) by mode, where the run has no graphs of its own.
+    """Write ``path``, an .html file.  ``arcs``: (listener, speaker) by mode, where the run has no
+    graphs of its own.
     Raises: SpecError for another ending, or a network that is too large."""
     if path.suffix.lower() != ".html":
         told = f"an animation is saved as .html; got {path.name[:40]!r}."
@@ -38,7 +56,8 @@ def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bo
 
 
 def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
-    """The page: agents on their first two components, or one component against the agents' numbers."""
+    """The page: agents on their first two components, or one component against the agents'
+    numbers."""
     frames = thinned_rows(len(run.times), MOST_FRAMES)
     data = {
         "title": run.name,
@@ -59,10 +78,14 @@ def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
 
 
 def _in_plane(values: Array) -> Array:
-    """Positions (..., n, 2): the first two components, or the only one against the agents' numbers."""
+    """Positions (..., n, 2): the first two components, or the only one against the agents'
+    numbers."""
     if values.shape[-1] >= 2:
         return np.asarray(values[..., :2])
-    return np.stack([values[..., 0], np.broadcast_to(np.arange(1.0, values.shape[-2] + 1), values.shape[:-1])], axis=-1)
+    return np.stack(
+        [values[..., 0], np.broadcast_to(np.arange(1.0, values.shape[-2] + 1), values.shape[:-1])],
+        axis=-1,
+    )
 
 
 def _still(run: Run) -> Array:
@@ -77,7 +100,8 @@ def _axis_names(run: Run) -> tuple[str, str]:
 
 
 def _links(run: Run, arcs: Arcs | None) -> list[NDArray[np.int64]]:
-    """Pairs of agents (k, 2) by mode, each pair once.  Raises: SpecError for a network that is too large."""
+    """Pairs of agents (k, 2) by mode, each pair once.  Raises: SpecError for a network that is too
+    large."""
     known = arcs or {}
     found = [np.asarray(graph).T for graph in run.switches.graphs] or [
         np.array(known.get(name, ()), dtype=np.int64).reshape(-1, 2) for name in run.switches.names

@@ -1,7 +1,9 @@
-"""The one look of all figures, the sheet that saves itself, and what plots share: thinning, names, ticks, legends.
+"""The one look of all figures, the sheet that saves itself, and what plots share: thinning, names,
+ticks, legends.
 
-The colours are those of Okabe and Ito that keep a contrast of 3:1 on white: they can be told apart by people with any
-colour vision.  Names of users are never read as mathematics.  pyplot is never imported.
+The colours are those of Okabe and Ito that keep a contrast of 3:1 on white: they can be told apart
+by people with any colour vision.  Names of users are never read as mathematics.  pyplot is never
+imported.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ MOST_POINTS = 400  # of one series
 MOST_AGENTS = 30  # lines in one plot
 SHOWN_NAME = 18  # letters
 SMALLEST = 1e-14  # below it an error on a logarithmic axis is rounding
-RESOLVED = 1e-9  # of its start: where a bound is below, a simulated error is that of the integration, and no comparison
+# of its start: where a bound is below, a simulated error is that of the integration, and no
+# comparison
+RESOLVED = 1e-9
 DOTS = 160  # per inch, of pictures in pixels
 #: What a file says about its making: nothing, by its kind.
 NOTHING: dict[str, dict[str, None]] = {
@@ -42,7 +46,8 @@ NOTHING: dict[str, dict[str, None]] = {
 }
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-_LOCK = threading.Lock()  # Matplotlib's parameters belong to the process; they are put back after each figure
+# Matplotlib's parameters belong to the process; they are put back after each figure
+_LOCK = threading.Lock()
 
 
 @contextmanager
@@ -53,7 +58,8 @@ def styled() -> Iterator[None]:
 
 
 class Sheet:
-    """A finished figure that shows itself in a notebook; ``figure`` is Matplotlib's, for changes before it is saved."""
+    """A finished figure that shows itself in a notebook; ``figure`` is Matplotlib's, for changes
+    before it is saved."""
 
     def __init__(self, draw: Callable[[Figure], object], *, width: float, height: float) -> None:
         with styled(), np.errstate(all="ignore"):
@@ -63,8 +69,11 @@ class Sheet:
     def file(self, kind: str) -> bytes:
         """The figure as a file: "png", "svg" or "pdf"; no dates in it."""
         buffer = io.BytesIO()
-        with styled(), np.errstate(all="ignore"):  # an axis that ends at 1e300 has ticks beyond the floats
-            self.figure.savefig(buffer, format=kind, dpi=DOTS, facecolor="white", metadata=NOTHING[kind])
+        # an axis that ends at 1e300 has ticks beyond the floats
+        with styled(), np.errstate(all="ignore"):
+            self.figure.savefig(
+                buffer, format=kind, dpi=DOTS, facecolor="white", metadata=NOTHING[kind]
+            )
         return buffer.getvalue()
 
     def save(self, path: str | PathLike[str], *, force: bool = True) -> Path:
@@ -80,15 +89,24 @@ class Sheet:
         return self.file("png")
 
 
-def sheet_or_axes(draw: Callable[[Axes], Axes], ax: Axes | None, *, width: float, height: float) -> Sheet | Axes:
-    """What ``draw`` puts into ``ax``, which is returned; without it a sheet of its own, sizes in inches."""
-    return Sheet(lambda figure: draw(figure.subplots()), width=width, height=height) if ax is None else draw(ax)
+def sheet_or_axes(
+    draw: Callable[[Axes], Axes], ax: Axes | None, *, width: float, height: float
+) -> Sheet | Axes:
+    """What ``draw`` puts into ``ax``, which is returned; without it a sheet of its own, sizes in
+    inches."""
+    return (
+        Sheet(lambda figure: draw(figure.subplots()), width=width, height=height)
+        if ax is None
+        else draw(ax)
+    )
 
 
 def write_new(place: Path, data: bytes, *, force: bool) -> Path:
     """Write a file that must not be there yet, unless ``force``.  Raises: SpecError."""
     if place.exists() and not force:
-        raise SpecError(f"{str(place)!r} exists already.", key="path", cure="Replace it with force=True.")
+        raise SpecError(
+            f"{str(place)!r} exists already.", key="path", cure="Replace it with force=True."
+        )
     place.write_bytes(data)
     return place
 
@@ -133,7 +151,8 @@ def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
 
 
 def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> Axes:
-    """The axes, above them a legend of at least ``least`` entries, each once; in two columns beyond ``widest``."""
+    """The axes, above them a legend of at least ``least`` entries, each once; in two columns beyond
+    ``widest``."""
     entries = {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     if len(entries) < least:
         return ax

@@ -1,7 +1,7 @@
 """Figures of one run and of many: states, disturbance and estimate, errors, the active mode.
 
-Runs come as anything that has a Trajectory's or an Ensemble's arrays.  A certified envelope is handed over as points
-(t, bound on |e|_inf); nothing is certified here.
+Runs come as anything that has a Trajectory's or an Ensemble's arrays.  A certified envelope is
+handed over as points (t, bound on |e|_inf); nothing is certified here.
 """
 
 from __future__ import annotations
@@ -18,7 +18,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.errors import ShapeError
 from dobc_design.plotting import look
-from dobc_design.plotting.look import BLUE, DASHED, DOTTED, GREEN, INK, MUTED, PURPLE, SERIES, VERMILLION, Sheet
+from dobc_design.plotting.look import (
+    BLUE,
+    DASHED,
+    DOTTED,
+    GREEN,
+    INK,
+    MUTED,
+    PURPLE,
+    SERIES,
+    VERMILLION,
+    Sheet,
+)
 
 Array = NDArray[np.float64]
 Envelope = ArrayLike | Callable[[Array], Array]
@@ -34,10 +45,12 @@ LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
-def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequence[int] = ()) -> Sheet:
-    """States by component, disturbance and estimate, errors on a logarithmic axis, and which mode was active.
-    ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into the errors. ``pinned``:
-    indices of agents to be drawn in blue."""
+def trajectory_sheet(
+    run: Run, *, envelope: Envelope | None = None, pinned: Sequence[int] = ()
+) -> Sheet:
+    """States by component, disturbance and estimate, errors on a logarithmic axis, and which mode
+    was active. ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn
+    into the errors. ``pinned``: indices of agents to be drawn in blue."""
     points = checked_envelope(envelope, run.times)
     components = min(run.x.shape[2], MOST_COMPONENTS)
     has_estimate = bool(run.d.size and (run.d.any() or run.dhat.any()))
@@ -45,7 +58,9 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
     heights = [BAND] * has_band + [PANEL] * (components + has_estimate + 1)
 
     def draw(figure: Figure) -> None:
-        rows = list(np.atleast_1d(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)))
+        rows = list(
+            np.atleast_1d(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights))
+        )
         if has_band:
             plot_modes(rows.pop(0), run.switches, float(run.times[-1]))
         for c in range(components):
@@ -65,8 +80,9 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
 
 
 def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
-    """States of the first runs; quantile bands of |e|_inf and of |d - dhat|_inf, a run that diverged being infinite.
-    ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into |e|_inf."""
+    """States of the first runs; quantile bands of |e|_inf and of |d - dhat|_inf, a run that
+    diverged being infinite. ``envelope``: points (t, bound), (k, 2), or the bound as a function of
+    times, drawn into |e|_inf."""
     has_estimate = bool(np.nan_to_num(runs.estimation_error).any())
     components = min(runs.states.shape[3], MOST_COMPONENTS) if len(runs.states) else 0
     count = components + 1 + has_estimate
@@ -78,17 +94,33 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
         plot_bands(rows[components], runs, envelope)
         if has_estimate:
             rows[components].set_xlabel("")
-            plot_quantiles(rows[-1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of d")
+            plot_quantiles(
+                rows[-1],
+                runs.times,
+                runs.estimation_error,
+                colour=PURPLE,
+                what="|d − d̂|∞, unit of d",
+            )
         in_time(rows[-1], runs.times)
 
     return Sheet(draw, width=WIDTH, height=0.7 + 2.2 * count)
 
 
 def plot_states(ax: Axes, runs: Runs, *, component: int) -> Axes:
-    """One component of the states of at most 30 agents in the first runs, one colour for each run."""
-    rows, chosen = look.thinned_rows(len(runs.times)), look.shown_agents(runs.states.shape[2], set())
+    """One component of the states of at most 30 agents in the first runs, one colour for each
+    run."""
+    rows, chosen = (
+        look.thinned_rows(len(runs.times)),
+        look.shown_agents(runs.states.shape[2], set()),
+    )
     for x, seed, colour in zip(runs.states, runs.seeds, SERIES, strict=False):
-        ax.plot(runs.times[rows], x[rows][:, chosen, component], color=colour, linewidth=0.7, label=f"seed {seed}")
+        ax.plot(
+            runs.times[rows],
+            x[rows][:, chosen, component],
+            color=colour,
+            linewidth=0.7,
+            label=f"seed {seed}",
+        )
     return look.legend_above(_goals(ax, runs, chosen, component), right=True, widest=7)
 
 
@@ -111,13 +143,16 @@ def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
 
 
 def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = ()) -> Axes:
-    """One component of the states of at most 30 agents, and their goals (dashed); ``pinned`` ones are blue."""
+    """One component of the states of at most 30 agents, and their goals (dashed); ``pinned`` ones
+    are blue."""
     rows, held = look.thinned_rows(len(run.times)), set(pinned)
     chosen = look.shown_agents(run.x.shape[1], held)
     few = len(chosen) <= len(SERIES)
     shades = SERIES if few else colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
     for agent, shade in zip(chosen, shades, strict=False):
-        (line,) = ax.plot(run.times[rows], run.x[rows, agent, component], linewidth=1.0, marker=_marker(rows))
+        (line,) = ax.plot(
+            run.times[rows], run.x[rows, agent, component], linewidth=1.0, marker=_marker(rows)
+        )
         if agent in held:
             line.set(color=BLUE, label="pinned", linewidth=1.7, zorder=2.1)
         elif held:
@@ -129,12 +164,15 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
         look.legend_above(ax, right=True, widest=7)
     elif component == 0:
         dark, light = (look.short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
-        ax.set_title(f"agents {dark} (dark) to {light} (light); goals dashed", loc="right", parse_math=False)
+        ax.set_title(
+            f"agents {dark} (dark) to {light} (light); goals dashed", loc="right", parse_math=False
+        )
     return ax
 
 
 def _goals(ax: Axes, run: Run | Runs, chosen: Sequence[int], component: int) -> Axes:
-    """The axes of a state component, with the goals of these agents; those beside a leader move with it."""
+    """The axes of a state component, with the goals of these agents; those beside a leader move
+    with it."""
     rows = look.thinned_rows(len(run.times))
     style: dict[str, Any] = {"linewidth": 1.1, "linestyle": DASHED, "zorder": 1.5}
     leaders = run.leader[..., component].reshape(-1, len(run.times))
@@ -153,13 +191,21 @@ def state_symbol(component: int, m: int) -> str:
 
 
 def plot_estimates(ax: Axes, run: Run) -> Axes:
-    """The first component of the disturbance (dotted) and its estimate (solid) of at most three agents."""
+    """The first component of the disturbance (dotted) and its estimate (solid) of at most three
+    agents."""
     rows = look.thinned_rows(len(run.times))
     chosen = look.shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)
     times = run.times[rows]
     for rank, agent in enumerate(chosen):
         values, label = run.dhat[rows, agent, 0], f"d̂, agent {look.short(run.labels[agent])}"
-        ax.plot(times, values, color=SERIES[rank], linewidth=3.2 - rank, marker=_marker(rows), label=label)
+        ax.plot(
+            times,
+            values,
+            color=SERIES[rank],
+            linewidth=3.2 - rank,
+            marker=_marker(rows),
+            label=label,
+        )
     for agent in chosen:  # on top of all estimates
         ax.plot(times, run.d[rows, agent, 0], color=INK, linestyle=DOTTED, linewidth=1.3, label="d")
     unit = "units of x per s" if run.d.shape == run.x.shape else "their own units"
@@ -168,14 +214,21 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
 
 
 def plot_errors(
-    ax: Axes, times: Array, errors: dict[str, Array], *, envelope: Array | None = None, rate: float | None = None
+    ax: Axes,
+    times: Array,
+    errors: dict[str, Array],
+    *,
+    envelope: Array | None = None,
+    rate: float | None = None,
 ) -> Axes:
-    """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.  Without one ``rate`` (1/s)
-    adds a line that falls like exp(-rate t) from the first error, a slope and no bound."""
+    """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.  Without
+    one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the first error, a slope and no
+    bound."""
     rows = look.thinned_rows(len(times))
     every = np.concatenate(list(errors.values()))
     falls = any(values[-1] < values[0] for values in errors.values())
-    level = envelope is None and not falls and bool(every.max() < 10 * every.min())  # no decades to be shown
+    # no decades to be shown
+    level = envelope is None and not falls and bool(every.max() < 10 * every.min())
     ax.set_yscale("linear" if level else "log")
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
         shown = np.where(values[rows] > look.SMALLEST, values[rows], np.nan)
@@ -186,7 +239,9 @@ def plot_errors(
         error = next(iter(errors.values()))
         slope = error[0] * np.exp(np.clip(-rate * (times[rows] - times[0]), -700, 0))
         visible = slope > max(0.5 * float(np.nanmin(error)), look.SMALLEST)
-        _draw_bound(ax, times[rows], np.where(visible, slope, np.nan), "slope of the certified rate")
+        _draw_bound(
+            ax, times[rows], np.where(visible, slope, np.nan), "slope of the certified rate"
+        )
     if level:
         ax.set_ylim(0, 1.1 * float(every.max()))
     else:
@@ -196,7 +251,8 @@ def plot_errors(
 
 
 def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: str) -> Axes:
-    """Bands of 5 to 95 and of 25 to 75 percent, and the median; errors (R, T) with nan counted as infinite."""
+    """Bands of 5 to 95 and of 25 to 75 percent, and the median; errors (R, T) with nan counted as
+    infinite."""
     rows = look.thinned_rows(len(times))
     ordered = np.sort(np.where(np.isnan(errors[:, rows]), np.inf, errors[:, rows]), axis=0)
     places = [max(0, int(np.ceil(level * len(ordered))) - 1) for level in LEVELS]
@@ -205,9 +261,15 @@ def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: 
     top = 10 * float(finite.max()) if len(finite) else 1.0
     shown = np.where(np.isfinite(bands), bands, top)
     ax.set_yscale("log")
-    ax.fill_between(times[rows], shown[0], shown[4], color=colour, alpha=0.18, linewidth=0, label="5 to 95 %")
-    ax.fill_between(times[rows], shown[1], shown[3], color=colour, alpha=0.34, linewidth=0, label="25 to 75 %")
-    ax.plot(times[rows], np.where(np.isfinite(bands[2]), bands[2], np.nan), color=colour, label="median")
+    ax.fill_between(
+        times[rows], shown[0], shown[4], color=colour, alpha=0.18, linewidth=0, label="5 to 95 %"
+    )
+    ax.fill_between(
+        times[rows], shown[1], shown[3], color=colour, alpha=0.34, linewidth=0, label="25 to 75 %"
+    )
+    ax.plot(
+        times[rows], np.where(np.isfinite(bands[2]), bands[2], np.nan), color=colour, label="median"
+    )
     tick_decades(ax)
     ax.set_ylabel(what)
     return ax
@@ -219,12 +281,18 @@ def plot_modes(ax: Axes, switches: Any, end: float) -> Axes:
     ends = np.minimum(np.append(times[1:], end), end)
     used = np.unique(modes).tolist()
     named = len(used) <= MOST_NAMED_MODES
-    shades = [*SERIES[:4], INK, MUTED] if named else list(colormaps["cividis"](np.linspace(0, 1, len(used))))
+    shades = (
+        [*SERIES[:4], INK, MUTED]
+        if named
+        else list(colormaps["cividis"](np.linspace(0, 1, len(used))))
+    )
     for place, mode in enumerate(used):
         here = modes == mode
         spans = list(zip(times[here].tolist(), (ends - times)[here].tolist(), strict=True))
         alpha, label = (0.75, look.short(switches.names[mode])) if named else (1.0, None)
-        ax.broken_barh(spans, (0, 1), facecolors=shades[place], alpha=alpha, linewidth=0, label=label)
+        ax.broken_barh(
+            spans, (0, 1), facecolors=shades[place], alpha=alpha, linewidth=0, label=label
+        )
     ax.set_yticks([])
     ax.set_ylim(0, 1)
     ax.grid(visible=False)
@@ -237,7 +305,8 @@ def plot_modes(ax: Axes, switches: Any, end: float) -> Axes:
 
 
 def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
-    """Points (t, bound) as an array (k, 2); a function is asked at the samples.  Raises: ShapeError."""
+    """Points (t, bound) as an array (k, 2); a function is asked at the samples.  Raises:
+    ShapeError."""
     if envelope is None:
         return None
     if callable(envelope):
@@ -250,12 +319,15 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
     return points
 
 
-def _draw_bound(ax: Axes, times: Array, values: Array, label: str = "certified bound on |e|∞") -> None:
+def _draw_bound(
+    ax: Axes, times: Array, values: Array, label: str = "certified bound on |e|∞"
+) -> None:
     ax.plot(times, values, color=INK, linestyle=DASHED, linewidth=1.2, label=label)
 
 
 def tick_decades(ax: Axes) -> None:
-    """Ticks at powers of ten; at 1, 2 and 5 of each where these are few; evenly in less than half a decade."""
+    """Ticks at powers of ten; at 1, 2 and 5 of each where these are few; evenly in less than half a
+    decade."""
     low, high = ax.get_ylim()
     decades = float(np.log10(high) - np.log10(max(low, 1e-300)))
     if decades >= FEW_DECADES:

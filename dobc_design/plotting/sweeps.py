@@ -1,6 +1,8 @@
-"""One number over what was varied: sweeps as a heat map, lines or points; what breaks first; trade-offs of a design.
+"""One number over what was varied: sweeps as a heat map, lines or points; what breaks first;
+trade-offs of a design.
 
-Handed arrays; where several cases fall on one place their median is drawn, and ``spread`` from least to most.
+Handed arrays; where several cases fall on one place their median is drawn, and ``spread`` from
+least to most.
 """
 
 from __future__ import annotations
@@ -16,7 +18,18 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from dobc_design.plotting import look
-from dobc_design.plotting.look import BLUE, DASHED, GREEN, INK, MUTED, PURPLE, SERIES, VERMILLION, Sheet, short
+from dobc_design.plotting.look import (
+    BLUE,
+    DASHED,
+    GREEN,
+    INK,
+    MUTED,
+    PURPLE,
+    SERIES,
+    VERMILLION,
+    Sheet,
+    short,
+)
 
 Array = NDArray[np.float64]
 MOST_SERIES = len(SERIES)
@@ -36,7 +49,8 @@ MARKS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Places:
-    """Where cases stand along one axis: ``position`` of each case; ``ticks`` with ``names``, or none for numbers."""
+    """Where cases stand along one axis: ``position`` of each case; ``ticks`` with ``names``, or
+    none for numbers."""
 
     name: str
     position: Array  # (cases,)
@@ -62,7 +76,15 @@ def heat_map(
     def draw(ax: Axes) -> Axes:
         ax.grid(visible=False)
         shown = np.ma.masked_invalid(grid)
-        mesh = ax.pcolormesh(_edges(x), _edges(y), shown, cmap="cividis", shading="flat", linewidth=0, rasterized=False)
+        mesh = ax.pcolormesh(
+            _edges(x),
+            _edges(y),
+            shown,
+            cmap="cividis",
+            shading="flat",
+            linewidth=0,
+            rasterized=False,
+        )
         bar = ax.figure.colorbar(mesh, ax=ax, pad=0.02)
         bar.outline.set_linewidth(0.5)
         bar.set_label(label)
@@ -70,12 +92,17 @@ def heat_map(
         _name_axis(ax, y, along="y")
         bright = np.nanmean([np.nanmin(grid), np.nanmax(grid)]) if np.isfinite(grid).any() else 0.0
         for row, column in np.ndindex(grid.shape) if grid.size <= MOST_MARKS else ():
-            sign, colour = MARKS.get(signs[row][column], ("",))[0], "white" if grid[row, column] < bright else INK
+            sign, colour = (
+                MARKS.get(signs[row][column], ("",))[0],
+                "white" if grid[row, column] < bright else INK,
+            )
             if sign:
                 at = float(x.ticks[column]), float(y.ticks[row])
                 ax.text(*at, sign, ha="center", va="center", color=colour, fontsize=8)
         present = {each for row in signs for each in row}
-        told = ", ".join(f"{sign} {name}" for name, (sign, _, _) in MARKS.items() if sign and name in present)
+        told = ", ".join(
+            f"{sign} {name}" for name, (sign, _, _) in MARKS.items() if sign and name in present
+        )
         white = {signs[row][column] for row, column in np.argwhere(~np.isfinite(grid)).tolist()}
         empty = "white: none" if white & {"proved", "undecided", "converged"} else ""
         return _title(ax, title, "; ".join(filter(None, [note, told, empty])))
@@ -95,7 +122,8 @@ def lines(
     drawn: bool,
     ax: Axes | None = None,
 ) -> Sheet | Axes:
-    """``value`` over ``x``: a line through the medians of each series; where x was ``drawn`` one point per case."""
+    """``value`` over ``x``: a line through the medians of each series; where x was ``drawn`` one
+    point per case."""
     names = list(dict.fromkeys(series))[:MOST_SERIES]
 
     def draw(ax: Axes) -> Axes:
@@ -114,34 +142,56 @@ def lines(
     return look.sheet_or_axes(draw, ax, width=6.2, height=3.8)
 
 
-def _line(ax: Axes, x: Places, value: Array, own: NDArray[np.bool_], *, name: str, place: int) -> None:
+def _line(
+    ax: Axes, x: Places, value: Array, own: NDArray[np.bool_], *, name: str, place: int
+) -> None:
     middle, low, high = (np.full(len(x.ticks), np.nan) for _ in range(3))
     for tick, where in enumerate(x.ticks):
         found = value[own & (x.position == where) & np.isfinite(value)]
         if len(found):
             middle[tick], low[tick], high[tick] = np.median(found), found.min(), found.max()
     colour = SERIES[place % len(SERIES)]
-    ax.plot(x.ticks, middle, color=colour, marker=look.MARKERS[place % len(look.MARKERS)], label=short(name) or None)
+    ax.plot(
+        x.ticks,
+        middle,
+        color=colour,
+        marker=look.MARKERS[place % len(look.MARKERS)],
+        label=short(name) or None,
+    )
     if np.nanmax(high - low, initial=0.0) > 0:
         ax.fill_between(x.ticks, low, high, color=colour, alpha=0.15, linewidth=0)
 
 
-def _points(ax: Axes, position: Array, value: Array, outcome: Sequence[str], series: Sequence[str]) -> None:
-    """One marker per case: its shape is the outcome; its colour, too, or the series where there are several."""
+def _points(
+    ax: Axes, position: Array, value: Array, outcome: Sequence[str], series: Sequence[str]
+) -> None:
+    """One marker per case: its shape is the outcome; its colour, too, or the series where there are
+    several."""
     names = list(dict.fromkeys(series))[:MOST_SERIES]
     for place, series_name in enumerate(names if len(names) > 1 else ()):
         ax.plot([], [], linestyle="none", marker="s", color=SERIES[place], label=short(series_name))
     for name, (_, marker, colour) in MARKS.items():
         own = np.array([each == name for each in outcome]) & np.isfinite(value)
         if own.any():
-            ax.plot([], [], linestyle="none", marker=marker, color=MUTED if len(names) > 1 else colour, label=name)
+            ax.plot(
+                [],
+                [],
+                linestyle="none",
+                marker=marker,
+                color=MUTED if len(names) > 1 else colour,
+                label=name,
+            )
         for place, series_name in enumerate(names):
             here = own & np.array([each == series_name for each in series])
             shade = SERIES[place] if len(names) > 1 else colour
-            ax.plot(position[here], value[here], linestyle="none", marker=marker, color=shade, alpha=0.7)
+            ax.plot(
+                position[here], value[here], linestyle="none", marker=marker, color=shade, alpha=0.7
+            )
 
 
-def _on_grid(x: Places, y: Places, value: Array, outcome: Sequence[str]) -> tuple[Array, list[list[str]]]:
+def _on_grid(
+    x: Places, y: Places, value: Array, outcome: Sequence[str]
+) -> tuple[Array, list[list[str]]]:
     """Medians by place, (y, x), nan where there is none; and the worst outcome of each place."""
     grid = np.full((len(y.ticks), len(x.ticks)), np.nan)
     signs = [["" for _ in x.ticks] for _ in y.ticks]
@@ -170,11 +220,17 @@ def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:
     own.set_label_text(axis.name, parse_math=False)
     if axis.names is not None:
         step = -(-len(axis.names) // MOST_TICKS)
-        own.set_ticks(axis.ticks[::step], [short(name) for name in axis.names[::step]], parse_math=False)
+        own.set_ticks(
+            axis.ticks[::step], [short(name) for name in axis.names[::step]], parse_math=False
+        )
         own.set_tick_params(length=0)
         if along == "x" and max(map(len, axis.names)) > 8:
             own.set_tick_params(rotation=20)
-    elif not axis.even_ratios and np.all(axis.ticks == np.round(axis.ticks)) and len(axis.ticks) <= MOST_TICKS:
+    elif (
+        not axis.even_ratios
+        and np.all(axis.ticks == np.round(axis.ticks))
+        and len(axis.ticks) <= MOST_TICKS
+    ):
         own.set_major_locator(MaxNLocator(integer=True))
 
 
@@ -204,16 +260,28 @@ TITLES = {
 
 
 def breaking_sheet(
-    sweeps: Sequence[Any], *, tolerance: float, period: float | None, certified: float | None, name: str
+    sweeps: Sequence[Any],
+    *,
+    tolerance: float,
+    period: float | None,
+    certified: float | None,
+    name: str,
 ) -> Sheet:
-    """A panel for each ``simulation.breaking.Sweep``; ``period``, ``certified``: the longest sampling periods, in s."""
+    """A panel for each ``simulation.breaking.Sweep``; ``period``, ``certified``: the longest
+    sampling periods, in s."""
     rows = -(-len(sweeps) // COLUMNS)
 
     def draw(figure: Figure) -> None:
-        grid = np.atleast_1d(figure.subplots(rows, min(COLUMNS, len(sweeps)), sharey=True, squeeze=False)).ravel()
+        grid = np.atleast_1d(
+            figure.subplots(rows, min(COLUMNS, len(sweeps)), sharey=True, squeeze=False)
+        ).ravel()
         shown = [each.late[np.isfinite(each.late)] for each in sweeps]
-        top = max(10 * tolerance, 2 * max((float(each.max()) for each in shown if len(each)), default=1.0))
-        bottom = max(min([tolerance / 3, *(float(each.min()) for each in shown if len(each))]) / 2, 1e-12)
+        top = max(
+            10 * tolerance, 2 * max((float(each.max()) for each in shown if len(each)), default=1.0)
+        )
+        bottom = max(
+            min([tolerance / 3, *(float(each.min()) for each in shown if len(each))]) / 2, 1e-12
+        )
         for place, (ax, sweep) in enumerate(zip(grid, sweeps, strict=False)):
             _panel(ax, sweep, tolerance=tolerance, bottom=bottom, top=top)
             if sweep.option == "period":
@@ -222,17 +290,26 @@ def breaking_sheet(
                 ax.set_ylabel("late error / start")
         for ax in grid[len(sweeps) :]:
             ax.set_axis_off()
-        figure.suptitle(f"{name}: what breaks first", fontsize=10, x=0.01, ha="left", parse_math=False)
+        figure.suptitle(
+            f"{name}: what breaks first", fontsize=10, x=0.01, ha="left", parse_math=False
+        )
 
     return Sheet(draw, width=7.4, height=0.5 + 2.1 * rows)
 
 
 def plot_breaking(ax: Axes, sweeps: Sequence[Any], *, tolerance: float, name: str) -> Axes:
-    """All stresses in one picture: the late error over the severity in natural units, 0 to about 1."""
+    """All stresses in one picture: the late error over the severity in natural units, 0 to about
+    1."""
     for place, each in enumerate(sweeps):
         late = np.where(np.isfinite(each.late), each.late, np.nan)
         colour, marker = SERIES[place % len(SERIES)], look.MARKERS[place % len(look.MARKERS)]
-        ax.plot(each.relative, late, color=colour, marker=marker, label=TITLES.get(each.option, each.option))
+        ax.plot(
+            each.relative,
+            late,
+            color=colour,
+            marker=marker,
+            label=TITLES.get(each.option, each.option),
+        )
     ax.axhline(tolerance, color=VERMILLION, linewidth=1.0, linestyle=DASHED, label="breaks above")
     ax.set(yscale="log", xlabel="severity in natural units", ylabel="late error / start")
     ax.legend(loc="best", handlelength=1.4)
@@ -249,12 +326,22 @@ def _panel(ax: Axes, sweep: Any, *, tolerance: float, bottom: float, top: float)
     ax.axhline(tolerance, color=VERMILLION, linewidth=1.0)
     ax.plot(sweep.severity, late, color=INK, linewidth=0.9)
     ax.plot(sweep.severity[good], late[good], linestyle="none", marker="o", color=BLUE)
-    ax.plot(sweep.severity[~good], late[~good], linestyle="none", marker="X", markersize=7, color=VERMILLION)
+    ax.plot(
+        sweep.severity[~good],
+        late[~good],
+        linestyle="none",
+        marker="X",
+        markersize=7,
+        color=VERMILLION,
+    )
     ax.set_ylim(bottom, 1.5 * top)
     if sweep.option == "saturation":
         ax.invert_xaxis()  # severe is to the right, as everywhere
     ax.set_title(TITLES.get(sweep.option, sweep.option))
-    ax.set_xlabel(("never breaks; " if sweep.breaks is None else "") + UNITS.get(sweep.unit, f"in {sweep.unit}"))
+    ax.set_xlabel(
+        ("never breaks; " if sweep.breaks is None else "")
+        + UNITS.get(sweep.unit, f"in {sweep.unit}")
+    )
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     if sweep.option not in LINEAR:
         look.tick_numbers(ax.xaxis)
@@ -275,7 +362,13 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
             ax.xaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
             ax.minorticks_off()
     if period is not None or certified is not None:
-        ax.legend(loc="center left", bbox_to_anchor=(0.06, 0.45), handlelength=1.4, frameon=True, edgecolor="none")
+        ax.legend(
+            loc="center left",
+            bbox_to_anchor=(0.06, 0.45),
+            handlelength=1.4,
+            frameon=True,
+            edgecolor="none",
+        )
 
 
 STEEP = 30  # times the least y from which the axis is logarithmic
@@ -304,7 +397,14 @@ def trade_off_plot(
             ax.plot(xs, ys, marker="o", markersize=4, color=BLUE)
         if chosen is not None:
             ax.plot(*chosen, linestyle="none", marker="D", markersize=8, color=VERMILLION, zorder=3)
-            ax.annotate("chosen", chosen, xytext=(8, -3), textcoords="offset points", color=VERMILLION, va="top")
+            ax.annotate(
+                "chosen",
+                chosen,
+                xytext=(8, -3),
+                textcoords="offset points",
+                color=VERMILLION,
+                va="top",
+            )
         heights = [y for y in (*ys, *([] if chosen is None else chosen[1:])) if y > 0]
         if heights and max(heights) > STEEP * min(heights):
             ax.set_yscale("log")

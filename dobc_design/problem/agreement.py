@@ -1,7 +1,8 @@
-"""Networks without pins: whether the agents agree with each other, though nothing pulls them to a target.  In words.
+"""Networks without pins: whether the agents agree with each other, though nothing pulls them to a
+target.  In words.
 
-Agents whose couplings attract agree near the consensus iff in every mode somebody is heard by all others, directly or
-through others (a root of the graph), and the estimation errors decay.
+Agents whose couplings attract agree near the consensus iff in every mode somebody is heard by all
+others, directly or through others (a root of the graph), and the estimation errors decay.
 """
 
 from __future__ import annotations
@@ -16,15 +17,28 @@ from dobc_design.verdict import Verdict
 
 
 def agreement_words(problem: Problem) -> str:
-    """What agents of which none is pinned do among themselves, in a sentence; "" where it is not known here."""
-    if problem.pinning.agents or problem.dynamics is not None or problem.origin is not None or problem.n == 1:
+    """What agents of which none is pinned do among themselves, in a sentence; "" where it is not
+    known here."""
+    if (
+        problem.pinning.agents
+        or problem.dynamics is not None
+        or problem.origin is not None
+        or problem.n == 1
+    ):
         return ""
     labels, modes = problem.network.labels, problem.network.modes
     apart = closed_groups(problem, modes.values())
     if len(apart) > 1:
         first, second = (name_some([labels[i] for i in group]) for group in apart[:2])
-        return f"Nor need they agree with each other: no arc lets {first} hear anybody else, and none lets {second}."
-    roots = [set(groups[0]) for arcs in modes.values() if len(groups := closed_groups(problem, [arcs.present])) == 1]
+        return (
+            f"Nor need they agree with each other: no arc lets {first} hear anybody else, and "
+            f"none lets {second}."
+        )
+    roots = [
+        set(groups[0])
+        for arcs in modes.values()
+        if len(groups := closed_groups(problem, [arcs.present])) == 1
+    ]
     if len(roots) < len(modes):
         return ""  # it depends on how the modes follow each other
     if problem.uncertainty is not None or problem.actuators is not None:
@@ -37,14 +51,17 @@ def agreement_words(problem: Problem) -> str:
         heard = f"agent {labels[min(common)]} is heard by all others"
     start = "" if problem.is_linear else ", from close enough starts"
     return (
-        f"The agents do agree with each other{start}, because {heard}, directly or through others; but on a value that "
+        f"The agents do agree with each other{start}, because {heard}, directly or through "
+        "others; but on a value that "
         "nobody prescribes."
     )
 
 
 def _attract(problem: Problem) -> bool:
     """Whether every coupling acts by component and rises at 0."""
-    slopes = [[row[k] for k, row in enumerate(each.jacobian_at_zero())] for each in problem.couplings]
+    slopes = [
+        [row[k] for k, row in enumerate(each.jacobian_at_zero())] for each in problem.couplings
+    ]
     by_component = all(each.by_component for each in problem.couplings)
     return by_component and all(slope.lo > 0 for own in slopes for slope in own)
 

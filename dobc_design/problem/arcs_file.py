@@ -1,6 +1,7 @@
 """Arcs from files beside a problem file: CSV, edge lists, GraphML, GML, Pajek, Matrix Market.
 
-``network.arrow`` says which column listens.  A file is read as it is meant, or refused with the cure.
+``network.arrow`` says which column listens.  A file is read as it is meant, or refused with the
+cure.
 """
 
 from __future__ import annotations
@@ -16,9 +17,26 @@ import numpy as np
 from dobc_design.errors import SpecError, about, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown
-from dobc_design.problem.arcs_graphs import MATRIX_MARKET, Graph, first_word, gml, graphml, matrix_market, pajek
+from dobc_design.problem.arcs_graphs import (
+    MATRIX_MARKET,
+    Graph,
+    first_word,
+    gml,
+    graphml,
+    matrix_market,
+    pajek,
+)
 from dobc_design.problem.arcs_plain import PlainColumns, plain_columns
-from dobc_design.problem.arcs_text import KNOWN, Row, Source, Table, arcs_of, csv_table, edge_list_table, find_columns
+from dobc_design.problem.arcs_text import (
+    KNOWN,
+    Row,
+    Source,
+    Table,
+    arcs_of,
+    csv_table,
+    edge_list_table,
+    find_columns,
+)
 from dobc_design.problem.network import (
     ONE,
     WANTED,
@@ -36,7 +54,10 @@ MAX_BYTES = 1_000_000_000
 EMPTY = "is empty: it holds no arcs", "Add arcs, one per line."
 READERS = (".csv", ".tsv", ".edges", ".edgelist", ".txt", ".graphml", ".gml", ".net", ".mtx")
 _GRAPHS = {".graphml": graphml, ".gml": gml, ".net": pajek, ".mtx": matrix_market}
-_SUM = 'write merge = "sum" beside file = (dobc new: --merge sum; Python: merge="sum") to add the weights'
+_SUM = (
+    'write merge = "sum" beside file = (dobc new: --merge sum; Python: merge="sum") to add the '
+    "weights"
+)
 _DROP = "write drop_loops = true beside file = (dobc new: --drop-loops; Python: drop_loops=True)"
 
 
@@ -52,9 +73,10 @@ def read_arcs_file(
 ) -> Arcs:
     """Read the arcs of one mode; ``index`` maps labels to indices.
 
-    CSV and edge lists: two columns and perhaps a weight, header optional; a column Type may say Undirected.
-    GraphML, GML, Pajek (.net), Matrix Market (.mtx): an undirected edge gives both arcs.
-    ``merge`` "sum" adds parallel arcs, ``drop_loops`` leaves out arcs from an agent to itself.
+    CSV and edge lists: two columns and perhaps a weight, header optional; a column Type may say
+    Undirected. GraphML, GML, Pajek (.net), Matrix Market (.mtx): an undirected edge gives both
+    arcs. ``merge`` "sum" adds parallel arcs, ``drop_loops`` leaves out arcs from an agent to
+    itself.
     Raises: SpecError with the line.
     """
     check_repairs(merge, drop_loops, key=key)
@@ -69,7 +91,8 @@ def read_arcs_file(
 
 
 def _plain_arcs(plain: PlainColumns, source: Source, *, arrow: str) -> Arcs | None:
-    """The arcs of plain columns; None where one is to be refused or repaired, which ``_arcs`` does line by line."""
+    """The arcs of plain columns; None where one is to be refused or repaired, which ``_arcs`` does
+    line by line."""
     a, b = plain.first, plain.second
     if np.any(a == b) or len(repeated(a, b)):
         return None
@@ -84,11 +107,18 @@ def _plain_arcs(plain: PlainColumns, source: Source, *, arrow: str) -> Arcs | No
 
 
 def read_network_file(
-    name: str, *, folder: Path | None, arrow: str, key: str, merge: str | None = None, drop_loops: bool = False
+    name: str,
+    *,
+    folder: Path | None,
+    arrow: str,
+    key: str,
+    merge: str | None = None,
+    drop_loops: bool = False,
 ) -> tuple[tuple[str, ...], Arcs]:
     """The labels that a file names, and its arcs as ``read_arcs_file`` reads them.
 
-    Labels stand in the order of the file, whole numbers sorted; the nodes of a graph are agents also without an arc.
+    Labels stand in the order of the file, whole numbers sorted; the nodes of a graph are agents
+    also without an arc.
     """
     check_repairs(merge, drop_loops, key=key)
     source, path, text = _opened(name, folder=folder, key=key)
@@ -99,11 +129,15 @@ def read_network_file(
             if label in ends:
                 continue
             if not is_label(label):
-                raise source.error(f"names {shown(label)}; a label must be {WANTED}", "Correct the label.", row=row)
+                raise source.error(
+                    f"names {shown(label)}; a label must be {WANTED}", "Correct the label.", row=row
+                )
             ends[label] = None
     if not ends:
         raise source.error(*EMPTY)
-    labels = tuple(sorted(ends, key=int) if all(re.fullmatch("[0-9]{1,9}", label) for label in ends) else ends)
+    labels = tuple(
+        sorted(ends, key=int) if all(re.fullmatch("[0-9]{1,9}", label) for label in ends) else ends
+    )
     index = {label: place for place, label in enumerate(labels)}
     table = _table(path, text, source)
     if table is not None and _has_the_same_header(table, source, index):
@@ -111,12 +145,14 @@ def read_network_file(
         quick = None if plain is None else _plain_arcs(plain, source, arrow=arrow)
         if quick is not None:
             return labels, quick
-    rows = _graph(path, text, source, {}).rows  # not with the index: what was a header above is one here
+    # not with the index: what was a header above is one here
+    rows = _graph(path, text, source, {}).rows
     return labels, _arcs(rows, source, index=index, arrow=arrow, merge=merge, drop_loops=drop_loops)
 
 
 def _has_the_same_header(table: Table, source: Source, index: Mapping[str, int]) -> bool:
-    """Whether the first line means the same with and without the agents: they may be called from and to."""
+    """Whether the first line means the same with and without the agents: they may be called from
+    and to."""
     first = next(table.rows(), None)
     return first is not None and find_columns(first, table.rows, source, index) == find_columns(
         first, table.rows, source, {}
@@ -124,7 +160,13 @@ def _has_the_same_header(table: Table, source: Source, index: Mapping[str, int])
 
 
 def _arcs(
-    rows: Iterator[Row], source: Source, *, index: Mapping[str, int], arrow: str, merge: str | None, drop_loops: bool
+    rows: Iterator[Row],
+    source: Source,
+    *,
+    index: Mapping[str, int],
+    arrow: str,
+    merge: str | None,
+    drop_loops: bool,
 ) -> Arcs:
     columns = array("q"), array("q"), array("q")
     known: dict[str, Fraction] = {}
@@ -132,12 +174,17 @@ def _arcs(
     for row, cells in rows:
         if len(cells) not in (2, 3):
             what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
-            cure = f"Separate them by commas in CSV, else by blanks; more columns need a header: {KNOWN}."
+            cure = (
+                "Separate them by commas in CSV, else by blanks; more columns need a header: "
+                f"{KNOWN}."
+            )
             raise source.error(what, cure, row=row)
         for label in cells[:2]:
             if label not in index:
                 what = f"names {shown(label)}; there is no such agent in network.agents"
-                cure = f"Correct the label, or add the agent. A header is known by its names: {KNOWN}."
+                cure = (
+                    f"Correct the label, or add the agent. A header is known by its names: {KNOWN}."
+                )
                 raise source.error(what, cure, row=row)
         if cells[0] == cells[1] and not drop_loops:
             what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
@@ -168,9 +215,13 @@ def _opened(name: str, *, folder: Path | None, key: str) -> tuple[Source, Path, 
     try:
         return source, path, one_form(path.read_bytes().decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        raise source.error(f"must be UTF-8 text; byte {error.start} is not", "Save it as UTF-8.") from None
+        raise source.error(
+            f"must be UTF-8 text; byte {error.start} is not", "Save it as UTF-8."
+        ) from None
     except OSError as error:
-        raise source.error(f"cannot be read: {error.strerror or error}", "Check the path.") from None
+        raise source.error(
+            f"cannot be read: {error.strerror or error}", "Check the path."
+        ) from None
 
 
 def _graph(path: Path, text: str, source: Source, index: Mapping[str, int]) -> Graph:
@@ -187,7 +238,8 @@ def _graph(path: Path, text: str, source: Source, index: Mapping[str, int]) -> G
 def _table(path: Path, text: str, source: Source) -> Table | None:
     """A CSV file or an edge list; None for other formats.
 
-    The suffix says which; .txt and edge lists may be Matrix Market or Pajek, which say so at the top.
+    The suffix says which; .txt and edge lists may be Matrix Market or Pajek, which say so at the
+    top.
     """
     suffix = path.suffix.lower()
     if suffix in (".csv", ".tsv"):
@@ -199,12 +251,22 @@ def _table(path: Path, text: str, source: Source) -> Table | None:
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     if folder is None:
-        raise about(key, f"{shown(name)} cannot be found, the problem has no folder.", "List the arcs instead.")
+        raise about(
+            key,
+            f"{shown(name)} cannot be found, the problem has no folder.",
+            "List the arcs instead.",
+        )
     root = folder.resolve()
     try:
         path = (root / name).resolve()
         inside = path.is_relative_to(root) and "\0" not in name
-        kind = "folder" if inside and path.is_dir() else "file" if inside and path.is_file() else "nothing"
+        kind = (
+            "folder"
+            if inside and path.is_dir()
+            else "file"
+            if inside and path.is_file()
+            else "nothing"
+        )
         size = path.stat().st_size if kind == "file" else 0
     except (OSError, ValueError, RuntimeError):  # RuntimeError: a link to itself
         inside, kind, size = True, "nothing", 0
@@ -219,7 +281,9 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
         what = f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read."
         raise about(key, what, "Leave out what is not needed.")
     if path.suffix.lower() not in READERS:
-        raise about(key, f"{shown(name)} must end in one of {', '.join(READERS)}.", "Rename or convert it.")
+        raise about(
+            key, f"{shown(name)} must end in one of {', '.join(READERS)}.", "Rename or convert it."
+        )
     return path
 
 

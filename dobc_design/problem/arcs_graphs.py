@@ -27,7 +27,8 @@ class Graph:
 
 
 def graphml(text: str, source: Source) -> Graph:
-    """Read GraphML; the weights are those of the edge attribute 'weight' ('w', 'value').  Raises: SpecError."""
+    """Read GraphML; the weights are those of the edge attribute 'weight' ('w', 'value').  Raises:
+    SpecError."""
     root, found = _graphml_graph(text, source)
     if found is None:
         return Graph(labels=(), rows=iter(()))
@@ -35,19 +36,27 @@ def graphml(text: str, source: Source) -> Graph:
     return Graph(labels=labels, rows=_graphml_rows(root, found))
 
 
-def _graphml_graph(text: str, source: Source) -> tuple[ElementTree.Element, ElementTree.Element | None]:
+def _graphml_graph(
+    text: str, source: Source
+) -> tuple[ElementTree.Element, ElementTree.Element | None]:
     """The root of a GraphML file and its one graph, if it has any."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise source.error("must not hold a DOCTYPE or entities", "Save plain GraphML.")
     try:
         root = ElementTree.fromstring(text)  # expat expands nothing: entities are refused above
     except (ElementTree.ParseError, RecursionError) as error:
-        raise source.error(f"is not valid GraphML ({reason_of(error)})", "Export it again.") from None
+        raise source.error(
+            f"is not valid GraphML ({reason_of(error)})", "Export it again."
+        ) from None
     graphs = [node for node in root.iter() if _tag(node) == "graph"]
     if len(graphs) > 1:
-        raise source.error(f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own.")
+        raise source.error(
+            f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own."
+        )
     if any(_tag(node) == "hyperedge" for node in root.iter()):
-        raise source.error("holds hyperedges, which are no arcs", "Replace each by edges between two nodes.")
+        raise source.error(
+            "holds hyperedges, which are no arcs", "Replace each by edges between two nodes."
+        )
     return root, graphs[0] if graphs else None
 
 
@@ -58,15 +67,21 @@ def _graphml_rows(root: ElementTree.Element, graph: ElementTree.Element) -> Iter
     edges = (node for node in graph if _tag(node) == "edge")
     for number, edge in enumerate(edges, start=1):
         both = {"true": False, "false": True}.get(edge.get("directed", ""), undirected)
-        own = [node.text or "" for node in edge if _tag(node) == "data" and node.get("key") in weights]
+        own = [
+            node.text or "" for node in edge if _tag(node) == "data" and node.get("key") in weights
+        ]
         a, b = edge.get("source", ""), edge.get("target", "")
         yield from _edge(number, a, b, (own or default)[:1], both=both)
 
 
 def _weight_keys(root: ElementTree.Element) -> dict[str | None, str | None]:
     """The ids under which edges carry a weight, with its default."""
-    keys = [node for node in root.iter() if _tag(node) == "key" and node.get("for") in ("edge", "all")]
-    named_so = ([node for node in keys if node.get("attr.name", "").lower() == name] for name in WEIGHTS)
+    keys = [
+        node for node in root.iter() if _tag(node) == "key" and node.get("for") in ("edge", "all")
+    ]
+    named_so = (
+        [node for node in keys if node.get("attr.name", "").lower() == name] for name in WEIGHTS
+    )
     return {
         node.get("id"): next((part.text or "" for part in node if _tag(part) == "default"), None)
         for node in next(filter(None, named_so), [])
@@ -85,14 +100,22 @@ def _edge(number: int, a: str, b: str, weight: Sequence[str], *, both: bool) -> 
 
 
 _TOKEN = re.compile(r'"[^"]*"|\[|\]|[^\s\[\]"]+')
-Entries = list[tuple[str, "str | Entries"]]  # keys of GML and their values, in the order of the file
+# keys of GML and their values, in the order of the file
+Entries = list[tuple[str, "str | Entries"]]
 
 
 def gml(text: str, source: Source) -> Graph:
-    """Read GML; labels are those of the nodes, or their ids where some have none.  Raises: SpecError."""
-    graphs = [entries for key, entries in _gml_entries(text, source) if key == "graph" and isinstance(entries, list)]
+    """Read GML; labels are those of the nodes, or their ids where some have none.  Raises:
+    SpecError."""
+    graphs = [
+        entries
+        for key, entries in _gml_entries(text, source)
+        if key == "graph" and isinstance(entries, list)
+    ]
     if len(graphs) != 1:
-        raise source.error(f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own.")
+        raise source.error(
+            f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own."
+        )
     plain = {key: value for key, value in graphs[0] if isinstance(value, str)}
     nodes = [_plain_entries(value) for key, value in graphs[0] if key == "node"]
     edges = [_plain_entries(value) for key, value in graphs[0] if key == "edge"]
@@ -105,7 +128,12 @@ def gml(text: str, source: Source) -> Graph:
     _different(ids, source)
     return Graph(
         labels=labels,
-        rows=_gml_rows(edges, dict(zip(ids, labels, strict=True)), source, both=plain.get("directed", "0") == "0"),
+        rows=_gml_rows(
+            edges,
+            dict(zip(ids, labels, strict=True)),
+            source,
+            both=plain.get("directed", "0") == "0",
+        ),
     )
 
 
@@ -133,7 +161,11 @@ def _gml_entries(text: str, source: Source) -> Entries:
 
 
 def _plain_entries(value: str | Entries) -> dict[str, str]:
-    return {} if isinstance(value, str) else {key: text for key, text in value if isinstance(text, str)}
+    return (
+        {}
+        if isinstance(value, str)
+        else {key: text for key, text in value if isinstance(text, str)}
+    )
 
 
 def _gml_rows(
@@ -152,7 +184,9 @@ def _different(labels: Sequence[str], source: Source) -> None:
     seen = set[str]()
     for label in labels:
         if label in seen:
-            raise source.error(f"has two nodes called {shown(label)}", "Give every node a label of its own.")
+            raise source.error(
+                f"has two nodes called {shown(label)}", "Give every node a label of its own."
+            )
         seen.add(label)
 
 
@@ -172,10 +206,15 @@ def pajek(text: str, source: Source) -> Graph:
             part = cells[0].lower()
             if part == "*vertices":
                 _no_more_vertices(labels, cells, source, row=number)
-                labels = {str(place): str(place) for place in range(1, _count(cells[1:2], source, row=number) + 1)}
+                labels = {
+                    str(place): str(place)
+                    for place in range(1, _count(cells[1:2], source, row=number) + 1)
+                }
             elif part not in ("*network", "*arcs", "*edges", "*arcslist", "*edgeslist"):
                 what = f"has the part {shown(cells[0])}, which is not read"
-                raise source.error(what, "Save the network with *Vertices and *Arcs or *Edges.", row=number)
+                raise source.error(
+                    what, "Save the network with *Vertices and *Arcs or *Edges.", row=number
+                )
         elif part == "*vertices":
             found = _VERTEX.match(line)
             if found is None or found[1] not in labels:
@@ -188,9 +227,13 @@ def pajek(text: str, source: Source) -> Graph:
     return Graph(labels=tuple(labels.values()), rows=iter(rows))
 
 
-def _no_more_vertices(labels: Mapping[str, str], cells: Sequence[str], source: Source, *, row: int) -> None:
+def _no_more_vertices(
+    labels: Mapping[str, str], cells: Sequence[str], source: Source, *, row: int
+) -> None:
     if labels:
-        raise source.error("begins a second network", "Save each mode in a file of its own.", row=row)
+        raise source.error(
+            "begins a second network", "Save each mode in a file of its own.", row=row
+        )
     if len(cells) > 2:
         what = "is a network of two kinds of vertices, whose arcs are no readings between agents"
         raise source.error(what, "Save a network of one kind of vertices.", row=row)
@@ -226,7 +269,8 @@ _ZERO = re.compile(r"[+-]?0+(?:\.0*)?(?:[eE][+-]?[0-9]+)?")
 
 
 def matrix_market(text: str, source: Source) -> Graph:
-    """Read a sparse matrix: entry (i, j) is the arc [i, j] and its value the weight, zeros are no arcs.
+    """Read a sparse matrix: entry (i, j) is the arc [i, j] and its value the weight, zeros are no
+    arcs.
 
     Agents are called 1 to n.  Raises: SpecError.
     """
@@ -234,9 +278,14 @@ def matrix_market(text: str, source: Source) -> Graph:
     _, head = next(lines, (1, []))
     kinds = [cell.lower() for cell in head]
     known = kinds[:3] == [MATRIX_MARKET, "matrix", "coordinate"] and len(kinds) == 5
-    if not known or kinds[3] not in ("real", "integer", "pattern") or kinds[4] not in ("general", "symmetric"):
+    if (
+        not known
+        or kinds[3] not in ("real", "integer", "pattern")
+        or kinds[4] not in ("general", "symmetric")
+    ):
         what = (
-            "must begin with %%MatrixMarket matrix coordinate, then real, integer or pattern, then general or symmetric"
+            "must begin with %%MatrixMarket matrix coordinate, then real, integer or pattern, "
+            "then general or symmetric"
         )
         cure = "Write it with scipy.io.mmwrite(file, scipy.sparse.coo_array(matrix))."
         raise source.error(f"{what}; got {shown(' '.join(head))}", cure, row=1)
@@ -244,22 +293,38 @@ def matrix_market(text: str, source: Source) -> Graph:
     row, sizes = next(entries, (1, []))
     n = _count(sizes[:1], source, row=row)
     if len(sizes) != 3 or sizes[1] != sizes[0]:
-        raise source.error(f"must be square; got {shown(' x '.join(sizes[:2]))}", "Save an n x n matrix.", row=row)
-    rows = _matrix_rows(entries, n, source, with_values=kinds[3] != "pattern", both=kinds[4] == "symmetric")
+        raise source.error(
+            f"must be square; got {shown(' x '.join(sizes[:2]))}", "Save an n x n matrix.", row=row
+        )
+    rows = _matrix_rows(
+        entries, n, source, with_values=kinds[3] != "pattern", both=kinds[4] == "symmetric"
+    )
     return Graph(labels=tuple(map(str, range(1, n + 1))), rows=_all_there(rows, sizes[2], source))
 
 
 def _matrix_rows(
-    entries: Iterator[tuple[int, list[str]]], n: int, source: Source, *, with_values: bool, both: bool
+    entries: Iterator[tuple[int, list[str]]],
+    n: int,
+    source: Source,
+    *,
+    with_values: bool,
+    both: bool,
 ) -> Iterator[Row]:
-    """The entries of a matrix; of a symmetric one the other half, too.  A zero comes as a row without labels."""
+    """The entries of a matrix; of a symmetric one the other half, too.  A zero comes as a row
+    without labels."""
     for number, cells in entries:
-        if len(cells) != 2 + with_values or not all(re.fullmatch("[0-9]{1,8}", cell) for cell in cells[:2]):
+        if len(cells) != 2 + with_values or not all(
+            re.fullmatch("[0-9]{1,8}", cell) for cell in cells[:2]
+        ):
             wanted = "i j value" if with_values else "i j"
-            raise source.error(f"must be {wanted}; got {shown(' '.join(cells))}", "Save it again.", row=number)
+            raise source.error(
+                f"must be {wanted}; got {shown(' '.join(cells))}", "Save it again.", row=number
+            )
         i, j = int(cells[0]), int(cells[1])
         if not 1 <= min(i, j) <= max(i, j) <= n:
-            raise source.error(f"leaves the matrix, which is {n} x {n}", "Correct the indices.", row=number)
+            raise source.error(
+                f"leaves the matrix, which is {n} x {n}", "Correct the indices.", row=number
+            )
         if with_values and _ZERO.fullmatch(cells[2]):
             yield number, []
             continue
@@ -279,6 +344,7 @@ def _all_there(rows: Iterator[Row], count: str, source: Source) -> Iterator[Row]
 
 
 def first_word(text: str) -> str:
-    """The first word of a file in lower case, which tells Matrix Market and Pajek from an edge list."""
+    """The first word of a file in lower case, which tells Matrix Market and Pajek from an edge
+    list."""
     lines = (line.split() for line in text[:10_000].splitlines())
     return next(chain.from_iterable(lines), "").lower()

@@ -1,8 +1,8 @@
 """Columns of plain tables of arcs, read many lines at a time.
 
-Plain: ASCII, no quotes, comments, attributes or blank lines, the same columns in every line, one arc per line.
-Whatever is not plain, or wrong, is left to ``arcs_text``, which reads line by line and names the line that it refuses.
-Nothing is rounded here: labels and weights stay texts.
+Plain: ASCII, no quotes, comments, attributes or blank lines, the same columns in every line, one
+arc per line. Whatever is not plain, or wrong, is left to ``arcs_text``, which reads line by line
+and names the line that it refuses. Nothing is rounded here: labels and weights stay texts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ _UNUSUAL = re.compile(r'[\x00-\x09\x0b-\x20"#%{]')
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlainColumns:
-    """The two agents of every arc, by place, and the text of its weight (None: the table has no weights).
+    """The two agents of every arc, by place, and the text of its weight (None: the table has no
+    weights).
 
     ``line`` is that of the first arc.
     """
@@ -33,7 +34,9 @@ class PlainColumns:
     line: int
 
 
-def plain_columns(text: str, table: Table, source: Source, index: Mapping[str, int]) -> PlainColumns | None:
+def plain_columns(
+    text: str, table: Table, source: Source, index: Mapping[str, int]
+) -> PlainColumns | None:
     """The arcs of a plain table; None if it is not one.  ``index``: label to place."""
     sign = table.separator or " "
     text = text.replace("\r\n", "\n")
@@ -51,7 +54,10 @@ def plain_columns(text: str, table: Table, source: Source, index: Mapping[str, i
         if cells is None:
             return None
         try:
-            ends = [[index[label] for label in cells[place::width]] for place in (columns.first, columns.second)]
+            ends = [
+                [index[label] for label in cells[place::width]]
+                for place in (columns.first, columns.second)
+            ]
         except KeyError:  # an unknown label
             return None
         first.append(np.array(ends[0], dtype=np.int64))

@@ -1,5 +1,6 @@
-"""Tables of arcs in text (CSV, edge lists): which sign separates the columns, whether there is a header, and which
-column is which.  What could be read in two ways is refused: a network that nobody meant would pass unnoticed.
+"""Tables of arcs in text (CSV, edge lists): which sign separates the columns, whether there is a
+header, and which column is which.  What could be read in two ways is refused: a network that nobody
+meant would pass unnoticed.
 """
 
 from __future__ import annotations
@@ -28,7 +29,19 @@ ENDS = (
 )
 WEIGHTS = ("weight", "w", "value")
 KINDS = ("type", "directed")  # of an edge: one arc, or both
-BESIDE = ("id", "edgeid", "label", "name", "key", "timeset", "interval", "comment", "note", "color", "colour")
+BESIDE = (
+    "id",
+    "edgeid",
+    "label",
+    "name",
+    "key",
+    "timeset",
+    "interval",
+    "comment",
+    "note",
+    "color",
+    "colour",
+)
 ARROWS = ("->", "-->", "<-", "<->", "--", "-", "=>", "\u2192", ":")  # of other languages for graphs
 KNOWN = "from,to or source,target, then weight and type (Directed or Undirected)"
 BOTH = {"undirected": True, "false": True, "0": True, "no": True}
@@ -38,9 +51,12 @@ _QUOTED = re.compile(r'"[^"]*"')
 _NUMBER = re.compile(r"[+-]?[0-9]+(?:[.,/][0-9]+)?(?:[eE][+-]?[0-9]+)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 _BLANKS_AND_COMMA = re.compile(r"[^\s,;]+\s+[^\s,;]+\s+[+-]?[0-9]+,[0-9]+\s*")  # a b 0,5
-_KONECT = re.compile(r"\s*%\s*(sym|asym|bip)\s+[a-z]+\s*$", re.MULTILINE)  # the first line of the networks of KONECT
+# the first line of the networks of KONECT
+_KONECT = re.compile(r"\s*%\s*(sym|asym|bip)\s+[a-z]+\s*$", re.MULTILINE)
 _COMMENT = re.compile(r"[#%](?:\s|\Z)")
-_ATTRIBUTE = re.compile(r"""\s*(?:'([^']*)'|"([^"]*)")\s*:\s*(?:'([^']*)'|"([^"]*)"|([^\s,'"{}\[\]]+))\s*(?:,|\Z)""")
+_ATTRIBUTE = re.compile(
+    r"""\s*(?:'([^']*)'|"([^"]*)")\s*:\s*(?:'([^']*)'|"([^"]*)"|([^\s,'"{}\[\]]+))\s*(?:,|\Z)"""
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +74,8 @@ class Source:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """Which column is which, counted from 0; ``width``: how many the header names, None without a header."""
+    """Which column is which, counted from 0; ``width``: how many the header names, None without a
+    header."""
 
     width: int | None = None
     first: int = 0
@@ -72,7 +89,8 @@ PLAIN = Columns()  # a, b and perhaps a weight, without a header
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """The rows of a text as they stand, the header among them, and what separates their cells (None: blanks).
+    """The rows of a text as they stand, the header among them, and what separates their cells
+    (None: blanks).
 
     ``both``: every row is an undirected edge, as the first comment of the file says.
     """
@@ -92,7 +110,9 @@ def edge_list_table(text: str, source: Source) -> Table:
     """An edge list, separated by blanks, tabs, commas or semicolons.  Raises: SpecError."""
     konect = _KONECT.match(text)
     if konect is not None and konect[1] == "bip":
-        what = "is a network of two kinds of nodes (% bip), whose edges are no readings between agents"
+        what = (
+            "is a network of two kinds of nodes (% bip), whose edges are no readings between agents"
+        )
         raise source.error(what, "Take a network of one kind of nodes.")
     separator = _edge_list_separator(text, source)
     return Table(
@@ -103,7 +123,8 @@ def edge_list_table(text: str, source: Source) -> Table:
 
 
 def csv_separator(text: str, source: Source) -> str:
-    """The sign between the columns: a comma, else a semicolon, else a tab.  Raises: SpecError where it is not clear."""
+    """The sign between the columns: a comma, else a semicolon, else a tab.  Raises: SpecError where
+    it is not clear."""
     for number, line in enumerate(io.StringIO(text), start=1):
         if line.strip() and not _COMMENT.match(line):
             return _sign(line, source, row=number) or ("\t" if "\t" in line else ",")
@@ -111,13 +132,18 @@ def csv_separator(text: str, source: Source) -> str:
 
 
 def _edge_list_separator(text: str, source: Source) -> str | None:
-    """The sign between the columns, None for blanks; tabs count where every line has one (labels may hold blanks)."""
-    lines = ((number, _without_comment(line)) for number, line in enumerate(text.splitlines(), start=1))
+    """The sign between the columns, None for blanks; tabs count where every line has one (labels
+    may hold blanks)."""
+    lines = (
+        (number, _without_comment(line)) for number, line in enumerate(text.splitlines(), start=1)
+    )
     number, first = next(((number, line) for number, line in lines if line.strip()), (1, ""))
     sign = _sign(first.partition("{")[0], source, row=number)
     if sign is not None:
         return sign
-    by_tabs = "\t" in first.strip() and all("\t" in line.strip() for _, line in lines if line.strip())
+    by_tabs = "\t" in first.strip() and all(
+        "\t" in line.strip() for _, line in lines if line.strip()
+    )
     return "\t" if by_tabs else None
 
 
@@ -129,7 +155,9 @@ def _sign(line: str, source: Source, *, row: int) -> str | None:
     found = [sign for sign in ",;" if sign in bare]
     if len(found) == 2:
         what = "holds commas and semicolons, so it is not clear which of them separates the columns"
-        cure = "Write numbers with a decimal point (0.5), and labels that hold one of them in quotes."
+        cure = (
+            "Write numbers with a decimal point (0.5), and labels that hold one of them in quotes."
+        )
         raise source.error(what, cure, row=row)
     return found[0] if found else None
 
@@ -147,7 +175,9 @@ def _csv(text: str, source: Source, separator: str) -> Iterator[Row]:
             if any(cells) and not (cells[0][:1] in ("#", "%") and _COMMENT.match(cells[0])):
                 yield reader.line_num, cells
     except csv.Error as error:
-        raise source.error(f"is not valid CSV ({error})", "Check the quotes.", row=reader.line_num) from None
+        raise source.error(
+            f"is not valid CSV ({error})", "Check the quotes.", row=reader.line_num
+        ) from None
 
 
 def _edge_list(text: str, source: Source, separator: str | None) -> Iterator[Row]:
@@ -168,22 +198,38 @@ def _split(line: str, source: Source, separator: str | None, *, row: int) -> lis
         cells = line.split()
         if any(cell in ARROWS for cell in cells) or cells[0].endswith(":"):
             found = next((cell for cell in cells if cell in ARROWS), cells[0])
-            what = f"holds {shown(found)}: it is no list of arcs, two labels and perhaps a weight in each line"
-            raise source.error(what, "Write a b, or a b weight; `arrow` says which of the two listens.", row=row)
+            what = (
+                f"holds {shown(found)}: it is no list of arcs, two labels and perhaps a weight "
+                "in each line"
+            )
+            raise source.error(
+                what, "Write a b, or a b weight; `arrow` says which of the two listens.", row=row
+            )
         return cells
     try:
-        cells = [cell.strip() for cell in next(csv.reader([line.strip(" ")], delimiter=separator, strict=True))]
+        cells = [
+            cell.strip()
+            for cell in next(csv.reader([line.strip(" ")], delimiter=separator, strict=True))
+        ]
     except csv.Error as error:
         raise source.error(f"cannot be read ({error})", "Check the quotes.", row=row) from None
     if separator != "\t" and any(len(cell.split()) > 1 for cell in cells) and '"' not in line:
-        what = "holds both commas and blanks between words" if separator == "," else "holds both ; and blanks"
-        cure = "Separate columns by one of them, write 0.5 and not 0,5, and labels that hold blanks in quotes."
+        what = (
+            "holds both commas and blanks between words"
+            if separator == ","
+            else "holds both ; and blanks"
+        )
+        cure = (
+            "Separate columns by one of them, write 0.5 and not 0,5, and labels that hold "
+            "blanks in quotes."
+        )
         raise source.error(what, cure, row=row)
     return cells
 
 
 def _without_comment(line: str) -> str:
-    """The line up to a comment; a % begins one only at the start, and a # inside {...} is a value."""
+    """The line up to a comment; a % begins one only at the start, and a # inside {...} is a
+    value."""
     if line.lstrip().startswith("%"):
         return ""
     head, brace, rest = line.partition("{")
@@ -199,12 +245,15 @@ def _weight_of(text: str, source: Source, *, row: int) -> list[str]:
     at, found = 0, dict[str, str]()
     while closing and at < len(inside) and (each := _ATTRIBUTE.match(inside, at)):
         name, value = (
-            next(part for part in parts if part is not None) for parts in (each.groups()[:2], each.groups()[2:])
+            next(part for part in parts if part is not None)
+            for parts in (each.groups()[:2], each.groups()[2:])
         )
         found[name], at = value, each.end()
     if not closing or inside[at:].strip():
         what = "has attributes that cannot be read; they must look like {'weight': 2.0}"
-        raise source.error(what, "Write them without: nx.write_weighted_edgelist(graph, file).", row=row)
+        raise source.error(
+            what, "Write them without: nx.write_weighted_edgelist(graph, file).", row=row
+        )
     return [found["weight"]] if "weight" in found else []
 
 
@@ -235,7 +284,9 @@ def _in_order(number: int, cells: list[str], columns: Columns, source: Source) -
         return
     if not max(columns.first, columns.second) < len(cells) <= columns.width:
         what = f"has {len(cells)} columns; the header names {columns.width}"
-        raise source.error(what, "Fill the row; numbers have a decimal point (0.5 and not 0,5).", row=number)
+        raise source.error(
+            what, "Fill the row; numbers have a decimal point (0.5 and not 0,5).", row=number
+        )
     a, b = cells[columns.first], cells[columns.second]
     weight = [] if columns.weight is None else cells[columns.weight : columns.weight + 1]
     if weight and _DECIMAL_COMMA.fullmatch(weight[0]):
@@ -255,20 +306,28 @@ def _is_undirected(cells: Sequence[str], place: int, source: Source, *, row: int
 
 
 def find_columns(first: Row, rows: Rows, source: Source, index: Mapping[str, int]) -> Columns:
-    """Which columns a table has, by its first row: a header, if that is clear.  Raises: SpecError where it is not."""
+    """Which columns a table has, by its first row: a header, if that is clear.  Raises: SpecError
+    where it is not."""
     number, cells = first
     if len(cells) < 2 or (cells[0] in index and cells[1] in index):
         return PLAIN  # agents may be called from and to
     names = [re.sub("[^a-z0-9]", "", cell.lower()) for cell in cells]
     ends = next((pair for pair in ENDS if set(pair) <= set(names)), None)
     if ends is not None and not (len(cells) == 3 and _NUMBER.fullmatch(cells[2])):
-        return _named_columns(names, cells, (names.index(ends[0]), names.index(ends[1])), source, row=number)
-    if any(_NUMBER.fullmatch(cell) for cell in cells[:2]) or (len(cells) > 2 and _NUMBER.fullmatch(cells[2])):
+        return _named_columns(
+            names, cells, (names.index(ends[0]), names.index(ends[1])), source, row=number
+        )
+    if any(_NUMBER.fullmatch(cell) for cell in cells[:2]) or (
+        len(cells) > 2 and _NUMBER.fullmatch(cells[2])
+    ):
         return PLAIN
     if len(cells) > 2 and cells[2]:
         if len(cells) == 3 and names[2] in WEIGHTS:
             return Columns(width=3, weight=2)
-        what = f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are not known"
+        what = (
+            f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are "
+            "not known"
+        )
         raise source.error(what, f"Name the columns {KNOWN}.", row=number)
     return _two_names(first, rows, source, index)
 
@@ -281,7 +340,9 @@ def _named_columns(
     kinds = [place for place, name in enumerate(names) if name in KINDS]
     if len(weights) > 1 or len(kinds) > 1:
         both = ", ".join(named(cells[place]) for place in (weights if len(weights) > 1 else kinds))
-        raise source.error(f"names columns of the same meaning: {both}", "Leave one of them.", row=row)
+        raise source.error(
+            f"names columns of the same meaning: {both}", "Leave one of them.", row=row
+        )
     unknown = [place for place in range(len(names)) if place not in (*ends, *weights, *kinds)]
     unknown = [place for place in unknown if names[place] not in BESIDE]
     if unknown and not weights:
@@ -298,7 +359,8 @@ def _named_columns(
 
 
 def _two_names(first: Row, rows: Rows, source: Source, index: Mapping[str, int]) -> Columns:
-    """Two words at the top are a header if all labels below are numbers, and an arc if one of them occurs again."""
+    """Two words at the top are a header if all labels below are numbers, and an arc if one of them
+    occurs again."""
     number, (a, b, *_) = first
     others = {label for place, cells in rows() if place != number for label in cells[:2]}
     if not others or a in others or b in others or a in index or b in index:

@@ -1,4 +1,5 @@
-"""The arcs of a mode in arrays, which agents they reach, and a problem's numbers as (rounded) float64 arrays."""
+"""The arcs of a mode in arrays, which agents they reach, and a problem's numbers as (rounded)
+float64 arrays."""
 
 from __future__ import annotations
 
@@ -28,39 +29,59 @@ LARGEST_FLOAT = Fraction(np.finfo(np.float64).max.item())
 
 
 def require_floats(problem: Problem) -> Problem:
-    """The problem, whose numbers all fit into floats.  Raises: SpecError that names the key of one that does not."""
+    """The problem, whose numbers all fit into floats.  Raises: SpecError that names the key of one
+    that does not."""
     region, start, labels = problem.region, problem.simulation, problem.network.labels
-    nodes = (node for each in problem.couplings for part in each.components for node in postorder(part.node))
+    nodes = (
+        node
+        for each in problem.couplings
+        for part in each.components
+        for node in postorder(part.node)
+    )
     parts: dict[str, Any] = {
         "target": problem.target,
         "coupling": [node.own for node in nodes if node.kind == "constant"],
         "exosystem": [(each.exosystem.A, each.exosystem.C) for each in problem.groups],
         "observer.W": [each.observer.W or () for each in problem.groups],
-        "dynamics": () if problem.dynamics is None else (problem.dynamics.A or (), problem.dynamics.B),
+        "dynamics": ()
+        if problem.dynamics is None
+        else (problem.dynamics.A or (), problem.dynamics.B),
         "leader": problem.leads,
-        "region": () if region is None else (region.initial_states, region.initial_disturbance or 0),
+        "region": ()
+        if region is None
+        else (region.initial_states, region.initial_disturbance or 0),
         "simulation": (start.x0 or (), start.xi0 or ()),
     }
     modes = problem.network.modes.items()
     parts |= {f"network.modes.{mode}": distinct_weights(arcs.weights)[1] for mode, arcs in modes}
-    parts |= {f"pinning.gains.{labels[agent]}": gain for agent, gain in problem.pinning.gains.items()}
-    parts |= {f"formation.offsets.{labels[agent]}": offset for agent, offset in problem.offsets.items()}
+    parts |= {
+        f"pinning.gains.{labels[agent]}": gain for agent, gain in problem.pinning.gains.items()
+    }
+    parts |= {
+        f"formation.offsets.{labels[agent]}": offset for agent, offset in problem.offsets.items()
+    }
     for key, numbers in parts.items():
         if not all(-LARGEST_FLOAT <= x <= LARGEST_FLOAT for x in _flat(numbers)):
             cure = "Choose other units; `dobc certify` and `dobc check` compute exactly."
-            raise wrong(key, "must be at most 1.8e308 in size, because floats are computed with here.", cure)
+            raise wrong(
+                key, "must be at most 1.8e308 in size, because floats are computed with here.", cure
+            )
     return problem
 
 
 def _flat(numbers: Any) -> Iterator[Any]:
-    return chain.from_iterable(map(_flat, numbers)) if isinstance(numbers, (list, tuple)) else iter((numbers,))
+    return (
+        chain.from_iterable(map(_flat, numbers))
+        if isinstance(numbers, (list, tuple))
+        else iter((numbers,))
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArcTable:
-    """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of problem.couplings.  Its
-    weight is ``weights[weight[a]]``; ``weights`` holds each different one once.  Arrays of one length, optional arcs
-    among them as if they were there."""
+    """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of
+    problem.couplings.  Its weight is ``weights[weight[a]]``; ``weights`` holds each different one
+    once.  Arrays of one length, optional arcs among them as if they were there."""
 
     listeners: IndexArray
     speakers: IndexArray
@@ -74,7 +95,13 @@ def arc_table(problem: Problem, mode: str) -> ArcTable:
     arcs = problem.network.modes[mode]
     weight, weights = distinct_weights(arcs.weights)
     places = coupling_places(problem, arcs)
-    return ArcTable(listeners=arcs.listeners, speakers=arcs.speakers, coupling=places, weight=weight, weights=weights)
+    return ArcTable(
+        listeners=arcs.listeners,
+        speakers=arcs.speakers,
+        coupling=places,
+        weight=weight,
+        weights=weights,
+    )
 
 
 def coupling_places(problem: Problem, arcs: Arcs) -> IndexArray:
@@ -94,12 +121,17 @@ def places_at(problem: Problem, codes: IndexArray) -> IndexArray:
 
 
 def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fraction, ...]]:
-    """For every arc the place of its weight among the different ones, and these; arcs mostly share few objects."""
+    """For every arc the place of its weight among the different ones, and these; arcs mostly share
+    few objects."""
     ids = np.fromiter(map(id, weights), dtype=np.int64, count=len(weights))
     if len(ids) and np.all(ids == ids[0]):
         return np.zeros(len(ids), dtype=np.int64), (weights[0],)
     _, first, object_of = np.unique(ids, return_index=True, return_inverse=True)
-    place, table, different = np.zeros(len(first), dtype=np.int64), dict[str, int](), list[Fraction]()
+    place, table, different = (
+        np.zeros(len(first), dtype=np.int64),
+        dict[str, int](),
+        list[Fraction](),
+    )
     for k in np.argsort(first):  # in the order in which they are met
         weight = weights[first[k]]
         place[k] = table.setdefault(number_key(weight), len(table))
@@ -111,30 +143,39 @@ def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
     """Every number that occurs, rising, with its positions in their order."""
     order = np.argsort(kinds, kind="stable")
     numbers, starts = np.unique(kinds[order], return_index=True)
-    return zip(numbers.tolist(), np.split(order, starts[1:]), strict=True) if len(kinds) else iter(())
+    return (
+        zip(numbers.tolist(), np.split(order, starts[1:]), strict=True) if len(kinds) else iter(())
+    )
 
 
 def unreached(problem: Problem, arcs: Iterable[Arcs]) -> tuple[int, ...]:
-    """Agents that nothing from a pinned agent reaches along the arcs of all given modes, without those that come and
-    go; exact, in linear time."""
+    """Agents that nothing from a pinned agent reaches along the arcs of all given modes, without
+    those that come and go; exact, in linear time."""
     (listeners, speakers), n = _ends(arcs), problem.n
     pins = np.array(problem.pinning.agents, dtype=np.int64)
-    ends = np.append(speakers, np.full(len(pins), n)), np.append(listeners, pins)  # the target is agent n
+    # the target is agent n
+    ends = np.append(speakers, np.full(len(pins), n)), np.append(listeners, pins)
     graph = sp.csr_array((np.ones(len(ends[0])), ends), shape=(n + 1, n + 1))
     met = breadth_first_order(graph, n, return_predecessors=False)
     return tuple(np.setdiff1d(np.arange(n), met).tolist())
 
 
 def _ends(arcs: Iterable[Arcs]) -> tuple[IndexArray, IndexArray]:
-    """Listeners and speakers of the arcs of several modes together, without those that come and go."""
+    """Listeners and speakers of the arcs of several modes together, without those that come and
+    go."""
     chosen, none = [each.always for each in arcs], np.zeros(0, dtype=np.int64)
-    return np.concatenate([none, *(a.listeners for a in chosen)]), np.concatenate([none, *(a.speakers for a in chosen)])
+    return np.concatenate([none, *(a.listeners for a in chosen)]), np.concatenate(
+        [none, *(a.speakers for a in chosen)]
+    )
 
 
 def closed_groups(problem: Problem, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
-    """The smallest sets of agents that listen to nobody outside, strong components that hear no other; rising."""
+    """The smallest sets of agents that listen to nobody outside, strong components that hear no
+    other; rising."""
     listeners, speakers = _ends(arcs)
-    graph = sp.coo_array((np.ones(len(listeners)), (listeners, speakers)), shape=(problem.n, problem.n))
+    graph = sp.coo_array(
+        (np.ones(len(listeners)), (listeners, speakers)), shape=(problem.n, problem.n)
+    )
     component = connected_components(graph, connection="strong")[1].astype(np.int64)
     listening = set(component[listeners[component[listeners] != component[speakers]]].tolist())
     closed = (members for number, members in split_by(component) if number not in listening)
@@ -149,9 +190,10 @@ Gain = Sequence[Sequence[Any]] | NDArray[Any]
 class Disturbance:
     """Exosystem and observer as floats: A (q, q), C (m, q), F = A - W C (q, q), W (q, m).
 
-    Where agents have different exosystems, every agent has places for the states of all groups, side by side; those of
-    other groups than its own are 0 and stay 0.  Then A and F are block diagonal, C holds those of the groups side by
-    side, W (n, q, m) has the gain of the agent's group in its rows, and ``own`` (n, q) says which places are its own.
+    Where agents have different exosystems, every agent has places for the states of all groups,
+    side by side; those of other groups than its own are 0 and stay 0.  Then A and F are block
+    diagonal, C holds those of the groups side by side, W (n, q, m) has the gain of the agent's
+    group in its rows, and ``own`` (n, q) says which places are its own.
     """
 
     A: Array
@@ -163,8 +205,8 @@ class Disturbance:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plant:
-    """What agents with [dynamics] are, as floats: A (m, m), or the slopes of f at the target, B (m, p), C (p, q), gains
-    K (n p, n m), u0 (n, p)."""
+    """What agents with [dynamics] are, as floats: A (m, m), or the slopes of f at the target, B (m,
+    p), C (p, q), gains K (n p, n m), u0 (n, p)."""
 
     A: Array
     B: Array
@@ -178,7 +220,10 @@ def plant_arrays(problem: Problem) -> Plant | None:
     own = problem.dynamics
     if own is None:
         return None
-    goals, C = list(map(problem.goal_of, range(problem.n))), [to_float(group.exosystem.C) for group in problem.groups]
+    goals, C = (
+        list(map(problem.goal_of, range(problem.n))),
+        [to_float(group.exosystem.C) for group in problem.groups],
+    )
     u0 = {goal: problem.input_at(goal) for goal in goals}
     return Plant(
         A=to_float(own.about(problem.target)[0]),
@@ -194,7 +239,8 @@ WIDEST_SLOPE = Fraction(1, 10**6)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArcGroup:
-    """The arcs of one mode that share a coupling: ``listeners[a]`` hears ``speakers[a]``, h times ``weights[a]``."""
+    """The arcs of one mode that share a coupling: ``listeners[a]`` hears ``speakers[a]``, h times
+    ``weights[a]``."""
 
     coupling: Coupling
     listeners: IndexArray
@@ -218,9 +264,10 @@ def mode_index(mode: str, names: Sequence[str]) -> int:
 
 
 def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
-    """Return the observer gain W (q, m): ``gain`` if given, else the problem's; None if there is neither.  Where agents
-    have different exosystems, W is block diagonal, (q, m times the number of groups). Raises: SpecError for a gain
-    without an exosystem, ShapeError for one of the wrong shape."""
+    """Return the observer gain W (q, m): ``gain`` if given, else the problem's; None if there is
+    neither.  Where agents have different exosystems, W is block diagonal, (q, m times the number of
+    groups). Raises: SpecError for a gain without an exosystem, ShapeError for one of the wrong
+    shape."""
     if gain is None:
         return problem.joint_observer.W
     if not problem.groups:
@@ -239,18 +286,25 @@ def no_gain(problem: Problem) -> Matrix | None:
 
 
 def required_gain(problem: Problem, gain: Gain | None) -> Array:
-    """Return W (q, m) as floats, with no rows without an exosystem.  Raises: SpecError, also where there is no W."""
+    """Return W (q, m) as floats, with no rows without an exosystem.  Raises: SpecError, also where
+    there is no W."""
     W = chosen_gain(problem, gain)
     if W is not None:
         return to_float(W)
     if problem.groups:
-        what = f'must be known to build the observer (13); problem "{problem.name}" has an exosystem but no W.'
-        raise wrong("observer.W", what, "Give W in [observer], or design one and hand it over as gain=W.")
+        what = (
+            f'must be known to build the observer (13); problem "{problem.name}" has an '
+            "exosystem but no W."
+        )
+        raise wrong(
+            "observer.W", what, "Give W in [observer], or design one and hand it over as gain=W."
+        )
     return np.zeros((0, problem.m))
 
 
 def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
-    """Exosystem and observer for the gain W.  Raises: SpecError or ShapeError, also for entries outside the blocks."""
+    """Exosystem and observer for the gain W.  Raises: SpecError or ShapeError, also for entries
+    outside the blocks."""
     W = required_gain(problem, gain)
     if not problem.is_grouped:
         A, C = exosystem_arrays(problem)
@@ -271,7 +325,8 @@ def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
 
 
 def exosystem_arrays(problem: Problem) -> tuple[Array, Array]:
-    """Return A (q, q) and C (m, q) of (12), q = 0 without an exosystem.  Raises: SpecError where there are several."""
+    """Return A (q, q) and C (m, q) of (12), q = 0 without an exosystem.  Raises: SpecError where
+    there are several."""
     if problem.exosystem is None:
         return np.zeros((0, 0)), np.zeros((problem.m, 0))
     return to_float(problem.exosystem.A), to_float(problem.exosystem.C)
@@ -292,15 +347,22 @@ def leaders_drift(problem: Problem) -> Array:
     return np.zeros(problem.m) if drift is None else np.ravel(to_float((drift,)))
 
 
-def arc_groups(problem: Problem, mode: str, there: NDArray[np.bool_] | None = None) -> tuple[ArcGroup, ...]:
-    """Split the arcs of one mode, or those ``there`` (arcs,), by coupling, in the order of ``couplings``; empty groups
-    are left out."""
+def arc_groups(
+    problem: Problem, mode: str, there: NDArray[np.bool_] | None = None
+) -> tuple[ArcGroup, ...]:
+    """Split the arcs of one mode, or those ``there`` (arcs,), by coupling, in the order of
+    ``couplings``; empty groups are left out."""
     table = arc_table(problem, mode)
     weights = to_float((table.weights,))[0][table.weight]
     i, j = table.listeners, table.speakers
     kinds = table.coupling if there is None else np.where(there, table.coupling, -1)
     return tuple(
-        ArcGroup(coupling=problem.couplings[place], listeners=i[arcs], speakers=j[arcs], weights=weights[arcs])
+        ArcGroup(
+            coupling=problem.couplings[place],
+            listeners=i[arcs],
+            speakers=j[arcs],
+            weights=weights[arcs],
+        )
         for place, arcs in split_by(kinds)
         if place >= 0
     )
@@ -321,7 +383,8 @@ def gathering_matrix(group: ArcGroup, size: int) -> sp.csr_array:
 
 
 def pinning_matrix(problem: Problem) -> sp.csr_array:
-    """Return the block diagonal K (n m, n m), with [dynamics] (n p, n m); K (x) I_m of (9) where gains are numbers."""
+    """Return the block diagonal K (n m, n m), with [dynamics] (n p, n m); K (x) I_m of (9) where
+    gains are numbers."""
     gains = problem.pinning.gains
     agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
     blocks = np.array([to_float(k) for k in gains.values()]).reshape(-1, problem.inputs, problem.m)
@@ -329,14 +392,16 @@ def pinning_matrix(problem: Problem) -> sp.csr_array:
 
 
 def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
-    """Return dh/de at e = 0 (n m, n m), of midpoints of slopes; None where a coupling has a kink at 0, or where a
-    leader takes the slopes of f along."""
+    """Return dh/de at e = 0 (n m, n m), of midpoints of slopes; None where a coupling has a kink at
+    0, or where a leader takes the slopes of f along."""
     if problem.slopes_move:
         return None
     n, table, slopes = problem.n, arc_table(problem, mode), {}
     for place in np.unique(table.coupling).tolist():
         enclosed = problem.couplings[place].jacobian_at_zero()
-        if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for row in enclosed for entry in row):
+        if any(
+            entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for row in enclosed for entry in row
+        ):
             return None
         slopes[place] = to_float(tuple(tuple(entry.midpoint for entry in row) for row in enclosed))
     weights = to_float((table.weights,))[0][table.weight]
@@ -348,12 +413,17 @@ def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
     if not len(kinds):
         return sp.csr_array((n * problem.m,) * 2)
     numbers, which = np.unique(kinds, return_inverse=True)
-    blocks = factors[:, None, None] * np.array([slopes[number] for number in numbers.tolist()])[which]
+    blocks = (
+        factors[:, None, None] * np.array([slopes[number] for number in numbers.tolist()])[which]
+    )
     return block_sparse(blocks, *places, size=n)
 
 
-def block_sparse(blocks: Array, rows: IndexArray, columns: IndexArray, *, size: int) -> sp.csr_array:
-    """Add up blocks (count, p, m) at block places of a sparse matrix (size p, size m); zeros are left out."""
+def block_sparse(
+    blocks: Array, rows: IndexArray, columns: IndexArray, *, size: int
+) -> sp.csr_array:
+    """Add up blocks (count, p, m) at block places of a sparse matrix (size p, size m); zeros are
+    left out."""
     _, p, m = blocks.shape
     i = np.broadcast_to(rows[:, None, None] * p + np.arange(p)[:, None], blocks.shape)
     j = np.broadcast_to(columns[:, None, None] * m + np.arange(m), blocks.shape)

@@ -1,8 +1,9 @@
-"""A problem with some keys of its file set anew or removed: what a cure proposes, before anyone writes it.
+"""A problem with some keys of its file set anew or removed: what a cure proposes, before anyone
+writes it.
 
-Key paths are those of the problem file ("pinning.gains", "observer.W"); the value None removes the key.
-"exosystem.groups.W" is the gains of all groups of agents at once, by the name of the group; what P they have goes.
-``toml_writing`` makes the same changes to the text of a file.
+Key paths are those of the problem file ("pinning.gains", "observer.W"); the value None removes the
+key. "exosystem.groups.W" is the gains of all groups of agents at once, by the name of the group;
+what P they have goes. ``toml_writing`` makes the same changes to the text of a file.
 """
 
 from __future__ import annotations
@@ -23,7 +24,12 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, number_text
 from dobc_design.exact.reading import is_scalar_matrix, shown
-from dobc_design.problem.canonical import canonical_bytes, canonical_document, converted, settings_of
+from dobc_design.problem.canonical import (
+    canonical_bytes,
+    canonical_document,
+    converted,
+    settings_of,
+)
 from dobc_design.problem.groups import Observer, gains_of
 from dobc_design.problem.load import parse_toml, read_problem_text
 from dobc_design.problem.problem import Problem
@@ -36,7 +42,11 @@ def typed_number(value: Fraction) -> int | float | str:
     if value.denominator == 1 and abs(value) < 10**15:
         return int(value)
     decimal = nearest(value)
-    return decimal if math.isfinite(decimal) and Fraction(repr(decimal)) == value else number_text(value)
+    return (
+        decimal
+        if math.isfinite(decimal) and Fraction(repr(decimal)) == value
+        else number_text(value)
+    )
 
 
 def typed_matrix(matrix: Sequence[Sequence[Fraction]]) -> list[list[int | float | str]]:
@@ -55,7 +65,11 @@ def gain_table(gains: Mapping[int, Matrix], labels: Sequence[str]) -> dict[str, 
 def value_text(value: Any) -> str:
     """A value as it stands in a file, on one line."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(str(key))} = {value_text(each)}" for key, each in value.items()) + " }"
+        return (
+            "{ "
+            + ", ".join(f"{_key(str(key))} = {value_text(each)}" for key, each in value.items())
+            + " }"
+        )
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(value_text(each) for each in value) + "]"
     # A number or a text means the same in JSON and in TOML (JSON escapes are TOML escapes).
@@ -63,7 +77,8 @@ def value_text(value: Any) -> str:
 
 
 def change_lines(changes: Mapping[str, Any]) -> list[str]:
-    """Changes as lines of a problem file, for people: long tables are cut, what has to go stands in a comment."""
+    """Changes as lines of a problem file, for people: long tables are cut, what has to go stands in
+    a comment."""
     lines: list[str] = []
     kept = {path: value for path, value in changes.items() if value is not None}
     lines += [f"{path} = {value_text(value)}" for path, value in kept.items() if "." not in path]
@@ -87,13 +102,22 @@ def _key(name: str) -> str:
 
 GROUP_GAINS = "exosystem.groups.W"
 #: The key paths that a change may name; some of them only where all agents have one exosystem.
-_OF_ALL = ("exosystem", "exosystem.A", "exosystem.C", "observer", "observer.W", "observer.P", "observer.rate")
+_OF_ALL = (
+    "exosystem",
+    "exosystem.A",
+    "exosystem.C",
+    "observer",
+    "observer.W",
+    "observer.P",
+    "observer.rate",
+)
 _OF_NETWORK = ("target", "coupling.h", "coupling.exceptions", "pinning.gains")
 CHANGEABLE = (*_OF_NETWORK, *_OF_ALL, "region.initial_disturbance", "simulation.xi0", GROUP_GAINS)
 
 
 def gain_changes(problem: Problem, W: Matrix | None) -> dict[str, Any]:
-    """The changes that make W (of groups: block diagonal) the observer gain, None: a designed one; P is removed."""
+    """The changes that make W (of groups: block diagonal) the observer gain, None: a designed one;
+    P is removed."""
     if not problem.is_grouped:
         return {"observer.W": None if W is None else typed_matrix(W), "observer.P": None}
     if W is None:
@@ -103,7 +127,8 @@ def gain_changes(problem: Problem, W: Matrix | None) -> dict[str, Any]:
 
 
 def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
-    """The problem with these keys (path -> value as in the file, None to remove it) set.  Raises: SpecError."""
+    """The problem with these keys (path -> value as in the file, None to remove it) set.  Raises:
+    SpecError."""
     for key in changes:
         if key not in CHANGEABLE:
             what = f"{shown(key)} is no key that a change may set."
@@ -111,8 +136,12 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
     given: dict[str, Any] = {}
     if problem.is_grouped:
         if any(key in _OF_ALL for key in changes):
-            what = "exosystem and observer cannot be changed by key where agents have different ones."
-            raise SpecError(what, key="exosystem.groups", cure="Make the problem anew with other groups.")
+            what = (
+                "exosystem and observer cannot be changed by key where agents have different ones."
+            )
+            raise SpecError(
+                what, key="exosystem.groups", cure="Make the problem anew with other groups."
+            )
         if GROUP_GAINS in changes:  # a group without one gets its W designed
             gains = changes[GROUP_GAINS] or {}
             given["groups"] = [
@@ -123,7 +152,9 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
         own = None if "exosystem" in changes and changes["exosystem"] is None else problem.exosystem
         given["exosystem"] = own and replace(own, **_below("exosystem", changes))
         gone = "observer" in changes and changes["observer"] is None
-        given["observer"] = own and (Observer() if gone else replace(problem.observer, **_below("observer", changes)))
+        given["observer"] = own and (
+            Observer() if gone else replace(problem.observer, **_below("observer", changes))
+        )
     given["target"] = changes.get("target", problem.target)
     given["coupling"] = changes.get("coupling.h", problem.coupling)
     if "coupling.exceptions" in changes:
@@ -135,17 +166,24 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
 
 
 def _below(table: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    own = {key: value for key, value in changes.items() if key.startswith(f"{table}.") and key != GROUP_GAINS}
+    own = {
+        key: value
+        for key, value in changes.items()
+        if key.startswith(f"{table}.") and key != GROUP_GAINS
+    }
     return {key.removeprefix(f"{table}."): value for key, value in own.items()}
 
 
 REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value that stood there
 
 
-def changed_text(text: str, changes: Mapping[str, Any], *, whole: bool = False, remark: str = REMARK) -> str | None:
-    """The text of a problem file with these keys set; comments and order stay.  Raises: SpecError if it is no TOML.  In
-    a table with lines of its own ([pinning.gains]) only the lines change whose values do; ``whole``: all of them.
-    ``remark``: the comment on what was set.  Returns: None if the text cannot be changed key by key."""
+def changed_text(
+    text: str, changes: Mapping[str, Any], *, whole: bool = False, remark: str = REMARK
+) -> str | None:
+    """The text of a problem file with these keys set; comments and order stay.  Raises: SpecError
+    if it is no TOML.  In a table with lines of its own ([pinning.gains]) only the lines change
+    whose values do; ``whole``: all of them. ``remark``: the comment on what was set.  Returns: None
+    if the text cannot be changed key by key."""
     parse_toml(text.encode("utf-8"))  # bounds size and nesting before tomlkit sees it
     try:
         document = tomlkit.parse(text)
@@ -155,7 +193,15 @@ def changed_text(text: str, changes: Mapping[str, Any], *, whole: bool = False, 
             else:
                 _set(document, path.split("."), value, whole=whole, remark=remark)
         return tomlkit.dumps(document)
-    except (TOMLKitError, TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError):
+    except (
+        TOMLKitError,
+        TypeError,
+        ValueError,
+        KeyError,
+        IndexError,
+        AttributeError,
+        RecursionError,
+    ):
         return None
 
 
@@ -174,11 +220,19 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str
             if len(path) > 1 and not len(table):
                 document.remove(path[0])
         return
-    if not whole and isinstance(value, Mapping) and isinstance(table.get(name), tomlkit.items.Table):
+    if (
+        not whole
+        and isinstance(value, Mapping)
+        and isinstance(table.get(name), tomlkit.items.Table)
+    ):
         _change_lines(table[name], value, remark)
         return
     item, old = _item(value), table.get(name)
-    if name in table and (isinstance(old, Mapping) or isinstance(item, Mapping)) and type(old) is not type(item):
+    if (
+        name in table
+        and (isinstance(old, Mapping) or isinstance(item, Mapping))
+        and type(old) is not type(item)
+    ):
         table.remove(name)
     if isinstance(item, tomlkit.items.Table):
         item.add(tomlkit.nl())
@@ -187,10 +241,13 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str
 
 
 def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) -> None:
-    """W of every group in its table, found by the label of an agent, or in [observer] for those outside of all."""
+    """W of every group in its table, found by the label of an agent, or in [observer] for those
+    outside of all."""
     left = dict(gains)
     for table in document["exosystem"]["groups"]:
-        name = next((name for name in gains if name in {str(agent) for agent in table["agents"]}), None)
+        name = next(
+            (name for name in gains if name in {str(agent) for agent in table["agents"]}), None
+        )
         _set(table, ["W"], None if name is None else left.pop(name), whole=True, remark=remark)
         _set(table, ["P"], None, whole=True, remark=remark)
     for name, value in (("W", next(iter(left.values()), None)), ("P", None)):
@@ -198,7 +255,8 @@ def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) ->
 
 
 def _change_lines(table: Any, wanted: Mapping[str, Any], remark: str) -> None:
-    """Change the lines of a table that say something else than wanted, and leave the others with their comments."""
+    """Change the lines of a table that say something else than wanted, and leave the others with
+    their comments."""
     for key in [str(key) for key in table if str(key) not in wanted]:
         table.remove(key)
     for key, value in wanted.items():
@@ -217,10 +275,16 @@ def _item(value: Any) -> Any:
 
 
 def changed_file(
-    problem: Problem, changes: Mapping[str, Any], *, text: str | None, folder: Path, remark: str = REMARK
+    problem: Problem,
+    changes: Mapping[str, Any],
+    *,
+    text: str | None,
+    folder: Path,
+    remark: str = REMARK,
 ) -> str:
-    """The text of a file in ``folder`` that holds the problem with these changes.  Raises: SpecError.  ``text``: the
-    TOML the problem came from, or None; its comments and its order stay where that is possible."""
+    """The text of a file in ``folder`` that holds the problem with these changes.  Raises:
+    SpecError.  ``text``: the TOML the problem came from, or None; its comments and its order stay
+    where that is possible."""
     wanted = changed_problem(problem, changes)
     for replacing in (False, True) if text is not None else ():
         own = changed_text(text or "", changes, whole=replacing, remark=remark)
@@ -228,7 +292,10 @@ def changed_file(
             return own
     whole = problem_text(wanted)
     if not _gives(whole, wanted, folder=folder):
-        what = "the changed problem cannot be written as a problem file: it is too large, or a number in it too long."
+        what = (
+            "the changed problem cannot be written as a problem file: it is too large, or a "
+            "number in it too long."
+        )
         raise SpecError(what, key="problem", cure="Make the change by hand.")
     return whole
 
@@ -255,14 +322,21 @@ def problem_text(problem: Problem) -> str:
     counted = labels == [str(i + 1) for i in range(len(labels))]
     arcs: dict[str, Any] = {}
     for mode, each in problem.network.modes.items():
-        every = [[labels[i], labels[j]] if w == 1 else [labels[i], labels[j], typed_number(w)] for i, j, w in each]
+        every = [
+            [labels[i], labels[j]] if w == 1 else [labels[i], labels[j], typed_number(w)]
+            for i, j, w in each
+        ]
         sure = len(every) - each.optional
         arcs[mode] = {"arcs": every[:sure], "optional": every[sure:]} if each.optional else every
-    document["network"] = _table({"agents": len(labels) if counted else labels, "arrow": "listens_to", "modes": arcs})
+    document["network"] = _table(
+        {"agents": len(labels) if counted else labels, "arrow": "listens_to", "modes": arcs}
+    )
     special = canonical["coupling"]["exceptions"]
     coupling = {"h": canonical["coupling"]["h"]}
     if special:
-        coupling["exceptions"] = [{"arcs": [[labels[i] for i in each["arc"]]], "h": each["h"]} for each in special]
+        coupling["exceptions"] = [
+            {"arcs": [[labels[i] for i in each["arc"]]], "h": each["h"]} for each in special
+        ]
     for name, content in {"coupling": coupling, **_settings(problem, labels)}.items():
         document[name] = _table(content)
     return tomlkit.dumps(document)
@@ -273,7 +347,9 @@ def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
     tables = converted(settings_of(problem), typed_number)
     for group in (tables["exosystem"] or {}).get("groups", ()):
         group["agents"] = [labels[i] for i in group["agents"]]
-    offsets = {labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()}
+    offsets = {
+        labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()
+    }
     # In the order of a file: an exosystem and its observer stand before the formation.
     first = {
         "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
@@ -281,7 +357,9 @@ def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
         "formation": {"offsets": offsets or None},
     }
     every = (first | tables).items()
-    kept = {name: {key: x for key, x in (table or {}).items() if x is not None} for name, table in every}
+    kept = {
+        name: {key: x for key, x in (table or {}).items() if x is not None} for name, table in every
+    }
     return {name: table for name, table in kept.items() if table}
 
 
@@ -293,7 +371,9 @@ def _table(content: Mapping[str, Any]) -> Any:
         elif key == "groups":
             table[key] = tomlkit.aot()
             for group in value:
-                table[key].append(_table({name: part for name, part in group.items() if part is not None}))
+                table[key].append(
+                    _table({name: part for name, part in group.items() if part is not None})
+                )
         else:
             table[key] = _item(value)
     return table

@@ -1,6 +1,8 @@
-"""Numbers of a file that cannot be kept together, or that have no effect beside another one: warnings, in words.
+"""Numbers of a file that cannot be kept together, or that have no effect beside another one:
+warnings, in words.
 
-Nothing is decided here: amplitudes and rates are computed in floating point, and no verdict rests on them.
+Nothing is decided here: amplitudes and rates are computed in floating point, and no verdict rests
+on them.
 """
 
 from __future__ import annotations
@@ -46,7 +48,8 @@ def warnings(problem: Problem) -> tuple[str, ...]:
 
 
 def _about_limits(problem: Problem, reached: Mapping[str, float]) -> Iterator[str]:
-    """Limits of actuators that the disturbance alone exceeds; ``reached``: label -> the largest |d_i| in runs."""
+    """Limits of actuators that the disturbance alone exceeds; ``reached``: label -> the largest
+    |d_i| in runs."""
     table = problem.actuators
     if table is None:
         return
@@ -61,7 +64,8 @@ def _about_limits(problem: Problem, reached: Mapping[str, float]) -> Iterator[st
     largest = max(reached.values(), default=0.0)
     if stated is not None and stated < largest:
         yield (
-            f"The disturbance that simulation.xi0 starts reaches {significant(largest)}, more than actuators.amplitude "
+            f"The disturbance that simulation.xi0 starts reaches {significant(largest)}, "
+            "more than actuators.amplitude "
             f"= {significant(stated)}: simulations leave what the proof assumes."
         )
 
@@ -73,21 +77,28 @@ def _within(table: Actuators, amplitudes: Mapping[str, float]) -> dict[str, Frac
     return below or {label: limit for label, limit in limits.items() if limit == amplitudes[label]}
 
 
-def _limit_warning(tight: Mapping[str, Fraction], amplitudes: Mapping[str, float], source: str, n: int) -> str:
+def _limit_warning(
+    tight: Mapping[str, Fraction], amplitudes: Mapping[str, float], source: str, n: int
+) -> str:
     largest = max(amplitudes[label] for label in tight)
     least = significant(min(tight.values()))
-    whose = "every agent" if len(tight) == n else f"agent{'s' * (len(tight) > 1)} {listed(list(tight))}"
+    whose = (
+        "every agent" if len(tight) == n else f"agent{'s' * (len(tight) > 1)} {listed(list(tight))}"
+    )
     relation, leaves = "is below", "the disturbance alone needs more than the actuators can give"
     if all(limit == amplitudes[label] for label, limit in tight.items()):
         relation, leaves = "equals", "cancelling the disturbance leaves nothing for the feedback"
     return (
-        f"The actuator limit {least} of {whose} {relation} the disturbance, which reaches {significant(largest)} "
-        f"({source}): {leaves}. Give actuators.limit above {significant(largest)}, or a smaller disturbance."
+        f"The actuator limit {least} of {whose} {relation} the disturbance, which reaches "
+        f"{significant(largest)} "
+        f"({source}): {leaves}. Give actuators.limit above {significant(largest)}, or a "
+        "smaller disturbance."
     )
 
 
 def _reached_in_runs(problem: Problem) -> dict[str, float]:
-    """Label -> a bound of |d_i(t)| by component in runs that start at simulation.xi0; nobody whose bound is unknown."""
+    """Label -> a bound of |d_i(t)| by component in runs that start at simulation.xi0; nobody whose
+    bound is unknown."""
     found: dict[str, float] = {}
     for group in problem.groups:
         starts = disturbance_starts(problem, group)
@@ -97,10 +108,14 @@ def _reached_in_runs(problem: Problem) -> dict[str, float]:
             continue  # it grows for ever
         _, vectors = np.linalg.eig(to_float(group.exosystem.A))
         weights = np.linalg.lstsq(vectors, starts, rcond=None)[0]
-        sizes = np.abs(to_float(group.exosystem.C) @ vectors) @ np.abs(weights)  # of C xi, by component and agent
+        # of C xi, by component and agent
+        sizes = np.abs(to_float(group.exosystem.C) @ vectors) @ np.abs(weights)
         largest = np.broadcast_to(sizes.max(axis=0), (len(group.agents),)).tolist()
-        # Rounded, so that a limit which is equal is not found to be below by an error of the last digit.
-        found |= {label: float(f"{size:.9g}") for label, size in zip(group.agents, largest, strict=True)}
+        # Rounded, so that a limit which is equal is not found to be below by an error of the last
+        # digit.
+        found |= {
+            label: float(f"{size:.9g}") for label, size in zip(group.agents, largest, strict=True)
+        }
     return found
 
 
@@ -112,13 +127,16 @@ def _about_errors(problem: Problem) -> Iterator[str]:
         error: Fraction = getattr(table, name)
         if error > LARGE_ERROR:
             yield (
-                f"uncertainty.{name} = {significant(error)} says that every {what} may be {significant(100 * error)} % "
-                f"off, from {significant(1 - error)} to {significant(1 + error)} times what is written. Is a smaller "
+                f"uncertainty.{name} = {significant(error)} says that every {what} may be "
+                f"{significant(100 * error)} % "
+                f"off, from {significant(1 - error)} to {significant(1 + error)} times "
+                "what is written. Is a smaller "
                 "error meant? 5 % is 0.05."
             )
     if not table.known_to_agents and not (table.weights or table.gains):
         yield (
-            "uncertainty.known_to_agents = false has no effect: [uncertainty] states no error of weights or gains. "
+            "uncertainty.known_to_agents = false has no effect: [uncertainty] states no "
+            "error of weights or gains. "
             "Give weights, such as 0.05, or remove it."
         )
 
@@ -136,14 +154,17 @@ def _about_sines(problem: Problem) -> Iterator[str]:
                 hz = f"{significant(slow / math.tau, 6)} and {significant(fast / math.tau, 6)} Hz"
                 beat = significant(math.tau / (fast - slow), 3)
                 yield (
-                    f"The sines of {rad} ({hz}){whose} differ only over {beat} s. Is it one sine, typed twice, perhaps "
+                    f"The sines of {rad} ({hz}){whose} differ only over {beat} s. Is it "
+                    "one sine, typed twice, perhaps "
                     "in hz and in frequencies? Keep one of them."
                 )
             elif abs(fast - math.tau * slow) < 1e-9 * fast:
                 number = significant(slow)
                 yield (
-                    f"The disturbance{whose} has a sine of {number} Hz and one of {number} rad/s. Is it one sine, "
-                    f"given in hz and in frequencies? {number} Hz are {significant(fast)} rad/s; keep one of them."
+                    f"The disturbance{whose} has a sine of {number} Hz and one of {number} "
+                    "rad/s. Is it one sine, "
+                    f"given in hz and in frequencies? {number} Hz are {significant(fast)} "
+                    "rad/s; keep one of them."
                 )
 
 
@@ -152,8 +173,10 @@ def _about_observer_rates(problem: Problem) -> Iterator[str]:
     if found is not None:
         observer, network = found
         yield (
-            f"The observer decays at {significant(observer)} 1/s, {significant(observer / network)} times as fast as "
-            f"the network ({significant(network, 3)} 1/s): that amplifies measurement noise, and the agents arrive no "
+            f"The observer decays at {significant(observer)} 1/s, "
+            f"{significant(observer / network)} times as fast as "
+            f"the network ({significant(network, 3)} 1/s): that amplifies measurement "
+            "noise, and the agents arrive no "
             f"sooner. A rate of {significant(ENOUGH * network, 2)} 1/s is enough."
         )
 
@@ -165,14 +188,19 @@ def _about_region(problem: Problem) -> Iterator[str]:
         return
     goals = [problem.goal_of(i) for i in range(problem.n)] if problem.offsets else [problem.target]
     reach = max(
-        max(abs(lo - goal[c]), abs(hi - goal[c])) for goal in goals for c, (lo, hi) in enumerate(region.initial_states)
+        max(abs(lo - goal[c]), abs(hi - goal[c]))
+        for goal in goals
+        for c, (lo, hi) in enumerate(region.initial_states)
     )
     error = region.initial_disturbance
     if reach and error >= reach:
         yield (
-            f"region.initial_disturbance = {significant(error)} is as large as the region itself, which reaches "
-            f"{significant(reach)} from the target: such an estimation error alone can push agents out of it. It is "
-            "the largest |xi(0) - xihat(0)| when the proof begins; a smaller one holds once the observers have settled."
+            f"region.initial_disturbance = {significant(error)} is as large as the region "
+            "itself, which reaches "
+            f"{significant(reach)} from the target: such an estimation error alone can "
+            "push agents out of it. It is "
+            "the largest |xi(0) - xihat(0)| when the proof begins; a smaller one holds "
+            "once the observers have settled."
         )
 
 
@@ -183,6 +211,8 @@ def _about_dwell(problem: Problem) -> Iterator[str]:
     if len(problem.network.modes) > 1 and own.signal in ("random", "periodic"):
         guarantee = "sequence" if own.signal == "periodic" else "dwell"
         yield (
-            f"switching.dwell = {significant(own.dwell)} s counts in simulations only: without a guarantee a proof "
-            f'allows any switching, however fast. To let the proof use it, write guarantee = "{guarantee}".'
+            f"switching.dwell = {significant(own.dwell)} s counts in simulations only: "
+            "without a guarantee a proof "
+            "allows any switching, however fast. To let the proof use it, write guarantee "
+            f'= "{guarantee}".'
         )

@@ -1,6 +1,8 @@
-"""Agents with dynamics of their own: x_i' = A x_i + B (couplings + u_i + d_i), or f(x_i) in place of A x_i.
+"""Agents with dynamics of their own: x_i' = A x_i + B (couplings + u_i + d_i), or f(x_i) in place
+of A x_i.
 
-Theory, section 13.  Couplings, inputs and disturbances have p components, the inputs; the paper has A = 0 and B = I.
+Theory, section 13.  Couplings, inputs and disturbances have p components, the inputs; the paper has
+A = 0 and B = I.
 """
 
 from __future__ import annotations
@@ -41,10 +43,12 @@ _EXAMPLE = 'For example f = ["x2", "-sin(x1)"].'
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Dynamics(Shown):
-    """x_i' = A x_i + B (sum_j h_ij(x_j - x_i) + u_i + d_i) of every agent; f(x_i) may stand in place of A x_i.
+    """x_i' = A x_i + B (sum_j h_ij(x_j - x_i) + u_i + d_i) of every agent; f(x_i) may stand in
+    place of A x_i.
 
-    Shapes: A (m, m) in 1/s, f m expressions in x1..xm, B (m, p) with full column rank; without B it is the identity,
-    p = m.  Raises: ShapeError, SpecError or ExpressionError naming dynamics.A, dynamics.f or dynamics.B.
+    Shapes: A (m, m) in 1/s, f m expressions in x1..xm, B (m, p) with full column rank; without B it
+    is the identity, p = m.  Raises: ShapeError, SpecError or ExpressionError naming dynamics.A,
+    dynamics.f or dynamics.B.
     Example:
         >>> dd.Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]).inputs
         1
@@ -68,7 +72,9 @@ class Dynamics(Shown):
         enters = identity(m) if B is None else read_matrix(B, key="dynamics.B")
         if len(enters) != m:
             what = f"must have {counted(m, 'row')}, one per state component; got {len(enters)}."
-            raise wrong("dynamics.B", what, "Row c says how the inputs act on x_c.", kind=ShapeError)
+            raise wrong(
+                "dynamics.B", what, "Row c says how the inputs act on x_c.", kind=ShapeError
+            )
         if rank(enters) < len(enters[0]):
             what = "must have full column rank, so that every input acts in a way of its own."
             raise wrong("dynamics.B", what, "Remove inputs that act like others, or not at all.")
@@ -99,20 +105,32 @@ class Dynamics(Shown):
         if self.A is not None:
             return tuple(x for (x,) in multiply(self.A, _column(goal)))
         found = [_at(each, goal) for each in expressions_of(self)]
-        return None if any(each is None for each in found) else tuple(each for each in found if each is not None)
+        return (
+            None
+            if any(each is None for each in found)
+            else tuple(each for each in found if each is not None)
+        )
 
     def about(self, goal: Vector) -> tuple[Matrix, Coupling | None]:
-        """The slopes A at 0 of f(goal + e) - f(goal), and this function of e itself, None where it is linear.  Raises:
-        SpecError where f or a slope of it is not rational at the goal."""
+        """The slopes A at 0 of f(goal + e) - f(goal), and this function of e itself, None where it
+        is linear.  Raises: SpecError where f or a slope of it is not rational at the goal."""
         if self.A is not None:
             return self.A, None
         m, values = self.dimension, self.drift_at(goal)
         if values is None:
-            raise wrong("dynamics.f", "must be rational at the target.", "Move the target, or what f holds, to 0.")
+            raise wrong(
+                "dynamics.f",
+                "must be rational at the target.",
+                "Move the target, or what f holds, to 0.",
+            )
         names = variable_names(m)
-        moved = [name if not x else f"({number_text(x)} + {name})" for x, name in zip(goal, names, strict=True)]
+        moved = [
+            name if not x else f"({number_text(x)} + {name})"
+            for x, name in zip(goal, names, strict=True)
+        ]
         falls = [
-            f"({_renamed(text, moved)}) - ({number_text(x)})" for text, x in zip(self.f or (), values, strict=True)
+            f"({_renamed(text, moved)}) - ({number_text(x)})"
+            for text, x in zip(self.f or (), values, strict=True)
         ]
         try:
             fall = falls[0] if m == 1 else falls
@@ -122,16 +140,22 @@ class Dynamics(Shown):
             raise
         slopes = whole.jacobian_at_zero()
         bad = [any(name in text for name in whole.nonsmooth) for text in self.f or ()]
-        bad = [kinked or not all(x.is_point for x in row) for kinked, row in zip(bad, slopes, strict=True)]
+        bad = [
+            kinked or not all(x.is_point for x in row)
+            for kinked, row in zip(bad, slopes, strict=True)
+        ]
         if whole.nonsmooth or any(bad):
             place = bad.index(True) if any(bad) else 0
-            what = f"{excerpt((self.f or ())[place])} must be smooth, with rational slopes at the target."
+            what = (
+                f"{excerpt((self.f or ())[place])} must be smooth, with rational slopes at the "
+                "target."
+            )
             raise wrong(f"dynamics.f[{place}]", what, "Write it another way.")
         return tuple(tuple(x.lo for x in row) for row in slopes), None if whole.is_linear else whole
 
     def feedforward(self, goal: Vector) -> Vector | None:
-        """The constant input u0 (p,) with A goal + B u0 = 0, f(goal) in place of A goal; None if there is none, and the
-        goal is no equilibrium."""
+        """The constant input u0 (p,) with A goal + B u0 = 0, f(goal) in place of A goal; None if
+        there is none, and the goal is no equilibrium."""
         found = self.drift_at(goal)
         if found is None:
             return None
@@ -141,7 +165,8 @@ class Dynamics(Shown):
         return tuple(x for (x,) in u0) if held else None
 
     def nearest_goal(self, goal: Vector) -> Vector | None:
-        """The goal closest to this one (in the Euclidean norm) that some constant input holds, (m,); None for f."""
+        """The goal closest to this one (in the Euclidean norm) that some constant input holds,
+        (m,); None for f."""
         if self.A is None:
             return None
         kept = subtract(identity(self.dimension), multiply(self.B, self.left_inverse))
@@ -155,21 +180,30 @@ class Dynamics(Shown):
 def expressions_of(dynamics: Dynamics) -> tuple[Expression, ...]:
     """The components of f, with the variables of couplings in place of x1..xm."""
     m = dynamics.dimension
-    return tuple(parse_expression(_renamed(text, variable_names(m)), dimension=m) for text in dynamics.f or ())
+    return tuple(
+        parse_expression(_renamed(text, variable_names(m)), dimension=m)
+        for text in dynamics.f or ()
+    )
 
 
 def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
-    """Refuse an f that is not defined, or has no bounded slope, near a goal.  Raises: ExpressionError."""
+    """Refuse an f that is not defined, or has no bounded slope, near a goal.  Raises:
+    ExpressionError."""
     near = [Interval(x - NEAR, x + NEAR) for x in goal]
     algebra = GradientAlgebra(dynamics.dimension)
     for place, expression in enumerate(expressions_of(dynamics)):
         try:
             evaluate(expression.node, algebra.variables(near), algebra)
         except UndefinedError as error:
-            names = "x" if dynamics.dimension == 1 else "(" + ", ".join(_variables(dynamics.dimension)) + ")"
+            names = (
+                "x"
+                if dynamics.dimension == 1
+                else "(" + ", ".join(_variables(dynamics.dimension)) + ")"
+            )
             at = number_text(goal[0]) if len(goal) == 1 else f"({_listed(goal)})"
             what = (
-                f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded slope around the target,"
+                f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded "
+                "slope around the target,"
                 f" {names} = {at} (as far as 2^-40 from it): {error}"
             )
             cure = "Move the target to where f is smooth, or write f in another way."
@@ -177,13 +211,19 @@ def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
 
 
 def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
-    """Refuse a goal that no constant input holds.  Raises: SpecError that names the nearest one that some does."""
+    """Refuse a goal that no constant input holds.  Raises: SpecError that names the nearest one
+    that some does."""
     for place, expression in enumerate(expressions_of(dynamics)):
         try:
             evaluate(expression.node, tuple(map(Interval.point, goal)), IntervalAlgebra())
         except UndefinedError as error:
-            what = f"{excerpt((dynamics.f or ())[place])} is not defined at the goal [{_listed(goal)}]: {error}"
-            raise wrong(f"dynamics.f[{place}]", what, "Move the target to where f is defined.") from error
+            what = (
+                f"{excerpt((dynamics.f or ())[place])} is not defined at the goal "
+                f"[{_listed(goal)}]: {error}"
+            )
+            raise wrong(
+                f"dynamics.f[{place}]", what, "Move the target to where f is defined."
+            ) from error
     if dynamics.feedforward(goal) is None:
         near = dynamics.nearest_goal(goal)
         drift = "f(x)" if near is None else "A x"
@@ -193,17 +233,26 @@ def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
 
 
 def _read_nodes(f: Any) -> tuple[str, ...]:
-    """Expressions in x1..xm (x alone where m = 1) as canonical text; the language is that of couplings, in y."""
+    """Expressions in x1..xm (x alone where m = 1) as canonical text; the language is that of
+    couplings, in y."""
     if not is_list(f) or not f:
-        raise wrong("dynamics.f", "must be a list of expressions in text, one per state component.", _EXAMPLE)
+        raise wrong(
+            "dynamics.f",
+            "must be a list of expressions in text, one per state component.",
+            _EXAMPLE,
+        )
     found, errors = list[str](), list[SpecError]()
     for place, text in enumerate(f):
         key = f"dynamics.f[{place}]"
         with kept(errors):
             if not isinstance(text, str) or re.search(r"\by[0-9]*\b", text):
-                raise wrong(key, f"must be an expression in {_names(len(f))}; got {shown(text)}.", _EXAMPLE)
+                raise wrong(
+                    key, f"must be an expression in {_names(len(f))}; got {shown(text)}.", _EXAMPLE
+                )
             try:
-                read = parse_expression(re.sub(r"\bx([0-9]*)\b", r"y\1", text), dimension=len(f), key=key)
+                read = parse_expression(
+                    re.sub(r"\bx([0-9]*)\b", r"y\1", text), dimension=len(f), key=key
+                )
             except SpecError as error:
                 cure = error.cure and re.sub(r"\by([0-9]*)\b", r"x\1", error.cure)
                 message = re.sub(r"\by([0-9]*)\b", r"x\1", error.message)

@@ -1,8 +1,9 @@
-"""Common shapes of disturbances as exosystems (12): constant, ramp, harmonics, their sums, a truncated periodic signal.
+"""Common shapes of disturbances as exosystems (12): constant, ramp, harmonics, their sums, a
+truncated periodic signal.
 
-Every one has a single output, d = C xi, m = 1, and is observable; ``stacked`` gives one to each of several
-components.  Numbers in are exact, numbers out are exact.  A frequency is in rad/s: 50 Hz is "314.159265358979",
-not 50.
+Every one has a single output, d = C xi, m = 1, and is observable; ``stacked`` gives one to each of
+several components.  Numbers in are exact, numbers out are exact.  A frequency is in rad/s: 50 Hz is
+"314.159265358979", not 50.
 """
 
 from __future__ import annotations
@@ -22,7 +23,17 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, parse_number
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
 
-__all__ = ["KINDS", "constant", "harmonics", "of_parts", "periodic", "polynomial", "ramp", "stacked", "total"]
+__all__ = [
+    "KINDS",
+    "constant",
+    "harmonics",
+    "of_parts",
+    "periodic",
+    "polynomial",
+    "ramp",
+    "stacked",
+    "total",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -48,7 +59,12 @@ class Exosystem(Shown):
                 f"must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q});"
                 f" got shape ({len(output)}, {len(output[0])})."
             )
-            raise wrong("exosystem.C", what, "Each row of C picks one component of the disturbance.", kind=ShapeError)
+            raise wrong(
+                "exosystem.C",
+                what,
+                "Each row of C picks one component of the disturbance.",
+                kind=ShapeError,
+            )
         put(self, A=dynamics, C=output)
 
     @property
@@ -63,13 +79,16 @@ class Exosystem(Shown):
 
     @classmethod
     def from_control(cls, system: Any) -> Exosystem:
-        """Take A and C from a control.StateSpace; floats are read as their shortest decimal text.  Raises: SpecError
-        for a system in discrete time or without A and C."""
+        """Take A and C from a control.StateSpace; floats are read as their shortest decimal text.
+        Raises: SpecError for a system in discrete time or without A and C."""
         if not hasattr(system, "A") or not hasattr(system, "C"):
             what = f"must be a state-space system with A and C; got {type(system).__name__}."
             raise wrong("exosystem", what, "For a transfer function: control.ss(system).")
         if getattr(system, "dt", None):
-            what = f"must be in continuous time, xi' = A xi; got one with the time step {shown(system.dt)}."
+            what = (
+                "must be in continuous time, xi' = A xi; got one with the time step "
+                f"{shown(system.dt)}."
+            )
             raise wrong("exosystem", what, "Give the continuous-time system.")
         return cls(A=np.asarray(system.A).tolist(), C=np.asarray(system.C).tolist())
 
@@ -89,9 +108,10 @@ def of_parts(
     frequencies: Any = None,
     components: int = 1,
 ) -> Exosystem:
-    """The exosystem that a problem file describes in words, one for each of ``components`` (``stacked``): ``constant``
-    and ``ramp`` are true or false, ``hz`` (cycles per second; 2 pi f is rounded to 12 digits) and ``frequencies``
-    (rad/s) numbers or lists; ``kind`` names a single part.  Raises: SpecError naming the key."""
+    """The exosystem that a problem file describes in words, one for each of ``components``
+    (``stacked``): ``constant`` and ``ramp`` are true or false, ``hz`` (cycles per second; 2 pi f is
+    rounded to 12 digits) and ``frequencies`` (rad/s) numbers or lists; ``kind`` names a single
+    part.  Raises: SpecError naming the key."""
     if kind is not None:
         if kind not in KINDS:
             what = f"must be one of {', '.join(KINDS)}; got {shown(kind)}."
@@ -103,11 +123,19 @@ def of_parts(
             cure = "Write frequencies = [2], in rad/s; or, without kind, hz = [0.5]."
             raise wrong("exosystem.frequencies", "is required for harmonics and missing.", cure)
         for key in (key for key, value in beside.items() if value is not None):
-            raise wrong(f"exosystem.{key}", "cannot stand beside kind.", "Remove kind: parts without it add up.")
+            raise wrong(
+                f"exosystem.{key}",
+                "cannot stand beside kind.",
+                "Remove kind: parts without it add up.",
+            )
         constant, ramp = kind == "constant", kind == "ramp"
     for key, value in (("constant", constant), ("ramp", ramp)):
         if not isinstance(value, bool | None):
-            raise wrong(f"exosystem.{key}", f"must be true or false; got {shown(value)}.", f"Write {key} = true.")
+            raise wrong(
+                f"exosystem.{key}",
+                f"must be true or false; got {shown(value)}.",
+                f"Write {key} = true.",
+            )
     shapes = [polynomial(1 if ramp else 0)] if constant or ramp else []
     sines: dict[Fraction, str] = {}
     for key, value in (("frequencies", frequencies), ("hz", hz)):
@@ -122,8 +150,8 @@ def of_parts(
 
 
 def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
-    """Add angular frequencies (rad/s) to ``found``, each with the key that states it; those of the key hz are in Hz,
-    and 2 pi f is rounded to twelve digits."""
+    """Add angular frequencies (rad/s) to ``found``, each with the key that states it; those of the
+    key hz are in Hz, and 2 pi f is rounded to twelve digits."""
     in_hz, unit = (True, "Hz") if key.endswith("hz") else (False, "rad/s")
     given = list(value) if is_list(value) else [value]
     if not given:
@@ -134,7 +162,10 @@ def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
         w = parse_number(each, key=name)
         if w <= 0 or (in_hz and not Fraction(1, 10**15) < w < 10**15):
             limits = "between 1e-15 and 1e15 Hz" if in_hz else "> 0 (rad/s)"
-            cure = "A constant part is added by constant = true, in Python by total(constant(), harmonics(...))."
+            cure = (
+                "A constant part is added by constant = true, in Python by total(constant(), "
+                "harmonics(...))."
+            )
             raise wrong(name, f"must be {limits}; got {shown_number(w)}.", cure)
         if in_hz:
             w = Fraction(f"{math.tau * w.numerator / w.denominator:.{DIGITS}g}")
@@ -162,8 +193,8 @@ def ramp() -> Exosystem:
 
 
 def polynomial(degree: Any) -> Exosystem:
-    """An unknown polynomial in time; the state holds the disturbance and its derivatives.  Raises: SpecError unless
-    ``degree`` is an integer from 0 to 20."""
+    """An unknown polynomial in time; the state holds the disturbance and its derivatives.  Raises:
+    SpecError unless ``degree`` is an integer from 0 to 20."""
     if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= LARGEST_DEGREE:
         what = f"must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}."
         raise wrong("degree", what, "0 is a constant, 1 a ramp.")
@@ -173,10 +204,12 @@ def polynomial(degree: Any) -> Exosystem:
 
 
 def harmonics(frequencies: Any) -> Exosystem:
-    """A sum of sines of unknown amplitude and phase at given angular frequencies (rad/s), a number or a list.
+    """A sum of sines of unknown amplitude and phase at given angular frequencies (rad/s), a number
+    or a list.
 
     One block [[0, w], [-w, 0]] for each; d is the sum of the first states of the blocks.
-    Raises: SpecError unless the frequencies are positive and all different (two equal ones could not be told apart).
+    Raises: SpecError unless the frequencies are positive and all different (two equal ones could
+    not be told apart).
     Example:
         >>> dd.exosystems.harmonics([1, "5/2"]).order
         4
@@ -187,15 +220,24 @@ def harmonics(frequencies: Any) -> Exosystem:
 
 
 def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exosystem:
-    """A periodic disturbance by truncation: the mean and the first sines of its Fourier series.  ``fundamental`` is the
-    angular frequency (rad/s); ``mean`` keeps the constant term. What is cut off is an unmodelled disturbance for the
-    observer. Raises: SpecError unless fundamental > 0 and harmonics_kept is an integer >= 1."""
+    """A periodic disturbance by truncation: the mean and the first sines of its Fourier series.
+    ``fundamental`` is the angular frequency (rad/s); ``mean`` keeps the constant term. What is cut
+    off is an unmodelled disturbance for the observer. Raises: SpecError unless fundamental > 0 and
+    harmonics_kept is an integer >= 1."""
     w = parse_number(fundamental, key="fundamental")
-    if isinstance(harmonics_kept, bool) or not isinstance(harmonics_kept, int) or harmonics_kept < 1:
+    if (
+        isinstance(harmonics_kept, bool)
+        or not isinstance(harmonics_kept, int)
+        or harmonics_kept < 1
+    ):
         what = f"must be an integer >= 1; got {shown(harmonics_kept)}."
         raise wrong("harmonics_kept", what, "For a constant disturbance use constant().")
     if w <= 0:
-        raise wrong("fundamental", f"must be > 0 (rad/s); got {shown_number(w)}.", "It is 2 pi divided by the period.")
+        raise wrong(
+            "fundamental",
+            f"must be > 0 (rad/s); got {shown_number(w)}.",
+            "It is 2 pi divided by the period.",
+        )
     sines = harmonics([w * k for k in range(1, harmonics_kept + 1)])
     return total(constant(), sines) if mean else sines
 
@@ -215,20 +257,29 @@ def total(*parts: Exosystem) -> Exosystem:
             "the parts of a total must have equally many components, because they are added;"
             f" got {', '.join(str(part.outputs) for part in parts)}."
         )
-        raise SpecError(what, key="parts", cure="stacked(...) gives every part components of its own.")
+        raise SpecError(
+            what, key="parts", cure="stacked(...) gives every part components of its own."
+        )
     C = [[x for part in parts for x in part.C[row]] for row in range(outputs)]
     return Exosystem(A=block_diagonal([part.A for part in parts]), C=C)
 
 
 def stacked(*parts: Exosystem) -> Exosystem:
-    """Each part drives components of its own: A and C block diagonal.  For m > 1.  Raises: SpecError without parts."""
+    """Each part drives components of its own: A and C block diagonal.  For m > 1.  Raises:
+    SpecError without parts."""
     _require_parts(parts)
-    return Exosystem(A=block_diagonal([part.A for part in parts]), C=block_diagonal([part.C for part in parts]))
+    return Exosystem(
+        A=block_diagonal([part.A for part in parts]), C=block_diagonal([part.C for part in parts])
+    )
 
 
 def _require_parts(parts: Sequence[Exosystem]) -> int:
     if not parts or not all(isinstance(part, Exosystem) for part in parts):
-        raise wrong("parts", "must be at least one Exosystem.", "For example total(constant(), harmonics([1, 2])).")
+        raise wrong(
+            "parts",
+            "must be at least one Exosystem.",
+            "For example total(constant(), harmonics([1, 2])).",
+        )
     return parts[0].outputs
 
 

@@ -1,4 +1,5 @@
-"""JSON that is no problem: what it is, by the keys that its program writes, and what to do with it."""
+"""JSON that is no problem: what it is, by the keys that its program writes, and what to do with
+it."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ _KINDS: tuple[tuple[str, Callable[[Mapping[str, Any]], bool], str], ...] = (
     (
         "a certificate of dobc_design",
         lambda found: found.get("format") == "dobc-certificate",
-        "Its problem is the problem.json beside it; `dobc verify CERT --problem FILE` and `dobc report CERT` take it.",
+        "Its problem is the problem.json beside it; `dobc verify CERT --problem FILE` and "
+        "`dobc report CERT` take it.",
     ),
     (
         "a problem of dobc_design",
@@ -56,15 +58,26 @@ _KINDS: tuple[tuple[str, Callable[[Mapping[str, Any]], bool], str], ...] = (
     ("a Jupyter notebook", lambda found: "cells" in found and "nbformat" in found, _ONLY),
     (
         "the package.json of a JavaScript project",
-        lambda found: "version" in found and bool({"dependencies", "devDependencies", "scripts", "main"} & set(found)),
+        lambda found: (
+            "version" in found
+            and bool({"dependencies", "devDependencies", "scripts", "main"} & set(found))
+        ),
         _ONLY,
     ),
-    ("GeoJSON", lambda found: found.get("type") in ("FeatureCollection", "Feature", "GeometryCollection"), _ONLY),
+    (
+        "GeoJSON",
+        lambda found: found.get("type") in ("FeatureCollection", "Feature", "GeometryCollection"),
+        _ONLY,
+    ),
     ("a JSON Schema", lambda found: "$schema" in found or "$defs" in found, _ONLY),
     (
         "a problem file in JSON",
-        lambda found: isinstance(found.get("network"), Mapping) and bool({"agents", "modes"} & set(found["network"])),
-        "Write it as TOML: [network], below it agents = ... and arrow = ...; `dobc new NAME` writes an example.",
+        lambda found: (
+            isinstance(found.get("network"), Mapping)
+            and bool({"agents", "modes"} & set(found["network"]))
+        ),
+        "Write it as TOML: [network], below it agents = ... and arrow = ...; `dobc new "
+        "NAME` writes an example.",
     ),
 )
 
@@ -74,10 +87,14 @@ def not_a(wanted: str, document: Any, *, name: str) -> SpecError:
     only = _WANTED[wanted]
     if not isinstance(document, Mapping):
         kind = "a list" if isinstance(document, list) else "a single value"
-        return SpecError(f"{named(name)} is not {wanted}: it holds {kind}.", key="format", cure=only)
+        return SpecError(
+            f"{named(name)} is not {wanted}: it holds {kind}.", key="format", cure=only
+        )
     for what, fits, cure in _KINDS:
         if fits(document):
-            return SpecError(f"{named(name)} is not {wanted} but {what}.", key="format", cure=cure or only)
+            return SpecError(
+                f"{named(name)} is not {wanted} but {what}.", key="format", cure=cure or only
+            )
     keys = ", ".join(named(str(key)) for key in list(document)[:4]) or "none"
     what = f'{named(name)} is not {wanted}: it has no "format" of dobc_design; its keys are {keys}'
     return SpecError(f"{what}{', ...' if len(document) > 4 else ''}.", key="format", cure=only)

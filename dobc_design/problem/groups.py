@@ -1,8 +1,10 @@
-"""Groups of agents with an exosystem and an observer of their own (eq. 12 and 13 with A, C, W, P by group).
+"""Groups of agents with an exosystem and an observer of their own (eq. 12 and 13 with A, C, W, P by
+group).
 
-Every agent is in at most one group; an agent in no group has no disturbance.  Side by side the groups make one *joint*
-exosystem with block diagonal A and C.  For block diagonal W, P, Q also A - W C, Omega0 = P A + A'P - Q C - C'Q' and
-S = C (-Omega0)^-1 C' are block diagonal, and the Reduction reads Lambda + blockdiag(S of the agents) < 0.
+Every agent is in at most one group; an agent in no group has no disturbance.  Side by side the
+groups make one *joint* exosystem with block diagonal A and C.  For block diagonal W, P, Q also A -
+W C, Omega0 = P A + A'P - Q C - C'Q' and S = C (-Omega0)^-1 C' are block diagonal, and the Reduction
+reads Lambda + blockdiag(S of the agents) < 0.
 """
 
 from __future__ import annotations
@@ -18,7 +20,16 @@ from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix, zeros
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import counted, is_list, named, read_matrix, rows_of, shown, shown_number, some
+from dobc_design.exact.reading import (
+    counted,
+    is_list,
+    named,
+    read_matrix,
+    rows_of,
+    shown,
+    shown_number,
+    some,
+)
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 
 
@@ -36,14 +47,20 @@ class Observer(Shown):
     rate: Fraction | None
 
     def __init__(
-        self, *, W: Sequence[Sequence[Any]] | None = None, P: Sequence[Sequence[Any]] | None = None, rate: Any = None
+        self,
+        *,
+        W: Sequence[Sequence[Any]] | None = None,
+        P: Sequence[Sequence[Any]] | None = None,
+        rate: Any = None,
     ) -> None:
         gain = None if W is None else read_matrix(W, key="observer.W")
         lyapunov = None if P is None else read_matrix(P, key="observer.P")
         speed = None if rate is None else parse_number(rate, key="observer.rate")
         if lyapunov is not None and gain is None:
             what = "must stand beside observer.W, because P is tested for that W; got P alone."
-            raise wrong("observer.P", what, "Give W too, or leave P out: a P is then found for you.")
+            raise wrong(
+                "observer.P", what, "Give W too, or leave P out: a P is then found for you."
+            )
         if lyapunov is not None:
             _check_symmetric(lyapunov)
         if speed is not None and speed <= 0:
@@ -57,21 +74,26 @@ def _check_symmetric(P: Matrix) -> None:
     for i, row in enumerate(P):
         for j in range(i):
             if row[j] != P[j][i]:
-                got = f"{shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}]"
+                got = (
+                    f"{shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at "
+                    f"[{i}][{j}]"
+                )
                 what = f"must be symmetric, because only x'Px is used; got {got}."
                 raise wrong("observer.P", what, "Replace it by (P + P')/2.", kind=ShapeError)
 
 
 def check_observer(observer: Observer, *, q: int, m: int, states: int | None = None) -> None:
-    """Check the shapes of W and P against the exosystem with m outputs; W may also act on all ``states``.  Raises
-    ShapeError."""
+    """Check the shapes of W and P against the exosystem with m outputs; W may also act on all
+    ``states``.  Raises ShapeError."""
     for name, matrix, shape, because in (
         ("W", observer.W, (q, m), "one row per exosystem state, one column per state component"),
         ("P", observer.P, (q, q), "one row and column per exosystem state"),
     ):
         known = (shape, (q, states)) if name == "W" else (shape,)
         if matrix is not None and (len(matrix), len(matrix[0])) not in known:
-            what = f"must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])})."
+            what = (
+                f"must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])})."
+            )
             raise wrong(f"observer.{name}", what, f"Give {rows_of(shape)}.", kind=ShapeError)
 
 
@@ -82,8 +104,8 @@ _SHOWN = 6  # agents in a sentence
 class Group(Shown):
     """Agents, by label, that have this exosystem and this observer.
 
-    ``observer`` defaults to one that is to be designed; the rate asked of a designed W is the same for all groups and
-    stands in the observer of the problem.
+    ``observer`` defaults to one that is to be designed; the rate asked of a designed W is the same
+    for all groups and stands in the observer of the problem.
     Raises: SpecError for a value of another kind, or without agents.
     """
 
@@ -91,18 +113,28 @@ class Group(Shown):
     exosystem: Exosystem
     observer: Observer
 
-    def __init__(self, *, agents: Sequence[Any], exosystem: Exosystem, observer: Observer | None = None) -> None:
+    def __init__(
+        self, *, agents: Sequence[Any], exosystem: Exosystem, observer: Observer | None = None
+    ) -> None:
         names = tuple(agents) if is_list(agents) else ()
         if not all(type(each) is str for each in names):
             names = () if any(isinstance(each, bool) for each in names) else tuple(map(str, names))
         if not names:
             what = f"must be a list of labels, at least one; got {shown(agents)}."
             raise wrong("agents", what, "For example agents = [1, 2].")
-        for key, value, kind in (("exosystem", exosystem, Exosystem), ("observer", observer, Observer)):
+        for key, value, kind in (
+            ("exosystem", exosystem, Exosystem),
+            ("observer", observer, Observer),
+        ):
             if not isinstance(value, kind) and (value is not None or kind is Exosystem):
                 what = f"of a group must be an {kind.__name__}; got {shown(value)}."
                 raise wrong(key, what, f"Make one with {kind.__name__}(...).")
-        put(self, agents=names, exosystem=exosystem, observer=Observer() if observer is None else observer)
+        put(
+            self,
+            agents=names,
+            exosystem=exosystem,
+            observer=Observer() if observer is None else observer,
+        )
 
     def _card(self) -> Card:
         facts = [*self.exosystem._card().facts, *self.observer._card().facts]
@@ -123,20 +155,29 @@ def read_groups(
     m: int,
     states: int | None = None,
 ) -> tuple[Group, ...]:
-    """Divide the agents into groups: those given, and the others, who have ``exosystem`` and ``observer``, or without
-    an ``exosystem`` no disturbance.  Returns: the groups ordered by their first agent, agents in the order of the
-    labels; none without a disturbance.  ``m``: how
-    many components a disturbance has; ``states``: how many an agent has, where these are others.  Raises: SpecError or
-    ShapeError naming the key."""
+    """Divide the agents into groups: those given, and the others, who have ``exosystem`` and
+    ``observer``, or without an ``exosystem`` no disturbance.  Returns: the groups ordered by their
+    first agent, agents in the order of the labels; none without a disturbance.  ``m``: how many
+    components a disturbance has; ``states``: how many an agent has, where these are others.
+    Raises: SpecError or ShapeError naming the key."""
     common = Observer() if observer is None else observer
     if exosystem is not None and states is not None and exosystem.outputs != m:
-        what = f"must have {counted(m, 'row')}, one per input of [dynamics]; got {exosystem.outputs}."
-        raise wrong("exosystem.C", what, f"Give {counted(m, 'row')}: d = C xi acts through B.", kind=ShapeError)
+        what = (
+            f"must have {counted(m, 'row')}, one per input of [dynamics]; got {exosystem.outputs}."
+        )
+        raise wrong(
+            "exosystem.C",
+            what,
+            f"Give {counted(m, 'row')}: d = C xi acts through B.",
+            kind=ShapeError,
+        )
     if not groups and exosystem is not None:
         check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
         return (Group(agents=labels, exosystem=exosystem, observer=common),)
     if not groups and observer is not None:
-        what = "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
+        what = (
+            "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
+        )
         raise SpecError(what, key="observer", cure="Remove it, or give the exosystem.")
     if not groups:
         return ()
@@ -156,7 +197,13 @@ def read_groups(
     for number, agents in places.items():  # in the order of their first agents
         system = groups[number].exosystem if number >= 0 or exosystem is None else exosystem
         own = groups[number].observer if number >= 0 else common
-        result.append(Group(agents=agents, exosystem=system, observer=Observer(W=own.W, P=own.P, rate=common.rate)))
+        result.append(
+            Group(
+                agents=agents,
+                exosystem=system,
+                observer=Observer(W=own.W, P=own.P, rate=common.rate),
+            )
+        )
     _check_all_have_p(result)
     return tuple(result)
 
@@ -167,16 +214,22 @@ def group_key(number: int) -> str:
 
 
 def renamed(error: SpecError, key: str) -> SpecError:
-    """An error about A, C, W or P of the group ``key``, which names the key as it stands in the file."""
+    """An error about A, C, W or P of the group ``key``, which names the key as it stands in the
+    file."""
 
     def changed(text: str) -> str:
         return re.sub(r"\b(?:exosystem|observer)\.([ACWP])\b", rf"{key}.\1", text)
 
-    errors = [type(error)(changed(x.message), key=changed(x.key or key), cure=x.cure) for x in error.errors]
+    errors = [
+        type(error)(changed(x.message), key=changed(x.key or key), cure=x.cure)
+        for x in error.errors
+    ]
     return SpecError.several(errors)
 
 
-def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]) -> dict[str, int]:
+def _owners(
+    groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]
+) -> dict[str, int]:
     known, owner = set(labels), dict[str, int]()
     for number, group in enumerate(groups):
         for place, label in enumerate(group.agents):
@@ -186,20 +239,28 @@ def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecE
                 errors.append(about(key, what, "Use the label of an agent."))
             elif label in owner:
                 where = "this group" if owner[label] == number else group_key(owner[label])
-                what = f"agent {shown(label)} is in {where} already, and an agent has one exosystem only."
+                what = (
+                    f"agent {shown(label)} is in {where} already, and an agent has one "
+                    "exosystem only."
+                )
                 errors.append(about(key, what, "Keep it in one group."))
             owner.setdefault(label, number)
     return owner
 
 
-def _check_group(group: Group, number: int, *, m: int, states: int | None, rate: Fraction | None) -> None:
+def _check_group(
+    group: Group, number: int, *, m: int, states: int | None, rate: Fraction | None
+) -> None:
     key, outputs, rows = group_key(number), group.exosystem.outputs, counted(m, "row")
     if outputs != m:
         what = f"must have {rows}, one per state component, as every C has; got {outputs}."
         raise wrong(f"{key}.C", what, f"Give {rows}.", kind=ShapeError)
     errors: list[SpecError] = []
     if group.observer.rate not in (None, rate):
-        what = "a group has no rate of its own; the rate asked of a designed W is observer.rate, for all."
+        what = (
+            "a group has no rate of its own; the rate asked of a designed W is observer.rate, "
+            "for all."
+        )
         errors.append(about(key, what, "Give the rate in [observer], or W in the group."))
     try:
         check_observer(group.observer, q=group.exosystem.order, m=m, states=states)
@@ -208,12 +269,21 @@ def _check_group(group: Group, number: int, *, m: int, states: int | None, rate:
     raise_all(errors)
 
 
-def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observer, states: int | None) -> None:
-    """Those in no group have [exosystem]'s own A and C, or no disturbance; of nobody nothing may be said."""
-    why = "every agent is in a group of exosystem.groups" if not rest else "the agents in no group have no disturbance"
+def _check_rest(
+    rest: Sequence[str], exosystem: Exosystem | None, common: Observer, states: int | None
+) -> None:
+    """Those in no group have [exosystem]'s own A and C, or no disturbance; of nobody nothing may be
+    said."""
+    why = (
+        "every agent is in a group of exosystem.groups"
+        if not rest
+        else "the agents in no group have no disturbance"
+    )
     nobody = f"apply to no agent, because {why}."
     if exosystem is not None and not rest:
-        raise wrong("exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem].")
+        raise wrong(
+            "exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem]."
+        )
     if exosystem is not None:
         check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
     elif common.W is not None or common.P is not None:
@@ -224,8 +294,14 @@ def _check_all_have_p(groups: Sequence[Group]) -> None:
     given = [group for group in groups if group.observer.P is not None]
     missing = [group for group in groups if group.observer.P is None]
     if given and missing:
-        what = f"P is given for the group of agent {shown(given[0].name)} and missing for that of agent"
-        what += f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they are tested together."
+        what = (
+            f"P is given for the group of agent {shown(given[0].name)} and missing for that of "
+            "agent"
+        )
+        what += (
+            f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they "
+            "are tested together."
+        )
         cure = "Give P (and W) for every group, or for none: a P is then found for you."
         raise SpecError(what, key="exosystem.groups", cure=cure)
 
@@ -245,16 +321,20 @@ def join(matrices: Sequence[Matrix | None]) -> Matrix | None:
 
 
 def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix, ...] | None:
-    """The blocks of these shapes of a block diagonal matrix; None if it is not block diagonal in them."""
+    """The blocks of these shapes of a block diagonal matrix; None if it is not block diagonal in
+    them."""
     row, column, blocks = 0, 0, []
     for rows, columns in shapes:
-        blocks.append(tuple(tuple(each[column : column + columns]) for each in matrix[row : row + rows]))
+        blocks.append(
+            tuple(tuple(each[column : column + columns]) for each in matrix[row : row + rows])
+        )
         row, column = row + rows, column + columns
     return tuple(blocks) if block_diagonal(blocks) == tuple(map(tuple, matrix)) else None
 
 
 def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
-    """The gain of each group, W (q, G m) being block diagonal.  Raises: SpecError for a W that is not."""
+    """The gain of each group, W (q, G m) being block diagonal.  Raises: SpecError for a W that is
+    not."""
     orders = [group.exosystem.order for group in groups]
     m = groups[0].exosystem.outputs if groups else 0
     found = blocks_of(W, [(order, m) for order in orders])
@@ -266,14 +346,15 @@ def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
 
 
 def group_numbers(groups: Sequence[Group], labels: Sequence[str]) -> list[int]:
-    """For each agent the number of its group; ``len(groups)`` for an agent without a disturbance."""
+    """For each agent the number of its group; ``len(groups)`` for an agent without a
+    disturbance."""
     number = {label: place for place, group in enumerate(groups) for label in group.agents}
     return [number.get(label, len(groups)) for label in labels]
 
 
 def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Sequence[str]) -> list[Matrix]:
-    """For each agent the block (m, m) of its group, 0 without a disturbance: S (G m, G m), or (m, m) for one group or
-    none."""
+    """For each agent the block (m, m) of its group, 0 without a disturbance: S (G m, G m), or (m,
+    m) for one group or none."""
     blocks = group_blocks(S, max(1, len(groups)))
     nothing = zeros(len(blocks[0]), len(blocks[0]))
     return [(*blocks, nothing)[number] for number in group_numbers(groups, labels)]
@@ -282,4 +363,6 @@ def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Sequence[str]) -> l
 def group_blocks(S: Matrix, groups: int) -> tuple[Matrix, ...]:
     """The block of each group: S (G m, G m) -> G matrices (m, m)."""
     m = len(S) // groups
-    return tuple(tuple(tuple(row[g * m : g * m + m]) for row in S[g * m : g * m + m]) for g in range(groups))
+    return tuple(
+        tuple(tuple(row[g * m : g * m + m]) for row in S[g * m : g * m + m]) for g in range(groups)
+    )

@@ -1,13 +1,17 @@
-"""Agents with dynamics as integrators that have the same errors, so that every condition knows them.
+"""Agents with dynamics as integrators that have the same errors, so that every condition knows
+them.
 
-x_i' = A x_i + B (sum h + u_i + d_i) with u_i = -K_i e_i - dhat_i + u0 and xihat = z + W B+ x, B+ B = I, gives
+x_i' = A x_i + B (sum h + u_i + d_i) with u_i = -K_i e_i - dhat_i + u0 and xihat = z + W B+ x, B+ B
+= I, gives
 
-    e_i' = sum B h(e_j - e_i) - (B K_i - A) e_i + B C eps_i,   eps_i' = (A_xi - W C) eps_i     (theory, section 13)
+    e_i' = sum B h(e_j - e_i) - (B K_i - A) e_i + B C eps_i,   eps_i' = (A_xi - W C) eps_i
+    (theory, section 13)
 
-That is (22) with the couplings B h, the gains B K_i - A, the output B C and the observer gain W B+, whose product with
-the output is W C again.  With f in place of A the gains have its slopes A at the target, and f(target + e) - f(target)
-itself is the last of the couplings, which no arc has: ``problem.node`` is its place.  With a leader s the target is 0,
-and the errors obey f(s + e) - f(s): the node at s + e less that at s.
+That is (22) with the couplings B h, the gains B K_i - A, the output B C and the observer gain W B+,
+whose product with the output is W C again.  With f in place of A the gains have its slopes A at the
+target, and f(target + e) - f(target) itself is the last of the couplings, which no arc has:
+``problem.node`` is its place.  With a leader s the target is 0, and the errors obey f(s + e) -
+f(s): the node at s + e less that at s.
 """
 
 from __future__ import annotations
@@ -32,15 +36,19 @@ from dobc_design.problem.problem import Pinning, Problem
 
 @lru_cache(maxsize=16)
 def as_integrators(problem: Problem) -> Problem:
-    """The problem of integrators with the errors of ``problem``; without [dynamics] the problem itself.
+    """The problem of integrators with the errors of ``problem``; without [dynamics] the problem
+    itself.
 
-    Its states, targets, modes, exosystem states and observer states are those of ``problem``; its inputs are
-    B u + A (x - xbar - offset), and its gains need not pull towards the target.
+    Its states, targets, modes, exosystem states and observer states are those of ``problem``; its
+    inputs are B u + A (x - xbar - offset), and its gains need not pull towards the target.
     """
     dynamics = problem.dynamics
     if dynamics is None:
         return problem
-    systems = [Exosystem(A=each.exosystem.A, C=multiply(dynamics.B, each.exosystem.C)) for each in problem.groups]
+    systems = [
+        Exosystem(A=each.exosystem.A, C=multiply(dynamics.B, each.exosystem.C))
+        for each in problem.groups
+    ]
     observers = [
         Observer(W=on_states(each.observer.W, dynamics), P=each.observer.P, rate=each.observer.rate)
         for each in problem.groups
@@ -48,7 +56,9 @@ def as_integrators(problem: Problem) -> Problem:
     parts: dict[str, Any] = {}
     if problem.is_grouped:
         each = zip(problem.groups, systems, observers, strict=True)
-        parts["groups"] = [Group(agents=group.agents, exosystem=x, observer=y) for group, x, y in each]
+        parts["groups"] = [
+            Group(agents=group.agents, exosystem=x, observer=y) for group, x, y in each
+        ]
     elif systems:
         parts = {"exosystem": systems[0], "observer": observers[0]}
     A, node = dynamics.about(problem.target)
@@ -72,12 +82,14 @@ def as_integrators(problem: Problem) -> Problem:
 
 
 def observed(problem: Problem) -> tuple[Group, ...]:
-    """The groups whose C is what a gain W of the file acts on: C of the inputs, or B C where W acts on x (p = m)."""
+    """The groups whose C is what a gain W of the file acts on: C of the inputs, or B C where W acts
+    on x (p = m)."""
     return as_integrators(problem).groups if problem.inputs == problem.m else problem.groups
 
 
 def on_states(W: Matrix | None, dynamics: Dynamics) -> Matrix | None:
-    """An observer gain of all state components, (q, m), from one of the inputs, (q, p); others stay as they are."""
+    """An observer gain of all state components, (q, m), from one of the inputs, (q, p); others stay
+    as they are."""
     if W is None or len(W[0]) == dynamics.dimension:
         return W
     return multiply(W, dynamics.left_inverse)
@@ -90,7 +102,9 @@ def acting(coupling: Coupling, dynamics: Dynamics) -> Coupling:
         return coupling if B[0][0] == 1 else _made(f"({number_text(B[0][0])})*({texts[0]})", m)
     if coupling.by_component:
         texts = tuple(re.sub(r"\by\b", f"y{c + 1}", texts[0]) for c in range(m))
-    rows = [[f"({number_text(b)})*({h})" for b, h in zip(row, texts, strict=True) if b] for row in B]
+    rows = [
+        [f"({number_text(b)})*({h})" for b, h in zip(row, texts, strict=True) if b] for row in B
+    ]
     return _made([" + ".join(row) or "0" for row in rows], m)
 
 
@@ -100,16 +114,22 @@ def _made(h: Any, m: int) -> Coupling:
 
 
 def enclosed(problem: Problem) -> Leader | None:
-    """The leader with the box that it stays in, where slopes of f move with it and a box is given or found."""
+    """The leader with the box that it stays in, where slopes of f move with it and a box is given
+    or found."""
     leader, dynamics = problem.leader, problem.dynamics
     if leader is None or dynamics is None or dynamics.about(problem.target)[1] is None:
         return leader
     box = None if leader.stays_in else enclosure(dynamics, leader)
-    return leader if box is None else Leader(initial=leader.initial, stays_in=tuple((x.lo, x.hi) for x in box))
+    return (
+        leader
+        if box is None
+        else Leader(initial=leader.initial, stays_in=tuple((x.lo, x.hi) for x in box))
+    )
 
 
 def leaders_box(problem: Problem) -> Box:
-    """The box that the leader of ``as_integrators`` never leaves, proved; 0 without one.  Raises: UndefinedError."""
+    """The box that the leader of ``as_integrators`` never leaves, proved; 0 without one.  Raises:
+    UndefinedError."""
     if problem.leader is None or problem.origin is None or problem.origin.dynamics is None:
         return (Interval.point(0),) * problem.m
     box = enclosure(problem.origin.dynamics, problem.leader)

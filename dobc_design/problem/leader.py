@@ -1,7 +1,9 @@
-"""Leaders: the target as a solution s of s' = A s, or s' = f(s), the dynamics of the agents without their inputs.
+"""Leaders: the target as a solution s of s' = A s, or s' = f(s), the dynamics of the agents without
+their inputs.
 
-e_i = x_i - s - offset_i obeys the same equation for every s where the dynamics are linear.  Of f only f(s + e) - f(s)
-enters, whose slopes are bounded over a box that s never leaves (theory, section 13).
+e_i = x_i - s - offset_i obeys the same equation for every s where the dynamics are linear.  Of f
+only f(s + e) - f(s) enters, whose slopes are bounded over a box that s never leaves (theory,
+section 13).
 """
 
 from __future__ import annotations
@@ -31,10 +33,11 @@ _PART: Final = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Leader(Shown):
-    """The target moves: it is a solution s of s' = A s, or f(s), of the [dynamics].  Agents that are pinned know s.
+    """The target moves: it is a solution s of s' = A s, or f(s), of the [dynamics].  Agents that
+    are pinned know s.
 
-    ``initial``: lo_c <= s_c(0) <= hi_c, m pairs.  ``stays_in``: m pairs, with f only, a box that s never leaves; it is
-    looked for where it is not given, and proved in both cases.
+    ``initial``: lo_c <= s_c(0) <= hi_c, m pairs.  ``stays_in``: m pairs, with f only, a box that s
+    never leaves; it is looked for where it is not given, and proved in both cases.
     """
 
     initial: tuple[Pair, ...]
@@ -46,11 +49,17 @@ def read_leader(value: Any, *, dynamics: Dynamics | None) -> Leader | None:
     if value is None:
         return None
     if dynamics is None:
-        what = "needs [dynamics]: a leader moves as agents do without inputs, and those with x' = u then stand still."
+        what = (
+            "needs [dynamics]: a leader moves as agents do without inputs, and those with x' = "
+            "u then stand still."
+        )
         cure = (
-            "For a target that moves at constant speed make the speed a state: in [dynamics] A = [[0, 1], [0, 0]] and "
-            'B = [[0], [1]], in [coupling] an h of both states such as h = "10*y1 + 10*y2", and in [leader] initial = '
-            "[[0, 0], [1, 1]], position and speed. For a target that stands still write target in place of [leader]."
+            "For a target that moves at constant speed make the speed a state: in "
+            "[dynamics] A = [[0, 1], [0, 0]] and "
+            'B = [[0], [1]], in [coupling] an h of both states such as h = "10*y1 + '
+            '10*y2", and in [leader] initial = '
+            "[[0, 0], [1, 1]], position and speed. For a target that stands still write "
+            "target in place of [leader]."
         )
         raise wrong("leader", what, cure)
     given, kept = keyed(value, ("initial", "stays_in"), key="leader")
@@ -62,7 +71,11 @@ def read_leader(value: Any, *, dynamics: Dynamics | None) -> Leader | None:
         raise wrong("leader.stays_in", "is for agents with f only.", cure)
     stays_in = _read_box(kept, "leader.stays_in", dynamics.dimension)
     if not all(a <= lo and hi <= b for (lo, hi), (a, b) in zip(initial, stays_in, strict=True)):
-        raise wrong("leader.stays_in", "must hold leader.initial, where the leader starts.", "Make it larger.")
+        raise wrong(
+            "leader.stays_in",
+            "must hold leader.initial, where the leader starts.",
+            "Make it larger.",
+        )
     return Leader(initial=initial, stays_in=stays_in)
 
 
@@ -75,8 +88,9 @@ def _read_box(value: Any, key: str, m: int) -> tuple[Pair, ...]:
 
 @lru_cache(maxsize=64)
 def enclosure(dynamics: Dynamics, leader: Leader) -> Box | None:
-    """A box with ``initial`` that no solution of s' = f(s) leaves, proved: the given one, or one that is found with the
-    faces of ``initial`` moved outwards; None if that is not shown, or not found."""
+    """A box with ``initial`` that no solution of s' = f(s) leaves, proved: the given one, or one
+    that is found with the faces of ``initial`` moved outwards; None if that is not shown, or not
+    found."""
     if leader.stays_in is not None:
         box = _box(leader.stays_in)
         return None if any(open_faces(dynamics, box)) else box
@@ -89,20 +103,25 @@ def enclosure(dynamics: Dynamics, leader: Leader) -> Box | None:
         for c, upper in faces:
             step = max(sides[c].width, abs(sides[c].midpoint) / 10, Fraction(1, 100)) / _PART
             unit = Fraction(10) ** floor(log10(step))
-            farther = ceil((sides[c].hi + step) / unit) if upper else floor((sides[c].lo - step) / unit)
+            farther = (
+                ceil((sides[c].hi + step) / unit) if upper else floor((sides[c].lo - step) / unit)
+            )
             sides[c] = sides[c].hull(Interval.point(farther * unit))
         box = tuple(sides)
     return None
 
 
 def open_faces(dynamics: Dynamics, box: Box) -> Iterator[tuple[int, bool]]:
-    """The faces (component, whether it is the upper one) on which f is not shown to point inwards or along them.
+    """The faces (component, whether it is the upper one) on which f is not shown to point inwards
+    or along them.
 
-    Without one no solution leaves the box (Nagumo), if f is Lipschitz near it: what uses the box bounds the slopes of f
-    on more than it."""
+    Without one no solution leaves the box (Nagumo), if f is Lipschitz near it: what uses the box
+    bounds the slopes of f on more than it."""
     for c, each in enumerate(expressions_of(dynamics)):
         for upper, end in ((False, box[c].lo), (True, box[c].hi)):
-            if not _points_inwards(each.node, (*box[:c], Interval.point(end), *box[c + 1 :]), -1 if upper else 1):
+            if not _points_inwards(
+                each.node, (*box[:c], Interval.point(end), *box[c + 1 :]), -1 if upper else 1
+            ):
                 yield c, upper
 
 
@@ -136,7 +155,9 @@ def not_enclosed(dynamics: Dynamics, leader: Leader) -> str:
         return "the leader's solution could not be enclosed in a box; give [leader] stays_in."
     c, upper = next(open_faces(dynamics, _box(leader.stays_in)))
     face = f"x{c + 1} = {number_text(leader.stays_in[c][upper])}"
-    return f"[leader] stays_in is not shown to be invariant: on its face {face} f may point outwards."
+    return (
+        f"[leader] stays_in is not shown to be invariant: on its face {face} f may point outwards."
+    )
 
 
 def _box(pairs: tuple[Pair, ...]) -> Box:

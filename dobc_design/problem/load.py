@@ -1,8 +1,9 @@
-"""Problem files and built-in problems: TOML in, a Problem out; every mistake named by its key, all at once.
+"""Problem files and built-in problems: TOML in, a Problem out; every mistake named by its key, all
+at once.
 
-Nothing from the file is ever executed; numbers are read from their text.  Whatever the bytes are, the time is linear in
-their number: strings are skipped without backtracking, and nesting is counted before the TOML parser, which is
-recursive and quadratic in it, sees the text.
+Nothing from the file is ever executed; numbers are read from their text.  Whatever the bytes are,
+the time is linear in their number: strings are skipped without backtracking, and nesting is counted
+before the TOML parser, which is recursive and quadratic in it, sees the text.
 """
 
 from __future__ import annotations
@@ -31,17 +32,30 @@ from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, check_observer, group_key, renamed
-from dobc_design.problem.network import Arcs, Network, arcs_from_pairs, check_arrow, joined, labels_of
+from dobc_design.problem.network import (
+    Arcs,
+    Network,
+    arcs_from_pairs,
+    check_arrow,
+    joined,
+    labels_of,
+)
 from dobc_design.problem.problem import Problem, dimension_of, is_name
-from dobc_design.problem.schema import RESERVED, SCHEMA_VERSION, ExosystemTable, GroupTable, ProblemFile
+from dobc_design.problem.schema import (
+    RESERVED,
+    SCHEMA_VERSION,
+    ExosystemTable,
+    GroupTable,
+    ProblemFile,
+)
 from dobc_design.problem.settings import Switching
 
 MAX_BYTES = 16 * 1024 * 1024
 MAX_NESTING = 50
 PROBLEM = "problem file"
 
-# Strings and comments; possessive, so that no byte is looked at twice. A string that is not closed reaches
-# to the end (of the line): the parser stops there anyway.
+# Strings and comments; possessive, so that no byte is looked at twice. A string that is not closed
+# reaches to the end (of the line): the parser stops there anyway.
 _TEXTS = re.compile(
     rb'"""(?:[^"\\]++|\\.|"(?!""))*+(?:"{3,5}|\Z)'
     rb"|'''(?:[^']++|'(?!''))*+(?:'{3,5}|\Z)"
@@ -56,8 +70,9 @@ _KINDS = {stat.S_IFREG: "", stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe"}
 
 
 def read_bytes(path: Path, *, limit: int = MAX_BYTES, what: str = PROBLEM) -> bytes:
-    """Read a regular file of at most ``limit`` bytes; ``what`` it ought to be is for messages.  Raises: SpecError that
-    names the file.  Pipes and devices are refused: they may never end, or never begin."""
+    """Read a regular file of at most ``limit`` bytes; ``what`` it ought to be is for messages.
+    Raises: SpecError that names the file.  Pipes and devices are refused: they may never end, or
+    never begin."""
     name = shown(path.name)
     try:
         state = path.stat()
@@ -69,7 +84,9 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES, what: str = PROBLEM) -> by
         raise SpecError(f"there is no file {name}{known}.", key=path.name, cure=cure) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
-        raise SpecError(f"{name} cannot be read: {reason}.", key=path.name, cure="Check the path.") from None
+        raise SpecError(
+            f"{name} cannot be read: {reason}.", key=path.name, cure="Check the path."
+        ) from None
     if kind:
         cure = "Name the file in it." if kind == "folder" else "Write it to a file first."
         raise SpecError(f"{shown(str(path))} is a {kind}, not a {what}.", key=path.name, cure=cure)
@@ -89,7 +106,9 @@ def parse_toml(data: bytes) -> dict[str, Any]:
         raise SpecError(what, cure="Save it as UTF-8.") from None
     if not text.strip():
         what = "the problem file is empty."
-        raise SpecError(what, key="network", cure="Copy a built-in one to start from: `dobc problems`.")
+        raise SpecError(
+            what, key="network", cure="Copy a built-in one to start from: `dobc problems`."
+        )
     _check_nesting(data)
     try:
         document = tomllib.loads(text, parse_float=NumberText)
@@ -98,7 +117,8 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         what = f"the problem file is not valid TOML: {error}."
         raise SpecError(
-            what, cure="Check that line for a missing quote or bracket, a repeated key, or yes for true."
+            what,
+            cure="Check that line for a missing quote or bracket, a repeated key, or yes for true.",
         ) from None
     except ValueError:  # Python refuses to read a whole number of more than 4300 digits
         what = "the problem file holds a whole number of thousands of digits."
@@ -148,7 +168,8 @@ T = TypeVar("T")
 _EXAMPLES = {
     "network": "[network] with agents, arrow and, below it, [network.modes]",
     "network.agents": 'agents = 10, or agents = ["lead", "wing"]',
-    "network.arrow": 'arrow = "listens_to" when [a, b] means that a hears b, else arrow = "sends_to"',
+    "network.arrow": 'arrow = "listens_to" when [a, b] means that a '
+    'hears b, else arrow = "sends_to"',
     "network.modes": "[network.modes] and below it Ga = [[1, 2], [2, 3]]",
     "coupling": '[coupling] and below it h = "exp(y) - 1 + y"',
     "coupling.h": 'h = "exp(y) - 1 + y"',
@@ -159,7 +180,8 @@ _EXAMPLES = {
     "exosystem": "[exosystem] and below it A = [[0, 2], [-2, 0]] and C = [[1, 0]]",
     "exosystem.A": "A = [[0, 2], [-2, 0]]",
     "exosystem.C": "C = [[1, 0]]",
-    "exosystem.groups": "[[exosystem.groups]] and below it agents = [1, 2], A = [[0]] and C = [[1]]",
+    "exosystem.groups": "[[exosystem.groups]] and below it agents = "
+    "[1, 2], A = [[0]] and C = [[1]]",
     "exosystem.groups.agents": "agents = [1, 2]",
     "formation.offsets": "offsets = { 2 = 1.5, 3 = -1.5 }",
     "region.initial_states": "initial_states = [0, 5]",
@@ -201,12 +223,22 @@ def _unknown_key(key: str, location: Location) -> SpecError:
     table, name = key_text(location[:-1]), str(location[-1])
     place = f" in [{table}]" if table else ""
     if _without_places(key) in RESERVED:
-        return wrong(key, f"is an unknown key{place}: it is reserved for a later version.", "Remove it for now.")
+        return wrong(
+            key,
+            f"is an unknown key{place}: it is reserved for a later version.",
+            "Remove it for now.",
+        )
     known = known_keys(_without_places(table))
     near = [other for other in known if other.lower() == name.lower()]
     near += get_close_matches(name[:100], known, n=1, cutoff=0.7)
     homes = [f"[{home}]" for home in _tables() if home and name in known_keys(home)]
-    hint = f'; did you mean "{near[0]}"?' if near else f"; it belongs in {' or '.join(homes)}." if homes else "."
+    hint = (
+        f'; did you mean "{near[0]}"?'
+        if near
+        else f"; it belongs in {' or '.join(homes)}."
+        if homes
+        else "."
+    )
     return wrong(key, f"is an unknown key{place}{hint}", f"Known keys{place}: {', '.join(known)}.")
 
 
@@ -236,8 +268,8 @@ def known_keys(table: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbances:
-    """What [exosystem] says: the exosystem of the agents in no group (None: they have no disturbance), the groups, and
-    the lists of agents without a disturbance, with their keys."""
+    """What [exosystem] says: the exosystem of the agents in no group (None: they have no
+    disturbance), the groups, and the lists of agents without a disturbance, with their keys."""
 
     exosystem: Exosystem | None = None
     groups: tuple[Group, ...] = ()
@@ -246,16 +278,19 @@ class Disturbances:
     def divided(
         self, labels: Sequence[str], observer: Observer | None, states: int | None
     ) -> tuple[Exosystem | None, tuple[Group, ...]]:
-        """The exosystem and the groups of a Problem, in which agents in no group have no disturbance where there is no
-        exosystem: agents that share it then are a group like others.  ``states``: how many an agent with [dynamics]
-        has.  Raises: SpecError."""
+        """The exosystem and the groups of a Problem, in which agents in no group have no
+        disturbance where there is no exosystem: agents that share it then are a group like others.
+        ``states``: how many an agent with [dynamics] has.  Raises: SpecError."""
         listed = {str(agent): key for key, agents in self.without.items() for agent in agents}
         if not listed or self.exosystem is None:
             return self.exosystem, self.groups
         others = {agent for group in self.groups for agent in group.agents} | set(listed)
         rest = [label for label in labels if label not in others]
         if not rest:
-            what = "and exosystem.C apply to no agent, because every agent is in a group of exosystem.groups."
+            what = (
+                "and exosystem.C apply to no agent, because every agent is in a group of "
+                "exosystem.groups."
+            )
             raise wrong("exosystem.A", what, "Remove A and C (or kind) from [exosystem].")
         own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
         check_observer(own, q=self.exosystem.order, m=self.exosystem.outputs, states=states)
@@ -263,38 +298,54 @@ class Disturbances:
 
     def checked(self, labels: Sequence[str]) -> Disturbances:
         """Every agent without a disturbance is there, once.  Raises: SpecError."""
-        owner = {agent: group_key(k) for k, group in enumerate(self.groups) for agent in group.agents}
+        owner = {
+            agent: group_key(k) for k, group in enumerate(self.groups) for agent in group.agents
+        }
         for key, agents in self.without.items():
             for place, agent in enumerate(map(str, agents)):
                 if agent not in labels:
                     what = f"there is no agent {shown(agent)} in network.agents."
                     raise about(f"{key}.agents[{place}]", what, "Use the label of an agent.")
                 if agent in owner:
-                    what = f"agent {shown(agent)} is in {owner[agent]} already, and an agent has one exosystem only."
+                    what = (
+                        f"agent {shown(agent)} is in {owner[agent]} already, and an agent has "
+                        "one exosystem only."
+                    )
                     raise about(f"{key}.agents[{place}]", what, "Keep it in one group.")
                 owner[agent] = key
         return self
 
 
-def read_exosystem(tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]) -> Disturbances:
-    """The disturbances of all agents.  Raises: SpecError naming the keys.  ``dimension_of``: how many state components
-    there are, for the first exosystem given by A and C, or None; one given in words has that many."""
+def read_exosystem(
+    tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
+) -> Disturbances:
+    """The disturbances of all agents.  Raises: SpecError naming the keys.  ``dimension_of``: how
+    many state components there are, for the first exosystem given by A and C, or None; one given in
+    words has that many."""
     table = tables.exosystem
     if table is None:
         return Disturbances()
     errors: list[SpecError] = []
-    places = {"exosystem": table} | {group_key(number): group for number, group in enumerate(table.groups)}
+    places = {"exosystem": table} | {
+        group_key(number): group for number, group in enumerate(table.groups)
+    }
     found = {place: _explicit(each, place, errors) for place, each in places.items()}
     raise_all(errors)
     m = dimension_of(next((each for each in found.values() if each is not None), None))
-    own, *others = (found[place] or _in_words(each, place, m, errors) for place, each in places.items())
+    own, *others = (
+        found[place] or _in_words(each, place, m, errors) for place, each in places.items()
+    )
     result, without = list[Group](), dict[str, Sequence[Any]]()
     for number, (each, exosystem) in enumerate(zip(table.groups, others, strict=True)):
         try:
             observer = Observer(W=each.W, P=each.P)
             if exosystem is not None or each.none:
                 agents, key = each.agents, f"{group_key(number)}.agents"
-                if not is_list(agents) or not agents or not all(is_text(x) or isinstance(x, str | int) for x in agents):
+                if (
+                    not is_list(agents)
+                    or not agents
+                    or not all(is_text(x) or isinstance(x, str | int) for x in agents)
+                ):
                     what = f"must be a list of labels, at least one; got {shown(agents)}."
                     raise wrong(key, what, "For example agents = [1, 2].")
             if exosystem is not None:
@@ -307,8 +358,11 @@ def read_exosystem(tables: ProblemFile, *, dimension_of: Callable[[Exosystem | N
     return Disturbances(exosystem=own, groups=tuple(result), without=without)
 
 
-def _explicit(table: ExosystemTable | GroupTable, place: str, errors: list[SpecError]) -> Exosystem | None:
-    """The exosystem of A and C; None where a kind stands in their place, or where groups alone are given."""
+def _explicit(
+    table: ExosystemTable | GroupTable, place: str, errors: list[SpecError]
+) -> Exosystem | None:
+    """The exosystem of A and C; None where a kind stands in their place, or where groups alone are
+    given."""
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
     parts = [name for name in exosystems.PARTS if getattr(table, name) is not None]
     if isinstance(table, GroupTable) and table.none is not None:
@@ -316,7 +370,9 @@ def _explicit(table: ExosystemTable | GroupTable, place: str, errors: list[SpecE
         return None
     if parts and matrices:
         both = f"stands beside {' and '.join(matrices)}; only one of them can be used."
-        errors.append(wrong(f"{place}.{parts[0]}", both, f"Give either A and C or {' and '.join(parts)}."))
+        errors.append(
+            wrong(f"{place}.{parts[0]}", both, f"Give either A and C or {' and '.join(parts)}.")
+        )
     if parts or (isinstance(table, ExosystemTable) and table.groups and not matrices):
         return None
     for name in sorted({"A", "C"} - set(matrices)):
@@ -329,20 +385,32 @@ def _explicit(table: ExosystemTable | GroupTable, place: str, errors: list[SpecE
     except SpecError as error:
         found = renamed(error, place)
         if "pi" in str(table.A):  # the commonest reason for pi is a sine
-            cure = f"For a sine write hz = [0.5] or frequencies = [3.14159265] in [{place}], in place of A and C."
+            cure = (
+                f"For a sine write hz = [0.5] or frequencies = [3.14159265] in [{place}], in "
+                "place of A and C."
+            )
             found = type(found)(str(found).partition("\n")[0], key=found.key, cure=cure)
         errors.append(found)
         return None
 
 
-def _check_none(table: GroupTable, place: str, given: Sequence[str], errors: list[SpecError]) -> None:
+def _check_none(
+    table: GroupTable, place: str, given: Sequence[str], errors: list[SpecError]
+) -> None:
     """``none`` is true, and says all that there is to say of the disturbance of its agents."""
-    key, given = f"{place}.none", [*given, *(name for name in ("W", "P") if getattr(table, name) is not None)]
+    key, given = (
+        f"{place}.none",
+        [*given, *(name for name in ("W", "P") if getattr(table, name) is not None)],
+    )
     if table.none is not True:
         what = f"must be true, for agents without a disturbance; got {shown(table.none)}."
-        errors.append(wrong(key, what, "Write none = true, or leave it out and give A and C, or a part."))
+        errors.append(
+            wrong(key, what, "Write none = true, or leave it out and give A and C, or a part.")
+        )
     elif given:
-        what = f"stands beside {' and '.join(given)}: agents without a disturbance need no observer."
+        what = (
+            f"stands beside {' and '.join(given)}: agents without a disturbance need no observer."
+        )
         errors.append(wrong(key, what, f"Remove none, or {' and '.join(given)}."))
 
 
@@ -356,38 +424,55 @@ def _in_words(
         return exosystems.of_parts(**parts, components=components)
     except SpecError as error:
         for each in error.errors:
-            key = f"{place}.{(each.key or 'constant').removeprefix('exosystem').removeprefix('.')}".rstrip(".")
-            errors.append(type(each)(each.message.replace(each.key or "", key, 1), key=key, cure=each.cure))
+            own = (each.key or "constant").removeprefix("exosystem").removeprefix(".")
+            key = f"{place}.{own}".rstrip(".")
+            errors.append(
+                type(each)(each.message.replace(each.key or "", key, 1), key=key, cure=each.cure)
+            )
         return None
 
 
 def read_problem_file(path: Path) -> Problem:
-    """Read a problem from a TOML file, or from a canonical problem.json.  Raises: SpecError naming key and cure."""
+    """Read a problem from a TOML file, or from a canonical problem.json.  Raises: SpecError naming
+    key and cure."""
     if path.suffix.lower() == ".json":  # it holds the arcs, too
         return problem_from_canonical(read_bytes(path, limit=arcs_file.MAX_BYTES), name=path.name)
     suffix = path.suffix.lower()
-    if suffix in (*arcs_file.READERS, ".m") and suffix != ".txt" and path.is_file():  # a .txt may hold TOML
+    # a .txt may hold TOML
+    if suffix in (*arcs_file.READERS, ".m") and suffix != ".txt" and path.is_file():
         arcs = suffix != ".m"
-        what = f"{shown(path.name)} is {'a file of arcs' if arcs else 'a MATPOWER case'}, not a problem file."
+        what = (
+            f"{shown(path.name)} is {'a file of arcs' if arcs else 'a MATPOWER case'}, not a "
+            "problem file."
+        )
         arrow = " --arrow listens_to (or sends_to)" if arcs else ""
-        cure = f"`dobc new NAME --from FILE{arrow}` makes a problem of it; in Python problem_from_file does."
+        cure = (
+            f"`dobc new NAME --from FILE{arrow}` makes a problem of it; in Python "
+            "problem_from_file does."
+        )
         raise SpecError(what, key=path.name, cure=cure)
     return read_problem_text(read_bytes(path), folder=path.resolve().parent, default_name=path.stem)
 
 
-def read_problem_text(data: bytes, *, folder: Path | None, default_name: str = "problem") -> Problem:
+def read_problem_text(
+    data: bytes, *, folder: Path | None, default_name: str = "problem"
+) -> Problem:
     """Read a problem from the bytes of a TOML file; ``folder`` is where ``file = `` may look."""
     return read_problem_tables(parse_toml(data), folder=folder, default_name=default_name)
 
 
-def read_problem_tables(document: Mapping[str, Any], *, folder: Path | None, default_name: str) -> Problem:
+def read_problem_tables(
+    document: Mapping[str, Any], *, folder: Path | None, default_name: str
+) -> Problem:
     """Read a problem from the tables of a TOML file, as ``parse_toml`` gives them."""
     _check_version(document)
     try:
         tables = ProblemFile.model_validate(document)
     except ValidationError as error:
         raise explain(error) from None
-    return _build(tables, folder=folder, default_name=default_name if is_name(default_name) else "problem")
+    return _build(
+        tables, folder=folder, default_name=default_name if is_name(default_name) else "problem"
+    )
 
 
 def _check_version(document: Mapping[str, Any]) -> None:
@@ -396,7 +481,10 @@ def _check_version(document: Mapping[str, Any]) -> None:
         what = f"must be the whole number {SCHEMA_VERSION}; got {shown(version)}."
         raise wrong("schema", what, f"Write schema = {SCHEMA_VERSION}.")
     if version > SCHEMA_VERSION:
-        what = f"must be at most {SCHEMA_VERSION}, the newest this program knows; got {shown(version)}."
+        what = (
+            f"must be at most {SCHEMA_VERSION}, the newest this program knows; got "
+            f"{shown(version)}."
+        )
         raise wrong("schema", what, "Update dobc_design.")
 
 
@@ -422,7 +510,11 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
         raise SpecError.several(errors)
 
     def dimension(exosystem: Exosystem | None) -> int:
-        return dimension_of(exosystem, tables.target, tables.coupling.h) if dynamics is None else dynamics.inputs
+        return (
+            dimension_of(exosystem, tables.target, tables.coupling.h)
+            if dynamics is None
+            else dynamics.inputs
+        )
 
     network = _tried(lambda: _network(tables, folder=folder), errors)
     given = _tried(lambda: read_exosystem(tables, dimension_of=dimension), errors)
@@ -431,17 +523,24 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
     switching = None if signal is None else _tried(lambda: Switching(**signal), errors)
     if given is None:
         raise SpecError.several(errors)
-    first = given.exosystem if given.exosystem is not None or not given.groups else given.groups[0].exosystem
+    first = (
+        given.exosystem
+        if given.exosystem is not None or not given.groups
+        else given.groups[0].exosystem
+    )
     m = _tried(lambda: dimension(first), errors)
     if network is None or m is None:
         raise SpecError.several(errors)
     labels, states = network.labels, None if dynamics is None else dynamics.dimension
     known = _tried(lambda: given.checked(labels), errors)
-    divided = None if known is None else _tried(lambda: known.divided(labels, observer, states), errors)
+    divided = (
+        None if known is None else _tried(lambda: known.divided(labels, observer, states), errors)
+    )
     if divided is None:
         raise SpecError.several(errors)
     exosystem, groups = divided
-    if exosystem is not given.exosystem and observer is not None:  # W and P are those of the last group now
+    # W and P are those of the last group now
+    if exosystem is not given.exosystem and observer is not None:
         observer = None if observer.rate is None else Observer(rate=observer.rate)
     sizes = (m, m) if dynamics is None else (dynamics.dimension, dynamics.inputs)
     exceptions = _tried(lambda: _exceptions(tables, network, sizes=sizes), errors)
@@ -489,7 +588,9 @@ def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
         if len(errors) >= MOST_ERRORS:
             break
     # With what can be read, so that further mistakes show at once.
-    network = _tried(lambda: Network(labels=labels, modes=modes), errors) if modes or not errors else None
+    network = (
+        _tried(lambda: Network(labels=labels, modes=modes), errors) if modes or not errors else None
+    )
     if network is None or errors:
         raise SpecError.several(errors)
     return network
@@ -500,19 +601,27 @@ def _with_optional(value: Any, read: Callable[..., Arcs], *, key: str) -> Arcs:
     if not isinstance(value, dict) or "optional" not in value:
         return read(value, key=key)
     if set(value) != {"arcs", "optional"}:
-        what = f"must have the keys arcs and optional, and no other; got {', '.join(map(shown, value))}."
+        what = (
+            "must have the keys arcs and optional, and no other; got "
+            f"{', '.join(map(shown, value))}."
+        )
         raise wrong(key, what, "For example arcs = [[1, 2]] and optional = [[2, 3]].")
     return joined(*(read(value[part], key=f"{key}.{part}") for part in ("arcs", "optional")))
 
 
-def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder: Path | None) -> Arcs:
+def _mode(
+    value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder: Path | None
+) -> Arcs:
     if is_list(value):
         return arcs_from_pairs(value, index=index, arrow=arrow, key=key)
     known = isinstance(value, dict) and set(value) <= {"file", "merge", "drop_loops"}
     if not known or not is_text(value.get("file")):
         wanted = 'a list of arcs, { file = "arcs.csv" } or a table with arcs and optional'
         what = f"{key} must be {wanted}; got {shown(value)}."
-        cure = 'For example [[1, 2], [2, 3]]; beside file may stand merge = "sum" and drop_loops = true.'
+        cure = (
+            'For example [[1, 2], [2, 3]]; beside file may stand merge = "sum" and drop_loops '
+            "= true."
+        )
         raise SpecError(what, key=key, cure=cure)
     repairs = {name: value[name] for name in ("merge", "drop_loops") if name in value}
     return arcs_file.read_arcs_file(
@@ -520,7 +629,9 @@ def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder:
     )
 
 
-def _exceptions(tables: ProblemFile, network: Network, *, sizes: tuple[int, int]) -> dict[tuple[int, int], Coupling]:
+def _exceptions(
+    tables: ProblemFile, network: Network, *, sizes: tuple[int, int]
+) -> dict[tuple[int, int], Coupling]:
     given = tables.coupling.exceptions
     codes, index = (network.arc_codes(), network.index) if given else (set(), {})
     result: dict[tuple[int, int], Coupling] = {}
@@ -529,14 +640,20 @@ def _exceptions(tables: ProblemFile, network: Network, *, sizes: tuple[int, int]
         key = f"coupling.exceptions[{position}]"
         pairs, seen = list[tuple[int, int]](), set[tuple[int, int]]()
         with kept(errors):
-            pairs = _exception_arcs(table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow)
+            pairs = _exception_arcs(
+                table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow
+            )
             for place, (listener, speaker) in enumerate(pairs):
-                names = f"{named(network.labels[listener])} listens to {named(network.labels[speaker])}"
+                names = (
+                    f"{named(network.labels[listener])} listens to {named(network.labels[speaker])}"
+                )
                 if listener * network.size + speaker not in codes:
                     turned = speaker * network.size + listener in codes
                     end = "; it is there the other way round." if turned else "."
                     what = f"no mode has the arc in which {names}{end}"
-                    raise about(f"{key}.arcs[{place}]", what, "Correct the arc, or remove the exception.")
+                    raise about(
+                        f"{key}.arcs[{place}]", what, "Correct the arc, or remove the exception."
+                    )
                 if (listener, speaker) in result or (listener, speaker) in seen:
                     what = f"the arc in which {names} has an exception already."
                     raise about(f"{key}.arcs[{place}]", what, "Keep one of them.")
@@ -550,9 +667,13 @@ def _exceptions(tables: ProblemFile, network: Network, *, sizes: tuple[int, int]
     return result
 
 
-def _exception_arcs(value: Any, *, key: str, index: Mapping[str, int], arrow: str) -> list[tuple[int, int]]:
+def _exception_arcs(
+    value: Any, *, key: str, index: Mapping[str, int], arrow: str
+) -> list[tuple[int, int]]:
     if not is_list(value) or not value:
-        raise wrong(key, f"must be a list of arcs; got {shown(value)}.", "For example [[1, 2], [2, 3]].")
+        raise wrong(
+            key, f"must be a list of arcs; got {shown(value)}.", "For example [[1, 2], [2, 3]]."
+        )
     for place, arc in enumerate(value):
         if is_list(arc) and len(arc) == 3:
             what = "must be [a, b]; the weight stands with the arc in its mode."
@@ -567,7 +688,9 @@ SUFFIX = ".toml"
 def builtin_names() -> tuple[str, ...]:
     """Names of the built-in problems, in the order they are best read."""
     folder = files("dobc_design.problems")
-    names = sorted(item.name[: -len(SUFFIX)] for item in folder.iterdir() if item.name.endswith(SUFFIX))
+    names = sorted(
+        item.name[: -len(SUFFIX)] for item in folder.iterdir() if item.name.endswith(SUFFIX)
+    )
     return tuple(sorted(names, key=lambda name: name not in ("paper-fixed", "paper-switching")))
 
 
@@ -588,7 +711,8 @@ Source = Problem | str | PathLike[str]
 def load_problem(source: Source) -> Problem:
     """Read a problem file (TOML, or a canonical problem.json), or a built-in problem by its name.
 
-    A file of that name in the current folder wins over a built-in problem; a Problem is returned as it is.
+    A file of that name in the current folder wins over a built-in problem; a Problem is returned as
+    it is.
     Returns: a Problem.  Raises: SpecError that names every wrong key and its cure.
     Example:
         >>> dd.load_problem("paper-fixed").n
@@ -599,7 +723,9 @@ def load_problem(source: Source) -> Problem:
     path = Path(source)
     if isinstance(source, str) and not os.path.isfile(source):  # unlike Path, it takes any text
         if source in builtin_names():
-            return read_problem_text(builtin_text(source).encode("utf-8"), folder=None, default_name=source)
+            return read_problem_text(
+                builtin_text(source).encode("utf-8"), folder=None, default_name=source
+            )
         near = get_close_matches(source[:100], builtin_names(), n=1)
         if near and not os.path.exists(source):
             what = f"there is no file {shown(source)} and no built-in problem of that name."
@@ -608,7 +734,8 @@ def load_problem(source: Source) -> Problem:
 
 
 def source_text(source: str | PathLike[str]) -> str | None:
-    """The TOML that ``load_problem`` reads for this source; None for a problem.json.  Raises: SpecError."""
+    """The TOML that ``load_problem`` reads for this source; None for a problem.json.  Raises:
+    SpecError."""
     path = Path(source)
     if isinstance(source, str) and not os.path.isfile(source) and source in builtin_names():
         return builtin_text(source)

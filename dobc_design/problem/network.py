@@ -1,6 +1,8 @@
-"""Who listens to whom: labels, and one set of arcs per mode (the graphs of section 2 and Theorem 2).
+"""Who listens to whom: labels, and one set of arcs per mode (the graphs of section 2 and Theorem
+2).
 
-What [a, b] means is said by ``arrow``, without a default: mixed-up directions are the commonest silent error.
+What [a, b] means is said by ``arrow``, without a default: mixed-up directions are the commonest
+silent error.
 """
 
 from __future__ import annotations
@@ -21,7 +23,15 @@ from dobc_design._checks import put
 from dobc_design._show.cards import MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.number import number_key, parse_number
-from dobc_design.exact.reading import MOST_ERRORS, NumberText, counted, is_list, named, shown, shown_number
+from dobc_design.exact.reading import (
+    MOST_ERRORS,
+    NumberText,
+    counted,
+    is_list,
+    named,
+    shown,
+    shown_number,
+)
 from dobc_design.problem.signs import opposition_advice
 
 MOST_AGENTS = 10_000_000
@@ -31,11 +41,17 @@ WANTED = f"text of 1 to {LONGEST_LABEL} printable characters"
 
 def is_label(value: object) -> bool:
     """Tell whether ``value`` is text that can name an agent or a mode."""
-    return isinstance(value, str) and len(value) <= LONGEST_LABEL and value.isprintable() and bool(value.strip())
+    return (
+        isinstance(value, str)
+        and len(value) <= LONGEST_LABEL
+        and value.isprintable()
+        and bool(value.strip())
+    )
 
 
 def one_form(text: object) -> str:
-    """The text in Unicode's form NFC, in which labels are compared: an accent may be typed in two ways."""
+    """The text in Unicode's form NFC, in which labels are compared: an accent may be typed in two
+    ways."""
     return normalize("NFC", text if isinstance(text, str) else str(text))
 
 
@@ -56,7 +72,11 @@ def label_text(value: object, *, place: str = "network.agents") -> str:
 
 def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     """Turn a count (labels 1..n) or labels into labels.  Raises SpecError."""
-    if isinstance(agents, (int, np.integer)) and not isinstance(agents, bool) and 1 <= agents <= MOST_AGENTS:
+    if (
+        isinstance(agents, (int, np.integer))
+        and not isinstance(agents, bool)
+        and 1 <= agents <= MOST_AGENTS
+    ):
         return tuple(map(str, range(1, int(agents) + 1)))
     if isinstance(agents, (int, np.integer, str, Mapping)) or not isinstance(agents, Iterable):
         what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
@@ -68,12 +88,18 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
         for position, label in enumerate(agents)
     )
     if not labels:
-        raise wrong("network.agents", "must name at least one agent; got none.", "Give a count, or a list of labels.")
+        raise wrong(
+            "network.agents",
+            "must name at least one agent; got none.",
+            "Give a count, or a list of labels.",
+        )
     return labels
 
 
 ARROWS = ("listens_to", "sends_to")
-_DROP_ONE = "Remove the arc (Network.from_arcs, from_networkx and from_sparse do with drop_loops=True)."
+_DROP_ONE = (
+    "Remove the arc (Network.from_arcs, from_networkx and from_sparse do with drop_loops=True)."
+)
 _ADD_UP = (
     "Remove one of the two, or give one arc with the sum of the weights"
     ' (Network.from_arcs and from_networkx do with merge="sum").'
@@ -84,9 +110,10 @@ IndexArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arcs:
-    """The arcs of one mode: agent ``listeners[a]`` hears agent ``speakers[a]`` with weight ``weights[a]``.  Shapes:
-    three sequences of equal length; indices count from 0; weights are > 0 and multiply h.  The last ``optional`` arcs
-    come and go at any time while the mode is on: what they add is any part, from nothing to all, of w h."""
+    """The arcs of one mode: agent ``listeners[a]`` hears agent ``speakers[a]`` with weight
+    ``weights[a]``.  Shapes: three sequences of equal length; indices count from 0; weights are > 0
+    and multiply h.  The last ``optional`` arcs come and go at any time while the mode is on: what
+    they add is any part, from nothing to all, of w h."""
 
     listeners: IndexArray
     speakers: IndexArray
@@ -118,7 +145,9 @@ class Arcs:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Arcs):
             return NotImplemented
-        same = map(np.array_equal, (self.listeners, self.speakers), (other.listeners, other.speakers))
+        same = map(
+            np.array_equal, (self.listeners, self.speakers), (other.listeners, other.speakers)
+        )
         return all(same) and (self.weights, self.optional) == (other.weights, other.optional)
 
     def __hash__(self) -> int:
@@ -148,7 +177,9 @@ def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
     return tuple(result)
 
 
-def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int], arrow: str, key: str) -> Arcs:
+def arcs_from_pairs(
+    pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int], arrow: str, key: str
+) -> Arcs:
     """Turn [a, b] and [a, b, w] of labels into arcs; every wrong arc is reported, up to twenty."""
     errors: list[SpecError] = []
     found: list[tuple[int, int, Any]] = []
@@ -162,7 +193,9 @@ def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int],
     return directed(first, second, parse_weights([arc[2] for arc in found], key=key), arrow=arrow)
 
 
-def directed(first: IndexArray, second: IndexArray, weights: tuple[Fraction, ...], *, arrow: str) -> Arcs:
+def directed(
+    first: IndexArray, second: IndexArray, weights: tuple[Fraction, ...], *, arrow: str
+) -> Arcs:
     """Apply ``arrow`` to pairs of indices: who of [a, b] is the listener."""
     check_arrow(arrow)
     for ends in (first, second):
@@ -176,7 +209,9 @@ def check_repairs(merge: object, drop_loops: object, *, key: str) -> None:
         what = f'merge must be "sum", which adds the weights of parallel arcs; got {shown(merge)}.'
         raise about(key, what, "Leave it out to refuse parallel arcs.")
     if type(drop_loops) is not bool:
-        what = "drop_loops must be true or false: whether arcs from an agent to itself are left out;"
+        what = (
+            "drop_loops must be true or false: whether arcs from an agent to itself are left out;"
+        )
         what += f" got {shown(drop_loops)}."
         raise about(key, what, "Leave it out to refuse them.")
 
@@ -205,9 +240,15 @@ def summed(
 def without_loops(
     first: IndexArray, second: IndexArray, weights: Sequence[Fraction], places: IndexArray
 ) -> tuple[IndexArray, IndexArray, list[Fraction], IndexArray]:
-    """Arcs without those from an agent to itself; ``places``: a number of each arc, which stays with it."""
+    """Arcs without those from an agent to itself; ``places``: a number of each arc, which stays
+    with it."""
     kept_ones = np.flatnonzero(first != second)
-    return first[kept_ones], second[kept_ones], [weights[k] for k in kept_ones.tolist()], places[kept_ones]
+    return (
+        first[kept_ones],
+        second[kept_ones],
+        [weights[k] for k in kept_ones.tolist()],
+        places[kept_ones],
+    )
 
 
 def repaired(arcs: Arcs, *, merge: str | None, drop_loops: bool) -> Arcs:
@@ -223,20 +264,30 @@ def repaired(arcs: Arcs, *, merge: str | None, drop_loops: bool) -> Arcs:
 def check_arrow(arrow: object) -> None:
     """Refuse anything but "listens_to" and "sends_to"."""
     if arrow not in ARROWS:
-        what = f'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means; got {shown(arrow)}.'
-        raise SpecError(what, key="network.arrow", cure='"listens_to": a hears b. "sends_to": a is heard by b.')
+        what = (
+            'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means; got '
+            f"{shown(arrow)}."
+        )
+        raise SpecError(
+            what, key="network.arrow", cure='"listens_to": a hears b. "sends_to": a is heard by b.'
+        )
 
 
 def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> int | None:
-    """Refuse arcs that leave the graph, self-arcs, duplicates and weights of 0, with the first offender.  Returns: the
-    place of a negative weight, about which the other modes have something to say, or None."""
+    """Refuse arcs that leave the graph, self-arcs, duplicates and weights of 0, with the first
+    offender.  Returns: the place of a negative weight, about which the other modes have something
+    to say, or None."""
     n = len(labels)
 
     def at(place: int) -> str:
         return f"network.modes.{named(mode)}{place_of(arcs, place)}"
 
     if type(arcs.optional) is not int or not 0 <= arcs.optional <= len(arcs):
-        raise wrong(at(0), f"has {len(arcs)} arcs; optional cannot be {arcs.optional}.", "Give how many come and go.")
+        raise wrong(
+            at(0),
+            f"has {len(arcs)} arcs; optional cannot be {arcs.optional}.",
+            "Give how many come and go.",
+        )
     for ends in (arcs.listeners, arcs.speakers):
         outside = np.flatnonzero((ends < 0) | (ends >= n))
         if len(outside):
@@ -245,7 +296,9 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> int | None:
     loops = np.flatnonzero(arcs.listeners == arcs.speakers)
     if len(loops):
         name = named(labels[int(arcs.listeners[loops[0]])])
-        raise about(at(loops[0]), f"agent {name} must not listen to itself; got a self-arc.", _DROP_ONE)
+        raise about(
+            at(loops[0]), f"agent {name} must not listen to itself; got a self-arc.", _DROP_ONE
+        )
     codes = arcs.listeners * n + arcs.speakers
     order = np.argsort(codes, kind="stable")
     again = np.flatnonzero(np.diff(codes[order]) == 0)
@@ -255,22 +308,35 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> int | None:
         raise about(at(position), what, _ADD_UP)
     wrong_sign = next((i for i, w in enumerate(arcs.weights) if w is not ONE and w <= 0), None)
     if wrong_sign is not None and not arcs.weights[wrong_sign]:
-        what = f"a weight must be > 0, because it multiplies h; {_sentence(arcs, wrong_sign, labels)} with 0."
+        what = (
+            "a weight must be > 0, because it multiplies h; "
+            f"{_sentence(arcs, wrong_sign, labels)} with 0."
+        )
         raise about(at(wrong_sign), what, "Leave the arc out.")
     return wrong_sign
 
 
-def negative_weight(modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: str, place: int) -> SpecError:
-    """Says what a negative weight may mean, and how that is written; the signs of all modes count."""
-    signed = ((listener, speaker, weight < 0) for each in modes.values() for listener, speaker, weight in each)
+def negative_weight(
+    modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: str, place: int
+) -> SpecError:
+    """Says what a negative weight may mean, and how that is written; the signs of all modes
+    count."""
+    signed = (
+        (listener, speaker, weight < 0)
+        for each in modes.values()
+        for listener, speaker, weight in each
+    )
     arcs = modes[mode]
-    listener, speaker = (named(labels[int(ends[place])]) for ends in (arcs.listeners, arcs.speakers))
+    listener, speaker = (
+        named(labels[int(ends[place])]) for ends in (arcs.listeners, arcs.speakers)
+    )
     found = f"{listener} listens to {speaker} with {shown_number(arcs.weights[place])}"
     what = f"a weight must be > 0, because it multiplies h(x_j - x_i); {found}."
     cure = (
         f"A signed graph, in which {listener} follows -x of {speaker}, is not supported yet. "
         f"{opposition_advice(labels, signed, cure='leave the minus signs of the weights out')} "
-        f"If {listener} is to move away from {speaker} instead, give the arc a positive weight and, in "
+        f"If {listener} is to move away from {speaker} instead, give the arc a positive "
+        "weight and, in "
         "[[coupling.exceptions]], an h with the other sign."
     )
     return about(f"network.modes.{named(mode)}{place_of(arcs, place)}", what, cure)
@@ -279,7 +345,11 @@ def negative_weight(modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: s
 def place_of(arcs: Arcs, place: int) -> str:
     """The key of an arc within its mode: [2], .arcs[2], .optional[0]."""
     count = len(arcs) - arcs.optional
-    return f".optional[{place - count}]" if place >= count else f"{'.arcs' if arcs.optional else ''}[{place}]"
+    return (
+        f".optional[{place - count}]"
+        if place >= count
+        else f"{'.arcs' if arcs.optional else ''}[{place}]"
+    )
 
 
 def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
@@ -298,7 +368,10 @@ def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tu
         except SpecError as error:
             raise SpecError(error.message, key=f"{key}[{position}]", cure=error.cure) from None
         if text not in index:
-            what = f"arc {shown(list(pair))} leaves the graph; there is no agent {shown(text)}{_range(index)}."
+            what = (
+                f"arc {shown(list(pair))} leaves the graph; there is no agent "
+                f"{shown(text)}{_range(index)}."
+            )
             raise about(key, what, "Use a label from network.agents.")
         ends.append(index[text])
     return ends[0], ends[1], pair[2] if len(pair) == 3 else 1
@@ -313,7 +386,8 @@ def _range(index: Mapping[str, int]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Network(Shown):
-    """Agents by label, and the arcs of every mode.  One mode without optional arcs: fixed topology; else switching.
+    """Agents by label, and the arcs of every mode.  One mode without optional arcs: fixed topology;
+    else switching.
 
     Two networks are equal when labels, modes and arcs are, in the same order.
     """
@@ -326,13 +400,19 @@ class Network(Shown):
         put(self, labels=labels_of(self.labels))
         if len(set(self.labels)) < len(self.labels):
             first: dict[str, int] = {}
-            repeated = next(label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i)
+            repeated = next(
+                label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i
+            )
             what = f"must be different from one another; {shown(repeated)} appears twice"
             what += ' (labels are text: 1 and "1" are one label).'
             raise wrong("network.agents", what, "Rename one of the two.")
         if not self.modes:
             what = "must hold at least one mode; got none."
-            raise wrong("network.modes", what, "Give one list of arcs for a fixed topology, several for switching.")
+            raise wrong(
+                "network.modes",
+                what,
+                "Give one list of arcs for a fixed topology, several for switching.",
+            )
         for name, arcs in self.modes.items():
             if not is_label(name):
                 what = f"the name of a mode must be {WANTED}; got {shown(name)}."
@@ -364,7 +444,10 @@ class Network(Shown):
         )
 
     def __repr__(self) -> str:
-        few = [f"{name} with {counted(len(arcs), 'arc')}" for name, arcs in islice(self.modes.items(), 13)]
+        few = [
+            f"{name} with {counted(len(arcs), 'arc')}"
+            for name, arcs in islice(self.modes.items(), 13)
+        ]
         modes = listed(few, count=len(self.modes))
         return f"<Network of {counted(self.size, 'agent')}: {modes}>"
 
@@ -390,7 +473,11 @@ class Network(Shown):
 
     def arc_codes(self) -> set[int]:
         """listener * n + speaker of every arc of every mode."""
-        return {code for arcs in self.modes.values() for code in (arcs.listeners * self.size + arcs.speakers).tolist()}
+        return {
+            code
+            for arcs in self.modes.values()
+            for code in (arcs.listeners * self.size + arcs.speakers).tolist()
+        }
 
     @classmethod
     def from_arcs(
@@ -405,29 +492,42 @@ class Network(Shown):
     ) -> Network:
         """Build a network from pairs [a, b] or triples [a, b, w] of labels.
 
-        ``arcs`` is one list (mode "G") or a mapping of mode name to list.  ``arrow`` says what [a, b]
-        means: "listens_to" or "sends_to".  ``agents`` is a count (labels 1..n) or the labels;
-        without it the labels are taken from the arcs in the order they appear.
-        ``optional``: the same for further arcs, which come and go at any time while their mode is on.
-        ``merge`` "sum" adds the weights of parallel arcs, which are refused otherwise; ``drop_loops`` leaves out arcs
-        from an agent to itself.
+        ``arcs`` is one list (mode "G") or a mapping of mode name to list.  ``arrow`` says what [a,
+        b] means: "listens_to" or "sends_to".  ``agents`` is a count (labels 1..n) or the labels;
+        without it the labels are taken from the arcs in the order they appear. ``optional``: the
+        same for further arcs, which come and go at any time while their mode is on. ``merge`` "sum"
+        adds the weights of parallel arcs, which are refused otherwise; ``drop_loops`` leaves out
+        arcs from an agent to itself.
         Raises: SpecError, naming the arc.
         Example:
             >>> dd.Network.from_arcs([["tail", "head"]], arrow="listens_to").labels
             ('tail', 'head')
         """
         check_repairs(merge, drop_loops, key="arcs")
-        given = [_modes(each, isinstance(each, Mapping)) for each in (arcs, () if optional is None else optional)]
+        given = [
+            _modes(each, isinstance(each, Mapping))
+            for each in (arcs, () if optional is None else optional)
+        ]
         for key, modes in zip(("arcs", "optional"), given, strict=True):
             if wrongly := [listed for listed in modes.values() if not isinstance(listed, Iterable)]:
-                raise wrong(key, f"must be a list of arcs; got {shown(wrongly[0])}.", "For example [[1, 2], [2, 3]].")
+                raise wrong(
+                    key,
+                    f"must be a list of arcs; got {shown(wrongly[0])}.",
+                    "For example [[1, 2], [2, 3]].",
+                )
         lists, more = (
-            {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in each.items()}
+            {
+                name: [tuple(arc) if is_list(arc) else arc for arc in pairs]
+                for name, pairs in each.items()
+            }
             for each in given
         )
         more = {name: pairs for name, pairs in more.items() if pairs}
         if unknown := set(more) - set(lists):
-            what = f"names a mode that arcs does not; got {shown(min(unknown))} (a list without names means G)."
+            what = (
+                f"names a mode that arcs does not; got {shown(min(unknown))} (a list without "
+                "names means G)."
+            )
             raise wrong("optional", what, "Use the names of arcs.")
         if agents is None:  # malformed arcs are reported later
             pairs = chain(*lists.values(), *more.values())
@@ -447,7 +547,9 @@ class Network(Shown):
         return cls(labels=labels, modes=modes)
 
     @classmethod
-    def from_networkx(cls, graph: Any, *, arrow: str, merge: str | None = None, drop_loops: bool = False) -> Network:
+    def from_networkx(
+        cls, graph: Any, *, arrow: str, merge: str | None = None, drop_loops: bool = False
+    ) -> Network:
         """Build a network from a networkx graph, or from a mapping of mode name to graph.
 
         An edge (a, b) means what ``arrow`` says; an undirected edge gives both arcs; the edge
@@ -465,7 +567,10 @@ class Network(Shown):
         for name, each in graphs.items():
             key = f"network.modes.{named(name)}"
             if not hasattr(each, "edges") or not hasattr(each, "is_directed"):
-                cure = "For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse."
+                cure = (
+                    "For lists of pairs there is Network.from_arcs, for matrices "
+                    "Network.from_sparse."
+                )
                 raise wrong(key, f"must be a networkx graph; got {type(each).__name__}.", cure)
             try:
                 nodes = labels_of(list(each.nodes))
@@ -475,7 +580,9 @@ class Network(Shown):
             labels = labels or nodes
             if set(nodes) != set(labels):
                 what = "must have the same nodes as the first mode."
-                raise wrong(key, what, "Add the missing nodes to the graph; a node without arcs is allowed.")
+                raise wrong(
+                    key, what, "Add the missing nodes to the graph; a node without arcs is allowed."
+                )
             pairs = list(each.edges(data="weight", default=1))
             if not each.is_directed():
                 pairs += [(b, a, w) for a, b, w in pairs]
@@ -484,17 +591,24 @@ class Network(Shown):
 
     @classmethod
     def from_sparse(
-        cls, matrix: Any, *, arrow: str, labels: Sequence[Any] | None = None, drop_loops: bool = False
+        cls,
+        matrix: Any,
+        *,
+        arrow: str,
+        labels: Sequence[Any] | None = None,
+        drop_loops: bool = False,
     ) -> Network:
         """Build a network from a SciPy sparse matrix, or a mapping of mode name to matrix.
 
-        Entry (i, j) is the arc [i, j] under ``arrow`` and its value the weight; entries that are stored
-        twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n; ``drop_loops`` leaves out the diagonal.
-        Shape: (n, n).  Raises: SpecError if it is not square, or labels do not fit.
+        Entry (i, j) is the arc [i, j] under ``arrow`` and its value the weight; entries that are
+        stored twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n;
+        ``drop_loops`` leaves out the diagonal. Shape: (n, n).  Raises: SpecError if it is not
+        square, or labels do not fit.
         Example:
             >>> import scipy.sparse
-            >>> network = dd.Network.from_sparse(scipy.sparse.csr_array([[0, 0], [2.5, 0]]), arrow="listens_to")
-            >>> list(network.modes["G"])  # the second agent listens to the first; here agents are counted from 0
+            >>> weights = scipy.sparse.csr_array([[0, 0], [2.5, 0]])
+            >>> network = dd.Network.from_sparse(weights, arrow="listens_to")
+            >>> list(network.modes["G"])  # the second agent listens to the first, counted from 0
             [(1, 0, Fraction(5, 2))]
         """
         check_repairs(None, drop_loops, key="matrix")
@@ -511,13 +625,20 @@ class Network(Shown):
             table.sum_duplicates()
             if table.shape[0] != table.shape[1] or size not in (0, table.shape[0]):
                 wanted = f" ({size} x {size})" if size else ""
-                what = f"the matrix must be square, with one row and column per agent{wanted}; got shape {table.shape}."
+                what = (
+                    f"the matrix must be square, with one row and column per agent{wanted}; "
+                    f"got shape {table.shape}."
+                )
                 raise about(key, what, "Give an n x n matrix for every mode, and n labels or none.")
             size = table.shape[0]
             keep = (table.data != 0) & ((table.row != table.col) | (not drop_loops))
             first, second = table.row[keep].astype(np.int64), table.col[keep].astype(np.int64)
             # tolist would turn float32 into float64, whose decimal text is another one.
-            weights = list(table.data[keep]) if table.data.dtype == np.float32 else table.data[keep].tolist()
+            weights = (
+                list(table.data[keep])
+                if table.data.dtype == np.float32
+                else table.data[keep].tolist()
+            )
             modes[name] = directed(first, second, parse_weights(weights, key=key), arrow=arrow)
         return cls(labels=labels_of(size) if names is None else names, modes=modes)
 

@@ -1,6 +1,8 @@
-"""The tables and keys of the problem file, as pydantic models: one place for the reader and the JSON Schema.
+"""The tables and keys of the problem file, as pydantic models: one place for the reader and the
+JSON Schema.
 
-They check which keys exist.  Values are read by the nouns; numbers stay as they were typed until then.
+They check which keys exist.  Values are read by the nouns; numbers stay as they were typed until
+then.
 """
 
 from __future__ import annotations
@@ -17,13 +19,18 @@ SCHEMA_VERSION = 1
 
 _NUMBER = {
     "description": "An exact number: 3.2 means 16/5; fractions are written in quotes.",
-    "anyOf": [{"type": "number"}, {"type": "string", "pattern": r"^[+-]?[0-9.eE+/-]+$", "maxLength": 200}],
+    "anyOf": [
+        {"type": "number"},
+        {"type": "string", "pattern": r"^[+-]?[0-9.eE+/-]+$", "maxLength": 200},
+    ],
 }
 
 
 def _list_of(items: Any, least: int | None = 1, most: int | None = None) -> dict[str, Any]:
     sizes = {"minItems": least, "maxItems": most}
-    return {"type": "array", "items": items} | {key: size for key, size in sizes.items() if size is not None}
+    return {"type": "array", "items": items} | {
+        key: size for key, size in sizes.items() if size is not None
+    }
 
 
 def _either(*choices: dict[str, Any]) -> dict[str, Any]:
@@ -37,7 +44,9 @@ def _table_of(*values: dict[str, Any]) -> dict[str, Any]:
 _TEXT = {"type": "string"}
 _NUMBERS, _INTERVAL = _list_of(_NUMBER), _list_of(_NUMBER, 2, 2)
 _MATRIX = _list_of(_NUMBERS)
-_LABEL = _either({"type": "string", "minLength": 1, "maxLength": LONGEST_LABEL}, {"type": "integer"})
+_LABEL = _either(
+    {"type": "string", "minLength": 1, "maxLength": LONGEST_LABEL}, {"type": "integer"}
+)
 _ARC = {
     "type": "array",
     "minItems": 2,
@@ -73,7 +82,8 @@ def _table(value: Any) -> Any:
     return value
 
 
-_GIVEN = PlainValidator(lambda value: value)  # any value will do here: the nouns read it and name the key
+# any value will do here: the nouns read it and name the key
+_GIVEN = PlainValidator(lambda value: value)
 _TABLE = PlainValidator(_table)
 
 Number = Annotated[Any, _GIVEN, WithJsonSchema(_NUMBER)]
@@ -85,19 +95,27 @@ ArcList = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_list_of(_LABEL, 2, 2))
 Texts = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NOTE, _list_of(_NOTE, None)))]
 Name = Annotated[Any, _GIVEN, WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 100})]
 Version = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
-Seed = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
+Seed = Annotated[
+    Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})
+]
 Arrow = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(ARROWS)})]
 Signal = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(SIGNALS)})]
 Guarantee = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(GUARANTEES)})]
 _COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
 Agents = Annotated[Any, _GIVEN, WithJsonSchema(_either(_COUNT, _list_of(_LABEL)))]
 Pairs = Annotated[Any, _GIVEN, WithJsonSchema(_either(_INTERVAL, _list_of(_INTERVAL, None)))]
-Box = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _list_of(_either(_NUMBER, _INTERVAL))))]
+Box = Annotated[
+    Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _list_of(_either(_NUMBER, _INTERVAL))))
+]
 Rows = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBERS, _list_of(_NUMBERS, None)))]
 ModeNames = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_TEXT))]
 Instants = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_INSTANT))]
 Count = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 1})]
-Modes = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_list_of(_ARC, None), _FILE, _OPTIONAL) | {"minProperties": 1})]
+Modes = Annotated[
+    Any,
+    _TABLE,
+    WithJsonSchema(_table_of(_list_of(_ARC, None), _FILE, _OPTIONAL) | {"minProperties": 1}),
+]
 Gains = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
 Kind = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(KINDS)})]
 Flag = Annotated[Any, _GIVEN, WithJsonSchema({"type": "boolean"})]
@@ -114,7 +132,9 @@ class NetworkTable(_Table):
     """[network]: who is there and who listens to whom."""
 
     agents: Agents = Field(description="A count (labels 1..n) or a list of labels.")
-    arrow: Arrow = Field(description="What [a, b] means: a hears b, or a is heard by b. There is no default.")
+    arrow: Arrow = Field(
+        description="What [a, b] means: a hears b, or a is heard by b. There is no default."
+    )
     modes: Modes = Field(description="At least one; several mean switching.")
 
 
@@ -157,13 +177,20 @@ class GroupTable(_Disturbance):
     model_config = ConfigDict(json_schema_extra={"anyOf": [*_WAYS, {"required": ["none"]}]})
 
     agents: Members = Field(description="Labels; an agent is in one group at most.")
-    none: Flag = Field(default=None, description="True, in place of all else: these agents have no disturbance.")
-    W: NumberMatrix = Field(default=None, description="Without it W is designed, for observer.rate.")
-    P: NumberMatrix = Field(default=None, description="Beside W, for every group or none; tested as it is.")
+    none: Flag = Field(
+        default=None, description="True, in place of all else: these agents have no disturbance."
+    )
+    W: NumberMatrix = Field(
+        default=None, description="Without it W is designed, for observer.rate."
+    )
+    P: NumberMatrix = Field(
+        default=None, description="Beside W, for every group or none; tested as it is."
+    )
 
 
 class ExosystemTable(_Disturbance):
-    """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group; without A, C or a part they have none."""
+    """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group; without A, C or a part
+    they have none."""
 
     model_config = ConfigDict(json_schema_extra={"anyOf": [*_WAYS, {"required": ["groups"]}]})
 
@@ -194,21 +221,35 @@ class RegionTable(_Table):
 class SwitchingTable(_Table):
     """[switching]: the signal that drives the modes."""
 
-    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["signal"]}, {"required": ["guarantee"]}]})
+    model_config = ConfigDict(
+        json_schema_extra={"anyOf": [{"required": ["signal"]}, {"required": ["guarantee"]}]}
+    )
 
     signal: Signal = Field(default=None, description="Required, unless there is a guarantee.")
     guarantee: Guarantee = Field(default=None, description="What proofs may assume of the signal.")
     dwell: NumberOrList = Field(
         default=None, description="s; the mean stay where signal is markov; sequence: one for each."
     )
-    longest: Number = Field(default=None, description="s; guarantee dwell: a mode lasts at most that.")
+    longest: Number = Field(
+        default=None, description="s; guarantee dwell: a mode lasts at most that."
+    )
     sequence: ModeNames = Field(default=None, description="periodic: the modes of one round.")
     period: Number = Field(default=None, description="periodic: s of one round, in place of dwell.")
-    generator: NumberMatrix = Field(default=None, description="markov: rates in 1/s, rows adding up to 0.")
-    schedule: Instants = Field(default=None, description="schedule: [instant in s, mode]; periodic: of one round.")
-    radius: Number = Field(default=None, description="mobile: how far an agent hears, in the unit of x.")
-    neighbours: Count = Field(default=None, description="mobile: how many of the nearest it hears, instead of radius.")
-    hysteresis: Number = Field(default=None, description="mobile: a link made at one distance breaks this much later.")
+    generator: NumberMatrix = Field(
+        default=None, description="markov: rates in 1/s, rows adding up to 0."
+    )
+    schedule: Instants = Field(
+        default=None, description="schedule: [instant in s, mode]; periodic: of one round."
+    )
+    radius: Number = Field(
+        default=None, description="mobile: how far an agent hears, in the unit of x."
+    )
+    neighbours: Count = Field(
+        default=None, description="mobile: how many of the nearest it hears, instead of radius."
+    )
+    hysteresis: Number = Field(
+        default=None, description="mobile: a link made at one distance breaks this much later."
+    )
 
 
 class SimulationTable(_Table):
@@ -217,7 +258,9 @@ class SimulationTable(_Table):
     t_final: Number = Field(default=None, description="s")
     seed: Seed = None
     xi0: Rows = Field(default=None, description="q numbers for all agents, or n rows.")
-    x0: Rows = Field(default=None, description="m numbers for all agents, or n rows; with m = 1 also n numbers.")
+    x0: Rows = Field(
+        default=None, description="m numbers for all agents, or n rows; with m = 1 also n numbers."
+    )
 
 
 class UncertaintyTable(_Table):
@@ -225,10 +268,16 @@ class UncertaintyTable(_Table):
 
     weights: Number = Field(default=None, description="Largest relative error of every arc weight.")
     gains: Number = Field(default=None, description="Largest relative error of every pinning gain.")
-    known_to_agents: Flag = Field(default=None, description="false: the agents' model of the couplings is off as much.")
-    disturbance: Number = Field(default=None, description="|w_i|: the part of d_i the exosystem does not generate.")
+    known_to_agents: Flag = Field(
+        default=None, description="false: the agents' model of the couplings is off as much."
+    )
+    disturbance: Number = Field(
+        default=None, description="|w_i|: the part of d_i the exosystem does not generate."
+    )
     drift: Number = Field(default=None, description="|xi' - A xi|")
-    measurement: Number = Field(default=None, description="|noise| of every measured state, in the unit of x.")
+    measurement: Number = Field(
+        default=None, description="|noise| of every measured state, in the unit of x."
+    )
 
 
 class DynamicsTable(_Table):
@@ -238,21 +287,29 @@ class DynamicsTable(_Table):
     f: Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_TEXT))] = Field(
         default=None, description="In place of A: m expressions in x1..xm, x_i' = f(x_i) + ..."
     )
-    B: NumberMatrix = Field(default=None, description="m x p with full column rank; by default the identity.")
+    B: NumberMatrix = Field(
+        default=None, description="m x p with full column rank; by default the identity."
+    )
 
 
 class LeaderTable(_Table):
     """[leader]: the target is a solution of s' = A s, or f(s)."""
 
     initial: Box = Field(description="s(0): m pairs [lo, hi], or numbers.")
-    stays_in: Box = Field(default=None, description="With f: a box that s never leaves; else one is looked for.")
+    stays_in: Box = Field(
+        default=None, description="With f: a box that s never leaves; else one is looked for."
+    )
 
 
 class ActuatorsTable(_Table):
     """[actuators]: what the actuators can give."""
 
-    limit: Limits = Field(default=None, description="|u_i| per component: for all agents, or label -> number.")
-    amplitude: Number = Field(default=None, description="Bound on |d_i|; by default from simulation.xi0.")
+    limit: Limits = Field(
+        default=None, description="|u_i| per component: for all agents, or label -> number."
+    )
+    amplitude: Number = Field(
+        default=None, description="Bound on |d_i|; by default from simulation.xi0."
+    )
 
 
 class ProblemFile(_Table):
@@ -260,7 +317,9 @@ class ProblemFile(_Table):
 
     schema_: Version = Field(default=SCHEMA_VERSION, alias="schema")
     name: Name = None
-    notes: Texts = Field(default=(), description="What is assumed or stands in; shown wherever a result is shown.")
+    notes: Texts = Field(
+        default=(), description="What is assumed or stands in; shown wherever a result is shown."
+    )
     target: NumberOrList = Field(default=0, description="xbar: a number, or m numbers.")
     network: NetworkTable
     coupling: CouplingTable

@@ -12,25 +12,44 @@ from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import MAX_CHARACTERS, number_text, parse_number
-from dobc_design.exact.reading import counted, is_list, is_text, named, read_matrix, read_vector, shown, shown_number
+from dobc_design.exact.reading import (
+    counted,
+    is_list,
+    is_text,
+    named,
+    read_matrix,
+    read_vector,
+    shown,
+    shown_number,
+)
 
 Pair = tuple[Fraction, Fraction]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Region(Shown):
-    """Starts asked for: lo_c <= x_ic(0) <= hi_c for every agent i, and |xi_i(0) - xihat_i(0)| <= disturbance.
+    """Starts asked for: lo_c <= x_ic(0) <= hi_c for every agent i, and |xi_i(0) - xihat_i(0)| <=
+    disturbance.
 
-    ``initial_states`` holds m pairs; ``initial_disturbance`` is Euclidean, None without an exosystem.
+    ``initial_states`` holds m pairs; ``initial_disturbance`` is Euclidean, None without an
+    exosystem.
     """
 
     initial_states: tuple[Pair, ...]
     initial_disturbance: Fraction | None
 
     def _card(self) -> Card:
-        pairs = [f"[{shown_number(low)}, {shown_number(high)}]" for low, high in self.initial_states]
-        error = [] if self.initial_disturbance is None else [("|xi_i - xihat_i| at most", self.initial_disturbance)]
-        return Card(title="Region", text="asked for", facts=[("initial states", listed(pairs)), *error])
+        pairs = [
+            f"[{shown_number(low)}, {shown_number(high)}]" for low, high in self.initial_states
+        ]
+        error = (
+            []
+            if self.initial_disturbance is None
+            else [("|xi_i - xihat_i| at most", self.initial_disturbance)]
+        )
+        return Card(
+            title="Region", text="asked for", facts=[("initial states", listed(pairs)), *error]
+        )
 
 
 def items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
@@ -41,23 +60,31 @@ def items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
 
 
 def keyed(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
-    """What a table, which may have no other keys than these, or a noun has under them; None where it has nothing."""
+    """What a table, which may have no other keys than these, or a noun has under them; None where
+    it has nothing."""
     if type(value).__name__.lower() == key:
         return [getattr(value, name) for name in keys]
     for name, _ in items(value, key=key):
         if name not in keys:
-            raise wrong(f"{key}.{named(str(name))}", "is an unknown key.", f"Known keys: {', '.join(keys)}.")
+            raise wrong(
+                f"{key}.{named(str(name))}", "is an unknown key.", f"Known keys: {', '.join(keys)}."
+            )
     return [value.get(name) for name in keys]
 
 
 def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region | None:
-    """Read the [region] table, with one pair for all components or m pairs.  Raises SpecError naming the key."""
+    """Read the [region] table, with one pair for all components or m pairs.  Raises SpecError
+    naming the key."""
     if value is None:
         return None
-    initial_states, disturbance = keyed(value, ("initial_states", "initial_disturbance"), key="region")
+    initial_states, disturbance = keyed(
+        value, ("initial_states", "initial_disturbance"), key="region"
+    )
     errors: list[SpecError] = []
     with kept(errors):
-        initial_states = read_pairs(initial_states, key="region.initial_states", dimension=dimension)
+        initial_states = read_pairs(
+            initial_states, key="region.initial_states", dimension=dimension
+        )
     with kept(errors):
         disturbance = _read_disturbance(disturbance, with_exosystem=with_exosystem)
     raise_all(errors)
@@ -68,7 +95,11 @@ def read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
     """One pair for all components, or one for each.  Raises: SpecError naming the key."""
     nested = is_list(value) and all(is_list(entry) for entry in value)
     rows = list(value) if nested else [value] * dimension
-    if not is_list(value) or len(rows) != dimension or (not nested and any(is_list(entry) for entry in value)):
+    if (
+        not is_list(value)
+        or len(rows) != dimension
+        or (not nested and any(is_list(entry) for entry in value))
+    ):
         several = "" if dimension == 1 else f" for all state components, or {dimension} such pairs"
         what = f"must be a pair [lo, hi]{several}; got {shown(value)}."
         raise wrong(key, what, "For example [0, 5].", kind=ShapeError)
@@ -76,10 +107,18 @@ def read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
     for position, row in enumerate(rows):
         place = f"{key}[{position}]" if nested else key
         if len(row) != 2:
-            raise wrong(place, f"must be a pair [lo, hi]; got {shown(row)}.", "For example [0, 5].", kind=ShapeError)
+            raise wrong(
+                place,
+                f"must be a pair [lo, hi]; got {shown(row)}.",
+                "For example [0, 5].",
+                kind=ShapeError,
+            )
         lo, hi = (parse_number(entry, key=f"{place}[{i}]") for i, entry in enumerate(row))
         if lo > hi:
-            what = f"must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, {shown_number(hi)}]."
+            what = (
+                f"must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, "
+                f"{shown_number(hi)}]."
+            )
             raise wrong(place, what, "Exchange the two numbers.")
         pairs.append((lo, hi))
     return tuple(pairs)
@@ -89,14 +128,27 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
     key = "region.initial_disturbance"
     if value is None:
         if with_exosystem:
-            what = "is required when there is an [exosystem]: a large estimation error can push the states out of it."
-            raise wrong(key, what, "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.")
+            what = (
+                "is required when there is an [exosystem]: a large estimation error can push "
+                "the states out of it."
+            )
+            raise wrong(
+                key,
+                what,
+                "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
+            )
         return None
     number = parse_number(value, key=key)
     if number < 0:
-        raise wrong(key, f"must be >= 0, because it is a length; got {shown_number(number)}.", "Give 0 or more.")
+        raise wrong(
+            key,
+            f"must be >= 0, because it is a length; got {shown_number(number)}.",
+            "Give 0 or more.",
+        )
     if not with_exosystem:
-        raise wrong(key, "has no meaning without an [exosystem].", "Remove it, or give the exosystem.")
+        raise wrong(
+            key, "has no meaning without an [exosystem].", "Remove it, or give the exosystem."
+        )
     return number
 
 
@@ -105,8 +157,9 @@ Rows = tuple[Vector, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulation:
-    """Simulation settings: horizon in s, seed, and starts of the exosystem and of the states, where they are given.
-    ``xi0`` (q numbers) and ``x0`` (m numbers): one row for all agents, or n rows."""
+    """Simulation settings: horizon in s, seed, and starts of the exosystem and of the states, where
+    they are given. ``xi0`` (q numbers) and ``x0`` (m numbers): one row for all agents, or n
+    rows."""
 
     t_final: Fraction
     seed: int
@@ -115,33 +168,54 @@ class Simulation:
 
 
 def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
-    """Read the [simulation] table; ``orders``: that of the exosystem, or n of them where agents have different ones."""
-    t_final, seed, xi0, x0 = keyed({} if value is None else value, ("t_final", "seed", "xi0", "x0"), key="simulation")
-    time = Fraction(20) if t_final is None else positive_number(t_final, key="simulation.t_final", unit="s")
+    """Read the [simulation] table; ``orders``: that of the exosystem, or n of them where agents
+    have different ones."""
+    t_final, seed, xi0, x0 = keyed(
+        {} if value is None else value, ("t_final", "seed", "xi0", "x0"), key="simulation"
+    )
+    time = (
+        Fraction(20)
+        if t_final is None
+        else positive_number(t_final, key="simulation.t_final", unit="s")
+    )
     seed = 0 if seed is None else seed
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
         what = f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}."
         raise wrong("simulation.seed", what, "For example seed = 0.")
     rows = None if xi0 is None else _read_xi0(xi0, n=n, orders=orders)
-    return Simulation(t_final=time, seed=seed, xi0=rows, x0=None if x0 is None else _read_x0(x0, n=n, m=m))
+    return Simulation(
+        t_final=time, seed=seed, xi0=rows, x0=None if x0 is None else _read_x0(x0, n=n, m=m)
+    )
 
 
 def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
     key, q, n_rows = "simulation.xi0", orders[0], counted(len(orders), "row")
     alike = set(orders) - {0}
-    if len(orders) > 1 and len(alike) == 1 and is_list(value) and value and not any(map(is_list, value)):
+    if (
+        len(orders) > 1
+        and len(alike) == 1
+        and is_list(value)
+        and value
+        and not any(map(is_list, value))
+    ):
         (width,) = alike  # one row for all agents that have a disturbance
         row = read_vector(value, key=key, length=width, because="one per exosystem state")
         return tuple(row if order else () for order in orders)
     if len(orders) > 1:  # one row per agent, as long as the order of its own exosystem
-        if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
+        if (
+            not is_list(value)
+            or len(value) != len(orders)
+            or not all(is_list(row) for row in value)
+        ):
             because = "because the groups of exosystem.groups differ in order"
             what = f"must have {n_rows}, one per agent, {because}; got {shown(value)}."
             cure = "Give every agent a row with one number per state of its own exosystem."
             raise wrong(key, what, cure, kind=ShapeError)
         because = "one per state of this agent's exosystem"
         rows = enumerate(zip(value, orders, strict=True))
-        return tuple(read_vector(row, key=f"{key}[{i}]", length=m, because=because) for i, (row, m) in rows)
+        return tuple(
+            read_vector(row, key=f"{key}[{i}]", length=m, because=because) for i, (row, m) in rows
+        )
     if q == 0:
         raise wrong(key, "has no meaning without an [exosystem].", "Remove it.")
     return _rows(value, key=key, n=n, width=q, because="one per exosystem state")
@@ -152,7 +226,9 @@ def _read_x0(value: Any, *, n: int, m: int) -> Rows:
     key = "simulation.x0"
     if m == 1 and is_list(value) and len(value) > 1 and not any(is_list(row) for row in value):
         if len(value) != n:
-            what = f"must have {counted(n, 'number')}, one per agent, or 1 for all; got {len(value)}."
+            what = (
+                f"must have {counted(n, 'number')}, one per agent, or 1 for all; got {len(value)}."
+            )
             raise wrong(key, what, "Give one number per agent.", kind=ShapeError)
         return tuple((parse_number(number, key=f"{key}[{i}]"),) for i, number in enumerate(value))
     return _rows(value, key=key, n=n, width=m, because="one per state component")
@@ -162,13 +238,24 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
     """One list of ``width`` numbers for all agents, or a list for each."""
     if is_list(value) and len(value) > 0 and all(is_list(row) for row in value):
         if len(value) not in (1, n):
-            what = f"must have {counted(n, 'row')}, one per agent, or be one list of {counted(width, 'number')};"
+            what = (
+                f"must have {counted(n, 'row')}, one per agent, or be one list of "
+                f"{counted(width, 'number')};"
+            )
             what += f" got {counted(len(value), 'row')}."
             raise wrong(key, what, "Give one row for all agents, or one each.", kind=ShapeError)
-        return tuple(read_vector(row, key=f"{key}[{i}]", length=width, because=because) for i, row in enumerate(value))
+        return tuple(
+            read_vector(row, key=f"{key}[{i}]", length=width, because=because)
+            for i, row in enumerate(value)
+        )
     if not is_list(value):
         cure = f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...]."
-        raise wrong(key, f"must be a list of {counted(width, 'number')}; got {shown(value)}.", cure, kind=ShapeError)
+        raise wrong(
+            key,
+            f"must be a list of {counted(width, 'number')}; got {shown(value)}.",
+            cure,
+            kind=ShapeError,
+        )
     return (read_vector(value, key=key, length=width, because=because),)
 
 
@@ -205,15 +292,16 @@ _EXAMPLES = {
 class Switching(Shown):
     """Which signal drives the modes; None stands for what was not given.
 
-    ``dwell`` in s: the time between two changes of "random" and "periodic", the mean one of "markov".
-    ``sequence``: modes of one round of "periodic", by default all; ``period`` in s: how long a round takes.
-    ``generator`` (M, M) in 1/s: "markov", the rate from the k-th mode to the l-th, rows adding up to 0.
-    ``schedule``: (instant in s, mode) of "schedule"; of "periodic" those of one round, which ends with ``period``.
-    ``radius`` or ``neighbours``: "mobile", who hears whom; ``hysteresis``: both distances in the unit of x.
-    ``guarantee``: what proofs may assume. "arbitrary" (as None), any signal; "dwell", a mode lasts at least ``dwell``,
-    and at most ``longest`` where it is given; "sequence", the modes of "periodic" over and over; "markov", the Markov
-    chain of ``generator``.  Its signal is then "random", "periodic" or "markov" unless another is given; a list as
-    ``dwell`` says how long each mode of a sequence lasts.
+    ``dwell`` in s: the time between two changes of "random" and "periodic", the mean one of
+    "markov". ``sequence``: modes of one round of "periodic", by default all; ``period`` in s: how
+    long a round takes. ``generator`` (M, M) in 1/s: "markov", the rate from the k-th mode to the
+    l-th, rows adding up to 0. ``schedule``: (instant in s, mode) of "schedule"; of "periodic" those
+    of one round, which ends with ``period``. ``radius`` or ``neighbours``: "mobile", who hears
+    whom; ``hysteresis``: both distances in the unit of x. ``guarantee``: what proofs may assume.
+    "arbitrary" (as None), any signal; "dwell", a mode lasts at least ``dwell``, and at most
+    ``longest`` where it is given; "sequence", the modes of "periodic" over and over; "markov", the
+    Markov chain of ``generator``.  Its signal is then "random", "periodic" or "markov" unless
+    another is given; a list as ``dwell`` says how long each mode of a sequence lasts.
     Raises: SpecError that names every wrong key.
     """
 
@@ -252,18 +340,35 @@ class Switching(Shown):
             if guarantee == "sequence" and is_list(dwell):
                 for name, other in (("period", period), ("schedule", schedule)):
                     if other is not None:
-                        raise wrong(f"switching.{name}", "has no meaning beside a list as dwell.", "Remove it.")
+                        raise wrong(
+                            f"switching.{name}",
+                            "has no meaning beside a list as dwell.",
+                            "Remove it.",
+                        )
                 sequence, dwell, schedule, period = None, None, *_instants(sequence, dwell)
         if not isinstance(signal, str) or signal not in SIGNALS:
             what = f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}."
             raise wrong("switching.signal", what, 'For example signal = "random".')
         object.__setattr__(self, "signal", signal)
-        given = (dwell, sequence, period, generator, schedule, radius, neighbours, hysteresis, guarantee, longest)
+        given = (
+            dwell,
+            sequence,
+            period,
+            generator,
+            schedule,
+            radius,
+            neighbours,
+            hysteresis,
+            guarantee,
+            longest,
+        )
         errors: list[SpecError] = []
         for each, value in zip(fields(self)[1:], given, strict=True):
             object.__setattr__(self, each.name, None)
             with kept(errors):
-                object.__setattr__(self, each.name, None if value is None else _read(signal, each.name, value))
+                object.__setattr__(
+                    self, each.name, None if value is None else _read(signal, each.name, value)
+                )
         raise_all(errors or _misfits(self))
 
     @property
@@ -278,11 +383,20 @@ def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switch
         return None
     errors = []
     listed = [(f"switching.sequence[{k}]", mode) for k, mode in enumerate(switching.sequence or ())]
-    listed += [(f"switching.schedule[{k}][1]", mode) for k, (_, mode) in enumerate(switching.schedule or ())]
+    listed += [
+        (f"switching.schedule[{k}][1]", mode)
+        for k, (_, mode) in enumerate(switching.schedule or ())
+    ]
     names = ", ".join(modes[:6]) + (", ..." if len(modes) > 6 else "")
     for key, mode in listed:
         if mode not in modes:
-            errors.append(wrong(key, f"must be a mode of [network.modes]; got {shown(mode)}.", f"One of {names}."))
+            errors.append(
+                wrong(
+                    key,
+                    f"must be a mode of [network.modes]; got {shown(mode)}.",
+                    f"One of {names}.",
+                )
+            )
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
         what = f"must have {counted(len(modes), 'row')}, one per mode; got {rows}."
@@ -298,10 +412,14 @@ def _read(signal: str, name: str, value: Any) -> Any:
         return value
     if name not in ("dwell", "longest") and name not in KEYS[signal]:
         owners = [f'"{each}"' for each, names in KEYS.items() if name in names]
-        what = f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(owners)}.'
+        what = (
+            f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(owners)}.'
+        )
         raise SpecError(what, key=key, cure=f"Remove it, or write signal = {owners[-1]}.")
     if name in ("dwell", "longest", "period", "radius"):
-        return positive_number(value, key=key, unit="a distance in the unit of x" if name == "radius" else "s")
+        return positive_number(
+            value, key=key, unit="a distance in the unit of x" if name == "radius" else "s"
+        )
     if name == "hysteresis":
         number = parse_number(value, key=key)
         if number < 0:
@@ -310,7 +428,11 @@ def _read(signal: str, name: str, value: Any) -> Any:
         return number
     if name == "neighbours":
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
-            raise wrong(key, f"must be a whole number >= 1; got {shown(value)}.", f"Write {_EXAMPLES[name]}.")
+            raise wrong(
+                key,
+                f"must be a whole number >= 1; got {shown(value)}.",
+                f"Write {_EXAMPLES[name]}.",
+            )
         return value
     readers = {"sequence": _read_sequence, "generator": _read_generator, "schedule": _read_schedule}
     return readers[name](value, key)
@@ -323,10 +445,20 @@ def _misfits(own: Switching) -> list[SpecError]:
     found = _unfit_guarantee(own)
     for applies, name, other, why in (  # without another key: where it applies, the key is required
         (own.signal == "schedule", "schedule", "", "it says which mode is active at which time"),
-        (not {"radius", "neighbours"} & has, "radius", "", "it says how far an agent hears (or neighbours: how many)"),
+        (
+            not {"radius", "neighbours"} & has,
+            "radius",
+            "",
+            "it says how far an agent hears (or neighbours: how many)",
+        ),
         (True, "neighbours", "radius", "each of the two defines the neighbours"),
         (own.signal == "markov", "dwell", "generator", "its diagonal sets the mean dwell times"),
-        (own.signal == "periodic" and not rounds, "period", "dwell", "each of the two sets how long a mode lasts"),
+        (
+            own.signal == "periodic" and not rounds,
+            "period",
+            "dwell",
+            "each of the two sets how long a mode lasts",
+        ),
         (rounds, "dwell", "schedule", "the schedule sets the times"),
         (rounds, "sequence", "schedule", "the schedule sets the modes"),
         (rounds, "period", "", "it says when the schedule begins anew"),
@@ -348,20 +480,29 @@ def _misfits(own: Switching) -> list[SpecError]:
 def _unfit_guarantee(own: Switching) -> list[SpecError]:
     """What a guarantee needs, and what has no meaning without it."""
     found = []
-    if own.guarantee == "sequence" and (own.signal != "periodic" or (own.dwell is own.period is None)):
+    if own.guarantee == "sequence" and (
+        own.signal != "periodic" or (own.dwell is own.period is None)
+    ):
         what = "needs the modes in their order and how long each lasts."
-        found.append(wrong("switching.guarantee", what, 'Write sequence = ["Ga", "Gb"] and dwell = [1, 2].'))
+        found.append(
+            wrong("switching.guarantee", what, 'Write sequence = ["Ga", "Gb"] and dwell = [1, 2].')
+        )
     if own.guarantee == "markov" and own.generator is None:
         what = 'is required and missing: guarantee = "markov" says at which rates the modes change.'
         found.append(wrong("switching.generator", what, f"Write {_EXAMPLES['generator']}."))
     if own.guarantee == "dwell" and own.dwell is None:
-        what = 'is required and missing: guarantee = "dwell" says that a mode lasts at least so long.'
+        what = (
+            'is required and missing: guarantee = "dwell" says that a mode lasts at least so long.'
+        )
         found.append(wrong("switching.dwell", what, "Write dwell = 0.5."))
     if own.longest is not None and own.guarantee != "dwell":
         what = 'has no meaning without guarantee = "dwell".'
         found.append(wrong("switching.longest", what, 'Remove it, or write guarantee = "dwell".'))
     elif own.longest is not None and own.dwell is not None and own.longest < own.dwell:
-        what = f"must be >= switching.dwell = {shown_number(own.dwell)} s; got {shown_number(own.longest)}."
+        what = (
+            f"must be >= switching.dwell = {shown_number(own.dwell)} s; got "
+            f"{shown_number(own.longest)}."
+        )
         found.append(wrong("switching.longest", what, "Give a longer time, or leave it out."))
     return found
 
@@ -370,14 +511,28 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
     """The schedule of a round and its period, for modes that last differently long."""
     modes = _read_sequence(sequence, "switching.sequence")
     if len(dwell) != len(modes):
-        what = f"must be one number, or {counted(len(modes), 'number')}, one for each of switching.sequence;"
-        raise wrong("switching.dwell", f"{what} got {len(dwell)}.", "Give one for each.", kind=ShapeError)
-    lengths = [positive_number(x, key=f"switching.dwell[{k}]", unit="s") for k, x in enumerate(dwell)]
+        what = (
+            f"must be one number, or {counted(len(modes), 'number')}, one for each of "
+            "switching.sequence;"
+        )
+        raise wrong(
+            "switching.dwell", f"{what} got {len(dwell)}.", "Give one for each.", kind=ShapeError
+        )
+    lengths = [
+        positive_number(x, key=f"switching.dwell[{k}]", unit="s") for k, x in enumerate(dwell)
+    ]
     begins = [sum(lengths[:k], Fraction(0)) for k in range(len(modes) + 1)]
     if any(len(number_text(begin)) > MAX_CHARACTERS for begin in begins):
         short, long = shown_number(min(lengths)), shown_number(max(lengths))
-        what = f"holds times from {short} to {long} s, whose sum has more than {MAX_CHARACTERS} digits."
-        raise wrong("switching.dwell", what, "Give times that are closer to each other, or with fewer digits.")
+        what = (
+            f"holds times from {short} to {long} s, whose sum has more than {MAX_CHARACTERS} "
+            "digits."
+        )
+        raise wrong(
+            "switching.dwell",
+            what,
+            "Give times that are closer to each other, or with fewer digits.",
+        )
     return tuple(zip(begins, modes, strict=False)), begins[-1]
 
 
@@ -390,7 +545,10 @@ def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
 def _read_generator(value: Any, key: str) -> Matrix:
     matrix = read_matrix(value, key=key)
     if len(matrix) != len(matrix[0]):
-        what = f"must be square, one row and one column per mode; got shape ({len(matrix)}, {len(matrix[0])})."
+        what = (
+            f"must be square, one row and one column per mode; got shape ({len(matrix)}, "
+            f"{len(matrix[0])})."
+        )
         raise wrong(key, what, f"For two modes {_EXAMPLES['generator']}.", kind=ShapeError)
     for k, row in enumerate(matrix):
         for other, rate in enumerate(row):
@@ -400,8 +558,14 @@ def _read_generator(value: Any, key: str) -> Matrix:
                 raise wrong(place, what, "Only the diagonal is negative.")
         if sum(row):
             total = shown_number(sum(row, Fraction(0)))
-            what = f"must add up to 0: the diagonal entry is minus the sum of the others; got {total}."
-            raise wrong(f"{key}[{k}]", what, f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.")
+            what = (
+                f"must add up to 0: the diagonal entry is minus the sum of the others; got {total}."
+            )
+            raise wrong(
+                f"{key}[{k}]",
+                what,
+                f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.",
+            )
     return matrix
 
 
@@ -414,12 +578,17 @@ def _read_schedule(value: Any, key: str) -> Schedule:
             raise _no_list(f"{key}[{k}]", "[instant in s, mode]", row, "schedule")
         rows.append((parse_number(row[0], key=f"{key}[{k}][0]"), _mode(row[1], f"{key}[{k}][1]")))
     if rows[0][0] != 0:
-        what = f"must be 0, because a mode must be active from 0 s on; got {shown_number(rows[0][0])}."
+        what = (
+            f"must be 0, because a mode must be active from 0 s on; got {shown_number(rows[0][0])}."
+        )
         raise wrong(f"{key}[0][0]", what, "Say which mode is active from 0 s on.")
     for k, ((before, _), (after, _)) in enumerate(pairwise(rows)):
         if after <= before:
             place = f"{key}[{k + 1}][0]"
-            what = f"must be > {shown_number(before)}, because instants increase; got {shown_number(after)}."
+            what = (
+                f"must be > {shown_number(before)}, because instants increase; got "
+                f"{shown_number(after)}."
+            )
             raise wrong(place, what, "Sort the instants.")
     return tuple(rows)
 
@@ -435,7 +604,9 @@ def positive_number(value: Any, *, key: str, unit: str) -> Fraction:
 
 def _mode(value: Any, key: str) -> str:
     if not is_text(value):
-        raise wrong(key, f"must be the name of a mode; got {shown(value)}.", 'In quotes, such as "Ga".')
+        raise wrong(
+            key, f"must be the name of a mode; got {shown(value)}.", 'In quotes, such as "Ga".'
+        )
     return str(value)
 
 

@@ -1,4 +1,5 @@
-"""What the model leaves out, bounded: [uncertainty], and what the actuators can give: [actuators]."""
+"""What the model leaves out, bounded: [uncertainty], and what the actuators can give:
+[actuators]."""
 
 from __future__ import annotations
 
@@ -24,10 +25,11 @@ ABSOLUTE = ("disturbance", "drift", "measurement")
 class Uncertainty(Shown):
     """How far the plant may be from the model; numbers are exact, 0 where nothing is given.
 
-    ``weights`` and ``gains``: largest relative error of every arc weight and every pinning gain, >= 0 and < 1.
-    ``known_to_agents``: whether the observers use the true couplings; else their model of them is off by that much.
-    ``disturbance``: bound on every component of the part of d_i that the exosystem does not generate; ``drift``: of
-    xi' - A xi; ``measurement``: of the noise of every measured state.  Raises: SpecError that names every wrong key.
+    ``weights`` and ``gains``: largest relative error of every arc weight and every pinning gain, >=
+    0 and < 1. ``known_to_agents``: whether the observers use the true couplings; else their model
+    of them is off by that much. ``disturbance``: bound on every component of the part of d_i that
+    the exosystem does not generate; ``drift``: of xi' - A xi; ``measurement``: of the noise of
+    every measured state.  Raises: SpecError that names every wrong key.
     """
 
     weights: Fraction = field(default=Fraction(0))
@@ -41,24 +43,38 @@ class Uncertainty(Shown):
         errors: list[SpecError] = []
         for name in (*RELATIVE, *ABSOLUTE):
             with kept(errors):
-                put(self, **{name: _bound(getattr(self, name), f"uncertainty.{name}", below=name in RELATIVE)})
+                put(
+                    self,
+                    **{
+                        name: _bound(
+                            getattr(self, name), f"uncertainty.{name}", below=name in RELATIVE
+                        )
+                    },
+                )
         with kept(errors):
             known: object = self.known_to_agents
             if not isinstance(known, bool):
                 what = f"must be true or false; got {shown(known)}."
-                raise wrong("uncertainty.known_to_agents", what, "Leave it out where the agents know their couplings.")
+                raise wrong(
+                    "uncertainty.known_to_agents",
+                    what,
+                    "Leave it out where the agents know their couplings.",
+                )
         raise_all(errors)
 
     def _card(self) -> Card:
-        facts: list[tuple[str, Any]] = [(name, x) for name in (*RELATIVE, *ABSOLUTE) if (x := getattr(self, name))]
+        facts: list[tuple[str, Any]] = [
+            (name, x) for name in (*RELATIVE, *ABSOLUTE) if (x := getattr(self, name))
+        ]
         facts += [] if self.known_to_agents else [("the agents' couplings", "off by as much")]
         return Card(title="Uncertainty", text="at most", facts=facts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Actuators(Shown):
-    """What actuators can give: ``limit``, a bound on every component of u_i: a number for all agents, or label ->
-    number; and ``amplitude``, a bound on every component of d_i, by default that of the runs from simulation.xi0.
+    """What actuators can give: ``limit``, a bound on every component of u_i: a number for all
+    agents, or label -> number; and ``amplitude``, a bound on every component of d_i, by default
+    that of the runs from simulation.xi0.
     Raises: SpecError that names every wrong key."""
 
     limit: Fraction | Mapping[str, Fraction] | None = None
@@ -69,10 +85,15 @@ class Actuators(Shown):
         with kept(errors):
             if isinstance(self.limit, Mapping):
                 given = self.limit.items()
-                limits = {str(x): positive_number(u, key=f"actuators.limit.{x}", unit="unit of u") for x, u in given}
+                limits = {
+                    str(x): positive_number(u, key=f"actuators.limit.{x}", unit="unit of u")
+                    for x, u in given
+                }
                 put(self, limit=MappingProxyType(limits))
             elif self.limit is not None:
-                put(self, limit=positive_number(self.limit, key="actuators.limit", unit="unit of u"))
+                put(
+                    self, limit=positive_number(self.limit, key="actuators.limit", unit="unit of u")
+                )
         with kept(errors):
             if self.amplitude is not None:
                 put(self, amplitude=_bound(self.amplitude, "actuators.amplitude"))
@@ -90,7 +111,9 @@ class Actuators(Shown):
         return self.limit.get(label) if isinstance(self.limit, Mapping) else self.limit
 
     def _card(self) -> Card:
-        facts: list[tuple[str, Any]] = [] if self.amplitude is None else [("|d_i| at most", self.amplitude)]
+        facts: list[tuple[str, Any]] = (
+            [] if self.amplitude is None else [("|d_i| at most", self.amplitude)]
+        )
         if isinstance(self.limit, Mapping):
             facts += [(f"|u| of {label} at most", x) for label, x in self.limit.items()]
         elif self.limit is not None:
@@ -100,11 +123,16 @@ class Actuators(Shown):
 
 def read_uncertainty(value: Any) -> Uncertainty | None:
     """Read the [uncertainty] table.  Raises: SpecError that names every wrong key."""
-    return value if value is None or isinstance(value, Uncertainty) else Uncertainty(**_known(value, Uncertainty))
+    return (
+        value
+        if value is None or isinstance(value, Uncertainty)
+        else Uncertainty(**_known(value, Uncertainty))
+    )
 
 
 def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
-    """Read the [actuators] table.  Raises: SpecError that names every wrong key and every unknown agent."""
+    """Read the [actuators] table.  Raises: SpecError that names every wrong key and every unknown
+    agent."""
     if value is None:
         return None
     found = value if isinstance(value, Actuators) else Actuators(**_known(value, Actuators))

@@ -33,7 +33,9 @@ def describe(problem: Problem) -> str:
     if problem.is_grouped:
         order = f"disturbances of {counted(len(problem.groups), 'group')} of agents"
         order += ", none for the others." if problem.undisturbed else "."
-    others = f" ({counted(len(problem.exceptions), 'arc')} with another)" if problem.exceptions else ""
+    others = (
+        f" ({counted(len(problem.exceptions), 'arc')} with another)" if problem.exceptions else ""
+    )
     lines = [
         f"{problem.name}: {size_words(problem.network)}.",
         f"{counted(problem.m, 'state component')} each, {order}",
@@ -42,12 +44,23 @@ def describe(problem: Problem) -> str:
         *dynamics_lines(problem),
     ]
     for mode, arcs in problem.network.modes.items():
-        loose = f", {arcs.optional} of which come and go at any time (the last ones)" if arcs.optional else ""
+        loose = (
+            f", {arcs.optional} of which come and go at any time (the last ones)"
+            if arcs.optional
+            else ""
+        )
         lines.append(f'Mode "{mode}": {counted(len(arcs), "arc")}{loose}.')
         lines += [f"  {text}" for text in _listening(labels, arcs)]
         missing = some([labels[i] for i in unreached(problem, [arcs])], LISTED)
-        yes = f"  Every agent is reached from a pinned agent{' by the other arcs' if arcs.optional else ''}."
-        missing += " (nothing but their own dynamics holds them)" if missing and problem.dynamics is not None else ""
+        yes = (
+            "  Every agent is reached from a pinned "
+            f"agent{' by the other arcs' if arcs.optional else ''}."
+        )
+        missing += (
+            " (nothing but their own dynamics holds them)"
+            if missing and problem.dynamics is not None
+            else ""
+        )
         lines.append(f"  NOT REACHED from a pinned agent: {missing}." if missing else yes)
     gains = problem.pinning.gains.items()
     pins = [f"{labels[i]} (k = {gain_text(k)})" for i, k in gains]
@@ -58,7 +71,8 @@ def describe(problem: Problem) -> str:
 
 
 def table_words(problem: Problem) -> list[tuple[str, str]]:
-    """What the tables of the file beside network, pins and disturbance say: a name, and the rest of a sentence."""
+    """What the tables of the file beside network, pins and disturbance say: a name, and the rest of
+    a sentence."""
     labels, switching = problem.network.labels, problem.switching
     found = []
     if problem.exceptions:
@@ -96,16 +110,22 @@ def exception_words(problem: Problem) -> str:
 
 
 def _region_words(region: Region) -> str:
-    pairs = ", ".join(f"[{decimal_text(lo)}, {decimal_text(hi)}]" for lo, hi in region.initial_states)
+    pairs = ", ".join(
+        f"[{decimal_text(lo)}, {decimal_text(hi)}]" for lo, hi in region.initial_states
+    )
     error = region.initial_disturbance
-    return f"initial states in {pairs}" + ("" if error is None else f", estimation error at most {decimal_text(error)}")
+    return f"initial states in {pairs}" + (
+        "" if error is None else f", estimation error at most {decimal_text(error)}"
+    )
 
 
 def actuator_words(problem: Problem) -> str:
     """What [actuators] says: limits of inputs, and how large the disturbance may be."""
     table = problem.actuators or Actuators()
     if isinstance(table.limit, Mapping):
-        limits = some([f"{label}: {decimal_text(limit)}" for label, limit in table.limit.items()], LISTED)
+        limits = some(
+            [f"{label}: {decimal_text(limit)}" for label, limit in table.limit.items()], LISTED
+        )
         said = f"|u_i| by component is at most {limits}"
         if len(table.limit) < problem.n:
             said += "; the inputs of the other agents have no limit"
@@ -141,25 +161,41 @@ def uncertainty_words(table: Uncertainty) -> str:
 
 
 def simulation_words(problem: Problem) -> str:
-    """What [simulation] says, and what runs do without it: how long, from which seed, from where."""
+    """What [simulation] says, and what runs do without it: how long, from which seed, from
+    where."""
     own = problem.simulation
     said = [f"{decimal_text(own.t_final)} s, seed {own.seed}"]
     if own.x0 is not None:
-        where = f"all agents at {_vector(own.x0[0])}" if len(own.x0) == 1 else "every agent at its own"
+        where = (
+            f"all agents at {_vector(own.x0[0])}" if len(own.x0) == 1 else "every agent at its own"
+        )
         said.append(f"they start at x0, {where}")
     if own.xi0 is not None:
-        where = f"{_vector(own.xi0[0])} for all agents" if len(own.xi0) == 1 else "one for every agent"
+        where = (
+            f"{_vector(own.xi0[0])} for all agents" if len(own.xi0) == 1 else "one for every agent"
+        )
         said.append(f"the exosystem starts at xi0, {where}")
     return "; ".join(said)
 
 
 def size_words(network: Network) -> str:
-    """What a network is at first sight, "3 agents, 2 arcs, labels a, b, c": a file that was misread shows there."""
+    """What a network is at first sight, "3 agents, 2 arcs, labels a, b, c": a file that was misread
+    shows there."""
     sizes = [str(len(arcs)) for arcs in network.modes.values()]
-    arcs = counted(int(sizes[0]), "arc") if len(sizes) == 1 else f"{len(sizes)} modes of {some(sizes, FIRST)} arcs"
+    arcs = (
+        counted(int(sizes[0]), "arc")
+        if len(sizes) == 1
+        else f"{len(sizes)} modes of {some(sizes, FIRST)} arcs"
+    )
     numbered = network.size > 1 and network.labels == tuple(map(str, range(1, network.size + 1)))
-    labels = f"1 to {network.size}" if numbered else some([named(label) for label in network.labels], FIRST)
-    return f"{counted(network.size, 'agent')}, {arcs}, label{'s' if network.size > 1 else ''} {labels}"
+    labels = (
+        f"1 to {network.size}"
+        if numbered
+        else some([named(label) for label in network.labels], FIRST)
+    )
+    return (
+        f"{counted(network.size, 'agent')}, {arcs}, label{'s' if network.size > 1 else ''} {labels}"
+    )
 
 
 def dynamics_lines(problem: Problem) -> list[str]:
@@ -167,12 +203,21 @@ def dynamics_lines(problem: Problem) -> list[str]:
     own = problem.dynamics
     if own is None:
         return []
-    A, B = ("; ".join(" ".join(map(decimal_text, row)) for row in each or ()) for each in (own.A, own.B))
+    A, B = (
+        "; ".join(" ".join(map(decimal_text, row)) for row in each or ()) for each in (own.A, own.B)
+    )
     inputs, moves = counted(own.inputs, "input"), "A x" if own.f is None else "f(x)"
     by = f"A = [{A}]" if own.f is None else f"f = ({', '.join(own.f)})"
     lines = [f"Agents: x' = {moves} + B (couplings + u + d), {inputs} each, {by}, B = [{B}]."]
-    labels = {problem.input_at(problem.goal_of(i)): problem.network.labels[i] for i in reversed(range(problem.n))}
-    u0 = [f"{_vector(u)} for {label}" if len(labels) > 1 else _vector(u) for u, label in labels.items() if u and any(u)]
+    labels = {
+        problem.input_at(problem.goal_of(i)): problem.network.labels[i]
+        for i in reversed(range(problem.n))
+    }
+    u0 = [
+        f"{_vector(u)} for {label}" if len(labels) > 1 else _vector(u)
+        for u, label in labels.items()
+        if u and any(u)
+    ]
     return lines + [f"Inputs u0 that hold the goals: {some(u0, LISTED)}."] * bool(u0)
 
 
@@ -186,12 +231,22 @@ def leader_words(problem: Problem) -> str:
         for box in (leader.initial, leader.stays_in)
     )
     pins = problem.pinning.agents
-    known = f"the pinned agents alone know it ({some([problem.network.labels[i] for i in pins], LISTED)})"
+    known = (
+        "the pinned agents alone know it "
+        f"({some([problem.network.labels[i] for i in pins], LISTED)})"
+    )
     known = "all agents know it" if len(pins) == problem.n else known if pins else "nobody knows it"
     moving = as_integrators(problem).slopes_move
-    open_ = f"; {not_enclosed(own, leader).rstrip('.')}" if moving and enclosure(own, leader) is None else ""
+    open_ = (
+        f"; {not_enclosed(own, leader).rstrip('.')}"
+        if moving and enclosure(own, leader) is None
+        else ""
+    )
     kept = f"; it never leaves {stays}" if stays and not open_ else ""
-    return f"a leader, s' = {'A s' if own.f is None else 'f(s)'} from s(0) in {starts}{kept}; {known}{open_}"
+    return (
+        f"a leader, s' = {'A s' if own.f is None else 'f(s)'} from s(0) in {starts}{kept}; "
+        f"{known}{open_}"
+    )
 
 
 def gain_text(gain: Matrix) -> str:
@@ -202,7 +257,8 @@ def gain_text(gain: Matrix) -> str:
 
 
 def meaning_lines(problem: Problem) -> list[str]:
-    """The disturbance and the time scales, what does not fit together, and what looks like a slip."""
+    """The disturbance and the time scales, what does not fit together, and what looks like a
+    slip."""
     lines = [f"{name[0].upper()}{name[1:]}: {words}." for name, words in disturbance_facts(problem)]
     lines += [f"Time scales near the target: {times}."] if (times := time_words(problem)) else []
     return [*lines, *caution_lines(problem)]
@@ -211,7 +267,9 @@ def meaning_lines(problem: Problem) -> list[str]:
 def disturbance_facts(problem: Problem) -> list[tuple[str, str]]:
     """Whose disturbance it is, and its parts in words."""
     groups = problem.groups[:LISTED]
-    found = [(f"disturbance{_of(problem, group)}", disturbance_words(problem, group)) for group in groups]
+    found = [
+        (f"disturbance{_of(problem, group)}", disturbance_words(problem, group)) for group in groups
+    ]
     if problem.undisturbed:
         found.append((f"disturbance of {some(problem.undisturbed, LISTED)}", "none"))
     return found
@@ -248,7 +306,11 @@ def facts(problem: Problem) -> dict[str, Any]:
             mode: {"arcs": len(arcs), "unreached": [labels[i] for i in unreached(problem, [arcs])]}
             for mode, arcs in problem.network.modes.items()
         },
-        **({"groups": [list(group.agents) for group in problem.groups]} if problem.is_grouped else {}),
+        **(
+            {"groups": [list(group.agents) for group in problem.groups]}
+            if problem.is_grouped
+            else {}
+        ),
         **({"undisturbed": list(problem.undisturbed)} if problem.undisturbed else {}),
         "pinned": [labels[i] for i in problem.pinning.agents],
         "switching": switching_words(problem),
@@ -267,14 +329,18 @@ def guarantee_words(problem: Problem) -> str:
         return "this Markov chain, with any first mode"
     if switching is not None and switching.guarantee == "dwell" and switching.dwell is not None:
         return f"a mode lasts {lasting(switching.dwell, switching.longest)}"
-    return "nothing of the signal (any mode, for any time)" if len(problem.network.modes) > 1 else ""
+    return (
+        "nothing of the signal (any mode, for any time)" if len(problem.network.modes) > 1 else ""
+    )
 
 
 def lasting(dwell: Fraction, longest: Fraction | None) -> str:
     """How long a mode lasts: "at least 1 s and at most 2 s"."""
     if dwell == longest:
         return f"exactly {float(dwell):.6g} s"
-    return f"at least {float(dwell):.6g} s" + ("" if longest is None else f" and at most {float(longest):.6g} s")
+    return f"at least {float(dwell):.6g} s" + (
+        "" if longest is None else f" and at most {float(longest):.6g} s"
+    )
 
 
 def switching_words(problem: Problem) -> str | None:
@@ -284,14 +350,25 @@ def switching_words(problem: Problem) -> str | None:
         return None
     dwell = None if own.dwell is None else f"{decimal_text(own.dwell)} s"
     if own.signal == "mobile":
-        return f"mobile, {_nearness(own)}; the arcs of the modes are not used, and proofs are about those arcs"
+        return (
+            f"mobile, {_nearness(own)}; the arcs of the modes are not used, and proofs are "
+            "about those arcs"
+        )
     if own.schedule is not None:
-        listed = ", ".join(f"{mode} from {decimal_text(time)} s" for time, mode in own.schedule[:LISTED])
+        listed = ", ".join(
+            f"{mode} from {decimal_text(time)} s" for time, mode in own.schedule[:LISTED]
+        )
         listed += ", ..." if len(own.schedule) > LISTED else ""
-        return listed + ("" if own.period is None else f", and so again every {decimal_text(own.period)} s")
+        return listed + (
+            "" if own.period is None else f", and so again every {decimal_text(own.period)} s"
+        )
     if own.signal == "periodic":
         modes = ", ".join((own.sequence or tuple(problem.network.modes))[:LISTED])
-        pace = f"a round in {decimal_text(own.period)} s" if own.period is not None else f"{dwell or 'dwell not given'}"
+        pace = (
+            f"a round in {decimal_text(own.period)} s"
+            if own.period is not None
+            else f"{dwell or 'dwell not given'}"
+        )
         return f"periodic, {modes} in turn, {pace}{' each' if dwell else ''}"
     if own.generator is not None:
         stays = [
@@ -300,8 +377,14 @@ def switching_words(problem: Problem) -> str | None:
         ]
         return f"a Markov chain, whose stays last on average: {some(stays, LISTED)}"
     if own.signal == "markov":
-        return f"a Markov chain, stays of {dwell or 'a length not given'} on average, other modes equally likely"
-    return f"random, a mode drawn anew {f'every {dwell}' if dwell else 'after a dwell time that is not given'}"
+        return (
+            f"a Markov chain, stays of {dwell or 'a length not given'} on average, other modes "
+            "equally likely"
+        )
+    return (
+        "random, a mode drawn anew "
+        f"{f'every {dwell}' if dwell else 'after a dwell time that is not given'}"
+    )
 
 
 def _nearness(own: Switching) -> str:
@@ -314,10 +397,15 @@ def _nearness(own: Switching) -> str:
 def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
     heard: dict[int, list[str]] = defaultdict(list)
     for listener, speaker, weight in arcs:
-        heard[listener].append(labels[speaker] + ("" if weight == 1 else f" (weight {decimal_text(weight)})"))
+        heard[listener].append(
+            labels[speaker] + ("" if weight == 1 else f" (weight {decimal_text(weight)})")
+        )
         if len(heard) > LISTED:
             break
-    rows = [f"{labels[i]} listens to {', '.join(names[:LISTED])}" for i, names in list(heard.items())[:LISTED]]
+    rows = [
+        f"{labels[i]} listens to {', '.join(names[:LISTED])}"
+        for i, names in list(heard.items())[:LISTED]
+    ]
     return [*rows, "..."] if len(heard) > LISTED else rows
 
 

@@ -1,4 +1,5 @@
-"""Checks in the report: what was decided, with which numbers and why, where it stands, how to decide it once more."""
+"""Checks in the report: what was decided, with which numbers and why, where it stands, how to
+decide it once more."""
 
 from __future__ import annotations
 
@@ -25,8 +26,13 @@ MOST_ENTRIES = 24  # of a vector
 POINTER = "named above."  # where the cure of a check is part of the main one
 _ORDER = (Verdict.REFUTED, Verdict.UNDECIDED, Verdict.PROVED)
 _FIXED: Final = words.TEXTS["fixed"]
-_EXACT = {"bound": "λmax(Λ) must be below", "value": "v′Λv", "routh": "first column of Routh’s table"}
-#: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
+_EXACT = {
+    "bound": "λmax(Λ) must be below",
+    "value": "v′Λv",
+    "routh": "first column of Routh’s table",
+}
+#: Options of `dobc certify` that change a certificate or its report; what a file says beside them
+#: is not repeated.
 SWITCHES: Final = ("--all", "--search")
 SETTLING: Final = "--settling "
 TIMED: Final = "--time-limit "
@@ -35,7 +41,8 @@ ALONE: Final = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
 def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
-    """The cure that everything else waits for, in words and as lines of the problem file; nothing without one."""
+    """The cure that everything else waits for, in words and as lines of the problem file; nothing
+    without one."""
     check = main_cure(checks)
     if check is None or check.fix is None:
         return
@@ -53,10 +60,15 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
 
 
 def checks_section(checks: Sequence[Check], *, proved: bool = False) -> doc.Section:
-    """Every check with its verdict, numbers and reason.  ``proved``: the overall verdict is, whatever else failed."""
+    """Every check with its verdict, numbers and reason.  ``proved``: the overall verdict is,
+    whatever else failed."""
     rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
-    cut = "Margins and rates are in 1/s and rounded towards zero, factors up: they hold as printed.\n"
-    cut += "Rate and factor: |e(t)| ≤ factor · |e(0)| · exp(−rate t) + what the estimation error adds."
+    cut = (
+        "Margins and rates are in 1/s and rounded towards zero, factors up: they hold as printed.\n"
+    )
+    cut += (
+        "Rate and factor: |e(t)| ≤ factor · |e(0)| · exp(−rate t) + what the estimation error adds."
+    )
     blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)), *_checks_table(checks))
     counts = words.verdict_counts(checks) or "none"
     failed = sum(check.verdict is not Verdict.PROVED for check in checks)
@@ -76,17 +88,38 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
         doc.Column("condition", _name, 1.5),
         doc.Column("id", lambda check: check.id, only=("markdown",)),
         doc.Column("where", lambda check: words.domain_words(check.domain), 1.1),
-        doc.Column("margin", lambda check: significant_towards_zero(check.margin), 0.8, unit="1/s", style="number"),
-        doc.Column("rate", lambda check: significant_towards_zero(check.rate), 0.8, unit="1/s", style="number"),
+        doc.Column(
+            "margin",
+            lambda check: significant_towards_zero(check.margin),
+            0.8,
+            unit="1/s",
+            style="number",
+        ),
+        doc.Column(
+            "rate",
+            lambda check: significant_towards_zero(check.rate),
+            0.8,
+            unit="1/s",
+            style="number",
+        ),
         doc.Column("factor", lambda check: words.factor_words(check.factor), 0.8, style="number"),
-        doc.Column("reason", lambda check: _reason(check, id(check) in own_cures), 3, style="why", only=doc.READ),
+        doc.Column(
+            "reason",
+            lambda check: _reason(check, id(check) in own_cures),
+            3,
+            style="why",
+            only=doc.READ,
+        ),
         doc.Column("reason", _brief_reason, 3, only=("latex",)),
         cards=True,
     )
     hidden = [checks[i] for i in ordered[MOST_ROWS:]]
     if hidden:
         told = words.verdict_counts(hidden, _ORDER)
-        note = f"{len(checks)} checks were made; {len(hidden)} of them ({told}) are in certificate.json only."
+        note = (
+            f"{len(checks)} checks were made; {len(hidden)} of them ({told}) are in "
+            "certificate.json only."
+        )
         yield doc.Text(note)
 
 
@@ -97,8 +130,11 @@ def _name(check: Check) -> doc.Name:
 
 
 def _reason(check: Check, own_cure: bool) -> doc.Reason:
-    """Everything that is said about a check; a cure that stands above the table or in another row is pointed to."""
-    details = [*_exact(check)] + ([] if check.witness is None else [_witness(check.witness, check.id)])
+    """Everything that is said about a check; a cure that stands above the table or in another row
+    is pointed to."""
+    details = [*_exact(check)] + (
+        [] if check.witness is None else [_witness(check.witness, check.id)]
+    )
     fix = check.fix
     return doc.Reason(
         text=words.sentence(words.shortened(check.reason)),
@@ -116,7 +152,10 @@ def _brief_reason(check: Check) -> str:
 def _exact(check: Check) -> Iterator[tuple[str, str]]:
     for key, value in (check.exact or {}).items():
         if key in _EXACT:  # the other values stand in the reason, or among the matrices
-            yield _EXACT[key], _entries(value) if isinstance(value, (list, tuple)) else _number(str(value))
+            yield (
+                _EXACT[key],
+                _entries(value) if isinstance(value, (list, tuple)) else _number(str(value)),
+            )
 
 
 def _witness(witness: Witness, id: str) -> tuple[str, str]:
@@ -130,7 +169,9 @@ def _witness(witness: Witness, id: str) -> tuple[str, str]:
         case "agents":
             return "Agents that no pin reaches", words.names_in_words(witness.labels or (), 30)
         case "polynomial":
-            return "The factor that does not decay", words.shortened(", ".join(witness.values or ()))
+            return "The factor that does not decay", words.shortened(
+                ", ".join(witness.values or ())
+            )
         case "routh_row":
             return "First column of Routh’s table", values
         case kind:
@@ -145,11 +186,16 @@ def _entries(values: Sequence[Any]) -> str:
     shown = [_number(str(value)) for value in values[:MOST_ENTRIES]]
     if len(values) == 1:
         return shown[0]
-    return f"({', '.join(shown)})" if len(values) <= MOST_ENTRIES else f"({', '.join(shown)}, …), {len(values)} entries"
+    return (
+        f"({', '.join(shown)})"
+        if len(values) <= MOST_ENTRIES
+        else f"({', '.join(shown)}, …), {len(values)} entries"
+    )
 
 
 def _number(text: str) -> str:
-    """A rational in decimals, five digits of it; other texts are only cut.  The exact one is in certificate.json."""
+    """A rational in decimals, five digits of it; other texts are only cut.  The exact one is in
+    certificate.json."""
     value = words.rational(text)
     return words.shortened(text, 80) if value is None else words.decimal(value)
 
@@ -167,19 +213,26 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
         doc.Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
     )
     return doc.Section(
-        "Traceability", (doc.Only(doc.READ, (doc.Text(doc.Own(_FIXED["traced"])),)), table), "traceability"
+        "Traceability",
+        (doc.Only(doc.READ, (doc.Text(doc.Own(_FIXED["traced"])),)), table),
+        "traceability",
     )
 
 
 def recheck_section(certificate: Certificate, prints: Facts, kernel: str = "") -> doc.Section:
-    """The commands that decide the certificate again and make it again, and what it was made from."""
+    """The commands that decide the certificate again and make it again, and what it was made
+    from."""
     claims = certificate.claims
     versions = (
         ("program", f"dobc_design {claims.version}"),
         ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
         ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
     )
-    proof = (doc.Text(f"{kernel} {_FIXED['kernel']}"), doc.Code(("coqc proof.v",), command=True)) if kernel else ()
+    proof = (
+        (doc.Text(f"{kernel} {_FIXED['kernel']}"), doc.Code(("coqc proof.v",), command=True))
+        if kernel
+        else ()
+    )
     blocks = (
         doc.Text(_FIXED["both_files"]),
         doc.Code((VERIFY,), command=True),
@@ -205,7 +258,8 @@ def fingerprints(certificate: Certificate) -> Facts:
 
 
 def certify_command(certificate: Certificate) -> str:
-    """The command that decides the same conditions: options that are known here, and the settling time proved."""
+    """The command that decides the same conditions: options that are known here, and the settling
+    time proved."""
     options = certificate.claims.options
     asked = [option.removeprefix(SETTLING) for option in options if option.startswith(SETTLING)]
     proved = [
@@ -215,5 +269,16 @@ def certify_command(certificate: Certificate) -> str:
     ]
     tolerances = [number for number in map(words.rational, (*asked, *proved)) if number is not None]
     known: list[str] = [option for option in SWITCHES if option in options]
-    known += [x for x in options if x.startswith(TIMED) and words.rational(x.removeprefix(TIMED)) is not None][:1]
-    return " ".join(["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"])
+    known += [
+        x
+        for x in options
+        if x.startswith(TIMED) and words.rational(x.removeprefix(TIMED)) is not None
+    ][:1]
+    return " ".join(
+        [
+            "dobc certify problem.json",
+            *known,
+            *(f"{SETTLING}{x}" for x in tolerances[:1]),
+            "--out again",
+        ]
+    )

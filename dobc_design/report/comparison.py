@@ -1,6 +1,8 @@
-"""Two certificates side by side: their verdicts, checks and certified starts, and what differs between the problems.
+"""Two certificates side by side: their verdicts, checks and certified starts, and what differs
+between the problems.
 
-Problems are compared as one program writes them: what counts is the meaning of a file and not how it is written.
+Problems are compared as one program writes them: what counts is the meaning of a file and not how
+it is written.
 """
 
 from __future__ import annotations
@@ -41,11 +43,17 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         told = f"The two problems differ in {count} {'place' if count == 1 else 'places'}."
         told += f" The first {MOST_DIFFERENCES} are listed." if count > MOST_DIFFERENCES else ""
     one, other = _facts(first), _facts(second)
-    summary = _marked("Facts about both certificates", ("", *SIDES), [(name, one[name], other[name]) for name in one])
+    summary = _marked(
+        "Facts about both certificates",
+        ("", *SIDES),
+        [(name, one[name], other[name]) for name in one],
+    )
     certificates = (
         doc.Beside([(_box(letter, each),) for letter, each in sides]),
         summary,
-        doc.Only(("html",), (doc.Text("Marked rows differ. Rates are rounded towards zero.", "caption"),)),
+        doc.Only(
+            ("html",), (doc.Text("Marked rows differ. Rates are rounded towards zero.", "caption"),)
+        ),
         *(
             doc.Section(f"Notes of {letter}", (doc.List(each.claims.notes[:MOST_NOTES]),))
             for letter, each in sides
@@ -54,12 +62,16 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
     )
     columns = (doc.Column("key", width=1.2), *(doc.Column(side, style="why") for side in SIDES))
     values = [(key, *(words.shortened(each, LONGEST) for each in pair)) for key, *pair in changed]
-    keys = doc.Table(caption="Keys of the problem file whose values differ", columns=columns, rows=values)
+    keys = doc.Table(
+        caption="Keys of the problem file whose values differ", columns=columns, rows=values
+    )
     problems = (doc.Text(told), *((keys,) if changed else ()), *_networks(sides))
     again = doc.Text(words.TEXTS["fixed"]["compared"])
     identity = []
     for letter, each in sides:
-        identity.append((letter, f"{each.problem.name}, decided by dobc_design {each.claims.version}"))
+        identity.append(
+            (letter, f"{each.problem.name}, decided by dobc_design {each.claims.version}")
+        )
         identity.append((f"SHA-256 of problem {letter}", each.claims.problem_sha256))
     return doc.Document(
         kind="Two certificates of consensus, side by side",
@@ -67,7 +79,8 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         title=f"{a} and {b}, compared",
         verdict=doc.Box(mark=doc.Mark("", "compared"), word=conclusion(first, second), reason=told),
         identity=identity,
-        footer=f"A: {words.shortened(a, LONGEST_NAME)} · B: {words.shortened(b, LONGEST_NAME)}, compared",
+        footer=f"A: {words.shortened(a, LONGEST_NAME)} · B: {words.shortened(b, LONGEST_NAME)}, "
+        "compared",
         blocks=(
             doc.Section("The two certificates", certificates, "certificates", "Facts"),
             doc.Section("What differs between the problems", problems, "differences", "Problems"),
@@ -88,13 +101,19 @@ def conclusion(first: Certificate, second: Certificate) -> str:
     if all(map(math.isfinite, times)) and times[0] != times[1]:
         better, worse = ("A", "B") if times[0] < times[1] else ("B", "A")
         early, late = words.seconds(min(times)), words.seconds(max(times))
-        return f"Both are proved. {better} is certified to reach one percent after {early}, {worse} after {late}."
+        return (
+            f"Both are proved. {better} is certified to reach one percent after {early}, "
+            f"{worse} after {late}."
+        )
     a, b = first.rate or 0.0, second.rate or 0.0
     if a == b:
         return "Both are proved, at the same certified rate."
     better, worse = ("A", "B") if a > b else ("B", "A")
     high, low = lower(max(a, b)), lower(min(a, b))
-    return f"Both are proved. {better} has the larger certified rate, {high} against {low} 1/s of {worse}."
+    return (
+        f"Both are proved. {better} has the larger certified rate, {high} against {low} 1/s of "
+        f"{worse}."
+    )
 
 
 def _facts(certificate: Certificate) -> dict[str, str]:
@@ -104,8 +123,11 @@ def _facts(certificate: Certificate) -> dict[str, str]:
     return facts | {"Checks proved": f"{proved} of {len(certificate.checks)}"}
 
 
-def _marked(caption: str, columns: Iterable[str | doc.Column], rows: Sequence[Sequence[doc.Cell]]) -> doc.Table:
-    """A table of names and of pairs of values, those of A and of B; rows are marked where a pair differs."""
+def _marked(
+    caption: str, columns: Iterable[str | doc.Column], rows: Sequence[Sequence[doc.Cell]]
+) -> doc.Table:
+    """A table of names and of pairs of values, those of A and of B; rows are marked where a pair
+    differs."""
     marked = frozenset(place for place, (_, *cells) in enumerate(rows) if cells[::2] != cells[1::2])
     heads = [doc.Column(each) if isinstance(each, str) else each for each in columns]
     return doc.Table(caption=caption, columns=heads, rows=rows, marked=marked)
@@ -117,19 +139,25 @@ def _box(letter: str, certificate: Certificate) -> doc.Box:
         word=certificate.verdict.value.capitalize(),
         reason=words.sentence(certificate.reason),
         title=f"{letter}: {certificate.problem.name}",
-        note=f"{words.size_sentence(certificate.problem)} {words.pin_sentence(certificate.problem)}",
+        note=f"{words.size_sentence(certificate.problem)} "
+        f"{words.pin_sentence(certificate.problem)}",
     )
 
 
 def _checks(first: Certificate, second: Certificate) -> doc.Section:
-    """Every check that one of them has, in the order of A, then those that only B has; marked where they differ."""
+    """Every check that one of them has, in the order of A, then those that only B has; marked where
+    they differ."""
     a, b = ({(check.id, check.mode): check for check in each.checks} for each in (first, second))
     pairs = [(a.get(key), b.get(key)) for key in {**a, **b}]
     hidden = len(pairs) - MOST_ROWS
     columns = (
         doc.Column("condition", width=2.2),
         *(doc.Column(side, width=0) for side in SIDES),
-        *(doc.Column(f"{what} {side}", style="number") for what in ("margin", "rate", "factor") for side in SIDES),
+        *(
+            doc.Column(f"{what} {side}", style="number")
+            for what in ("margin", "rate", "factor")
+            for side in SIDES
+        ),
     )
     rows = [_compared(pair) for pair in pairs[:MOST_ROWS]]
     blocks = (
@@ -154,7 +182,9 @@ def _compared(pair: Sequence[Check | None]) -> tuple[doc.Cell, ...]:
 def _starts(first: Certificate, second: Certificate) -> Iterator[doc.Section]:
     """The certified starts of every method that says something about starts."""
     a, b = (
-        {claim.method: starts_words(claim) for claim in each.regions.claims} if each.regions.tried else {}
+        {claim.method: starts_words(claim) for claim in each.regions.claims}
+        if each.regions.tried
+        else {}
         for each in (first, second)
     )
     rows = [(name, a.get(name, ABSENT), b.get(name, ABSENT)) for name in {**a, **b}]
@@ -173,16 +203,23 @@ def _networks(sides: Sequence[tuple[str, Certificate]]) -> Iterator[doc.Block]:
     if all(each for _, each in drawn):
         # the same drawings with identifiers of their own, since both stand on one page
         named = [
-            [replace(each, name=f"{letter}-{each.name}", title=f"{letter}: {each.title}") for each in own]
+            [
+                replace(each, name=f"{letter}-{each.name}", title=f"{letter}: {each.title}")
+                for each in own
+            ]
             for letter, own in drawn
         ]
         yield doc.on_pages(doc.Beside([(doc.Pictures(each, small=True),) for each in named]))
 
 
 def differences(first: Problem, second: Problem) -> tuple[list[Difference], int]:
-    """The differences in the order of the file, cut after 60 of them, and how many there are in all."""
+    """The differences in the order of the file, cut after 60 of them, and how many there are in
+    all."""
     one, other = (parse_toml(problem_text(each).encode("utf-8")) for each in (first, second))
-    rows = [*_network(one.pop("network"), other.pop("network")), *_keys(dict(_flat(one)), dict(_flat(other)))]
+    rows = [
+        *_network(one.pop("network"), other.pop("network")),
+        *_keys(dict(_flat(one)), dict(_flat(other))),
+    ]
     return rows[:MOST_DIFFERENCES], len(rows)
 
 
@@ -194,7 +231,9 @@ def _keys(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[Difference]:
 
 def _network(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Difference]:
     """Agents, modes, and arcs: a few one by one, many as two lists."""
-    yield from _keys({"network.agents": _text(one["agents"])}, {"network.agents": _text(other["agents"])})
+    yield from _keys(
+        {"network.agents": _text(one["agents"])}, {"network.agents": _text(other["agents"])}
+    )
     for name in {**one["modes"], **other["modes"]}:
         key, both = f"network.modes.{name}", [each["modes"].get(name) for each in (one, other)]
         if None in both:
@@ -204,14 +243,20 @@ def _network(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Diffe
         first, second = map(_arcs, both)
         found = [(f"{key}: {arc}", x, y) for arc, x, y in _keys(first, second)]
         if len(found) > MOST_ARCS:
-            own = [[arc for arc in x if y.get(arc) != x[arc]] for x, y in ((first, second), (second, first))]
+            own = [
+                [arc for arc in x if y.get(arc) != x[arc]]
+                for x, y in ((first, second), (second, first))
+            ]
             found = [(f"{key}: arcs that differ", _listed(own[0]), _listed(own[1]))]
         yield from found
 
 
 def _arcs(arcs: Sequence[Any]) -> dict[str, str]:
     """Arcs by the names of their ends."""
-    return {f"{a} listens to {b}": f"weight {weight[0]}" if weight else "there" for a, b, *weight in arcs}
+    return {
+        f"{a} listens to {b}": f"weight {weight[0]}" if weight else "there"
+        for a, b, *weight in arcs
+    }
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -224,7 +269,11 @@ def _flat(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]
         if isinstance(value, Mapping):
             yield from _flat(value, f"{path}{name}.")
         elif name == "exceptions":
-            yield from ((f"{path}{name}: {arc}", _text(each["h"])) for each in value for arc in _arcs(each["arcs"]))
+            yield from (
+                (f"{path}{name}: {arc}", _text(each["h"]))
+                for each in value
+                for arc in _arcs(each["arcs"])
+            )
         elif path or name not in ("schema", "name", "notes"):
             yield f"{path}{name}", _text(value)
 

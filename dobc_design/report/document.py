@@ -1,7 +1,8 @@
 """The nouns of a report: a tree of titled blocks, built once and shown by four renderers.
 
-``content`` and ``comparison`` build documents; ``pages``, ``pdf`` and ``latex`` show them.  All text is plain text: a
-renderer escapes it.  What not every form shows says so with ``Only`` or with a column's ``only``.
+``content`` and ``comparison`` build documents; ``pages``, ``pdf`` and ``latex`` show them.  All
+text is plain text: a renderer escapes it.  What not every form shows says so with ``Only`` or with
+a column's ``only``.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ Form = Literal["html", "markdown", "pdf", "latex"]
 EVERY: Final[tuple[Form, ...]] = ("html", "markdown", "pdf", "latex")
 PAGES: Final[tuple[Form, ...]] = ("html", "pdf")  # with pictures, and room for explanations
 TEXTS: Final[tuple[Form, ...]] = ("markdown", "latex")
-READ: Final[tuple[Form, ...]] = ("html", "markdown", "pdf")  # whole documents; LaTeX fragments are parts of a paper
+# whole documents; LaTeX fragments are parts of a paper
+READ: Final[tuple[Form, ...]] = ("html", "markdown", "pdf")
 
 
 class Own(str):
-    """Text of this package that Markdown shows as it stands, with its line breaks and back quotes."""
+    """Text of this package that Markdown shows as it stands, with its line breaks and back
+    quotes."""
 
     __slots__ = ()
 
@@ -100,9 +103,9 @@ class Code(Block):
 
 @dataclass(frozen=True, slots=True)
 class Formula(Block):
-    """A displayed formula.  ``label`` says what it is, ``number`` is that of the paper.  ``typst``: its name in the
-    template of the PDF, which does not read LaTeX, or the exact number below which the largest eigenvalue of Lambda
-    stays."""
+    """A displayed formula.  ``label`` says what it is, ``number`` is that of the paper.  ``typst``:
+    its name in the template of the PDF, which does not read LaTeX, or the exact number below which
+    the largest eigenvalue of Lambda stays."""
 
     latex: str
     label: str = ""
@@ -139,7 +142,8 @@ class Matrices(Block):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A figure still to be drawn, with caption and text alternative; inches.  ``name`` begins the SVG identifiers."""
+    """A figure still to be drawn, with caption and text alternative; inches.  ``name`` begins the
+    SVG identifiers."""
 
     name: str
     title: str
@@ -182,7 +186,8 @@ class Name:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reason:
-    """Why a verdict was reached: a sentence, values with their names, and a cure with its lines of the problem file."""
+    """Why a verdict was reached: a sentence, values with their names, and a cure with its lines of
+    the problem file."""
 
     text: str
     details: Sequence[tuple[str, str]] = ()
@@ -195,9 +200,10 @@ Cell = str | Mark | Name | Reason
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column: its head, what ``table_of`` shows of a row, and its part of a page's width (0: what it needs).
-    ``unit`` is named where the head stands alone, on a phone.  ``style``: "number" for numbers in columns, "why" for
-    sentences, "code" for names of files, "plain" for the rest.  ``only``: the forms that have it."""
+    """One column: its head, what ``table_of`` shows of a row, and its part of a page's width (0:
+    what it needs). ``unit`` is named where the head stands alone, on a phone.  ``style``: "number"
+    for numbers in columns, "why" for sentences, "code" for names of files, "plain" for the rest.
+    ``only``: the forms that have it."""
 
     head: str
     shown: Callable[[Any], Cell] = str
@@ -221,7 +227,8 @@ class Table(Block):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box(Block):
-    """A verdict in a frame: its word and reason, facts, and for one of several its title and a note."""
+    """A verdict in a frame: its word and reason, facts, and for one of several its title and a
+    note."""
 
     mark: Mark
     word: str
@@ -241,7 +248,8 @@ class Signatures(Block):
 
 @dataclass(frozen=True, slots=True)
 class Section(Block):
-    """A titled part; ``name`` is its anchor, ``short`` its words in the list of sections where the title is long."""
+    """A titled part; ``name`` is its anchor, ``short`` its words in the list of sections where the
+    title is long."""
 
     title: str
     blocks: Sequence[Block]
@@ -251,7 +259,8 @@ class Section(Block):
 
 @dataclass(frozen=True, slots=True)
 class Beside(Block):
-    """Parts beside each other where there is room, as equals or the second one wider; on a page of HTML only."""
+    """Parts beside each other where there is room, as equals or the second one wider; on a page of
+    HTML only."""
 
     parts: Sequence[Sequence[Block]]
     second_wider: bool = False
@@ -267,7 +276,8 @@ class Only(Block):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Document:
-    """A whole document; ``details`` are closed on a page, and printed only where the whole report is asked for."""
+    """A whole document; ``details`` are closed on a page, and printed only where the whole report
+    is asked for."""
 
     kind: str
     name: str
@@ -301,7 +311,8 @@ def table_of(caption: str, rows: Iterable[Any], *columns: Column, cards: bool = 
 
 
 def in_form(document: Document, form: Form) -> Document:
-    """The document as one form shows it: ``Only``, ``Beside``, its columns and sections left empty are resolved."""
+    """The document as one form shows it: ``Only``, ``Beside``, its columns and sections left empty
+    are resolved."""
     shown, more = (tuple(_chosen(blocks, form)) for blocks in (document.blocks, document.details))
     return replace(document, blocks=shown, details=more)
 

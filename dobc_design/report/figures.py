@@ -1,7 +1,8 @@
 """Plots of the report: functions that take data and axes, and return the axes.
 
-They compute nothing but what a drawing needs.  What is drawn solid about a region is proved.  In networks arrows point
-the way information flows, and positions say nothing.  Names given by users are never read as mathematics.
+They compute nothing but what a drawing needs.  What is drawn solid about a region is proved.  In
+networks arrows point the way information flows, and positions say nothing.  Names given by users
+are never read as mathematics.
 """
 
 from __future__ import annotations
@@ -22,7 +23,18 @@ from numpy.typing import ArrayLike, NDArray
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
 from dobc_design.plotting import look
-from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, PURPLE, SERIES, VERMILLION, short
+from dobc_design.plotting.look import (
+    BLUE,
+    DASHED,
+    DOTTED,
+    INK,
+    MUTED,
+    PAPER,
+    PURPLE,
+    SERIES,
+    VERMILLION,
+    short,
+)
 from dobc_design.plotting.regions import name_rows
 from dobc_design.report.region_words import MOST_SUSPECTS
 from dobc_design.report.words import common_offsets
@@ -37,17 +49,22 @@ MOST_LABELLED = 60
 LARGEST_BY_DISTANCE = 150  # Kamada and Kawai's method takes all pairs
 _SIDES = ((0, -1), (0, 1), (1, 0), (-1, 0))
 _INSIDE = 3  # letters that fit into a node
-_SQUARE = Path(np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.9)]), closed=True)
+_SQUARE = Path(
+    np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.9)]), closed=True
+)
 
 
 def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
-    """Eigenvalues in the complex plane, one marker per name; the half-plane that must stay empty is shaded.
-    ``spectra``: name -> complex eigenvalues, in 1/s.  At most 400 of each are drawn, rightmost and leftmost
-    included."""
+    """Eigenvalues in the complex plane, one marker per name; the half-plane that must stay empty is
+    shaded. ``spectra``: name -> complex eigenvalues, in 1/s.  At most 400 of each are drawn,
+    rightmost and leftmost included."""
     known = {name: np.atleast_1d(np.asarray(each, dtype=complex)) for name, each in spectra.items()}
     everything = np.concatenate(list(known.values()))
     reach = max(float(np.abs(everything.real).max(initial=0.0)), 1e-3)
-    left, right = min(float(everything.real.min(initial=0.0)), 0.0), max(float(everything.real.max(initial=0.0)), 0.0)
+    left, right = (
+        min(float(everything.real.min(initial=0.0)), 0.0),
+        max(float(everything.real.max(initial=0.0)), 0.0),
+    )
     ax.set_xlim(left - 0.12 * reach, right + 0.2 * reach)
     _shade(ax, right + 10 * reach)
     for place, (name, values) in enumerate(known.items()):
@@ -71,9 +88,12 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     return look.legend_above(ax)
 
 
-def plot_lambda(ax: Axes, spectra: Mapping[str, ArrayLike], *, bounds: Mapping[str, float] | None = None) -> Axes:
-    """Eigenvalues of Lambda(J), one row per mode, against 0 and against the ``bounds`` of given matrices P.
-    ``spectra``: mode -> real eigenvalues, in 1/s.  ``bounds``: name -> number that the largest must stay below."""
+def plot_lambda(
+    ax: Axes, spectra: Mapping[str, ArrayLike], *, bounds: Mapping[str, float] | None = None
+) -> Axes:
+    """Eigenvalues of Lambda(J), one row per mode, against 0 and against the ``bounds`` of given
+    matrices P. ``spectra``: mode -> real eigenvalues, in 1/s.  ``bounds``: name -> number that the
+    largest must stay below."""
     known = {name: np.sort(np.asarray(each, dtype=float).ravel()) for name, each in spectra.items()}
     everything = np.concatenate(list(known.values()))
     marks = [0.0, *(bounds or {}).values()]
@@ -83,9 +103,13 @@ def plot_lambda(ax: Axes, spectra: Mapping[str, ArrayLike], *, bounds: Mapping[s
     _shade(ax, high + 10 * reach)
     for row, values in enumerate(known.values()):
         shown = values[look.thinned_rows(len(values))]
-        ax.plot(shown, np.full(len(shown), row), linestyle="none", marker="|", markersize=9, color=BLUE)
+        ax.plot(
+            shown, np.full(len(shown), row), linestyle="none", marker="|", markersize=9, color=BLUE
+        )
         ax.plot(shown[-1:], [row], linestyle="none", marker="D", markersize=4.5, color=BLUE)
-    for bound, dashes in zip((bounds or {}).values(), itertools.cycle(DASHES.values()), strict=False):
+    for bound, dashes in zip(
+        (bounds or {}).values(), itertools.cycle(DASHES.values()), strict=False
+    ):
         ax.axvline(bound, color=INK, linewidth=1.1, linestyle=dashes)
     name_rows(ax, [short(name) for name in known])
     ax.set_xlabel("eigenvalues of Λ(J) in 1/s")
@@ -99,8 +123,8 @@ def _shade(ax: Axes, end: float) -> None:
 
 
 def plot_envelope(ax: Axes, settling: Settling) -> Axes:
-    """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another certificate takes over.
-    Solid: no start of the box leaves it.  Dashed: the tolerance."""
+    """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another
+    certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance."""
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
     foot, tolerance = float(bounds.min()) * BELOW, float(settling.tolerance)
     ax.set_yscale("log")
@@ -108,10 +132,23 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     ax.fill_between(times, bounds, foot, color=BLUE, alpha=0.10, linewidth=0)
     for stage in settling.stages[1:]:
         when = float(stage.start)
-        marker, colour, kind = ("s", PURPLE, stage.kind) if stage.kind == "quadratic" else ("o", BLUE, stage.kind)
+        marker, colour, kind = (
+            ("s", PURPLE, stage.kind) if stage.kind == "quadratic" else ("o", BLUE, stage.kind)
+        )
         at, told = [settling.envelope(when)], f"next {kind}"
-        ax.plot([when], at, zorder=4, markersize=4.5, linestyle="", marker=marker, color=colour, label=told)
-    ax.axhline(tolerance, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=2, label="tolerance")
+        ax.plot(
+            [when],
+            at,
+            zorder=4,
+            markersize=4.5,
+            linestyle="",
+            marker=marker,
+            color=colour,
+            label=told,
+        )
+    ax.axhline(
+        tolerance, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=2, label="tolerance"
+    )
     ax.set(ylim=(foot, float(bounds.max()) * 1.6), xlim=(0, float(times[-1])))
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     ax.minorticks_off()
@@ -120,7 +157,8 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
 
 
 def plot_search(ax: Axes, search: Falsification) -> Axes:
-    """|e|_inf of the worst suspects over time, at most eight; solid where an equilibrium is proved."""
+    """|e|_inf of the worst suspects over time, at most eight; solid where an equilibrium is
+    proved."""
     shown = search.suspects[:MOST_SUSPECTS]
     for rank, suspect in enumerate(each for each in shown if each.kind != RESTS):
         error = np.where(suspect.error > look.SMALLEST, suspect.error, np.nan)
@@ -133,7 +171,9 @@ def plot_search(ax: Axes, search: Falsification) -> Axes:
     end = max((float(suspect.times[-1]) for suspect in shown), default=search.horizon)
     ax.set(xlim=(0, end or 1.0), ylim=(0, None))
     ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
-    ax.set_title(short(f"from {search.target}", 44).replace("|e|_inf <=", "|e|∞ ≤"), parse_math=False)
+    ax.set_title(
+        short(f"from {search.target}", 44).replace("|e|_inf <=", "|e|∞ ≤"), parse_math=False
+    )
     if shown:
         ax.legend(loc="best")
     return ax
@@ -148,21 +188,36 @@ def draw_network(
     pinned: Collection[int] = (),
     unreached: Collection[int] = (),
 ) -> Axes:
-    """Draw one mode, as a few compound paths in data coordinates, so that a large network stays a small file.  ``arcs``
-    are (listener, speaker); the arrow starts at the speaker.  Pinned agents are filled blue squares, others circles,
-    those that no pin reaches orange dashed circles.  Shapes: places (n, 2), within [-1, 1]."""
+    """Draw one mode, as a few compound paths in data coordinates, so that a large network stays a
+    small file.  ``arcs`` are (listener, speaker); the arrow starts at the speaker.  Pinned agents
+    are filled blue squares, others circles, those that no pin reaches orange dashed circles.
+    Shapes: places (n, 2), within [-1, 1]."""
     radius, known = _radius(places), list(arcs)
     _draw_arcs(ax, known, places, radius)
     free = [i for i in range(len(labels)) if i not in pinned]
     for shape, agents, face, edge, width, style in (
         (Path.unit_circle(), [i for i in free if i not in unreached], PAPER, INK, 1.1, "solid"),
-        (Path.unit_circle(), [i for i in free if i in unreached], PAPER, VERMILLION, 1.6, (0, (2, 1.2))),
+        (
+            Path.unit_circle(),
+            [i for i in free if i in unreached],
+            PAPER,
+            VERMILLION,
+            1.6,
+            (0, (2, 1.2)),
+        ),
         (_SQUARE, sorted(pinned), BLUE, BLUE, 1.1, "solid"),
     ):
-        copies = [Path(np.asarray(shape.vertices) * radius + places[agent], shape.codes) for agent in agents]
+        copies = [
+            Path(np.asarray(shape.vertices) * radius + places[agent], shape.codes)
+            for agent in agents
+        ]
         if copies:
             path = Path.make_compound_path(*copies)
-            ax.add_patch(PathPatch(path, facecolor=face, edgecolor=edge, linewidth=width, linestyle=style, zorder=2))
+            ax.add_patch(
+                PathPatch(
+                    path, facecolor=face, edgecolor=edge, linewidth=width, linestyle=style, zorder=2
+                )
+            )
     if len(labels) <= MOST_LABELLED:
         _draw_labels(ax, labels, places, radius, set(pinned), known)
     ax.set_aspect("equal")
@@ -173,7 +228,8 @@ def draw_network(
 
 
 def drawn_labels(labels: Sequence[str]) -> tuple[list[str], str]:
-    """Labels as they are drawn, and the beginning that was left out because all but a few letters are alike."""
+    """Labels as they are drawn, and the beginning that was left out because all but a few letters
+    are alike."""
     if all(len(label) <= _INSIDE for label in labels):
         return list(labels), ""
     first, last = min(labels), max(labels)
@@ -215,7 +271,12 @@ def _draw_arcs(ax: Axes, arcs: Sequence[Pair], places: Positions, radius: float)
         if not both or listener < speaker:
             tail = start + forward * (radius * 1.22 + size * 0.9 if both else radius * 1.1)
             shafts.append(Path(np.array([tail, back + forward * size * 0.1])))
-        heads.append(Path(np.array([tip, back + side * size * 0.45, back - side * size * 0.45, tip]), closed=True))
+        heads.append(
+            Path(
+                np.array([tip, back + side * size * 0.45, back - side * size * 0.45, tip]),
+                closed=True,
+            )
+        )
     if shafts:
         shaft = Path.make_compound_path(*shafts)
         ax.add_patch(PathPatch(shaft, facecolor="none", edgecolor=MUTED, linewidth=0.9))
@@ -224,14 +285,30 @@ def _draw_arcs(ax: Axes, arcs: Sequence[Pair], places: Positions, radius: float)
 
 
 def _draw_labels(
-    ax: Axes, labels: Sequence[str], places: Positions, radius: float, pinned: set[int], arcs: Sequence[Pair]
+    ax: Axes,
+    labels: Sequence[str],
+    places: Positions,
+    radius: float,
+    pinned: set[int],
+    arcs: Sequence[Pair],
 ) -> None:
-    """Short labels inside the nodes, where there is room; the others on the side with the fewest arrows."""
+    """Short labels inside the nodes, where there is room; the others on the side with the fewest
+    arrows."""
     drawn, _ = drawn_labels(labels)
-    for agent, ((x, y), (right, up)) in enumerate(zip(places, _free_sides(places, arcs), strict=True)):
+    for agent, ((x, y), (right, up)) in enumerate(
+        zip(places, _free_sides(places, arcs), strict=True)
+    ):
         if len(drawn[agent]) <= _INSIDE and radius > 0.05:
             size = float(np.clip(78 * radius, 5.5, 9.0))
-            text = ax.text(x, y, drawn[agent], ha="center", va="center_baseline", parse_math=False, fontsize=size)
+            text = ax.text(
+                x,
+                y,
+                drawn[agent],
+                ha="center",
+                va="center_baseline",
+                parse_math=False,
+                fontsize=size,
+            )
             text.set(zorder=3, color=PAPER if agent in pinned else INK)
         else:
             ax.text(
@@ -252,18 +329,23 @@ def _free_sides(places: Positions, arcs: Sequence[Pair]) -> list[Pair]:
     """For every agent the side, below first, that is farthest from the directions of its arrows."""
     directions: list[list[Positions]] = [[] for _ in places]
     for one, other in arcs:
-        step = (places[other] - places[one]) / max(float(np.hypot(*(places[other] - places[one]))), 1e-9)
+        step = (places[other] - places[one]) / max(
+            float(np.hypot(*(places[other] - places[one]))), 1e-9
+        )
         directions[one].append(step)
         directions[other].append(-step)
     chosen = []
     for own in directions:
-        nearest = [max((float(step @ side) for step in own), default=-1.0) for side in np.array(_SIDES)]
+        nearest = [
+            max((float(step @ side) for step in own), default=-1.0) for side in np.array(_SIDES)
+        ]
         chosen.append(_SIDES[int(np.argmin(np.round(nearest, 3)))])
     return chosen
 
 
 def positions(pairs: Iterable[Pair], n: int) -> Positions:
-    """Places (n, 2) within [-1, 1] of agents joined by ``pairs``: circulants on a circle, others by their distances."""
+    """Places (n, 2) within [-1, 1] of agents joined by ``pairs``: circulants on a circle, others by
+    their distances."""
     known = set(pairs)
     graph = nx.Graph()
     graph.add_nodes_from(range(n))

@@ -1,4 +1,5 @@
-"""A document as one HTML page, without script and network, for paper, phones and the dark, and as Markdown."""
+"""A document as one HTML page, without script and network, for paper, phones and the dark, and as
+Markdown."""
 
 from __future__ import annotations
 
@@ -19,8 +20,12 @@ _OPENING = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")  # would begin a list or under
 
 
 def html_page(document: doc.Document, *, full: bool = False) -> str:
-    """The page; ``full``: with its details open, to be printed.  The same document gives the same text."""
-    return _html_template().render(document=doc.in_form(document, "html"), full=full, leads=doc.leads) + "\n"
+    """The page; ``full``: with its details open, to be printed.  The same document gives the same
+    text."""
+    return (
+        _html_template().render(document=doc.in_form(document, "html"), full=full, leads=doc.leads)
+        + "\n"
+    )
 
 
 def markdown_page(document: doc.Document) -> str:
@@ -40,17 +45,26 @@ def _markdown_template() -> Template:
 
 
 def environment_of(filters: dict[str, Any], **options: Any) -> Environment:
-    """The templates of this room with these filters; without ``autoescape`` every template escapes by its own."""
-    loader: dict[str, Any] = {"loader": PackageLoader("dobc_design.report"), "undefined": StrictUndefined}
+    """The templates of this room with these filters; without ``autoescape`` every template escapes
+    by its own."""
+    loader: dict[str, Any] = {
+        "loader": PackageLoader("dobc_design.report"),
+        "undefined": StrictUndefined,
+    }
     environment = Environment(**loader, trim_blocks=True, lstrip_blocks=True, **options)
-    environment.filters |= {"capitalize_first": capitalize_first, "kind": lambda it: type(it).__name__, **filters}
+    environment.filters |= {
+        "capitalize_first": capitalize_first,
+        "kind": lambda it: type(it).__name__,
+        **filters,
+    }
     return environment
 
 
 def _math(latex: str, *, display: bool = False) -> Fragment:
     """MathML as a safe fragment; only for LaTeX made by this package, never for user text."""
     text = mathml(latex.replace("'", r"^{\top}"), display=display)
-    # Parentheses grow with a matrix only in fonts made for mathematics; the page draws them as borders instead.
+    # Parentheses grow with a matrix only in fonts made for mathematics; the page draws them as
+    # borders instead.
     return Fragment(_MATRIX.sub(r'<mtable class="matrix">\1</mtable>', text))
 
 

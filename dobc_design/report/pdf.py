@@ -1,7 +1,9 @@
-"""A document as a PDF on A4, set by Typst: tagged, with text alternatives, without a date, the same bytes every time.
+"""A document as a PDF on A4, set by Typst: tagged, with text alternatives, without a date, the same
+bytes every time.
 
-Needs the package typst (extra `pdf`).  Nothing is read from the network.  The template never reads text as markup:
-everything reaches it as strings in JSON, with places where long words may be broken.
+Needs the package typst (extra `pdf`).  Nothing is read from the network.  The template never reads
+text as markup: everything reaches it as strings in JSON, with places where long words may be
+broken.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ MATRIX_NAMES: Final = {
     "A_x": "A x",
 }
 PRINTED: Final = ("recheck", "signatures")  # the details that belong to every printed report
-LONGEST_NUMBER: Final = 12  # digits of numerator and denominator that are still printed as a fraction
+# digits of numerator and denominator that are still printed as a fraction
+LONGEST_NUMBER: Final = 12
 LONGEST_WORD: Final = 16  # in a cell; longer ones may be broken anywhere
 _SOFT = "\u200b"  # a place where a line may break
 _INVISIBLE: Final = f"{_SOFT}\n"
@@ -45,7 +48,8 @@ _JOINT = re.compile(r"([/_.,;:@-])")
 
 
 def pdf_page(document: doc.Document, *, full: bool = False) -> bytes:
-    """The bytes of the PDF; ``full``: with all details.  Raises: SpecError without the package typst."""
+    """The bytes of the PDF; ``full``: with all details.  Raises: SpecError without the package
+    typst."""
     require_typst()
     return compile_pdf(content(document, full=full))
 
@@ -56,13 +60,19 @@ def require_typst() -> None:
         import typst  # noqa: F401 - only whether it is there
     except ImportError as error:
         cure = "Install it (pip install dobc_design[pdf]), or print report.html from a browser."
-        raise SpecError("a PDF needs the package typst, which is not installed.", key="pdf", cure=cure) from error
+        raise SpecError(
+            "a PDF needs the package typst, which is not installed.", key="pdf", cure=cure
+        ) from error
 
 
 def content(document: doc.Document, *, full: bool = False) -> dict[str, Any]:
     """Everything that the template shows, as JSON: strings, lists and numbers' digits."""
     document, verdict = doc.in_form(document, "pdf"), document.verdict
-    more = [each for each in document.details if full or (isinstance(each, doc.Section) and each.name in PRINTED)]
+    more = [
+        each
+        for each in document.details
+        if full or (isinstance(each, doc.Section) and each.name in PRINTED)
+    ]
     return {
         "kind": document.kind,
         "title": soft(document.title, 24),
@@ -78,7 +88,8 @@ def content(document: doc.Document, *, full: bool = False) -> dict[str, Any]:
 
 
 def compile_pdf(content: Mapping[str, Any]) -> bytes:
-    """Set the document.  Fonts of the system are used only for letters that the shipped ones do not have."""
+    """Set the document.  Fonts of the system are used only for letters that the shipped ones do not
+    have."""
     import typst
 
     text = json.dumps(content, ensure_ascii=False)
@@ -94,13 +105,15 @@ def compile_pdf(content: Mapping[str, Any]) -> bytes:
     }
     try:
         made: bytes = typst.compile(source, pdf_standards=STANDARD, **settings)
-    except typst.TypstError:  # the standard forbids some letters that a label may have; the report is still wanted
+    # the standard forbids some letters that a label may have; the report is still wanted
+    except typst.TypstError:
         made = typst.compile(source, pdf_standards=None, **settings)
     return made
 
 
 def soft(text: object, longest: int = LONGEST_WORD) -> str:
-    """The text on one line, where words longer than ``longest`` may be broken, first of all after punctuation."""
+    """The text on one line, where words longer than ``longest`` may be broken, first of all after
+    punctuation."""
     return " ".join(_soft_word(word, longest) for word in _CONTROL.sub("\ufffd", str(text)).split())
 
 
@@ -110,7 +123,8 @@ def _soft_word(word: str, longest: int) -> str:
     parts = _JOINT.sub(rf"\1{_SOFT}", word).split(_SOFT)
     short = longest // 2
     pieces = [
-        [part[k : k + short] for k in range(0, len(part), short)] if len(part) > longest else [part] for part in parts
+        [part[k : k + short] for k in range(0, len(part), short)] if len(part) > longest else [part]
+        for part in parts
     ]
     return _SOFT.join(chain.from_iterable(pieces))
 
@@ -133,9 +147,18 @@ def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, A
             case doc.Code(lines):
                 yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
             case doc.Formula(typst=Fraction() as bound):
-                yield {"kind": "bound", "label": f"{capitalize_first(block.label)} is", "number": number_parts(bound)}
+                yield {
+                    "kind": "bound",
+                    "label": f"{capitalize_first(block.label)} is",
+                    "number": number_parts(bound),
+                }
             case doc.Formula():
-                yield {"kind": "formula", "name": block.typst, "label": block.label, "number": block.number}
+                yield {
+                    "kind": "formula",
+                    "name": block.typst,
+                    "label": block.label,
+                    "number": block.number,
+                }
             case doc.Matrices(items):
                 yield from map(_matrix, items)
             case doc.Pictures(items) if items:
@@ -143,7 +166,10 @@ def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, A
             case doc.Facts(rows):
                 yield _table(("", ""), rows)
             case doc.Terms(items):
-                yield _table(("word", "meaning"), [(word, capitalize_first(meaning)) for word, meaning in items])
+                yield _table(
+                    ("word", "meaning"),
+                    [(word, capitalize_first(meaning)) for word, meaning in items],
+                )
             case doc.Table(columns=columns, rows=rows):
                 yield _table([each.head for each in columns], rows, columns)
             case doc.Signatures(heads, roles):
@@ -162,7 +188,9 @@ def _table(
     return {
         "kind": "table",
         "heads": [soft(head) for head in heads],
-        "rows": [[_cell(cell, style) for cell, style in zip(row, styles, strict=True)] for row in rows],
+        "rows": [
+            [_cell(cell, style) for cell, style in zip(row, styles, strict=True)] for row in rows
+        ],
         "widths": [each.width for each in columns] or [0, 1],
     }
 
@@ -190,24 +218,40 @@ def _matrix(shown: doc.ShownMatrix) -> dict[str, Any]:
     """A matrix from its exact entries, or a sentence where it is too large."""
     name, label = MATRIX_NAMES.get(shown.name, shown.name), capitalize_first(shown.what)
     if shown.latex is None:
-        return _text(f"{label} ({name}) is {shown.size}, too large to be printed; see certificate.json.")
+        return _text(
+            f"{label} ({name}) is {shown.size}, too large to be printed; see certificate.json."
+        )
     rows = [[number_parts(entry, exact=False) for entry in row] for row in shown.matrix]
     return {"kind": "matrix", "name": name, "label": soft(label), "rows": rows}
 
 
 def number_parts(value: Fraction, *, exact: bool = True) -> dict[str, Any]:
-    """A rational for the template: sign and digits, a decimal with its power of ten, or an ``exact`` fraction."""
+    """A rational for the template: sign and digits, a decimal with its power of ten, or an
+    ``exact`` fraction."""
     sign, size = value < 0, abs(value)
     small = max(size.numerator.bit_length(), size.denominator.bit_length()) <= 4 * LONGEST_NUMBER
     if exact and small and Fraction(significant(size, 6)) != size:
-        return {"negative": sign, "digits": str(size.numerator), "over": str(size.denominator), "power": None}
+        return {
+            "negative": sign,
+            "digits": str(size.numerator),
+            "over": str(size.denominator),
+            "power": None,
+        }
     mantissa, _, power = significant(size, 6 if exact else 5).partition("e")
-    return {"negative": sign, "digits": mantissa, "over": None, "power": str(int(power)) if power else None}
+    return {
+        "negative": sign,
+        "digits": mantissa,
+        "over": None,
+        "power": str(int(power)) if power else None,
+    }
 
 
 def picture_parts(picture: doc.Picture) -> dict[str, str]:
-    """A figure for the template: its SVG with fixed colours and font, its text alternative, title and caption."""
-    svg = _VARIABLE.sub(r"\1", svg_of(picture)).replace("font-family: inherit", "font-family: 'DejaVu Sans'")
+    """A figure for the template: its SVG with fixed colours and font, its text alternative, title
+    and caption."""
+    svg = _VARIABLE.sub(r"\1", svg_of(picture)).replace(
+        "font-family: inherit", "font-family: 'DejaVu Sans'"
+    )
     width = Decimal((ElementTree.fromstring(svg).get("viewBox") or "0 0 330 0").split()[2])
     return {
         "svg": svg,

@@ -1,7 +1,9 @@
-"""Which figures a report has, each with its caption and its text alternative, and how one becomes SVG inside a page.
+"""Which figures a report has, each with its caption and its text alternative, and how one becomes
+SVG inside a page.
 
-In the SVG each colour is a CSS variable with the colour itself as fallback, so that a page may exchange them in the
-dark.  Text stays text.  The same drawing gives the same bytes: no date, no random identifiers.
+In the SVG each colour is a CSS variable with the colour itself as fallback, so that a page may
+exchange them in the dark.  Text stays text.  The same drawing gives the same bytes: no date, no
+random identifiers.
 """
 
 from __future__ import annotations
@@ -26,12 +28,24 @@ from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.plotting import look, runs
 from dobc_design.plotting.look import Sheet
-from dobc_design.plotting.regions import drawn_agents, height_of, plot_regions, plot_starts, side_by_side
+from dobc_design.plotting.regions import (
+    drawn_agents,
+    height_of,
+    plot_regions,
+    plot_starts,
+    side_by_side,
+)
 from dobc_design.plotting.weights import draw_band, plot_weights
 from dobc_design.problem.problem import Problem
 from dobc_design.report import figures, region_words
 from dobc_design.report.document import Picture
-from dobc_design.report.words import bounds_of, eigenvalues, names_in_words, number, unreached_agents
+from dobc_design.report.words import (
+    bounds_of,
+    eigenvalues,
+    names_in_words,
+    number,
+    unreached_agents,
+)
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
@@ -42,7 +56,9 @@ Values = NDArray[Any]
 MOST_MODES = 6
 MOST_AGENTS, MOST_ARCS = 300, 1500  # of a network that is drawn; beyond, it would be a grey ball
 _NAMES = ("ink", "muted", "grid", "paper", "blue", "vermillion", "green", "purple")
-VARIABLES = {(colour := getattr(look, name.upper())): f"var(--figure-{name}, {colour})" for name in _NAMES}
+VARIABLES = {
+    (colour := getattr(look, name.upper())): f"var(--figure-{name}, {colour})" for name in _NAMES
+}
 _FONT = re.compile(r"font-family:[^;]*")
 _LONG_DECIMAL = re.compile(r"-?\d+\.\d{3,}")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
@@ -50,7 +66,8 @@ _COLOUR = re.compile(r"#[0-9a-f]{6}\b")
 
 
 def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
-    """One drawing per mode, at most six, and a sentence that explains them or says why there is none."""
+    """One drawing per mode, at most six, and a sentence that explains them or says why there is
+    none."""
     problem = certificate.problem
     labels, pinned = problem.network.labels, problem.pinning.agents
     modes = list(problem.network.modes.items())[:MOST_MODES]
@@ -66,8 +83,15 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
         any_lost = any_lost or bool(lost)
         alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, pinned: "
         alt += names_in_words([labels[i] for i in pinned])
-        alt += f"; not reached: {names_in_words([labels[i] for i in sorted(lost)])}." if lost else "."
-        settings: dict[str, Any] = {"labels": labels, "arcs": arcs, "places": places, "pinned": pinned}
+        alt += (
+            f"; not reached: {names_in_words([labels[i] for i in sorted(lost)])}." if lost else "."
+        )
+        settings: dict[str, Any] = {
+            "labels": labels,
+            "arcs": arcs,
+            "places": places,
+            "pinned": pinned,
+        }
         drawn.append(
             Picture(
                 name=f"network-{place + 1}",
@@ -89,7 +113,9 @@ def _network_legend(labels: Sequence[str], modes: int, *, lost: bool) -> str:
         text += " Labels are left out."
     elif alike:
         text += f" “{alike}” is left out of the labels."
-    return text + (f" The first {MOST_MODES} of {modes} modes are drawn." if modes > MOST_MODES else "")
+    return text + (
+        f" The first {MOST_MODES} of {modes} modes are drawn." if modes > MOST_MODES else ""
+    )
 
 
 def eigenvalue_pictures(certificate: Certificate, analysis: Analysis) -> Iterator[Picture]:
@@ -101,22 +127,32 @@ def eigenvalue_pictures(certificate: Certificate, analysis: Analysis) -> Iterato
             title="Observer: eigenvalues of A − WC",
             caption="The estimation error decays when all lie left of the line; the slowest gives"
             f" {number(analysis.spectrum.rate)} 1/s.",
-            alt=f"Eigenvalues of A minus W C in the complex plane: {eigenvalues(values.tolist())}, in 1/s.",
+            alt="Eigenvalues of A minus W C in the complex plane: "
+            f"{eigenvalues(values.tolist())}, in 1/s.",
             draw=lambda ax: figures.plot_spectrum(ax, {"A − WC": values}),
             height=_spectrum_height(values),
         )
-    lambdas = [(m.mode, np.array(m.lambda_eigenvalues)) for m in analysis.modes if m.lambda_eigenvalues]
+    lambdas = [
+        (m.mode, np.array(m.lambda_eigenvalues)) for m in analysis.modes if m.lambda_eigenvalues
+    ]
     if lambdas:
         yield _lambda_picture(certificate, dict(lambdas[: 2 * MOST_MODES]))
-    loops = dict([(m.mode, np.array(m.loop_eigenvalues)) for m in analysis.modes if m.loop_eigenvalues][:MOST_MODES])
+    loops = dict(
+        [(m.mode, np.array(m.loop_eigenvalues)) for m in analysis.modes if m.loop_eigenvalues][
+            :MOST_MODES
+        ]
+    )
     if loops:
-        rightmost = "; ".join(f"mode {name}: {number(float(v.real.max()))}" for name, v in loops.items())
+        rightmost = "; ".join(
+            f"mode {name}: {number(float(v.real.max()))}" for name, v in loops.items()
+        )
         yield Picture(
             name="spectrum-loop",
             title="Network: eigenvalues of J − K at the target",
             caption="Small errors decay, with the disturbance known, when all lie left of the line."
             " This says more than Λ about one mode, and nothing about switching.",
-            alt=f"Eigenvalues of J minus K in the complex plane; the rightmost real parts are {rightmost} 1/s.",
+            alt="Eigenvalues of J minus K in the complex plane; the rightmost real parts are "
+            f"{rightmost} 1/s.",
             draw=lambda ax: figures.plot_spectrum(ax, loops),
             height=_spectrum_height(*loops.values()),
         )
@@ -127,7 +163,9 @@ def _lambda_picture(certificate: Certificate, lambdas: Mapping[str, Values]) -> 
     caption = "Lemma 1 asks for all of them to be negative; the largest is the diamond."
     if known:
         styles = zip(known.items(), figures.DASHES, strict=False)
-        bounds = ", for ".join(f"{name} {number(value)} ({style})" for (name, value), style in styles)
+        bounds = ", for ".join(
+            f"{name} {number(value)} ({style})" for (name, value), style in styles
+        )
         caption += f" It must stay below a bound that depends on P: for {bounds}."
     largest = "; ".join(f"mode {name}: {number(float(v.max()))}" for name, v in lambdas.items())
     return Picture(
@@ -159,14 +197,19 @@ def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Ite
             name="estimates",
             title="Disturbance and estimate",
             caption=f"Disturbance d (dotted) and its estimate d̂ of {agents} agents{which}.",
-            alt=f"Disturbance and estimate over time; they differ at the end by at most {left} over all agents.",
+            alt=f"Disturbance and estimate over time; they differ at the end by at most {left} "
+            "over all agents.",
             draw=lambda ax: runs.in_time(runs.plot_estimates(ax, trajectory), trajectory.times),
         )
 
 
 def _state_picture(problem: Problem, trajectory: Trajectory, c: int) -> Picture:
     several, times, last = problem.m > 1, trajectory.times, trajectory.x[-1, :, c]
-    who = "all agents" if problem.n <= look.MOST_AGENTS else f"{look.MOST_AGENTS} of the {problem.n} agents"
+    who = (
+        "all agents"
+        if problem.n <= look.MOST_AGENTS
+        else f"{look.MOST_AGENTS} of the {problem.n} agents"
+    )
     end, least, most = (number(float(value)) for value in (times[-1], last.min(), last.max()))
     return Picture(
         name=f"states-{c + 1}",
@@ -179,29 +222,43 @@ def _state_picture(problem: Problem, trajectory: Trajectory, c: int) -> Picture:
     )
 
 
-def error_picture(certificate: Certificate, trajectory: Trajectory, worst: Trajectory | None = None) -> Picture:
-    """The error with what is proved about it, bound or slope; beside it that of ``worst``, with a slow signal."""
+def error_picture(
+    certificate: Certificate, trajectory: Trajectory, worst: Trajectory | None = None
+) -> Picture:
+    """The error with what is proved about it, bound or slope; beside it that of ``worst``, with a
+    slow signal."""
     times, error, proved = trajectory.times, trajectory.error(), certificate.envelope(trajectory)
     caption = "Solid: |e|∞, the largest |xᵢ − goal| of all agents in one simulated run."
-    alt = f"Largest error over time: {number(float(error[0]))} at the start, {number(float(error[-1]))} at the end"
+    alt = (
+        f"Largest error over time: {number(float(error[0]))} at the start, "
+        f"{number(float(error[-1]))} at the end"
+    )
     envelope, errors, switches = None, {"|e|∞": error}, trajectory.switches
     if worst is not None and len(worst.times) == len(times):
         switches = worst.switches
         errors = {"|e|∞, drawn signal": error, "|e|∞, slow signal": worst.error()}
         caption = (
-            "Solid: |e|∞, the largest |xᵢ − goal| of all agents, in two simulated runs from one start. Slow signal,"
+            "Solid: |e|∞, the largest |xᵢ − goal| of all agents, in two simulated runs from "
+            "one start. Slow signal,"
         )
-        caption += " modes beneath: of short rounds that keep the guarantee the slowest for the linearised loop."
+        caption += (
+            " modes beneath: of short rounds that keep the guarantee the slowest for the "
+            "linearised loop."
+        )
         alt += f", with the slow signal {number(float(errors['|e|∞, slow signal'][-1]))}"
     if proved.sources:
         bound = proved(times)
         envelope = np.stack([times, bound], axis=1)
-        caption += f" Dashed: certified upper bound for this start ({' and '.join(proved.sources)})."
+        caption += (
+            f" Dashed: certified upper bound for this start ({' and '.join(proved.sources)})."
+        )
         alt += f"; proved to be at most {number(float(bound[-1]))} there"
     elif certificate.rate:
         caption += " Dashed: the slope of the certified rate, for comparison."
 
-    draw = partial(runs.plot_errors, times=times, errors=errors, envelope=envelope, rate=certificate.rate)
+    draw = partial(
+        runs.plot_errors, times=times, errors=errors, envelope=envelope, rate=certificate.rate
+    )
     return Picture(
         name="error",
         title="Largest distance to the goals over time",
@@ -217,7 +274,10 @@ def region_pictures(regions: Regions) -> Iterator[Picture]:
     if not regions.sized:
         return
     claims, asked = regions.claims, regions.asked is not None
-    for_all, ball = any(claim.box for claim in claims), any(claim.kind == "ball" for claim in claims)
+    for_all, ball = (
+        any(claim.box for claim in claims),
+        any(claim.kind == "ball" for claim in claims),
+    )
     bars = (
         "Bars: all agents may be off by this much at once." if for_all else "",
         "Thin lines: one agent alone, the others at their goals." if ball else "",
@@ -228,13 +288,16 @@ def region_pictures(regions: Regions) -> Iterator[Picture]:
         name="region-methods",
         title="How far each proof reaches",
         caption=" ".join(filter(None, bars)),
-        alt="Certified distance from the goals. " + " ".join(f"{_told(claim)}." for claim in claims),
+        alt="Certified distance from the goals. "
+        + " ".join(f"{_told(claim)}." for claim in claims),
         draw=lambda ax: plot_regions(ax, regions),
         height=height_of(regions),
     )
     if regions.agents:
         drawn = len(drawn_agents(regions))
-        sentence = region_words.agents_sentence(regions, drawn=drawn if drawn < len(regions.agents) else None)
+        sentence = region_words.agents_sentence(
+            regions, drawn=drawn if drawn < len(regions.agents) else None
+        )
         yield Picture(
             name="region-agents",
             title="From where each agent may start",
@@ -248,8 +311,12 @@ def region_pictures(regions: Regions) -> Iterator[Picture]:
 def _told(claim: RegionClaim) -> str:
     name = claim.method
     if claim.kind in ("box", "ball"):
-        return f"{name}: {lower(claim.box)} for all agents at once, {lower(claim.ball)} for one alone"
-    return f"{name}: " + {"everywhere": "every start", "near": "no radius"}.get(claim.kind, "nothing proved")
+        return (
+            f"{name}: {lower(claim.box)} for all agents at once, {lower(claim.ball)} for one alone"
+        )
+    return f"{name}: " + {"everywhere": "every start", "near": "no radius"}.get(
+        claim.kind, "nothing proved"
+    )
 
 
 def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
@@ -258,7 +325,8 @@ def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
         yield Picture(
             name="region-envelope",
             title="How fast the error falls, proved",
-            caption="Every start of the box stays below the curve. Marks: another certificate takes over.",
+            caption="Every start of the box stays below the curve. Marks: another certificate "
+            "takes over.",
             alt=region_words.envelope_alt(settling),
             draw=lambda ax: figures.plot_envelope(ax, settling),
             height=3.1,
@@ -270,13 +338,20 @@ def weight_pictures(certificate: Certificate) -> Iterator[Picture]:
     weights, labels = certificate.weights, certificate.problem.network.labels
     if weights:
         sizes = [float(x) for _, each in weights for v in each.v for x in v]
-        caption = "The largest |eᵢ|/vᵢ(t) of all agents grows at most by estimation errors. Where the mode changes"
-        caption += " (dotted: it may) the next weights are larger by at least the factor of the certified rate."
+        caption = (
+            "The largest |eᵢ|/vᵢ(t) of all agents grows at most by estimation errors. Where "
+            "the mode changes"
+        )
+        caption += (
+            " (dotted: it may) the next weights are larger by at least the factor of the "
+            "certified rate."
+        )
         yield Picture(
             name="weights",
             title="Weights of the agents that prove it",
             caption=caption,
-            alt=f"Weights over one round of {len(weights)} phases, from {number(min(sizes))} to {number(max(sizes))}.",
+            alt=f"Weights over one round of {len(weights)} phases, from {number(min(sizes))} "
+            f"to {number(max(sizes))}.",
             draw=lambda ax: plot_weights(ax, weights, labels=labels),
             width=4.8,
         )
@@ -289,14 +364,16 @@ def search_picture(search: Falsification, place: int) -> Picture | None:
     return Picture(
         name=f"search-{place + 1}",
         title="What the search found",
-        caption="Solid: the agents rest there, which is proved. Dashed: simulated runs, which refute nothing.",
+        caption="Solid: the agents rest there, which is proved. Dashed: simulated runs, which "
+        "refute nothing.",
         alt=region_words.search_alt(search),
         draw=lambda ax: figures.plot_search(ax, search),
     )
 
 
 def search_sheet(searches: Sequence[Falsification]) -> Sheet | None:
-    """The searches that found anything side by side, to be shown or saved; None where nothing was found."""
+    """The searches that found anything side by side, to be shown or saved; None where nothing was
+    found."""
     found = [search for search in searches if search.suspects]
     draw = [partial(figures.plot_search, search=search) for search in found]
     return side_by_side(found[0].name, draw, 3.3) if found else None
@@ -318,22 +395,29 @@ def svg_of(picture: Picture) -> Fragment:
 
 
 def _inline(text: str, *, name: str, alt: str) -> str:
-    """Make the SVG file an element of a page: own identifiers, colours as variables, nothing global."""
+    """Make the SVG file an element of a page: own identifiers, colours as variables, nothing
+    global."""
     root = ElementTree.fromstring(text)
     for parent in list(root.iter()):
         for child in list(parent):
-            if _local(child.tag) in ("metadata", "style"):  # a style inside would hold for the whole page
+            # a style inside would hold for the whole page
+            if _local(child.tag) in ("metadata", "style"):
                 parent.remove(child)
         parent.tag = _local(parent.tag)
         parent.attrib = {_local(key): value for key, value in parent.attrib.items()}
-    names: dict[str, str] = {}  # new identifiers for those that something refers to, numbered as they are met
+    # new identifiers for those that something refers to, numbered as they are met
+    names: dict[str, str] = {}
     for element in root.iter():
         for key, value in element.attrib.items():
             for old in [value.removeprefix("#")] if key == "href" else _REFERENCE.findall(value):
                 names.setdefault(old, f"{name}-{len(names) + 1}")
     for element in root.iter():
         known = element.attrib.items()
-        element.attrib = {key: _attribute(key, value, names) for key, value in known if key != "id" or value in names}
+        element.attrib = {
+            key: _attribute(key, value, names)
+            for key, value in known
+            if key != "id" or value in names
+        }
         if element.text is not None and not element.text.strip():
             element.text = None
         element.tail = None
@@ -357,7 +441,9 @@ def _attribute(key: str, value: str, names: dict[str, str]) -> str:
         value = _COLOUR.sub(lambda match: VARIABLES.get(match[0], match[0]), value)
     if key == "d":
         value = " ".join(value.split())
-    return _LONG_DECIMAL.sub(lambda match: f"{float(match.group()):.2f}".rstrip("0").rstrip("."), value)
+    return _LONG_DECIMAL.sub(
+        lambda match: f"{float(match.group()):.2f}".rstrip("0").rstrip("."), value
+    )
 
 
 def _local(name: str) -> str:

@@ -1,6 +1,8 @@
-"""The report of certificates that do not hold: what they say, what is not confirmed, and nothing of the rest.
+"""The report of certificates that do not hold: what they say, what is not confirmed, and nothing of
+the rest.
 
-Nothing that such a certificate states is repeated as a fact: no rate, no bound, no picture of certified starts.
+Nothing that such a certificate states is repeated as a fact: no rate, no bound, no picture of
+certified starts.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ UNCONFIRMED = "not confirmed"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """A certificate with what became of its claims when they were decided again; ``letter``: A or B of two, else ""."""
+    """A certificate with what became of its claims when they were decided again; ``letter``: A or B
+    of two, else ""."""
 
     letter: str
     certificate: Certificate
@@ -48,7 +51,9 @@ def _sentence(side: Checked) -> str:
         return f"{side.name} holds: {claimed}."
     failed = counted(len(side.found.failures), "claim")
     do = "does" if len(side.found.failures) == 1 else "do"
-    return f"{side.name} says {claimed} and is {UNCONFIRMED}: {failed} {do} not hold for this problem."
+    return (
+        f"{side.name} says {claimed} and is {UNCONFIRMED}: {failed} {do} not hold for this problem."
+    )
 
 
 def refusal_document(sides: Sequence[Checked]) -> doc.Document:
@@ -60,7 +65,9 @@ def refusal_document(sides: Sequence[Checked]) -> doc.Document:
         for title, value in checks.fingerprints(each.certificate)
     ]
     return doc.Document(
-        kind="Certificate of consensus that is not confirmed" if len(sides) == 1 else "Certificates of consensus",
+        kind="Certificate of consensus that is not confirmed"
+        if len(sides) == 1
+        else "Certificates of consensus",
         name=names,
         title=f"{names}: {UNCONFIRMED}",
         verdict=doc.Box(mark=MARK, word=UNCONFIRMED.capitalize(), reason=headline(sides)),
@@ -82,5 +89,7 @@ def _sections(side: Checked) -> Iterator[doc.Section]:
 
 def _advice(sides: Sequence[Checked]) -> Iterator[doc.Section]:
     told = "Make the certificate again from the problem that you mean:"
-    commands = tuple(checks.certify_command(each.certificate) for each in sides if not each.found.holds)
+    commands = tuple(
+        checks.certify_command(each.certificate) for each in sides if not each.found.holds
+    )
     yield doc.Section("What to do next", (doc.Text(told), doc.Code(commands, command=True)), "next")

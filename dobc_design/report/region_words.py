@@ -1,6 +1,8 @@
-"""Certified regions, settling times and searches for counterexamples in words and tables, for report and terminal.
+"""Certified regions, settling times and searches for counterexamples in words and tables, for
+report and terminal.
 
-Handed over by whoever has proved or found them; nothing is computed but what a number needs to be shown.
+Handed over by whoever has proved or found them; nothing is computed but what a number needs to be
+shown.
 """
 
 from __future__ import annotations
@@ -29,17 +31,28 @@ MOST_STATES: Final = 6  # agents whose states a sentence tells
 _SEVERAL: Final = 3  # modes that are named
 _FAST: Final = 100  # samples a second from which a certified period is called pessimistic
 WARNING: Final[str] = TEXTS["fixed"]["suspects"]
-_WHAT: Final = {STAYS_AWAY: "does not converge", LEAVES: "leaves the certified set", RESTS: "rests there (proved)"}
+_WHAT: Final = {
+    STAYS_AWAY: "does not converge",
+    LEAVES: "leaves the certified set",
+    RESTS: "rests there (proved)",
+}
 
 
-def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Picture]) -> Iterator[doc.Section]:
-    """From which starts each method proves consensus; nothing where nothing is said about a region."""
+def region_section(
+    problem: Problem, regions: Regions, pictures: Sequence[doc.Picture]
+) -> Iterator[doc.Section]:
+    """From which starts each method proves consensus; nothing where nothing is said about a
+    region."""
     if not regions.tried:
         return
     asked, rest = asked_sentence(regions), rest_sentence(regions)
     norms = TEXTS["fixed"]["norms"].format(size=problem.n * problem.m)
     timing = timing_sentences(regions)
-    told = (doc.Section("Time, communication delay and sampling", (doc.List(timing),)),) if timing else ()
+    told = (
+        (doc.Section("Time, communication delay and sampling", (doc.List(timing),)),)
+        if timing
+        else ()
+    )
     blocks = (
         doc.Text(asked),
         doc.on_pages(doc.Pictures(pictures)),
@@ -55,7 +68,9 @@ def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Pi
 def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
     """One row per method; Markdown has sizes in columns of their own."""
     markdown: tuple[doc.Form, ...] = ("markdown",)
-    settled = "settled after" if regions.tolerance is None else f"|e|∞ ≤ {lower(regions.tolerance)} after"
+    settled = (
+        "settled after" if regions.tolerance is None else f"|e|∞ ≤ {lower(regions.tolerance)} after"
+    )
     covered = {True: "yes", False: "no"} if regions.asked is not None else {}
     return doc.table_of(
         "Certified regions, method by method",
@@ -65,12 +80,17 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
         doc.Column("certified", lambda claim: claim.starts, only=markdown),
         doc.Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box), only=markdown),
         doc.Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball), only=markdown),
-        doc.Column("|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()),
+        doc.Column(
+            "|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()
+        ),
         doc.Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
         doc.Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
         doc.Column("factor", lambda claim: upper(claim.factor), 0.8, style="number"),
         doc.Column(
-            settled, lambda claim: NONE if claim.time is None else f"{upper(claim.time)} s", 0.8, style="number"
+            settled,
+            lambda claim: NONE if claim.time is None else f"{upper(claim.time)} s",
+            0.8,
+            style="number",
         ),
         doc.Column("covers it", lambda claim: covered.get(claim.covers, NONE), 0.7),
         doc.Column("why not further", limit_words, 1.7, style="why", only=doc.READ),
@@ -84,7 +104,9 @@ def starts_words(claim: RegionClaim) -> str:
     if claim.kind == "box":
         return f"box |e|∞ ≤ {lower(claim.box)}{errors}"
     if claim.kind == "ball":
-        return f"ball |e|₂ ≤ {lower(claim.ball)}{errors}; it holds the box |e|∞ ≤ {lower(claim.box)}"
+        return (
+            f"ball |e|₂ ≤ {lower(claim.ball)}{errors}; it holds the box |e|∞ ≤ {lower(claim.box)}"
+        )
     return claim.starts
 
 
@@ -106,16 +128,22 @@ def asked_sentence(regions: Regions) -> str:
     asked = regions.asked
     if asked is None:
         found = any(claim.box for claim in regions.claims)
-        return "No region was asked for" + (": the largest that was found is shown." if found else ".")
-    errors = f" and |εᵢ| ≤ {upper(asked.disturbance)} for every agent i" if asked.disturbance else ""
+        return "No region was asked for" + (
+            ": the largest that was found is shown." if found else "."
+        )
+    errors = (
+        f" and |εᵢ| ≤ {upper(asked.disturbance)} for every agent i" if asked.disturbance else ""
+    )
     text = f"Asked for: every start with |e|∞ ≤ {upper(asked.box)}{errors}."
     return f"{text} A ball covers these only if its radius is at least {upper(asked.ball)}."
 
 
 def timing_sentences(regions: Regions) -> list[str]:
-    """What the proof says about the time it takes, about communication delays and about sampling."""
+    """What the proof says about the time it takes, about communication delays and about
+    sampling."""
     settling, sentences = regions.settling, list[str]()
-    if settling is not None and settling.verdict is not Verdict.PROVED:  # a proved one is told stage by stage
+    # a proved one is told stage by stage
+    if settling is not None and settling.verdict is not Verdict.PROVED:
         sentences.append(sentence(f"Settling: {settling.reason}"))
     for check, words in ((regions.delay, _delay), (regions.sampling, _sampling)):
         if check is not None:
@@ -127,15 +155,23 @@ def timing_sentences(regions: Regions) -> list[str]:
 def _delay(check: Check) -> str:
     late, text = _exact(check, "delay"), str(TEXTS["fixed"]["late"])
     if late and check.rate:
-        text += f" For delays up to {lower(late)} s the error decays at every rate below {lower(check.rate)} 1/s."
+        text += (
+            f" For delays up to {lower(late)} s the error decays at every rate below "
+            f"{lower(check.rate)} 1/s."
+        )
     return text
 
 
 def _sampling(check: Check) -> str:
     period, factor = _exact(check, "period"), _exact(check, "factor")
-    text = f"With couplings and pinning measured and held every {lower(period)} s, the proof still holds"
+    text = (
+        f"With couplings and pinning measured and held every {lower(period)} s, the proof "
+        "still holds"
+    )
     if factor < 1:
-        text += f": the largest weighted error falls by at least {lower(100 * (1 - factor))} % a sample"
+        text += (
+            f": the largest weighted error falls by at least {lower(100 * (1 - factor))} % a sample"
+        )
         disturbed = isinstance(check.domain, Mapping) and check.domain.get("disturbance")
         text += ", up to what the estimation error adds." if disturbed else "."
     if 0 < period * _FAST < 1:
@@ -151,19 +187,30 @@ def rest_sentence(regions: Regions) -> str | None:
     """Where else the agents may come to rest."""
     if regions.rest is None:
         return None
-    return f"There is another equilibrium, at |e|∞ ≈ {regions.rest:.4g}. No proof of consensus can reach it."
+    return (
+        f"There is another equilibrium, at |e|∞ ≈ {regions.rest:.4g}. No proof of consensus "
+        "can reach it."
+    )
 
 
 def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     """What the picture of single agents shows; ``drawn``: how many of them, if not all."""
     bounds = [agent.bound for agent in regions.agents]
     least, most = lower(min(bounds)), lower(max(bounds))
-    text = "By the max-separable certificate each agent may start anywhere in its bar, independently of the others:"
-    text += f" |eᵢ| may be up to {least if least == most else f'{least}, for some agents up to {most}'}."
+    text = (
+        "By the max-separable certificate each agent may start anywhere in its bar, "
+        "independently of the others:"
+    )
+    text += (
+        " |eᵢ| may be up to "
+        f"{least if least == most else f'{least}, for some agents up to {most}'}."
+    )
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
 
-def settling_section(settling: Settling | None, pictures: Sequence[doc.Picture]) -> Iterator[doc.Section]:
+def settling_section(
+    settling: Settling | None, pictures: Sequence[doc.Picture]
+) -> Iterator[doc.Section]:
     """The proved settling time, and what proves it from when on; nothing without one."""
     if settling is None or settling.time is None:
         return
@@ -171,7 +218,12 @@ def settling_section(settling: Settling | None, pictures: Sequence[doc.Picture])
     if len(settling.stages) > 1:
         how = TEXTS["fixed"]["moving_box"]
     pictured = doc.on_pages(doc.Pictures(pictures))
-    blocks = (doc.Text(settling_sentence(settling)), pictured, doc.Text(how), stages_table(settling))
+    blocks = (
+        doc.Text(settling_sentence(settling)),
+        pictured,
+        doc.Text(how),
+        stages_table(settling),
+    )
     yield doc.Section("How fast it is proved to settle", blocks, "settling", "Settling")
 
 
@@ -181,21 +233,32 @@ def stages_table(settling: Settling) -> doc.Table:
         "What proves the settling time",
         settling.stages,
         doc.Column("proof", lambda stage: stage.kind),
-        doc.Column("from t =", lambda stage: f"{upper(float_above(stage.start))} s", style="number"),
+        doc.Column(
+            "from t =", lambda stage: f"{upper(float_above(stage.start))} s", style="number"
+        ),
         doc.Column("where |e|∞ ≤", lambda stage: upper(float_above(stage.bound)), style="number"),
         doc.Column(
-            "rate in 1/s", lambda stage: NONE if stage.rate is None else lower(float_below(stage.rate)), style="number"
+            "rate in 1/s",
+            lambda stage: NONE if stage.rate is None else lower(float_below(stage.rate)),
+            style="number",
         ),
     )
 
 
 def settling_sentence(settling: Settling) -> str:
     """The whole claim; a time is never shown shorter than it is, nor the box of starts larger."""
-    errors = f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i" if settling.disturbance else ""
-    starts = f"rom every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
+    errors = (
+        f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i" if settling.disturbance else ""
+    )
+    starts = (
+        f"rom every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
+    )
     text = f"F{starts}" if settling.guarantee is None else f"For {settling.guarantee}, f{starts}"
-    text += f" {upper(float_above(settling.tolerance))} for all t ≥ {upper(settling.time or 0.0)} s,"
-    return text + f" {'by one certificate' if len(settling.stages) == 1 else 'by a moving box and a certificate'}."
+    text += (
+        f" {upper(float_above(settling.tolerance))} for all t ≥ {upper(settling.time or 0.0)} s,"
+    )
+    alone = len(settling.stages) == 1
+    return f"{text} {'by one certificate' if alone else 'by a moving box and a certificate'}."
 
 
 def envelope_alt(settling: Settling) -> str:
@@ -207,7 +270,8 @@ def envelope_alt(settling: Settling) -> str:
 def search_sections(
     searches: Sequence[Falsification], pictures: Sequence[doc.Picture | None] = ()
 ) -> tuple[doc.Section, ...]:
-    """One section for each search: what was tried and found, what is proved, the worst suspects, a warning, notes."""
+    """One section for each search: what was tried and found, what is proved, the worst suspects, a
+    warning, notes."""
     sections = []
     for search, picture in zip_longest(searches, pictures):
         proved, suspects = equilibrium_sentences(search), suspects_table(search)
@@ -229,7 +293,8 @@ def _tried(search: Falsification) -> str:
     where = search.target.replace("|e|_inf", "|e|∞").replace("<=", "≤")
     return (
         f"{search.tried} starts from {where} were simulated for {number(search.horizon)} s (seed"
-        f" {search.seed}): corners, edges, random ones, and the worst of them, moved along the gradient."
+        f" {search.seed}): corners, edges, random ones, and the worst of them, moved along "
+        "the gradient."
     )
 
 
@@ -259,11 +324,16 @@ def equilibrium_sentences(search: Falsification) -> list[str]:
         if resting is not None:
             shown = [", ".join(map(number, row)) for row in resting.start[:MOST_STATES].tolist()]
             place = f", x = ({'; '.join(shown)}{', …' if len(resting.start) > MOST_STATES else ''})"
-        told.append(f"Proved: in mode {claim.mode} the agents may also rest at |e|∞ ≈ {number(size)}{place}.")
+        told.append(
+            f"Proved: in mode {claim.mode} the agents may also rest at |e|∞ ≈ "
+            f"{number(size)}{place}."
+        )
     if told:
         told.append("No proof of consensus can include it, and none in this certificate does.")
         if search.check is not None:
-            told.append("The region asked for contains such an equilibrium and is therefore refuted.")
+            told.append(
+                "The region asked for contains such an equilibrium and is therefore refuted."
+            )
     return told
 
 
@@ -275,7 +345,8 @@ def suspects_table(search: Falsification) -> doc.Table:
         doc.Column("what", lambda each: _WHAT[each.kind]),
         doc.Column("|e|∞ at the start", lambda each: number(float(each.error[0]))),
         doc.Column(
-            "|e|∞ at the end", lambda each: "unbounded" if math.isinf(each.final_error) else number(each.final_error)
+            "|e|∞ at the end",
+            lambda each: "unbounded" if math.isinf(each.final_error) else number(each.final_error),
         ),
         doc.Column("after", lambda each: f"{number(float(each.times[-1]))} s"),
         doc.Column("farthest from the target", lambda each: names_in_words(list(each.labels), 6)),

@@ -1,4 +1,5 @@
-"""The sentences of the report: what a verdict says and what it does not, the network and the pins, numbers."""
+"""The sentences of the report: what a verdict says and what it does not, the network and the pins,
+numbers."""
 
 from __future__ import annotations
 
@@ -35,8 +36,10 @@ from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
 NO_DELAY = (
-    "No delay is certified: for agents with [dynamics] only some max-separable proofs state one. `dobc stress FILE` "
-    "looks for the longest sampling period at which runs converge (all readings, also of oneself, are then up to a "
+    "No delay is certified: for agents with [dynamics] only some max-separable proofs "
+    "state one. `dobc stress FILE` "
+    "looks for the longest sampling period at which runs converge (all readings, also of "
+    "oneself, are then up to a "
     "period old); `dobc stress FILE --period 0.03` makes one run."
 )
 NO_DELAY_OF_LEADERS = (
@@ -50,7 +53,8 @@ MOST_EIGENVALUES = 8
 GIVEN, FOUND = "the P given", "the P found"
 _TEXT = (files("dobc_design.report") / "templates" / "texts.toml").read_text("utf-8")
 TEXTS: Final[dict[str, Any]] = tomllib.loads(_TEXT)
-#: Letters and signs as certificates write them.  Lambda and Psi may be labels, too: only where mathematics follows.
+#: Letters and signs as certificates write them.  Lambda and Psi may be labels, too: only where
+#: mathematics follows.
 _SIGNS = tuple(
     (re.compile(pattern), sign)
     for pattern, sign in (
@@ -82,7 +86,10 @@ def domain_words(domain: Domain) -> str:
     """Where a check holds, in a few words."""
     if isinstance(domain, Mapping):
         disturbance = domain.get("disturbance")
-        text = f"starts with {'|e|∞' if domain.get('kind') == 'box' else '|e|₂'} ≤ {_number(domain.get('radius'))}"
+        text = (
+            f"starts with {'|e|∞' if domain.get('kind') == 'box' else '|e|₂'} ≤ "
+            f"{_number(domain.get('radius'))}"
+        )
         return text if disturbance is None else f"{text} and every |εᵢ| ≤ {_number(disturbance)}"
     return {"global": "every start", "consensus": "near the target"}.get(domain, domain)
 
@@ -122,7 +129,8 @@ def one_percent_words(certificate: Certificate) -> str:
 
 
 def seconds(time: float) -> str:
-    """A certified time as the verdict states it, rounded up to three digits; an en dash where there is none."""
+    """A certified time as the verdict states it, rounded up to three digits; an en dash where there
+    is none."""
     return f"{typeset(significant_away_from_zero(time, 3))} s" if math.isfinite(time) else "–"
 
 
@@ -132,11 +140,16 @@ def number(value: float | None) -> str:
 
 
 def _number(value: object) -> str:
-    return typeset(significant_towards_zero(value)) if isinstance(value, (int, float, Fraction)) else "?"
+    return (
+        typeset(significant_towards_zero(value))
+        if isinstance(value, (int, float, Fraction))
+        else "?"
+    )
 
 
 def rational(value: object) -> Fraction | None:
-    """The number that a certificate holds as text; None for anything else, since certificates come from files."""
+    """The number that a certificate holds as text; None for anything else, since certificates come
+    from files."""
     try:
         return read_rational(value)
     except ValueError:
@@ -154,7 +167,9 @@ def observer_blocks(certificate: Certificate) -> dict[str, Matrix]:
     found: dict[str, Matrix] = {}
     for name, rows in _of_theorems(certificate, "S"):
         try:
-            found.setdefault(name, matrix([[read_rational(entry) for entry in row] for row in rows]))
+            found.setdefault(
+                name, matrix([[read_rational(entry) for entry in row] for row in rows])
+            )
         except (TypeError, ValueError):
             continue
     return found
@@ -189,7 +204,8 @@ def shortened(text: str, longest: int = 1200) -> str:
 
 
 def sentence(text: str) -> str:
-    """A reason of a certificate, which is ASCII, as people write it: capital, minus signs, Greek letters, indices."""
+    """A reason of a certificate, which is ASCII, as people write it: capital, minus signs, Greek
+    letters, indices."""
     for pattern, sign in _SIGNS:
         text = pattern.sub(sign, text)
     return capitalize_first(text)
@@ -203,14 +219,22 @@ def capitalize_first(text: str) -> str:
 def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
     """What the overall verdict says, and what it does not."""
     checks = certificate.checks
-    safe = [each.reason for each in checks if each.id == "safety" and each.verdict is Verdict.PROVED]
+    safe = [
+        each.reason for each in checks if each.id == "safety" and each.verdict is Verdict.PROVED
+    ]
     if certificate.verdict is Verdict.PROVED:
         yes, no = _proved(certificate)
         return [*yes, *map(capitalize_first, safe)], no
-    counts = {"proved": sum(check.verdict is Verdict.PROVED for check in checks), "all": len(checks)}
+    counts = {
+        "proved": sum(check.verdict is Verdict.PROVED for check in checks),
+        "all": len(checks),
+    }
     yes, no = (list(TEXTS[certificate.verdict.value][part]) for part in ("says", "says_not"))
     yes = [text.format(**counts) for text in yes]
-    return [*yes, *map(capitalize_first, safe)], [*no, _about_the_model(certificate.problem, TEXTS["fixed"]["ideal"])]
+    return [*yes, *map(capitalize_first, safe)], [
+        *no,
+        _about_the_model(certificate.problem, TEXTS["fixed"]["ideal"]),
+    ]
 
 
 def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
@@ -227,54 +251,90 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
     if domain == "consensus":
         no = [TEXTS["fixed"]["local"]]
     if problem.groups and not final:
-        yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
+        yes.append(
+            "The estimates converge to the true disturbances, wherever observer and "
+            "disturbance start."
+        )
     if certificate.covered_by in ("schedule", "markov", "safety"):
         yes += [f"It holds {signals_in_words(problem, each)}." for each in _covering(certificate)]
         no += ["It says nothing about other signals."] if certificate.covered_by != "safety" else []
     elif len(problem.network.modes) > 1:
-        yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V holds for all modes.")
+        yes.append(
+            "The modes may switch at any times and in any order, arbitrarily fast: one V "
+            "holds for all modes."
+        )
     if certificate.rate:
         rate = _number(certificate.rate)
         bound = f"The errors decay at least like exp(−{rate} t), t in seconds"
         if certificate.factor is not None:
             beside = " plus what the estimation error adds" if problem.groups else ""
             bound = (
-                f"The errors stay below {factor_words(certificate.factor)} |e(0)| exp(−{rate} t){beside}, t in seconds"
+                f"The errors stay below {factor_words(certificate.factor)} |e(0)| exp(−{rate} "
+                f"t){beside}, t in seconds"
             )
             bound += f": one percent after {one_percent_words(certificate)}"
         yes.append(f"{bound}. The real decay may be faster.")
-    proved = [each for each in certificate.checks if each.kind.role == "timing" and each.verdict is Verdict.PROVED]
+    proved = [
+        each
+        for each in certificate.checks
+        if each.kind.role == "timing" and each.verdict is Verdict.PROVED
+    ]
     messages = TEXTS["fixed"]["timed" if len(proved) == len(ids_of("timing")) else "ideal"]
     return yes, [*no, _about_the_model(problem, messages)]
 
 
 def deployment_words(certificate: Certificate) -> str:
     """How fast the code has to be, as far as that is proved, and where the code is."""
-    exact = {each.id: each.exact or {} for each in certificate.checks if each.verdict is Verdict.PROVED}
-    late, held = (rational(exact.get(id, {}).get(key)) for id, key in (("delay", "delay"), ("sampling", "period")))
+    exact = {
+        each.id: each.exact or {} for each in certificate.checks if each.verdict is Verdict.PROVED
+    }
+    late, held = (
+        rational(exact.get(id, {}).get(key))
+        for id, key in (("delay", "delay"), ("sampling", "period"))
+    )
     allowed = [f"communication delays of up to {_number(late)} s"] if late else []
-    allowed += [f"couplings and pins that are held for up to {_number(held)} s between samples"] if held else []
+    allowed += (
+        [f"couplings and pins that are held for up to {_number(held)} s between samples"]
+        if held
+        else []
+    )
     covered = f"The proof allows {' or '.join(allowed)}. " if allowed else ""
     if certificate.problem.dynamics is not None:
         return f"{covered}dobc_design.to_control gives the loop to python-control."
-    return f"{covered}Use dobc export to write the controller of an agent in C, as an FMU or for python-control."
+    return (
+        f"{covered}Use dobc export to write the controller of an agent in C, as an FMU or for "
+        "python-control."
+    )
 
 
 def _norms(domain: Mapping[str, Any]) -> str:
     """What the norms of a domain measure."""
     box = domain.get("kind") == "box"
     what = (
-        "|e|∞ is the largest distance of an agent from its goal" if box else "|e|₂² is the sum of all squared distances"
+        "|e|∞ is the largest distance of an agent from its goal"
+        if box
+        else "|e|₂² is the sum of all squared distances"
     )
-    return what + (" and |εᵢ| the error of its disturbance estimate" if domain.get("disturbance") is not None else "")
+    return what + (
+        " and |εᵢ| the error of its disturbance estimate"
+        if domain.get("disturbance") is not None
+        else ""
+    )
 
 
 def _about_the_model(problem: Problem, messages: str) -> str:
     disturbances = "one (A, C) for all agents, " if problem.groups else ""
     disturbances = "one (A, C) for each group of agents, " if problem.is_grouped else disturbances
     disturbances += "none for the others, " if problem.undisturbed else ""
-    agents = "single integrators" if problem.dynamics is None else "agents with the dynamics given, the same for all"
-    text = f"It is about the model as given: {agents}, {disturbances}{messages}. Whether the model fits the"
+    agents = (
+        "single integrators"
+        if problem.dynamics is None
+        else "agents with the dynamics given, the same for all"
+    )
+    text = (
+        f"It is about the model as given: {agents}, {disturbances}{messages}. Whether the "
+        "model fits the"
+    )
     return text + " plant is not decided here."
 
 
@@ -282,7 +342,11 @@ def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     """What is assumed, and what the proof leaves open that people look for."""
     notes = certificate.claims.notes
     proved = certificate.verdict is Verdict.PROVED
-    if not proved or certificate.problem.dynamics is None or any(each.id == "delay" for each in certificate.checks):
+    if (
+        not proved
+        or certificate.problem.dynamics is None
+        or any(each.id == "delay" for each in certificate.checks)
+    ):
         return notes
     return (*notes, NO_DELAY if certificate.problem.leader is None else NO_DELAY_OF_LEADERS)
 
@@ -291,7 +355,12 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
     """What acts on the agents and what was designed against it, numbers in decimals."""
     problem, W = certificate.problem, certificate.claims.W
     facts = [
-        (f"Disturbance of {names_in_words(group.agents, 4)}" if problem.is_grouped else "Disturbance", told)
+        (
+            f"Disturbance of {names_in_words(group.agents, 4)}"
+            if problem.is_grouped
+            else "Disturbance",
+            told,
+        )
         for group in problem.groups[:MOST_MODES]
         for told in [disturbance_words(problem, group)]
     ]
@@ -306,23 +375,36 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
         facts.append(("Starts asked for", _starts(problem.region)))
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
         rows = ["; ".join(decimal(x) for x in row) for row in W]
-        facts.append(("Observer gain W", f"({', '.join(rows)})′, {certificate.claims.gain_source or 'given'}"))
+        facts.append(
+            (
+                "Observer gain W",
+                f"({', '.join(rows)})′, {certificate.claims.gain_source or 'given'}",
+            )
+        )
     facts.append(("Pinning gains", _pins(problem)))
     facts += [("Time scales", times)] if (times := time_words(problem)) else []
     return facts
 
 
 def dynamics_words(problem: Problem) -> list[str]:
-    """What agents with [dynamics] are; the constant inputs that hold their goals, where these are not 0."""
+    """What agents with [dynamics] are; the constant inputs that hold their goals, where these are
+    not 0."""
     own = problem.dynamics
     if own is None:
         return []
-    rows = [[decimal_text(x) for x in problem.input_at(problem.goal_of(i))] for i in range(problem.n)]
+    rows = [
+        [decimal_text(x) for x in problem.input_at(problem.goal_of(i))] for i in range(problem.n)
+    ]
     by_input: dict[str, list[str]] = {}
     for agent, row in enumerate(rows):
         by_input.setdefault(f"({', '.join(row)})", []).append(problem.network.labels[agent])
-    told = [f"{u0} on {names_in_words(names, 4)}" for u0, names in list(by_input.items())[:MOST_MODES]]
-    what = f"x′ = {'Aₓ x' if own.f is None else 'f(x)'} + B (couplings + u + d), {counted(own.inputs, 'input')} each"
+    told = [
+        f"{u0} on {names_in_words(names, 4)}" for u0, names in list(by_input.items())[:MOST_MODES]
+    ]
+    what = (
+        f"x′ = {'Aₓ x' if own.f is None else 'f(x)'} + B (couplings + u + d), "
+        f"{counted(own.inputs, 'input')} each"
+    )
     if not any(x != "0" for row in rows for x in row):
         return [what]
     return [f"{what}; constant inputs u⁰ that hold the goals: {'; '.join(told)}"]
@@ -332,7 +414,9 @@ def _starts(region: Region) -> str:
     pairs = [f"[{decimal(lo)}, {decimal(hi)}]" for lo, hi in region.initial_states]
     inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
     errors = region.initial_disturbance
-    return f"every state in {inside}" + ("" if errors is None else f", every estimation error up to {decimal(errors)}")
+    return f"every state in {inside}" + (
+        "" if errors is None else f", every estimation error up to {decimal(errors)}"
+    )
 
 
 def _pins(problem: Problem) -> str:
@@ -341,30 +425,47 @@ def _pins(problem: Problem) -> str:
     for agent, gain in problem.pinning.gains.items():
         by_gain.setdefault(_gain(gain), []).append(problem.network.labels[agent])
     unit = "" if problem.dynamics is not None else " 1/s"
-    shown = [f"{gain}{unit} on {names_in_words(names, 6)}" for gain, names in list(by_gain.items())[:MOST_MODES]]
+    shown = [
+        f"{gain}{unit} on {names_in_words(names, 6)}"
+        for gain, names in list(by_gain.items())[:MOST_MODES]
+    ]
     return "; ".join(shown) + ("; …" if len(by_gain) > MOST_MODES else "") or "nobody is pinned"
 
 
 def decimal(value: Fraction) -> str:
-    """A number of the problem or of the design, rounded to five digits; the files hold it exactly."""
+    """A number of the problem or of the design, rounded to five digits; the files hold it
+    exactly."""
     return typeset(significant(value, 5))
 
 
 def agents_table(problem: Problem) -> doc.Table | None:
-    """One row per agent: its gain, goal, and whom it hears in each listed mode; None for networks too large to list."""
+    """One row per agent: its gain, goal, and whom it hears in each listed mode; None for networks
+    too large to list."""
     if problem.n > MOST_LISTED:
         return None
     labels, gains = problem.network.labels, problem.pinning.gains
-    heard = [(name, _heard(arcs, labels)) for name, arcs in list(problem.network.modes.items())[:MOST_MODES]]
+    heard = [
+        (name, _heard(arcs, labels))
+        for name, arcs in list(problem.network.modes.items())[:MOST_MODES]
+    ]
     return doc.table_of(
         f"Gain k of the pins{', goals' if problem.offsets else ''}, and whom each agent listens to",
         range(problem.n),
         doc.Column("agent", lambda i: labels[i], 1.2),
         doc.Column(
-            "k in 1/s" if problem.dynamics is None else "K", lambda i: _gain(gains[i]) if i in gains else "–", 0.8
+            "k in 1/s" if problem.dynamics is None else "K",
+            lambda i: _gain(gains[i]) if i in gains else "–",
+            0.8,
         ),
-        doc.Column("goal", lambda i: _goal(problem, i), only=doc.EVERY if problem.offsets else ("markdown",)),
-        *(doc.Column(f"listens to in {name}", lambda i, each=each: each[i], 2) for name, each in heard),  # type: ignore[misc]
+        doc.Column(
+            "goal",
+            lambda i: _goal(problem, i),
+            only=doc.EVERY if problem.offsets else ("markdown",),
+        ),
+        *(
+            doc.Column(f"listens to in {name}", lambda i, each=each: each[i], 2)
+            for name, each in heard
+        ),  # type: ignore[misc]
     )
 
 
@@ -372,10 +473,14 @@ def _heard(arcs: Arcs, labels: Sequence[str]) -> list[str]:
     """Whom each agent listens to, with what weight."""
     heard: list[list[tuple[int, str]]] = [[] for _ in labels]
     for listener, speaker, weight in arcs:
-        heard[listener].append((speaker, labels[speaker] + ("" if weight == 1 else f" ({number_text(weight)}×)")))
+        heard[listener].append(
+            (speaker, labels[speaker] + ("" if weight == 1 else f" ({number_text(weight)}×)"))
+        )
     named = [[name for _, name in sorted(own)] for own in heard]
     more = [f" and {len(own) - MOST_NAMES} more" if len(own) > MOST_NAMES else "" for own in named]
-    return [(", ".join(own[:MOST_NAMES]) + rest) or "–" for own, rest in zip(named, more, strict=True)]
+    return [
+        (", ".join(own[:MOST_NAMES]) + rest) or "–" for own, rest in zip(named, more, strict=True)
+    ]
 
 
 def _gain(gain: Matrix) -> str:
@@ -394,10 +499,14 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
     weights = {(listener, speaker): weight for listener, speaker, weight in arcs}
     if not weights:
         return "nobody listens to anybody."
-    count = counted(len(weights), "arc") + ("" if set(weights.values()) == {1} else ", with weights")
+    count = counted(len(weights), "arc") + (
+        "" if set(weights.values()) == {1} else ", with weights"
+    )
     steps = common_offsets(weights, problem.n)
     if steps is not None and problem.n > 2 and len(steps) <= 4 and len(steps) < problem.n - 1:
-        whom = names_in_words([f"i + {s}" if 2 * s <= problem.n else f"i − {problem.n - s}" for s in steps])
+        whom = names_in_words(
+            [f"i + {s}" if 2 * s <= problem.n else f"i − {problem.n - s}" for s in steps]
+        )
         return f"{count}; every agent i listens to {whom}, counted around a circle of {problem.n}."
     if all((j, i) in weights for i, j in weights):
         alike = all(weights[i, j] == weights[j, i] for i, j in weights) and not problem.exceptions
@@ -406,7 +515,8 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
 
 
 def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
-    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None."""
+    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else
+    None."""
     known = list(pairs)
     steps = {(speaker - listener) % n for listener, speaker in known}
     return tuple(sorted(steps)) if known and len(known) == n * len(steps) else None
@@ -418,7 +528,11 @@ def problem_words(problem: Problem) -> str:
     if problem.region is not None:
         told.append(f"The proof has to cover all starts with {_starts(problem.region)}.")
     if problem.switching is not None:
-        allowed = "are about the arcs of the modes" if problem.switching.signal == "mobile" else "allow any signal"
+        allowed = (
+            "are about the arcs of the modes"
+            if problem.switching.signal == "mobile"
+            else "allow any signal"
+        )
         run = "stays in one mode"
         if problem.switching.is_guaranteed:
             allowed = f"{allowed}, except those that say for which signals they hold"
@@ -443,10 +557,18 @@ def size_sentence(problem: Problem) -> str:
         kinds = f", of {len(problem.groups)} kinds" if len(problem.groups) > 1 else ""
         disturbance = f"a disturbance on {whom}{kinds}"
     elif problem.groups:
-        disturbance = f"a disturbance on every agent, generated by {counted(problem.q, 'exosystem state')}"
-    topology = "one fixed topology" if modes == 1 else f"{modes} modes between which the topology switches"
+        disturbance = (
+            f"a disturbance on every agent, generated by {counted(problem.q, 'exosystem state')}"
+        )
+    topology = (
+        "one fixed topology" if modes == 1 else f"{modes} modes between which the topology switches"
+    )
     size = f"{counted(problem.n, 'agent')}; {counted(problem.m, 'state component')} each"
-    size += "" if problem.dynamics is None else f", {counted(problem.inputs, 'input')} and dynamics of their own"
+    size += (
+        ""
+        if problem.dynamics is None
+        else f", {counted(problem.inputs, 'input')} and dynamics of their own"
+    )
     return f"{size}; {topology}; {disturbance}."
 
 
@@ -458,7 +580,10 @@ def pin_sentence(problem: Problem) -> str:
     if len(pinned) == problem.n:
         return "Every agent is pinned." if problem.n > 1 else "The agent is pinned."
     names = names_in_words([problem.network.labels[i] for i in pinned])
-    return f"{len(pinned)} of {problem.n} agents {'is' if len(pinned) == 1 else 'are'} pinned: {names}."
+    return (
+        f"{len(pinned)} of {problem.n} agents {'is' if len(pinned) == 1 else 'are'} pinned: "
+        f"{names}."
+    )
 
 
 def group_sentences(problem: Problem) -> list[str]:
@@ -485,7 +610,11 @@ def exception_sentences(problem: Problem) -> list[str]:
 
 
 def _first(rows: list[str]) -> list[str]:
-    return rows if len(rows) <= MOST_NAMES else [*rows[:MOST_NAMES], f"and {len(rows) - MOST_NAMES} more"]
+    return (
+        rows
+        if len(rows) <= MOST_NAMES
+        else [*rows[:MOST_NAMES], f"and {len(rows) - MOST_NAMES} more"]
+    )
 
 
 def unreached_agents(certificate: Certificate, mode: str) -> set[int]:
@@ -493,7 +622,9 @@ def unreached_agents(certificate: Certificate, mode: str) -> set[int]:
     for check in certificate.checks:
         if check.id == "reachability" and check.mode == mode and check.verdict is Verdict.REFUTED:
             named = set(check.witness.labels or ()) if check.witness is not None else set()
-            return {i for i, label in enumerate(certificate.problem.network.labels) if label in named}
+            return {
+                i for i, label in enumerate(certificate.problem.network.labels) if label in named
+            }
     return set()
 
 
@@ -501,15 +632,27 @@ def names_in_words(names: Sequence[str], most: int = MOST_NAMES) -> str:
     """List names: "1", "1 and 6", "1, 2, 3 and 40 more"."""
     if len(names) > most:
         return f"{', '.join(names[:most])} and {len(names) - most} more"
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else "nobody"
+    return (
+        names[0]
+        if len(names) == 1
+        else f"{', '.join(names[:-1])} and {names[-1]}"
+        if names
+        else "nobody"
+    )
 
 
 def target_words(problem: Problem) -> str:
     """The target, a vector or a leader."""
-    return typeset(leader_words(problem)).replace(" x [", " × [").replace("s'", "s′") or vector_text(problem.target)
+    return typeset(leader_words(problem)).replace(" x [", " × [").replace(
+        "s'", "s′"
+    ) or vector_text(problem.target)
 
 
 def vector_text(vector: Vector) -> str:
     """A vector as text."""
     entries = [decimal_text(x) for x in vector[:MOST_NAMES]]
-    return entries[0] if len(vector) == 1 else f"({', '.join(entries)}{', …' if len(vector) > MOST_NAMES else ''})"
+    return (
+        entries[0]
+        if len(vector) == 1
+        else f"({', '.join(entries)}{', …' if len(vector) > MOST_NAMES else ''})"
+    )

@@ -1,4 +1,5 @@
-"""Reports, comparisons and figures of certificates.  What they show is computed here; the report computes nothing."""
+"""Reports, comparisons and figures of certificates.  What they show is computed here; the report
+computes nothing."""
 
 from __future__ import annotations
 
@@ -40,10 +41,11 @@ def write_report(
     latex: bool = False,
     progress: Reports[str] = None,
 ) -> Path:
-    """Write report.html and report.md into ``folder`` and return the path of the page; see ``render_report``.
+    """Write report.html and report.md into ``folder`` and return the path of the page; see
+    ``render_report``.
 
-    ``searches``: what ``search_certificate`` found.  ``pdf``: report.pdf too, which needs the extra `pdf`.
-    ``latex``: the folder latex too, with fragments for a paper and a BibTeX file.
+    ``searches``: what ``search_certificate`` found.  ``pdf``: report.pdf too, which needs the extra
+    `pdf`. ``latex``: the folder latex too, with fragments for a paper and a BibTeX file.
     ``progress``: as in ``certify``.
     Raises: CertificateError when the machine refuses, SpecError without the extra.
     """
@@ -65,9 +67,10 @@ def render_report(
     kernel: str = "",
     progress: Reports[str] = None,
 ) -> dict[str, bytes]:
-    """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  ``full``: details are open on
-    the page and printed in the PDF.  ``kernel``: what Coq says of proof.v, where it was asked.  Diagnostics and one
-    simulation are computed here and handed to the report, which computes nothing."""
+    """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  ``full``:
+    details are open on the page and printed in the PDF.  ``kernel``: what Coq says of proof.v,
+    where it was asked.  Diagnostics and one simulation are computed here and handed to the report,
+    which computes nothing."""
     from dobc_design.report.content import report_document
     from dobc_design.report.pdf import require_typst
 
@@ -85,15 +88,21 @@ def render_report(
         from dobc_design.simulation.worst import worst_signal
 
         say("computing diagnostics")
-        with suppress(SpecError):  # beyond the floats, or too long for the integrator: no reason for no report
+        # beyond the floats, or too long for the integrator: no reason for no report
+        with suppress(SpecError):
             analysis = run_analysis(problem, gain=gain)
             if (not problem.groups or gain is not None) and out_of_time() is None:
                 say("simulating")
-                own = signal_of(problem)[0] if phases_of(problem) else None  # without a guarantee the first mode
+                # without a guarantee the first mode
+                own = signal_of(problem)[0] if phases_of(problem) else None
                 run = run_once(make_setting(problem, gain=gain, signal=own))
                 trajectory = replace(run, loop_sha256=fingerprint(problem, gain))
                 slow = worst_signal(problem)
-                worst = None if slow is None else run_once(make_setting(problem, gain=gain, signal=slow))
+                worst = (
+                    None
+                    if slow is None
+                    else run_once(make_setting(problem, gain=gain, signal=slow))
+                )
     say("writing the report")
     document = report_document(
         certificate,
@@ -121,10 +130,11 @@ def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> d
 def write_comparison(
     first: Certificate, second: Certificate, folder: str | PathLike[str], *, pdf: bool = False
 ) -> Path:
-    """Write two certificates side by side, comparison.html and comparison.md, into ``folder``; return the page's path.
+    """Write two certificates side by side, comparison.html and comparison.md, into ``folder``;
+    return the page's path.
 
-    ``first`` and ``second``: their verdicts, checks, rates, certified starts, and what differs between the problems.
-    ``pdf``: comparison.pdf too, which needs the extra `pdf`.
+    ``first`` and ``second``: their verdicts, checks, rates, certified starts, and what differs
+    between the problems. ``pdf``: comparison.pdf too, which needs the extra `pdf`.
     Raises: CertificateError when the machine refuses, SpecError without the extra.
     """
     pages = render_comparison(first, second, pdf=pdf)
@@ -133,26 +143,33 @@ def write_comparison(
     return target / next(iter(pages))
 
 
-def render_comparison(first: Certificate, second: Certificate, *, pdf: bool = False) -> dict[str, bytes]:
-    """The bytes of comparison.html and comparison.md by name, and with ``pdf`` of comparison.pdf."""
+def render_comparison(
+    first: Certificate, second: Certificate, *, pdf: bool = False
+) -> dict[str, bytes]:
+    """The bytes of comparison.html and comparison.md by name, and with ``pdf`` of
+    comparison.pdf."""
     from dobc_design.report.comparison import comparison_document
 
     return _pages(comparison_document(first, second), "comparison", pdf=pdf)
 
 
 def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> dict[str, bytes]:
-    """The pages of certificates of which at least one does not hold, under the names of their report or comparison."""
+    """The pages of certificates of which at least one does not hold, under the names of their
+    report or comparison."""
     from dobc_design.report.refusal import refusal_document
 
     return _pages(refusal_document(sides), "report" if len(sides) == 1 else "comparison", pdf=pdf)
 
 
 def render_latex(certificate: Certificate) -> dict[str, bytes]:
-    """The bytes of the report's LaTeX fragments by name, with references.bib and a main.tex that inputs them all."""
+    """The bytes of the report's LaTeX fragments by name, with references.bib and a main.tex that
+    inputs them all."""
     from dobc_design.report.content import report_document
     from dobc_design.report.latex import latex_fragments
 
-    document = report_document(certificate, lambdas=_shown_lambdas(as_integrators(certificate.problem)))
+    document = report_document(
+        certificate, lambdas=_shown_lambdas(as_integrators(certificate.problem))
+    )
     return latex_fragments(document, certificate.claims.version)
 
 
@@ -160,4 +177,6 @@ def _shown_lambdas(problem: Problem) -> dict[str, Matrix]:
     """Lambda at the target by mode, where it is small enough to be printed."""
     if problem.n * problem.m > SHOWN:
         return {}
-    return {mode: pencil.constant.to_dense() for mode, pencil in state_theorems(problem).lambdas.items()}
+    return {
+        mode: pencil.constant.to_dense() for mode, pencil in state_theorems(problem).lambdas.items()
+    }

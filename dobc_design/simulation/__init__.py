@@ -1,1 +1,2 @@
-"""Trajectories of the closed loop in floating point.  They illustrate; a trajectory never proves or refutes."""
+"""Trajectories of the closed loop in floating point.  They illustrate; a trajectory never proves or
+refutes."""

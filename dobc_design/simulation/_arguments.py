@@ -41,7 +41,8 @@ def whole(value: Any, name: str, *, least: int) -> int:
 
 
 def finite_array(value: Any, name: str, *, shape: tuple[int, ...], because: str) -> Array:
-    """Return ``value`` as a new finite float array of this shape.  Raises: ShapeError, SpecError naming the entry."""
+    """Return ``value`` as a new finite float array of this shape.  Raises: ShapeError, SpecError
+    naming the entry."""
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -53,7 +54,9 @@ def finite_array(value: Any, name: str, *, shape: tuple[int, ...], because: str)
     for place in np.argwhere(~np.isfinite(array)).tolist():
         names = ("row", "column") if len(place) > 1 else ("entry",)
         where = ", ".join(f"{what} {i + 1}" for what, i in zip(names, place, strict=False))
-        raise wrong(name, f"must be finite; {where} is {array[tuple(place)]}.", "Correct that entry.")
+        raise wrong(
+            name, f"must be finite; {where} is {array[tuple(place)]}.", "Correct that entry."
+        )
     return array
 
 

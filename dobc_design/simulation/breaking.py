@@ -1,7 +1,9 @@
-"""What breaks first: every stress grows until the loop no longer converges; and the longest period that still works.
+"""What breaks first: every stress grows until the loop no longer converges; and the longest period
+that still works.
 
-A run converges here if the largest error of the agents that work, over the last tenth of the horizon, is at most
-``tolerance`` times the error at the start.  One seed and one start: an observation, never a proof.
+A run converges here if the largest error of the agents that work, over the last tenth of the
+horizon, is at most ``tolerance`` times the error at the start.  One seed and one start: an
+observation, never a proof.
 """
 
 from __future__ import annotations
@@ -50,10 +52,11 @@ COARSE = 1e-6  # relative tolerance of the integrator: errors of ten percent are
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sweep:
-    """One option, from mild to severe, up to the first severity at which the loop no longer converges.  Shapes:
-    severity (S,) in ``unit``, relative (S,) in multiples of what is natural (see ``what_breaks_first``), late (S,), the
-    late error over the one at the start, inf where the run diverged.  ``survives`` and ``breaks``: the last severity
-    that converged and the first that did not, or None."""
+    """One option, from mild to severe, up to the first severity at which the loop no longer
+    converges.  Shapes: severity (S,) in ``unit``, relative (S,) in multiples of what is natural
+    (see ``what_breaks_first``), late (S,), the late error over the one at the start, inf where the
+    run diverged.  ``survives`` and ``breaks``: the last severity that converged and the first that
+    did not, or None."""
 
     option: str
     unit: str
@@ -67,21 +70,29 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PeriodLimit:
-    """Sampling periods in s: the longest that converged, the shortest that did not, the certified one; or None."""
+    """Sampling periods in s: the longest that converged, the shortest that did not, the certified
+    one; or None."""
 
     converges: float | None
     fails: float | None
     certified: float | None = None
 
     def __str__(self) -> str:
-        words = "no period tried converges" if self.converges is None else f"converges at {self.converges:.4g} s"
+        words = (
+            "no period tried converges"
+            if self.converges is None
+            else f"converges at {self.converges:.4g} s"
+        )
         words += "" if self.fails is None else f", no longer at {self.fails:.4g} s"
-        return words + ("" if self.certified is None else f"; certified up to {self.certified:.4g} s")
+        return words + (
+            "" if self.certified is None else f"; certified up to {self.certified:.4g} s"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Breaking(Headed):
-    """The sweeps of one problem, the period limit where the period was among them, and the run without stress."""
+    """The sweeps of one problem, the period limit where the period was among them, and the run
+    without stress."""
 
     name: str
     t_final: float
@@ -92,12 +103,18 @@ class Breaking(Headed):
 
     @property
     def order(self) -> tuple[str, ...]:
-        """The options that broke the loop, the first to break before the others, by relative severity."""
-        broken = [(each.relative_break, each.option) for each in self.sweeps if each.relative_break is not None]
+        """The options that broke the loop, the first to break before the others, by relative
+        severity."""
+        broken = [
+            (each.relative_break, each.option)
+            for each in self.sweeps
+            if each.relative_break is not None
+        ]
         return tuple(option for _, option in sorted(broken))
 
     def plot(self, ax: Any = None) -> Any:
-        """One panel per option in a Sheet; with Matplotlib's ``ax`` all options in these axes, by relative severity."""
+        """One panel per option in a Sheet; with Matplotlib's ``ax`` all options in these axes, by
+        relative severity."""
         from dobc_design.plotting.sweeps import breaking_sheet, plot_breaking
 
         if ax is not None:
@@ -107,7 +124,10 @@ class Breaking(Headed):
         return breaking_sheet(self.sweeps, tolerance=self.tolerance, name=self.name, **borders)
 
     def _card(self) -> Card:
-        text = f"what breaks first (late errors above {self.tolerance:.0%} of the start, natural units): "
+        text = (
+            f"what breaks first (late errors above {self.tolerance:.0%} of the start, natural "
+            "units): "
+        )
         return Card(
             title=self.name,
             text=text + (", ".join(self.order) or "nothing in the range tried"),
@@ -126,7 +146,12 @@ class Breaking(Headed):
             for each in self.sweeps
         ]
         period = None if self.period is None else asdict(self.period)
-        return {"tolerance": self.tolerance, "order": list(self.order), "sweeps": sweeps, "period": period}
+        return {
+            "tolerance": self.tolerance,
+            "order": list(self.order),
+            "sweeps": sweeps,
+            "period": period,
+        }
 
 
 @shows_progress
@@ -142,46 +167,62 @@ def what_breaks_first(
     certificate: Certificate | None = None,
     progress: Reports[float] = None,
 ) -> Breaking:
-    """Make noise, disturbance, saturation, sampling, packet loss and failures worse, each until the loop breaks.
+    """Make noise, disturbance, saturation, sampling, packet loss and failures worse, each until the
+    loop breaks.
 
-    ``options``: some of these (default all).  ``certificate``: its certified sampling period, where it has one, stands
-    beside the longest that was seen to work.  A run breaks if its late error is above ``tolerance`` times that at the
-    start.  ``signal``, ``start``, ``t_final`` (s), ``seed`` and ``progress`` are as in ``simulate``.
+    ``options``: some of these (default all).  ``certificate``: its certified sampling period, where
+    it has one, stands beside the longest that was seen to work.  A run breaks if its late error is
+    above ``tolerance`` times that at the start.  ``signal``, ``start``, ``t_final`` (s), ``seed``
+    and ``progress`` are as in ``simulate``.
 
-    Natural scales, to which severities are relative: noise, the error at the start; disturbance and saturation, the
-    largest |u| without stress (a bound counts as 1 - bound/|u|); period, 1 over the fastest decay at the consensus;
-    loss, 1; failures, which vanish in a random order at a tenth of the horizon, the number of agents.
-    Returns: a Breaking, the data of one figure.  Raises: SpecError for an unknown option, or if the loop does not
-    converge without any stress.
+    Natural scales, to which severities are relative: noise, the error at the start; disturbance and
+    saturation, the largest |u| without stress (a bound counts as 1 - bound/|u|); period, 1 over the
+    fastest decay at the consensus; loss, 1; failures, which vanish in a random order at a tenth of
+    the horizon, the number of agents.
+    Returns: a Breaking, the data of one figure.  Raises: SpecError for an unknown option, or if the
+    loop does not converge without any stress.
     """
     options, report = OPTIONS if options is None else options, report_to(progress)
     unknown = [option for option in options if option not in OPTIONS]
     if unknown or not options:
-        message = f"must be among {', '.join(OPTIONS)}; got {str(unknown[0])[:40] if unknown else 'none'}."
+        message = (
+            f"must be among {', '.join(OPTIONS)}; got "
+            f"{str(unknown[0])[:40] if unknown else 'none'}."
+        )
         raise wrong("options", message, "Leave it out for all of them.")
     tolerance = positive(tolerance, "tolerance", example="0.1")
     problem = as_integrators(load_problem(problem))
     problem.require_no_leader("the search for the stress that breaks a loop")
     chosen, remark = (signal, None) if signal is not None else signal_of(problem)
     given: dict[str, Any] = {"signal": chosen, "start": start, "t_final": t_final, "seed": seed}
-    setting = make_setting(problem, gain=observer_gain(problem), samples=SAMPLES, tolerance=COARSE, **given)
+    setting = make_setting(
+        problem, gain=observer_gain(problem), samples=SAMPLES, tolerance=COARSE, **given
+    )
 
     def late(stress: Stress) -> float:
         return _late(run_once(replace(setting, stress=None if stress.is_calm else stress)), stress)
 
     calm = run_once(setting)
     if not _late(calm, Stress()) <= tolerance:
-        message = "the loop must converge without stress before stress is added; it does not converge in"
+        message = (
+            "the loop must converge without stress before stress is added; it does not converge in"
+        )
         cure = "Choose a longer horizon, or see what `dobc certify` says."
         raise SpecError(f"{message} {calm.t_final:g} s.", key="t_final", cure=cure)
     sweeps, limit = [], None
     for number, option in enumerate(options):
         report(number / len(options))
-        sweeps.append(sweep := _sweep(late, tolerance, option, _grid(problem, option, calm, setting.loop)))
+        sweeps.append(
+            sweep := _sweep(late, tolerance, option, _grid(problem, option, calm, setting.loop))
+        )
         if problem.origin is not None and option in ("disturbance", "saturation"):
             sweeps[-1] = replace(sweep, unit="unit of u")
         if option == "period":
-            certified = None if certificate is None else certified_period(certificate.problem, certificate.claims)
+            certified = (
+                None
+                if certificate is None
+                else certified_period(certificate.problem, certificate.claims)
+            )
             limit = _bisect(late, tolerance, sweep.survives, sweep.breaks)
             limit = limit if certified is None else replace(limit, certified=float(certified))
     report(1.0)
@@ -191,16 +232,22 @@ def what_breaks_first(
 
 
 def _late(run: Trajectory, stress: Stress) -> float:
-    """The late error of the agents that work, over the error at the start; inf where the run diverged."""
+    """The late error of the agents that work, over the error at the start; inf where the run
+    diverged."""
     gone = {each.agent for each in stress.failures}
     working = [place for place, label in enumerate(run.labels) if label not in gone]
     if run.diverged or not working:
         return np.inf
     error = np.abs(run.errors())
-    return float(error[run.times >= LATE * run.t_final][:, working].max() / max(float(error[0].max()), 1e-300))
+    return float(
+        error[run.times >= LATE * run.t_final][:, working].max()
+        / max(float(error[0].max()), 1e-300)
+    )
 
 
-def _grid(problem: Problem, option: str, calm: Trajectory, loop: Loop) -> Iterator[tuple[float, float, Stress]]:
+def _grid(
+    problem: Problem, option: str, calm: Trajectory, loop: Loop
+) -> Iterator[tuple[float, float, Stress]]:
     """Severity, the same in natural units, and the stress; from mild to severe."""
     error, peak = float(calm.error()[0]), max(float(np.abs(calm.u).max()), 1e-300)
     doublings = 2.0 ** np.arange(-HALVINGS, DOUBLINGS + 1)
@@ -217,15 +264,24 @@ def _grid(problem: Problem, option: str, calm: Trajectory, loop: Loop) -> Iterat
         periods = (k / fastest for k in doublings[2:])  # short ones cost much and break nothing
         yield from ((T, T * fastest, Stress(period=T)) for T in periods if calm.t_final >= 4 * T)
     elif option == "loss":
-        yield from ((p, p, Stress(loss=p)) for p in (*np.linspace(0.1, 0.9, 9).round(1).tolist(), 0.95, 0.99, 1.0))
+        yield from (
+            (p, p, Stress(loss=p))
+            for p in (*np.linspace(0.1, 0.9, 9).round(1).tolist(), 0.95, 0.99, 1.0)
+        )
     else:
         order = np.random.default_rng([calm.seed, 5]).permutation(len(calm.labels))
         gone = [Failure(agent=calm.labels[i], time=0.1 * calm.t_final) for i in order]
-        for count in np.unique(np.linspace(1, len(gone) - 1, 12).round().astype(int)).tolist() if len(gone) > 1 else ():
+        for count in (
+            np.unique(np.linspace(1, len(gone) - 1, 12).round().astype(int)).tolist()
+            if len(gone) > 1
+            else ()
+        ):
             yield float(count), count / len(gone), Stress(failures=tuple(gone[:count]))
 
 
-def _sweep(late: Late, tolerance: float, option: str, grid: Iterator[tuple[float, float, Stress]]) -> Sweep:
+def _sweep(
+    late: Late, tolerance: float, option: str, grid: Iterator[tuple[float, float, Stress]]
+) -> Sweep:
     rows: list[tuple[float, float, float]] = []
     found: dict[str, float | None] = dict.fromkeys(("survives", "breaks", "relative_break"))
     for severity, relative, stress in grid:
@@ -235,13 +291,23 @@ def _sweep(late: Late, tolerance: float, option: str, grid: Iterator[tuple[float
             break
         found["survives"] = severity
     severities, relatives, errors = np.array(rows).reshape(-1, 3).T
-    return Sweep(option=option, unit=UNITS[option], severity=severities, relative=relatives, late=errors, **found)
+    return Sweep(
+        option=option,
+        unit=UNITS[option],
+        severity=severities,
+        relative=relatives,
+        late=errors,
+        **found,
+    )
 
 
 def _bisect(late: Late, tolerance: float, low: float | None, high: float | None) -> PeriodLimit:
-    """Between a period that converged and one that did not; convergence need not be monotone in the period."""
+    """Between a period that converged and one that did not; convergence need not be monotone in the
+    period."""
     if low is not None and high is not None:
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            low, high = (middle, high) if late(Stress(period=middle)) <= tolerance else (low, middle)
+            low, high = (
+                (middle, high) if late(Stress(period=middle)) <= tolerance else (low, middle)
+            )
     return PeriodLimit(converges=low, fails=high)

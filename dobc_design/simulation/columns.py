@@ -1,7 +1,8 @@
 """Many runs side by side: DOP853 on columns, each with its own time, step and switches.
 
-The coefficients are SciPy's, and so are the rules for errors and steps; every run keeps its own step size, so it
-ends where it would have ended alone, to the tolerance, and one that diverges leaves the others in peace.
+The coefficients are SciPy's, and so are the rules for errors and steps; every run keeps its own
+step size, so it ends where it would have ended alone, to the tolerance, and one that diverges
+leaves the others in peace.
 """
 
 from __future__ import annotations
@@ -26,15 +27,16 @@ RightHandSide = Callable[[Array, Array], Array]
 STAGES, EXTENDED = DOP853.n_stages, DOP853.n_stages + 1 + len(DOP853.C_EXTRA)
 EXPONENT = -1 / (DOP853.error_estimator_order + 1)
 LEAST_FACTOR, MOST_FACTOR, SAFETY = 0.2, 10.0, 0.9  # those of SciPy
-COLUMN_NUMBERS = 1 << 15  # states n m of the runs of one chunk; some 60 arrays of this size are in use
+# states n m of the runs of one chunk; some 60 arrays of this size are in use
+COLUMN_NUMBERS = 1 << 15
 MOST_STEPS = 20_000  # of one run, tried ones included; one that needs more is handed back
 RUNNING, DONE, ESCAPED, COLLAPSED, HANDED_BACK = range(5)
 
 
 class Columns(Protocol):
-    """What runs side by side, named by their places, obey.  ``part``: the derivative in a mode, of e (N, k) and forces
-    (F, k).  ``forces``: at times (S, k), a column for each run, (S, F, k).  ``size``: |e|_inf of states (N, k), (k,).
-    ``switched``: runs are in new modes."""
+    """What runs side by side, named by their places, obey.  ``part``: the derivative in a mode, of
+    e (N, k) and forces (F, k).  ``forces``: at times (S, k), a column for each run, (S, F, k).
+    ``size``: |e|_inf of states (N, k), (k,). ``switched``: runs are in new modes."""
 
     def part(self, mode: int, runs: IndexArray) -> RightHandSide: ...
     def forces(self, times: Array, runs: IndexArray) -> Array: ...
@@ -44,7 +46,8 @@ class Columns(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ends:
-    """How every run ended, (R,), when it did, in s, where, e (N, R), and which step it would have made next, (R,)."""
+    """How every run ended, (R,), when it did, in s, where, e (N, R), and which step it would have
+    made next, (R,)."""
 
     states: IndexArray
     times: Array
@@ -58,7 +61,10 @@ class Ends:
             COLLAPSED: "the step size collapsed or the state overflowed just after",
         }
         early = np.flatnonzero(self.states >= ESCAPED).tolist()
-        return {k: f"{words[s]} t = {self.times[k]:.6g} s" if (s := self.states[k]) in words else "" for k in early}
+        return {
+            k: f"{words[s]} t = {self.times[k]:.6g} s" if (s := self.states[k]) in words else ""
+            for k in early
+        }
 
 
 def padded(switches: Sequence[Switches]) -> tuple[Array, IndexArray]:
@@ -71,10 +77,11 @@ def padded(switches: Sequence[Switches]) -> tuple[Array, IndexArray]:
 
 
 class Stretch:
-    """A stretch of time, in s, for runs side by side; those that are still under way have a column each.  Shapes: e (N,
-    R) at ``begin``; times and modes of ``switches`` (R, S), padded with inf and 0; ``farthest`` (R,), the |e|_inf that
-    counts as divergence; ``steps`` (R,), the first step sizes, or None for a guess.  ``most``: steps, tried ones
-    included, after which a run is handed back.  ``visit`` sees the samples after the begin, up to the end."""
+    """A stretch of time, in s, for runs side by side; those that are still under way have a column
+    each.  Shapes: e (N, R) at ``begin``; times and modes of ``switches`` (R, S), padded with inf
+    and 0; ``farthest`` (R,), the |e|_inf that counts as divergence; ``steps`` (R,), the first step
+    sizes, or None for a guess.  ``most``: steps, tried ones included, after which a run is handed
+    back.  ``visit`` sees the samples after the begin, up to the end."""
 
     def __init__(
         self,
@@ -91,7 +98,13 @@ class Stretch:
         tolerance: float,
         visit: Visit,
     ) -> None:
-        self.columns, self.samples, self.visit, self.most, self.first = columns, samples, visit, most, steps
+        self.columns, self.samples, self.visit, self.most, self.first = (
+            columns,
+            samples,
+            visit,
+            most,
+            steps,
+        )
         self.horizon, self.relative, self.absolute = end, tolerance, tolerance / 100
         count = e.shape[1]
         self.ended, self.ended_at = np.full(count, RUNNING), np.full(count, self.horizon)
@@ -142,7 +155,9 @@ class Stretch:
     def stages(self, h: Array, ends: Array) -> tuple[Array, Array, Array]:
         """The new states, their derivatives, and the norm of the error, 1 being the tolerance."""
         K, flat = self.K, self.K.reshape(EXTENDED, -1)
-        forces = self.columns.forces(np.concatenate([self.t + DOP853.C[1:, None] * h, ends[None]]), self.run_of)
+        forces = self.columns.forces(
+            np.concatenate([self.t + DOP853.C[1:, None] * h, ends[None]]), self.run_of
+        )
         K[0] = self.f
         for s in range(1, STAGES):
             y = (DOP853.A[s, :s] @ flat[:s]).reshape(self.y.shape)
@@ -152,12 +167,20 @@ class Stretch:
         new = (DOP853.B @ flat[:STAGES]).reshape(self.y.shape) * h + self.y
         K[STAGES] = self.derivative(new, forces[STAGES - 1])
         scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.relative
-        errors = ((E @ flat[: STAGES + 1]).reshape(self.y.shape) / scale for E in (DOP853.E5, DOP853.E3))
+        errors = (
+            (E @ flat[: STAGES + 1]).reshape(self.y.shape) / scale for E in (DOP853.E5, DOP853.E3)
+        )
         fifth, third = (np.square(each).sum(axis=0) for each in errors)
         below = np.sqrt((fifth + 0.01 * third) * len(self.y))
-        return new, K[STAGES], np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below))
+        return (
+            new,
+            K[STAGES],
+            np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below)),
+        )
 
-    def record(self, good: NDArray[np.bool_], h: Array, ends: Array, new: Array, f_new: Array) -> None:
+    def record(
+        self, good: NDArray[np.bool_], h: Array, ends: Array, new: Array, f_new: Array
+    ) -> None:
         upto = np.searchsorted(self.samples, ends, side="right")
         chosen = np.flatnonzero(good & (upto > self.done))
         if not len(chosen):
@@ -182,7 +205,9 @@ class Stretch:
         """SciPy's polynomial of order 7 over the step, for some of the runs: (7, n m, k)."""
         K = self.K if len(chosen) == len(self.run_of) else self.K.take(chosen, axis=2)
         flat, old = K.reshape(EXTENDED, -1), self.y[:, chosen]
-        forces = self.columns.forces(self.t[chosen] + DOP853.C_EXTRA[:, None] * h, self.run_of[chosen])
+        forces = self.columns.forces(
+            self.t[chosen] + DOP853.C_EXTRA[:, None] * h, self.run_of[chosen]
+        )
         for s, row in enumerate(DOP853.A_EXTRA, start=STAGES + 1):
             y = (row[:s] @ flat[:s]).reshape(old.shape) * h + old
             K[s] = self.derivative(y, forces[s - STAGES - 1], chosen)
@@ -217,9 +242,23 @@ class Stretch:
         out, keep = state != RUNNING, np.flatnonzero(state == RUNNING)
         self.ended[self.run_of[out]] = state[out]
         self.ended_at[self.run_of[out]] = self.t[out]
-        self.last_e[:, self.run_of[out]], self.last_steps[self.run_of[out]] = self.y[:, out], self.h[out]
+        self.last_e[:, self.run_of[out]], self.last_steps[self.run_of[out]] = (
+            self.y[:, out],
+            self.h[out],
+        )
         self.y, self.f = self.y[:, keep], self.f[:, keep]
-        for name in ("run_of", "t", "h", "place", "done", "steps", "rejected", "farthest", "mode", "limit"):
+        for name in (
+            "run_of",
+            "t",
+            "h",
+            "place",
+            "done",
+            "steps",
+            "rejected",
+            "farthest",
+            "mode",
+            "limit",
+        ):
             setattr(self, name, getattr(self, name)[keep])
         self.K = np.empty((EXTENDED, *self.y.shape))
         self.parts = self.grouped(np.arange(len(keep)))
@@ -237,21 +276,26 @@ class Stretch:
             return parts[0][1](y, force)
         result = np.empty_like(y)
         for columns, right_hand_side in parts:
-            result[:, columns] = right_hand_side(y.take(columns, axis=1), force.take(columns, axis=1))
+            result[:, columns] = right_hand_side(
+                y.take(columns, axis=1), force.take(columns, axis=1)
+            )
         return result
 
     def first_steps(self) -> Array:
-        """A hundredth of the time in which the state would change by its own size, as SciPy begins."""
+        """A hundredth of the time in which the state would change by its own size, as SciPy
+        begins."""
         scale = self.absolute + np.abs(self.y) * self.relative
         size, speed = (np.sqrt(np.square(a / scale).mean(axis=0)) for a in (self.y, self.f))
-        h = np.where((size < 1e-5) | (speed < 1e-5), 1e-6, 0.01 * size / np.where(speed == 0, 1.0, speed))
+        h = np.where(
+            (size < 1e-5) | (speed < 1e-5), 1e-6, 0.01 * size / np.where(speed == 0, 1.0, speed)
+        )
         return np.minimum(np.where(np.isfinite(h), h, 1e-6), self.horizon)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stack:
-    """Calm runs as columns: h(e) - K e + C eps, e (n m, R) and a leader, eps (n, q, R); ``networks``: right-hand sides
-    by mode."""
+    """Calm runs as columns: h(e) - K e + C eps, e (n m, R) and a leader, eps (n, q, R);
+    ``networks``: right-hand sides by mode."""
 
     loop: Loop
     networks: Callable[[int], Network]
@@ -286,7 +330,8 @@ class Stack:
         """Nothing is kept from one mode to the next."""
 
     def integrate(self, times: Array, *, tolerance: float, visit: Visit, most: int = 0) -> Ends:
-        """Integrate all runs over ``times`` from 0; ``visit`` gets places of samples and runs (k,), and e (n m, k)."""
+        """Integrate all runs over ``times`` from 0; ``visit`` gets places of samples and runs (k,),
+        and e (n m, k)."""
         runs = np.arange(self.e.shape[1])
         visit(np.zeros_like(runs), runs, self.e)
         stretch = Stretch(

@@ -1,7 +1,8 @@
-"""The right-hand sides of the closed loop in NumPy: h(e) - K e of (9), arc by arc or for all at once; C exp(F t).
+"""The right-hand sides of the closed loop in NumPy: h(e) - K e of (9), arc by arc or for all at
+once; C exp(F t).
 
-h(e) is fast enough for a million agents and for thousands of runs, which are columns of the same arrays: arcs are
-worked through in blocks that fit into the processor's cache, slot by slot.
+h(e) is fast enough for a million agents and for thousands of runs, which are columns of the same
+arrays: arcs are worked through in blocks that fit into the processor's cache, slot by slot.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ LARGEST_PRODUCT = 8  # exponents up to which a power is computed by multiplicati
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common weight, or (arcs,).
-    ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of ``rows``.  Without slots, for hubs,
-    ``counts[i]`` arcs end at the i-th of ``rows``, and the matrix ``factor`` adds them."""
+    """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common
+    weight, or (arcs,). ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of
+    ``rows``.  Without slots, for hubs, ``counts[i]`` arcs end at the i-th of ``rows``, and the
+    matrix ``factor`` adds them."""
 
     h: Callable[[Array], Array]
     vector: bool  # whether h needs to see the m components of a difference together
@@ -69,12 +71,17 @@ class _Block:
 def _blocks(group: ArcGroup, size: int) -> Iterator[_Block]:
     """Cut the arcs of one coupling into blocks of about ``size``."""
     order = np.argsort(group.listeners, kind="stable")
-    listeners, speakers, weights = group.listeners[order], group.speakers[order], group.weights[order]
+    listeners, speakers, weights = (
+        group.listeners[order],
+        group.speakers[order],
+        group.weights[order],
+    )
     h, vector = compile_coupling(group.coupling), not group.coupling.by_component
     first = 0
     while first < len(listeners):
         last = min(first + size, len(listeners))
-        if last < len(listeners):  # at the end of an agent's arcs, unless it has more than a block of them
+        # at the end of an agent's arcs, unless it has more than a block of them
+        if last < len(listeners):
             end = int(np.searchsorted(listeners, listeners[last], side="left"))
             last = end if end > first else last
         ends, part = listeners[first:last], slice(first, last)
@@ -82,16 +89,25 @@ def _blocks(group: ArcGroup, size: int) -> Iterator[_Block]:
         counts = np.bincount(ends - lowest, minlength=rows)
         if counts.max() > MOST_SLOTS:
             places = np.concatenate([[0], np.cumsum(counts)])
-            gather = sp.csr_array((weights[part], np.arange(len(ends)), places), shape=(rows, len(ends)))
+            gather = sp.csr_array(
+                (weights[part], np.arange(len(ends)), places), shape=(rows, len(ends))
+            )
             heard, span = speakers[part].copy(), slice(lowest, lowest + rows)
-            yield _Block(h=h, vector=vector, rows=span, counts=counts, speakers=heard, factor=gather)
+            yield _Block(
+                h=h, vector=vector, rows=span, counts=counts, speakers=heard, factor=gather
+            )
         else:
             yield _by_slots(h, vector, lowest, counts, speakers[part], weights[part])
         first = last
 
 
 def _by_slots(
-    h: Callable[[Array], Array], vector: bool, lowest: int, counts: IndexArray, speakers: IndexArray, weights: Array
+    h: Callable[[Array], Array],
+    vector: bool,
+    lowest: int,
+    counts: IndexArray,
+    speakers: IndexArray,
+    weights: Array,
 ) -> _Block:
     """Order agents by their number of arcs, and the arcs by slots."""
     agents = np.argsort(-counts, kind="stable")
@@ -103,7 +119,14 @@ def _by_slots(
     in_order = having[0] == len(counts) and bool((np.diff(agents) == 1).all())
     factor = weights[arcs] if (weights != weights[0]).any() else float(weights[0])
     rows = slice(lowest, lowest + len(counts)) if in_order else listeners
-    return _Block(h=h, vector=vector, rows=rows, speakers=speakers[arcs], slots=tuple(pairwise(edges)), factor=factor)
+    return _Block(
+        h=h,
+        vector=vector,
+        rows=rows,
+        speakers=speakers[arcs],
+        slots=tuple(pairwise(edges)),
+        factor=factor,
+    )
 
 
 def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
@@ -116,17 +139,25 @@ def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
 
 
 class Links:
-    """The arcs of one graph as in (9), evaluated arc by arc: every arc may hold an older value of its speaker."""
+    """The arcs of one graph as in (9), evaluated arc by arc: every arc may hold an older value of
+    its speaker."""
 
     def __init__(self, groups: Sequence[ArcGroup], n: int, m: int) -> None:
         self.groups, self.n, self.m = groups, n, m
-        self.parts = [(compile_coupling(group.coupling), arrays.gathering_matrix(group, n)) for group in groups]
-        ends: list[Any] = [np.zeros((2, 0), dtype=np.int64), *((group.listeners, group.speakers) for group in groups)]
+        self.parts = [
+            (compile_coupling(group.coupling), arrays.gathering_matrix(group, n))
+            for group in groups
+        ]
+        ends: list[Any] = [
+            np.zeros((2, 0), dtype=np.int64),
+            *((group.listeners, group.speakers) for group in groups),
+        ]
         self.listeners, self.speakers = np.concatenate(ends, axis=1)
         self.codes = self.listeners * n + self.speakers
 
     def felt(self, own: Array, heard: Array) -> Array:
-        """Sum of h(heard - own) over the arcs of each listener; own (n, m, R), heard (arcs, m, R), nan if silent."""
+        """Sum of h(heard - own) over the arcs of each listener; own (n, m, R), heard (arcs, m, R),
+        nan if silent."""
         difference = heard - own[self.listeners]
         silent: Any = np.isnan(heard).any(axis=1)
         total = np.zeros_like(own)
@@ -141,7 +172,8 @@ class Links:
 
 
 def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
-    """Return h as a function of differences y (arcs, m, ...), or of any shape where h acts by component."""
+    """Return h as a function of differences y (arcs, m, ...), or of any shape where h acts by
+    component."""
     programs = [tree.program(expression.node, _FastAlgebra()) for expression in coupling.components]
     if coupling.by_component:
 
@@ -187,11 +219,13 @@ MOST_NUMBERS = 1 << 24  # of the table
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
-    """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in ``problem.arrays.Disturbance``.
-    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0.  Of agents
-    with [dynamics] these are those of integrators with the same errors, and ``plant`` has their own; ``bend`` is
-    f(goal + e) - f(goal) less its slopes at e = 0 for e (n, m, R), None where that is 0.  ``lead`` is s' of a leader s
-    (m, R), whose m numbers follow those of e in what is integrated; ``bend`` is of s, too, then."""
+    """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in
+    ``problem.arrays.Disturbance``.
+    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q
+    may be 0.  Of agents with [dynamics] these are those of integrators with the same errors, and
+    ``plant`` has their own; ``bend`` is f(goal + e) - f(goal) less its slopes at e = 0 for e (n, m,
+    R), None where that is 0.  ``lead`` is s' of a leader s (m, R), whose m numbers follow those of
+    e in what is integrated; ``bend`` is of s, too, then."""
 
     n: int
     m: int
@@ -229,10 +263,12 @@ class Loop:
         return np.asarray(-(K @ e.reshape(-1, self.n * self.m).T).T.reshape(dhat.shape) - dhat + u0)
 
     def moved(self, u: Array, e: Array) -> Array:
-        """What inputs u (n, p, R) and errors e (n, m, R) do to x without couplings and disturbance: A x + B u."""
+        """What inputs u (n, p, R) and errors e (n, m, R) do to x without couplings and disturbance:
+        A x + B u."""
         if self.plant is None:
             return u
-        moved = act(self.plant.B, u - self.plant.u0[..., None]) + act(self.plant.A, e)  # A goal + B u0 = 0
+        # A goal + B u0 = 0
+        moved = act(self.plant.B, u - self.plant.u0[..., None]) + act(self.plant.A, e)
         return moved if self.bend is None else moved + self.bend(e)
 
 
@@ -247,10 +283,13 @@ def act(matrix: Array, y: Array) -> Array:
 
 
 def make_loop(problem: Problem, gain: Gain | None) -> Loop:
-    """Read the problem's numbers as floats.  Raises: SpecError without a W, or for a gain that does not fit."""
+    """Read the problem's numbers as floats.  Raises: SpecError without a W, or for a gain that does
+    not fit."""
     problem = as_integrators(problem)
     plant = arrays.plant_arrays(problem.origin or problem)
-    given: dict[str, Any] = asdict(arrays.disturbance_arrays(problem, gain)) | {"K": arrays.pinning_matrix(problem)}
+    given: dict[str, Any] = asdict(arrays.disturbance_arrays(problem, gain)) | {
+        "K": arrays.pinning_matrix(problem)
+    }
     bend = lead = node = None
     if plant is not None and problem.node is not None:
         node, slopes = compile_coupling(problem.couplings[problem.node]), plant.A
@@ -265,7 +304,12 @@ def make_loop(problem: Problem, gain: Gain | None) -> Loop:
         def lead(s: Array) -> Array:
             return np.asarray(own @ s if node is None else node(s[None])[0]) + start[:, None]
 
-    shape: dict[str, Any] = {"n": problem.n, "m": problem.m, "q": problem.q, "goal": arrays.goals(problem)}
+    shape: dict[str, Any] = {
+        "n": problem.n,
+        "m": problem.m,
+        "q": problem.q,
+        "goal": arrays.goals(problem),
+    }
     return Loop(**shape, plant=plant, bend=bend, lead=lead, **given)
 
 
@@ -278,8 +322,9 @@ class Network:
     blocks: tuple[_Block, ...]
 
     def __call__(self, e: Array) -> Array:
-        """Return h(e) - K e in a new array; not finite where a coupling overflows or is undefined.  Shapes: e (n m,) or
-        (n m, R) with one column for each of R runs; rows agent by agent, then those of a leader."""
+        """Return h(e) - K e in a new array; not finite where a coupling overflows or is undefined.
+        Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by agent, then
+        those of a leader."""
         n, m = self.loop.n, self.loop.m
         e, s = e[: n * m], e[n * m :]
         rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
@@ -304,11 +349,16 @@ def network_of(loop: Loop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Netw
 
 
 def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
-    """Who may influence whom: agents by neighbourhood, and all states of one agent among themselves."""
+    """Who may influence whom: agents by neighbourhood, and all states of one agent among
+    themselves."""
     m, q = loop.m, loop.q
     neighbours, own = hears(groups, loop.n), sp.eye_array(loop.n, format="csr")
     x_dot = [_block(neighbours, m, m), _block(own, m, q), _block(own, m, q)]
-    rows = [x_dot, [None, _block(own, q, q), None], [_block(neighbours, q, m), None, _block(own, q, q)]]
+    rows = [
+        x_dot,
+        [None, _block(own, q, q), None],
+        [_block(neighbours, q, m), None, _block(own, q, q)],
+    ]
     return sp.block_array(rows, format="csr")
 
 
@@ -317,9 +367,12 @@ def errors_pattern(loop: Loop, groups: Sequence[ArcGroup], *, both: bool) -> sp.
     own, alone = sp.eye_array(loop.n, format="csr"), _block(hears(groups, loop.n), loop.m, loop.m)
     if loop.lead is not None:
         alone = sp.block_array(
-            [[alone, np.ones((loop.n * loop.m, loop.m))], [None, np.ones((loop.m,) * 2)]], format="csr"
+            [[alone, np.ones((loop.n * loop.m, loop.m))], [None, np.ones((loop.m,) * 2)]],
+            format="csr",
         )
-        return sp.block_diag([alone, np.ones((loop.n * loop.q,) * 2)], format="csr") if both else alone
+        return (
+            sp.block_diag([alone, np.ones((loop.n * loop.q,) * 2)], format="csr") if both else alone
+        )
     rows = [[alone, _block(own, loop.m, loop.q)], [None, _block(own, loop.q, loop.q)]]
     return sp.block_array(rows, format="csr") if both else alone
 
@@ -330,7 +383,8 @@ def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClosedForm:
-    """C exp(F t), (p, q), up to a horizon; ``table`` (TERMS, anchors, p q): scaled derivatives at the anchors."""
+    """C exp(F t), (p, q), up to a horizon; ``table`` (TERMS, anchors, p q): scaled derivatives at
+    the anchors."""
 
     F: Array
     C: Array
@@ -356,7 +410,8 @@ class ClosedForm:
 
 
 def make_closed_form(F: Array, C: Array, horizon: float) -> ClosedForm | None:
-    """Prepare C exp(F t) up to ``horizon`` in s; None where |F| times the horizon is too large, or not finite."""
+    """Prepare C exp(F t) up to ``horizon`` in s; None where |F| times the horizon is too large, or
+    not finite."""
     if not (np.isfinite(F).all() and np.isfinite(C).all()):
         return None
     spacing = 1 / (4 * max(float(np.linalg.norm(F, 1)), 1e-6 / horizon))
@@ -374,7 +429,8 @@ def make_closed_form(F: Array, C: Array, horizon: float) -> ClosedForm | None:
 
 
 def _powers(F: Array, spacing: float, count: int) -> Array:
-    """exp(F spacing k), k < count, in extended precision: SciPy's expm alone is off by 1e-12 for |F t| of about 100."""
+    """exp(F spacing k), k < count, in extended precision: SciPy's expm alone is off by 1e-12 for |F
+    t| of about 100."""
     with np.errstate(all="ignore"):
         small: Any = F.astype(np.longdouble) * np.longdouble(spacing)
         one: Any = np.eye(len(F), dtype=np.longdouble)
@@ -389,9 +445,14 @@ def _powers(F: Array, spacing: float, count: int) -> Array:
 
 
 def evolve(F: Array, start: Array, times: Array) -> Array:
-    """exp(F t) applied to every row of ``start`` (n, q) at times (T,): (T, n, q); inf or nan beyond the floats."""
+    """exp(F t) applied to every row of ``start`` (n, q) at times (T,): (T, n, q); inf or nan beyond
+    the floats."""
     if len(F) == 0:
         return np.zeros((len(times), *start.shape))
     closed = make_closed_form(F, np.eye(len(F)), float(times[-1])) if times[-1] > 0 else None
-    powers = expm(F[None] * times[:, None, None]) if closed is None else np.moveaxis(closed.many(times), -1, 0)
+    powers = (
+        expm(F[None] * times[:, None, None])
+        if closed is None
+        else np.moveaxis(closed.many(times), -1, 0)
+    )
     return np.asarray(start[None] @ np.swapaxes(powers, 1, 2))

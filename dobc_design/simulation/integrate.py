@@ -1,7 +1,8 @@
 """One run by SciPy's integrators, restarted at every switch: no step crosses one.
 
-A run ends at its horizon, or where it diverged; what is valid up to there is kept, with the reason in words.  A stiff
-loop is taken over by an implicit method: by an estimate before the run, and by Hairer's test while it runs.
+A run ends at its horizon, or where it diverged; what is valid up to there is kept, with the reason
+in words.  A stiff loop is taken over by an implicit method: by an estimate before the run, and by
+Hairer's test while it runs.
 """
 
 from __future__ import annotations
@@ -26,10 +27,13 @@ Progress = Callable[[float], None]
 Samples = dict[str, Any]  # x, d, dhat, u (T, n, m), xi, xihat (T, n, q) of a run, by name
 
 FARTHEST = 1e9  # an error so many times its start (or 1, if that is larger) counts as divergence
-GROWTH = 1.5  # of the error since the last sample: a run that ends early keeps the steps at which it grew so much
-LEAST_IMPLICIT = 1e-8  # the implicit method has order 5: a finer tolerance would cost very many steps
+# of the error since the last sample: a run that ends early keeps the steps at which it grew so much
+GROWTH = 1.5
+# the implicit method has order 5: a finer tolerance would cost very many steps
+LEAST_IMPLICIT = 1e-8
 STIFF = 2e4  # horizon times fastest decay from which on the implicit method is taken at once
-BOUNDARY = 6.1  # |h lambda| on the boundary of stability of DOP853 (Hairer, Norsett, Wanner, section IV.2)
+# |h lambda| on the boundary of stability of DOP853 (Hairer, Norsett, Wanner, section IV.2)
+BOUNDARY = 6.1
 PATIENCE = 15  # steps on that boundary after which the loop counts as stiff, if ...
 MANY = 3000  # ... so many steps would be left
 MOST_STEPS = 10_000_000  # of one run: refused as soon as that many are foreseen, ...
@@ -39,7 +43,8 @@ Piece = tuple[Derivative, Pattern, Stay]  # a stretch without a switch
 
 
 class Plan(NamedTuple):
-    """What is integrated: x (n, m) of a state, and the stretch without a switch that begins at a time and state."""
+    """What is integrated: x (n, m) of a state, and the stretch without a switch that begins at a
+    time and state."""
 
     goal: Array
     positions: Callable[[Array], Array]
@@ -50,10 +55,15 @@ class Plan(NamedTuple):
 
 
 def errors(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array, F: Array) -> Plan:
-    """State e, flat (n m,), where the observer's error is known in closed form (22); else [e; eps], eps' = F eps (17).
-    Both may die out, while xi and z go on; nor is eps lost in the difference of two states that grow.  A leader s
-    stands after e, and positions are relative to it."""
-    shape, cut, rows, both = (loop.n, loop.m), loop.n * loop.m, loop.rows, loop.q > 0 and closed is None
+    """State e, flat (n m,), where the observer's error is known in closed form (22); else [e; eps],
+    eps' = F eps (17). Both may die out, while xi and z go on; nor is eps lost in the difference of
+    two states that grow.  A leader s stands after e, and positions are relative to it."""
+    shape, cut, rows, both = (
+        (loop.n, loop.m),
+        loop.n * loop.m,
+        loop.rows,
+        loop.q > 0 and closed is None,
+    )
 
     def positions(state: Array) -> Array:
         return np.asarray(state[:cut].reshape(shape) + loop.goal)
@@ -98,10 +108,18 @@ Outcome = tuple[Run, Samples]
 
 
 class Integration:
-    """From ``start`` at 0, sampled at ``times``; ``tolerance`` is relative, the absolute one is a hundredth of it."""
+    """From ``start`` at 0, sampled at ``times``; ``tolerance`` is relative, the absolute one is a
+    hundredth of it."""
 
     def __init__(
-        self, plan: Plan, start: Array, times: Array, *, tolerance: float, implicit: bool, progress: Progress | None
+        self,
+        plan: Plan,
+        start: Array,
+        times: Array,
+        *,
+        tolerance: float,
+        implicit: bool,
+        progress: Progress | None,
     ) -> None:
         self.plan, self.state, self.time, self.horizon = plan, start, 0.0, float(times[-1])
         self.times, self.states, self.done = times, np.empty((len(times), len(start))), 1
@@ -114,10 +132,12 @@ class Integration:
         self.evaluations, self.steps, self.looked = 0, 0, 0.0
         self.notes = ["The loop is stiff: integrated by the implicit method Radau."] * implicit
         self.methods = ["Radau" if implicit else "DOP853"]
-        self.rise: list[tuple[float, Array]] = []  # steps since the last sample, each with a larger error
+        # steps since the last sample, each with a larger error
+        self.rise: list[tuple[float, Array]] = []
 
     def run(self) -> Run:
-        """To the horizon, or to where the run ends; then also the steps since the last sample at which |e| grew."""
+        """To the horizon, or to where the run ends; then also the steps since the last sample at
+        which |e| grew."""
         self.report(0.0)
         reason = ""
         while self.time < self.horizon and not reason:
@@ -126,25 +146,41 @@ class Integration:
                 reason = f"a coupling overflows or is undefined at t = {self.time:.6g} s"
                 break
             reason = self.stretch(derivative, pattern, stay)
-        times, states, method = self.times[: self.done], self.states[: self.done], ", then ".join(self.methods)
+        times, states, method = (
+            self.times[: self.done],
+            self.states[: self.done],
+            ", then ".join(self.methods),
+        )
         if reason:
-            late = {time: state for time, state in [(self.time, self.state), *self.rise[::-1]] if time > times[-1]}
+            late = {
+                time: state
+                for time, state in [(self.time, self.state), *self.rise[::-1]]
+                if time > times[-1]
+            }
             times = np.concatenate([times, sorted(late)])
             states = np.concatenate([states, *(late[time][None] for time in sorted(late))])
         else:
             self.report(1.0)
-        found: dict[str, Any] = {"times": times.copy(), "states": states, "reason": reason, "method": method}
+        found: dict[str, Any] = {
+            "times": times.copy(),
+            "states": states,
+            "reason": reason,
+            "method": method,
+        }
         return Run(**found, evaluations=self.evaluations, notes=self.notes)
 
     def stretch(self, derivative: Derivative, pattern: Pattern, stay: Stay) -> str:
-        """Integrate to the end of the stay, or to the switch that ends it; return why that failed, or ""."""
+        """Integrate to the end of the stay, or to the switch that ends it; return why that failed,
+        or ""."""
         solver = self.solver(derivative, pattern, stay.end)
         self.on_boundary = self.inside = 0
         while self.time < stay.end:
             before, old = solver.t, solver.y
             if not _stepped(solver) or not np.isfinite(solver.y).all():
                 self.leave(solver, before, old)
-                return f"the step size collapsed or the state overflowed just after t = {before:.6g} s"
+                return (
+                    f"the step size collapsed or the state overflowed just after t = {before:.6g} s"
+                )
             end = solver.t
             if stay.change is not None:
                 looks, states = np.linspace(before, end, LOOKS + 1), solver.dense_output()
@@ -170,7 +206,10 @@ class Integration:
                 self.leave(solver, solver.t, solver.y)
                 self.implicit, self.step = True, None
                 self.methods.append("Radau")
-                words = f"The loop turned out to be stiff at t = {self.time:.4g} s: from there on by the"
+                words = (
+                    f"The loop turned out to be stiff at t = {self.time:.4g} s: from there on "
+                    "by the"
+                )
                 self.notes.append(f"{words} implicit method Radau.")
                 solver = self.solver(derivative, pattern, stay.end)
         self.leave(solver, solver.t, solver.y)
@@ -182,7 +221,10 @@ class Integration:
         if self.steps % LOOK_AHEAD == 0:
             pace, self.looked = (self.time - self.looked) / LOOK_AHEAD, self.time
             if self.horizon - self.time > pace * (MOST_STEPS - self.steps):
-                message = f"would take more than {MOST_STEPS} steps of the integrator; {self.steps} of them led"
+                message = (
+                    f"would take more than {MOST_STEPS} steps of the integrator; {self.steps} "
+                    "of them led"
+                )
                 message += f" to t = {self.time:.4g} s of {self.horizon:.4g} s."
                 raise wrong("t_final", message, "Choose a shorter horizon.")
 
@@ -200,22 +242,32 @@ class Integration:
 
     def solver(self, derivative: Derivative, pattern: Pattern, end: float) -> Any:
         """A solver that starts here and stops exactly at ``end``."""
-        options: dict[str, Any] = {"first_step": None if self.step is None else min(self.step, end - self.time)}
+        options: dict[str, Any] = {
+            "first_step": None if self.step is None else min(self.step, end - self.time)
+        }
         tolerance, method = self.tolerance, DOP853
         if self.implicit:
             tolerance, method = max(tolerance, LEAST_IMPLICIT), Radau
             options["jac_sparsity"] = pattern()
-        return method(derivative, self.time, self.state, end, rtol=tolerance, atol=tolerance / 100, **options)
+        return method(
+            derivative, self.time, self.state, end, rtol=tolerance, atol=tolerance / 100, **options
+        )
 
     def is_stiff(self, solver: Any, end: float) -> bool:
-        """Whether many explicit steps ended on the boundary of stability, and much is left to be done."""
+        """Whether many explicit steps ended on the boundary of stability, and much is left to be
+        done."""
         step = abs(solver.h_previous or 0.0)
         if (end - solver.t) < MANY * step or not step:
             return False
         stages = solver.n_stages
-        last = solver.y_old + solver.h_previous * (solver.K[: stages - 1].T @ solver.A[stages - 1, : stages - 1])
+        last = solver.y_old + solver.h_previous * (
+            solver.K[: stages - 1].T @ solver.A[stages - 1, : stages - 1]
+        )
         distance = float(np.linalg.norm(solver.y - last))
-        if distance > 0 and step * float(np.linalg.norm(solver.f - solver.K[stages - 1])) > BOUNDARY * distance:
+        if (
+            distance > 0
+            and step * float(np.linalg.norm(solver.f - solver.K[stages - 1])) > BOUNDARY * distance
+        ):
             self.on_boundary, self.inside = self.on_boundary + 1, 0
         else:
             self.inside += 1
@@ -227,7 +279,8 @@ class Integration:
         self.time, self.state = time, state
         self.evaluations += solver.nfev
         step = float(solver.h_abs)
-        if self.step is not None and solver.t_bound == time:  # the last step was cut short by the switch
+        # the last step was cut short by the switch
+        if self.step is not None and solver.t_bound == time:
             step = max(step, self.step)
         self.step = step if np.isfinite(step) and step > 0 else None
 
@@ -235,17 +288,21 @@ class Integration:
 def _stepped(solver: Any) -> bool:
     try:
         solver.step()
-    except (RuntimeError, ValueError, np.linalg.LinAlgError):  # the implicit method met a Jacobian that is not finite
+    # the implicit method met a Jacobian that is not finite
+    except (RuntimeError, ValueError, np.linalg.LinAlgError):
         return False
     return bool(solver.status != "failed")
 
 
 def fastest_decay(loop: Loop, groups: Sequence[ArcGroup]) -> float:
-    """A Gershgorin bound on the fastest decay of e at the consensus, 1/s; at a kink the steeper side counts."""
+    """A Gershgorin bound on the fastest decay of e at the consensus, 1/s; at a kink the steeper
+    side counts."""
     rows = np.asarray(abs(loop.K).sum(axis=1)).reshape(loop.n, loop.m)
     for group in groups:
         slopes = group.coupling.jacobian_at_zero()
-        steepest = np.array([min(1e300, float(sum(entry.magnitude for entry in row))) for row in slopes])
+        steepest = np.array(
+            [min(1e300, float(sum(entry.magnitude for entry in row))) for row in slopes]
+        )
         strength = np.bincount(group.listeners, weights=group.weights, minlength=loop.n)
         rows = rows + 2 * strength[:, None] * steepest
     return float(rows.max())

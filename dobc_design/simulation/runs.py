@@ -1,7 +1,9 @@
-"""Runs of the closed loop (1), (12), (13), (19) with any switching signal: one, or many side by side.
+"""Runs of the closed loop (1), (12), (13), (19) with any switching signal: one, or many side by
+side.
 
-The observer's error is known in closed form, so by default only e is integrated; the full loop as printed is the
-reference, and is taken where the closed form is out of reach.  Run r of an ensemble has the seed ``seed + r``.
+The observer's error is known in closed form, so by default only e is integrated; the full loop as
+printed is the reference, and is taken where the closed form is out of reach.  Run r of an ensemble
+has the seed ``seed + r``.
 """
 
 from __future__ import annotations
@@ -50,7 +52,8 @@ if TYPE_CHECKING:
     from dobc_design.plotting.runs import Envelope
 
 MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
-DRAWN_RUNS, MOST_STATES = 5, 2_000_000  # whose states an ensemble keeps, and how many numbers at most
+# whose states an ensemble keeps, and how many numbers at most
+DRAWN_RUNS, MOST_STATES = 5, 2_000_000
 MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is
 
 
@@ -58,13 +61,14 @@ MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which pr
 class Ensemble(measures.Simulated):
     """Runs that differ by their seeds: starts and switches.  Arrays cannot be written to.
 
-    Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d - dhat|_inf, nan from where
-    a run that diverged had ended; diverged (R,); ended (R,) in s; switches (R,), how often a run switched; goal (n, m);
-    lengths (R,), the Euclidean |e| of all agents at the start; disturbances (R,), the largest |xi_i - xihat_i| there;
-    states (S, T, n, m), x of the first runs, which the figure shows (at most 5, none of very large networks); leader
-    (S, T, m), that of these runs, 0 without one.
-    ``reasons`` says by run why it ended early; ``signal`` and ``stress`` are JSON, ``observer`` as in ``simulate``.
-    ``simulate(problem, seed=seeds[r], ...)`` gives run r again, in full.
+    Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d -
+    dhat|_inf, nan from where a run that diverged had ended; diverged (R,); ended (R,) in s;
+    switches (R,), how often a run switched; goal (n, m); lengths (R,), the Euclidean |e| of all
+    agents at the start; disturbances (R,), the largest |xi_i - xihat_i| there; states (S, T, n, m),
+    x of the first runs, which the figure shows (at most 5, none of very large networks); leader (S,
+    T, m), that of these runs, 0 without one. ``reasons`` says by run why it ended early; ``signal``
+    and ``stress`` are JSON, ``observer`` as in ``simulate``. ``simulate(problem, seed=seeds[r],
+    ...)`` gives run r again, in full.
     """
 
     name: str
@@ -103,8 +107,13 @@ class Ensemble(measures.Simulated):
         return len(self.seeds)
 
     def start_size(self) -> tuple[float, float, float]:
-        """Over all starts the largest |e|_inf, Euclidean |e| of all agents stacked, and |xi_i - xihat_i|."""
-        return float(self.error[:, 0].max()), float(self.lengths.max()), float(self.disturbances.max())
+        """Over all starts the largest |e|_inf, Euclidean |e| of all agents stacked, and |xi_i -
+        xihat_i|."""
+        return (
+            float(self.error[:, 0].max()),
+            float(self.lengths.max()),
+            float(self.disturbances.max()),
+        )
 
     @property
     def final_error(self) -> Array:
@@ -112,15 +121,23 @@ class Ensemble(measures.Simulated):
         return measures.final_errors(self.error)
 
     def quantiles(self, levels: Sequence[float] = (0.05, 0.5, 0.95)) -> Array:
-        """Quantiles of |e|_inf over the runs at every sample: (levels, T); a run that diverged counts as infinite."""
+        """Quantiles of |e|_inf over the runs at every sample: (levels, T); a run that diverged
+        counts as infinite."""
         return np.stack([measures.quantile(self.error, level) for level in levels])
 
     def summary(self) -> dict[str, Any]:
         """The numbers of ``dobc simulate --json``, without its files."""
         return measures.summary(self.times, self.error, self.diverged)
 
-    def plot(self, *, certificate: Certificate | None = None, envelope: Envelope | None = None, ax: Any = None) -> Any:
-        """States of the first runs, quantile bands of all errors.  The arguments are those of ``Trajectory.plot``."""
+    def plot(
+        self,
+        *,
+        certificate: Certificate | None = None,
+        envelope: Envelope | None = None,
+        ax: Any = None,
+    ) -> Any:
+        """States of the first runs, quantile bands of all errors.  The arguments are those of
+        ``Trajectory.plot``."""
         from dobc_design.plotting.runs import ensemble_sheet, plot_bands
 
         bound = measures.bound_of(self, certificate, envelope)
@@ -129,7 +146,8 @@ class Ensemble(measures.Simulated):
     def intervals(self, confidence: float = 0.95) -> dict[str, tuple[float, float] | None]:
         """Confidence intervals for a random run: median final error, probability of divergence.
 
-        Free of assumptions on distributions (order statistics; Clopper and Pearson).  None: too few runs.
+        Free of assumptions on distributions (order statistics; Clopper and Pearson).  None: too few
+        runs.
         """
         final, bad = np.where(self.diverged, np.inf, self.final_error), int(self.diverged.sum())
         return {
@@ -143,8 +161,21 @@ class Ensemble(measures.Simulated):
 
     def to_bytes(self) -> bytes:
         """What ``save`` writes."""
-        words = ("name", "mode", "labels", "t_final", "notes", "signal", "method", "observer", "stress")
-        facts = {name: getattr(self, name) for name in words} | {"format": "dobc-ensemble", "version": 1}
+        words = (
+            "name",
+            "mode",
+            "labels",
+            "t_final",
+            "notes",
+            "signal",
+            "method",
+            "observer",
+            "stress",
+        )
+        facts = {name: getattr(self, name) for name in words} | {
+            "format": "dobc-ensemble",
+            "version": 1,
+        }
         about = np.array(json.dumps(facts, ensure_ascii=False))
         return measures.arrays_bytes({"about": about} | self._arrays())
 
@@ -183,17 +214,20 @@ def simulate(
     stress: Stress | Literal["worst"] | None = None,
     progress: Reports[float] = None,
 ) -> Trajectory | Ensemble:
-    """Simulate the closed loop (1), (12), (13), (19): one run, or ``runs`` of them with the seeds seed, seed + 1, ...
+    """Simulate the closed loop (1), (12), (13), (19): one run, or ``runs`` of them with the seeds
+    seed, seed + 1, ...
 
-    The modes follow ``signal``; without it ``mode``; without both the problem's [switching].  A missing W is designed
-    first, as ``certify`` does, and a note says so.  ``start``: x by agent and component, (n, m), or a mapping with
-    "x", "xi" and "xihat", or a .csv or .npz file; by default x is drawn from the region by ``seed``, and xihat = 0.
-    ``t_final`` (s) and ``seed`` default to the problem's.  ``samples``: how many, or the times from 0 on in s.
-    ``observer``: "closed-form" integrates e with eps known, "full-loop" all equations as printed, "off" leaves the
-    disturbance uncompensated.  ``tolerance`` of the integrator is relative.  ``stress``: noise, limits, losses and
-    failures; "worst": what [uncertainty], [actuators] and the guarantee "dwell" allow, at its worst.  ``progress``:
-    True for a bar, or a function of the part done, 0 to 1.
-    Returns: a Trajectory, or with ``runs`` an Ensemble; ``diverged`` says what had to stop early, and ``reason`` why.
+    The modes follow ``signal``; without it ``mode``; without both the problem's [switching].  A
+    missing W is designed first, as ``certify`` does, and a note says so.  ``start``: x by agent and
+    component, (n, m), or a mapping with "x", "xi" and "xihat", or a .csv or .npz file; by default x
+    is drawn from the region by ``seed``, and xihat = 0. ``t_final`` (s) and ``seed`` default to the
+    problem's.  ``samples``: how many, or the times from 0 on in s. ``observer``: "closed-form"
+    integrates e with eps known, "full-loop" all equations as printed, "off" leaves the disturbance
+    uncompensated.  ``tolerance`` of the integrator is relative.  ``stress``: noise, limits, losses
+    and failures; "worst": what [uncertainty], [actuators] and the guarantee "dwell" allow, at its
+    worst.  ``progress``: True for a bar, or a function of the part done, 0 to 1.
+    Returns: a Trajectory, or with ``runs`` an Ensemble; ``diverged`` says what had to stop early,
+    and ``reason`` why.
     Raises: SpecError for a wrong argument.
     Example:
         >>> run = dd.simulate("clock-sync", t_final=30, samples=61)
@@ -202,9 +236,15 @@ def simulate(
     """
     problem = as_integrators(load_problem(problem))
     remarks: list[str] = []
-    if stress == "worst" and signal is None and mode is None and (signal := worst_signal(problem)) is not None:
+    if (
+        stress == "worst"
+        and signal is None
+        and mode is None
+        and (signal := worst_signal(problem)) is not None
+    ):
         remarks.append(
-            "Signal: of short rounds that keep the guarantee, one under which the linearised loop decays slowest."
+            "Signal: of short rounds that keep the guarantee, one under which the "
+            "linearised loop decays slowest."
         )
         stress = settings.worst_stress(problem, needed=False)
     elif signal is None and mode is None:
@@ -215,7 +255,15 @@ def simulate(
     if stress is None:
         remarks += _left_out(problem)
     gain = None if observer == "off" else observer_gain(problem)
-    given = Options(mode=mode, signal=signal, start=start, t_final=t_final, seed=seed, samples=samples, stress=stress)
+    given = Options(
+        mode=mode,
+        signal=signal,
+        start=start,
+        t_final=t_final,
+        seed=seed,
+        samples=samples,
+        stress=stress,
+    )
     given |= {"observer": observer, "tolerance": tolerance}
     setting = settings.make_setting(problem, gain=gain, **given)
     if not keeps_guarantee(problem, json.loads(signal_to_json(setting.signal))):
@@ -229,27 +277,37 @@ def simulate(
 def _left_out(problem: Problem) -> list[str]:
     """What the file states about the plant, of which a run without stress knows nothing."""
     own, limits = problem.uncertainty, problem.actuators
-    tables = ["[uncertainty]"] if own is not None and any(getattr(own, x) for x in (*RELATIVE, *ABSOLUTE)) else []
+    tables = (
+        ["[uncertainty]"]
+        if own is not None and any(getattr(own, x) for x in (*RELATIVE, *ABSOLUTE))
+        else []
+    )
     tables += ["[actuators]"] if limits is not None and limits.limit else []
     if not tables:
         return []
     applied = problem.leader is None and settings.worst_stress(problem, needed=False) != Stress()
-    by_stress = "; `dobc stress FILE --worst` applies the limits, disturbance and noise" if applied else ""
+    by_stress = (
+        "; `dobc stress FILE --worst` applies the limits, disturbance and noise" if applied else ""
+    )
     return [f"Not simulated: what {' and '.join(tables)} of the file states{by_stress}."]
 
 
 def fingerprint(problem: Problem, gain: Matrix | None) -> str:
-    """What ties a run to certificates of its problem; "" for large networks, where it would cost more than the run."""
+    """What ties a run to certificates of its problem; "" for large networks, where it would cost
+    more than the run."""
     arcs = sum(len(each) for each in problem.network.modes.values())
     return loop_sha256(problem, gain) if arcs <= MOST_ARCS_COMPARED else ""
 
 
-def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | None = None) -> Trajectory:
+def run_once(
+    setting: Setting, *, seed: int | None = None, progress: Progress | None = None
+) -> Trajectory:
     """One run, with this seed for its start and its switches."""
     problem, loop, signal, stress = setting.problem, setting.loop, setting.signal, setting.stress
     seed = setting.seed if seed is None else seed
     modes: Modes
-    # Trial steps overflow far from the target; the integrator rejects them, and nobody needs a warning.
+    # Trial steps overflow far from the target; the integrator rejects them, and nobody needs a
+    # warning.
     with np.errstate(all="ignore"):
         start = setting.starts.draw(seed)
         if isinstance(signal, Mobile) and signal.motion is None:
@@ -262,13 +320,19 @@ def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | 
         else:
             moving = isinstance(modes, Nearby)
             graphs: dict[str, Any] = {"nearby": modes} if moving else {"switches": [modes.switches]}
-            runs = StressedRuns(setting=setting, groups=modes.groups, starts=[start], seeds=[seed], **graphs)
+            runs = StressedRuns(
+                setting=setting, groups=modes.groups, starts=[start], seeds=[seed], **graphs
+            )
             sampled = stress is not None and stress.period is not None
-            run, parts = run_sampled_alone(runs, progress) if sampled else run_alone(runs, modes, progress)
+            run, parts = (
+                run_sampled_alone(runs, progress) if sampled else run_alone(runs, modes, progress)
+            )
     switches = modes.switches
     if run.reason:  # those up to where the run ended
         count = int(np.searchsorted(switches.times, float(run.times[-1]), side="right"))
-        switches = replace(switches, times=switches.times[:count].copy(), modes=switches.modes[:count].copy())
+        switches = replace(
+            switches, times=switches.times[:count].copy(), modes=switches.modes[:count].copy()
+        )
     return Trajectory(
         **_facts(setting),
         seed=seed,
@@ -286,19 +350,37 @@ def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | 
 
 def _facts(setting: Setting) -> dict[str, Any]:
     """What one run and many say alike about what was asked for."""
-    problem, stress = setting.problem, "" if setting.stress is None else settings.stress_to_json(setting.stress)
-    facts = {"name": problem.name, "labels": problem.network.labels, "t_final": setting.horizon, "stress": stress}
-    facts |= {"mode": settings.describe(setting.signal, problem), "signal": signal_to_json(setting.signal)}
+    problem, stress = (
+        setting.problem,
+        "" if setting.stress is None else settings.stress_to_json(setting.stress),
+    )
+    facts = {
+        "name": problem.name,
+        "labels": problem.network.labels,
+        "t_final": setting.horizon,
+        "stress": stress,
+    }
+    facts |= {
+        "mode": settings.describe(setting.signal, problem),
+        "signal": signal_to_json(setting.signal),
+    }
     return facts | {"observer": setting.observer}
 
 
-def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progress | None) -> integrate.Outcome:
+def _calm(
+    setting: Setting, start: settings.Start, modes: Modes, progress: Progress | None
+) -> integrate.Outcome:
     """A run without stress: e with eps in closed form, else both of them."""
     loop, off, eps0 = setting.loop, setting.observer == "off", start.xi - start.xihat
     closed, F = settings.closed_form_of(setting), loop.A if off else loop.F
-    e0 = np.concatenate([(start.x - loop.goal - (start.s if len(start.s) else 0.0)).ravel(), start.s])
+    e0 = np.concatenate(
+        [(start.x - loop.goal - (start.s if len(start.s) else 0.0)).ravel(), start.s]
+    )
     along = loop.q > 0 and closed is None
-    plan, flat = integrate.errors(loop, modes, closed, eps0, F), np.concatenate([e0, eps0.ravel()]) if along else e0
+    plan, flat = (
+        integrate.errors(loop, modes, closed, eps0, F),
+        np.concatenate([e0, eps0.ravel()]) if along else e0,
+    )
     implicit, tolerance = settings.is_stiff(setting, closed=not along), setting.tolerance
     run = integrate.Integration(
         plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress
@@ -310,19 +392,32 @@ def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progr
     eps = run.states[:, len(e0) :].reshape(xi.shape) if along else evolve(F, eps0, run.times)
     xihat = np.zeros_like(xi) if off else xi - eps
     if along:
-        run.notes.append("The observer is too fast for its closed form: its error was integrated as well.")
+        run.notes.append(
+            "The observer is too fast for its closed form: its error was integrated as well."
+        )
     dhat = xihat @ loop.output.T
     u = loop.control(e, dhat)
     led = {"leader": s} if loop.lead else {}
-    return run, {"x": x, "xi": xi, "xihat": xihat, "d": xi @ loop.output.T, "dhat": dhat, "u": u, **led}
+    return run, {
+        "x": x,
+        "xi": xi,
+        "xihat": xihat,
+        "d": xi @ loop.output.T,
+        "dhat": dhat,
+        "u": u,
+        **led,
+    }
 
 
 def run_many(setting: Setting, runs: int, *, progress: Progress | None = None) -> Ensemble:
-    """``runs`` runs with the seeds seed, seed + 1, ...: each with its own start and its own switches."""
+    """``runs`` runs with the seeds seed, seed + 1, ...: each with its own start and its own
+    switches."""
     most = MOST_KEPT // len(setting.times)
     if whole(runs, "runs", least=1) > most:
         message = f"must be at most {most} with {len(setting.times)} samples of each; got {runs}."
-        raise wrong("runs", message, "Make several ensembles with other seeds, or ask for fewer samples.")
+        raise wrong(
+            "runs", message, "Make several ensembles with other seeds, or ask for fewer samples."
+        )
     with np.errstate(all="ignore"):
         return _Collector(setting, runs, progress or (lambda part: None)).run()
 
@@ -336,7 +431,9 @@ class _Collector:
         self.ended, self.count = np.full(runs, setting.horizon), np.zeros(runs, dtype=np.int64)
         self.lengths, self.disturbances = np.zeros((2, runs))
         shape = (len(setting.times), setting.loop.n, setting.loop.m)
-        self.states = np.full((min(runs, DRAWN_RUNS, MOST_STATES // int(np.prod(shape))), *shape), np.nan)
+        self.states = np.full(
+            (min(runs, DRAWN_RUNS, MOST_STATES // int(np.prod(shape))), *shape), np.nan
+        )
         self.leader = np.zeros((len(self.states), shape[0], shape[2]))
         self.reasons: dict[int, str] = {}
         self.method = "DOP853, side by side"
@@ -389,12 +486,18 @@ class _Collector:
         return "the loop is stiff" if settings.is_stiff(setting, closed=not setting.is_full) else ""
 
     def chunks(self, closed: ClosedForm | None) -> None:
-        """Runs side by side, a bounded number at a time; a given motion gives all of them the same switches."""
+        """Runs side by side, a bounded number at a time; a given motion gives all of them the same
+        switches."""
         setting, loop, stress = self.setting, self.setting.loop, self.setting.stress
         shared = settings.switches_for(setting, setting.seed)
-        groups, room = partial(settings.groups_for, setting, shared), COLUMN_NUMBERS // (loop.n * loop.m)
+        groups, room = (
+            partial(settings.groups_for, setting, shared),
+            COLUMN_NUMBERS // (loop.n * loop.m),
+        )
         if setting.is_full:
-            arcs = sum(each.shape[1] for each in shared.graphs) or sum(map(len, setting.problem.network.modes.values()))
+            arcs = sum(each.shape[1] for each in shared.graphs) or sum(
+                map(len, setting.problem.network.modes.values())
+            )
             room = min(room, 8 * COLUMN_NUMBERS // (max(1, arcs) * loop.m))
         size = max(1, min(self.runs, room))
         networks = cache(lambda mode: network_of(loop, groups(mode), runs=size))
@@ -402,11 +505,19 @@ class _Collector:
             chosen = np.arange(first, min(self.runs, first + size))
             seeds = (setting.seed + chosen).tolist()
             starts = [setting.starts.draw(seed) for seed in seeds]
-            switches = [shared if shared.graphs else settings.switches_for(setting, seed) for seed in seeds]
-            runs = StressedRuns(setting=setting, groups=groups, starts=starts, seeds=seeds, switches=switches)
+            switches = [
+                shared if shared.graphs else settings.switches_for(setting, seed) for seed in seeds
+            ]
+            runs = StressedRuns(
+                setting=setting, groups=groups, starts=starts, seeds=seeds, switches=switches
+            )
             for run, start in zip(chosen, starts, strict=True):
-                self.lengths[run] = np.linalg.norm(start.x - loop.goal - (start.s if loop.lead else 0.0))
-                self.disturbances[run] = np.linalg.norm(start.xi - start.xihat, axis=1).max(initial=0.0)
+                self.lengths[run] = np.linalg.norm(
+                    start.x - loop.goal - (start.s if loop.lead else 0.0)
+                )
+                self.disturbances[run] = np.linalg.norm(start.xi - start.xihat, axis=1).max(
+                    initial=0.0
+                )
 
             def part(done: float, chosen: IndexArray = chosen) -> None:
                 self.report((int(chosen[0]) + done * len(chosen)) / self.runs)
@@ -431,19 +542,37 @@ class _Collector:
                     self.single(int(chosen[row]))
 
     def calm(
-        self, chosen: IndexArray, runs: StressedRuns, closed: ClosedForm | None, networks: Callable[[int], Network]
+        self,
+        chosen: IndexArray,
+        runs: StressedRuns,
+        closed: ClosedForm | None,
+        networks: Callable[[int], Network],
     ) -> tuple[Array, dict[int, str]]:
         setting, loop = self.setting, self.setting.loop
-        e, eps = runs.stacked("x") - loop.goal[..., None], runs.stacked("xi") - runs.stacked("xihat")
+        e, eps = (
+            runs.stacked("x") - loop.goal[..., None],
+            runs.stacked("xi") - runs.stacked("xihat"),
+        )
         s = np.stack([start.s for start in runs.starts], axis=1)
         columns = np.concatenate([(e - s if loop.lead else e).reshape(loop.n * loop.m, -1), s])
-        stack = Stack(loop=loop, networks=networks, closed=closed, e=columns, eps=eps, switches=padded(runs.switches))
+        stack = Stack(
+            loop=loop,
+            networks=networks,
+            closed=closed,
+            e=columns,
+            eps=eps,
+            switches=padded(runs.switches),
+        )
         self.estimation[chosen] = 0.0
         weights: Any = [] if closed is None else np.moveaxis(closed.many(setting.times), 2, 0)
         for place, weight in enumerate(
-            weights if loop.plant is None or closed is None else np.linalg.pinv(loop.plant.B) @ weights
+            weights
+            if loop.plant is None or closed is None
+            else np.linalg.pinv(loop.plant.B) @ weights
         ):
-            self.estimation[chosen, place] = np.abs(np.tensordot(weight, eps, axes=(1, 1))).max(axis=(0, 1))
+            self.estimation[chosen, place] = np.abs(np.tensordot(weight, eps, axes=(1, 1))).max(
+                axis=(0, 1)
+            )
 
         def visit(sample: IndexArray, run: IndexArray, e: Array) -> None:
             self.put(chosen, sample, run, e)
@@ -451,25 +580,43 @@ class _Collector:
         ends = stack.integrate(setting.times, tolerance=setting.tolerance, visit=visit)
         return ends.times, ends.reasons()
 
-    def sampled(self, chosen: IndexArray, runs: StressedRuns, part: Progress) -> tuple[Array, dict[int, str]]:
+    def sampled(
+        self, chosen: IndexArray, runs: StressedRuns, part: Progress
+    ) -> tuple[Array, dict[int, str]]:
         every, goal = np.arange(len(chosen)), self.setting.loop.goal[..., None]
 
         def visit(number: int, sample: integrate.Samples) -> None:
-            self.put(chosen, np.full(len(every), number), every, sample["x"] - goal, sample["d"] - sample["dhat"])
+            self.put(
+                chosen,
+                np.full(len(every), number),
+                every,
+                sample["x"] - goal,
+                sample["d"] - sample["dhat"],
+            )
 
         stepper = Stepper(runs, visit, part)
         self.method, (counts, reasons) = f"{stepper.method}, side by side", stepper.run()
         return self.setting.times[counts - 1], reasons
 
-    def put(self, chosen: IndexArray, sample: IndexArray, run: IndexArray, e: Array, gap: Array | None = None) -> None:
-        """Errors e and d - dhat (n, m, k) of runs at their samples, (k,) each; or e flat, and a leader after it."""
+    def put(
+        self,
+        chosen: IndexArray,
+        sample: IndexArray,
+        run: IndexArray,
+        e: Array,
+        gap: Array | None = None,
+    ) -> None:
+        """Errors e and d - dhat (n, m, k) of runs at their samples, (k,) each; or e flat, and a
+        leader after it."""
         loop, own = self.setting.loop, chosen[run] < len(self.states)
         e, s = np.split(e.reshape(-1, len(run)), [loop.n * loop.m])
         self.error[chosen[run], sample] = np.abs(e).max(axis=0)
         if len(s):
             self.leader[chosen[run][own], sample[own]] = s[:, own].T
         states = e[:, own].T.reshape(-1, loop.n, loop.m) + loop.goal
-        self.states[chosen[run][own], sample[own]] = states + self.leader[chosen[run][own], sample[own]][:, None]
+        self.states[chosen[run][own], sample[own]] = (
+            states + self.leader[chosen[run][own], sample[own]][:, None]
+        )
         if gap is not None:
             self.estimation[chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
 

@@ -1,19 +1,23 @@
-"""The loop with everything computed at the multiples of a period T and held between: solved exactly, step by step.
+"""The loop with everything computed at the multiples of a period T and held between: solved
+exactly, step by step.
 
-At k T every agent computes v_k = couplings + input and holds it; between samples x' = v_k + d, which is integrated in
-closed form.  The observer is the exact discretisation: with Ad = exp(A T) and the mean output
-Cd = C (1/T) int_0^T exp(A s) ds, the measured mean (x_(k+1) - x_k)/T - v_k is Cd xi_k exactly, and
+At k T every agent computes v_k = couplings + input and holds it; between samples x' = v_k + d,
+which is integrated in closed form.  The observer is the exact discretisation: with Ad = exp(A T)
+and the mean output Cd = C (1/T) int_0^T exp(A s) ds, the measured mean (x_(k+1) - x_k)/T - v_k is
+Cd xi_k exactly, and
 
     xihat_(k+1) = Ad xihat_k + L ((x_(k+1) - x_k)/T - v_k - Cd xihat_k),     dhat_k = Cd xihat_k.
 
-So eps_(k+1) = (Ad - L Cd) eps_k, free of the network as (17) is, and the mean of d - dhat over a period is Cd eps_k.
-L = int_0^T exp((A - W C) s) ds W, unless it is given.  Between samples d - dhat keeps a ripple that shrinks with T.
+So eps_(k+1) = (Ad - L Cd) eps_k, free of the network as (17) is, and the mean of d - dhat over a
+period is Cd eps_k. L = int_0^T exp((A - W C) s) ds W, unless it is given.  Between samples d - dhat
+keeps a ripple that shrinks with T.
 
-Agents with linear [dynamics] move by x_(k+1) = Phi x_k + G v_k + N xi_k, exactly, G = R B, R = int_0^T exp(A_x s) ds;
-with watch G = I the same holds of watch (x_(k+1) - Phi x_k) - v_k and Cd = watch N.  What N xi_k does beside G Cd xi_k,
-a ripple of higher order in T, is not cancelled.  Phi x + G v is x + R (A_x x + B v): with f(x) in place of A_x x, A_x
-its slopes at the target, f(x) - A_x x is held over a period, an error of order T^2.  That is the model of the observer;
-the agents themselves are integrated between samples.
+Agents with linear [dynamics] move by x_(k+1) = Phi x_k + G v_k + N xi_k, exactly, G = R B, R =
+int_0^T exp(A_x s) ds; with watch G = I the same holds of watch (x_(k+1) - Phi x_k) - v_k and Cd =
+watch N.  What N xi_k does beside G Cd xi_k, a ripple of higher order in T, is not cancelled.  Phi x
++ G v is x + R (A_x x + B v): with f(x) in place of A_x x, A_x its slopes at the target, f(x) - A_x
+x is held over a period, an error of order T^2.  That is the model of the observer; the agents
+themselves are integrated between samples.
 """
 
 from __future__ import annotations
@@ -34,12 +38,15 @@ from dobc_design.simulation.stressed import LEAST_STEPS, Crew, Loops, StressedRu
 
 
 def flow(loop: Loop, times: float | Array) -> Array:
-    """What so much time (s) adds to x with v held: a matrix (..., m, m + q) of x' - d at its begin, and of xi."""
+    """What so much time (s) adds to x with v held: a matrix (..., m, m + q) of x' - d at its begin,
+    and of xi."""
     m = loop.m
     block = np.zeros((2 * m + loop.q, 2 * m + loop.q))
     block[:m, m : 2 * m], block[:m, 2 * m :], block[2 * m :, 2 * m :] = np.eye(m), loop.C, loop.A
     block[:m, :m] = 0.0 if loop.plant is None else loop.plant.A
-    return np.asarray(expm(block * np.asarray(times, dtype=np.float64)[..., None, None])[..., :m, m:])
+    return np.asarray(
+        expm(block * np.asarray(times, dtype=np.float64)[..., None, None])[..., :m, m:]
+    )
 
 
 def flown(added: Array, x: Array, speed: Array, xi: Array) -> Array:
@@ -48,7 +55,8 @@ def flown(added: Array, x: Array, speed: Array, xi: Array) -> Array:
 
 
 def discretised(loop: Loop, period: float, gain: Array | None = None) -> tuple[Array, Array, Array]:
-    """watch (p, m), Cd (p, q) and L (q, p), or (n, q, p), for ``period`` in s.  Raises: ShapeError for a wrong gain."""
+    """watch (p, m), Cd (p, q) and L (q, p), or (n, q, p), for ``period`` in s.  Raises: ShapeError
+    for a wrong gain."""
     added = flow(loop, period)
     B = np.eye(loop.m) if loop.plant is None else loop.plant.B
     if gain is None:
@@ -61,13 +69,21 @@ def discretised(loop: Loop, period: float, gain: Array | None = None) -> tuple[A
 
 
 def check_sampled_gain(shape: tuple[int, ...], *, q: int, m: int, grouped: bool) -> None:
-    """Refuse a gain of another shape than (q, m), or one for agents with different exosystems.  Raises: ShapeError."""
+    """Refuse a gain of another shape than (q, m), or one for agents with different exosystems.
+    Raises: ShapeError."""
     if grouped:
-        message = "is one gain for all agents, and the groups of exosystem.groups have different ones."
+        message = (
+            "is one gain for all agents, and the groups of exosystem.groups have different ones."
+        )
         raise wrong("sampled_gain", message, "Leave it out: the W of every group is discretised.")
     if shape != (q, m):
         message = f"must have shape ({q}, {m}), one row per exosystem state; got {shape}."
-        raise wrong("sampled_gain", message, "design_observer(problem, period=...).W has it.", kind=ShapeError)
+        raise wrong(
+            "sampled_gain",
+            message,
+            "design_observer(problem, period=...).W has it.",
+            kind=ShapeError,
+        )
 
 
 def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
@@ -80,7 +96,8 @@ def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
 
 
 class Between(Loops):
-    """The agents between two samples: couplings ``felt`` (n, m, R) and inputs ``u`` (n, p, R) are held, z is xihat."""
+    """The agents between two samples: couplings ``felt`` (n, m, R) and inputs ``u`` (n, p, R) are
+    held, z is xihat."""
 
     felt: Array
     u: Array
@@ -92,7 +109,9 @@ class Between(Loops):
         def derivative(y: Array, force: Array) -> Array:
             x, xi, z = self.split(y)
             d = act(self.loop.output, xi) + (force.reshape(u.shape) if len(force) else 0.0)
-            return self.joined(felt + self.loop.moved(u + d, x - self.goal), act(self.loop.A, xi), 0 * z)
+            return self.joined(
+                felt + self.loop.moved(u + d, x - self.goal), act(self.loop.A, xi), 0 * z
+            )
 
         return derivative
 
@@ -100,19 +119,26 @@ class Between(Loops):
 def run_sampled_alone(runs: StressedRuns, progress: Progress | None) -> Outcome:
     """Step a stack of one run from sample to sample."""
     seen: list[Samples] = []
-    stepper = Stepper(runs, lambda number, sample: seen.append(sample), progress or (lambda part: None))
+    stepper = Stepper(
+        runs, lambda number, sample: seen.append(sample), progress or (lambda part: None)
+    )
     counts, reasons = stepper.run()
     count, method = int(counts[0]), stepper.method
     parts = {name: np.stack([each[name][..., 0] for each in seen[:count]]) for name in seen[0]}
     times, evaluations = stepper.times[:count].copy(), len(stepper.instants)
     states, reason = np.zeros((count, 0)), reasons.get(0, "")
-    return Run(times=times, states=states, reason=reason, method=method, evaluations=evaluations), parts
+    return Run(
+        times=times, states=states, reason=reason, method=method, evaluations=evaluations
+    ), parts
 
 
 class Stepper:
-    """Steps all runs; ``visit`` gets the place of a time, and x, d, dhat, u (n, m, R), xi, xihat (n, q, R) by name."""
+    """Steps all runs; ``visit`` gets the place of a time, and x, d, dhat, u (n, m, R), xi, xihat
+    (n, q, R) by name."""
 
-    def __init__(self, runs: StressedRuns, visit: Callable[[int, Samples], None], report: Progress) -> None:
+    def __init__(
+        self, runs: StressedRuns, visit: Callable[[int, Samples], None], report: Progress
+    ) -> None:
         self.loop, self.times, self.nearby = runs.setting.loop, runs.setting.times, runs.nearby
         self.visit, self.report = visit, report
         self.period = float(runs.stress.period or 0.0)
@@ -141,7 +167,8 @@ class Stepper:
         return np.asarray(np.abs(self.x - self.goal).max(axis=(0, 1)))
 
     def run(self) -> tuple[IndexArray, dict[int, str]]:
-        """How many samples each run reached, (R,), and why some ended early.  Raises: SpecError for too many."""
+        """How many samples each run reached, (R,), and why some ended early.  Raises: SpecError for
+        too many."""
         since = self.times - self.instants[self.owner]
         transition, added = integral(self.loop.A, since)[0], flow(self.loop, since)
         done = 0
@@ -156,7 +183,11 @@ class Stepper:
             for s, x in zip(range(done, last), path, strict=False):
                 time = float(self.times[s])
                 bad = self.going & ~np.isfinite(x).all(axis=(0, 1))
-                self.end(bad, max(1, done), f"a coupling overflows or is undefined at t = {instant:.6g} s")
+                self.end(
+                    bad,
+                    max(1, done),
+                    f"a coupling overflows or is undefined at t = {instant:.6g} s",
+                )
                 xi = act(transition[s], self.xi)
                 d = act(self.loop.output, xi) + self.crew.extra(time)
                 parts = {"x": self.x if s == 0 else x, "xi": xi, "d": d, "u": u}
@@ -166,7 +197,11 @@ class Stepper:
                 self.before, self.held = measured, felt + self.loop.moved(u, measured - self.goal)
                 self.x, self.xi = next(path), act(self.Ad, self.xi)
                 far = self.going & ~(self.size() <= self.farthest)
-                self.end(far, done, f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {times[-1]:.6g} s")
+                self.end(
+                    far,
+                    done,
+                    f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {times[-1]:.6g} s",
+                )
             if not self.going.any():
                 break
             if k % 64 == 0:
@@ -174,14 +209,20 @@ class Stepper:
         self.report(1.0)
         return self.counts, self.reasons
 
-    def exact(self, begin: float, times: list[float], flows: list[Array], felt: Array, u: Array) -> Iterator[Array]:
-        """x (n, m, R) at times from ``begin`` on, in closed form, with couplings (n, m, R) and inputs held."""
+    def exact(
+        self, begin: float, times: list[float], flows: list[Array], felt: Array, u: Array
+    ) -> Iterator[Array]:
+        """x (n, m, R) at times from ``begin`` on, in closed form, with couplings (n, m, R) and
+        inputs held."""
         speed, x = felt + self.loop.moved(u, self.x - self.goal), self.x
         for time, added in zip(times, flows, strict=False):
             yield flown(added, x, speed, self.xi) + self.crew.extra_integral(begin, time)
 
-    def integrated(self, loops: Between, begin: float, times: Array, felt: Array, u: Array) -> Array:
-        """The same (T, n, m, R), integrated; nan after a run has ended, and of those that had ended before."""
+    def integrated(
+        self, loops: Between, begin: float, times: Array, felt: Array, u: Array
+    ) -> Array:
+        """The same (T, n, m, R), integrated; nan after a run has ended, and of those that had ended
+        before."""
         loops.felt, loops.u, loops.alive = felt, u, np.flatnonzero(self.going)
         path = np.full((len(times), *self.x.shape), np.nan)
         path[times == begin] = self.x
@@ -190,7 +231,10 @@ class Stepper:
             path[sample, :, :, loops.alive[run]] = np.moveaxis(loops.split(y)[0], 2, 0)
 
         if len(times) and times[-1] > begin:
-            start, count = loops.joined(self.x, self.xi, self.xihat)[:, loops.alive], (len(loops.alive), 1)
+            start, count = (
+                loops.joined(self.x, self.xi, self.xihat)[:, loops.alive],
+                (len(loops.alive), 1),
+            )
             found = Stretch(
                 loops,
                 start,
@@ -206,8 +250,15 @@ class Stepper:
             ).run()
             self.steps[loops.alive] = found.steps
             for place, reason in found.reasons().items():
-                which, kept = np.arange(len(self.going)) == loops.alive[place], self.times <= found.times[place]
-                words = reason or f"agents are too stiff for {LEAST_STEPS} steps to the sample after t = {begin:.6g} s"
+                which, kept = (
+                    np.arange(len(self.going)) == loops.alive[place],
+                    self.times <= found.times[place],
+                )
+                words = (
+                    reason
+                    or f"agents are too stiff for {LEAST_STEPS} steps to the sample after t = "
+                    f"{begin:.6g} s"
+                )
                 self.end(which & self.going, int(np.count_nonzero(kept)), words)
         return path
 

@@ -1,7 +1,9 @@
-"""Switching signals: fixed, periodic, random, Markov, a schedule, or graphs that follow from positions.
+"""Switching signals: fixed, periodic, random, Markov, a schedule, or graphs that follow from
+positions.
 
-A signal is a value: it can be compared, printed and stored as JSON, a problem's [switching] describes one, and together
-with a seed it gives the same ``switches`` every time.  None of this enters a proof.
+A signal is a value: it can be compared, printed and stored as JSON, a problem's [switching]
+describes one, and together with a seed it gives the same ``switches`` every time.  None of this
+enters a proof.
 """
 
 from __future__ import annotations
@@ -42,10 +44,12 @@ class Fixed(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Periodic(Shown):
-    """The modes one after another, over and over: each for ``dwell`` s, or ``dwell[i]`` s for the i-th of ``order``.
+    """The modes one after another, over and over: each for ``dwell`` s, or ``dwell[i]`` s for the
+    i-th of ``order``.
 
     Example:
-        >>> run = dd.simulate("paper-switching", signal=dd.signals.Periodic(dwell=0.5), t_final=2, samples=9)
+        >>> signal = dd.signals.Periodic(dwell=0.5)
+        >>> run = dd.simulate("paper-switching", signal=signal, t_final=2, samples=9)
         >>> run.switches.times.tolist()
         [0.0, 0.5, 1.0, 1.5]
     """
@@ -61,7 +65,12 @@ class Periodic(Shown):
             return
         times = tuple(seconds(t, f"dwell[{i}]") for i, t in enumerate(self.dwell))  # type: ignore[arg-type]
         if not times:
-            raise wrong("dwell", "must hold at least one time; got none.", "For example 0.5.", kind=ShapeError)
+            raise wrong(
+                "dwell",
+                "must hold at least one time; got none.",
+                "For example 0.5.",
+                kind=ShapeError,
+            )
         put(self, dwell=times)
 
     def __str__(self) -> str:
@@ -72,7 +81,8 @@ class Periodic(Shown):
 class RandomDwell(Shown):
     """A mode drawn anew, each as likely as the other, after every ``dwell`` s.
 
-    With ``longest`` every draw is another mode, and how long it lasts is uniform between ``dwell`` and ``longest``.
+    With ``longest`` every draw is another mode, and how long it lasts is uniform between ``dwell``
+    and ``longest``.
     """
 
     kind: ClassVar[str] = "random"
@@ -94,10 +104,11 @@ class RandomDwell(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Markov(Shown):
-    """A Markov chain in continuous time: ``generator[k][l]`` is the rate in 1/s from the k-th mode to the l-th.
+    """A Markov chain in continuous time: ``generator[k][l]`` is the rate in 1/s from the k-th mode
+    to the l-th.
 
-    Rows add up to 0.  ``order`` names the modes of rows and columns (default: the problem's order), ``start`` the
-    first mode (default: the first of them).
+    Rows add up to 0.  ``order`` names the modes of rows and columns (default: the problem's order),
+    ``start`` the first mode (default: the first of them).
     """
 
     kind: ClassVar[str] = "markov"
@@ -121,7 +132,10 @@ class Markov(Shown):
                 raise wrong(f"generator[{k}]", f"{message} {sum(row):g}.", cure)
 
     def __str__(self) -> str:
-        stays = ", ".join("for ever" if row[k] == 0 else f"{-1 / row[k]:.3g} s" for k, row in enumerate(self.generator))
+        stays = ", ".join(
+            "for ever" if row[k] == 0 else f"{-1 / row[k]:.3g} s"
+            for k, row in enumerate(self.generator)
+        )
         return f"Markov, mean stay {stays}"
 
 
@@ -137,10 +151,17 @@ class Schedule(Shown):
         times = tuple(not_negative(t, f"times[{i}]") for i, t in enumerate(self.times))
         put(self, times=times, modes=tuple(map(str, self.modes)))
         if len(times) != len(self.modes) or not times:
-            message = f"times and modes must be equally long, at least 1; got {len(times)} and {len(self.modes)}."
+            message = (
+                f"times and modes must be equally long, at least 1; got {len(times)} and "
+                f"{len(self.modes)}."
+            )
             raise ShapeError(message, key="times", cure="Give one mode for every instant.")
         if times[0] != 0 or any(b <= a for a, b in pairwise(times)):
-            raise wrong("times", "must begin with 0 and increase.", "Sort them, and say what is active at 0.")
+            raise wrong(
+                "times",
+                "must begin with 0 and increase.",
+                "Sort them, and say what is active at 0.",
+            )
 
     def __str__(self) -> str:
         return f"schedule of {counted(len(self.times), 'instant')}"
@@ -148,7 +169,8 @@ class Schedule(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Waypoints(Shown):
-    """A given motion: straight lines between positions at given instants; before and after them it rests.
+    """A given motion: straight lines between positions at given instants; before and after them it
+    rests.
 
     Shapes: times (T,) in s, increasing; positions (T, n, k), k coordinates of n agents.
     """
@@ -160,25 +182,39 @@ class Waypoints(Shown):
         places = np.asarray(self.positions, dtype=np.float64)
         times = tuple(not_negative(t, f"times[{i}]") for i, t in enumerate(self.times))
         if places.ndim != 3 or len(places) != len(times) or 0 in places.shape:
-            message = f"must have shape (times, agents, coordinates) with {len(times)} times; got {places.shape}."
-            raise wrong("positions", message, "Give one n x k array for every instant.", kind=ShapeError)
+            message = (
+                f"must have shape (times, agents, coordinates) with {len(times)} times; got "
+                f"{places.shape}."
+            )
+            raise wrong(
+                "positions", message, "Give one n x k array for every instant.", kind=ShapeError
+            )
         if not np.isfinite(places).all() or any(b <= a for a, b in pairwise(times)):
-            raise SpecError("positions must be finite and times must increase.", key="times", cure="Sort the instants.")
+            raise SpecError(
+                "positions must be finite and times must increase.",
+                key="times",
+                cure="Sort the instants.",
+            )
         put(self, times=times, positions=tuple(tuple(map(tuple, rows)) for rows in places.tolist()))
 
     def _card(self) -> Card:
         agents, coordinates = len(self.positions[0]), len(self.positions[0][0])
         where = f"{len(self.times)} instants from {self.times[0]:g} to {self.times[-1]:g} s"
-        return Card(title="Waypoints", text=f"of {agents} agents in {coordinates} coordinates, {where}")
+        return Card(
+            title="Waypoints", text=f"of {agents} agents in {coordinates} coordinates, {where}"
+        )
 
     def __repr__(self) -> str:
         return f"<Waypoints {self._card().text}>"
 
     def at(self, time: float, places: Array) -> Array:
-        """Positions (n, k) at a time; ``places`` is ``positions`` as an array, made once by the caller."""
+        """Positions (n, k) at a time; ``places`` is ``positions`` as an array, made once by the
+        caller."""
         if len(self.times) == 1:
             return np.asarray(places[0])
-        number = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2))
+        number = int(
+            np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2)
+        )
         begin, end = self.times[number], self.times[number + 1]
         part = min(1.0, max(0.0, (time - begin) / (end - begin)))
         return np.asarray(places[number] + part * (places[number + 1] - places[number]))
@@ -186,11 +222,13 @@ class Waypoints(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Mobile(Told):
-    """Who is near enough is heard: all agents within ``radius``, or the ``neighbours`` nearest ones.
+    """Who is near enough is heard: all agents within ``radius``, or the ``neighbours`` nearest
+    ones.
 
-    ``hysteresis`` >= 0, a distance: a link within the radius is kept up to radius + hysteresis; one of the nearest
-    is replaced only by an agent that is nearer by more than it.  ``motion`` gives the positions; without it they are
-    the states.  The arcs of the problem's modes are not used; couplings of single arcs are.
+    ``hysteresis`` >= 0, a distance: a link within the radius is kept up to radius + hysteresis; one
+    of the nearest is replaced only by an agent that is nearer by more than it.  ``motion`` gives
+    the positions; without it they are the states.  The arcs of the problem's modes are not used;
+    couplings of single arcs are.
     """
 
     kind: ClassVar[str] = "mobile"
@@ -202,7 +240,9 @@ class Mobile(Told):
     def __post_init__(self) -> None:
         if (self.radius is None) == (self.neighbours is None):
             message = "a mobile signal needs either radius or neighbours, and not both."
-            raise SpecError(message, key="radius", cure="For example Mobile(radius=2.0, hysteresis=0.2).")
+            raise SpecError(
+                message, key="radius", cure="For example Mobile(radius=2.0, hysteresis=0.2)."
+            )
         if self.radius is not None:
             put(self, radius=positive(self.radius, "radius"))
         if self.neighbours is not None:
@@ -210,8 +250,13 @@ class Mobile(Told):
         put(self, hysteresis=not_negative(self.hysteresis, "hysteresis"))
 
     def __str__(self) -> str:
-        near = f"within {self.radius:g}" if self.radius is not None else f"{self.neighbours} nearest"
-        return f"mobile, {near}, hysteresis {self.hysteresis:g}, {'given motion' if self.motion else 'the states move'}"
+        near = (
+            f"within {self.radius:g}" if self.radius is not None else f"{self.neighbours} nearest"
+        )
+        return (
+            f"mobile, {near}, hysteresis {self.hysteresis:g}, "
+            f"{'given motion' if self.motion else 'the states move'}"
+        )
 
 
 Scheduled = Fixed | Periodic | RandomDwell | Markov | Schedule
@@ -228,18 +273,25 @@ def signal_to_json(signal: Signal) -> str:
 
 
 def signal_of(problem: Problem) -> tuple[Signal, str | None]:
-    """The signal of a problem's [switching], and a remark where something had to be chosen.  Raises: SpecError."""
+    """The signal of a problem's [switching], and a remark where something had to be chosen.
+    Raises: SpecError."""
     names, own = tuple(problem.network.modes), problem.switching
     if own is None:
-        return Fixed(), f"No signal was given: {names[0]} is active throughout." if len(names) > 1 else None
+        return Fixed(), f"No signal was given: {names[0]} is active throughout." if len(
+            names
+        ) > 1 else None
     if own.signal in ("schedule", "mobile"):
-        unused = None if own.dwell is None else f"switching.dwell is not used by a {own.signal} signal."
+        unused = (
+            None if own.dwell is None else f"switching.dwell is not used by a {own.signal} signal."
+        )
         if own.signal == "mobile":
             radius = None if own.radius is None else _float(own.radius, "switching.radius")
             hysteresis = _float(own.hysteresis or Fraction(0), "switching.hysteresis")
             return Mobile(radius=radius, neighbours=own.neighbours, hysteresis=hysteresis), unused
         instants = own.schedule or ()
-        times = tuple(_float(time, f"switching.schedule[{k}][0]") for k, (time, _) in enumerate(instants))
+        times = tuple(
+            _float(time, f"switching.schedule[{k}][0]") for k, (time, _) in enumerate(instants)
+        )
         return Schedule(times=times, modes=tuple(mode for _, mode in instants)), unused
     if len(names) == 1:
         return Fixed(), "There is one mode: nothing switches."
@@ -257,15 +309,22 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
         return Periodic(dwell=dwell, order=own.sequence), remark
     rate, count = 1 / (dwell * (len(names) - 1)), range(len(names))
     table = tuple(tuple(-1 / dwell if k == other else rate for other in count) for k in count)
-    return Markov(generator=table), "Markov: stays last switching.dwell on average, all other modes are equally likely."
+    return Markov(
+        generator=table
+    ), "Markov: stays last switching.dwell on average, all other modes are equally likely."
 
 
 def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
     whole = own.period or Fraction(0)
     if own.schedule is None:
-        return Periodic(dwell=_float(whole / len(own.sequence or names), "switching.period"), order=own.sequence)
+        return Periodic(
+            dwell=_float(whole / len(own.sequence or names), "switching.period"), order=own.sequence
+        )
     ends = [*(time for time, _ in own.schedule[1:]), whole]
-    stays = [_float(end - time, "switching.schedule") for (time, _), end in zip(own.schedule, ends, strict=True)]
+    stays = [
+        _float(end - time, "switching.schedule")
+        for (time, _), end in zip(own.schedule, ends, strict=True)
+    ]
     return Periodic(dwell=tuple(stays), order=tuple(mode for _, mode in own.schedule))
 
 

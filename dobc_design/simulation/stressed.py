@@ -1,8 +1,10 @@
-"""Runs under a stress, side by side: what agents measure, say, hear and command, and the full loop in continuous time.
+"""Runs under a stress, side by side: what agents measure, say, hear and command, and the full loop
+in continuous time.
 
-The runs are the last axis, and one run is a stack of one.  Random numbers come from streams of each run's own.  A
-packet holds the measured state less the formation offset and target; a listener that got none feels nothing on that
-arc.  All runs wait for each other where noise is drawn, packets are exchanged or agents fail.
+The runs are the last axis, and one run is a stack of one.  Random numbers come from streams of each
+run's own.  A packet holds the measured state less the formation offset and target; a listener that
+got none feels nothing on that arc.  All runs wait for each other where noise is drawn, packets are
+exchanged or agents fail.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ Visit = Callable[[IndexArray, IndexArray, Array, Array], None]
 
 
 def sample_instants(period: float, horizon: float, *, name: str = "period") -> Array:
-    """The multiples of ``period``, the argument ``name``, up to the horizon, in s.  Raises: SpecError for too many."""
+    """The multiples of ``period``, the argument ``name``, up to the horizon, in s.  Raises:
+    SpecError for too many."""
     count, what = horizon / period, "samples" if name == "period" else "exchanges"
     if count > MOST_SAMPLES:
         message = f"{count:.3g} {what} are too many, at most {MOST_SAMPLES} are simulated."
@@ -43,7 +46,8 @@ def sample_instants(period: float, horizon: float, *, name: str = "period") -> A
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StressedRuns:
-    """Runs side by side; ``nearby``, of a single run only: graphs follow from its states instead of ``switches``."""
+    """Runs side by side; ``nearby``, of a single run only: graphs follow from its states instead of
+    ``switches``."""
 
     setting: Setting
     groups: Callable[[int], Sequence[ArcGroup]]
@@ -62,26 +66,38 @@ class StressedRuns:
 
 
 class Crew:
-    """The agents of all runs; errors e (n, m, R) are measured ones; ``stopped``: what failed ones command and say."""
+    """The agents of all runs; errors e (n, m, R) are measured ones; ``stopped``: what failed ones
+    command and say."""
 
     def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
-        self.loop, self.stress, self.heeds = runs.setting.loop, runs.stress, runs.setting.observer != "off"
+        self.loop, self.stress, self.heeds = (
+            runs.setting.loop,
+            runs.stress,
+            runs.setting.observer != "off",
+        )
         self.failing = runs.stress.failing(runs.setting.problem)  # by the agent's index
         self.shape, self.count = (self.loop.n, self.loop.m), len(instants)
         ports = (self.loop.n, len(self.loop.output))
         self.heard = Heard(runs, instants, keep=keep)
         self.noises = [np.random.default_rng([seed, NOISE]) for seed in runs.seeds]
-        phases = [np.random.default_rng([seed, PHASE]).uniform(0, 2 * np.pi, size=ports) for seed in runs.seeds]
+        phases = [
+            np.random.default_rng([seed, PHASE]).uniform(0, 2 * np.pi, size=ports)
+            for seed in runs.seeds
+        ]
         self.phase = np.stack(phases, axis=2)
         self.drawn: Array = np.zeros((0, *self.shape, len(runs.seeds)))
         problem, horizon = runs.setting.problem, runs.setting.horizon
         self.signs = None
         if runs.stress.worst:
-            self.signs = worst_signs(problem, self.loop, horizon=horizon, seeds=runs.seeds, observed=self.heeds)
+            self.signs = worst_signs(
+                problem, self.loop, horizon=horizon, seeds=runs.seeds, observed=self.heeds
+            )
         self.limit: float | Array | None = runs.stress.saturation
         if runs.stress.worst and problem.actuators is not None and self.limit is None:
             limits = [problem.actuators.limit_of(label) for label in problem.network.labels]
-            self.limit = np.array([np.inf if x is None else float(x) for x in limits])[:, None, None]
+            self.limit = np.array([np.inf if x is None else float(x) for x in limits])[
+                :, None, None
+            ]
         self.stopped: dict[int, tuple[Array, Array]] = {}
 
     def noise(self, k: int) -> Array:
@@ -96,7 +112,9 @@ class Crew:
 
     def command(self, e: Array, dhat: Array) -> Array:
         """The input of agents that work: (19), limited."""
-        u = np.moveaxis(self.loop.control(np.moveaxis(e, 2, 0), np.moveaxis(dhat * self.heeds, 2, 0)), 0, 2)
+        u = np.moveaxis(
+            self.loop.control(np.moveaxis(e, 2, 0), np.moveaxis(dhat * self.heeds, 2, 0)), 0, 2
+        )
         return u if self.limit is None else np.asarray(np.clip(u, -self.limit, self.limit))
 
     def control(self, e: Array, dhat: Array, chosen: IndexArray | slice = slice(None)) -> Array:
@@ -108,16 +126,23 @@ class Crew:
 
     def fail(self, instant: float, e: Array, dhat: Array) -> None:
         """Note what is left of the agents whose time has come, in all runs at once."""
-        due = [i for i, failure in self.failing.items() if failure.time <= instant and i not in self.stopped]
+        due = [
+            i
+            for i, failure in self.failing.items()
+            if failure.time <= instant and i not in self.stopped
+        ]
         if due:
             u = self.control(e, dhat)
             for i in due:
                 nothing = np.zeros_like(u[i])
                 frozen = self.failing[i].kind == "freeze"
-                self.stopped[i] = (u[i].copy(), e[i].copy()) if frozen else (nothing, nothing + np.nan)
+                self.stopped[i] = (
+                    (u[i].copy(), e[i].copy()) if frozen else (nothing, nothing + np.nan)
+                )
 
     def said(self, e: Array, chosen: IndexArray | slice = slice(None)) -> Array:
-        """What can be heard of the agents: measured errors, old ones of frozen agents, nan of vanished ones."""
+        """What can be heard of the agents: measured errors, old ones of frozen agents, nan of
+        vanished ones."""
         if not self.stopped:
             return e
         said = e.copy()
@@ -126,12 +151,18 @@ class Crew:
         return said
 
     def extra(self, times: float | Array, chosen: IndexArray | slice = slice(None)) -> Array:
-        """The disturbance that no exosystem knows, (n, p, R); times (R,), or any number of them for a single run."""
+        """The disturbance that no exosystem knows, (n, p, R); times (R,), or any number of them for
+        a single run."""
         if not self.stress.disturbance:
             return np.zeros_like(times + self.phase[..., chosen])
         if self.signs is not None:
-            return self.stress.disturbance * self.signs.at(times, np.arange(self.phase.shape[2])[chosen])
-        return np.asarray(self.stress.disturbance * np.sin(self.stress.frequency * times + self.phase[..., chosen]))
+            return self.stress.disturbance * self.signs.at(
+                times, np.arange(self.phase.shape[2])[chosen]
+            )
+        return np.asarray(
+            self.stress.disturbance
+            * np.sin(self.stress.frequency * times + self.phase[..., chosen])
+        )
 
     def extra_integral(self, begin: float, end: float) -> Array:
         """Its integral between two times, (n, m, R), or 0."""
@@ -152,10 +183,16 @@ class Crew:
 
 
 class Heard:
-    """What listeners hold on all arcs: ``values`` (arcs, m, R), nan for nothing; ``keep``: also between instants."""
+    """What listeners hold on all arcs: ``values`` (arcs, m, R), nan for nothing; ``keep``: also
+    between instants."""
 
     def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
-        loop, self.loss, self.keep, many = runs.setting.loop, runs.stress.loss, keep, len(runs.seeds)
+        loop, self.loss, self.keep, many = (
+            runs.setting.loop,
+            runs.stress.loss,
+            keep,
+            len(runs.seeds),
+        )
         self.n, self.m = loop.n, loop.m
         self.codes, self.values = np.zeros(0, dtype=np.int64), np.zeros((0, loop.m, many))
         self.rngs = [np.random.default_rng([seed, LOSS]) for seed in runs.seeds]
@@ -165,10 +202,15 @@ class Heard:
         if runs.nearby is None:
             used = np.unique(np.concatenate([each.modes for each in runs.switches])).tolist()
             kind = np.min_scalar_type(used[-1])
-            self.modes: IndexArray = np.array([each.at(instants) for each in runs.switches], dtype=kind)
+            self.modes: IndexArray = np.array(
+                [each.at(instants) for each in runs.switches], dtype=kind
+            )
             self.learn({mode: Links(runs.groups(mode), loop.n, loop.m) for mode in used})
         else:
-            self.modes, self.links = np.zeros((1, len(instants)), dtype=np.int64), dict[int, Links]()
+            self.modes, self.links = (
+                np.zeros((1, len(instants)), dtype=np.int64),
+                dict[int, Links](),
+            )
 
     def learn(self, links: dict[int, Links]) -> None:
         """These are the arcs of the modes from now on; what is held on arcs that stay is kept."""
@@ -179,13 +221,15 @@ class Heard:
         self.places = {mode: np.searchsorted(codes, each.codes) for mode, each in links.items()}
 
     def move(self, mode: int, groups: Sequence[ArcGroup], k: int) -> None:
-        """The graph of a single run, known by its number, at the k-th instant or after the one before."""
+        """The graph of a single run, known by its number, at the k-th instant or after the one
+        before."""
         if mode not in self.links:
             self.learn({mode: Links(groups, self.n, self.m)})
         self.modes[0, k : k + 1] = mode
 
     def draw(self, k: int) -> None:
-        """One number for every arc and run at the next instants from the k-th on: (instants, arcs, R)."""
+        """One number for every arc and run at the next instants from the k-th on: (instants, arcs,
+        R)."""
         modes: IndexArray = self.modes[:, k : k + self.block]
         counts = np.zeros_like(modes, dtype=np.int64)
         for mode, places in self.places.items():
@@ -196,18 +240,24 @@ class Heard:
             self.drawn[used, run] = rng.random(int(counts[run].sum()))
 
     def exchange(self, k: int, said: Array) -> list[tuple[Links, IndexArray | slice, Array]]:
-        """Every speaker sends what it says, (n, m, R); by mode arcs, runs, and what is held there, (arcs, m, runs)."""
+        """Every speaker sends what it says, (n, m, R); by mode arcs, runs, and what is held there,
+        (arcs, m, runs)."""
         modes, found = self.modes[:, k], []
         if self.loss and k % self.block == 0:
             self.draw(k)
         self.tune(np.arange(len(modes)), modes)
         for mode in np.unique(modes).tolist():
-            columns, links, places = np.flatnonzero(modes == mode), self.links[mode], self.places[mode]
+            columns, links, places = (
+                np.flatnonzero(modes == mode),
+                self.links[mode],
+                self.places[mode],
+            )
             every = slice(None) if len(columns) == len(modes) else columns
             held = said[..., every][links.speakers]
             if self.loss:
                 drawn = self.drawn[k % self.block][: len(places), every]
-                arrived = (drawn >= self.loss) | np.isnan(held).any(axis=1)  # who is silent for ever is noticed
+                # who is silent for ever is noticed
+                arrived = (drawn >= self.loss) | np.isnan(held).any(axis=1)
                 held = np.where(arrived[:, None], held, self.values[places][..., every])
             if self.loss or self.keep:
                 self.values[places[:, None], :, columns] = np.moveaxis(held, 2, 1)
@@ -226,13 +276,18 @@ class Heard:
 
 
 class Loops:
-    """The columns between instants at which all wait: the runs ``alive`` (k,), ``noise`` (n, m, R) since the last."""
+    """The columns between instants at which all wait: the runs ``alive`` (k,), ``noise`` (n, m, R)
+    since the last."""
 
     def __init__(self, runs: StressedRuns, horizon: float, crew: Crew | None = None) -> None:
         draws, self.loop = runs.stress.draws, runs.setting.loop
-        instants = np.zeros(0) if draws is None else sample_instants(draws, horizon, name="exchange")
+        instants = (
+            np.zeros(0) if draws is None else sample_instants(draws, horizon, name="exchange")
+        )
         self.instants = instants[instants < horizon]
-        self.failures = sorted({failure.time for failure in runs.stress.failures if failure.time < horizon})
+        self.failures = sorted(
+            {failure.time for failure in runs.stress.failures if failure.time < horizon}
+        )
         self.crew = crew or Crew(runs, self.instants, keep=True)
         self.goal, self.alive, self.next = self.loop.goal[..., None], np.arange(len(runs.seeds)), 0
         self.noise = np.zeros((*self.crew.shape, len(runs.seeds)))
@@ -254,7 +309,8 @@ class Loops:
         return measured - self.goal, z + act(self.loop.W, measured)
 
     def wait(self, time: float, y: Array, modes: IndexArray) -> None:
-        """All runs have come to a time, in these modes (R,): draw, fail and exchange what is due."""
+        """All runs have come to a time, in these modes (R,): draw, fail and exchange what is
+        due."""
         crew, due = self.crew, self.next < len(self.instants) and self.instants[self.next] <= time
         if due:
             self.noise = crew.noise(self.next)
@@ -293,7 +349,9 @@ class Loops:
         """The disturbance that no exosystem knows, (S, n p, k); nothing without one."""
         if not self.crew.stress.disturbance:
             return np.zeros((len(times), 0, len(runs)))
-        return self.crew.extra(times[:, None, None, :], self.alive[runs]).reshape(len(times), -1, len(runs))
+        return self.crew.extra(times[:, None, None, :], self.alive[runs]).reshape(
+            len(times), -1, len(runs)
+        )
 
     def size(self, y: Array) -> Array:
         return np.asarray(np.abs(self.split(y)[0] - self.goal).max(axis=(0, 1)))
@@ -310,7 +368,8 @@ class Loops:
 
 
 def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> Ends:
-    """Integrate all runs; ``visit`` gets places of samples and runs (k,), e (n, m, k) and d - dhat (n, p, k)."""
+    """Integrate all runs; ``visit`` gets places of samples and runs (k,), e (n, m, k) and d - dhat
+    (n, p, k)."""
     times, horizon = runs.setting.times, runs.setting.horizon
     loops, (switch_times, switch_modes) = Loops(runs, horizon), padded(runs.switches)
     y, everyone = loops.start, loops.alive
@@ -321,7 +380,12 @@ def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> End
 
     def seen(sample: IndexArray, run: IndexArray, state: Array) -> None:
         chosen = loops.alive[run]
-        visit(sample, chosen, loops.split(state)[0] - loops.goal, loops.gap(state, times[sample], chosen))
+        visit(
+            sample,
+            chosen,
+            loops.split(state)[0] - loops.goal,
+            loops.gap(state, times[sample], chosen),
+        )
 
     for begin, end in pairwise([*begins.tolist(), horizon]):
         while (passed := switch_times[everyone, place + 1] <= begin).any():
@@ -333,7 +397,9 @@ def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> End
         upto = place
         while (more := switch_times[everyone, upto + 1] < end).any():
             upto = upto + more
-        columns = np.minimum(place[:, None] + np.arange((upto - place).max() + 2), switch_times.shape[1] - 1)[alive]
+        columns = np.minimum(
+            place[:, None] + np.arange((upto - place).max() + 2), switch_times.shape[1] - 1
+        )[alive]
         stretch = Stretch(
             loops,
             y[:, alive],
@@ -359,7 +425,8 @@ def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> End
 
 def run_alone(runs: StressedRuns, modes: Modes, progress: Progress | None) -> Outcome:
     """Integrate a stack of one run, and put down what happened at the times of its setting."""
-    setting, noise, noises = runs.setting, np.zeros(1), list[Array]()  # (n, m) each, in the order of the instants
+    # (n, m) each, in the order of the instants
+    setting, noise, noises = runs.setting, np.zeros(1), list[Array]()
     loops = Loops(runs, setting.horizon)
     crew, implicit = loops.crew, is_stiff(setting, closed=False)
 
@@ -379,15 +446,29 @@ def run_alone(runs: StressedRuns, modes: Modes, progress: Progress | None) -> Ou
         def derivative(time: float, state: Array) -> Array:
             return part(state[:, None], loops.forces(np.array([[time]]), ALONE)[0])[:, 0]
 
-        end = min([stay.end, *loops.instants[loops.next : loops.next + 1], *(t for t in loops.failures if t > time)])
-        return derivative, lambda: full_pattern(loops.loop, links.groups), stay._replace(end=float(end))
+        end = min(
+            [
+                stay.end,
+                *loops.instants[loops.next : loops.next + 1],
+                *(t for t in loops.failures if t > time),
+            ]
+        )
+        return (
+            derivative,
+            lambda: full_pattern(loops.loop, links.groups),
+            stay._replace(end=float(end)),
+        )
 
     plan = Plan(loops.loop.goal, positions, segment)
     start, tolerance = loops.start[:, 0], setting.tolerance
-    run = Integration(plan, start, setting.times, tolerance=tolerance, implicit=implicit, progress=progress).run()
+    run = Integration(
+        plan, start, setting.times, tolerance=tolerance, implicit=implicit, progress=progress
+    ).run()
     x, xi, z = loops.split(run.states.T)  # samples in place of runs
     if runs.stress.noise:
-        noise = np.stack(noises, axis=2)[..., np.searchsorted(loops.instants, run.times, side="right") - 1]
+        noise = np.stack(noises, axis=2)[
+            ..., np.searchsorted(loops.instants, run.times, side="right") - 1
+        ]
     e, xihat = loops.known(x, z, noise)
     dhat = act(loops.loop.output, xihat)
     u = crew.command(e, dhat)

@@ -1,4 +1,5 @@
-"""A simulated run of the closed loop: its samples, what is asked of them or of many runs, and its file."""
+"""A simulated run of the closed loop: its samples, what is asked of them or of many runs, and its
+file."""
 
 from __future__ import annotations
 
@@ -40,8 +41,8 @@ SETTLED = 0.01  # part of the error at the start that counts as settled
 
 
 class Sample(NamedTuple):
-    """One instant of a run: time in s, name of the mode; x (n, m), d, dhat, u (n, p), p = m but with [dynamics]; xi,
-    xihat (n, q)."""
+    """One instant of a run: time in s, name of the mode; x (n, m), d, dhat, u (n, p), p = m but
+    with [dynamics]; xi, xihat (n, q)."""
 
     time: float
     mode: str
@@ -64,13 +65,15 @@ class Simulated(Headed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Trajectory(Simulated):
-    """Samples of a run; arrays cannot be written to.  Iterating gives one ``Sample`` after the other.
+    """Samples of a run; arrays cannot be written to.  Iterating gives one ``Sample`` after the
+    other.
 
-    Shapes: times (T,) in s; x (T, n, m); d, dhat, u (T, n, p), the inputs of [dynamics], else p = m; xi, xihat
-    (T, n, q); goal (n, m); leader (T, m), 0 without one, to which goals are relative; mode_index (T,), the active mode
-    as a place in ``switches.names``.  ``mode`` names the mode, or the modes and the signal; ``switches`` holds the
-    exact instants.  ``diverged`` says that the run could not be carried to its end, ``t_final``: the samples are
-    those before, and ``reason`` says why.  ``method`` names the integrator, ``notes`` say what was chosen.
+    Shapes: times (T,) in s; x (T, n, m); d, dhat, u (T, n, p), the inputs of [dynamics], else p =
+    m; xi, xihat (T, n, q); goal (n, m); leader (T, m), 0 without one, to which goals are relative;
+    mode_index (T,), the active mode as a place in ``switches.names``.  ``mode`` names the mode, or
+    the modes and the signal; ``switches`` holds the exact instants.  ``diverged`` says that the run
+    could not be carried to its end, ``t_final``: the samples are those before, and ``reason`` says
+    why.  ``method`` names the integrator, ``notes`` say what was chosen.
     """
 
     name: str
@@ -128,9 +131,14 @@ class Trajectory(Simulated):
         return np.asarray(np.abs(self.d - self.dhat).max(axis=(1, 2)))
 
     def start_size(self) -> tuple[float, float, float]:
-        """Of the start: |e|_inf, the Euclidean |e| of all agents stacked, and the largest |xi_i - xihat_i|."""
+        """Of the start: |e|_inf, the Euclidean |e| of all agents stacked, and the largest |xi_i -
+        xihat_i|."""
         e, eps = self.errors()[0], self.xi[0] - self.xihat[0]
-        return float(np.abs(e).max()), float(np.linalg.norm(e)), float(np.linalg.norm(eps, axis=1).max(initial=0.0))
+        return (
+            float(np.abs(e).max()),
+            float(np.linalg.norm(e)),
+            float(np.linalg.norm(eps, axis=1).max(initial=0.0)),
+        )
 
     @property
     def final_error(self) -> float:
@@ -138,7 +146,8 @@ class Trajectory(Simulated):
         return float(self.error()[-1])
 
     def settling_time(self, tolerance: float | None = None) -> float | None:
-        """Time in s of the first sample from which on |e|_inf <= tolerance; None if it is not so at the end.
+        """Time in s of the first sample from which on |e|_inf <= tolerance; None if it is not so at
+        the end.
 
         ``tolerance`` defaults to one percent of the error at the start.
         """
@@ -147,8 +156,8 @@ class Trajectory(Simulated):
     def decay_rate(self) -> float | None:
         """Slope of -ln |e|_inf over time in 1/s, fitted by least squares; negative for growth.
 
-        Fitted to the samples in which the error is at least a millionth of its largest value; None if
-        these are fewer than three.
+        Fitted to the samples in which the error is at least a millionth of its largest value; None
+        if these are fewer than three.
         """
         return decay_rate(self.times, self.error())
 
@@ -164,17 +173,22 @@ class Trajectory(Simulated):
         pinned: Sequence[int] = (),
         ax: Any = None,
     ) -> Any:
-        """States, disturbance and estimate, errors on a logarithmic axis, and the active mode, as one figure.
+        """States, disturbance and estimate, errors on a logarithmic axis, and the active mode, as
+        one figure.
 
-        ``certificate``: what it proves about |e|_inf from this start is drawn into the errors.  ``envelope``: other
-        bounds of |e|_inf, as points (t, bound), (k, 2), or as a function of times, such as
-        ``certify_settling(problem).envelope``.  ``pinned``: indices to be drawn in blue.  Returns: a Sheet; with
-        Matplotlib's ``ax`` these axes, with the errors.
+        ``certificate``: what it proves about |e|_inf from this start is drawn into the errors.
+        ``envelope``: other bounds of |e|_inf, as points (t, bound), (k, 2), or as a function of
+        times, such as ``certify_settling(problem).envelope``.  ``pinned``: indices to be drawn in
+        blue.  Returns: a Sheet; with Matplotlib's ``ax`` these axes, with the errors.
         """
         from dobc_design.plotting.runs import plot_error, trajectory_sheet
 
         bound = bound_of(self, certificate, envelope)
-        return trajectory_sheet(self, envelope=bound, pinned=pinned) if ax is None else plot_error(ax, self, bound)
+        return (
+            trajectory_sheet(self, envelope=bound, pinned=pinned)
+            if ax is None
+            else plot_error(ax, self, bound)
+        )
 
     def animate(
         self,
@@ -185,16 +199,19 @@ class Trajectory(Simulated):
     ) -> Path:
         """Write the moving network to ``path``, an .html file that loads nothing.
 
-        ``arcs``: (listener, speaker) by mode, for graphs that are not the trajectory's own.  Raises: SpecError.
+        ``arcs``: (listener, speaker) by mode, for graphs that are not the trajectory's own.
+        Raises: SpecError.
         """
         from dobc_design.plotting.animation import write_animation
 
         return write_animation(self, Path(path), arcs=arcs, force=force)
 
     def to_pandas(self) -> pd.DataFrame:
-        """A table with one row per sample, indexed by time in s; columns (quantity, agent, component), from 1.
+        """A table with one row per sample, indexed by time in s; columns (quantity, agent,
+        component), from 1.
 
-        The active mode is in the column ("mode", "", 0).  Raises: SpecError if pandas is not installed.
+        The active mode is in the column ("mode", "", 0).  Raises: SpecError if pandas is not
+        installed.
         """
         try:
             import pandas as pd
@@ -214,7 +231,8 @@ class Trajectory(Simulated):
     def save(self, path: str | PathLike[str], *, force: bool = True) -> Path:
         """Write all of it to ``path``, an .npz file, which ``load_trajectory`` reads.
 
-        Raises: SpecError for another ending, or for a file that is there already where not ``force``.
+        Raises: SpecError for another ending, or for a file that is there already where not
+        ``force``.
         """
         place = Path(path)
         if place.suffix.lower() != ".npz":
@@ -234,7 +252,9 @@ class Trajectory(Simulated):
             **({"leader": self.leader} if self.leader.any() else {}),
             "switch_times": switches.times,
             "switch_modes": switches.modes,
-            "graph_arcs": np.concatenate(switches.graphs or (np.zeros((2, 0), dtype=np.int64),), axis=1),
+            "graph_arcs": np.concatenate(
+                switches.graphs or (np.zeros((2, 0), dtype=np.int64),), axis=1
+            ),
             "graph_sizes": np.array([graph.shape[1] for graph in switches.graphs], dtype=np.int64),
         }
         return arrays_bytes(arrays | {name: getattr(self, name) for name in SAMPLED})
@@ -242,7 +262,10 @@ class Trajectory(Simulated):
     def _card(self) -> Card:
         end = f"diverged at about {self.times[-1]:.4g} s of" if self.diverged else "ran to"
         first, last = self.error()[[0, -1]]
-        text = f'mode "{self.mode}", {end} {self.t_final:.4g} s, |e|_inf from {first:.4g} to {last:.4g}'
+        text = (
+            f'mode "{self.mode}", {end} {self.t_final:.4g} s, |e|_inf from {first:.4g} to '
+            f"{last:.4g}"
+        )
         return Card(title=self.name, text=text, lines=self.notes)
 
 
@@ -253,12 +276,19 @@ LARGEST = 1 << 28  # bytes of the arrays of a file once unpacked, if the file it
 LARGEST_FILE = 1 << 31
 
 
-def bound_of(run: Any, certificate: Certificate | None, envelope: Envelope | None) -> Envelope | None:
-    """The bound to be drawn with a run: that of the certificate, or the given one.  Raises: SpecError for both."""
+def bound_of(
+    run: Any, certificate: Certificate | None, envelope: Envelope | None
+) -> Envelope | None:
+    """The bound to be drawn with a run: that of the certificate, or the given one.  Raises:
+    SpecError for both."""
     if certificate is None:
         return envelope
     if envelope is not None:
-        raise SpecError("certificate and envelope exclude each other.", key="envelope", cure="Leave one of them out.")
+        raise SpecError(
+            "certificate and envelope exclude each other.",
+            key="envelope",
+            cure="Leave one of them out.",
+        )
     found: Any = certificate.envelope(run)
     return found if found.sources else None
 
@@ -268,7 +298,9 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
 
     Returns: the Trajectory.  Raises: SpecError if the file is none.
     """
-    with describing(Path(path), key="path", what="trajectory", cure="Give a file that Trajectory.save wrote."):
+    with describing(
+        Path(path), key="path", what="trajectory", cure="Give a file that Trajectory.save wrote."
+    ):
         arrays = read_arrays(Path(path), (*STORED, *SAMPLED, "leader"), _require_shapes)
         return _made(json.loads(str(arrays.pop("about"))), arrays)
 
@@ -287,8 +319,16 @@ def _require_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
     (samples, n, m), q, switches = shapes["x"], shapes["xi"][2], shapes["switch_times"][:1]
     p = shapes["u"][2:][-1:]  # inputs of an agent: m but with [dynamics]
     arcs, graphs = shapes["graph_arcs"][1:2], shapes["graph_sizes"][:1]
-    wanted = {"times": (samples,), "goal": (n, m), "switch_modes": switches, "switch_times": switches, "about": ()}
-    wanted |= dict.fromkeys(("d", "dhat", "u"), (samples, n, *p)) | dict.fromkeys(("xi", "xihat"), (samples, n, q))
+    wanted = {
+        "times": (samples,),
+        "goal": (n, m),
+        "switch_modes": switches,
+        "switch_times": switches,
+        "about": (),
+    }
+    wanted |= dict.fromkeys(("d", "dhat", "u"), (samples, n, *p)) | dict.fromkeys(
+        ("xi", "xihat"), (samples, n, q)
+    )
     wanted |= {"leader": (samples, m)} if "leader" in shapes else {}
     wanted |= {"graph_arcs": (2, *arcs), "graph_sizes": graphs}
     wrong = [name for name, shape in wanted.items() if shapes[name] != shape]
@@ -297,33 +337,63 @@ def _require_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
 
 
 def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
-    known = isinstance(facts, dict) and facts.get("format") == FORMAT and facts.get("version") == VERSION
+    known = (
+        isinstance(facts, dict)
+        and facts.get("format") == FORMAT
+        and facts.get("version") == VERSION
+    )
     require(known, f'it must say "format": "{FORMAT}", version {VERSION}')
     given: dict[str, Any] = {name: facts[name] for name in PLAIN if name in facts}
     for name, value in given.items():
         fits = type(value) is PLAIN[name] or (PLAIN[name] is float and type(value) is int)
-        require(fits and math.isfinite(value if PLAIN[name] is float else 0), f"{name} is no {PLAIN[name].__name__}")
+        require(
+            fits and math.isfinite(value if PLAIN[name] is float else 0),
+            f"{name} is no {PLAIN[name].__name__}",
+        )
     lists = [facts[name] for name in ("labels", "notes", "modes")]
     require(all(type(each) is list for each in lists), "labels, notes and modes must be lists")
-    texts = [*(text for each in lists for text in each), *(text for text in given.values() if type(text) is str)]
+    texts = [
+        *(text for each in lists for text in each),
+        *(text for text in given.values() if type(text) is str),
+    ]
     readable = all(type(text) is str and text.isprintable() for text in texts)
     require(readable, "a text entry is not text or has control characters")
     times, begins, modes = arrays["times"], arrays["switch_times"], arrays["switch_modes"]
     numbers, sizes, arcs = (arrays[name] for name in ("goal", "graph_sizes", "graph_arcs"))
     whole = all(each.dtype.kind in "iu" for each in (modes, sizes, arcs))
-    real = all(arrays[name].dtype.kind == "f" for name in ("times", "goal", "switch_times", *SAMPLED))
+    real = all(
+        arrays[name].dtype.kind == "f" for name in ("times", "goal", "switch_times", *SAMPLED)
+    )
     require(whole and real, "an array holds numbers of another kind")
-    require(all(np.isfinite(each).all() for each in (times, begins, numbers)), "a time or a goal is not finite")
+    require(
+        all(np.isfinite(each).all() for each in (times, begins, numbers)),
+        "a time or a goal is not finite",
+    )
     ordered = all((np.diff(each) > 0).all() for each in (times, begins)) and begins[0] <= times[0]
     require(ordered and given["t_final"] > 0, "its times do not increase")
     labels, names, n = facts["labels"], facts["modes"], len(numbers)
     require(len(set(labels)) == len(labels) == n, f"it must name {n} different agents")
-    require(len(set(names)) == len(names) and modes.min() >= 0 and modes.max() < len(names), "it has no such mode")
-    require(len(sizes) in (0, len(names)) and (sizes >= 0).all(), "its graphs are not those of its modes")
-    require(sizes.sum() == arcs.shape[1] and ((arcs >= 0) & (arcs < n)).all(), "its arcs are not those of its agents")
-    graphs = tuple(part.copy() for part in np.split(arcs, np.cumsum(sizes)[:-1], axis=1)) if len(sizes) else ()
+    require(
+        len(set(names)) == len(names) and modes.min() >= 0 and modes.max() < len(names),
+        "it has no such mode",
+    )
+    require(
+        len(sizes) in (0, len(names)) and (sizes >= 0).all(),
+        "its graphs are not those of its modes",
+    )
+    require(
+        sizes.sum() == arcs.shape[1] and ((arcs >= 0) & (arcs < n)).all(),
+        "its arcs are not those of its agents",
+    )
+    graphs = (
+        tuple(part.copy() for part in np.split(arcs, np.cumsum(sizes)[:-1], axis=1))
+        if len(sizes)
+        else ()
+    )
     switches = Switches(times=begins, modes=modes, names=tuple(names), graphs=graphs)
-    given |= {name: arrays[name] for name in ("times", "goal", "leader", *SAMPLED) if name in arrays}
+    given |= {
+        name: arrays[name] for name in ("times", "goal", "leader", *SAMPLED) if name in arrays
+    }
     return Trajectory(labels=tuple(labels), notes=tuple(facts["notes"]), switches=switches, **given)
 
 
@@ -333,7 +403,8 @@ class UnfitError(ValueError):
 
 @contextmanager
 def describing(path: Path, *, key: str, what: str, cure: str) -> Iterator[None]:
-    """Reading ``path``, which ought to be a ``what``: whatever goes wrong is a SpecError that names ``key``."""
+    """Reading ``path``, which ought to be a ``what``: whatever goes wrong is a SpecError that names
+    ``key``."""
     try:
         yield
     except SpecError as error:  # there is no such file, or it is none
@@ -349,25 +420,33 @@ def describing(path: Path, *, key: str, what: str, cure: str) -> Iterator[None]:
 def read_arrays(
     path: Path, names: Sequence[str], fits: Callable[[Mapping[str, tuple[int, ...]]], None]
 ) -> dict[str, NDArray[Any]]:
-    """The arrays of an .npz file, those of ``names`` that are there; nothing is unpickled.  Sizes and shapes are read
-    before the data: ``fits`` sees them, and may raise.  Unpacked, the arrays may take LARGEST bytes, or as many as the
-    file has.  Raises: what ``describing`` expects."""
+    """The arrays of an .npz file, those of ``names`` that are there; nothing is unpickled.  Sizes
+    and shapes are read before the data: ``fits`` sees them, and may raise.  Unpacked, the arrays
+    may take LARGEST bytes, or as many as the file has.  Raises: what ``describing`` expects."""
     data = read_bytes(path, limit=LARGEST_FILE, what="file of arrays")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         listed = {each.filename.removesuffix(".npy"): each for each in archive.infolist()}
         chosen = {name: listed[name] for name in names if name in listed}
         total = sum(each.file_size for each in chosen.values())
-        require(total <= max(LARGEST, len(data)), f"unpacked it would take {total} bytes; at most {LARGEST} are read")
+        require(
+            total <= max(LARGEST, len(data)),
+            f"unpacked it would take {total} bytes; at most {LARGEST} are read",
+        )
         shapes = {}
         for name, member in chosen.items():
             with archive.open(member) as stream:
                 version = np.lib.format.read_magic(stream)
-                heads = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+                heads = {
+                    (1, 0): np.lib.format.read_array_header_1_0,
+                    (2, 0): np.lib.format.read_array_header_2_0,
+                }
                 shapes[name], _, dtype = heads[version](stream)
                 kinds, what = ("U", "text") if name == "about" else ("fiu", "numbers")
                 require(dtype.kind in kinds, f"{name} must be {what}")
                 size = stream.tell() + math.prod(shapes[name]) * dtype.itemsize
-                require(size == member.file_size, f"{name} does not have the size that its head says")
+                require(
+                    size == member.file_size, f"{name} does not have the size that its head says"
+                )
         fits(shapes)
         found = {}
         for name, member in chosen.items():
@@ -384,15 +463,21 @@ def arrays_bytes(arrays: Mapping[str, Any]) -> bytes:
 
 
 def save_arrays(path: Path, data: bytes, *, force: bool) -> Path:
-    """Write an .npz file.  Raises: SpecError if the place is taken, unless ``force``, CertificateError if it fails."""
+    """Write an .npz file.  Raises: SpecError if the place is taken, unless ``force``,
+    CertificateError if it fails."""
     if path.exists() and not force:
-        raise SpecError(f"{shown(str(path))} exists already.", key="path", cure="Replace it with force=True.")
+        raise SpecError(
+            f"{shown(str(path))} exists already.", key="path", cure="Replace it with force=True."
+        )
     write_atomically(path, data)
     return path
 
 
-def settling_time(times: Array, error: Array, tolerance: float | None, *, diverged: bool) -> float | None:
-    """Time of the first sample from which on error <= tolerance; None if it is not so at the end."""
+def settling_time(
+    times: Array, error: Array, tolerance: float | None, *, diverged: bool
+) -> float | None:
+    """Time of the first sample from which on error <= tolerance; None if it is not so at the
+    end."""
     bound = SETTLED * float(error[0]) if tolerance is None else tolerance
     outside = np.flatnonzero(~(error <= bound))
     if diverged or (len(outside) and outside[-1] == len(times) - 1):
@@ -401,7 +486,8 @@ def settling_time(times: Array, error: Array, tolerance: float | None, *, diverg
 
 
 def decay_rate(times: Array, error: Array) -> float | None:
-    """Slope of -ln(error), by least squares over the samples that are at least RESOLVED of the largest."""
+    """Slope of -ln(error), by least squares over the samples that are at least RESOLVED of the
+    largest."""
     valid = error[np.isfinite(error)]
     if not len(valid):
         return None
@@ -419,8 +505,12 @@ def final_errors(error: Array) -> Array:
 
 
 def summary(times: Array, error: Array, diverged: NDArray[np.bool_]) -> dict[str, Any]:
-    """Medians and maxima over runs; one that never settles counts as later than any time, which is None."""
-    settled = [settling_time(times, row, None, diverged=bool(bad)) for row, bad in zip(error, diverged, strict=True)]
+    """Medians and maxima over runs; one that never settles counts as later than any time, which is
+    None."""
+    settled = [
+        settling_time(times, row, None, diverged=bool(bad))
+        for row, bad in zip(error, diverged, strict=True)
+    ]
     rates = [rate for row in error if (rate := decay_rate(times, row)) is not None]
     return {
         "runs": len(error),
@@ -440,14 +530,16 @@ def _median_and_max(values: Sequence[float]) -> dict[str, float | None]:
 
 
 def quantile(values: Array, level: float) -> Array:
-    """The order statistic at ``level`` along the first axis; nan counts as larger than every number."""
+    """The order statistic at ``level`` along the first axis; nan counts as larger than every
+    number."""
     place = max(0, math.ceil(level * len(values)) - 1)
     found = np.sort(np.where(np.isnan(values), np.inf, values), axis=0)[place]
     return np.asarray(found)
 
 
 def quantile_interval(values: Array, level: float, confidence: float) -> tuple[float, float] | None:
-    """Bounds of a quantile with this confidence by order statistics, for any distribution; None for too few values."""
+    """Bounds of a quantile with this confidence by order statistics, for any distribution; None for
+    too few values."""
     ordered = np.sort(np.where(np.isnan(values), np.inf, values))
     count, tail = len(ordered), (1 - confidence) / 2
     below = bdtr(np.arange(count), count, level)  # P(at most k values lie below the quantile)
@@ -457,8 +549,11 @@ def quantile_interval(values: Array, level: float, confidence: float) -> tuple[f
 
 
 def proportion_interval(successes: int, count: int, confidence: float) -> tuple[float, float]:
-    """Clopper and Pearson's bounds of a probability, after ``successes`` of ``count`` independent trials."""
+    """Clopper and Pearson's bounds of a probability, after ``successes`` of ``count`` independent
+    trials."""
     tail = (1 - confidence) / 2
     low = 0.0 if successes == 0 else float(betaincinv(successes, count - successes + 1, tail))
-    high = 1.0 if successes == count else float(betaincinv(successes + 1, count - successes, 1 - tail))
+    high = (
+        1.0 if successes == count else float(betaincinv(successes + 1, count - successes, 1 - tail))
+    )
     return low, high

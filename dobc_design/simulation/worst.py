@@ -1,4 +1,5 @@
-"""The worst that is allowed, for the linearised loop: signs of a disturbance, and rounds of modes under a guarantee."""
+"""The worst that is allowed, for the linearised loop: signs of a disturbance, and rounds of modes
+under a guarantee."""
 
 from __future__ import annotations
 
@@ -20,12 +21,14 @@ from dobc_design.simulation.signals import Periodic
 
 STEPS = 500  # stretches of constant sign in a run
 LARGEST = 600  # states of [e; eps] up to which the sensitivity is computed; beyond, all signs are +
-LONGEST_ROUND, MOST_ROUNDS, MOST_WORK = 8, 1000, 10**9  # compared of one length; these times (n m)^3
+# compared of one length; these times (n m)^3
+LONGEST_ROUND, MOST_ROUNDS, MOST_WORK = 8, 1000, 10**9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signs:
-    """+1 and -1 by stretch, agent, component and run: ``values`` (STEPS, n, m, R); a stretch takes ``length`` s."""
+    """+1 and -1 by stretch, agent, component and run: ``values`` (STEPS, n, m, R); a stretch takes
+    ``length`` s."""
 
     values: Array
     length: float
@@ -44,10 +47,12 @@ class Signs:
         return np.tensordot(np.maximum(overlap, 0.0), self.values, axes=1)
 
 
-def worst_signs(problem: Problem, loop: Loop, *, horizon: float, seeds: Sequence[int], observed: bool) -> Signs:
-    """For each run the signs of the impulse response, from every residual to the agent whose turn it is (the seed
-    modulo n), reversed in time: they attain the largest error at the horizon of the loop, linearised in the first
-    mode."""
+def worst_signs(
+    problem: Problem, loop: Loop, *, horizon: float, seeds: Sequence[int], observed: bool
+) -> Signs:
+    """For each run the signs of the impulse response, from every residual to the agent whose turn
+    it is (the seed modulo n), reversed in time: they attain the largest error at the horizon of the
+    loop, linearised in the first mode."""
     n, m, q = loop.n, loop.m, loop.q if observed else 0
     size, length = n * (m + q), horizon / STEPS
     values = np.ones((STEPS, n, len(loop.output), len(seeds)))
@@ -58,7 +63,10 @@ def worst_signs(problem: Problem, loop: Loop, *, horizon: float, seeds: Sequence
     M[: n * m, : n * m] = slopes.toarray() - loop.K.toarray()
     entry = np.eye(n * m)
     if q:
-        M[: n * m, n * m :], M[n * m :, n * m :] = np.kron(np.eye(n), loop.C), np.kron(np.eye(n), loop.F)
+        M[: n * m, n * m :], M[n * m :, n * m :] = (
+            np.kron(np.eye(n), loop.C),
+            np.kron(np.eye(n), loop.F),
+        )
         gains = [loop.W] * n if loop.W.ndim == 2 else list(loop.W)
         entry = np.vstack([entry, -block_diag(*gains)])
     if loop.plant is not None:
@@ -73,9 +81,10 @@ def worst_signs(problem: Problem, loop: Loop, *, horizon: float, seeds: Sequence
 
 
 def worst_signal(problem: Problem) -> Periodic | None:
-    """Of short rounds with the shortest and longest times of the guarantee "dwell" (without a longest: 1, 2 and 4 times
-    the shortest, or a mode for ever), the one under which e, linearised, decays most slowly.  None without this
-    guarantee, with too many agents or modes, and where a coupling has no slope at the target."""
+    """Of short rounds with the shortest and longest times of the guarantee "dwell" (without a
+    longest: 1, 2 and 4 times the shortest, or a mode for ever), the one under which e, linearised,
+    decays most slowly.  None without this guarantee, with too many agents or modes, and where a
+    coupling has no slope at the target."""
     phases, own = phases_of(problem), problem.switching
     most = min(MOST_ROUNDS, MOST_WORK // (problem.n * problem.m) ** 3)
     if not phases or own is None or own.guarantee != "dwell" or (2 * len(phases)) ** 2 > most:
@@ -85,7 +94,9 @@ def worst_signal(problem: Problem) -> Periodic | None:
     if len(flows) < len(phases):
         return None
     first, last = nearest(phases[0].shortest), phases[0].longest
-    ends = [first, 2 * first, 4 * first] if last is None else list({first: None, nearest(last): None})
+    ends = (
+        [first, 2 * first, 4 * first] if last is None else list({first: None, nearest(last): None})
+    )
     steps = {(p, end): expm(flow * end) for p, flow in enumerate(flows) for end in ends}
     slowest, found = -np.inf, None
     for turns in _rounds(len(phases), ends, least=1 if last is None else 2, most=most):
@@ -98,11 +109,19 @@ def worst_signal(problem: Problem) -> Periodic | None:
     return found
 
 
-def _rounds(modes: int, ends: Sequence[float], *, least: int, most: int) -> Iterator[tuple[tuple[int, float], ...]]:
-    """Rounds (mode, s) of one or of neighbours that differ, as long as there are not too many of one length."""
+def _rounds(
+    modes: int, ends: Sequence[float], *, least: int, most: int
+) -> Iterator[tuple[tuple[int, float], ...]]:
+    """Rounds (mode, s) of one or of neighbours that differ, as long as there are not too many of
+    one length."""
     for length in range(least, LONGEST_ROUND + 1):
         if (len(ends) * (modes - 1)) ** length > most:
             return
         for order in product(range(modes), repeat=length):
-            if order[0] == min(order) and (length == 1 or all(order[k] != order[k - 1] for k in range(length))):
-                yield from (tuple(zip(order, lasting, strict=True)) for lasting in product(ends, repeat=length))
+            if order[0] == min(order) and (
+                length == 1 or all(order[k] != order[k - 1] for k in range(length))
+            ):
+                yield from (
+                    tuple(zip(order, lasting, strict=True))
+                    for lasting in product(ends, repeat=length)
+                )

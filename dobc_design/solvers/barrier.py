@@ -1,7 +1,9 @@
-"""Analytic centres and linear objectives over matrix inequalities in one symmetric unknown Y and some scalars.
+"""Analytic centres and linear objectives over matrix inequalities in one symmetric unknown Y and
+some scalars.
 
-Every block is F(Y, x) = F0 - L Y R' - R Y L' + sum x_k U_k signs_k U_k' + sum x_k M_k > 0.  Newton's method on
--log det uses the structure of Y: fractions of a second for a Lur'e inequality that takes a general solver minutes.
+Every block is F(Y, x) = F0 - L Y R' - R Y L' + sum x_k U_k signs_k U_k' + sum x_k M_k > 0.
+Newton's method on -log det uses the structure of Y: fractions of a second for a Lur'e inequality
+that takes a general solver minutes.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ _RIDGES: Final = (1e-14, 1e-11, 1e-8)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Basis:
-    """Which symmetric Y (n, n) are allowed: entries (rows, columns) above; ``tied``: one number for the diagonal."""
+    """Which symmetric Y (n, n) are allowed: entries (rows, columns) above; ``tied``: one number for
+    the diagonal."""
 
     n: int
     rows: Indices
@@ -51,21 +54,27 @@ class Basis:
         return Y
 
     def unknowns(self, Y: Array) -> Array:
-        return np.asarray([np.mean(np.diag(Y))]) if self.tied else np.asarray(Y[self.rows, self.columns])
+        return (
+            np.asarray([np.mean(np.diag(Y))])
+            if self.tied
+            else np.asarray(Y[self.rows, self.columns])
+        )
 
     def traces(self, M: Array) -> Array:
         """tr(E M) for every unit matrix E of the basis, M any (n, n)."""
         return self._tie((M[self.rows, self.columns] + M[self.columns, self.rows]) * self._weights)
 
     def products(self, M: Array, N: Array) -> Array:
-        """p_i q_j + p_j q_i of every unit matrix (i, j) and column p of M, q of N: p'E q, (size, columns)."""
+        """p_i q_j + p_j q_i of every unit matrix (i, j) and column p of M, q of N: p'E q, (size,
+        columns)."""
         i, j = self.rows, self.columns
         if np.array_equal(i, j):
             return self._tie(M[i] * N[i])
         return self._tie((M[i] * N[j] + M[j] * N[i]) * self._weights[:, None])
 
     def quadratic(self, *pairs: tuple[Array, Array]) -> Array:
-        """The sum of tr(M E N E') over the pairs (M, N), for all pairs of unit matrices E, E', (size, size)."""
+        """The sum of tr(M E N E') over the pairs (M, N), for all pairs of unit matrices E, E',
+        (size, size)."""
         i, j = self.rows, self.columns
         if np.array_equal(i, j):
             total = sum((M.T * N for M, N in pairs), np.zeros((self.n, self.n)))
@@ -73,7 +82,12 @@ class Basis:
         total = np.zeros((len(i), len(i)))
         for M, N in pairs:
             mi, mj, ni, nj = M.T.take(i, 0), M.T.take(j, 0), N.take(i, 0), N.take(j, 0)
-            for first, second, left, right in ((mi, nj, j, i), (mi, nj, i, j), (mj, ni, j, i), (mj, ni, i, j)):
+            for first, second, left, right in (
+                (mi, nj, j, i),
+                (mi, nj, i, j),
+                (mj, ni, j, i),
+                (mj, ni, i, j),
+            ):
                 product = first.take(left, 1)
                 product *= second.take(right, 1)
                 total += product
@@ -100,9 +114,10 @@ def make_basis(n: int, shape: str) -> Basis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Block:
-    """One matrix inequality F > 0 of N rows; see above.  ``plain``: a multiple of Y that is added (then N = n, and Y
-    occurs in no other way). ``sides``: L and R (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs``
-    (k,), ``scalars`` (k,): which scalar multiplies which column; ``dense``: scalar -> M_k (N, N)."""
+    """One matrix inequality F > 0 of N rows; see above.  ``plain``: a multiple of Y that is added
+    (then N = n, and Y occurs in no other way). ``sides``: L and R (N, n), or None where Y does not
+    occur.  ``columns`` (N, k), ``signs`` (k,), ``scalars`` (k,): which scalar multiplies which
+    column; ``dense``: scalar -> M_k (N, N)."""
 
     constant: Array
     plain: float = 0.0
@@ -125,8 +140,8 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inequalities:
-    """Blocks, and bounds ``limits`` (bounds,) - ``forms`` (bounds, basis.size) y > 0 on Y; ``count`` of scalars, of
-    which those at the places ``positive`` are > 0."""
+    """Blocks, and bounds ``limits`` (bounds,) - ``forms`` (bounds, basis.size) y > 0 on Y;
+    ``count`` of scalars, of which those at the places ``positive`` are > 0."""
 
     basis: Basis
     blocks: tuple[Block, ...]
@@ -188,9 +203,14 @@ class Inequalities:
 
 
 def centre(
-    problem: Inequalities, point: Array, *, cost: Array | None = None, stop: Callable[[Array], bool] | None = None
+    problem: Inequalities,
+    point: Array,
+    *,
+    cost: Array | None = None,
+    stop: Callable[[Array], bool] | None = None,
 ) -> Array:
-    """Minimise cost'x + barrier by Newton steps, halved as needed, from inside or until ``stop``: the best point."""
+    """Minimise cost'x + barrier by Newton steps, halved as needed, from inside or until ``stop``:
+    the best point."""
     cost = np.zeros(len(point)) if cost is None else cost
     value = float(cost @ point) + problem.barrier(point)
     rows = len(point) ** 3 + sum(len(block.constant) ** 3 for block in problem.blocks)
@@ -225,16 +245,24 @@ def minimise(
     stop: Callable[[Array], bool] | None = None,
     hopeless: float = math.inf,
 ) -> Array:
-    """Follow the central path of cost'x from inside until the gap is ``accuracy`` |cost'x|, or ``stop`` holds, or it
-    cannot come below ``hopeless``.  A point inside."""
-    order = len(problem.positive) + len(problem.limits) + sum(len(block.constant) for block in problem.blocks)
+    """Follow the central path of cost'x from inside until the gap is ``accuracy`` |cost'x|, or
+    ``stop`` holds, or it cannot come below ``hopeless``.  A point inside."""
+    order = (
+        len(problem.positive)
+        + len(problem.limits)
+        + sum(len(block.constant) for block in problem.blocks)
+    )
     gradient, _ = problem.derivatives(point)
     size = float(cost @ cost)
     weight = max(1e-3, min(1e6, abs(float(gradient @ cost)) / size)) if size else 1.0
     for _ in range(40):
         point = centre(problem, point, cost=weight * cost, stop=stop)
         value, gap = float(cost @ point), order / weight
-        if (stop is not None and stop(point)) or gap <= accuracy * max(1e-9, abs(value)) or value - gap > hopeless:
+        if (
+            (stop is not None and stop(point))
+            or gap <= accuracy * max(1e-9, abs(value))
+            or value - gap > hopeless
+        ):
             break
         weight *= 8
     return point
@@ -243,7 +271,8 @@ def minimise(
 def _solve(hessian: Array, gradient: Array) -> Array | None:
     """The Newton step, scaled to a unit diagonal."""
     root = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    with np.errstate(over="ignore"):  # next to an edge; what is infinite has no factor or gives no finite step
+    # next to an edge; what is infinite has no factor or gives no finite step
+    with np.errstate(over="ignore"):
         scaled = hessian / root[:, None] / root
     for ridge in _RIDGES:
         scaled[np.diag_indices_from(scaled)] += ridge
@@ -275,16 +304,26 @@ def _add_block(block: Block, basis: Basis, G: Array, gradient: Array, hessian: A
         for l, M in block.dense.items():  # noqa: E741  k, l as in matrix entries
             hessian[size + k, size + l] += float(np.sum(GMG * M))
         if block.sides is not None or block.plain:
-            inner = block.plain * GMG if block.sides is None else -2 * (block.sides[1].T @ GMG @ block.sides[0])
+            inner = (
+                block.plain * GMG
+                if block.sides is None
+                else -2 * (block.sides[1].T @ GMG @ block.sides[0])
+            )
             cross = basis.traces(inner)
             hessian[:size, size + k] += cross
             hessian[size + k, :size] += cross
 
 
 def _add_columns(
-    block: Block, columns: tuple[Array, Array, Indices], basis: Basis, G: Array, gradient: Array, hessian: Array
+    block: Block,
+    columns: tuple[Array, Array, Indices],
+    basis: Basis,
+    G: Array,
+    gradient: Array,
+    hessian: Array,
 ) -> None:
-    """The scalars that multiply columns: gradient, Hessian among themselves, with Y and with dense scalars."""
+    """The scalars that multiply columns: gradient, Hessian among themselves, with Y and with dense
+    scalars."""
     (U, signs, scalars), size = columns, basis.size
     GU = G @ U
     table = U.T @ GU

@@ -1,7 +1,9 @@
-"""Clarabel, asked in one place: linear objectives over cones, and the programs of pencils, one after the other.
+"""Clarabel, asked in one place: linear objectives over cones, and the programs of pencils, one
+after the other.
 
-Whatever a solver answers is a proposal that exact arithmetic decides about: a wrong answer costs time and nothing else.
-A solver that breaks (raises, runs out of time, answers with something that is no point) is not asked again.
+Whatever a solver answers is a proposal that exact arithmetic decides about: a wrong answer costs
+time and nothing else. A solver that breaks (raises, runs out of time, answers with something that
+is no point) is not asked again.
 """
 
 from __future__ import annotations
@@ -18,7 +20,15 @@ from scipy import sparse
 from dobc_design.exact.pencil import Pencil, positive
 from dobc_design.exact.symmetric import Symmetric
 from dobc_design.exact.work import seconds_left, spend
-from dobc_design.solvers.program import FAILED, Array, Program, Solution, as_sparse, assemble, is_solver_failure
+from dobc_design.solvers.program import (
+    FAILED,
+    Array,
+    Program,
+    Solution,
+    as_sparse,
+    assemble,
+    is_solver_failure,
+)
 
 ROOT2: Final = math.sqrt(2.0)
 ROW: Final = 5  # steps of work for a row of the cones
@@ -27,7 +37,8 @@ TIME_LIMIT: Final = 20.0  # seconds for one program; those of an observer take m
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cone:
-    """``right`` - ``rows`` x is the svec of a matrix >= 0, or nonnegative; rows (r, k), right (r,)."""
+    """``right`` - ``rows`` x is the svec of a matrix >= 0, or nonnegative; rows (r, k), right
+    (r,)."""
 
     kind: Literal["semidefinite", "nonnegative"]
     rows: Any
@@ -42,8 +53,9 @@ def solve_cones(
     time_limit: float = math.inf,
     accuracy: float | None = None,
 ) -> Solution:
-    """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel; ``time_limit`` in s.  Returns:
-    an answer without values where the solver fails in any way; it never raises for that."""
+    """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel;
+    ``time_limit`` in s.  Returns: an answer without values where the solver fails in any way; it
+    never raises for that."""
     import clarabel
 
     spend(ROW * sum(len(cone.right) for cone in cones))
@@ -53,19 +65,24 @@ def solve_cones(
     def kind(cone: Cone) -> Any:
         rows = len(cone.right)
         positive = cone.kind == "nonnegative"
-        return clarabel.NonnegativeConeT(rows) if positive else clarabel.PSDTriangleConeT(_order(rows))
+        return (
+            clarabel.NonnegativeConeT(rows) if positive else clarabel.PSDTriangleConeT(_order(rows))
+        )
 
     stack = np.vstack if all(isinstance(each.rows, np.ndarray) for each in cones) else sparse.vstack
     try:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.time_limit = seconds_left(time_limit)
-        # The default, "clique_graph", takes all memory for some small sparse programs (Clarabel 0.11.1).
+        # The default, "clique_graph", takes all memory for some small sparse programs (Clarabel
+        # 0.11.1).
         settings.chordal_decomposition_merge_method = "parent_child"
         if accuracy is not None:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
         answer = clarabel.DefaultSolver(
-            sparse.csc_matrix((curved[kept], kept, np.searchsorted(kept, np.arange(size + 1))), shape=(size, size)),
+            sparse.csc_matrix(
+                (curved[kept], kept, np.searchsorted(kept, np.arange(size + 1))), shape=(size, size)
+            ),
             cost,
             sparse.csc_matrix(stack([each.rows for each in cones])),
             np.concatenate([each.right for each in cones]),
@@ -73,7 +90,8 @@ def solve_cones(
             settings,
         ).solve()
         return _read(answer, size)
-    except BaseException as error:  # Clarabel panics with pyo3's PanicException, which is no Exception
+    # Clarabel panics with pyo3's PanicException, which is no Exception
+    except BaseException as error:
         if not is_solver_failure(error):
             raise
         return Solution(status=f"{FAILED}{type(error).__name__}")
@@ -92,7 +110,8 @@ def _read(answer: Any, size: int) -> Solution:
 
 
 def svec(matrix: Any) -> Array:
-    """The upper triangle (n (n + 1)/2,) of a NumPy or SciPy array (n, n), column by column, others times sqrt 2."""
+    """The upper triangle (n (n + 1)/2,) of a NumPy or SciPy array (n, n), column by column, others
+    times sqrt 2."""
     dense = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     i, j, weights = _triangle(len(dense))
     return np.asarray(weights * dense[i, j])
@@ -108,7 +127,8 @@ def svec_exact(matrix: Symmetric) -> Array:
 
 @lru_cache(maxsize=8)
 def _triangle(size: int) -> tuple[Any, Any, Array]:
-    """Rows and columns of the upper triangle of an (n, n) matrix, column by column, and the weight of each entry."""
+    """Rows and columns of the upper triangle of an (n, n) matrix, column by column, and the weight
+    of each entry."""
     j, i = np.tril_indices(size)
     return i, j, np.where(i == j, 1.0, ROOT2)
 
@@ -138,7 +158,8 @@ def symmetric_basis(size: int) -> list[Array]:
 
 
 def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
-    """Solve a Program by Clarabel, without a modelling layer.  A failure is a Solution without values."""
+    """Solve a Program by Clarabel, without a modelling layer.  A failure is a Solution without
+    values."""
     places = [place for unknown in program.pencils[0].unknowns for place in unknown.places()]
     cost = np.array([float(name == "P" and i == j) for name, i, j in places])
     squares = np.array([2.0 * (name == "Q") for name, _, _ in places])
@@ -152,21 +173,32 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
 
     try:
         cones = [
-            cone(each) for each in (*program.pencils, positive(program.pencils[0].unknowns[0], floor=program.floor))
+            cone(each)
+            for each in (
+                *program.pencils,
+                positive(program.pencils[0].unknowns[0], floor=program.floor),
+            )
         ]
     except (ArithmeticError, ValueError) as error:  # a number beyond the floats
         return Solution(status=f"{FAILED}{type(error).__name__}")
     answer = solve_cones(cost, cones, squares=squares, time_limit=time_limit)
-    return replace(answer, values=assemble(program.pencils[0], answer.x.tolist())) if answer.found else answer
+    return (
+        replace(answer, values=assemble(program.pencils[0], answer.x.tolist()))
+        if answer.found
+        else answer
+    )
 
 
 def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
-    """The cvxpy problem of a Program, the block LMI of the paper, and its variables; the oracle of the reduced form."""
+    """The cvxpy problem of a Program, the block LMI of the paper, and its variables; the oracle of
+    the reduced form."""
     import cvxpy as cp
 
     first = program.pencils[0]
     variables: dict[str, Any] = {
-        unknown.name: cp.Variable((unknown.rows, unknown.columns), symmetric=unknown.symmetric, name=unknown.name)
+        unknown.name: cp.Variable(
+            (unknown.rows, unknown.columns), symmetric=unknown.symmetric, name=unknown.name
+        )
         for unknown in first.unknowns
     }
     P, Q = variables["P"], variables.get("Q")
@@ -184,7 +216,8 @@ def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
 
 
 def solve_in_turn(programs: Iterable[Program]) -> Iterator[Solution]:
-    """Solve one after the other by Clarabel, until it breaks: asking it again would be no better."""
+    """Solve one after the other by Clarabel, until it breaks: asking it again would be no
+    better."""
     for program in programs:
         answer = solve_directly(program, time_limit=TIME_LIMIT)
         yield answer

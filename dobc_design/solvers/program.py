@@ -1,4 +1,5 @@
-"""The semidefinite programs of the toolbox, stated for pencils: minimise tr P + |Q|^2, F(P, Q) <= 0, P >= floor I."""
+"""The semidefinite programs of the toolbox, stated for pencils: minimise tr P + |Q|^2, F(P, Q) <=
+0, P >= floor I."""
 
 from __future__ import annotations
 
@@ -20,10 +21,11 @@ from dobc_design.exact.symmetric import Symmetric
 
 Array = NDArray[np.float64]
 
-# What a numerical library that gives up raises, or what comes of an answer of a wrong shape; LinAlgError,
-# ArpackError and our SpecError are among them.
+# What a numerical library that gives up raises, or what comes of an answer of a wrong shape;
+# LinAlgError, ArpackError and our SpecError are among them.
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, LookupError)
-FAILED = "failed: "  # how the status of a solver begins that raised, or answered with something that is no point
+# how the status of a solver begins that raised, or answered with something that is no point
+FAILED = "failed: "
 OUT_OF_TIME = "MaxTime"  # Clarabel's word
 
 
@@ -37,9 +39,9 @@ class Program:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
-    """What a solver answered.  ``status``, its own word ("Solved", "PrimalInfeasible", ...) or one that begins with
-    FAILED, never decides anything.  x (k,), multipliers (all rows,), and of a Program ``values``; without a point x and
-    values are empty, ``objective`` nan."""
+    """What a solver answered.  ``status``, its own word ("Solved", "PrimalInfeasible", ...) or one
+    that begins with FAILED, never decides anything.  x (k,), multipliers (all rows,), and of a
+    Program ``values``; without a point x and values are empty, ``objective`` nan."""
 
     status: str
     x: Array = field(default_factory=lambda: np.zeros(0))
@@ -55,26 +57,32 @@ class Solution:
 
     @property
     def broken(self) -> bool:
-        """Whether the solver itself broke down or ran out of time: asking it again would be no better."""
+        """Whether the solver itself broke down or ran out of time: asking it again would be no
+        better."""
         return self.status.startswith(FAILED) or self.status == OUT_OF_TIME
 
 
 def is_solver_failure(error: BaseException) -> bool:
-    """Whether a solver gave up; a panic in Rust arrives as a BaseException that is known by name only."""
+    """Whether a solver gave up; a panic in Rust arrives as a BaseException that is known by name
+    only."""
     ordinary = isinstance(error, Exception) and not isinstance(error, MemoryError)
     return ordinary or type(error).__name__ == "PanicException"
 
 
 def as_sparse(matrix: Symmetric) -> Any:
-    """The nearest floats of an exact symmetric matrix, as a SciPy array.  Raises: OverflowError beyond the floats."""
+    """The nearest floats of an exact symmetric matrix, as a SciPy array.  Raises: OverflowError
+    beyond the floats."""
     rows, columns, values = matrix.triplets()
     return sparse.csr_array((values, (rows, columns)), shape=(matrix.size, matrix.size))
 
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
-    """Turn the vector of independent entries into one array per unknown; there may be more numbers."""
+    """Turn the vector of independent entries into one array per unknown; there may be more
+    numbers."""
     places = [(unknown, i, j) for unknown in pencil.unknowns for _, i, j in unknown.places()]
-    result = {unknown.name: np.zeros((unknown.rows, unknown.columns)) for unknown in pencil.unknowns}
+    result = {
+        unknown.name: np.zeros((unknown.rows, unknown.columns)) for unknown in pencil.unknowns
+    }
     for (unknown, i, j), number in zip(places, numbers, strict=False):
         result[unknown.name][i, j] = number
         if unknown.symmetric:
@@ -87,12 +95,15 @@ def round_matrix(array: Array, digits: int) -> Matrix:
     largest = float(np.max(np.abs(array))) if array.size else 0.0
     places = digits - 1 - math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
     unit = Fraction(10) ** places
-    return tuple(tuple(Fraction(round(Fraction(float(x)) * unit)) / unit for x in row) for row in array)
+    return tuple(
+        tuple(Fraction(round(Fraction(float(x)) * unit)) / unit for x in row) for row in array
+    )
 
 
 def factored(matrix: Any, **options: Any) -> Any:
-    """L U of a square sparse matrix, with `solve`; options as for SciPy's splu.  Raises: RuntimeError if the matrix is
-    singular or not finite, also where its places alone show it: there SuperLU itself ends the whole process."""
+    """L U of a square sparse matrix, with `solve`; options as for SciPy's splu.  Raises:
+    RuntimeError if the matrix is singular or not finite, also where its places alone show it: there
+    SuperLU itself ends the whole process."""
     columns = sparse.csc_array(matrix)
     if not np.all(np.isfinite(columns.data)):
         raise RuntimeError("not finite")

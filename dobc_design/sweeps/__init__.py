@@ -1,1 +1,2 @@
-"""Many problems at once: one problem with some keys varied, decided or simulated in parallel, resumable."""
+"""Many problems at once: one problem with some keys varied, decided or simulated in parallel,
+resumable."""

@@ -1,4 +1,5 @@
-"""What is varied: an axis is one key (or several that go together) and its values, listed, ranged or drawn.
+"""What is varied: an axis is one key (or several that go together) and its values, listed, ranged
+or drawn.
 
     pinning.gains.1=1:5:9                    nine values, evenly spaced, both ends included, exact
     observer.rate=1e-2:10:7:log              seven values, evenly spaced ratios
@@ -6,13 +7,15 @@
     pinning.gains.1,pinning.gains.6=1,5      both keys get the same value
     region.initial_disturbance=~uniform(0,1) drawn anew for every sample
 
-Draws: uniform(a, b), loguniform(a, b), normal(mean, deviation), integers(a, b), choice(x, y, ...).  A drawn number is
-rounded to six significant digits, so that every case can be typed into a file.  Draw number k of an axis depends on
-the seed, the axis and k alone: every point of the grid sees the same draws, and more samples keep the first ones.
+Draws: uniform(a, b), loguniform(a, b), normal(mean, deviation), integers(a, b), choice(x, y, ...).
+A drawn number is rounded to six significant digits, so that every case can be typed into a file.
+Draw number k of an axis depends on the seed, the axis and k alone: every point of the grid sees the
+same draws, and more samples keep the first ones.
 
-A key is a path in a problem file: names between dots, places of lists, from 0, in brackets: ``exosystem.A[0][1]``,
-``pinning.gains."s 1"``.  A value is a number (3.2, 9/16), a list, an inline table, text in quotes, the word none (the
-key is left out), or text as it stands.  Every value has one text, and reading that text gives the value.
+A key is a path in a problem file: names between dots, places of lists, from 0, in brackets:
+``exosystem.A[0][1]``, ``pinning.gains."s 1"``.  A value is a number (3.2, 9/16), a list, an inline
+table, text in quotes, the word none (the key is left out), or text as it stands.  Every value has
+one text, and reading that text gives the value.
 """
 
 from __future__ import annotations
@@ -76,7 +79,9 @@ class Draw:
         if self.kind == "loguniform":
             return _rounded(math.exp(math.log(a) + u * (math.log(b) - math.log(a))))
         if self.kind == "normal":
-            return _rounded(NormalDist(float(a), float(b)).inv_cdf(min(max(u, 2.0**-53), 1 - 2.0**-53)))
+            return _rounded(
+                NormalDist(float(a), float(b)).inv_cdf(min(max(u, 2.0**-53), 1 - 2.0**-53))
+            )
         return _rounded(float(a) + u * float(b - a))
 
 
@@ -97,12 +102,14 @@ class Axis:
 
 
 def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
-    """Axes from texts "KEY=VALUES", or from a mapping key -> values (text as typed, or a sequence).  Raises: SpecError
-    that names every wrong axis."""
+    """Axes from texts "KEY=VALUES", or from a mapping key -> values (text as typed, or a
+    sequence).  Raises: SpecError that names every wrong axis."""
     given = list(over.items()) if isinstance(over, Mapping) else [split_axis(text) for text in over]
     if not given:
         cure = "For example pinning.gains.1=1:5:9."
-        raise SpecError("nothing is varied: a sweep needs at least one KEY=VALUES.", key="over", cure=cure)
+        raise SpecError(
+            "nothing is varied: a sweep needs at least one KEY=VALUES.", key="over", cure=cure
+        )
     axes: list[Axis] = []
     errors: list[SpecError] = []
     for key, values in given:
@@ -114,7 +121,11 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
     paths = [path for axis in axes for path in axis.keys]
     if any(path is not other and path == other[: len(path)] for path in paths for other in paths):
         cure = "Put keys that go together on one side: KEY,KEY=VALUES."
-        raise SpecError("two axes set the same place, and one would undo the other.", key=axes[0].name, cure=cure)
+        raise SpecError(
+            "two axes set the same place, and one would undo the other.",
+            key=axes[0].name,
+            cure=cure,
+        )
     return tuple(axes)
 
 
@@ -123,7 +134,11 @@ def split_axis(text: str) -> tuple[str, str]:
     found = _ASSIGNED.fullmatch(text)
     if found is None:
         cure = "For example pinning.gains.1=1:5:9."
-        raise SpecError(f"what is varied must be given as KEY=VALUES; got {shown(text)}.", key=text[:60], cure=cure)
+        raise SpecError(
+            f"what is varied must be given as KEY=VALUES; got {shown(text)}.",
+            key=text[:60],
+            cure=cure,
+        )
     return found[1].strip(), found[2].strip()
 
 
@@ -135,10 +150,14 @@ def _axis(key: str, given: Any) -> Axis:
         if found is not None:
             return Axis(name=name, keys=keys, draw=_draw(found[1], found[2]))
         if given.strip().startswith("~"):
-            raise SpecError(f"{shown(given)} is no draw.", cure=f"~KIND(...), KIND one of {', '.join(KINDS)}.")
+            raise SpecError(
+                f"{shown(given)} is no draw.", cure=f"~KIND(...), KIND one of {', '.join(KINDS)}."
+            )
         values = _listed(given)
     else:
-        values = tuple(value_text(each) for each in given) if is_list(given) else (value_text(given),)
+        values = (
+            tuple(value_text(each) for each in given) if is_list(given) else (value_text(given),)
+        )
     if not values or len(values) > MOST_VALUES:
         raise SpecError(f"there must be 1 to {MOST_VALUES} values; got {len(values)}.", cure=_CURE)
     if len(set(values)) < len(values):
@@ -153,7 +172,10 @@ def _listed(text: str) -> tuple[str, ...]:
     a, b = parse_number(found[1].strip(), key="start"), parse_number(found[2].strip(), key="end")
     count = int(found[3])
     if count < 2 or a == b or count > MOST_VALUES:
-        message = f"START:END:COUNT needs two different ends and a count from 2 to {MOST_VALUES}; got {shown(count)}."
+        message = (
+            f"START:END:COUNT needs two different ends and a count from 2 to {MOST_VALUES}; "
+            f"got {shown(count)}."
+        )
         raise SpecError(message, cure=_CURE)
     if not found[4]:
         return tuple(exact_text(a + (b - a) * k / (count - 1)) for k in range(count))
@@ -178,7 +200,10 @@ def _draw(kind: str, text: str) -> Draw:
         return Draw(kind=kind, arguments=_readable(text))
     arguments = tuple(split(text))
     if kind not in KINDS or len(arguments) != 2:
-        kinds = "uniform(a,b), loguniform(a,b), normal(mean,deviation), integers(a,b) or choice(x,y,...)"
+        kinds = (
+            "uniform(a,b), loguniform(a,b), normal(mean,deviation), integers(a,b) or "
+            "choice(x,y,...)"
+        )
         message = f"a draw must be {kinds}; got {shown(f'{kind}({text})')}."
         raise SpecError(message, cure="For example ~uniform(0.1,1).")
     a, b = (parse_number(each, key=f"~{kind}") for each in arguments)
@@ -199,13 +224,22 @@ def _rounded(value: float) -> str:
 
 
 def read_keys(text: str) -> tuple[Path, ...]:
-    """The key paths of an axis: one, or several that get the same value, separated by commas.  Raises: SpecError."""
+    """The key paths of an axis: one, or several that get the same value, separated by commas.
+    Raises: SpecError."""
     if len(text) > LONGEST or _KEYS.fullmatch(text) is None:
-        message = f"{shown(text)} is no key of a problem file: write names with dots between, indices in brackets."
+        message = (
+            f"{shown(text)} is no key of a problem file: write names with dots between, "
+            "indices in brackets."
+        )
         raise SpecError(message, key=text[:60], cure=_EXAMPLE)
-    paths = tuple(tuple(_step(*step.groups()) for step in _STEP.finditer(path)) for path in re.findall(_PATH, text))
+    paths = tuple(
+        tuple(_step(*step.groups()) for step in _STEP.finditer(path))
+        for path in re.findall(_PATH, text)
+    )
     if len(set(paths)) < len(paths):
-        raise SpecError(f"{shown(text)} names a key twice.", key=text[:60], cure="Name each key once.")
+        raise SpecError(
+            f"{shown(text)} names a key twice.", key=text[:60], cure="Name each key once."
+        )
     return paths
 
 
@@ -213,7 +247,8 @@ def _step(name: str | None, place: str | None) -> str | int:
     if name is None:
         return int(place or 0)
     try:
-        return one_form(json.loads(name) if name.startswith('"') else name)  # TOML's basic strings escape as JSON's do
+        # TOML's basic strings escape as JSON's do
+        return one_form(json.loads(name) if name.startswith('"') else name)
     except ValueError:
         raise SpecError(f"{shown(name)} is no quoted name.", key="key", cure=_EXAMPLE) from None
 
@@ -226,13 +261,15 @@ def path_text(path: Path) -> str:
             text += f"[{part}]"
         else:
             plain = re.fullmatch(_PLAIN, part) is not None
-            text += ("." if text else "") + (part if plain else json.dumps(part, ensure_ascii=False))
+            text += ("." if text else "") + (
+                part if plain else json.dumps(part, ensure_ascii=False)
+            )
     return text
 
 
 def with_changes(document: Mapping[str, Any], changes: Mapping[Path, Any]) -> dict[str, Any]:
-    """A copy of the document with these places set; None removes a key.  Tables on the way are made.  Raises: SpecError
-    where a path leads through something that is no table and no list."""
+    """A copy of the document with these places set; None removes a key.  Tables on the way are
+    made.  Raises: SpecError where a path leads through something that is no table and no list."""
     changed: dict[str, Any] = copy.deepcopy(dict(document))
     for path, value in changes.items():
         _set(changed, path, copy.deepcopy(value))
@@ -266,7 +303,8 @@ def _spelled(inner: Any, part: str | int) -> str | int:
 
 
 def _require_place(inner: Any, path: Path, depth: int) -> None:
-    """Raise a SpecError unless ``inner`` is a table or a list that can have the part of the path at ``depth``."""
+    """Raise a SpecError unless ``inner`` is a table or a list that can have the part of the path at
+    ``depth``."""
     part, so_far = path[depth], path_text(path[:depth])
     if isinstance(inner, dict) and isinstance(part, str):
         return
@@ -276,7 +314,13 @@ def _require_place(inner: Any, path: Path, depth: int) -> None:
         problem = f"has {len(inner)} entries, counted from 0; got index {part}"
         cure = "Use an existing index, or the next one."
     else:
-        kind = "a table" if isinstance(inner, dict) else "a list" if isinstance(inner, list) else shown(inner)
+        kind = (
+            "a table"
+            if isinstance(inner, dict)
+            else "a list"
+            if isinstance(inner, list)
+            else shown(inner)
+        )
         problem = f"is {kind}, which has no {shown(part)}"
         cure = "Give an index, such as [0]." if isinstance(inner, list) else "Name a key of it."
         if not isinstance(inner, (dict, list)):
@@ -290,7 +334,11 @@ def read_value(text: str) -> Any:
     if text == NONE:
         return None
     if not text or not text.isprintable():
-        raise SpecError(f"a value must be printable text; got {shown(text)}.", key="values", cure="Leave it out.")
+        raise SpecError(
+            f"a value must be printable text; got {shown(text)}.",
+            key="values",
+            cure="Leave it out.",
+        )
     if text.startswith("[") and text.endswith("]"):
         return [read_value(part) for part in split(text[1:-1])]
     if text[0] in "{\"'":
@@ -301,7 +349,8 @@ def read_value(text: str) -> Any:
 
 
 def value_text(value: Any) -> str:
-    """The text of a value given in Python.  Raises: SpecError for what a problem file cannot hold."""
+    """The text of a value given in Python.  Raises: SpecError for what a problem file cannot
+    hold."""
     if value is None:
         return NONE
     if isinstance(value, np.generic):
@@ -310,13 +359,18 @@ def value_text(value: Any) -> str:
         entries = value.tolist() if isinstance(value, np.ndarray) else value
         return "[" + ", ".join(value_text(each) for each in entries) + "]"
     if isinstance(value, Mapping):
-        pairs = (f"{json.dumps(str(key), ensure_ascii=False)} = {_in_table(each)}" for key, each in value.items())
+        pairs = (
+            f"{json.dumps(str(key), ensure_ascii=False)} = {_in_table(each)}"
+            for key, each in value.items()
+        )
         return "{ " + ", ".join(pairs) + " }"
     if isinstance(value, str):
         return value if _reads_back(value) else json.dumps(value, ensure_ascii=False)
     if isinstance(value, bool):
         cure = "Use 0 or 1."
-        raise SpecError(f"a value must be a number, text, list or table; got {value}.", key="values", cure=cure)
+        raise SpecError(
+            f"a value must be a number, text, list or table; got {value}.", key="values", cure=cure
+        )
     return exact_text(parse_number(value, key="values"))
 
 
@@ -335,12 +389,14 @@ def number_of(text: str) -> float | None:
 
 
 def split(text: str) -> list[str]:
-    """The parts between commas that stand outside brackets and quotes; none of them may be empty.  Raises:
-    SpecError."""
+    """The parts between commas that stand outside brackets and quotes; none of them may be empty.
+    Raises: SpecError."""
     parts = [part.strip() for part in _parts(text)] if text.strip() else []
     if not all(parts):
         cure = "Remove the comma, or add the value."
-        raise SpecError(f"a value is missing between commas in {shown(text)}.", key="values", cure=cure)
+        raise SpecError(
+            f"a value is missing between commas in {shown(text)}.", key="values", cure=cure
+        )
     return parts
 
 
@@ -370,10 +426,13 @@ def _unbalanced(text: str) -> SpecError:
 
 
 def _in_table(value: Any) -> str:
-    """A value inside an inline table, where TOML's rules hold: text and fractions stand in quotes."""
+    """A value inside an inline table, where TOML's rules hold: text and fractions stand in
+    quotes."""
     text = value_text(value)
     bare = isinstance(value, str) or ("/" in text and not is_list(value))
-    return json.dumps(value if isinstance(value, str) else text, ensure_ascii=False) if bare else text
+    return (
+        json.dumps(value if isinstance(value, str) else text, ensure_ascii=False) if bare else text
+    )
 
 
 def _reads_back(text: str) -> bool:

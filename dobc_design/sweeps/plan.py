@@ -1,7 +1,9 @@
-"""A sweep before anything runs: the base problem, the axes, the task; and every case, by its number.
+"""A sweep before anything runs: the base problem, the axes, the task; and every case, by its
+number.
 
-The same problem, axes, task, seed and version of the toolbox give the same cases in the same order, and ``sha256``
-names them all.  Every case is one change of the base document, read by the reader of problem files.
+The same problem, axes, task, seed and version of the toolbox give the same cases in the same order,
+and ``sha256`` names them all.  Every case is one change of the base document, read by the reader of
+problem files.
 """
 
 from __future__ import annotations
@@ -41,7 +43,11 @@ COLUMNS: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("verdict", "text", "overall verdict"),
         ("covered_by", "text", "the check that proves it"),
         ("rate", "number", "certified rate in 1/s"),
-        ("factor", "number", "its factor: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds"),
+        (
+            "factor",
+            "number",
+            "its factor: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds",
+        ),
         ("one_percent", "number", "certified time to one percent in s, ln(100 factor) / rate"),
         ("margin", "number", "least margin at the consensus in 1/s"),
         ("starts", "text", "the largest proved set of starts: everywhere, box, ball, near or none"),
@@ -67,8 +73,8 @@ _ORDER = ("everywhere", "box", "ball", "near", "none")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What is done with every case: "certify", with ``everything`` as there, or "simulate" with ``runs`` runs.  Raises:
-    SpecError for another kind, or options of the other one."""
+    """What is done with every case: "certify", with ``everything`` as there, or "simulate" with
+    ``runs`` runs.  Raises: SpecError for another kind, or options of the other one."""
 
     kind: str = "certify"
     everything: bool = False
@@ -77,12 +83,22 @@ class Task:
     def __post_init__(self) -> None:
         if self.kind not in COLUMNS:
             cure = "Choose one."
-            raise SpecError(f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}.", key="task", cure=cure)
+            raise SpecError(
+                f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}.",
+                key="task",
+                cure=cure,
+            )
         put(self, runs=whole(self.runs, "runs", least=1))
         if self.kind == "certify" and self.runs != 1:
-            raise SpecError("runs is for simulations; a proof is made once.", key="runs", cure='Take task="simulate".')
+            raise SpecError(
+                "runs is for simulations; a proof is made once.",
+                key="runs",
+                cure='Take task="simulate".',
+            )
         if self.kind == "simulate" and self.everything:
-            raise SpecError("everything (--all) is for certify.", key="everything", cure="Leave it out.")
+            raise SpecError(
+                "everything (--all) is for certify.", key="everything", cure="Leave it out."
+            )
 
     @property
     def columns(self) -> tuple[tuple[str, str, str], ...]:
@@ -94,7 +110,8 @@ class Task:
         return {"kind": self.kind, **own}
 
     def prepare(self) -> None:
-        """Import what ``run`` needs, which takes seconds in a new process and is no part of a case."""
+        """Import what ``run`` needs, which takes seconds in a new process and is no part of a
+        case."""
         from dobc_design.certification import certify  # noqa: F401 - for its imports
         from dobc_design.simulation import runs  # noqa: F401 - likewise
 
@@ -107,7 +124,11 @@ class Task:
 
         summary = simulate(problem, runs=None if self.runs == 1 else self.runs).summary()
         found = {name: summary[name] for name in ("diverged", "diverged_runs")}
-        for name, extreme in (("final_error", "max"), ("settling_time", "max"), ("decay_rate", "min")):
+        for name, extreme in (
+            ("final_error", "max"),
+            ("settling_time", "max"),
+            ("decay_rate", "min"),
+        ):
             found |= {name: summary[name]["median"], f"{name}_{extreme}": summary[name][extreme]}
         return found
 
@@ -117,7 +138,11 @@ def _facts(certificate: Certificate) -> dict[str, Any]:
     proved = [claim for claim in regions.claims if claim.verdict is Verdict.PROVED]
     kinds = [claim.kind for claim in proved if claim.kind in _ORDER]
     near = next((id for id in _NEAR if any(check.id == id for check in certificate.checks)), None)
-    margins = [check.margin for check in certificate.checks if check.id == near and check.margin is not None]
+    margins = [
+        check.margin
+        for check in certificate.checks
+        if check.id == near and check.margin is not None
+    ]
     settling, time = regions.settling, None
     if settling is not None and settling.verdict is Verdict.PROVED and settling.exact is not None:
         time = float_above(Fraction(settling.exact["time"]))
@@ -139,8 +164,8 @@ def _facts(certificate: Certificate) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """All cases of a sweep: the grid of the listed values (last axis fastest), ``samples`` draws at each point.
-    ``tables`` are those of a problem file, ``folder`` the place of its arc files."""
+    """All cases of a sweep: the grid of the listed values (last axis fastest), ``samples`` draws at
+    each point. ``tables`` are those of a problem file, ``folder`` the place of its arc files."""
 
     name: str
     tables: Mapping[str, Any]
@@ -170,7 +195,9 @@ class Plan:
         """The problem of the case of that number.  Raises: SpecError."""
         given = zip(self.axes, self.values(case), strict=True)
         changes = {path: read_value(text) for axis, text in given for path in axis.keys}
-        return read_problem_tables(with_changes(self.tables, changes), folder=self.folder, default_name=self.name)
+        return read_problem_tables(
+            with_changes(self.tables, changes), folder=self.folder, default_name=self.name
+        )
 
     @property
     def document(self) -> dict[str, Any]:
@@ -202,23 +229,32 @@ def make_plan(
     samples: int | None = None,
     seed: int = 0,
 ) -> Plan:
-    """Read the problem and the axes.  Raises: SpecError for a wrong problem, axis or number of samples."""
+    """Read the problem and the axes.  Raises: SpecError for a wrong problem, axis or number of
+    samples."""
     problem = load_problem(source)
     axes = read_axes(over)
     drawn = [axis.name for axis in axes if axis.draw is not None]
     if drawn and samples is None:
         cure = "For example --samples 100."
-        raise SpecError(f"samples must say how many times {drawn[0]} is drawn.", key="samples", cure=cure)
+        raise SpecError(
+            f"samples must say how many times {drawn[0]} is drawn.", key="samples", cure=cure
+        )
     if not drawn and samples is not None:
         message = "samples must be left out when nothing is drawn; every grid point is run once."
-        raise SpecError(message, key="samples", cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.")
+        raise SpecError(
+            message,
+            key="samples",
+            cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.",
+        )
     samples = 1 if samples is None else whole(samples, "samples", least=1)
     seed = whole(seed, "seed", least=0)
     text = None if isinstance(source, Problem) else source_text(source)
     plan = Plan(
         name=problem.name,
         tables=_tables(text, problem),
-        folder=None if isinstance(source, Problem) or text is None else Path(source).resolve().parent,
+        folder=None
+        if isinstance(source, Problem) or text is None
+        else Path(source).resolve().parent,
         problem_sha256=problem_sha256(problem),
         axes=axes,
         samples=samples,
@@ -227,12 +263,15 @@ def make_plan(
     )
     if len(plan) > MOST_CASES:
         message = f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}."
-        raise SpecError(message, key="over", cure="Take fewer values, or split it into several sweeps.")
+        raise SpecError(
+            message, key="over", cure="Take fewer values, or split it into several sweeps."
+        )
     return plan
 
 
 def _tables(text: str | None, problem: Problem) -> Mapping[str, Any]:
-    """The tables as they were typed where that is possible, so that paths lead to what the user sees."""
+    """The tables as they were typed where that is possible, so that paths lead to what the user
+    sees."""
     if text is None:
         return parse_toml(problem_text(problem).encode("utf-8"))
     tables = parse_toml(text.encode("utf-8"))

@@ -1,9 +1,11 @@
-"""What a sweep found: the journal, in which every case is a line, and the result with its tables and figures.
+"""What a sweep found: the journal, in which every case is a line, and the result with its tables
+and figures.
 
-The folder of a journal holds sweep.json (what is swept) and results.jsonl, to which a line of JSON is appended per
-finished case, on the disk before the next one is counted.  A torn last line is cut off and its case is done again, as
-for lines that cannot be read or belong to no case.  One process at a time works on a folder.  CSV and JSON lines need
-the standard library alone; Parquet and ``frame`` need pandas (dobc_design[store]).
+The folder of a journal holds sweep.json (what is swept) and results.jsonl, to which a line of JSON
+is appended per finished case, on the disk before the next one is counted.  A torn last line is cut
+off and its case is done again, as for lines that cannot be read or belong to no case.  One process
+at a time works on a folder.  CSV and JSON lines need the standard library alone; Parquet and
+``frame`` need pandas (dobc_design[store]).
 """
 
 from __future__ import annotations
@@ -48,9 +50,10 @@ DTYPES = {"text": "string", "number": "float64", "truth": "boolean", "count": "I
 
 
 class Journal:
-    """An open journal; ``done`` holds the lines of cases by number, those from earlier runs included.  Use it as a
-    context: the folder is locked until it is left; without a folder nothing is written. Raises: SpecError for a folder
-    of another sweep, or one at which another process is at work; CertificateError when the machine refuses."""
+    """An open journal; ``done`` holds the lines of cases by number, those from earlier runs
+    included.  Use it as a context: the folder is locked until it is left; without a folder nothing
+    is written. Raises: SpecError for a folder of another sweep, or one at which another process is
+    at work; CertificateError when the machine refuses."""
 
     def __init__(self, folder: Path | None, plan: Plan, *, anew: bool = False) -> None:
         self.folder, self.plan = folder, plan
@@ -82,7 +85,8 @@ class Journal:
             raise
 
     def _read(self, data: bytes) -> None:
-        """Take the lines that belong to cases of the plan; of several for a case the first that was not given up."""
+        """Take the lines that belong to cases of the plan; of several for a case the first that was
+        not given up."""
         for text in data.split(b"\n"):
             try:
                 line = json.loads(text.decode("utf-8"))
@@ -102,7 +106,9 @@ class Journal:
         """Keep the line of one case, written down to the disk."""
         if self.stream is not None:
             try:
-                self.stream.write(json.dumps(line, ensure_ascii=False, allow_nan=False).encode("utf-8") + b"\n")
+                self.stream.write(
+                    json.dumps(line, ensure_ascii=False, allow_nan=False).encode("utf-8") + b"\n"
+                )
                 self.stream.flush()
                 os.fsync(self.stream.fileno())
             except OSError as error:
@@ -111,7 +117,10 @@ class Journal:
 
     def _refused(self, error: OSError) -> CertificateError:
         message = f"{LINES} cannot be written: {error.strerror or error}."
-        cure = "What is there is kept: make room, or check the permissions, and run the same command again."
+        cure = (
+            "What is there is kept: make room, or check the permissions, and run the same "
+            "command again."
+        )
         return CertificateError(message, key=f"{self.folder}/{LINES}", cure=cure)
 
     def __enter__(self) -> Journal:
@@ -123,9 +132,14 @@ class Journal:
 
 
 def _cell(value: Any) -> Any:
-    """A cell of a CSV file; an apostrophe before text that a spreadsheet would take for a formula."""
+    """A cell of a CSV file; an apostrophe before text that a spreadsheet would take for a
+    formula."""
     text = str(value).lower() if isinstance(value, bool) else value
-    formula = isinstance(text, str) and text.startswith(("=", "+", "-", "@", "\t", "\r")) and number_of(text) is None
+    formula = (
+        isinstance(text, str)
+        and text.startswith(("=", "+", "-", "@", "\t", "\r"))
+        and number_of(text) is None
+    )
     return f"'{text}" if formula else text
 
 
@@ -134,17 +148,33 @@ def _is_line(line: Any, plan: Plan) -> bool:
     if not isinstance(line, dict) or set(line) != FIELDS or type(line["case"]) is not int:
         return False
     case, id, result, error = (line[name] for name in ("case", "id", "result", "error"))
-    if not 0 <= case < len(plan) or line["values"] != list(plan.values(case)) or (result is None) == (error is None):
+    if (
+        not 0 <= case < len(plan)
+        or line["values"] != list(plan.values(case))
+        or (result is None) == (error is None)
+    ):
         return False
-    if not _fits(line["seconds"], "number") or line["seconds"] < 0 or not (id is None or _ID.fullmatch(str(id))):
+    if (
+        not _fits(line["seconds"], "number")
+        or line["seconds"] < 0
+        or not (id is None or _ID.fullmatch(str(id)))
+    ):
         return False
     if error is not None:
-        texts = isinstance(error, dict) and set(error) == ERROR and type(error["kind"]) is type(error["message"]) is str
+        texts = (
+            isinstance(error, dict)
+            and set(error) == ERROR
+            and type(error["kind"]) is type(error["message"]) is str
+        )
         return texts and all(value is None or type(value) is str for value in error.values())
     kinds = {name: kind for name, kind, _ in plan.task.columns}
     known = id is not None and isinstance(result, dict) and set(result) == set(kinds)
-    known = known and all(value is None or _fits(value, kinds[name]) for name, value in result.items())
-    return known and (outcome_of(line) in OUTCOMES if "verdict" in kinds else result["diverged"] is not None)
+    known = known and all(
+        value is None or _fits(value, kinds[name]) for name, value in result.items()
+    )
+    return known and (
+        outcome_of(line) in OUTCOMES if "verdict" in kinds else result["diverged"] is not None
+    )
 
 
 def _fits(value: Any, kind: str) -> bool:
@@ -160,29 +190,51 @@ def to_be_done_again(line: Outcome, limit: float | None) -> bool:
 
 
 def _require_same(folder: Path, plan: Plan) -> None:
-    """Refuse a folder that holds another sweep, or lines of which nobody knows what they are about."""
+    """Refuse a folder that holds another sweep, or lines of which nobody knows what they are
+    about."""
     head, lines = folder / HEAD, folder / LINES
     if not head.exists():
         if lines.exists() and lines.stat().st_size:
             message = f"{str(folder)!r} holds {LINES} without {HEAD}, which says what it is about."
-            raise SpecError(message, key="--out", cure="Choose another folder, or add --force to begin anew there.")
+            raise SpecError(
+                message,
+                key="--out",
+                cure="Choose another folder, or add --force to begin anew there.",
+            )
         return
     try:
         found: Any = json.loads(head.read_bytes().decode("utf-8"))
     except (OSError, ValueError, RecursionError):
         found = None
-    if found == plan.document | {"sha256": plan.sha256}:  # all of it, so that a change by hand is not overwritten
+    # all of it, so that a change by hand is not overwritten
+    if found == plan.document | {"sha256": plan.sha256}:
         return
     same = {"problem_sha256": "problem", "axes": "choice of values", "samples": "number of samples"}
-    words = {"problem": "problem", **same, "seed": "seed", "task": "task", "made_by": "version of dobc_design"}
+    words = {
+        "problem": "problem",
+        **same,
+        "seed": "seed",
+        "task": "task",
+        "made_by": "version of dobc_design",
+    }
     known = found if isinstance(found, dict) else plan.document
-    other = dict.fromkeys(f" another {word}" for name, word in words.items() if known.get(name) != plan.document[name])
-    message = f"{str(folder)!r} was made for another sweep{', with' if other else ''}{' and'.join([*other][:2])}."
-    raise SpecError(message, key="--out", cure="Choose another folder with --out, or add --force to begin anew there.")
+    other = dict.fromkeys(
+        f" another {word}" for name, word in words.items() if known.get(name) != plan.document[name]
+    )
+    message = (
+        f"{str(folder)!r} was made for another "
+        f"sweep{', with' if other else ''}{' and'.join([*other][:2])}."
+    )
+    raise SpecError(
+        message,
+        key="--out",
+        cure="Choose another folder with --out, or add --force to begin anew there.",
+    )
 
 
 def _lock(stream: IO[bytes], folder: Path) -> None:
-    """Let one process at a time work here.  The system unlocks a file when its process ends, however it ends."""
+    """Let one process at a time work here.  The system unlocks a file when its process ends,
+    however it ends."""
     try:
         import fcntl
     except ImportError:  # Windows: two drivers at once would do cases twice, and lose none
@@ -191,14 +243,18 @@ def _lock(stream: IO[bytes], folder: Path) -> None:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         message = f"another process is at work on the sweep in {str(folder)!r}."
-        raise SpecError(message, key="--out", cure="Wait for it, or choose another folder with --out.") from None
+        raise SpecError(
+            message, key="--out", cure="Wait for it, or choose another folder with --out."
+        ) from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class SweepResult(Headed):
-    """The cases of a sweep in their order.  ``lines`` are those of the journal; ``folder`` is where it is, or None.
+    """The cases of a sweep in their order.  ``lines`` are those of the journal; ``folder`` is where
+    it is, or None.
 
-    ``column("rate")`` gives one column, ``rows`` all of them by name; numbers of a column that has none are None.
+    ``column("rate")`` gives one column, ``rows`` all of them by name; numbers of a column that has
+    none are None.
     """
 
     plan: Plan
@@ -217,7 +273,10 @@ class SweepResult(Headed):
     def columns(self) -> dict[str, str]:
         """Name -> type of every column: "text", "number", "truth" or "count"."""
         own = {name: kind for name, kind, _ in self.plan.task.columns}
-        axes = {name: "number" if self._is_number(place) else "text" for place, name in enumerate(self.axes)}
+        axes = {
+            name: "number" if self._is_number(place) else "text"
+            for place, name in enumerate(self.axes)
+        }
         return {"case": "count", **axes, **own, "error": "text", "seconds": "number", "id": "text"}
 
     @property
@@ -226,7 +285,10 @@ class SweepResult(Headed):
         numeric = [self._is_number(place) for place in range(len(self.plan.axes))]
         rows = []
         for line in self.lines:
-            values = [number_of(text) if yes else text for text, yes in zip(line["values"], numeric, strict=True)]
+            values = [
+                number_of(text) if yes else text
+                for text, yes in zip(line["values"], numeric, strict=True)
+            ]
             found = [(line["result"] or {}).get(name) for name, _, _ in self.plan.task.columns]
             error = None if line["error"] is None else line["error"]["message"]
             cells = [line["case"], *values, *found, error, line["seconds"], line["id"]]
@@ -247,17 +309,22 @@ class SweepResult(Headed):
 
     @property
     def outcomes(self) -> dict[str, int]:
-        """How many cases were proved, refuted, undecided; or converged and diverged; and how many failed."""
+        """How many cases were proved, refuted, undecided; or converged and diverged; and how many
+        failed."""
         found = Counter(outcome_of(line) for line in self.lines)
         return {name: found[name] for name in OUTCOMES if found[name]}
 
     def frame(self) -> pd.DataFrame:
-        """The rows as a pandas table with the types of the columns.  Raises: SpecError without dobc_design[store]."""
+        """The rows as a pandas table with the types of the columns.  Raises: SpecError without
+        dobc_design[store]."""
         try:
             import pandas as pd
             import pyarrow  # noqa: F401 - which writes Parquet for pandas
         except ImportError:
-            message = "this needs the extra packages of dobc_design[store] (pandas, pyarrow), which are not installed."
+            message = (
+                "this needs the extra packages of dobc_design[store] (pandas, pyarrow), which "
+                "are not installed."
+            )
             cure = "`dobc doctor` says how to install them; .csv and .jsonl need none."
             raise SpecError(message, key="frame", cure=cure) from None
         columns = self.columns
@@ -265,18 +332,23 @@ class SweepResult(Headed):
         return table.astype({name: DTYPES[kind] for name, kind in columns.items()})
 
     def save(self, path: str | PathLike[str], *, force: bool = True) -> Path:
-        """Write the rows to ``path``: .csv, .jsonl, or .parquet (needs dobc_design[store]).  Raises: SpecError."""
+        """Write the rows to ``path``: .csv, .jsonl, or .parquet (needs dobc_design[store]).
+        Raises: SpecError."""
         target = Path(path)
         suffix = target.suffix.lower()
         if suffix not in (".csv", ".jsonl", ".parquet"):
             message = f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}."
             raise SpecError(message, key="path", cure="Choose one of these.")
         if target.exists() and not force:
-            raise SpecError(f"{str(target)!r} exists already.", key="path", cure="Replace it with force=True.")
+            raise SpecError(
+                f"{str(target)!r} exists already.", key="path", cure="Replace it with force=True."
+            )
         if suffix == ".parquet":
             data: bytes = self.frame().to_parquet(compression="zstd", index=False)
         elif suffix == ".jsonl":
-            data = "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in self.rows).encode("utf-8")
+            data = "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in self.rows).encode(
+                "utf-8"
+            )
         else:  # UTF-8 with a header; nothing stands for what is not there
             text = io.StringIO(newline="")
             writer = csv.writer(text)
@@ -286,72 +358,116 @@ class SweepResult(Headed):
         write_atomically(target, data)
         return target
 
-    def plot(self, value: str | None = None, *, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
-        """A column against what was varied: a heat map over two listed axes, lines or points over one.
+    def plot(
+        self,
+        value: str | None = None,
+        *,
+        x: str | None = None,
+        y: str | None = None,
+        ax: Any = None,
+    ) -> Any:
+        """A column against what was varied: a heat map over two listed axes, lines or points over
+        one.
 
-        ``value``: a numeric column, by default rate, or settling_time of simulations.  ``x``, ``y``: axes, by default
-        the first ones.  Where several cases fall on one place (draws, further axes) the median is drawn, which the
-        figure says.  Verdicts are marked besides.  Returns: a Sheet; with Matplotlib's ``ax`` these axes.
+        ``value``: a numeric column, by default rate, or settling_time of simulations.  ``x``,
+        ``y``: axes, by default the first ones.  Where several cases fall on one place (draws,
+        further axes) the median is drawn, which the figure says.  Verdicts are marked besides.
+        Returns: a Sheet; with Matplotlib's ``ax`` these axes.
         Raises: SpecError for a name that does not fit.
         """
         from dobc_design.plotting.sweeps import heat_map, lines
 
         name = value or DRAWN[self.plan.task.kind]
-        meanings = {column: text for column, kind, text in self.plan.task.columns if kind in ("number", "count")}
+        meanings = {
+            column: text
+            for column, kind, text in self.plan.task.columns
+            if kind in ("number", "count")
+        }
         if name not in meanings:
-            raise SpecError(f"{shown(name)} is no numeric column.", key="value", cure=f"One of {', '.join(meanings)}.")
-        numbers = np.array([math.nan if each is None else float(each) for each in self.column(name)])
+            raise SpecError(
+                f"{shown(name)} is no numeric column.",
+                key="value",
+                cure=f"One of {', '.join(meanings)}.",
+            )
+        numbers = np.array(
+            [math.nan if each is None else float(each) for each in self.column(name)]
+        )
         if not np.isfinite(numbers).any():
             cure = "Choose another column."
-            raise SpecError(f"no case has a {name}, so there is nothing to be drawn.", key="value", cure=cure)
+            raise SpecError(
+                f"no case has a {name}, so there is nothing to be drawn.", key="value", cure=cure
+            )
         chosen = self._drawn_axes(x, y)
         outcome = [outcome_of(line) for line in self.lines]
         words = {"title": f"{self.plan.name}: {meanings[name]}", "label": meanings[name]}
         first = self._places(chosen[0])
         if len(chosen) == 2:
             note = self._note(chosen)
-            return heat_map(first, self._places(chosen[1]), numbers, outcome, note=note, ax=ax, **words)
+            return heat_map(
+                first, self._places(chosen[1]), numbers, outcome, note=note, ax=ax, **words
+            )
         drawn = self.plan.axes[self.axes.index(chosen[0])].draw is not None and first.names is None
         series, used = self._series(chosen[0])
         note = "" if drawn else self._note([chosen[0], *used])
         return lines(first, numbers, outcome, series, note=note, drawn=drawn, ax=ax, **words)
 
     def _drawn_axes(self, x: str | None, y: str | None) -> list[str]:
-        """One axis, or two for a heat map: those named, else the first two that are listed, else the first."""
+        """One axis, or two for a heat map: those named, else the first two that are listed, else
+        the first."""
         for key, name in (("x", x), ("y", y)):
             if name is not None and name not in self.axes:
                 cure = f"One of {', '.join(self.axes)}."
                 raise SpecError(f"{shown(name)} is no axis of this sweep.", key=key, cure=cure)
         if x is not None and x == y:
-            raise SpecError("x and y must be different axes.", key="y", cure="Leave y out for lines.")
+            raise SpecError(
+                "x and y must be different axes.", key="y", cure="Leave y out for lines."
+            )
         listed = {axis.name: len(axis.values) for axis in self.plan.axes if len(axis.values) > 1}
         numbers = [name for name in self.axes if self.columns[name] == "number"]
-        first = x or next(iter([*(name for name in listed if name in numbers), *numbers, *listed, *self.axes]))
+        first = x or next(
+            iter([*(name for name in listed if name in numbers), *numbers, *listed, *self.axes])
+        )
         if y is not None:
             return [first, y]
         others = [name for name in listed if name != first]
         few = any(listed[name] <= 3 for name in others)  # rather lines side by side than a thin map
-        return [first] if x is not None or first not in listed or not others or few else [first, others[0]]
+        return (
+            [first]
+            if x is not None or first not in listed or not others or few
+            else [first, others[0]]
+        )
 
     def _places(self, name: str) -> Places:
-        """Where the cases stand along an axis: at their numbers, or side by side in the order listed."""
+        """Where the cases stand along an axis: at their numbers, or side by side in the order
+        listed."""
         from dobc_design.plotting.sweeps import Places
 
         place = self.axes.index(name)
         axis = self.plan.axes[place]
-        position = np.array(self.column(name), dtype=np.float64) if self._is_number(place) else np.full(1, np.inf)
+        position = (
+            np.array(self.column(name), dtype=np.float64)
+            if self._is_number(place)
+            else np.full(1, np.inf)
+        )
         if _can_be_drawn(position):
             ticks = np.unique(position)
-            even_ratios = _has_even_ratios(ticks) if axis.draw is None else axis.draw.kind == "loguniform"
+            even_ratios = (
+                _has_even_ratios(ticks) if axis.draw is None else axis.draw.kind == "loguniform"
+            )
             return Places(name=name, position=position, ticks=ticks, even_ratios=even_ratios)
         texts = [line["values"][place] for line in self.lines]
-        names = axis.values or tuple(sorted(set(texts), key=lambda text: (number_of(text) or 0, text)))
+        names = axis.values or tuple(
+            sorted(set(texts), key=lambda text: (number_of(text) or 0, text))
+        )
         order = {text: k for k, text in enumerate(names)}
         position = np.array([order[text] for text in texts], dtype=np.float64)
-        return Places(name=name, position=position, ticks=np.arange(len(names), dtype=np.float64), names=names)
+        return Places(
+            name=name, position=position, ticks=np.arange(len(names), dtype=np.float64), names=names
+        )
 
     def _series(self, x: str) -> tuple[list[str], list[str]]:
-        """The name of each case's line, and the axes that make the lines: listed ones, as long as lines are few."""
+        """The name of each case's line, and the axes that make the lines: listed ones, as long as
+        lines are few."""
         from dobc_design.plotting.sweeps import MOST_SERIES
 
         used: list[int] = []
@@ -361,7 +477,10 @@ class SweepResult(Headed):
                 used.append(place)
                 count *= len(axis.values)
         heads = {place: "" if len(used) == 1 else f"{self.axes[place]}=" for place in used}
-        names = [", ".join(head + line["values"][place] for place, head in heads.items()) for line in self.lines]
+        names = [
+            ", ".join(head + line["values"][place] for place, head in heads.items())
+            for line in self.lines
+        ]
         return names, [self.axes[place] for place in used]
 
     def _note(self, shown_axes: list[str]) -> str:
@@ -381,17 +500,31 @@ class SweepResult(Headed):
     def __str__(self) -> str:
         lines = [f"{self.plan.name}, {self.plan.task.kind}: {self._summary}"]
         for name, kind, meaning in self.plan.task.columns:
-            values = [each for each in self.column(name) if each is not None] if kind == "number" else []
+            values = (
+                [each for each in self.column(name) if each is not None] if kind == "number" else []
+            )
             if values:
-                found = f"{min(values):.4g} to {max(values):.4g}, median {np.median(values):.4g} ({len(values)} cases)"
+                found = (
+                    f"{min(values):.4g} to {max(values):.4g}, median {np.median(values):.4g} "
+                    f"({len(values)} cases)"
+                )
                 lines.append(f"  {name:<18} {found}: {meaning}")
         return "\n".join(lines)
 
     def _card(self) -> Card:
         names = [name for name in self.columns if name not in ("id", "seconds", "reason", "error")]
         found = [[row[name] for name in names] for row in self.rows[:MOST_ROWS]]
-        rows = [["" if x is None else f"{x:.6g}" if isinstance(x, float) else str(x) for x in row] for row in found]
-        return Card(title=self.plan.name, text=self._summary, heads=names, rows=rows, hidden=len(self) - len(rows))
+        rows = [
+            ["" if x is None else f"{x:.6g}" if isinstance(x, float) else str(x) for x in row]
+            for row in found
+        ]
+        return Card(
+            title=self.plan.name,
+            text=self._summary,
+            heads=names,
+            rows=rows,
+            hidden=len(self) - len(rows),
+        )
 
 
 def outcome_of(line: Outcome) -> str:
@@ -404,9 +537,13 @@ def outcome_of(line: Outcome) -> str:
 
 
 def _can_be_drawn(numbers: NDArray[np.float64]) -> bool:
-    """Whether Matplotlib's scales hold these numbers; others are put side by side, under their names."""
+    """Whether Matplotlib's scales hold these numbers; others are put side by side, under their
+    names."""
     size = np.abs(numbers[numbers != 0])
-    return bool(np.isfinite(numbers).all() and (not len(size) or (size.min() >= LEAST and size.max() <= MOST)))
+    return bool(
+        np.isfinite(numbers).all()
+        and (not len(size) or (size.min() >= LEAST and size.max() <= MOST))
+    )
 
 
 def _has_even_ratios(ticks: NDArray[np.float64]) -> bool:

@@ -1,7 +1,7 @@
 """``sweep``: every case of a plan, each once, in parallel through joblib; what is done stays done.
 
-The order of the cases is shuffled, always in the same way, so that what is behind stands for what is ahead: the time
-left is honest, and a sweep that was stopped has looked everywhere a little.
+The order of the cases is shuffled, always in the same way, so that what is behind stands for what
+is ahead: the time left is honest, and a sweep that was stopped has looked everywhere a little.
 """
 
 from __future__ import annotations
@@ -55,7 +55,10 @@ class State:
 
     def __str__(self) -> str:
         before = f", {self.resumed} of them from before" if self.resumed else ""
-        return f"{self.done} of {self.total} cases{before}{f', {self.failed} failed' if self.failed else ''}"
+        return (
+            f"{self.done} of {self.total} "
+            f"cases{before}{f', {self.failed} failed' if self.failed else ''}"
+        )
 
 
 Progress = Callable[[State], None]
@@ -80,19 +83,21 @@ def sweep(
 ) -> SweepResult:
     """Certify or simulate a problem with some of its keys varied.
 
-    ``over``: key of the problem file -> values: a sequence, or text as in ``dobc sweep``: ``"1:5:9"``, ``"tanh(y),y"``,
-    ``"~uniform(0.1,1)"`` (drawn ``samples`` times with ``seed``); see ``axes``.  Listed values make a grid.
-    ``task``: "certify" (with ``everything`` as there) or "simulate" (``runs`` runs of each case).
-    ``out``: a folder; every finished case is written there at once, and a sweep that was stopped goes on from there
-    when it is started again.  A folder of another sweep is refused, unless ``force`` begins anew.
-    ``jobs``: processes, by default one per processor; 1 is this process.  A program that is run as a file needs
-    ``if __name__ == "__main__":`` around the call for more than one.  ``cluster``: the address of a Dask scheduler, or
-    "local" for a cluster of ``jobs`` processes here.  ``time_limit``: seconds after which a case is given up, recorded
-    as failed, and the rest goes on; with it one job is another process, too.  A later sweep with a longer limit does
-    such cases again.  ``progress``: True for a bar, or a function of the state after every case.
+    ``over``: key of the problem file -> values: a sequence, or text as in ``dobc sweep``:
+    ``"1:5:9"``, ``"tanh(y),y"``, ``"~uniform(0.1,1)"`` (drawn ``samples`` times with ``seed``); see
+    ``axes``.  Listed values make a grid. ``task``: "certify" (with ``everything`` as there) or
+    "simulate" (``runs`` runs of each case). ``out``: a folder; every finished case is written there
+    at once, and a sweep that was stopped goes on from there when it is started again.  A folder of
+    another sweep is refused, unless ``force`` begins anew. ``jobs``: processes, by default one per
+    processor; 1 is this process.  A program that is run as a file needs ``if __name__ ==
+    "__main__":`` around the call for more than one.  ``cluster``: the address of a Dask scheduler,
+    or "local" for a cluster of ``jobs`` processes here.  ``time_limit``: seconds after which a case
+    is given up, recorded as failed, and the rest goes on; with it one job is another process, too.
+    A later sweep with a longer limit does such cases again.  ``progress``: True for a bar, or a
+    function of the state after every case.
     Returns: a SweepResult; a case that fails is in it with its error.
-    Raises: SpecError for a wrong argument, and if no case at all gives a problem; CertificateError, SolverError when
-    the machine or the cluster fails, what is finished being kept.
+    Raises: SpecError for a wrong argument, and if no case at all gives a problem; CertificateError,
+    SolverError when the machine or the cluster fails, what is finished being kept.
     Example:
         >>> dd.sweep("clock-sync", {"pinning.gains.gateway": [0, 2]}, jobs=1).column("verdict")
         ['refuted', 'proved']
@@ -100,11 +105,20 @@ def sweep(
     if jobs is not None:
         whole(jobs, "jobs", least=1)
     limit = None if time_limit is None else read_time_limit(time_limit)
-    plan = make_plan(problem, over, task=Task(kind=task, everything=everything, runs=runs), samples=samples, seed=seed)
+    plan = make_plan(
+        problem,
+        over,
+        task=Task(kind=task, everything=everything, runs=runs),
+        samples=samples,
+        seed=seed,
+    )
     _require_one(plan)
     folder = None if out is None else Path(out)
     # A cluster that is not there is refused before anything is written, or with ``force`` replaced.
-    with _backend(cluster, jobs, len(plan)) as backend, Journal(folder, plan, anew=force) as journal:
+    with (
+        _backend(cluster, jobs, len(plan)) as backend,
+        Journal(folder, plan, anew=force) as journal,
+    ):
         _run(
             journal,
             jobs=jobs,
@@ -121,7 +135,8 @@ def sweep(
 
 
 def _require_one(plan: Plan) -> None:
-    """Refuse a sweep of which no case gives a problem: the mistake lies in what is varied.  Raises: SpecError."""
+    """Refuse a sweep of which no case gives a problem: the mistake lies in what is varied.  Raises:
+    SpecError."""
     first: SpecError | None = None
     for case in range(len(plan)):
         try:
@@ -133,7 +148,9 @@ def _require_one(plan: Plan) -> None:
         raise first
 
 
-def _run(journal: Journal, *, jobs: int | None, backend: Backend, limit: float | None, progress: Progress) -> None:
+def _run(
+    journal: Journal, *, jobs: int | None, backend: Backend, limit: float | None, progress: Progress
+) -> None:
     """Do the cases that are not done, or were given up and get more time now."""
     plan, done = journal.plan, journal.done
     for case in [case for case, line in done.items() if to_be_done_again(line, limit)]:
@@ -146,18 +163,22 @@ def _run(journal: Journal, *, jobs: int | None, backend: Backend, limit: float |
         progress(State(total=len(plan), done=len(done), resumed=resumed, failed=failed))
 
     report()
-    for line in outcomes(plan, [case for case in order if case not in done], jobs=jobs, backend=backend, limit=limit):
+    for line in outcomes(
+        plan, [case for case in order if case not in done], jobs=jobs, backend=backend, limit=limit
+    ):
         journal.append(line)
         failed += line["error"] is not None
         report()
 
 
 class TooLong(KeyboardInterrupt):
-    """A case is over its time.  An interrupt, because handlers of errors on the way let interrupts pass."""
+    """A case is over its time.  An interrupt, because handlers of errors on the way let interrupts
+    pass."""
 
 
 def within(limit: float | None, work: Callable[[], Result]) -> Result:
-    """Do ``work`` and return its result; raise TooLong in it after ``limit`` s, once C code comes back."""
+    """Do ``work`` and return its result; raise TooLong in it after ``limit`` s, once C code comes
+    back."""
     if limit is None:
         return work()
     thread, error = ctypes.c_ulong(threading.get_ident()), ctypes.py_object(TooLong)
@@ -172,15 +193,18 @@ def within(limit: float | None, work: Callable[[], Result]) -> Result:
 
 
 def run_case(plan: Plan, case: int, limit: float | None = None) -> Outcome:
-    """Build and do one case within ``limit`` seconds; the line of the journal.  Whatever goes wrong in a case is its
-    result: a wrong problem, a solver, a lack of memory.  Never raises but for interrupts."""
+    """Build and do one case within ``limit`` seconds; the line of the journal.  Whatever goes wrong
+    in a case is its result: a wrong problem, a solver, a lack of memory.  Never raises but for
+    interrupts."""
     plan.task.prepare()
     started = time.perf_counter()
     found: Outcome = {}
 
     def work() -> None:
         problem = plan.problem(case)
-        identity = json.dumps([problem_sha256(problem), plan.task.to_json(), __version__], sort_keys=True)
+        identity = json.dumps(
+            [problem_sha256(problem), plan.task.to_json(), __version__], sort_keys=True
+        )
         found["id"] = hashlib.sha256(identity.encode("utf-8")).hexdigest()
         found["result"] = plan.task.run(problem)
 
@@ -194,16 +218,27 @@ def run_case(plan: Plan, case: int, limit: float | None = None) -> Outcome:
     except MemoryError:
         found["error"] = _error("memory", "The machine ran out of memory.")
     except Exception as error:  # noqa: BLE001 - one case that breaks must not end the others
-        found["error"] = _error("internal", f"Internal error ({type(error).__name__}: {str(error)[:200]}).")
+        found["error"] = _error(
+            "internal", f"Internal error ({type(error).__name__}: {str(error)[:200]})."
+        )
     return _line(plan, case) | found | {"seconds": round(time.perf_counter() - started, 6)}
 
 
 def _line(plan: Plan, case: int) -> Outcome:
     values = list(plan.values(case))
-    return {"case": case, "id": None, "values": values, "result": None, "error": None, "seconds": 0.0}
+    return {
+        "case": case,
+        "id": None,
+        "values": values,
+        "result": None,
+        "error": None,
+        "seconds": 0.0,
+    }
 
 
-def _error(kind: str, message: str, *, key: str | None = None, cure: str | None = None) -> dict[str, Any]:
+def _error(
+    kind: str, message: str, *, key: str | None = None, cure: str | None = None
+) -> dict[str, Any]:
     return {"kind": kind, "key": key, "message": message, "cure": cure}
 
 
@@ -215,14 +250,16 @@ def _too_long(limit: float | None) -> dict[str, Any]:
 def outcomes(
     plan: Plan, cases: Sequence[int], *, jobs: int | None, backend: Backend, limit: float | None
 ) -> Iterator[Outcome]:
-    """The lines of the cases by joblib, each as soon as it is there.  When a worker dies, or hangs in a library, what
-    was in hand is done again one by one; only a case that ends so on its own is given up, and recorded."""
+    """The lines of the cases by joblib, each as soon as it is there.  When a worker dies, or hangs
+    in a library, what was in hand is done again one by one; only a case that ends so on its own is
+    given up, and recorded."""
     from joblib import Parallel, cpu_count, delayed, parallel_config
 
     if not cases:
         return
     jobs = min(jobs or cpu_count(), len(cases))
-    apart = jobs == 1 and limit is not None  # in another process, which can be ended: two of which one is idle
+    # in another process, which can be ended: two of which one is idle
+    apart = jobs == 1 and limit is not None
 
     def calls(batch: Sequence[int], begun: list[int]) -> Iterator[Any]:
         for case in batch:
@@ -235,7 +272,8 @@ def outcomes(
             pre_dispatch=1 if apart else "2 * n_jobs",
             return_as="generator_unordered",
             batch_size=1,
-            timeout=None if limit is None else 2 * limit + GRACE,  # from one finished case to the next
+            # from one finished case to the next
+            timeout=None if limit is None else 2 * limit + GRACE,
             initializer=_begin_worker,
             initargs=(os.getpid(),),
         )
@@ -252,7 +290,11 @@ def outcomes(
             suspects = begun
             if len(batch) == 1:
                 late = isinstance(error, NoAnswer)
-                lost = {"error": _too_long(limit), "seconds": limit} if late else {"error": _error("worker", DIED)}
+                lost = (
+                    {"error": _too_long(limit), "seconds": limit}
+                    if late
+                    else {"error": _error("worker", DIED)}
+                )
                 del left[batch[0]]
                 yield _line(plan, batch[0]) | lost
         suspects = [case for case in suspects if case in left]
@@ -273,7 +315,8 @@ def _deaf() -> Iterator[None]:
 
 
 def _begin_worker(parent: int) -> None:
-    """Once in every worker: Ctrl-C is the parent's business, and without a parent there is nothing to do."""
+    """Once in every worker: Ctrl-C is the parent's business, and without a parent there is nothing
+    to do."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def look() -> None:
@@ -286,16 +329,23 @@ def _begin_worker(parent: int) -> None:
 
 @contextmanager
 def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Backend]:
-    """What joblib is to work with: processes of this machine, a Dask cluster at an address, or "local": one begun here.
-    Raises: SpecError without the extra "cluster" or a scheduler at that address, and for workers of another version."""
+    """What joblib is to work with: processes of this machine, a Dask cluster at an address, or
+    "local": one begun here.
+    Raises: SpecError without the extra "cluster" or a scheduler at that address, and for workers of
+    another version."""
     if cluster is None:
         yield LOKY
         return
     try:
         from distributed import Client, LocalCluster
     except ImportError:
-        message = "a cluster needs the extra packages of dobc_design[cluster], which are not installed."
-        cure = "`dobc doctor` says how to install them; without --cluster this machine's processors are used."
+        message = (
+            "a cluster needs the extra packages of dobc_design[cluster], which are not installed."
+        )
+        cure = (
+            "`dobc doctor` says how to install them; without --cluster this machine's "
+            "processors are used."
+        )
         raise SpecError(message, key="--cluster", cure=cure) from None
     with ExitStack() as stack:
         try:
@@ -305,7 +355,12 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
 
                 jobs = min(jobs or cpu_count(), cases)
                 with _deaf():
-                    own = LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=50)
+                    own = LocalCluster(
+                        n_workers=jobs,
+                        threads_per_worker=1,
+                        dashboard_address=None,
+                        silence_logs=50,
+                    )
                 address = stack.enter_context(own)
             client = stack.enter_context(Client(address, timeout="10s"))
             client.wait_for_workers(1, timeout=30)
@@ -315,7 +370,10 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
             raise SpecError(message, key="--cluster", cure=cure) from error
         for worker, version in client.run(_version, on_error="return").items():
             if version != __version__:  # its numbers would be others
-                message = f"the worker {worker} has another dobc_design, or none; this program is {__version__}."
+                message = (
+                    f"the worker {worker} has another dobc_design, or none; this program is "
+                    f"{__version__}."
+                )
                 cure = "Install the same version on all machines of the cluster."
                 raise SpecError(message, key="--cluster", cure=cure)
         yield {"backend": "dask"}

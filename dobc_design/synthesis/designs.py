@@ -1,4 +1,5 @@
-"""Observer gain, pinned agents and gains on request, each proved, and one limit of a design in terms of another."""
+"""Observer gain, pinned agents and gains on request, each proved, and one limit of a design in
+terms of another."""
 
 from __future__ import annotations
 
@@ -19,7 +20,12 @@ from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.claim import Design, TradeOff, read_design_request
 from dobc_design.synthesis.joint.search import search_agents, search_design, trade_off_of
-from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, SpectralRegion, read_observer_request
+from dobc_design.synthesis.observer.claim import (
+    NoiseLimit,
+    ObserverDesign,
+    SpectralRegion,
+    read_observer_request,
+)
 from dobc_design.synthesis.observer.search import search_groups
 from dobc_design.synthesis.pinning.claim import PinningDesign, check_yes_or_no, read_request
 from dobc_design.synthesis.pinning.search import search_pinning, search_region
@@ -36,17 +42,24 @@ OF_ALL_SIGNALS = ("structure", "pins", "rate", "max_gain")
 
 
 def _under_guarantee(problem: Problem, found: Found) -> Found:
-    """Designs ignore the guarantee: what arbitrary switching forbids may do under it, so nothing is refuted."""
+    """Designs ignore the guarantee: what arbitrary switching forbids may do under it, so nothing is
+    refuted."""
     own, kinds = problem.switching, {each.kind for each in found.statements}
     known = own is not None and own.is_guaranteed and len(problem.network.modes) > 1
     if not known or found.verdict is not Verdict.REFUTED or not kinds & set(OF_ALL_SIGNALS):
         return found
-    more = " Less may do under the guarantee of [switching], which designs do not look at: certify gains of your own."
-    return replace(found, verdict=Verdict.UNDECIDED, reason=found.reason + more, statements=(), nearest=None)
+    more = (
+        " Less may do under the guarantee of [switching], which designs do not look at: "
+        "certify gains of your own."
+    )
+    return replace(
+        found, verdict=Verdict.UNDECIDED, reason=found.reason + more, statements=(), nearest=None
+    )
 
 
 def _beside_given_gains(problem: Problem, found: Design, report: Callable[[str], None]) -> Design:
-    """The design with its time to one percent beside that of the problem's own gains, where these are proved, too."""
+    """The design with its time to one percent beside that of the problem's own gains, where these
+    are proved, too."""
     own = found.certificate
     if found.verdict is not Verdict.PROVED or own is None or not problem.pinning.agents:
         return found
@@ -56,23 +69,32 @@ def _beside_given_gains(problem: Problem, found: Design, report: Callable[[str],
     if given.verdict is not Verdict.PROVED or not all(map(math.isfinite, times)):
         return found
     this, other = (_in_words(each, time) for each, time in zip((own, given), times, strict=True))
-    words = f"Certified time to one percent: {this} with this design, {other} with the gains of the file."
+    words = (
+        f"Certified time to one percent: {this} with this design, {other} with the gains of "
+        "the file."
+    )
     return replace(found, prices=(*found.prices, words))
 
 
 def _in_words(certificate: Certificate, time: float) -> str:
-    rate, factor = significant_towards_zero(certificate.rate), significant_away_from_zero(certificate.factor)
+    rate, factor = (
+        significant_towards_zero(certificate.rate),
+        significant_away_from_zero(certificate.factor),
+    )
     return f"{significant_away_from_zero(time, 3)} s ({rate} 1/s, factor {factor})"
 
 
 def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
-    """``coupling`` is for agents with [dynamics], ``others`` (a limit that is asked for) for those without."""
+    """``coupling`` is for agents with [dynamics], ``others`` (a limit that is asked for) for those
+    without."""
     problem.require_fixed_arcs("a design")
     check_yes_or_no(coupling, "coupling", cure="True asks for a coupling, too.")
     if coupling and problem.dynamics is None:
         raise SpecError("coupling can be designed for agents with [dynamics] only.", key="coupling")
     if others:
-        problem.require_integrators("a design with cost, region, noise or conservative, or a trade-off")
+        problem.require_integrators(
+            "a design with cost, region, noise or conservative, or a trade-off"
+        )
 
 
 def design_observer(
@@ -86,10 +108,12 @@ def design_observer(
 ) -> ObserverDesign:
     """Design the observer gain W and prove that the rounded W does what was asked.
 
-    ``rate`` (1/s); ``region``: HalfPlane, Disk, Cone or a list; ``noise``: bound on the H-infinity norm from
-    measurement noise to dhat, or NoiseLimit; ``digits`` of W; ``period`` (s) of a sampled observer.  Where agents have
-    different exosystems, the W of every group has to do it.  With [dynamics] noise and period are not known.
-    Returns: an ObserverDesign: PROVED; REFUTED with the reason; UNDECIDED. The last two with the nearest request.
+    ``rate`` (1/s); ``region``: HalfPlane, Disk, Cone or a list; ``noise``: bound on the H-infinity
+    norm from measurement noise to dhat, or NoiseLimit; ``digits`` of W; ``period`` (s) of a sampled
+    observer.  Where agents have different exosystems, the W of every group has to do it.  With
+    [dynamics] noise and period are not known.
+    Returns: an ObserverDesign: PROVED; REFUTED with the reason; UNDECIDED. The last two with the
+    nearest request.
     Raises: SpecError for a wrong request or a problem without [exosystem].
     Example:
         >>> dd.design_observer("paper-fixed", rate=2).verdict.value
@@ -99,12 +123,22 @@ def design_observer(
     """
     problem = load_problem(problem)
     if not problem.groups:
-        text = "exosystem must be given to design an observer, because it says what W estimates; got none."
-        raise SpecError(text, key="exosystem", cure="dobc_design.exosystems has common shapes, constant() among them.")
+        text = (
+            "exosystem must be given to design an observer, because it says what W estimates; "
+            "got none."
+        )
+        raise SpecError(
+            text,
+            key="exosystem",
+            cure="dobc_design.exosystems has common shapes, constant() among them.",
+        )
     rate = problem.joint_observer.rate if rate is None else rate
-    request = read_observer_request(rate=rate, region=region, noise=noise, digits=digits, period=period)
+    request = read_observer_request(
+        rate=rate, region=region, noise=noise, digits=digits, period=period
+    )
     if problem.dynamics is not None and (request.noise or request.period):
-        problem.require_integrators("the design of an observer with noise or a period")  # C s (sI - F)^-1 W, and Cd
+        # C s (sI - F)^-1 W, and Cd
+        problem.require_integrators("the design of an observer with noise or a period")
     return search_groups(observed(problem), replace(request, norms=problem.dynamics is None))
 
 
@@ -125,17 +159,20 @@ def design_pinning(
 ) -> PinningDesign:
     """Design the cheapest pinning gains for a decay rate, and prove what is said of them.
 
-    ``rate`` (1/s): near the target every error decays at it (eps = 0).  One mode: the true local rate, with V = e'De;
-    several: with weights D common to all.  ``conservative``: with V = e'e, Lambda < -2 rate I in every mode; such gains
-    come with a lower bound of their cost (those of one undirected network always do).
-    ``region``: a radius of |e_i|, or True for the problem's [region]; the gains then come with a max-separable
-    certificate that covers it, and with no lower bound of their cost.  ``allowed``: labels of agents that may be pinned
-    (default all).  ``cost``: c_i > 0, a number or label -> number, of sum c_i k_i.  ``max_gain`` (1/s): cap of every
-    gain, likewise.  ``pins``: at most so many agents, or "fewest".  ``digits`` of the gains, which are rounded up.
-    ``progress``: True for a bar, or a function of what is being done.  Gains that the problem has are not looked at.
-    With [dynamics] V = e'(D (x) R)e decides, gains are multiples of the coupling, and ``cost``, ``region`` and
-    ``conservative`` are not known; ``coupling``: h of every arc is designed, too.
-    Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the nearest request.
+    ``rate`` (1/s): near the target every error decays at it (eps = 0).  One mode: the true local
+    rate, with V = e'De; several: with weights D common to all.  ``conservative``: with V = e'e,
+    Lambda < -2 rate I in every mode; such gains come with a lower bound of their cost (those of one
+    undirected network always do). ``region``: a radius of |e_i|, or True for the problem's
+    [region]; the gains then come with a max-separable certificate that covers it, and with no lower
+    bound of their cost.  ``allowed``: labels of agents that may be pinned (default all).  ``cost``:
+    c_i > 0, a number or label -> number, of sum c_i k_i.  ``max_gain`` (1/s): cap of every gain,
+    likewise.  ``pins``: at most so many agents, or "fewest".  ``digits`` of the gains, which are
+    rounded up. ``progress``: True for a bar, or a function of what is being done.  Gains that the
+    problem has are not looked at. With [dynamics] V = e'(D (x) R)e decides, gains are multiples of
+    the coupling, and ``cost``, ``region`` and ``conservative`` are not known; ``coupling``: h of
+    every arc is designed, too.
+    Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the
+    nearest request.
     Raises: SpecError for a wrong request, or couplings without a derivative at the consensus.
     Source: theory, sections 4, 5 and 7.
     Example:
@@ -144,8 +181,16 @@ def design_pinning(
         ('proved', ['gateway'])
     """
     problem = load_problem(problem)
-    _check(problem, coupling=coupling, others=conservative or cost is not None or region is not None)
-    limits = {"allowed": allowed, "cost": cost, "max_gain": max_gain, "pins": pins, "digits": digits}
+    _check(
+        problem, coupling=coupling, others=conservative or cost is not None or region is not None
+    )
+    limits = {
+        "allowed": allowed,
+        "cost": cost,
+        "max_gain": max_gain,
+        "pins": pins,
+        "digits": digits,
+    }
     limits["conservative"] = conservative
     request = read_request(problem.network.labels, rate=rate, **limits)
     report = report_to(progress)
@@ -172,18 +217,22 @@ def design(
     coupling: bool = False,
     progress: Reports[str] = None,
 ) -> Design:
-    """Design observer gain, pinned agents and gains together, so that ``certify`` proves what the problem asks.
+    """Design observer gain, pinned agents and gains together, so that ``certify`` proves what the
+    problem asks.
 
-    W, P and gains that the problem has are not looked at.  ``rate`` (1/s): the certified rate has to be at least that;
-    without it half of the fastest that the pins allow is aimed at.  ``pins``: at most so many agents, by default as few
-    as it takes.  ``max_gain`` (1/s): cap of every gain, a number or label -> number.  ``allowed``: labels of agents
-    that may be pinned.  ``noise``: bound on the H-infinity norm from measurement noise to dhat, or NoiseLimit.
-    ``digits`` of W and of the gains: what is certified are the rounded numbers.  ``reduce``: an exosystem with a part
-    that C does not see and that does not decay is replaced by its observable part.  ``conservative``:
-    without a [region], gains for V = e'e in place of the true local rate.  ``coupling``: the coupling of agents with
-    [dynamics] is designed, too; their gains are multiples of it.  ``progress``: as in ``certify``.
-    Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
-    with the nearest possible request.  Raises: SpecError for a wrong argument.
+    W, P and gains that the problem has are not looked at.  ``rate`` (1/s): the certified rate has
+    to be at least that; without it half of the fastest that the pins allow is aimed at.  ``pins``:
+    at most so many agents, by default as few as it takes.  ``max_gain`` (1/s): cap of every gain, a
+    number or label -> number.  ``allowed``: labels of agents that may be pinned.  ``noise``: bound
+    on the H-infinity norm from measurement noise to dhat, or NoiseLimit. ``digits`` of W and of the
+    gains: what is certified are the rounded numbers.  ``reduce``: an exosystem with a part that C
+    does not see and that does not decay is replaced by its observable part.  ``conservative``:
+    without a [region], gains for V = e'e in place of the true local rate.  ``coupling``: the
+    coupling of agents with [dynamics] is designed, too; their gains are multiples of it.
+    ``progress``: as in ``certify``.
+    Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason;
+    UNDECIDED.  The last two with the nearest possible request.  Raises: SpecError for a wrong
+    argument.
     Example:
         >>> dd.design("clock-sync", rate="1/20", allowed=["gateway"]).verdict.value
         'proved'
@@ -192,7 +241,9 @@ def design(
     _check(problem, coupling=coupling, others=conservative or noise is not None)
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     how: dict[str, Any] = {"digits": digits, "reduce": reduce, "conservative": conservative}
-    request = replace(read_design_request(problem.network.labels, **how, **limits), coupling=coupling)
+    request = replace(
+        read_design_request(problem.network.labels, **how, **limits), coupling=coupling
+    )
     report = report_to(progress)
     found = _under_guarantee(problem, search_design(problem, request, report))
     return _beside_given_gains(problem, found, report)
@@ -213,18 +264,24 @@ def trade_off(
 ) -> TradeOff:
     """One limit of a design in terms of another, as a curve.
 
-    ``curve``: "gain", the sum of the gains of proved designs against the rate asked, with the pins of ``design``, or
-    those that ``design()`` would begin with; "pins", the rate that gains approach over the [region], or next to the
-    consensus, against the number of pinned agents, as floating point sees it; "noise", the gain from measurement noise
-    to dhat against the decay of the estimate's error.  ``design``: one of this problem, whose point is marked and whose
-    W is used.  ``points``: how many are tried.  ``pins``, ``max_gain``, ``allowed``, ``digits`` and ``progress`` are as
-    in ``design``; gains that the problem has are not looked at.
-    Returns: a TradeOff with ``points``, ``plot(ax=...)`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
+    ``curve``: "gain", the sum of the gains of proved designs against the rate asked, with the pins
+    of ``design``, or those that ``design()`` would begin with; "pins", the rate that gains approach
+    over the [region], or next to the consensus, against the number of pinned agents, as floating
+    point sees it; "noise", the gain from measurement noise to dhat against the decay of the
+    estimate's error.  ``design``: one of this problem, whose point is marked and whose W is used.
+    ``points``: how many are tried.  ``pins``, ``max_gain``, ``allowed``, ``digits`` and
+    ``progress`` are as in ``design``; gains that the problem has are not looked at.
+    Returns: a TradeOff with ``points``, ``plot(ax=...)`` and ``to_pandas()``.  Raises: SpecError
+    for a wrong argument.
     Example:
         >>> dd.trade_off("clock-sync", pins=1, points=3).y_name
         'sum of the gains, 1/s'
     """
     problem = load_problem(problem)
     _check(problem, coupling=False, others=True)
-    request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
-    return trade_off_of(problem, request, curve, design=design, points=points, progress=report_to(progress))
+    request = read_design_request(
+        problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits
+    )
+    return trade_off_of(
+        problem, request, curve, design=design, points=points, progress=report_to(progress)
+    )

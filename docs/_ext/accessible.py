@@ -1,4 +1,5 @@
-"""What the theme leaves out for people who cannot see or point: axe-core finds nothing in the pages then."""
+"""What the theme leaves out for people who cannot see or point: axe-core finds nothing in the pages
+then."""
 
 from __future__ import annotations
 
@@ -6,12 +7,20 @@ from pathlib import Path
 
 from sphinx.application import Sphinx
 
-# The search button shows "Search Ctrl+K", so "Search" must not be its name; a toggle of the navigation shows an icon.
+# The search button shows "Search Ctrl+K", so "Search" must not be its name; a toggle of the
+# navigation shows an icon.
 NAMES = (
-    ('search-button__button pst-js-only" title="Search" aria-label="Search"', 'search-button__button pst-js-only"'),
-    ('<summary><span class="toctree-toggle"', '<summary aria-label="Pages below"><span class="toctree-toggle"'),
+    (
+        'search-button__button pst-js-only" title="Search" aria-label="Search"',
+        'search-button__button pst-js-only"',
+    ),
+    (
+        '<summary><span class="toctree-toggle"',
+        '<summary aria-label="Pages below"><span class="toctree-toggle"',
+    ),
     ('<th class="head"><p></p></th>', "<td></td>"),  # the corner of a table is no heading
-    ('<div class="dobc-shown">', '<div class="dobc-shown" tabindex="0">'),  # a wide card scrolls by keys, too
+    # a wide card scrolls by keys, too
+    ('<div class="dobc-shown">', '<div class="dobc-shown" tabindex="0">'),
 )
 
 

@@ -1,8 +1,8 @@
 """The package's docstrings are plain text; here they become reStructuredText.
 
-An entry ``    name: what it is`` below a line that ends with a colon becomes an item of a list; ``Returns:``,
-``Raises:`` and ``Source:`` begin a paragraph, also after a sentence; every sign that reStructuredText would read as
-markup is taken as it stands, except in double backticks.
+An entry ``    name: what it is`` below a line that ends with a colon becomes an item of a list;
+``Returns:``, ``Raises:`` and ``Source:`` begin a paragraph, also after a sentence; every sign that
+reStructuredText would read as markup is taken as it stands, except in double backticks.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from sphinx.application import Sphinx
 _LITERAL = re.compile(r"(``.+?``)")
 _MARKUP = re.compile(r"([\\*|`_])")
 _ENTRY = re.compile(r"^ {4}(\S[^:]{0,60}): (.*)$")
-_SECTION = re.compile(r"^(Returns|Raises|Source|Shape|Units|Parameters[^:]*|Fields[^:]*|Example)s?:\s*(.*)$")
+_SECTION = re.compile(
+    r"^(Returns|Raises|Source|Shape|Units|Parameters[^:]*|Fields[^:]*|Example)s?:\s*(.*)$"
+)
 _INSIDE = re.compile(r"(?<=\.) +(?=(?:Returns|Raises|Source|Units): )")
 
 
@@ -63,7 +65,9 @@ def _in_entry(result: list[str]) -> bool:
     return False
 
 
-def convert(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+def convert(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
     """Change the lines in place, as sphinx wants it."""
     lines[:] = as_restructured(lines)
 

@@ -1,4 +1,5 @@
-"""The notebooks as a gallery; each thumbnail is the last picture that the run of its notebook has drawn."""
+"""The notebooks as a gallery; each thumbnail is the last picture that the run of its notebook has
+drawn."""
 
 from __future__ import annotations
 
@@ -23,11 +24,15 @@ class Gallery(Directive):
         cards = []
         for path in sorted(NOTEBOOKS.glob("*.ipynb")):
             first = "".join(json.loads(path.read_text("utf-8"))["cells"][0]["source"])
-            title, learned = re.match(r"# (.+?)\n\nWhat you learn here: (.+?)(?:\n\n|$)", first, re.DOTALL).groups()
+            title, learned = re.match(
+                r"# (.+?)\n\nWhat you learn here: (.+?)(?:\n\n|$)", first, re.DOTALL
+            ).groups()
             picture = f'<img src="../_static/thumbnails/{path.stem}.png" alt="" loading="lazy">'
             learned = learned.replace("\n", " ").replace("*", "")
             learned = learned[0].upper() + learned[1:]
-            cards.append(f'<a href="{path.stem}.html">{picture}<b>{title}</b><span>{learned}</span></a>')
+            cards.append(
+                f'<a href="{path.stem}.html">{picture}<b>{title}</b><span>{learned}</span></a>'
+            )
         return [nodes.raw("", f'<div class="gallery">{"".join(cards)}</div>', format="html")]
 
 

@@ -1,4 +1,5 @@
-"""Pages that the program itself writes, its commands and its conditions; and the notebooks, brought into the handbook.
+"""Pages that the program itself writes, its commands and its conditions; and the notebooks, brought
+into the handbook.
 
 They are made anew at every build and are not committed.
 """
@@ -32,8 +33,16 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...] | None, str]] = {
         PROVE,
         "[](commands-prepare.md) and [](commands-design.md) have the others.",
     ),
-    "commands-prepare": ("Commands that prepare and explain", PREPARE, "How options are read: [](command-line.md)."),
-    "commands-design": ("Commands that design, simulate, export", None, "How options are read: [](command-line.md)."),
+    "commands-prepare": (
+        "Commands that prepare and explain",
+        PREPARE,
+        "How options are read: [](command-line.md).",
+    ),
+    "commands-design": (
+        "Commands that design, simulate, export",
+        None,
+        "How options are read: [](command-line.md).",
+    ),
 }
 
 
@@ -44,8 +53,10 @@ def commands(title: str, wanted: tuple[str, ...] | None, besides: str) -> str:
     lines = [f"# {title}", "", besides, ""]
     if wanted == PROVE:
         lines += [
-            "Written from the program itself. FILE is the path of a problem file or the name of a built-in problem.",
-            "`--json` puts one JSON document on standard output and nothing else there, with the keys of [](json.md);",
+            "Written from the program itself. FILE is the path of a problem file or the "
+            "name of a built-in problem.",
+            "`--json` puts one JSON document on standard output and nothing else there, "
+            "with the keys of [](json.md);",
             "progress and messages go to standard error.",
             "",
         ]
@@ -53,7 +64,9 @@ def commands(title: str, wanted: tuple[str, ...] | None, besides: str) -> str:
         if command.hidden:
             continue
         arguments = [part for part in command.params if part.param_type_name == "argument"]
-        usage = " ".join(["dobc", name, *(argument.name.upper() for argument in arguments), "[OPTIONS]"])
+        usage = " ".join(
+            ["dobc", name, *(argument.name.upper() for argument in arguments), "[OPTIONS]"]
+        )
         lines += [f"## dobc {name}", "", command.help or "", "", f"    {usage}", ""]
         lines += ["| argument or option | what it is |", "|---|---|"]
         for part in command.params:
@@ -71,12 +84,29 @@ def conditions() -> str:
     lines = [
         "# Conditions",
         "",
-        "Every check of a certificate has one of these ids. `dobc explain ID` says the same on the command line.",
+        "Every check of a certificate has one of these ids. `dobc explain ID` says the "
+        "same on the command line.",
         "",
     ]
     for name, text in KINDS.items():
-        lines += [f"## {name}", "", f"**{text.title}**", "", "```{math}", text.statement, "```", "", text.meaning, ""]
-        lines += [f"- *Proved:* {text.proved}", f"- *Refuted:* {text.refuted}", f"- *Source:* {text.source}", ""]
+        lines += [
+            f"## {name}",
+            "",
+            f"**{text.title}**",
+            "",
+            "```{math}",
+            text.statement,
+            "```",
+            "",
+            text.meaning,
+            "",
+        ]
+        lines += [
+            f"- *Proved:* {text.proved}",
+            f"- *Refuted:* {text.refuted}",
+            f"- *Source:* {text.source}",
+            "",
+        ]
     return "\n".join(lines)
 
 

@@ -1,4 +1,5 @@
-"""Names for two controls of the theme that have a wrong one or none: the search button, the arrows beside pages."""
+"""Names for two controls of the theme that have a wrong one or none: the search button, the arrows
+beside pages."""
 
 from __future__ import annotations
 
@@ -7,8 +8,12 @@ from pathlib import Path
 from sphinx.application import Sphinx
 
 NAMES = (
-    ('title="Search" aria-label="Search" data-bs', 'title="Search" data-bs'),  # what stands on it is its name
-    ('<summary><span class="toctree-toggle"', '<summary aria-label="Pages below"><span class="toctree-toggle"'),
+    # what stands on it is its name
+    ('title="Search" aria-label="Search" data-bs', 'title="Search" data-bs'),
+    (
+        '<summary><span class="toctree-toggle"',
+        '<summary aria-label="Pages below"><span class="toctree-toggle"',
+    ),
 )
 
 

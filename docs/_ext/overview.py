@@ -1,6 +1,7 @@
 """The picture of the README and of the handbook's first page.
 
-``python docs/_ext/overview.py`` writes docs/_static/mine.svg anew; a test holds it against what this file draws.
+``python docs/_ext/overview.py`` writes docs/_static/mine.svg anew; a test holds it against what
+this file draws.
 """
 
 from __future__ import annotations
@@ -44,16 +45,25 @@ def overview() -> look.Sheet:
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2, width_ratios=[1, 2])
         places = figures.positions(pairs, problem.n)
-        settings: dict[str, Any] = {"labels": problem.network.labels, "pinned": problem.pinning.agents}
+        settings: dict[str, Any] = {
+            "labels": problem.network.labels,
+            "pinned": problem.pinning.agents,
+        }
         figures.draw_network(left, arcs=pairs, places=places, **settings)
         left.set_title("squares know the target")
         rows = look.thinned_rows(len(runs.times), MOST_POINTS)
         for error in runs.error:
             right.plot(runs.times[rows], error[rows], color=look.MUTED, linewidth=0.6, alpha=0.7)
         right.lines[0].set_label(f"{RUNS} simulated runs")
-        right.plot(runs.times[rows], bound[rows], color=look.BLUE, linewidth=2, label="certified bound")
-        right.set(xlabel="time in s", xlim=(0, SECONDS), ylim=(0, None), ylabel="largest error in m/s")
-        right.set_title(f"{certificate.verdict.value}: decay rate at least {lower(certificate.rate)} 1/s")
+        right.plot(
+            runs.times[rows], bound[rows], color=look.BLUE, linewidth=2, label="certified bound"
+        )
+        right.set(
+            xlabel="time in s", xlim=(0, SECONDS), ylim=(0, None), ylabel="largest error in m/s"
+        )
+        right.set_title(
+            f"{certificate.verdict.value}: decay rate at least {lower(certificate.rate)} 1/s"
+        )
         right.legend(loc="upper right")
 
     return look.Sheet(draw, width=8.6, height=2.8)

@@ -15,7 +15,11 @@ from dobc_design.exact.observability import decide_observable
 from dobc_design.model.model import build_model
 from dobc_design.problem.integrators import as_integrators
 
-PAPER_A, PAPER_C, PAPER_W = matrix([[0, 2], [-2, 0]]), matrix([[1, 0]]), matrix([["16/5"], ["12/5"]])
+PAPER_A, PAPER_C, PAPER_W = (
+    matrix([[0, 2], [-2, 0]]),
+    matrix([[1, 0]]),
+    matrix([["16/5"], ["12/5"]]),
+)
 
 
 def test_without_a_gain_the_error_does_not_decay():
@@ -31,11 +35,17 @@ def test_random_spectra_agree_with_numpy():
     rng = np.random.default_rng(1)
     for _ in range(20):
         q, m = rng.integers(1, 6), rng.integers(1, 4)
-        A, C, W = rng.integers(-3, 4, (q, q)), rng.integers(-3, 4, (m, q)), rng.integers(-3, 4, (q, m))
+        A, C, W = (
+            rng.integers(-3, 4, (q, q)),
+            rng.integers(-3, 4, (m, q)),
+            rng.integers(-3, 4, (q, m)),
+        )
         result = diag.check_spectrum(matrix(A.tolist()), matrix(C.tolist()), matrix(W.tolist()))
         wanted = np.linalg.eigvals(A - W @ C)
         assert result.rate == pytest.approx(-wanted.real.max(), abs=1e-6)
-        assert [s.real for s in result.eigenvalues] == sorted((s.real for s in result.eigenvalues), reverse=True)
+        assert [s.real for s in result.eigenvalues] == sorted(
+            (s.real for s in result.eigenvalues), reverse=True
+        )
         np.testing.assert_allclose(sum(result.eigenvalues), wanted.sum(), atol=1e-9)
 
 
@@ -49,7 +59,11 @@ def test_random_spectra_agree_with_numpy():
         ),
         (diag.check_spectrum, (PAPER_A, matrix([[1]]), PAPER_W), "C must have 2 columns"),
         (diag.check_observability, (matrix([[0, 1]]), matrix([[1]])), "A must be square"),
-        (diag.check_observability, (PAPER_A, matrix([[1]])), "C must have 2 columns, one column per exosystem state"),
+        (
+            diag.check_observability,
+            (PAPER_A, matrix([[1]])),
+            "C must have 2 columns, one column per exosystem state",
+        ),
     ],
 )
 def test_shapes_that_do_not_fit_are_refused(check, given, message: str):
@@ -58,9 +72,12 @@ def test_shapes_that_do_not_fit_are_refused(check, given, message: str):
 
 
 def test_the_margins_of_the_papers_pair_are_those_found_by_hand():
-    """At +-2i, G = M* M of M = [A - 2i I; C] is [[9, 8i], [-8i, 8]], so the margin squared is (17 - sqrt(257))/2."""
+    """At +-2i, G = M* M of M = [A - 2i I; C] is [[9, 8i], [-8i, 8]], so the margin squared is (17 -
+    sqrt(257))/2."""
     result = diag.check_observability(PAPER_A, PAPER_C)
-    assert [mode.margin for mode in result.modes] == pytest.approx([math.sqrt((17 - math.sqrt(257)) / 2)] * 2)
+    assert [mode.margin for mode in result.modes] == pytest.approx(
+        [math.sqrt((17 - math.sqrt(257)) / 2)] * 2
+    )
     assert result.margin == min(mode.margin for mode in result.modes)
     assert sorted(mode.eigenvalue.imag for mode in result.modes) == pytest.approx([-2, 2])
 
@@ -74,7 +91,9 @@ def test_what_is_not_seen_has_margin_zero_and_a_rank_that_overflows_is_unknown()
     result = diag.check_observability(A, matrix([[1, 0, 1, 0]]))
     assert result.rank == 2
     assert result.margin < 1e-12
-    result = diag.check_observability(matrix([["1e200", 0, 0], [0, 1, 0], [0, 0, 2]]), matrix([[1, 1, 1]]))
+    result = diag.check_observability(
+        matrix([["1e200", 0, 0], [0, 1, 0], [0, 0, 2]]), matrix([[1, 1, 1]])
+    )
     assert result.rank is None
     assert result.singular_values == ()
     assert "rank unknown of 3" in str(result)
@@ -84,7 +103,10 @@ def test_the_rank_agrees_with_exact_arithmetic_on_small_integers():
     rng = np.random.default_rng(0)
     for _ in range(60):
         q, m = rng.integers(1, 5), rng.integers(1, 3)
-        A, C = matrix(rng.integers(-1, 2, size=(q, q)).tolist()), matrix(rng.integers(-1, 2, size=(m, q)).tolist())
+        A, C = (
+            matrix(rng.integers(-1, 2, size=(q, q)).tolist()),
+            matrix(rng.integers(-1, 2, size=(m, q)).tolist()),
+        )
         assert diag.check_observability(A, C).rank == decide_observable(A, C).rank
 
 
@@ -105,8 +127,12 @@ def test_degrees_count_whom_an_agent_hears_and_balance_is_exact():
     assert facts.hearing == (0, 1, 2)
     assert facts.arcs == 3
     # 0.1 + 0.2 is 0.3 here.
-    assert diag.graph_facts(listening([[1, 2, 0.1], [1, 3, 0.2], [2, 1, 0.1], [3, 1, "1/5"]]), "G").balanced
-    assert diag.graph_facts(listening([[1, 2, 0.3], [2, 3, 0.1], [2, 4, 0.2], [3, 1, 0.1], [4, 1, 0.2]]), "G").balanced
+    assert diag.graph_facts(
+        listening([[1, 2, 0.1], [1, 3, 0.2], [2, 1, 0.1], [3, 1, "1/5"]]), "G"
+    ).balanced
+    assert diag.graph_facts(
+        listening([[1, 2, 0.3], [2, 3, 0.1], [2, 4, 0.2], [3, 1, 0.1], [4, 1, 0.2]]), "G"
+    ).balanced
     assert not diag.graph_facts(listening([[1, 2], [2, 1, 2]]), "G").balanced
 
 
@@ -123,16 +149,22 @@ def test_random_graphs_agree_with_the_transitive_closure():
         closure = np.linalg.matrix_power(np.eye(n, dtype=int) + hears, n) > 0
         assert facts.unreached == tuple(str(i) for i in range(n) if not closure[i][pinned].any())
         mutual = closure & closure.T
-        assert set(facts.components) == {tuple(map(str, np.flatnonzero(row).tolist())) for row in mutual}
+        assert set(facts.components) == {
+            tuple(map(str, np.flatnonzero(row).tolist())) for row in mutual
+        }
         closed = {
-            tuple(map(str, np.flatnonzero(mutual[i]).tolist())) for i in range(n) if (closure[i] == mutual[i]).all()
+            tuple(map(str, np.flatnonzero(mutual[i]).tolist()))
+            for i in range(n)
+            if (closure[i] == mutual[i]).all()
         }
         assert set(facts.sources) == closed
         assert facts.is_strongly_connected is bool(closure.all())
 
 
 def cycle(gains) -> Problem:
-    network = Network.from_arcs([[i + 1, (i + 1) % 10 + 1] for i in range(10)], arrow="listens_to", agents=10)
+    network = Network.from_arcs(
+        [[i + 1, (i + 1) % 10 + 1] for i in range(10)], arrow="listens_to", agents=10
+    )
     return Problem(network=network, coupling="exp(y) - 1 + y", gains=gains)
 
 
@@ -140,17 +172,23 @@ def test_the_linearised_loop_is_that_of_the_symbolic_model():
     """J(0) - K by CasADi, a complex vector coupling included."""
     network = Network.from_arcs([[1, 2, 3], [2, 3], [3, 1], [1, 3]], arrow="listens_to")
     problem = Problem(
-        network=network, coupling=["sin(y1) + y2", "exp(y2) - 1 - y1"], target=[0, 0], gains={"2": [[2, 1], [-1, 1]]}
+        network=network,
+        coupling=["sin(y1) + y2", "exp(y2) - 1 - y1"],
+        target=[0, 0],
+        gains={"2": [[2, 1], [-1, 1]]},
     )
     spectrum = diag.mode_spectrum(problem, "G")
     error_dynamics = build_model(problem).error_dynamics
     step = 1e-6
     columns = [
-        (error_dynamics(step * unit, [])[0] - error_dynamics(-step * unit, [])[0]).full().ravel() / (2 * step)
+        (error_dynamics(step * unit, [])[0] - error_dynamics(-step * unit, [])[0]).full().ravel()
+        / (2 * step)
         for unit in np.eye(6)
     ]
     loop = np.column_stack(columns)
-    np.testing.assert_allclose(spectrum.lambda_eigenvalues, np.linalg.eigvalsh(loop + loop.T), atol=1e-8)
+    np.testing.assert_allclose(
+        spectrum.lambda_eigenvalues, np.linalg.eigvalsh(loop + loop.T), atol=1e-8
+    )
     np.testing.assert_allclose(sum(spectrum.loop_eigenvalues), np.trace(loop), atol=1e-8)
     assert spectrum.decay_rate == pytest.approx(-np.linalg.eigvals(loop).real.max(), abs=1e-7)
 
@@ -162,25 +200,34 @@ def test_large_problems_and_kinks_at_zero_get_no_eigenvalues():
     assert spectrum.lambda_max is spectrum.decay_rate is None
     assert "not computed" in str(spectrum)
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
-    assert diag.mode_spectrum(Problem(network=network, coupling="y + abs(y)"), "G").lambda_max is None
+    assert (
+        diag.mode_spectrum(Problem(network=network, coupling="y + abs(y)"), "G").lambda_max is None
+    )
 
 
 @pytest.mark.parametrize(
-    ("pins", "weight", "needed"), [({1: 3}, 2, 1.399166), ({1: 5, 6: 5}, 2, 0.637488), ({1: 1}, 1, 3.148023)]
+    ("pins", "weight", "needed"),
+    [({1: 3}, 2, 1.399166), ({1: 5, 6: 5}, 2, 0.637488), ({1: 1}, 1, 3.148023)],
 )
-def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(monkeypatch, pins, weight, needed):
+def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(
+    monkeypatch, pins, weight, needed
+):
     """Theory, section 13, the directed 10-cycle; at a hundredth more or less than needed."""
     network = Network.from_arcs([[i, i % 10 + 1, weight] for i in range(1, 11)], arrow="listens_to")
     for factor in (0.99, 1.01):
         beta = Fraction(math.sqrt(factor * needed)).limit_denominator(10**6)
         agents = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
         gains = {agent: [[k, k * beta]] for agent, k in pins.items()}
-        problem = Problem(network=network, dynamics=agents, coupling=f"y1 + ({beta})*y2", gains=gains)
+        problem = Problem(
+            network=network, dynamics=agents, coupling=f"y1 + ({beta})*y2", gains=gains
+        )
         found = diag.analyse(problem).modes[0]
         assert found.second_order == pytest.approx((factor * needed, needed), rel=1e-6)
         assert (found.decay_rate > 0) is (factor > 1)
         whole = diag.mode_spectrum(as_integrators(problem), "G").loop_eigenvalues
-        np.testing.assert_allclose(np.poly(found.loop_eigenvalues), np.poly(whole), rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(
+            np.poly(found.loop_eigenvalues), np.poly(whole), rtol=1e-7, atol=1e-7
+        )
     monkeypatch.setattr(diag, "MAX_DENSE", 10)  # as many agents, but twice the rows
     large = diag.analyse(problem).modes[0]
     assert large.lambda_max is None and large.loop_eigenvalues == found.loop_eigenvalues

@@ -1,6 +1,8 @@
-"""Rows of `make bench` on large networks: time in sparse products, and the peak memory of a fresh process.
+"""Rows of `make bench` on large networks: time in sparse products, and the peak memory of a fresh
+process.
 
-The unit is one product of the n x n matrix of the arcs (CSR) with a vector, measured in the same run.
+The unit is one product of the n x n matrix of the arcs (CSR) with a vector, measured in the same
+run.
 """
 
 import json
@@ -25,7 +27,12 @@ from dobc_design.certification import recheck
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import shown_bound
-from dobc_design.conditions.consensus.propose import _answer_at, _work, dominating_vector, float_lambda
+from dobc_design.conditions.consensus.propose import (
+    _answer_at,
+    _work,
+    dominating_vector,
+    float_lambda,
+)
 from dobc_design.conditions.separable import stage
 from dobc_design.exact.zmatrix import float_rows
 
@@ -43,7 +50,8 @@ W = [["16/5"], ["12/5"]]
 """
 DISTURBANCE = Fraction(1, 2)
 KINDS = ("ring", "small world", "scale free", "geometric")
-# The whole way in a fresh process each: a problem file with its arcs in a CSV file, certify, write, read, check again.
+# The whole way in a fresh process each: a problem file with its arcs in a CSV file, certify, write,
+# read, check again.
 WHOLE = """
 import json, resource, subprocess, sys, tempfile, time
 from pathlib import Path
@@ -52,20 +60,25 @@ from large import write_problem
 
 def step(*arguments):
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run([sys.executable, "-m", "dobc_design", *arguments, "--json"], check=True, capture_output=True)
+    command = [sys.executable, "-m", "dobc_design", *arguments, "--json"]
+    done = subprocess.run(command, check=True, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return json.loads(done.stdout), after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return json.loads(done.stdout), seconds
 
 with tempfile.TemporaryDirectory() as folder:
-    subprocess.run([sys.executable, "-c", "import sys; sys.path[:0] = {folders!r}; from large import write_problem;"
-                    f"write_problem({kind!r}, {n}, {{folder!r}})"], check=True)
+    code = "import sys; sys.path[:0] = {folders!r}; from large import write_problem;"
+    code += f"write_problem({kind!r}, {n}, {{folder!r}})"
+    subprocess.run([sys.executable, "-c", code], check=True)
     problem, out = str(Path(folder, "problem.toml")), str(Path(folder, "out"))
     certified, first = step("certify", problem, "--out", out, "--no-report")
     checked, second = step("verify", out, "--problem", str(Path(out, "problem.json")))
-peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+unit = 1 if sys.platform == "darwin" else 1024
+peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit
 print(certified["verdict"], certified["covered_by"], checked["holds"], first, second, peak)
 """
-# One condition in a fresh process: found and decided, decided again, and the peak of its memory beyond the problem's.
+# One condition in a fresh process: found and decided, decided again, and the peak of its memory
+# beyond the problem's.
 ALONE = """
 import json, resource, sys, time
 sys.path[:0] = {folders!r}
@@ -77,7 +90,8 @@ from dobc_design.conditions.weighted.checks import confirm
 from dobc_design.conditions.weighted.stage import weighted_stage
 
 def peak():
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 2**30
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30
 
 problem = large({kind!r}, {n})
 statements, W, before = state_theorems(problem), problem.observer.W, peak()
@@ -86,7 +100,8 @@ if {what!r} == "weighted":
     (check,) = weighted_stage(statements, W)
 else:
     top = lambda_tops(statements)["G"]
-    check = plain.lemma1_check(statements, "G", plain.Proposal(margin=-top.value, vectors=[top.vector.tolist()]))
+    proposal = plain.Proposal(margin=-top.value, vectors=[top.vector.tolist()])
+    check = plain.lemma1_check(statements, "G", proposal)
 decided, started = time.process_time() - started, time.process_time()
 if {what!r} == "weighted" and check.verdict.value != "proved":
     raise RuntimeError(check.reason)
@@ -101,25 +116,32 @@ print(json.dumps(dict(decided=decided, again=again, peak=peak() - before, rate=c
 """
 WEIGHTED = ("ring", "chain", "star", "scale free", "geometric")
 WEIGHTED_HEADER = (
-    f"{'network':<12} {'n':>8} {'Lemma 1':>10} {'weighted':>10} {'ratio':>7} {'again':>10} {'memory':>9} {'memory':>9}"
+    f"{'network':<12} {'n':>8} {'Lemma 1':>10} {'weighted':>10} {'ratio':>7} {'again':>10} "
+    f"{'memory':>9} {'memory':>9}"
 )
 LAMBDA_HEADER = (
-    f"{'network':<12} {'n':>8} {'arcs':>8} {'Lambda < 0':>11} {'rate':>6} {'-1 %':>6} {'+1 %':>6} {'ready':>7}"
+    f"{'network':<12} {'n':>8} {'arcs':>8} {'Lambda < 0':>11} {'rate':>6} {'-1 %':>6} "
+    f"{'+1 %':>6} {'ready':>7}"
     f" {'re-check':>9} {'certify':>9} {'verify':>8} {'peak':>9}  verdict"
 )
 
 
 def whole_bars() -> Iterator[dict[str, Any]]:
-    """`certify` as a whole, CPU time: a small grid beside a large one, per arc; a refused network beside half of it.
+    """`certify` as a whole, CPU time: a small grid beside a large one, per arc; a refused network
+    beside half of it.
 
-    A large grid is asked about no delays and sampling and is not decided twice; the bar is about the same questions for
-    both, and the note says what each costs as it comes.
+    A large grid is asked about no delays and sampling and is not decided twice; the bar is about
+    the same questions for both, and the note says what each costs as it comes.
     """
     grids = [(grid(n, edges), 2 * edges) for n, edges in ((118, 179), (4941, 6594))]
     usual = [cpu(lambda given=given: certify(given), repeats=1)[0] / arcs for given, arcs in grids]
     with patch.object(stage, "TIMED_ARCS", 10**6), patch.object(recheck, "PROMPT_ARCS", 0):
-        alike = [cpu(lambda given=given: certify(given), repeats=1)[0] / arcs for given, arcs in grids]
-    shown = [f"{1e3 * times[0]:.3g} ms / {1e3 * times[1]:.3g} ms per arc" for times in (alike, usual)]
+        alike = [
+            cpu(lambda given=given: certify(given), repeats=1)[0] / arcs for given, arcs in grids
+        ]
+    shown = [
+        f"{1e3 * times[0]:.3g} ms / {1e3 * times[1]:.3g} ms per arc" for times in (alike, usual)
+    ]
     yield {
         "what": "certify of a grid, 358 arcs vs 13,188, per arc",
         "bar": 1,
@@ -137,45 +159,69 @@ def whole_bars() -> Iterator[dict[str, Any]]:
 
 
 def size_bars() -> Iterator[dict[str, Any]]:
-    """`certify` as a process, CPU time with the start of Python: geometric networks, refused and proved, of 1e5 agents
-    in seconds and beside half as many; and what the report of a small problem costs beside its proof."""
+    """`certify` as a process, CPU time with the start of Python: geometric networks, refused and
+    proved, of 1e5 agents in seconds and beside half as many; and what the report of a small problem
+    costs beside its proof."""
     for word, seconds, growth in (("refused", 25, 2.4), ("proved", 20, 2.2)):
         with tempfile.TemporaryDirectory() as folder:
             half, whole = (
-                certify_seconds(geometric_file(n, folder, refused=word == "refused")) for n in (SIZE // 2, SIZE)
+                certify_seconds(geometric_file(n, folder, refused=word == "refused"))
+                for n in (SIZE // 2, SIZE)
             )
         what, note = f"certify, geometric, tanh, {word}", f"{whole:.3g} s / {half:.3g} s"
-        yield {"what": f"{what}, 1e5 agents vs 5e4", "bar": growth, "ratio": whole / half, "note": note}
+        yield {
+            "what": f"{what}, 1e5 agents vs 5e4",
+            "bar": growth,
+            "ratio": whole / half,
+            "note": note,
+        }
         yield {"what": f"{what}, 1e5 agents, CPU in s", "bar": seconds, "ratio": whole}
     alone = min(certify_seconds("clock-sync") for _ in range(5))
     both = min(certify_seconds("clock-sync", report=True) for _ in range(5))
     note = f"{both:.3g} s - {alone:.3g} s"
-    yield {"what": "the report of clock-sync, CPU in s", "bar": 2, "ratio": both - alone, "note": note}
+    yield {
+        "what": "the report of clock-sync, CPU in s",
+        "bar": 2,
+        "ratio": both - alone,
+        "note": note,
+    }
 
 
 def certify_seconds(problem: str, *, report: bool = False) -> float:
     """CPU time of `dobc certify` in a process of its own."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with tempfile.TemporaryDirectory() as out:
-        command = ["certify", problem, "--out", out, "--quiet", *([] if report else ["--no-report"])]
-        subprocess.run([sys.executable, "-m", "dobc_design", *command], check=False, capture_output=True)
+        command = [
+            "certify",
+            problem,
+            "--out",
+            out,
+            "--quiet",
+            *([] if report else ["--no-report"]),
+        ]
+        subprocess.run(
+            [sys.executable, "-m", "dobc_design", *command], check=False, capture_output=True
+        )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def geometric_file(n: int, folder: str, *, refused: bool) -> str:
-    """A problem file, one agent in ten pinned; ``refused``: also where that leaves some unreached, and with a
-    disturbance, so that a cure of the theorem is looked for."""
+    """A problem file, one agent in ten pinned; ``refused``: also where that leaves some unreached,
+    and with a disturbance, so that a cure of the theorem is looked for."""
     listeners, speakers = geometric(n, degree=LOOSE_DEGREE)
     graph = sp.csr_array((np.ones(len(listeners)), (listeners, speakers)), shape=(n, n))
     pinned = set(np.random.default_rng(n).choice(n, n // 10, replace=False).tolist())
     pinned |= set() if refused else set(_first_agents(graph))
     pairs = zip(listeners.tolist(), speakers.tolist(), strict=True)
-    Path(folder, "arcs.csv").write_text("from,to\n" + "".join(f"{i + 1},{j + 1}\n" for i, j in pairs), "utf-8")
+    Path(folder, "arcs.csv").write_text(
+        "from,to\n" + "".join(f"{i + 1},{j + 1}\n" for i, j in pairs), "utf-8"
+    )
     pins = "".join(f"{i + 1} = {GAIN}\n" for i in sorted(pinned))
     file = Path(folder, f"{n}.toml")
     file.write_text(
-        f'name = "geometric"\ntarget = 0\n[network]\nagents = {n}\narrow = "listens_to"\n[network.modes]\n'
+        f'name = "geometric"\ntarget = 0\n[network]\nagents = {n}\narrow = '
+        '"listens_to"\n[network.modes]\n'
         'G = { file = "arcs.csv" }\n[coupling]\nh = "tanh(y)"\n[region]\ninitial_states = [-1, 1]\n'
         f"{DISTURBED if refused else ''}[pinning.gains]\n{pins}",
         "utf-8",
@@ -200,7 +246,8 @@ def grid(n: int, edges: int) -> Problem:
 
 
 def clustered(n: int, *, clusters: int = 500) -> Problem:
-    """Equal rings with chords that do not hear each other; the first has the only pin, so one is left over."""
+    """Equal rings with chords that do not hear each other; the first has the only pin, so one is
+    left over."""
     size, r = n // (clusters + 1), Random(n)
     arcs = []
     for first in range(1, n + 1, size):
@@ -213,8 +260,8 @@ def clustered(n: int, *, clusters: int = 500) -> Problem:
 
 
 def lambda_rows() -> Iterator[str]:
-    """Lambda < 0 of large networks in products (at most 250, 500 at 1 %, a re-check in the time of 3), the whole way in
-    seconds of CPU time, its peak memory (at most 2 GiB)."""
+    """Lambda < 0 of large networks in products (at most 250, 500 at 1 %, a re-check in the time of
+    3), the whole way in seconds of CPU time, its peak memory (at most 2 GiB)."""
     yield LAMBDA_HEADER
     for kind in KINDS:
         yield f"{_lambda_row(kind, SIZE)} {_whole_way(kind, SIZE)}"
@@ -222,8 +269,9 @@ def lambda_rows() -> Iterator[str]:
 
 
 def _lambda_row(kind: str, n: int) -> str:
-    """Products until Lambda < 0 is seen, with a rate, at a shift 1 % below and above the least eigenvalue; then the
-    times, in products, of making the exact matrix ready in floats and of checking the stored vector with it."""
+    """Products until Lambda < 0 is seen, with a rate, at a shift 1 % below and above the least
+    eigenvalue; then the times, in products, of making the exact matrix ready in floats and of
+    checking the stored vector with it."""
     problem = large(kind, n)
     table = float_lambda(problem, "G").tocsr()
     found = dominating_vector(table)
@@ -244,7 +292,8 @@ def _lambda_row(kind: str, n: int) -> str:
     if not (sides[0].least > 0 > sides[1].least):
         raise RuntimeError(f"{kind}, n = {n}: not decided at 1 %")
     return (
-        f"{kind:<12} {n:>8} {table.nnz - n:>8} {found.first:>11} {found.products:>6} {sides[0].products:>6}"
+        f"{kind:<12} {n:>8} {table.nnz - n:>8} {found.first:>11} {found.products:>6} "
+        f"{sides[0].products:>6}"
         f" {sides[1].products:>6} {4 * making / product:>6.1f}x {recheck / product:>8.1f}x"
     )
 
@@ -253,7 +302,9 @@ def _fresh(script: str, **values: Any) -> str:
     """What a fresh process prints that runs the script with these values."""
     here = Path(__file__).resolve().parent
     text = script.format(folders=[str(here), str(here.parent / "support")], **values)
-    return subprocess.run([sys.executable, "-c", text], check=True, capture_output=True, text=True).stdout
+    return subprocess.run(
+        [sys.executable, "-c", text], check=True, capture_output=True, text=True
+    ).stdout
 
 
 def _whole_way(kind: str, n: int) -> str:
@@ -264,8 +315,8 @@ def _whole_way(kind: str, n: int) -> str:
 
 
 def weighted_rows() -> Iterator[str]:
-    """The weighted theorem beside Lemma 1, each alone in a fresh process: seconds of CPU time to propose and decide
-    (at most 3 times those of Lemma 1), and to decide again; peak memory."""
+    """The weighted theorem beside Lemma 1, each alone in a fresh process: seconds of CPU time to
+    propose and decide (at most 3 times those of Lemma 1), and to decide again; peak memory."""
     yield WEIGHTED_HEADER
     for kind, n in (*((kind, SIZE) for kind in WEIGHTED), ("ring", MILLION)):
         one, both = (_alone(kind, n, what) for what in ("lemma1", "weighted"))
@@ -288,11 +339,15 @@ def write_problem(kind: str, n: int, folder: str) -> None:
     problem = large(kind, n)
     arcs = problem.network.modes["G"]
     pairs = zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True)
-    Path(folder, "arcs.csv").write_text("from,to\n" + "".join(f"{i + 1},{j + 1}\n" for i, j in pairs), "utf-8")
+    Path(folder, "arcs.csv").write_text(
+        "from,to\n" + "".join(f"{i + 1},{j + 1}\n" for i, j in pairs), "utf-8"
+    )
     pins = "".join(f"{i + 1} = {GAIN}\n" for i in problem.pinning.agents)
     Path(folder, "problem.toml").write_text(
-        f'name = "large"\ntarget = 1\n[network]\nagents = {n}\narrow = "listens_to"\n[network.modes]\n'
-        'G = { file = "arcs.csv" }\n[coupling]\nh = "exp(y) - 1 + y"\n[exosystem]\nA = [[0, 2], [-2, 0]]\n'
+        f'name = "large"\ntarget = 1\n[network]\nagents = {n}\narrow = '
+        '"listens_to"\n[network.modes]\n'
+        'G = { file = "arcs.csv" }\n[coupling]\nh = "exp(y) - 1 + y"\n[exosystem]\nA = '
+        "[[0, 2], [-2, 0]]\n"
         'C = [[1, 0]]\n[observer]\nW = [["16/5"], ["12/5"]]\n[region]\ninitial_states = [0, 2]\n'
         f"initial_disturbance = 0.5\n[pinning.gains]\n{pins}",
         "utf-8",
@@ -300,7 +355,8 @@ def write_problem(kind: str, n: int, folder: str) -> None:
 
 
 def large(kind: str, n: int) -> Problem:
-    """The paper's coupling, exosystem and W; one agent in ten pinned, and every start in [0, 2] asked for."""
+    """The paper's coupling, exosystem and W; one agent in ten pinned, and every start in [0, 2]
+    asked for."""
     listeners, speakers = GRAPHS[kind](n)
     graph = sp.csr_array((np.ones(len(listeners)), (listeners, speakers)), shape=(n, n))
     rng = np.random.default_rng(n)

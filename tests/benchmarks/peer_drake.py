@@ -1,7 +1,7 @@
 """Drake's sums of squares: up to which |e| V = e'e decreases.  Called by ``peers.py``; needs drake.
 
--V' - margin e'e - sigma (R^2 - e'e) and sigma shall be sums of squares; R by bisection.  The solver's answer is taken
-at its word: this is what the tool gives, no proof.
+-V' - margin e'e - sigma (R^2 - e'e) and sigma shall be sums of squares; R by bisection.  The
+solver's answer is taken at its word: this is what the tool gives, no proof.
 """
 
 import json
@@ -21,10 +21,14 @@ def decreases(n: int, pinned: int, gain: float, radius: float) -> bool:
     e = program.NewIndeterminates(n, "e")
     names = Variables(e)
     y = [e[(i + 1) % n] - e[i] for i in range(n)]
-    slope: Any = sum(2 * e[i] * (y[i] + y[i] ** 3 - (gain if i < pinned else 0) * e[i]) for i in range(n))
+    slope: Any = sum(
+        2 * e[i] * (y[i] + y[i] ** 3 - (gain if i < pinned else 0) * e[i]) for i in range(n)
+    )
     V: Any = sum(x * x for x in e)
     sigma, _ = program.NewSosPolynomial(names, 2)
-    program.AddSosConstraint(Polynomial(-slope - MARGIN * V, names) - sigma * Polynomial(radius**2 - V, names))
+    program.AddSosConstraint(
+        Polynomial(-slope - MARGIN * V, names) - sigma * Polynomial(radius**2 - V, names)
+    )
     return bool(ClarabelSolver().Solve(program).is_success())
 
 
@@ -39,8 +43,9 @@ def largest(n: int, pinned: int, gain: float, limit: float) -> float:
 
 
 def pendulums(n: int) -> float:
-    """The ball in {e'Pe <= level} for x'' = -x + x^3/6 - x'/2 + ... on the directed n-cycle of ``peers.pendulums``, P
-    from the linearisation's Lyapunov equation, the largest level by bisection."""
+    """The ball in {e'Pe <= level} for x'' = -x + x^3/6 - x'/2 + ... on the directed n-cycle of
+    ``peers.pendulums``, P from the linearisation's Lyapunov equation, the largest level by
+    bisection."""
     M, one = np.eye(n) - np.roll(np.eye(n), 1, axis=1), np.eye(n)
     M[0, 0] += 2
     A, unit = np.block([[0 * one, one], [-one - M / 4, -one / 2 - M / 2]]), np.eye(2 * n)
@@ -54,7 +59,9 @@ def pendulums(n: int) -> float:
         sigma, _ = program.NewSosPolynomial(names, 2)
         falls = Polynomial(-2 * (e @ P) @ flow - MARGIN * (e @ e), names)
         program.AddSosConstraint(falls - sigma * Polynomial(middle * top - e @ P @ e, names))
-        low, high = (middle, high) if ClarabelSolver().Solve(program).is_success() else (low, middle)
+        low, high = (
+            (middle, high) if ClarabelSolver().Solve(program).is_success() else (low, middle)
+        )
     return float(np.sqrt(low))
 
 

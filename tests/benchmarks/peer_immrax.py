@@ -1,9 +1,9 @@
 """immrax on directed cycles, two ways.  Called by ``peers.py``; needs immrax.
 
-Mean value: the largest box on which the natural inclusion of the Jacobian keeps J + J' < 0, so that V = e'e decreases
-(theory, section 1); the interval matrix by its centre and the norm of its radii.  Embedding: the largest box whose
-trajectory of the embedding system shrinks to a hundredth of it.  Both in double precision without outward rounding,
-the second by Runge-Kutta steps: no proofs.
+Mean value: the largest box on which the natural inclusion of the Jacobian keeps J + J' < 0, so that
+V = e'e decreases (theory, section 1); the interval matrix by its centre and the norm of its radii.
+Embedding: the largest box whose trajectory of the embedding system shrinks to a hundredth of it.
+Both in double precision without outward rounding, the second by Runge-Kutta steps: no proofs.
 """
 
 import json
@@ -42,7 +42,9 @@ def decreases(system: Cycle, radius: float) -> bool:
     J = immrax.natif(jax.jacfwd(lambda x: system.f(0.0, x)))(immrax.interval(-sides, sides))
     low, high = np.asarray(J.lower), np.asarray(J.upper)
     centre, spread = (low + high) / 2, (high - low) / 2
-    return bool(np.linalg.eigvalsh(centre + centre.T)[-1] + np.linalg.norm(spread + spread.T, 2) < 0)
+    return bool(
+        np.linalg.eigvalsh(centre + centre.T)[-1] + np.linalg.norm(spread + spread.T, 2) < 0
+    )
 
 
 def shrinks(system: Cycle, radius: float) -> bool:
@@ -66,6 +68,8 @@ def largest(holds: Callable[[float], bool], limit: float) -> float:
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     n, coupling, pinned, gain, limit = sys.argv[1:]
-    cycle = Cycle(int(n), coupling, [float(gain) if i < int(pinned) else 0.0 for i in range(int(n))])
+    cycle = Cycle(
+        int(n), coupling, [float(gain) if i < int(pinned) else 0.0 for i in range(int(n))]
+    )
     tests = (decreases, shrinks)
     print(json.dumps([largest(partial(holds, cycle), float(limit)) for holds in tests]))

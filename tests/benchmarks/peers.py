@@ -1,10 +1,12 @@
-"""`make bench`: certified radii of small directed cycles, beside what other tools give for the same networks.
+"""`make bench`: certified radii of small directed cycles, beside what other tools give for the same
+networks.
 
-Agent i listens to agent i + 1, no exosystem; all agents or one pinned with gain 3.  The package's radii are proved
-(``certify`` with ``everything``); what reaches ``LARGEST`` is not looked at further.  A second table has, beside the
-Lur'e ball, one that the same V cannot exceed, because a point with V' >= 0 was found.  drake and immrax run in
-processes of their own: by the Python that runs this, or where PEERS_PYTHON names another; what is not installed says
-so.  dReal is not run: its radii are quoted.  `docs/comparison.md` holds these tables as they are printed.
+Agent i listens to agent i + 1, no exosystem; all agents or one pinned with gain 3.  The package's
+radii are proved (``certify`` with ``everything``); what reaches ``LARGEST`` is not looked at
+further.  A second table has, beside the Lur'e ball, one that the same V cannot exceed, because a
+point with V' >= 0 was found.  drake and immrax run in processes of their own: by the Python that
+runs this, or where PEERS_PYTHON names another; what is not installed says so.  dReal is not run:
+its radii are quoted.  `docs/comparison.md` holds these tables as they are printed.
 """
 
 import json
@@ -54,25 +56,42 @@ def peer_table() -> Iterator[str]:
                 seconds = f"{time.process_time() - start:.1f}"
                 box, ball = (reached(name, found) for name in ("max-separable", "lure"))
                 quadratic = next((check.exact for check in found if check.id == "lure"), None)
-                rise = None if quadratic is None else nearest_rise(cycle(n, coupling, pinned), quadratic["P_e"])
-                theirs = [*peer("drake", n, coupling, pinned, versions), *peer("immrax", n, coupling, pinned, versions)]
+                rise = (
+                    None
+                    if quadratic is None
+                    else nearest_rise(cycle(n, coupling, pinned), quadratic["P_e"])
+                )
+                theirs = [
+                    *peer("drake", n, coupling, pinned, versions),
+                    *peer("immrax", n, coupling, pinned, versions),
+                ]
                 quoted = DREAL.get((n, pinned)) if coupling == COUPLINGS[0] else None
                 case = [coupling, str(n), str(pinned)]
                 cells = [*case, shown(box), shown(ball), shown(quoted), *theirs]
                 yield f"| {' | '.join(cells)} |"
-                closer.append(f"| {' | '.join([*case, shown(ball), shown(rise, up=True), seconds])} |")
+                closer.append(
+                    f"| {' | '.join([*case, shown(ball), shown(rise, up=True), seconds])} |"
+                )
     yield from closer
-    yield from ("", "| pendulums, n | ball, Lur'e | CPU s of all proofs | drake, V = e'Pe | wall s |", "|---" * 5 + "|")
+    yield from (
+        "",
+        "| pendulums, n | ball, Lur'e | CPU s of all proofs | drake, V = e'Pe | wall s |",
+        "|---" * 5 + "|",
+    )
     for n in (2, 3, 4):
         start = time.process_time()
         ball = reached("lure", certify(pendulums(n)).checks)
         seconds, begun = time.process_time() - start, time.perf_counter()
         (theirs,) = peer("drake", n, "pendulums", 1, versions)
-        yield f"| {n} | {shown(ball)} | {seconds:.1f} | {theirs} | {time.perf_counter() - begun:.1f} |"
+        yield (
+            f"| {n} | {shown(ball)} | {seconds:.1f} | {theirs} | "
+            f"{time.perf_counter() - begun:.1f} |"
+        )
 
 
 def pendulums(n: int) -> Problem:
-    """x'' = -x + x^3/6 - x'/2 on a directed cycle: sin as far as its third power, for drake knows polynomials only."""
+    """x'' = -x + x^3/6 - x'/2 on a directed cycle: sin as far as its third power, for drake knows
+    polynomials only."""
     arcs, nodes = [[i, i % n + 1] for i in range(1, n + 1)], ["x2", "-x1 + x1**3/6 - x2/2"]
     return Problem(
         network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
@@ -100,9 +119,11 @@ def reached(id: str, checks: Sequence[Check]) -> float | None:
 
 
 def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:
-    """The least ball found that no level set of V = e'P_e e can hold, because V' >= 0 at a point of it; no proof.
+    """The least ball found that no level set of V = e'P_e e can hold, because V' >= 0 at a point of
+    it; no proof.
 
-    None where no ball up to LARGEST has such a point: rays in random directions, then descent along V' = 0.
+    None where no ball up to LARGEST has such a point: rays in random directions, then descent along
+    V' = 0.
     """
     n, (arcs,) = problem.n, problem.network.modes.values()
     P = np.zeros((n, n))
@@ -112,7 +133,10 @@ def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:
 
     def rise(e: Any) -> Any:
         total = -e * np.array(
-            [float(problem.pinning.gains[i][0][0]) if i in problem.pinning.gains else 0.0 for i in range(n)]
+            [
+                float(problem.pinning.gains[i][0][0]) if i in problem.pinning.gains else 0.0
+                for i in range(n)
+            ]
         )
         for i, j, w in arcs:
             total[..., i] += float(w) * h((e[..., j] - e[..., i])[..., None])[..., 0]
@@ -134,7 +158,11 @@ def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:
             method="SLSQP",
             constraints={"type": "ineq", "fun": lambda e: rise(e) / (e @ P @ e + 1e-300)},
         )
-        if found.success and rise(found.x) >= -1e-9 * (found.x @ P @ found.x) and found.x @ P @ found.x > 1e-6 * top:
+        if (
+            found.success
+            and rise(found.x) >= -1e-9 * (found.x @ P @ found.x)
+            and found.x @ P @ found.x > 1e-6 * top
+        ):
             levels.append(found.x @ P @ found.x)
     return float(np.sqrt(min(levels) / top)) if levels else None
 
@@ -152,7 +180,15 @@ def peer(name: str, n: int, coupling: str, pinned: int, versions: dict[str, str]
         return ["not installed"] * width
     if name == "drake" and "exp" in coupling:
         return ["no polynomial"]
-    call = [python(), str(HERE / f"peer_{name}.py"), str(n), coupling, str(pinned), str(GAIN), str(LARGEST)]
+    call = [
+        python(),
+        str(HERE / f"peer_{name}.py"),
+        str(n),
+        coupling,
+        str(pinned),
+        str(GAIN),
+        str(LARGEST),
+    ]
     try:
         answer = subprocess.run(call, capture_output=True, text=True, check=True, timeout=PATIENCE)
     except subprocess.TimeoutExpired:

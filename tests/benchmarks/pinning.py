@@ -1,4 +1,5 @@
-"""Rows of `make bench` on pinning gains: the closed form against the semidefinite program, and a large network."""
+"""Rows of `make bench` on pinning gains: the closed form against the semidefinite program, and a
+large network."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -28,11 +29,14 @@ def digraph(n: int, *, degree: int = 4) -> Problem:
     r = Random(n)
     pairs = {(i, r.randint(1, n)) for i in range(1, n + 1) for _ in range(degree)}
     arcs = sorted((i, j) for i, j in pairs if i != j)
-    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="exp(y) - 1 + y")
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="exp(y) - 1 + y"
+    )
 
 
 def digraphs(n: int, *, modes: int = 4, degree: int = 4) -> Problem:
-    """Random digraphs on the same agents; in each every agent hears its follower on a cycle and some others."""
+    """Random digraphs on the same agents; in each every agent hears its follower on a cycle and
+    some others."""
     r, found = Random(n), {}
     for mode in range(modes):
         pairs = {(i, i % n + 1) for i in range(1, n + 1)}
@@ -42,7 +46,8 @@ def digraphs(n: int, *, modes: int = 4, degree: int = 4) -> Problem:
 
 
 def pinning_bars() -> Iterator[dict[str, Any]]:
-    """The arguments of the bar: both from the blocks of a problem to the gains, every other agent allowed."""
+    """The arguments of the bar: both from the blocks of a problem to the gains, every other agent
+    allowed."""
     n = 100
     blocks = for_rate(network_blocks(digraph(n)), RATE)
     allowed = list(range(0, n, 2))
@@ -65,7 +70,8 @@ def pinning_bars() -> Iterator[dict[str, Any]]:
 
 
 def _shared_bar() -> dict[str, Any]:
-    """Four modes that share their gains: both from the blocks to the gains, two agents of three allowed."""
+    """Four modes that share their gains: both from the blocks to the gains, two agents of three
+    allowed."""
     n = 60
     blocks, chosen = for_rate(network_blocks(digraphs(n)), RATE), np.arange(n) % 3 > 0
     costs = np.ones(n)
@@ -81,27 +87,41 @@ def _shared_bar() -> dict[str, Any]:
 
 
 def _bar(
-    what: str, bar: float, slow: Callable[[], float], fast: Callable[[], float], *, repeats: tuple[int, int]
+    what: str,
+    bar: float,
+    slow: Callable[[], float],
+    fast: Callable[[], float],
+    *,
+    repeats: tuple[int, int],
 ) -> dict[str, Any]:
-    (long, other), (short, own) = (cpu(each, repeats=n) for each, n in zip((slow, fast), repeats, strict=True))
+    (long, other), (short, own) = (
+        cpu(each, repeats=n) for each, n in zip((slow, fast), repeats, strict=True)
+    )
     note = f"{long:.3g} s / {1e3 * short:.3g} ms; optima {abs(other - own) / own:.0e} apart"
     return {"what": what, "bar": bar, "ratio": long / short, "note": note}
 
 
 def shared_design() -> str:
-    """One line: a thousand agents in four modes, gains and proofs; and the pins of three thousand agents."""
+    """One line: a thousand agents in four modes, gains and proofs; and the pins of three thousand
+    agents."""
     n, many = 1000, 3000
     problem = digraphs(n)
     before = time.process_time()
     design = dd.design_pinning(
-        problem, rate=str(RATE), allowed=[i + 1 for i in range(n) if i % 3], digits=6, conservative=True
+        problem,
+        rate=str(RATE),
+        allowed=[i + 1 for i in range(n) if i % 3],
+        digits=6,
+        conservative=True,
     )
     middle = time.process_time()
     few = dd.design_pinning(digraph(many), rate=str(RATE), pins=many // 5, conservative=True)
     after = time.process_time()
     return (
-        f"Pinning design, n = {n}, four modes: {middle - before:.2g} s with everything proved ({design.verdict.value},"
-        f" gap {design.gap:.1e}); at most {many // 5} pins among {many} agents: {after - middle:.2g} s"
+        f"Pinning design, n = {n}, four modes: {middle - before:.2g} s with everything "
+        f"proved ({design.verdict.value},"
+        f" gap {design.gap:.1e}); at most {many // 5} pins among {many} agents: "
+        f"{after - middle:.2g} s"
         f" ({few.verdict.value}, gap {few.gap:.1e}); CPU time"
     )
 
@@ -113,10 +133,14 @@ def large_design() -> str:
     before = time.process_time()
     gains = smallest_gains(for_rate(network_blocks(problem), RATE), allowed)
     middle = time.process_time()
-    design = dd.design_pinning(problem, rate=str(RATE), allowed=[i + 1 for i in allowed], conservative=True)
+    design = dd.design_pinning(
+        problem, rate=str(RATE), allowed=[i + 1 for i in allowed], conservative=True
+    )
     after = time.process_time()
     return (
-        f"Pinning design, n = {LARGE}, {len(problem.network.modes['G'])} arcs, half of the agents allowed: gains in"
-        f" {middle - before:.2g} s ({int(np.count_nonzero(gains))} pins), with everything proved {after - middle:.3g} s"
+        f"Pinning design, n = {LARGE}, {len(problem.network.modes['G'])} arcs, half of the "
+        "agents allowed: gains in"
+        f" {middle - before:.2g} s ({int(np.count_nonzero(gains))} pins), with everything "
+        f"proved {after - middle:.3g} s"
         f" ({design.verdict.value}, gap {design.gap:.1e}); CPU time"
     )

@@ -1,6 +1,8 @@
-"""`make bench`: the speed table.  Ratios measured in one run, CPU time, medians; BLAS has one thread.
+"""`make bench`: the speed table.  Ratios measured in one run, CPU time, medians; BLAS has one
+thread.
 
-A bar that is missed says BELOW (or ABOVE, where it is a ceiling).  Timings are never asserted in tests.
+A bar that is missed says BELOW (or ABOVE, where it is a ceiling).  Timings are never asserted in
+tests.
 """
 
 import os
@@ -54,10 +56,15 @@ class Bar:
     note: str = ""
 
     def __str__(self) -> str:
-        sign, good = ("<=", self.ratio <= self.bar) if self.ceiling else (">=", self.ratio >= self.bar)
+        sign, good = (
+            ("<=", self.ratio <= self.bar) if self.ceiling else (">=", self.ratio >= self.bar)
+        )
         outcome = "ok" if good else "ABOVE" if self.ceiling else "BELOW"
         digits = 2 if self.ratio < 10 else 0
-        return f"{self.what:<72} {sign} {self.bar:>5g}x  {self.ratio:>8.{digits}f}x  {outcome:<5}  {self.note}"
+        return (
+            f"{self.what:<72} {sign} {self.bar:>5g}x  {self.ratio:>8.{digits}f}x  {outcome:<5} "
+            f" {self.note}"
+        )
 
 
 def main() -> None:
@@ -68,7 +75,8 @@ def main() -> None:
     sections = {
         "Designs": (each() for each in (large_design, shared_design)),
         "Certified radii of small cycles, beside other tools": peer_table(),
-        "Large networks: products of the n x n matrix, CPU time and peak memory of the whole way": lambda_rows(),
+        "Large networks: products of the n x n matrix, CPU time and peak memory of the "
+        "whole way": lambda_rows(),
         "The weighted theorem beside Lemma 1 (at most 3 times its time)": weighted_rows(),
     }
     for title, lines in sections.items():
@@ -79,13 +87,21 @@ def main() -> None:
 
 def bars() -> Iterator[Bar]:
     lmi = "Theorem 1, reduced vs block LMI in cvxpy"
-    yield against_dense(f"{lmi}, tr P + |Q|^2, n = 100 sparse", problem(100, random_balanced(100)), bar=200)
+    yield against_dense(
+        f"{lmi}, tr P + |Q|^2, n = 100 sparse", problem(100, random_balanced(100)), bar=200
+    )
     yield against_dense(f"{lmi}, tr P + |Q|^2, n = 50 dense", problem(50, complete(50)), bar=1000)
     yield tiny("tiny observer SDP: Clarabel directly vs rebuilt in cvxpy")
     paths = "definiteness, exact LDL' vs"
-    yield against_elimination(f"{paths} factor with integer rest, n = 100 dense", gram(100), by_integer_rest, bar=50)
-    yield against_elimination(f"{paths} factor with integer rest, n = 200 dense", gram(200), by_integer_rest, bar=100)
-    yield against_elimination(f"{paths} vector v > 0, n = 1000 ring, 200 chords", ring(1000), by_vector, bar=100)
+    yield against_elimination(
+        f"{paths} factor with integer rest, n = 100 dense", gram(100), by_integer_rest, bar=50
+    )
+    yield against_elimination(
+        f"{paths} factor with integer rest, n = 200 dense", gram(200), by_integer_rest, bar=100
+    )
+    yield against_elimination(
+        f"{paths} vector v > 0, n = 1000 ring, 200 chords", ring(1000), by_vector, bar=100
+    )
     yield help_bar("dobc --help vs python -c 'import numpy'")
     yield schedule_bar("certify a sequence without repetition, 100 vs 30 phases of 3 agents")
     for row in chain(pinning_bars(), simulation_bars()):
@@ -115,17 +131,24 @@ def tiny(what: str) -> Bar:
     program = Program(pencils=(reduced(Fraction(-1), EXOSYSTEM),))
     slow = median_of(partial(solve_dense, program), repeats=15, inner=3)
     fast = median_of(partial(solve_directly, program), repeats=15, inner=100)
-    return Bar(what=what, bar=30, ratio=slow / fast, note=f"{1e3 * slow:.3g} ms / {1e3 * fast:.3g} ms")
+    return Bar(
+        what=what, bar=30, ratio=slow / fast, note=f"{1e3 * slow:.3g} ms / {1e3 * fast:.3g} ms"
+    )
 
 
-def against_elimination(what: str, M: SparseSymmetric, path: Callable[[SparseSymmetric], bool], *, bar: float) -> Bar:
-    """Both from the sparse rational matrix to "positive definite"; the elimination is timed once."""
+def against_elimination(
+    what: str, M: SparseSymmetric, path: Callable[[SparseSymmetric], bool], *, bar: float
+) -> Bar:
+    """Both from the sparse rational matrix to "positive definite"; the elimination is timed
+    once."""
     fast = median_of(partial(path, M), repeats=9)
     start = time.process_time()
     proved = bad_direction(M, strict=True) is None
     slow = time.process_time() - start
     agree = "" if proved and path(M) else "THE ANSWERS DIFFER: "
-    return Bar(what=what, bar=bar, ratio=slow / fast, note=f"{agree}{slow:.3g} s / {1e3 * fast:.3g} ms")
+    return Bar(
+        what=what, bar=bar, ratio=slow / fast, note=f"{agree}{slow:.3g} s / {1e3 * fast:.3g} ms"
+    )
 
 
 def by_integer_rest(M: SparseSymmetric) -> bool:
@@ -167,19 +190,25 @@ def ring(n: int, *, chord: int = 5) -> SparseSymmetric:
 
 def help_bar(what: str) -> Bar:
     """Medians of 15, taken in turns so that a busy machine slows down both."""
-    times = [(of_child(HELP), of_child("import numpy")) for _ in range(16)][1:]  # the first pair warms the disk cache
+    # the first pair warms the disk cache
+    times = [(of_child(HELP), of_child("import numpy")) for _ in range(16)][1:]
     ours, theirs = (statistics.median(column) for column in zip(*times, strict=True))
-    return Bar(what=what, bar=2, ratio=ours / theirs, ceiling=True, note=f"{ours:.3g} s / {theirs:.3g} s")
+    return Bar(
+        what=what, bar=2, ratio=ours / theirs, ceiling=True, note=f"{ours:.3g} s / {theirs:.3g} s"
+    )
 
 
 def schedule_bar(what: str) -> Bar:
     """The check of the weights and its decision, in both programs."""
     few, many = (median_of(partial(certify, turns(count)), repeats=3) for count in (30, 100))
-    return Bar(what=what, bar=3.6, ratio=many / few, ceiling=True, note=f"{many:.3g} s / {few:.3g} s")
+    return Bar(
+        what=what, bar=3.6, ratio=many / few, ceiling=True, note=f"{many:.3g} s / {few:.3g} s"
+    )
 
 
 def turns(count: int) -> Problem:
-    """Three agents, of whom one is not reached in each mode; the modes follow each other at random."""
+    """Three agents, of whom one is not reached in each mode; the modes follow each other at
+    random."""
     random = Random(count)
     sequence = ["A", "B", *(random.choice("AB") for _ in range(count - 3)), "B"]
     network = Network.from_arcs({"A": [[2, 1]], "B": [[3, 2]]}, arrow="listens_to", agents=3)
@@ -226,7 +255,8 @@ def complete(n: int) -> Arcs:
 
 
 def random_balanced(n: int, *, degree: int = 4) -> Arcs:
-    """Cycles through all agents in random orders: as many arcs in as out, hence Lambda < 0 with few pins."""
+    """Cycles through all agents in random orders: as many arcs in as out, hence Lambda < 0 with few
+    pins."""
     r = Random(n)
     found: set[tuple[int, int]] = set()
     for _ in range(degree):

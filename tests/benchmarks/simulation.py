@@ -1,4 +1,5 @@
-"""Rows of `make bench` on simulation.  Ratios of CPU times from one run; the peak memory of a fresh process."""
+"""Rows of `make bench` on simulation.  Ratios of CPU times from one run; the peak memory of a fresh
+process."""
 
 import statistics
 import subprocess
@@ -27,9 +28,11 @@ from dobc_design.simulation.signals import Periodic
 many = simulate_many(large(1000, modes=2), runs=1000, signal=Periodic(dwell=0.25), t_final=1.0)
 assert len(many) == 1000 and not many.diverged.any()
 try:  # not ru_maxrss: a child keeps that of the process it was started from
-    peak = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM")) * 1024
+    lines = open("/proc/self/status")
+    peak = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) * 1024
 except OSError:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    unit = 1 if sys.platform == "darwin" else 1024
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 print(peak)
 """
 
@@ -63,14 +66,22 @@ def simulation_bars() -> Iterator[dict[str, Any]]:
 
 
 def stacked(stress: Stress | None, what: str, *, bar: float) -> dict[str, Any]:
-    """The same samples, tolerance and random numbers side by side and one by one; errors of all runs are compared."""
+    """The same samples, tolerance and random numbers side by side and one by one; errors of all
+    runs are compared."""
     problem, signal = load_problem("paper-switching"), RandomDwell(dwell=0.5)
     given: dict[str, Any] = {"signal": signal, "t_final": 10.0, "stress": stress}
     slow = stress is not None and stress.period is None  # such runs take their time one by one
-    together, many = cpu(lambda: simulate_many(problem, runs=RUNS, **given), repeats=1 if slow else 3)
+    together, many = cpu(
+        lambda: simulate_many(problem, runs=RUNS, **given), repeats=1 if slow else 3
+    )
     count = 5 if slow else ALONE
-    single, runs = cpu(lambda: [simulate(problem, seed=k, **given) for k in range(count)], repeats=1)
-    apart = max(float(np.nanmax(np.abs(run.error() - many.error[k, : len(run)]))) for k, run in enumerate(runs))
+    single, runs = cpu(
+        lambda: [simulate(problem, seed=k, **given) for k in range(count)], repeats=1
+    )
+    apart = max(
+        float(np.nanmax(np.abs(run.error() - many.error[k, : len(run)])))
+        for k, run in enumerate(runs)
+    )
     alone = single * RUNS / count
     return {
         "what": f"1000 {what} of n = 10, stacked vs one by one",
@@ -86,7 +97,11 @@ def right_hand_side() -> dict[str, Any]:
     loop, groups = make_loop(problem, None), arc_groups(problem, "G0")
     network, eps = network_of(loop, groups), np.zeros((problem.n, problem.q))
     e = np.random.default_rng(0).normal(size=problem.n)
-    arrays = [e, eps, *(a for group in groups for a in (group.listeners, group.speakers, group.weights))]
+    arrays = [
+        e,
+        eps,
+        *(a for group in groups for a in (group.listeners, group.speakers, group.weights)),
+    ]
     weights = np.array([[1.0, 0.5]])
 
     def derivative() -> Any:
@@ -100,7 +115,8 @@ def right_hand_side() -> dict[str, Any]:
         for place, array in zip(places, arrays, strict=True):
             np.copyto(place, array)
 
-    pairs = [(cpu(derivative, repeats=1)[0], cpu(copy, repeats=1)[0]) for _ in range(102)][2:]  # in turns
+    # in turns
+    pairs = [(cpu(derivative, repeats=1)[0], cpu(copy, repeats=1)[0]) for _ in range(102)][2:]
     ours, copying = (statistics.median(column) for column in zip(*pairs, strict=True))
     return {
         "what": "right-hand side at n = 1e5, degree 6, vs copying states, arcs, weights",
@@ -115,8 +131,12 @@ def memory() -> dict[str, Any]:
     """Peak resident memory in GiB stands in for the ratio."""
     from pathlib import Path
 
-    script = MEMORY.format(folder=str(own := Path(__file__).parent), support=str(own.parent / "support"))
-    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    script = MEMORY.format(
+        folder=str(own := Path(__file__).parent), support=str(own.parent / "support")
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], check=True, capture_output=True, text=True
+    )
     peak = int(done.stdout) / 2**30
     return {
         "what": "peak memory of 1000 runs at n = 1000, two modes, in GiB",

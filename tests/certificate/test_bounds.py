@@ -1,4 +1,5 @@
-"""Certified bounds of |e(t)|_inf beside simulated runs: worked out by hand, never crossed, and only where they hold."""
+"""Certified bounds of |e(t)|_inf beside simulated runs: worked out by hand, never crossed, and only
+where they hold."""
 
 import json
 from dataclasses import replace
@@ -28,7 +29,9 @@ def ring(*, disturbed: bool = True, n: int = 3, **settings) -> Problem:
     if disturbed:
         extra = {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[4]])}
     given = {"coupling": "y", "gains": 3, "target": 1, "name": "ring"} | extra | settings
-    network = Network.from_arcs([[i + 1, (i + 1) % n + 1] for i in range(n)], arrow="listens_to", agents=n)
+    network = Network.from_arcs(
+        [[i + 1, (i + 1) % n + 1] for i in range(n)], arrow="listens_to", agents=n
+    )
     return Problem(network=network, **given)
 
 
@@ -39,7 +42,8 @@ FAR, NEAR = np.linspace(0, 2, N)[:, None], np.linspace(0.9, 1.1, N)[:, None]
 
 @pytest.fixture(scope="module")
 def curved() -> tuple[Problem, Certificate]:
-    """A max-separable proof of the region, and beside it a quadratic claim in numbers of our own, nobody's proof."""
+    """A max-separable proof of the region, and beside it a quadratic claim in numbers of our own,
+    nobody's proof."""
     problem = ring(n=N, coupling="exp(y) - 1 + y", region=REGION)
     certificate = dd.certify(problem)
     assert certificate.covered_by == "max-separable"
@@ -54,7 +58,14 @@ QUADRATIC = Check(
     rate=0.25,
     reason="",
     claim=Values(
-        {"method": "interval", "level": "5/2", "radius": "1", "rate": "1/4", "P": [["2"]], "multipliers": {}}
+        {
+            "method": "interval",
+            "level": "5/2",
+            "radius": "1",
+            "rate": "1/4",
+            "P": [["2"]],
+            "multipliers": {},
+        }
         | {"P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]]}
         | {"ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}]}
     ),
@@ -67,7 +78,8 @@ def only(certificate: Certificate, *ids: str) -> Certificate:
 
 
 def test_the_max_separable_bound_is_that_of_its_numbers(curved):
-    """|e_i| <= v_i V, V(0) <= R/min v + kappa s sqrt(size), V falls at min(alpha, beta - 1/(kappa min v))."""
+    """|e_i| <= v_i V, V(0) <= R/min v + kappa s sqrt(size), V falls at min(alpha, beta - 1/(kappa
+    min v))."""
     problem, certificate = curved
     exact = certificate.check("max-separable").exact
     v, alpha = [float(Fraction(x)) for x in exact["v"]], float(Fraction(exact["alpha"]))
@@ -86,7 +98,8 @@ def test_the_max_separable_bound_is_that_of_its_numbers(curved):
 
 @pytest.mark.parametrize(("radius", "squared"), [(0.5, None), (0.9, 2.5)])
 def test_the_quadratic_bound_is_that_of_its_ellipsoid(curved, radius: float, squared):
-    """V(0) <= lambda_max(P_e) |e(0)|^2 + n lambda_max(P) s^2, and no more than the level; |e_c|^2 <= V (P_e^-1)_cc."""
+    """V(0) <= lambda_max(P_e) |e(0)|^2 + n lambda_max(P) s^2, and no more than the level; |e_c|^2
+    <= V (P_e^-1)_cc."""
     problem, certificate = curved
     P_e = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
     check = replace(QUADRATIC, domain={"kind": "ball", "radius": radius, "disturbance": 0.25})
@@ -101,7 +114,9 @@ def test_the_quadratic_bound_is_that_of_its_ellipsoid(curved, radius: float, squ
     for c in range(N):  # the point of the ellipsoid that is farthest in direction c, by Lagrange
         direction = np.linalg.solve(P_e, np.eye(N)[c])
         tallest = max(tallest, direction[c] / np.sqrt(direction @ P_e @ direction))
-    np.testing.assert_allclose(bound([0.0, 2.0]), tallest * np.sqrt(first) * np.exp([0, -0.25 * 2]), rtol=1e-9)
+    np.testing.assert_allclose(
+        bound([0.0, 2.0]), tallest * np.sqrt(first) * np.exp([0, -0.25 * 2]), rtol=1e-9
+    )
     assert bound.sources == ("lure",)
 
 
@@ -149,7 +164,9 @@ def test_the_least_of_all_proved_bounds_counts(curved):
         ({"start": {"x": NEAR, "xi": 9 * FAR}}, "starts outside what is certified"),
     ],
 )
-def test_where_nothing_is_proved_about_a_run_no_bound_is_shown_and_the_reason_is(curved, given, reason: str):
+def test_where_nothing_is_proved_about_a_run_no_bound_is_shown_and_the_reason_is(
+    curved, given, reason: str
+):
     problem, certificate = curved
     for runs in (None, 2):
         done = dd.simulate(problem, runs=runs, t_final=1, **given)
@@ -158,7 +175,11 @@ def test_where_nothing_is_proved_about_a_run_no_bound_is_shown_and_the_reason_is
         assert bound.sources == ()
         with pytest.raises(SpecError, match="no certified bound"):
             bound([0.0])
-    lines = [line.get_label() for ax in done.plot(certificate=certificate).figure.axes for line in ax.get_lines()]
+    lines = [
+        line.get_label()
+        for ax in done.plot(certificate=certificate).figure.axes
+        for line in ax.get_lines()
+    ]
     assert "certified bound on |e|∞" not in lines
 
 
@@ -178,11 +199,14 @@ def test_a_claim_that_cannot_be_read_is_no_bound(curved):
 
 
 def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
-    """A loop that decays like exp(-3 t): after 20 s the bound is 1e-26 of its start, and the run integration error."""
+    """A loop that decays like exp(-3 t): after 20 s the bound is 1e-26 of its start, and the run
+    integration error."""
     problem = ring(disturbed=False)
     run, certificate = dd.simulate(problem, t_final=20), dd.certify(problem)
     errors = run.plot(certificate=certificate).figure.axes[-1]
-    line = next(each for each in errors.get_lines() if each.get_label() == "certified bound on |e|∞")
+    line = next(
+        each for each in errors.get_lines() if each.get_label() == "certified bound on |e|∞"
+    )
     bound = certificate.envelope(run)(line.get_xdata())
     assert np.array_equal(np.isnan(line.get_ydata()), bound < 1e-9 * bound[0])
     assert bound[-1] < 1e-20
@@ -191,7 +215,9 @@ def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
 
 def test_a_settling_time_bounds_by_its_envelope():
     problem = region_cases.problems()["observed, linear"]
-    certificate = Certificate(problem=problem, claims=read_claims(region_cases.certificate("observed, linear", SEEN)))
+    certificate = Certificate(
+        problem=problem, claims=read_claims(region_cases.certificate("observed, linear", SEEN))
+    )
     run = dd.simulate(problem, start={"x": [[1], [-1]], "xi": [[0.5], [-0.5]]}, t_final=6)
     bound = certificate.envelope(run)
     assert set(bound.sources) == {"theorem1", "theorem1-weighted", "settling"}
@@ -205,11 +231,14 @@ def relay(**changes) -> Problem:
     """Agents 2 and 3 hear the one before, each in one mode."""
     network = Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
     turns = {"guarantee": "dwell", "dwell": 1, "longest": "11/10"} | changes.pop("turns", {})
-    return Problem(network=network, coupling="2*y", gains={1: 2}, switching=dd.Switching(**turns), **changes)
+    return Problem(
+        network=network, coupling="2*y", gains={1: 2}, switching=dd.Switching(**turns), **changes
+    )
 
 
 def by_hand(name: str, check: dict[str, object]) -> Certificate:
-    """A claim of tests/support/cycles_cases.py and its problem: what starts within 1 of the target is certified."""
+    """A claim of tests/support/cycles_cases.py and its problem: what starts within 1 of the target
+    is certified."""
     claims, problem = cycles_cases.certificate(name, check)
     return Certificate(problem=problem_from_canonical(problem), claims=read_claims(claims))
 
@@ -232,14 +261,20 @@ def test_weights_under_a_guarantee_bound_every_run_that_keeps_it(name: str):
 
 
 def test_the_bound_by_weights_is_their_largest_over_their_least():
-    """Between two times a quarter of a second apart the bound is that of the earlier weights at the later time."""
+    """Between two times a quarter of a second apart the bound is that of the earlier weights at the
+    later time."""
     parts = [
-        np.array(A_STARTS, float) + k / 4 * (np.array(A_ENDS, float) - np.array(A_STARTS, float)) for k in range(5)
+        np.array(A_STARTS, float) + k / 4 * (np.array(A_ENDS, float) - np.array(A_STARTS, float))
+        for k in range(5)
     ]
-    often = retimed(CHAINED, ["0", "1/4", "1/2", "3/4", "1"], *([f"{x:.6f}" for x in v] for v in parts))
+    often = retimed(
+        CHAINED, ["0", "1/4", "1/2", "3/4", "1"], *([f"{x:.6f}" for x in v] for v in parts)
+    )
     certificate = by_hand("chain", often)
     assert dd.verify(certificate.claims, certificate.problem).holds
-    phases = [(np.array(each.times, float), np.array(each.v, float)) for _, each in certificate.weights]
+    phases = [
+        (np.array(each.times, float), np.array(each.v, float)) for _, each in certificate.weights
+    ]
     tallest = max((v.max(axis=1) * np.exp(certificate.rate * times)).max() for times, v in phases)
     run = dd.simulate(certificate.problem, start={"x": [[2], [0], [0]]}, t_final=1)
     found = float(certificate.envelope(run)(0.0)) / (2 * tallest / phases[0][1][0].min())
@@ -265,7 +300,11 @@ SEQUENCE = {"guarantee": "sequence", "longest": None}
         ({}, dd.signals.Markov(generator=[[-1, 1], [1, -1]]), False),
         (SEQUENCE, dd.signals.Periodic(dwell=1, order=["A", "B"]), True),
         (SEQUENCE, dd.signals.Periodic(dwell=[1, 1, 1, 1], order=["A", "B", "A", "B"]), True),
-        (SEQUENCE | {"sequence": ["A", "B", "A", "B"]}, dd.signals.Periodic(dwell=1, order=["A", "B", "A", "B"]), True),
+        (
+            SEQUENCE | {"sequence": ["A", "B", "A", "B"]},
+            dd.signals.Periodic(dwell=1, order=["A", "B", "A", "B"]),
+            True,
+        ),
         (SEQUENCE, dd.signals.Periodic(dwell=[1, 1, 1, 1.1], order=["A", "B", "A", "B"]), False),
         (SEQUENCE, dd.signals.Periodic(dwell=1, order=["A", "B", "A"]), False),
         (SEQUENCE, dd.signals.Periodic(dwell=1, order=["B", "A"]), False),
@@ -283,15 +322,22 @@ def test_a_run_under_another_signal_has_no_bound_by_the_guarantee(turns, signal,
 
 def test_weights_bound_no_run_in_one_mode():
     certificate = by_hand("pair", CUBIC)
-    run = dd.simulate(certificate.problem, signal=dd.signals.Fixed(), start={"x": [[1], [0]]}, t_final=1)
+    run = dd.simulate(
+        certificate.problem, signal=dd.signals.Fixed(), start={"x": [[1], [0]]}, t_final=1
+    )
     assert certificate.envelope(run).reason == "the proof is not about the signal of the run"
 
 
 def test_a_settling_time_of_a_sequence_bounds_no_other_signal():
     certificate = by_hand("chain", GOES_ON)
     start = {"x": [[1], [-1], [0]]}
-    assert "settling" in certificate.envelope(dd.simulate(certificate.problem, start=start, t_final=2)).sources
-    stuck = dd.simulate(certificate.problem, start=start, signal=dd.signals.Fixed(mode="A"), t_final=2)
+    assert (
+        "settling"
+        in certificate.envelope(dd.simulate(certificate.problem, start=start, t_final=2)).sources
+    )
+    stuck = dd.simulate(
+        certificate.problem, start=start, signal=dd.signals.Fixed(mode="A"), t_final=2
+    )
     assert not certificate.envelope(stuck).sources
 
 
@@ -322,10 +368,12 @@ def test_the_report_draws_the_bound_and_says_whose_it_is(curved):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"gains": {1: 0.1}}, {"coupling": "y"}, {"observer": dd.Observer(W=[[5]])}, {"target": 3}]
+    "changes",
+    [{"gains": {1: 0.1}}, {"coupling": "y"}, {"observer": dd.Observer(W=[[5]])}, {"target": 3}],
 )
 def test_a_run_of_another_problem_of_the_same_name_has_no_bound(curved, changes):
-    """Problems made in Python are often called the same; only the problem and W that were simulated count."""
+    """Problems made in Python are often called the same; only the problem and W that were simulated
+    count."""
     problem, certificate = curved
     given = dict(problem.__reduce__()[0].keywords)
     other = Problem(**given | changes)
@@ -348,5 +396,8 @@ def test_the_certified_period_is_that_of_a_proved_check(curved):
     claims = certificate.claims
     assert certified_period(problem, claims) == certificate.check("sampling").claim.period > 0
     for verdict in (Verdict.UNDECIDED, Verdict.REFUTED):
-        checks = tuple(replace(each, verdict=verdict) if each.id == "sampling" else each for each in claims.checks)
+        checks = tuple(
+            replace(each, verdict=verdict) if each.id == "sampling" else each
+            for each in claims.checks
+        )
         assert certified_period(problem, replace(claims, checks=checks)) is None

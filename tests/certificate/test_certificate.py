@@ -20,7 +20,10 @@ def test_saved_files_are_enough_to_check_it_again(tmp_path):
     assert problem == certificate.problem
     assert read_claims(claims_file.read_bytes()) == certificate.claims
     assert verify(claims_file.read_bytes(), problem).holds
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["certificate.json", "problem.json"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "certificate.json",
+        "problem.json",
+    ]
 
 
 def test_the_gain_is_an_array_with_the_exact_matrix_beside_it():
@@ -50,8 +53,12 @@ def test_a_certificate_shows_itself_in_a_notebook_as_html_latex_and_text():
 
 @pytest.mark.parametrize("old", [b"old", None])
 @pytest.mark.parametrize("step", ["fsync", "replace", "open", "fdopen"])
-@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), KeyboardInterrupt(), MemoryError()])
-def test_an_interrupted_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch, old, step, failure):
+@pytest.mark.parametrize(
+    "failure", [OSError(28, "No space left on device"), KeyboardInterrupt(), MemoryError()]
+)
+def test_an_interrupted_write_leaves_the_old_file_and_no_other(
+    tmp_path, monkeypatch, old, step, failure
+):
     target = tmp_path / "certificate.json"
     if old is not None:
         target.write_bytes(old)

@@ -1,4 +1,5 @@
-"""The factor beside a rate: |e(t)| <= factor |e(0)| exp(-rate t); both programs refuse a smaller one."""
+"""The factor beside a rate: |e(t)| <= factor |e(0)| exp(-rate t); both programs refuse a smaller
+one."""
 
 import json
 import math
@@ -34,10 +35,18 @@ TURNS = {"A": [[2, 1]], "B": [[3, 2]]}
 DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
 CASES: dict[str, tuple[Problem, tuple[str, ...]]] = {
     "box": (
-        line(CHAIN, **WATCHED, coupling="tanh(y)", region={"initial_states": [-1, 1], "initial_disturbance": 1}),
+        line(
+            CHAIN,
+            **WATCHED,
+            coupling="tanh(y)",
+            region={"initial_states": [-1, 1], "initial_disturbance": 1},
+        ),
         ("lemma1", "theorem1-weighted", "max-separable", "delay", "tolerance"),
     ),
-    "ball": (line([[2, 1], [3, 2], [1, 3]], coupling=["2*y"], region={"initial_states": [-1, 1]}), ("lemma1",)),
+    "ball": (
+        line([[2, 1], [3, 2], [1, 3]], coupling=["2*y"], region={"initial_states": [-1, 1]}),
+        ("lemma1",),
+    ),
     "coordinates": (
         line(
             [[2, 1]],
@@ -59,9 +68,15 @@ CASES: dict[str, tuple[Problem, tuple[str, ...]]] = {
         ),
         ("max-separable", "lure"),
     ),
-    "turns": (line(TURNS, switching=Switching(signal="random", guarantee="dwell", dwell=1, longest=2)), ("schedule",)),
+    "turns": (
+        line(TURNS, switching=Switching(signal="random", guarantee="dwell", dwell=1, longest=2)),
+        ("schedule",),
+    ),
     "chain": (
-        line(TURNS, switching=Switching(signal="markov", guarantee="markov", generator=[[-1, 1], [1, -1]])),
+        line(
+            TURNS,
+            switching=Switching(signal="markov", guarantee="markov", generator=[[-1, 1], [1, -1]]),
+        ),
         ("markov",),
     ),
     "held": (line(CHAIN, gains=1, switching=Switching(signal="mobile", radius=1)), ("safety",)),
@@ -105,11 +120,17 @@ PLACES = [(name, id) for name, (_, ids) in CASES.items() for id in ids]
 
 
 @pytest.mark.parametrize(("name", "id"), PLACES)
-def test_the_factor_is_the_least_that_follows_and_a_smaller_one_is_refused_by_both_programs(name: str, id: str):
+def test_the_factor_is_the_least_that_follows_and_a_smaller_one_is_refused_by_both_programs(
+    name: str, id: str
+):
     whole = document(name)
     place = next(k for k, each in enumerate(whole["checks"]) if each["id"] == id)
     check = whole["checks"][place]
-    least = of_phases(check["exact"], [0, 1]) if id == "schedule" else least_factor(check, whole["checks"])
+    least = (
+        of_phases(check["exact"], [0, 1])
+        if id == "schedule"
+        else least_factor(check, whole["checks"])
+    )
     assert check["verdict"] == "proved"
     assert least is not None
     assert check["factor"] >= max(1.0, least * (1 - 1e-9))
@@ -182,7 +203,9 @@ def test_the_bound_is_the_least_of_all_proved_checks():
     certificate = certified(problem)
     times = np.linspace(0, 40, 81)
     bound = certificate.bound(times, radius=3, disturbance=0)
-    proved = [each for each in certificate.checks if each.rate and each.factor and each.kind.is_consensus]
+    proved = [
+        each for each in certificate.checks if each.rate and each.factor and each.kind.is_consensus
+    ]
     assert len(proved) > 1
     for each in proved:
         start = 3 * (1 if each.norm == "|e|_inf" else math.sqrt(3))
@@ -201,7 +224,9 @@ def test_no_start_of_a_linear_loop_exceeds_the_bound():
 
 
 def test_a_bound_needs_starts_that_are_proved():
-    with pytest.raises(SpecError, match=r"radius must be given, because the problem has no \[region\]"):
+    with pytest.raises(
+        SpecError, match=r"radius must be given, because the problem has no \[region\]"
+    ):
         certified(line(CHAIN)).bound([0.0])
     box = certified(CASES["box"][0])
     assert box.bound([0.0])[0] >= 1
@@ -220,7 +245,10 @@ def test_a_bound_is_about_the_plant_that_the_file_states():
     assert np.all(real <= bound * (1 + 1e-9))
     model = certified(line(CHAIN)).bound(times, radius=1, disturbance=0)
     assert real[1] > 2 * model[1]
-    pins = {"gains": {1: 1, 2: 1, 3: 1}, "uncertainty": {"weights": "1/10", "known_to_agents": False}}
+    pins = {
+        "gains": {1: 1, 2: 1, 3: 1},
+        "uncertainty": {"weights": "1/10", "known_to_agents": False},
+    }
     unknown = certified(CASES["box"][0].replace(**pins))
     (tolerance,) = [check for check in unknown.checks if check.id == "tolerance"]
     assert unknown.bound([9.0])[0] >= math.exp(-9 * (tolerance.rate or math.inf))
@@ -228,12 +256,17 @@ def test_a_bound_is_about_the_plant_that_the_file_states():
 
 def test_no_bound_is_stated_where_errors_remain_or_inputs_exceed_a_limit():
     with pytest.raises(SpecError) as remains:
-        certified(line(CHAIN, uncertainty={"disturbance": "1/10"})).bound([1.0], radius=1, disturbance=0)
+        certified(line(CHAIN, uncertainty={"disturbance": "1/10"})).bound(
+            [1.0], radius=1, disturbance=0
+        )
     assert "accuracy has the errors that remain" in str(remains.value)
     held = certified(line(CHAIN, gains={1: 1, 2: 1, 3: 1}, actuators={"limit": 1}))
     (inputs,) = [check for check in held.checks if check.id == "actuators"]
     assert isinstance(inputs.domain, dict)
-    assert held.bound([0.0], radius=inputs.domain["radius"], disturbance=0)[0] >= inputs.domain["radius"]
+    assert (
+        held.bound([0.0], radius=inputs.domain["radius"], disturbance=0)[0]
+        >= inputs.domain["radius"]
+    )
     with pytest.raises(SpecError) as exceeded:
         held.bound([0.0], radius=2 * inputs.domain["radius"], disturbance=0)
     assert "it is not proved that inputs keep the limit of 1" in str(exceeded.value)

@@ -1,4 +1,5 @@
-"""The pages of the certificate's format: the certificate made by hand, and lines that fit on a page."""
+"""The pages of the certificate's format: the certificate made by hand, and lines that fit on a
+page."""
 
 import json
 import re

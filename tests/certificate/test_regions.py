@@ -1,6 +1,8 @@
-"""Certified regions side by side: every number follows from the claims and is rounded towards the weaker one.
+"""Certified regions side by side: every number follows from the claims and is rounded towards the
+weaker one.
 
-The claims are made by hand, so that the expected numbers are those of a pencil and a sheet of paper.
+The claims are made by hand, so that the expected numbers are those of a pencil and a sheet of
+paper.
 """
 
 import dataclasses
@@ -25,7 +27,9 @@ def chain(n: int = 2, **changes: Any) -> Problem:
     """Agents in a row behind the pinned first one, about the target 1."""
     settings: dict[str, Any] = {
         "name": "chain",
-        "network": Network.from_arcs({"G": [(i + 1, i) for i in range(1, n)]}, arrow="listens_to", agents=n),
+        "network": Network.from_arcs(
+            {"G": [(i + 1, i) for i in range(1, n)]}, arrow="listens_to", agents=n
+        ),
         "coupling": "sin(y)",
         "target": 1,
         "gains": {1: 2},
@@ -38,7 +42,12 @@ def asking(interval: list[Any]) -> Region:
 
 
 def regions(problem: Problem, *checks: Check, verdict: Verdict = Verdict.UNDECIDED) -> Regions:
-    known = {"problem_name": problem.name, "verdict": verdict, "reason": "Here is why.", "checks": checks}
+    known = {
+        "problem_name": problem.name,
+        "verdict": verdict,
+        "reason": "Here is why.",
+        "checks": checks,
+    }
     known |= {"problem_sha256": "0" * 64, "notes": (), "version": "0"}
     claims = Claims(**dict.fromkeys(("rate", "covered_by", "W", "gain_source", "P", "Q")), **known)
     return Certificate(problem=problem, claims=claims).regions
@@ -49,7 +58,9 @@ def only(found: Regions) -> RegionClaim:
     return claim
 
 
-def max_separable(*, radius: float = 1.0, disturbance: float = 0.0, rate: float = 0.5, **exact: Any) -> Check:
+def max_separable(
+    *, radius: float = 1.0, disturbance: float = 0.0, rate: float = 0.5, **exact: Any
+) -> Check:
     return Check(
         id="max-separable",
         verdict=Verdict.PROVED,
@@ -61,14 +72,18 @@ def max_separable(*, radius: float = 1.0, disturbance: float = 0.0, rate: float 
 
 
 def lure(*, radius: float, P_e: list[list[Any]], level: str = "1", rate: float = 1.0) -> Check:
-    weights = SparseSymmetric(1 + max(j for _, j, _ in P_e), {(i, j): Fraction(x) for i, j, x in P_e})
+    weights = SparseSymmetric(
+        1 + max(j for _, j, _ in P_e), {(i, j): Fraction(x) for i, j, x in P_e}
+    )
     return Check(
         id="lure",
         verdict=Verdict.PROVED,
         rate=rate,
         domain={"kind": "ball", "radius": radius, "disturbance": 0.0},
         reason="from every start in a ball V decays.",
-        claim=Lure(P_e=weights, ranges=(), radius=Fraction(1), level=Fraction(level), rate=Fraction(1)),
+        claim=Lure(
+            P_e=weights, ranges=(), radius=Fraction(1), level=Fraction(level), rate=Fraction(1)
+        ),
     )
 
 
@@ -92,13 +107,19 @@ def test_what_is_asked_is_rounded_up():
     found = regions(chain(10, region=asking([0, 5])))
     assert found.asked is not None
     assert (found.asked.box, found.asked.interval) == (4.0, (0.0, 5.0))
-    assert claimed(found.asked.ball) ** 2 >= 160 > (claimed(found.asked.ball) - Fraction(2, 10**7)) ** 2
+    assert (
+        claimed(found.asked.ball) ** 2
+        >= 160
+        > (claimed(found.asked.ball) - Fraction(2, 10**7)) ** 2
+    )
 
 
 def test_every_agent_has_its_share_of_the_box_after_what_the_observer_takes():
     """rho = 3, kappa s sqrt(size) = 1 * 1/2 * 2 = 1, so |e_i| <= 2 v_i."""
     problem = chain(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[4]]))
-    check = max_separable(radius=1.5, disturbance=0.5, rho="3", P=[["4"]], beta="3", kappa="1", size="4")
+    check = max_separable(
+        radius=1.5, disturbance=0.5, rho="3", P=[["4"]], beta="3", kappa="1", size="4"
+    )
     agents = regions(problem, check).agents
     assert [(agent.label, agent.bound, agent.pinned, agent.goal) for agent in agents] == [
         ("1", 2.0, True, 1.0),
@@ -107,7 +128,8 @@ def test_every_agent_has_its_share_of_the_box_after_what_the_observer_takes():
 
 
 def test_the_time_of_a_box_is_the_least_that_the_rate_proves():
-    """|e_2| starts at 1 = v_2 / 2 at most, V at 1; 0.01 / 2 is reached after ln(200) / 0.5 = 10.5966 s."""
+    """|e_2| starts at 1 = v_2 / 2 at most, V at 1; 0.01 / 2 is reached after ln(200) / 0.5 =
+    10.5966 s."""
     claim = only(regions(chain(), max_separable()))
     assert claim.time is not None
     assert 2 * math.exp(-0.5 * claim.time) <= 0.01
@@ -149,7 +171,9 @@ def test_the_reason_for_a_limit_names_a_coupling_that_falls():
 
 
 def test_a_local_proof_has_no_radius_and_one_for_every_start_needs_none():
-    check = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="yes.")
+    check = Check(
+        id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="yes."
+    )
     claim = only(regions(chain(), check))
     assert (claim.kind, claim.box, claim.time) == ("near", None, None)
     assert "states no radius" in claim.limit
@@ -164,9 +188,15 @@ def test_a_local_proof_has_no_radius_and_one_for_every_start_needs_none():
 def test_lemma_1_of_several_modes_is_one_row_of_the_slowest_or_of_the_one_that_fails():
     modes = {"G": [(2, 1)], "H": [(2, 1)]}
     problem = chain(network=Network.from_arcs(modes, arrow="listens_to", agents=2))
-    slow = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="slow.")
-    fast = Check(id="lemma1", mode="H", verdict=Verdict.PROVED, domain="consensus", rate=0.2, reason="fast.")
-    fails = Check(id="lemma1", mode="H", verdict=Verdict.REFUTED, domain="consensus", reason="it fails.")
+    slow = Check(
+        id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="slow."
+    )
+    fast = Check(
+        id="lemma1", mode="H", verdict=Verdict.PROVED, domain="consensus", rate=0.2, reason="fast."
+    )
+    fails = Check(
+        id="lemma1", mode="H", verdict=Verdict.REFUTED, domain="consensus", reason="it fails."
+    )
     assert only(regions(problem, slow, fast)).rate == 0.1
     assert only(regions(problem, slow, fails)).limit == "it fails."
 
@@ -174,7 +204,9 @@ def test_lemma_1_of_several_modes_is_one_row_of_the_slowest_or_of_the_one_that_f
 def test_with_a_disturbance_lemma_1_and_the_printed_matrix_are_left_to_the_list_of_checks():
     problem = chain(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[4]]))
     lemma = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", reason="yes.")
-    printed = Check(id="theorem1-printed", verdict=Verdict.PROVED, domain="consensus", reason="yes.")
+    printed = Check(
+        id="theorem1-printed", verdict=Verdict.PROVED, domain="consensus", reason="yes."
+    )
     theorem = Check(id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="yes.")
     found = regions(problem, lemma, printed, theorem)
     assert [claim.id for claim in found.claims] == ["theorem1"]
@@ -183,19 +215,30 @@ def test_with_a_disturbance_lemma_1_and_the_printed_matrix_are_left_to_the_list_
 
 
 @pytest.mark.parametrize(
-    "exact", [{"v": ["1"]}, {"rho": "none"}, {"v": ["1", "0"]}, {"alpha": None}, {"extra": "1"}, {"v": 7}]
+    "exact",
+    [{"v": ["1"]}, {"rho": "none"}, {"v": ["1", "0"]}, {"alpha": None}, {"extra": "1"}, {"v": 7}],
 )
 def test_claims_that_cannot_be_read_are_a_certificate_error(exact: dict[str, Any]):
     """A certificate file may come from anybody, and nobody has verified it yet."""
-    with pytest.raises(CertificateError, match="a regional check of this certificate cannot be read"):
+    with pytest.raises(
+        CertificateError, match="a regional check of this certificate cannot be read"
+    ):
         regions(chain(), max_separable(**exact))
 
 
 def test_another_equilibrium_is_told_by_its_distance():
     witness = Witness(kind="start", values=("-33/20", "8/5"))
-    check = Check(id="equilibrium", verdict=Verdict.REFUTED, domain="consensus", reason="it rests.", witness=witness)
+    check = Check(
+        id="equilibrium",
+        verdict=Verdict.REFUTED,
+        domain="consensus",
+        reason="it rests.",
+        witness=witness,
+    )
     assert regions(chain(), check).rest == 1.65
-    undecided = Check(id="equilibrium", verdict=Verdict.UNDECIDED, domain="consensus", reason="none found.")
+    undecided = Check(
+        id="equilibrium", verdict=Verdict.UNDECIDED, domain="consensus", reason="none found."
+    )
     assert regions(chain(), undecided).rest is None
     assert regions(chain()).rest is None
 

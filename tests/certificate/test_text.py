@@ -1,4 +1,5 @@
-"""certificate.json: the same claims there and back, and one kind of error for everything that is none."""
+"""certificate.json: the same claims there and back, and one kind of error for everything that is
+none."""
 
 import json
 from dataclasses import replace
@@ -57,7 +58,10 @@ def test_the_document_has_the_fields_of_the_contract(document):
 
 def test_numbers_longer_than_anybody_types_are_read_back(monkeypatch):
     """The last pair that is tried comes from an exact Lyapunov equation: hundreds of digits."""
-    A = [[f"{(i * 7 + j * 3) % 11 - 50 * (i == j)}/{10**9 + 7 * i + j}" for j in range(4)] for i in range(4)]
+    A = [
+        [f"{(i * 7 + j * 3) % 11 - 50 * (i == j)}/{10**9 + 7 * i + j}" for j in range(4)]
+        for i in range(4)
+    ]
     problem = Problem(
         network=Network.from_arcs([], arrow="listens_to", agents=1),
         coupling="y",
@@ -99,7 +103,14 @@ OTHERS = {
     ("notes",): ["text", [1]],
     ("observer",): [None],
     ("observer", "K"): [None],
-    ("observer", "W"): [[["1"], ["2", "3"]], [[1.5], [2]], [["nan"], ["1"]], [["1/0"], ["1"]], [], "W"],
+    ("observer", "W"): [
+        [["1"], ["2", "3"]],
+        [[1.5], [2]],
+        [["nan"], ["1"]],
+        [["1/0"], ["1"]],
+        [],
+        "W",
+    ],
     ("checks",): [{}],
     ("checks", 0): [[]],
     ("checks", 0, "id"): ["theorem9", ["lemma1"]],
@@ -116,7 +127,9 @@ OTHERS = {
 }
 
 
-@pytest.mark.parametrize(("path", "value"), [(path, value) for path in OTHERS for value in OTHERS[path]])
+@pytest.mark.parametrize(
+    ("path", "value"), [(path, value) for path in OTHERS for value in OTHERS[path]]
+)
 def test_other_documents_are_refused(document, path, value):
     """Unknown, missing, doubled and mistyped fields: never a guess, never another exception."""
     with pytest.raises(CertificateError, match="cannot be read"):
@@ -165,7 +178,8 @@ def test_a_huge_file_is_refused_before_it_is_parsed(monkeypatch):
 
 
 def with_margin(text: str) -> tuple[bytes, Problem]:
-    """One agent with the gain k = 1/10 + 1e-30, and a certificate with this margin; what is true is less than 2 k."""
+    """One agent with the gain k = 1/10 + 1e-30, and a certificate with this margin; what is true is
+    less than 2 k."""
     alone = Network.from_arcs([], arrow="listens_to", agents=1)
     problem = Problem(network=alone, coupling="y", gains={1: "100000000000000000000000000001e-30"})
     document = certificate_document(certify(problem).claims)
@@ -182,13 +196,16 @@ def with_margin(text: str) -> tuple[bytes, Problem]:
     ],
 )
 def test_a_number_with_more_digits_than_a_float_is_not_read_as_a_smaller_claim(text, true):
-    """2 k = 0.200000000000000000000000000002 and the margin has to stay below; the nearest float says 0.2."""
+    """2 k = 0.200000000000000000000000000002 and the margin has to stay below; the nearest float
+    says 0.2."""
     data, problem = with_margin(text)
     assert (recheck(data, problem).failures == ()) is true
     assert all(holds for holds, _ in checker.examine(data, canonical_bytes(problem))) is true
 
 
-@pytest.mark.parametrize("text", ["1e-99999999999999999999999", "1e99999999999999999999", "-1e999999999", "1e400"])
+@pytest.mark.parametrize(
+    "text", ["1e-99999999999999999999999", "1e99999999999999999999", "-1e999999999", "1e400"]
+)
 def test_numbers_that_no_float_comes_near_are_refused_at_once(text):
     data, problem = with_margin(text)
     with pytest.raises(CertificateError, match="cannot be read"):
@@ -214,7 +231,8 @@ def network_of_two(**parts) -> Problem:
 
 
 def hidden_problem(order: int, digits: int) -> Problem:
-    """An unstable part that C does not see, whose characteristic polynomial has long coefficients."""
+    """An unstable part that C does not see, whose characteristic polynomial has long
+    coefficients."""
     random = Random(1)
     rows = [[long_number(random, digits) for _ in range(order)] for _ in range(order)]
     A = [[-1] + [0] * order, *([0, *row] for row in rows)]
@@ -222,16 +240,20 @@ def hidden_problem(order: int, digits: int) -> Problem:
 
 
 def companion_problem(order: int, digits: int) -> Problem:
-    """A pair in observer form with W = 0 and nearly (s + 1)^order: long rationals meet in Routh's table."""
+    """A pair in observer form with W = 0 and nearly (s + 1)^order: long rationals meet in Routh's
+    table."""
     random = Random(2)
     first = [-comb(order, i + 1) - long_number(random, digits) for i in range(order)]
     A = [[first[i]] + [int(j == i + 1) for j in range(1, order)] for i in range(order)]
     W = [[0]] * order
-    return network_of_two(exosystem=Exosystem(A=A, C=[[1] + [0] * (order - 1)]), observer=Observer(W=W))
+    return network_of_two(
+        exosystem=Exosystem(A=A, C=[[1] + [0] * (order - 1)]), observer=Observer(W=W)
+    )
 
 
 def star_problem(leaves: int, digits: int) -> Problem:
-    """One agent that is pushed away by many others: v' Lambda v has the common denominator of all weights."""
+    """One agent that is pushed away by many others: v' Lambda v has the common denominator of all
+    weights."""
     random = Random(3)
     arcs = [[1, j + 2, long_number(random, digits)] for j in range(leaves)]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=leaves + 1)
@@ -239,7 +261,10 @@ def star_problem(leaves: int, digits: int) -> Problem:
 
 
 def vector_check(*values: str) -> Check:
-    parts = {"claim": Values({"unstable_roots": "0"}), "witness": Witness(kind="vector", labels=("1",), values=values)}
+    parts = {
+        "claim": Values({"unstable_roots": "0"}),
+        "witness": Witness(kind="vector", labels=("1",), values=values),
+    }
     return Check(id="lemma1", mode="G", verdict=REFUTED, domain="consensus", reason="", **parts)
 
 
@@ -257,7 +282,11 @@ def test_the_common_denominator_of_a_witness_is_bounded():
     """docs/certificate-format.md: 65 536 bits; each of these numbers may stand there alone."""
     powers = ((2, 30_000), (3, 18_000), (5, 4000))
     two, three, five = (number_text(Fraction(1, prime**power)) for prime, power in powers)
-    assert (2**30_000 * 3**18_000).bit_length() < 2**16 < (2**30_000 * 3**18_000 * 5**4000).bit_length()
+    assert (
+        (2**30_000 * 3**18_000).bit_length()
+        < 2**16
+        < (2**30_000 * 3**18_000 * 5**4000).bit_length()
+    )
     assert writable(vector_check(two, three), "consensus") == vector_check(two, three)
     assert writable(vector_check(two, three, five), "consensus").verdict is UNDECIDED
 
@@ -266,7 +295,11 @@ def test_the_common_denominator_of_a_witness_is_bounded():
 def test_a_polynomial_may_be_long_and_its_coefficients_not(digits):
     text = " + ".join(f"{'7' * digits} s^{k}" for k in (9, 8, 7)) + " + 1"
     check = Check(
-        id="detectability", verdict=PROVED, domain="global", reason="", claim=Values({"unobservable_polynomial": text})
+        id="detectability",
+        verdict=PROVED,
+        domain="global",
+        reason="",
+        claim=Values({"unobservable_polynomial": text}),
     )
     assert (writable(check, "consensus") == check) is (digits <= LONGEST_COEFFICIENT)
 
@@ -328,7 +361,9 @@ def test_small_decimals_in_a_polynomial_are_written_as_quotients():
     """The lone checker compares polynomials as texts, in lowest terms."""
     problem = network_of_two(exosystem=Exosystem(A=[[0, 0], [0, "-1e-250"]], C=[[1, 0]]))
     certificate = certify(problem)
-    assert certificate.check("detectability").exact["unobservable_polynomial"] == f"s + 1/1{'0' * 250}"
+    assert (
+        certificate.check("detectability").exact["unobservable_polynomial"] == f"s + 1/1{'0' * 250}"
+    )
     assert verify(certificate, problem).failures == ()
 
 
@@ -337,4 +372,9 @@ def test_a_check_that_claims_nothing_any_more_keeps_no_box():
     claim = Values({"v": ["1" * (LONGEST + 1)]})
     check = Check(id="max-separable", verdict=PROVED, domain=box, rate=1.0, reason="", claim=claim)
     check = writable(check, "consensus")
-    assert (check.verdict, check.domain, check.rate, check.exact) == (UNDECIDED, "consensus", None, None)
+    assert (check.verdict, check.domain, check.rate, check.exact) == (
+        UNDECIDED,
+        "consensus",
+        None,
+        None,
+    )

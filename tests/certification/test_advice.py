@@ -1,4 +1,5 @@
-"""What people write who mean something else: the message names it, and the cure works as the message writes it."""
+"""What people write who mean something else: the message names it, and the cure works as the
+message writes it."""
 
 import json
 import re
@@ -60,7 +61,16 @@ OPPOSED = (
 def signed_loop() -> np.ndarray:
     """x_i' = sum |w| (sign x_j - x_i) - k_i x_i, written down by hand."""
     weights = np.zeros((4, 4))
-    for i, j, w in ((1, 2, 1), (2, 1, 1), (2, 3, -2), (3, 2, -2), (3, 4, 1), (4, 3, 1), (4, 1, -1), (1, 4, -1)):
+    for i, j, w in (
+        (1, 2, 1),
+        (2, 1, 1),
+        (2, 3, -2),
+        (3, 2, -2),
+        (3, 4, 1),
+        (4, 3, 1),
+        (4, 1, -1),
+        (1, 4, -1),
+    ):
         weights[i - 1, j - 1] = w
     return weights - np.diag(np.abs(weights).sum(axis=1)) - np.diag([1, 0, 0, 0])
 
@@ -91,8 +101,9 @@ def test_a_sign_in_h_on_some_arcs_is_told_from_a_signed_graph():
 def test_the_other_meaning_of_a_negative_weight_works_as_it_is_written():
     """Agent 3 moves away from agent 2, weakly enough to be held."""
     text = SIGNED.replace("-1", "1").replace("[2,3,-2],[3,2,-2]", "[2,3,-0.1],[3,2,2]")
-    assert "give the arc a positive weight and, in [[coupling.exceptions]], an h with the other sign" in message_of(
-        text
+    assert (
+        "give the arc a positive weight and, in [[coupling.exceptions]], an h with the other sign"
+        in message_of(text)
     )
     repelled = text.replace("-0.1", "0.1").replace(
         "[pinning]", '[[coupling.exceptions]]\narcs = [[2, 3]]\nh = "-y"\n[pinning]'
@@ -125,7 +136,8 @@ gains = { "1" = 1, "1'" = 1 }
 
 
 def test_signs_that_do_not_balance_are_written_with_every_agent_twice():
-    """One negative arc in a cycle; with a pin of 1 on agent 1 the cover proves it for both signs of every state."""
+    """One negative arc in a cycle; with a pin of 1 on agent 1 the cover proves it for both signs of
+    every state."""
     message = message_of(UNBALANCED)
     assert "do not balance" in message
     assert "let a listen to the copy of b and the copy of a to b" in message
@@ -144,7 +156,8 @@ def test_sides_fit_every_sign_or_there_are_none():
         pairs = [(i, j) for i in range(n) for j in range(n) if i != j and rng.random() < 0.4]
         arcs = [(i, j, bool(rng.random() < 0.4)) for i, j in pairs]
         fits = any(
-            all(((side >> i & 1) != (side >> j & 1)) == opposed for i, j, opposed in arcs) for side in range(2**n)
+            all(((side >> i & 1) != (side >> j & 1)) == opposed for i, j, opposed in arcs)
+            for side in range(2**n)
         )
         found = two_sides(n, arcs)
         assert (found is not None) == fits
@@ -168,7 +181,9 @@ def test_sides_fit_every_sign_or_there_are_none():
 def test_an_expression_is_turned_round(text: str, turned: str):
     assert turned_text(text) == turned
     y = np.array([[0.7]])
-    value, opposite = (make_coupling(each, dimension=1, outputs=1, key="h").value(y) for each in (text, turned))
+    value, opposite = (
+        make_coupling(each, dimension=1, outputs=1, key="h").value(y) for each in (text, turned)
+    )
     assert opposite == pytest.approx(-value)
 
 
@@ -215,7 +230,10 @@ def test_agents_without_pins_agree_and_what_is_not_reached_is_the_target():
         (('"4*y"', '"y**3"'), ""),
         (("constant = true", "constant = true\n[observer]\nW = [[-1]]"), ""),
         (("ring = ", "ring = [[1,2],[3,4]]\nrest = "), ""),
-        (("ring = ", "ring = [[1,5],[2,5],[3,2],[4,3]]\nrest = "), "agent 5 is heard by all others"),
+        (
+            ("ring = ", "ring = [[1,5],[2,5],[3,2],[4,3]]\nrest = "),
+            "agent 5 is heard by all others",
+        ),
         (("[exosystem]", "[uncertainty]\ndisturbance = 1\n[exosystem]"), ""),
     ],
 )
@@ -255,7 +273,10 @@ def test_pins_of_modes_are_arcs_to_an_agent_that_stands_for_the_target():
     message = message_of(SWITCHING_PINS)
     assert "pinning.gains.G1: G1 is a mode" in message
     assert "add target to network.agents, pin it alone (gains = { target = 1 })" in message
-    assert "in G1 agent 1 with weight 1; in G2 agent 2 with weight 1; in G3 agent 2 with weight 1." in message
+    assert (
+        "in G1 agent 1 with weight 1; in G2 agent 2 with weight 1; in G3 agent 2 with weight 1."
+        in message
+    )
     head, _, _ = SWITCHING_PINS.partition("[pinning.gains]")
     cured = head.replace("agents = 4", 'agents = ["1", "2", "3", "4", "target"]')
     for mode, agent in (("G1", 1), ("G2", 2), ("G3", 2)):
@@ -280,7 +301,10 @@ a = { 1 = 3 }
 b = { 2 = "1/2" }
 """
     message = message_of(given)
-    assert 'in a agent 1 with weight 3; in b agent 2 with weight 1/2; give these arcs h = "y" in' in message
+    assert (
+        'in a agent 1 with weight 3; in b agent 2 with weight 1/2; give these arcs h = "y" in'
+        in message
+    )
     cured = read(
         given.partition("[pinning.gains]")[0]
         .replace("agents = 2", 'agents = ["1", "2", "target"]')
@@ -289,7 +313,10 @@ b = { 2 = "1/2" }
         + '[[coupling.exceptions]]\narcs = [[1, "target"], [2, "target"]]\nh = "y"\n'
         + "[pinning]\ngains = { target = 1 }\n"
     )
-    loops = [(consensus_jacobian(cured, mode) - pinning_matrix(cured)).toarray()[:2, :2] for mode in ("a", "b")]
+    loops = [
+        (consensus_jacobian(cured, mode) - pinning_matrix(cured)).toarray()[:2, :2]
+        for mode in ("a", "b")
+    ]
     assert np.allclose(loops, [[[-3, 0], [2, -2]], [[-2, 2], [0, -0.5]]])
     assert certify(cured).verdict is Verdict.PROVED
 
@@ -313,7 +340,12 @@ initial = [[0, 0], [0, 0]]
 def test_a_target_at_constant_speed_has_its_speed_as_a_state():
     message = message_of(MOVING)
     assert message.startswith("leader needs [dynamics]")
-    written = ("A = [[0, 1], [0, 0]]", "B = [[0], [1]]", 'h = "10*y1 + 10*y2"', "initial = [[0, 0], [1, 1]]")
+    written = (
+        "A = [[0, 1], [0, 0]]",
+        "B = [[0], [1]]",
+        'h = "10*y1 + 10*y2"',
+        "initial = [[0, 0], [1, 1]]",
+    )
     assert all(each in message for each in written)
     A, B, h, initial = written
     cured = MOVING.replace('h = "10*y"', h).replace("initial = [[0, 0], [0, 0]]", initial)
@@ -348,7 +380,8 @@ t_final = 2
 
 
 def written_command(message: str) -> list[str]:
-    """The command between the first `dobc` and the end of its sentence, without the program's name."""
+    """The command between the first `dobc` and the end of its sentence, without the program's
+    name."""
     return re.search(r"dobc (stress FILE --\w+ [\d.]*\d)", message)[1].split()
 
 
@@ -360,19 +393,28 @@ def test_limits_of_agents_with_dynamics_are_tried_in_runs(command_line, tmp_path
     removed = LIMITED.replace("[actuators]\nlimit = { 1 = 5, 2 = 7 }\n", "")
     assert certify(read(removed)).verdict is Verdict.PROVED
     (tmp_path / "file.toml").write_text(removed, "utf-8")
-    code, out, _ = command_line(*[tmp_path / "file.toml" if word == "FILE" else word for word in command])
+    code, out, _ = command_line(
+        *[tmp_path / "file.toml" if word == "FILE" else word for word in command]
+    )
     assert code == 0
     assert "Stress: |u| at most 5." in out
 
 
-def test_delays_of_agents_with_dynamics_are_said_to_be_open_and_are_tried_by_sampling(command_line, tmp_path):
-    """Double integrators: proved, without a row on delays; the run with a period of 0.03 s converges."""
+def test_delays_of_agents_with_dynamics_are_said_to_be_open_and_are_tried_by_sampling(
+    command_line, tmp_path
+):
+    """Double integrators: proved, without a row on delays; the run with a period of 0.03 s
+    converges."""
     text = LIMITED.replace("A = [[0, 1], [-0.1, -0.2]]", "A = [[0, 1], [0, 0]]")
-    text = text.replace("[actuators]\nlimit = { 1 = 5, 2 = 7 }\n", "").replace("t_final = 2", "t_final = 20")
+    text = text.replace("[actuators]\nlimit = { 1 = 5, 2 = 7 }\n", "").replace(
+        "t_final = 2", "t_final = 20"
+    )
     certificate = certify(read(text))
     assert certificate.verdict is Verdict.PROVED
     assert not any(check.id == "delay" for check in certificate.checks)
-    (note,) = (note for note in shown_notes(certificate) if note.startswith("No delay is certified"))
+    (note,) = (
+        note for note in shown_notes(certificate) if note.startswith("No delay is certified")
+    )
     assert note not in certificate.claims.notes
     command = written_command(note)
     assert command == ["stress", "FILE", "--period", "0.03"]
@@ -387,7 +429,9 @@ def test_delays_of_agents_with_dynamics_are_said_to_be_open_and_are_tried_by_sam
 
 def test_the_note_on_delays_names_no_command_that_refuses_a_leader():
     text = LIMITED.replace("target = [10, 0]\n", "").replace("[-0.1, -0.2]", "[0, 0]")
-    text = text.replace("[actuators]\nlimit = { 1 = 5, 2 = 7 }\n", "[leader]\ninitial = [[0, 0], [1, 2]]\n")
+    text = text.replace(
+        "[actuators]\nlimit = { 1 = 5, 2 = 7 }\n", "[leader]\ninitial = [[0, 0], [1, 2]]\n"
+    )
     note = shown_notes(certify(read(text)))[-1]
     assert note.startswith("No delay is certified")
     assert "dobc stress" not in note
@@ -396,7 +440,9 @@ def test_the_note_on_delays_names_no_command_that_refuses_a_leader():
 def test_a_note_on_delays_is_shown_by_no_proof_that_has_them():
     assert shown_notes(certified("platoon"))[-1].startswith("No delay is certified")
     assert not any(
-        "No delay" in note for name in ("clock-sync", "paper-fixed") for note in shown_notes(certified(name))
+        "No delay" in note
+        for name in ("clock-sync", "paper-fixed")
+        for note in shown_notes(certified(name))
     )
 
 

@@ -1,4 +1,5 @@
-"""``certify`` writes what the second checker confirms: known defects by their problems, and programs that disagree."""
+"""``certify`` writes what the second checker confirms: known defects by their problems, and
+programs that disagree."""
 
 import json
 import random
@@ -28,7 +29,8 @@ LIST, ONE = ["tanh(y1)", "tanh(y2)"], "tanh(y)"
 
 
 def matrix_gains(third=(1, 2)):
-    """Agent 1 listens to nobody; its gain leaves (0, y, z) free, and gains of both need not leave a basis vector."""
+    """Agent 1 listens to nobody; its gain leaves (0, y, z) free, and gains of both need not leave a
+    basis vector."""
     sides = [[-1, 1], [1, 2], list(third)]
     gains = {1: [[1, 0, 0], [0, 1, -1], [0, -1, 1]], 2: [[1, 0, 0], [0, 0, 0], [0, 0, 0]]}
     return linked([[2, 1]], gains=gains, target=[0, 0, 0], region={"initial_states": sides})
@@ -69,7 +71,9 @@ SLOW = ("sqrt", "sqrt, inside", "wiggle", "wiggle, wide", "max(y, 0)", "dead zon
 AT_ONCE = ("closed set, basis test", "closed set, just missed")
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES]
+)
 def test_known_defects_end_as_they_should_and_both_programs_accept(name: str):
     problem, wanted = CASES[name]
     claims = consensus_claims(problem) if name in AT_ONCE else certified(problem).claims
@@ -93,10 +97,15 @@ def test_one_sided_couplings_get_no_advice_that_cannot_help():
     assert certificate.verdict is UNDECIDED and "smaller" not in certificate.claims.reason
 
 
-# --- the linear program of verdict 2(a) -------------------------------------------------------------------------------
+# --- the linear program of verdict 2(a)
+# -------------------------------------------------------------------------------
 def free_shift_by_checker(M, sides) -> bool:
     problem = object.__new__(files.Problem)
-    problem.m, problem.gains, problem.goals = len(sides), {0: [list(row) for row in M]}, [[Fraction(0)] * len(sides)]
+    problem.m, problem.gains, problem.goals = (
+        len(sides),
+        {0: [list(row) for row in M]},
+        [[Fraction(0)] * len(sides)],
+    )
     problem.region = type("Region", (), {"initial_states": sides})
     problem.leads = [(Fraction(0), Fraction(0))] * problem.m
     return problem.leaves_free({0})
@@ -111,7 +120,12 @@ def is_met_for_scipy(M, sides) -> bool:
     for k, sign in product(range(len(sides)), (1, -1)):
         cost = [-sign * (j == k) for j in range(len(sides))]
         A = [[float(x) for x in row] for row in M] or None
-        answer = linprog(cost, A_eq=A, b_eq=A and [0] * len(A), bounds=[(float(lo), float(hi)) for lo, hi in sides])
+        answer = linprog(
+            cost,
+            A_eq=A,
+            b_eq=A and [0] * len(A),
+            bounds=[(float(lo), float(hi)) for lo, hi in sides],
+        )
         if answer.status == 0 and -answer.fun > 1e-7:
             return True
     return False
@@ -122,7 +136,10 @@ def test_a_box_meets_a_nullspace_iff_a_linear_program_says_so(seed: int):
     r, found = random.Random(seed), {True: 0, False: 0}
     for _ in range(30):
         m = r.randint(1, 5)
-        M = tuple(tuple(Fraction(r.choice((0, 0, 0, 1, -1, 2, -3))) for _ in range(m)) for _ in range(r.randint(0, m)))
+        M = tuple(
+            tuple(Fraction(r.choice((0, 0, 0, 1, -1, 2, -3))) for _ in range(m))
+            for _ in range(r.randint(0, m))
+        )
         sides = []
         for _ in range(m):
             lo = r.randint(-3, 2)
@@ -140,11 +157,16 @@ def test_a_box_meets_a_nullspace_iff_a_linear_program_says_so(seed: int):
 def test_a_box_with_an_empty_side_meets_nothing():
     whole, empty = (Fraction(-1), Fraction(1)), (Fraction(1), Fraction(0))
     for M in ((), ((Fraction(0), Fraction(0)),)):
-        assert find_in_nullspace(M, [whole, whole]) is not None and free_shift_by_checker(M, [whole, whole])
-        assert find_in_nullspace(M, [whole, empty]) is None and not free_shift_by_checker(M, [whole, empty])
+        assert find_in_nullspace(M, [whole, whole]) is not None and free_shift_by_checker(
+            M, [whole, whole]
+        )
+        assert find_in_nullspace(M, [whole, empty]) is None and not free_shift_by_checker(
+            M, [whole, empty]
+        )
 
 
-# --- disagreement -----------------------------------------------------------------------------------------------------
+# --- disagreement
+# --------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def disturbed():
     region = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
@@ -152,14 +174,21 @@ def disturbed():
     return problem, certify(problem).claims
 
 
-@pytest.mark.parametrize("which", ["max-separable", "delay", "lemma1", "theorem1", "hurwitz", "overall"])
-def test_what_the_second_program_refuses_is_not_written(which: str, disturbed, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(
+    "which", ["max-separable", "delay", "lemma1", "theorem1", "hurwitz", "overall"]
+)
+def test_what_the_second_program_refuses_is_not_written(
+    which: str, disturbed, monkeypatch: pytest.MonkeyPatch
+):
     """The same program, but it refuses whatever is proved under this name."""
     problem, honest = disturbed
 
     def refuses(data: bytes, document: bytes, **_: float):
         said = examine(data, document)
-        return [(holds and not (text.startswith(which) and "proved" in text), text) for holds, text in said]
+        return [
+            (holds and not (text.startswith(which) and "proved" in text), text)
+            for holds, text in said
+        ]
 
     monkeypatch.setattr(rechecks.checker, "examine", refuses)
     claims = rechecks.agreed(honest, problem)
@@ -168,36 +197,50 @@ def test_what_the_second_program_refuses_is_not_written(which: str, disturbed, m
         assert "second checker" in claims.reason
         return
     withdrawn = [new for new, old in zip(claims.checks, honest.checks, strict=True) if new != old]
-    assert which in [check.id for check in withdrawn] and (claims.P is None) is (which == "theorem1")
-    assert all(check.verdict is UNDECIDED and "second checker" in check.reason for check in withdrawn)
+    assert which in [check.id for check in withdrawn] and (claims.P is None) is (
+        which == "theorem1"
+    )
+    assert all(
+        check.verdict is UNDECIDED and "second checker" in check.reason for check in withdrawn
+    )
     assert claims.verdict is (UNDECIDED if which == "max-separable" else PROVED)
     monkeypatch.undo()  # what is left is a certificate like any other
     assert verify(certificate_bytes(claims), problem).failures == ()
 
 
 @pytest.mark.parametrize("said", ["the row of agent 1 is not shown", "it is refuted here"])
-def test_a_limit_of_the_second_program_is_told_from_a_contradiction(said: str, monkeypatch: pytest.MonkeyPatch):
+def test_a_limit_of_the_second_program_is_told_from_a_contradiction(
+    said: str, monkeypatch: pytest.MonkeyPatch
+):
     problem, _ = CASES["list"]
     claims = certified(problem).claims
     monkeypatch.setattr(
-        rechecks.checker, "examine", lambda *_, **__: [(i < 3, said) for i in range(4 + len(claims.checks))]
+        rechecks.checker,
+        "examine",
+        lambda *_, **__: [(i < 3, said) for i in range(4 + len(claims.checks))],
     )
     reasons = {check.reason for check in rechecks.agreed(claims, problem).checks}
     assert all(
-        said in reason and ("please report it" in reason) is (said == "it is refuted here") for reason in reasons
+        said in reason and ("please report it" in reason) is (said == "it is refuted here")
+        for reason in reasons
     )
 
 
-def test_a_problem_that_the_second_program_cannot_read_has_no_proof(monkeypatch: pytest.MonkeyPatch):
+def test_a_problem_that_the_second_program_cannot_read_has_no_proof(
+    monkeypatch: pytest.MonkeyPatch,
+):
     def refuses(data: bytes, document: bytes, **_: float):
         raise Refused("too deep")
 
     monkeypatch.setattr(rechecks.checker, "examine", refuses)
     certificate = certify(chain("2"))
-    assert certificate.verdict is UNDECIDED and {check.verdict for check in certificate.checks} == {UNDECIDED}
+    assert certificate.verdict is UNDECIDED and {check.verdict for check in certificate.checks} == {
+        UNDECIDED
+    }
 
 
-# --- points and malformed claims --------------------------------------------------------------------------------------
+# --- points and malformed claims
+# --------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def stuck():
     problem, _ = CASES["max(y, 0)"]
@@ -208,14 +251,18 @@ def stuck():
     return problem, replace(claims, checks=checks, verdict=overall.verdict, reason=overall.reason)
 
 
-@pytest.mark.parametrize("point", [("0", "1/2"), ("0", "-1/2"), ("1/100", "1/2"), ("0", "0"), ("0", "9/10")])
+@pytest.mark.parametrize(
+    "point", [("0", "1/2"), ("0", "-1/2"), ("1/100", "1/2"), ("0", "0"), ("0", "9/10")]
+)
 def test_a_point_is_confirmed_iff_it_is_an_equilibrium_in_the_region(point: tuple[str, str], stuck):
     """max(y, 0) with one pin: exactly e1 = 0 <= e2 <= 0.8, but not the target."""
     problem, claims = stuck
     old = next(check for check in claims.checks if check.id == "equilibrium")
     bent = {"mode": "G", "box": [[x, x] for x in point]}
     check = replace(old, claim=Values(bent), witness=Witness(kind="start", values=point))
-    changed = replace(claims, checks=tuple(check if each is old else each for each in claims.checks))
+    changed = replace(
+        claims, checks=tuple(check if each is old else each for each in claims.checks)
+    )
     data = certificate_bytes(changed)
     true = point == ("0", "1/2")
     assert rechecks.recheck(data, problem).holds is true
@@ -232,7 +279,11 @@ def made() -> bytes:
     [
         *((("checks", 0, key), "nobody") for key in ("id", "verdict")),
         *((("checks", 0, "domain"), {"kind": kind, "radius": 1}) for kind in ("box", None)),
-        *(((key,), value) for key in ("verdict", "checks", "rate", "observer") for value in (None, "x", 3)),
+        *(
+            ((key,), value)
+            for key in ("verdict", "checks", "rate", "observer")
+            for value in (None, "x", 3)
+        ),
         (("observer", "P"), []),
         (("program", "name"), None),
     ],

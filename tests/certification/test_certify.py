@@ -22,8 +22,8 @@ from dobc_design.exact.number import number_text
 
 @pytest.mark.slow
 def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():
-    """Proved: all eigenvalues of (22) in the left half plane, V decays at least at the claimed rate whatever the
-    switching; refuted: some mode has an eigenvalue that does not decay."""
+    """Proved: all eigenvalues of (22) in the left half plane, V decays at least at the claimed rate
+    whatever the switching; refuted: some mode has an eigenvalue that does not decay."""
     tally = outside_campaign(range(12))
     assert tally.wrong == []
     assert min(tally.counts[verdict.value] for verdict in Verdict) >= 2
@@ -48,9 +48,12 @@ def nonsense(statements):
     return {mode: Top(value=-7.0, vector=np.full(size, np.nan)) for mode in statements.lambdas}
 
 
-@pytest.mark.parametrize(("estimates", "name"), [(broken, "paper-fixed"), (nonsense, "paper-switching")])
+@pytest.mark.parametrize(
+    ("estimates", "name"), [(broken, "paper-fixed"), (nonsense, "paper-switching")]
+)
 def test_no_and_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch, estimates, name):
-    """Everything from floating point is a proposal: nonsense in, the same verdicts out, and they are confirmed."""
+    """Everything from floating point is a proposal: nonsense in, the same verdicts out, and they
+    are confirmed."""
     problem = without_region(name)
     before = [(check.id, check.mode, check.verdict) for check in consensus_claims(problem).checks]
     monkeypatch.setattr("dobc_design.conditions.consensus.propose.lambda_tops", estimates)
@@ -65,11 +68,20 @@ HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 
 
 def cycle(gains, *, n=10, factor=1):
-    """The paper's Example 1 on a directed cycle, with the printed W and a multiple of the printed P."""
+    """The paper's Example 1 on a directed cycle, with the printed W and a multiple of the printed
+    P."""
     arcs = [[i, i % n + 1] for i in range(1, n + 1)] if n > 1 else []
     P = [[number_text(factor * Fraction(x)) for x in row] for row in PRINTED_P]
     observer = Observer(W=PRINTED_W, P=P)
-    return linked(arcs, n, coupling="exp(y) - 1 + y", target=1, gains=gains, exosystem=HARMONIC, observer=observer)
+    return linked(
+        arcs,
+        n,
+        coupling="exp(y) - 1 + y",
+        target=1,
+        gains=gains,
+        exosystem=HARMONIC,
+        observer=observer,
+    )
 
 
 def consensus(problem):
@@ -152,13 +164,19 @@ def test_stand_in_modes_have_the_stated_eigenvalues_and_theorem_2_needs_a_scaled
     certificate = consensus(without_region("paper-switching"))
     assert certificate.check("theorem2-printed").verdict is Verdict.REFUTED
     assert certificate.check("theorem2").verdict is certificate.verdict is Verdict.PROVED
-    assert [check.verdict for check in certificate.checks if check.id == "lemma1"] == [Verdict.PROVED] * 4
-    assert 1.599 < certificate.check("hurwitz").rate < 1.6  # A - WC has the eigenvalues -8/5 +- (2/5) sqrt(39) i
+    assert [check.verdict for check in certificate.checks if check.id == "lemma1"] == [
+        Verdict.PROVED
+    ] * 4
+    # A - WC has the eigenvalues -8/5 +- (2/5) sqrt(39) i
+    assert 1.599 < certificate.check("hurwitz").rate < 1.6
 
 
 @pytest.mark.parametrize(
     ("A", "C", "polynomial"),
-    [([[0]], [[0]], "s"), ([[0, 1, 0, 0], [-4, 0, 0, 0], [0, 0, 0, 1], [0, 0, -4, 0]], [[1, 0, 1, 0]], "s^2 + 4")],
+    [
+        ([[0]], [[0]], "s"),
+        ([[0, 1, 0, 0], [-4, 0, 0, 0], [0, 0, 0, 1], [0, 0, -4, 0]], [[1, 0, 1, 0]], "s^2 + 4"),
+    ],
 )
 def test_undetectable_pairs_refute_the_theorem_and_leave_the_whole_undecided(A, C, polynomial):
     """A defect of the model, never of the network: the fix is the reduced exosystem."""
@@ -184,4 +202,6 @@ def test_a_rate_that_was_asked_for_and_not_reached_is_named():
     assert not any("asked for" in note for note in certify(alone, rate="0.99").claims.notes)
     fast = certify(alone, rate="1.01")
     assert fast.verdict is Verdict.PROVED
-    assert fast.claims.notes[-1].startswith("A rate of at least 1.01 1/s was asked for and is not proved.")
+    assert fast.claims.notes[-1].startswith(
+        "A rate of at least 1.01 1/s was asked for and is not proved."
+    )

@@ -15,11 +15,15 @@ from dobc_design.conditions.consensus import cures
 from dobc_design.problem.changes import changed_problem
 
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-TWO_OSCILLATORS = Exosystem(A=[[0, 1, 0, 0], [-4, 0, 0, 0], [0, 0, 0, 1], [0, 0, -4, 0]], C=[[1, 0, 1, 0]])
+TWO_OSCILLATORS = Exosystem(
+    A=[[0, 1, 0, 0], [-4, 0, 0, 0], [0, 0, 0, 1], [0, 0, -4, 0]], C=[[1, 0, 1, 0]]
+)
 
 
 def cycle(n, **changes):
-    return linked([[i, i % n + 1] for i in range(1, n + 1)], n, **{"coupling": "exp(y) - 1 + y"} | changes)
+    return linked(
+        [[i, i % n + 1] for i in range(1, n + 1)], n, **{"coupling": "exp(y) - 1 + y"} | changes
+    )
 
 
 def gains_of(fix):
@@ -27,27 +31,33 @@ def gains_of(fix):
 
 
 def minimum_of(fix):
-    """The smallest gains on the agents of the cure, as its text names them; the others are those of the cure."""
+    """The smallest gains on the agents of the cure, as its text names them; the others are those of
+    the cure."""
     told = re.search(r"Minimum with V = e'e: (.*?)(?: Also possible|$)", fix.text)[1]
     named = re.findall(r"k = ([0-9.e+-]*[0-9]) for agents? ((?:\d+(?:, | and )?)+)", told)
-    return gains_of(fix) | {label: Fraction(k) for k, labels in named for label in re.findall(r"\d+", labels)}
+    return gains_of(fix) | {
+        label: Fraction(k) for k, labels in named for label in re.findall(r"\d+", labels)
+    }
 
 
 def with_minimum(problem, fix, part=1):
-    """The problem with those gains, or with those that are not the problem's own a little smaller."""
+    """The problem with those gains, or with those that are not the problem's own a little
+    smaller."""
     own = {problem.network.labels[i]: k[0][0] for i, k in problem.pinning.gains.items()}
     gains = {label: k if own.get(label) == k else k * part for label, k in minimum_of(fix).items()}
     return changed_problem(problem, {"pinning.gains": gains})
 
 
 def test_the_ten_cycle_without_pins_is_cured_by_any_one_pin():
-    """Every gain > 0 does.  The fastest rate is 2, but half of it, and a quarter, take more gain than any agent has."""
+    """Every gain > 0 does.  The fastest rate is 2, but half of it, and a quarter, take more gain
+    than any agent has."""
     problem, stages = cycle(10, exosystem=HARMONIC), []
     fix = main_cure(with_cures(problem, progress=stages.append).checks).fix
     assert "looking for a cure" in stages and any("tried" in stage for stage in stages)
     assert list(gains_of(fix)) == ["1"]
     assert "Any other agent would do as well." in fix.text
-    # The gain for the rate beta (slope 2): det(M - beta I) = (2 + k - beta) (2 - beta)^9 - 2^10 = 0.
+    # The gain for the rate beta (slope 2): det(M - beta I) = (2 + k - beta) (2 - beta)^9 - 2^10 =
+    # 0.
     gain = {beta: 2**10 / (2 - beta) ** 9 - 2 + beta for beta in (1 / 8, 1 / 4)}
     assert gain[1 / 4] > 4
     assert gain[1 / 8] <= float(gains_of(fix)["1"]) <= 1.02 * gain[1 / 8]
@@ -65,16 +75,20 @@ def test_a_chain_pinned_at_the_wrong_end_gets_a_pin_at_the_other():
     assert list(gains_of(fix)) == ["1", "3"]
     assert "No gain on agent 1 can help: the error of agent 3 would not decrease." in fix.text
     assert theorem_holds(cured(problem, fix.set))
-    # M is triangular with the diagonal 6, 1, k: half of the fastest rate 1 takes k = 1/2, and every k > 0 does.
+    # M is triangular with the diagonal 6, 1, k: half of the fastest rate 1 takes k = 1/2, and every
+    # k > 0 does.
     assert gains_of(fix)["3"] == Fraction(1, 2)
-    assert theorem_holds(changed_problem(problem, {"pinning.gains": {"1": 5, "3": Fraction(1, 1000)}}))
+    assert theorem_holds(
+        changed_problem(problem, {"pinning.gains": {"1": 5, "3": Fraction(1, 1000)}})
+    )
     assert not theorem_holds(changed_problem(problem, {"pinning.gains": {"1": 5, "3": 0}}))
     for id in ("reachability", "lemma1", "theorem1"):
         assert certificate.check(id).fix.set == fix.set
 
 
 def test_of_a_large_cured_problem_only_the_weighted_theorem_is_decided(monkeypatch):
-    """Its cure is that of deciding the whole cured problem; where weights do not prove it, the whole one is decided."""
+    """Its cure is that of deciding the whole cured problem; where weights do not prove it, the
+    whole one is decided."""
     problem = cycle(4, exosystem=HARMONIC, observer=Observer(W=[[3], [2]]))
     whole = with_cures(problem).check("theorem1").fix
     monkeypatch.setattr(certification_cures, "LARGE", 0)
@@ -97,7 +111,9 @@ def test_two_closed_groups_get_a_pin_each():
     assert "(1, 2) and (3, 4)" in fix.text
     assert theorem_holds(cured(problem, fix.set))
     for label in added:
-        assert not theorem_holds(changed_problem(problem, {"pinning.gains": gains_of(fix) | {label: 0}}))
+        assert not theorem_holds(
+            changed_problem(problem, {"pinning.gains": gains_of(fix) | {label: 0}})
+        )
 
 
 def test_agents_out_of_reach_in_one_mode_get_a_pin_each_with_a_gain_of_its_own():
@@ -106,7 +122,9 @@ def test_agents_out_of_reach_in_one_mode_get_a_pin_each_with_a_gain_of_its_own()
     fix = main_cure(with_cures(problem).checks).fix
     gains = gains_of(fix)
     assert set(gains) == {"1", "2", "3"} and gains["1"] == 1 and gains["2"] != gains["3"]
-    assert fix.text.startswith("Pin agents 3 and 2 as well, with k = 0.5 for agent 3 and k = 0.75 for agent 2")
+    assert fix.text.startswith(
+        "Pin agents 3 and 2 as well, with k = 0.5 for agent 3 and k = 0.75 for agent 2"
+    )
     assert "Recommended: half of the maximum decay rate. Smaller gains do as well." in fix.text
     assert theorem_holds(cured(problem, fix.set))
     for label in ("2", "3"):
@@ -118,12 +136,15 @@ def test_one_other_agent_that_would_do_as_well_is_named():
     fix = main_cure(with_cures(problem).checks).fix
     assert "Pin agent 3 as well" in fix.text and "Agent 4 would do as well." in fix.text
     assert theorem_holds(cured(problem, fix.set))
-    assert theorem_holds(changed_problem(problem, {"pinning.gains": {"1": 1, "4": gains_of(fix)["3"]}}))
+    assert theorem_holds(
+        changed_problem(problem, {"pinning.gains": {"1": 1, "4": gains_of(fix)["3"]}})
+    )
     assert not theorem_holds(problem)
 
 
 def test_lemma_1_refuted_is_no_alarm_where_weights_prove_the_theorem():
-    """1 hears 2 with weight 3, and only 2 is pinned: Lambda < 0 iff 12 k > 9, but M is triangular."""
+    """1 hears 2 with weight 3, and only 2 is pinned: Lambda < 0 iff 12 k > 9, but M is
+    triangular."""
     problem = linked([[1, 2, 3]], gains={2: "1/2"}, exosystem=HARMONIC)
     certificate = with_cures(problem)
     assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "theorem1-weighted")
@@ -134,8 +155,8 @@ def test_lemma_1_refuted_is_no_alarm_where_weights_prove_the_theorem():
 
 
 def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
-    """Each hears the other in one of two modes, with weight 3: M + M' > 0 iff 4 (3 + k) k > 9, k > 0.6213.  By symmetry
-    weights do not help."""
+    """Each hears the other in one of two modes, with weight 3: M + M' > 0 iff 4 (3 + k) k > 9, k >
+    0.6213.  By symmetry weights do not help."""
     modes = {"A": [[1, 2, 3]], "B": [[2, 1, 3]]}
     problem = linked(modes, gains={1: "1/10", 2: "1/10"}, exosystem=HARMONIC)
     certificate = with_cures(problem)
@@ -144,7 +165,10 @@ def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
     assert theorem_holds(cured(problem, fix.set))
     assert theorem_holds(changed_problem(problem, {"pinning.gains": "0.63"}))
     assert not theorem_holds(changed_problem(problem, {"pinning.gains": "0.621"}))
-    assert "Recommended: half of the maximum decay rate. Minimum with V = e'e: k = 0.63 for every agent." in fix.text
+    assert (
+        "Recommended: half of the maximum decay rate. Minimum with V = e'e: k = 0.63 for "
+        "every agent." in fix.text
+    )
 
 
 def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
@@ -156,7 +180,10 @@ def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
     assert "Also possible, with a pin on agent 2" in fix.text
     assert theorem_holds(cured(problem, fix.set))
     assert theorem_holds(with_minimum(problem, fix))
-    assert with_cures(with_minimum(problem, fix, Fraction(97, 100))).check("lemma1", "A").verdict is not Verdict.PROVED
+    assert (
+        with_cures(with_minimum(problem, fix, Fraction(97, 100))).check("lemma1", "A").verdict
+        is not Verdict.PROVED
+    )
     # matrix gains that leave a direction free are cured by gains that are numbers
     problem = linked([[1, 2], [2, 1]], target=[0, 0], gains={1: [[1, 0], [0, 0]]})
     fix = main_cure(with_cures(problem).checks).fix
@@ -175,9 +202,14 @@ def test_an_undetectable_pair_is_cured_by_its_observable_part(exosystem):
 
 
 def test_an_exosystem_that_is_not_seen_at_all_takes_everything_about_it_along():
-    """m = 2 is then said by the target, and the bound on the observer error has no meaning any more."""
+    """m = 2 is then said by the target, and the bound on the observer error has no meaning any
+    more."""
     region = {"initial_states": [0, 5], "initial_disturbance": 1}
-    given = {"exosystem": Exosystem(A=[[1]], C=[[0], [0]]), "observer": Observer(rate=1), "region": region}
+    given = {
+        "exosystem": Exosystem(A=[[1]], C=[[0], [0]]),
+        "observer": Observer(rate=1),
+        "region": region,
+    }
     problem = linked([[1, 2], [2, 1]], gains=1, simulation={"xi0": [1]}, target=[1, 2], **given)
     fix = main_cure(with_cures(problem).checks).fix
     whole = cured(problem, fix.set)
@@ -186,7 +218,9 @@ def test_an_exosystem_that_is_not_seen_at_all_takes_everything_about_it_along():
 
 
 def test_a_gain_w_that_does_not_decay_is_replaced_by_one_that_does():
-    problem = cycle(4, gains=1, exosystem=HARMONIC, observer=Observer(W=[[-1], [0]], P=[[1, 0], [0, 1]]))
+    problem = cycle(
+        4, gains=1, exosystem=HARMONIC, observer=Observer(W=[[-1], [0]], P=[[1, 0], [0, 1]])
+    )
     certificate = with_cures(problem)
     assert certificate.check("hurwitz").witness.kind == "routh_row"
     fix = certificate.check("hurwitz").fix
@@ -202,7 +236,11 @@ def test_several_causes_are_cured_together_for_the_theorem_and_one_by_one_for_th
     fix = certificate.check("theorem1").fix
     assert fix.kind == "several"
     assert set(fix.set) == {"exosystem.A", "exosystem.C", "observer.W", "pinning.gains"}
-    assert set(certificate.check("detectability").fix.set) == {"exosystem.A", "exosystem.C", "observer.W"}
+    assert set(certificate.check("detectability").fix.set) == {
+        "exosystem.A",
+        "exosystem.C",
+        "observer.W",
+    }
     assert set(certificate.check("lemma1").fix.set) == {"pinning.gains"}
     assert theorem_holds(cured(problem, fix.set))
 
@@ -214,7 +252,10 @@ def test_the_printed_p_is_multiplied_by_the_least_factor_that_does():
     factor = Fraction(str(fix.set["observer.P"][0][0])) / Fraction(1, 2)
     assert Fraction("1.931") < factor <= Fraction("1.95")
     assert with_cures(cured(problem, fix.set)).check("theorem1-printed").verdict is Verdict.PROVED
-    less = [[str(Fraction("1.93") * Fraction(x)) for x in row] for row in (["1/2", "-1/4"], ["-1/4", "1/3"])]
+    less = [
+        [str(Fraction("1.93") * Fraction(x)) for x in row]
+        for row in (["1/2", "-1/4"], ["-1/4", "1/3"])
+    ]
     twin = changed_problem(problem, {"observer.P": less})
     assert with_cures(twin).check("theorem1-printed").verdict is Verdict.REFUTED
 
@@ -225,7 +266,9 @@ def test_a_printed_p_that_is_no_lyapunov_matrix_is_replaced_by_the_one_that_was_
     assert with_cures(cured(problem, fix.set)).check("theorem1-printed").verdict is Verdict.PROVED
 
 
-def test_what_holds_and_kinked_couplings_get_no_cure_and_a_library_that_breaks_down_costs_it_alone(monkeypatch):
+def test_what_holds_and_kinked_couplings_get_no_cure_and_a_library_that_breaks_down_costs_it_alone(
+    monkeypatch,
+):
     assert main_cure(with_cures(cycle(4, gains=1, exosystem=HARMONIC)).checks) is None
     assert main_cure(with_cures(cycle(4, coupling="clip(y, -1, 1)")).checks) is None
 

@@ -1,4 +1,5 @@
-"""Agents with linear dynamics, certified: known answers, random ones against their eigenvalues, a region."""
+"""Agents with linear dynamics, certified: known answers, random ones against their eigenvalues, a
+region."""
 
 from dataclasses import asdict, replace
 from fractions import Fraction
@@ -10,7 +11,18 @@ from certified import consensus_claims
 from linear_agents import DOUBLE, THRESHOLDS, judged, loop_matrix, riccati_agents, second_order
 from scipy.integrate import solve_ivp
 
-from dobc_design import Certificate, Dynamics, Exosystem, Group, Network, Observer, Problem, Verdict, certify, verify
+from dobc_design import (
+    Certificate,
+    Dynamics,
+    Exosystem,
+    Group,
+    Network,
+    Observer,
+    Problem,
+    Verdict,
+    certify,
+    verify,
+)
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.overall import decide_overall
@@ -30,7 +42,9 @@ NAMES = ("max-separable", "delay", "sampling", "tolerance", "accuracy", "actuato
 def chain(n: int, **given) -> Problem:
     """2 hears 1, 3 hears 2, ...; agent 1 is pinned with 3."""
     network = Network.from_arcs([[i, i - 1] for i in range(2, n + 1)], arrow="listens_to", agents=n)
-    return Problem(**{"network": network, "coupling": "y1 + 2*y2", "gains": {1: 3}, "dynamics": DOUBLE} | given)
+    return Problem(
+        **{"network": network, "coupling": "y1 + 2*y2", "gains": {1: 3}, "dynamics": DOUBLE} | given
+    )
 
 
 def verified(problem: Problem):
@@ -45,23 +59,33 @@ def accepted(certificate: Certificate) -> Certificate:
 
 
 def consensus(problem: Problem) -> Certificate:
-    """The certificate of network, observer, theorems and linearisation alone, which both programs accept."""
+    """The certificate of network, observer, theorems and linearisation alone, which both programs
+    accept."""
     return accepted(Certificate(problem=problem, claims=consensus_claims(problem)))
 
 
 @pytest.mark.parametrize(("pins", "gain", "ratio"), THRESHOLDS)
-def test_second_order_agents_are_stable_above_the_known_threshold_and_unstable_below(pins, gain, ratio):
+def test_second_order_agents_are_stable_above_the_known_threshold_and_unstable_below(
+    pins, gain, ratio
+):
     """p'' = -a M p - b M p' (theory, section 13)."""
     above, below = (consensus(second_order(pins, gain, ratio * part)) for part in (1.01, 0.99))
     assert above.verdict is Verdict.PROVED and above.covered_by == "linearisation"
-    assert below.verdict is Verdict.REFUTED and below.check("linearisation").verdict is Verdict.REFUTED
+    assert (
+        below.verdict is Verdict.REFUTED and below.check("linearisation").verdict is Verdict.REFUTED
+    )
 
 
 @pytest.mark.parametrize(("pins", "gain", "ratio"), THRESHOLDS)
-def test_weights_prove_second_order_agents_from_one_over_the_rate_of_first_order_ones(pins, gain, ratio):
-    """R B = H' and A'R + R A - 2 c H'H < 0 have a solution iff c b^2 > a; the largest c is mu, the least real part of
-    an eigenvalue of M: b^2/a > 1/mu, which is 3 to 5 times the true threshold."""
-    table = np.diag([gain + pins.get(i, 0) for i in range(1, 11)]) - gain * np.roll(np.eye(10), 1, axis=1)
+def test_weights_prove_second_order_agents_from_one_over_the_rate_of_first_order_ones(
+    pins, gain, ratio
+):
+    """R B = H' and A'R + R A - 2 c H'H < 0 have a solution iff c b^2 > a; the largest c is mu, the
+    least real part of an eigenvalue of M: b^2/a > 1/mu, which is 3 to 5 times the true
+    threshold."""
+    table = np.diag([gain + pins.get(i, 0) for i in range(1, 11)]) - gain * np.roll(
+        np.eye(10), 1, axis=1
+    )
     least = 1 / np.linalg.eigvals(table).real.min()
     assert 3 * ratio < least < 5 * ratio
     above, below = (consensus(second_order(pins, gain, part * least)) for part in (1.01, 0.99))
@@ -117,12 +141,19 @@ def test_agents_with_a_disturbance_are_proved_as_fast_as_the_loop(W):
 
 def test_an_observer_that_does_not_converge_is_refuted():
     certificate = verified(chain(2, exosystem=HARMONIC, observer=Observer(W=[[-3], [1]])))
-    assert certificate.verdict is Verdict.REFUTED and "estimation error does not decay" in certificate.reason
+    assert (
+        certificate.verdict is Verdict.REFUTED
+        and "estimation error does not decay" in certificate.reason
+    )
 
 
 def test_groups_with_different_exosystems():
-    constant = Group(agents=[2, 3], exosystem=Exosystem(A=[[0]], C=[[2]]), observer=Observer(W=[[1]]))
-    certificate = verified(chain(4, exosystem=HARMONIC, observer=Observer(W=[[3], [1]]), groups=[constant]))
+    constant = Group(
+        agents=[2, 3], exosystem=Exosystem(A=[[0]], C=[[2]]), observer=Observer(W=[[1]])
+    )
+    certificate = verified(
+        chain(4, exosystem=HARMONIC, observer=Observer(W=[[3], [1]]), groups=[constant])
+    )
     assert certificate.verdict is Verdict.PROVED
     assert certificate.claims.W == ((0, 3, 0, 0), (0, 1, 0, 0), (0, 0, 0, 1))
 
@@ -155,7 +186,8 @@ def test_double_integrators_without_a_pin_drift():
 
 @cache
 def unheld() -> tuple[Problem, Claims]:
-    """Max-separable: every row holds; 1 is pinned with 4.  With what is claimed of the region by rows and margins."""
+    """Max-separable: every row holds; 1 is pinned with 4.  With what is claimed of the region by
+    rows and margins."""
     region = {"initial_states": [-1, 1]}
     problem = chain(3, dynamics=Dynamics(A=[["1/2"]]), coupling="y", gains={1: 4}, region=region)
     claims = consensus_claims(problem)
@@ -176,11 +208,16 @@ def unheld() -> tuple[Problem, Claims]:
             {"dynamics": Dynamics(A=[[0, 1], [-1, "-1/100"]], B=[[0], [1]])},
             Verdict.PROVED,
         ),  # it comes to rest by itself
-        ({"region": {"initial_states": [1, 2]}}, Verdict.UNDECIDED),  # of other starts nothing is asked
+        # of other starts nothing is asked
+        ({"region": {"initial_states": [1, 2]}}, Verdict.UNDECIDED),
     ],
 )
 def test_oscillators_that_no_pin_reaches_come_to_rest_only_if_they_are_damped(given, verdict):
-    parts = {"coupling": "y2", "gains": {1: 1}, "dynamics": Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])} | given
+    parts = {
+        "coupling": "y2",
+        "gains": {1: 1},
+        "dynamics": Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]]),
+    } | given
     problem = Problem(network=Network.from_arcs([[2, 1]], arrow="listens_to", agents=3), **parts)
     certificate = consensus(problem)
     assert certificate.verdict is verdict
@@ -191,7 +228,9 @@ def test_delays_are_examined_but_no_sampling_and_no_errors_of_gains():
     """A x is not held by a sampler, and a part of B K - A is no part of K."""
     problem, claims = unheld()
     assert verify(claims, problem).holds
-    found = [check.id for check in claims.checks if check.id in NAMES and check.verdict is Verdict.PROVED]
+    found = [
+        check.id for check in claims.checks if check.id in NAMES and check.verdict is Verdict.PROVED
+    ]
     assert found == ["max-separable", "delay"]
 
 
@@ -203,24 +242,39 @@ def test_delays_are_examined_but_no_sampling_and_no_errors_of_gains():
     ],
 )
 def test_both_programs_refuse_such_claims(id, exact, rate):
-    """With all gains halved agent 1 still has 2, but A = 1/2 is not halved; what is held is not A x."""
+    """With all gains halved agent 1 still has 2, but A = 1/2 is not halved; what is held is not A
+    x."""
     problem, honest = unheld()
-    forged = Check(id=id, verdict=Verdict.PROVED, domain="global", rate=rate, claim=Values(exact), reason="")
+    forged = Check(
+        id=id, verdict=Verdict.PROVED, domain="global", rate=rate, claim=Values(exact), reason=""
+    )
     claims = replace(honest, checks=(*honest.checks, forged))
     assert any(id in each for each in recheck(claims, as_integrators(problem)).failures)
     found = [
-        title for holds, title in checker.examine(certificate_bytes(claims), canonical_bytes(problem)) if not holds
+        title
+        for holds, title in checker.examine(certificate_bytes(claims), canonical_bytes(problem))
+        if not holds
     ]
     assert found and found[0].startswith(id)
 
 
 @pytest.mark.slow
 def test_pendulums_stay_in_their_region():
-    """x'' = -x - x'/2 + sum sin(p_j - p_i) + u: 200 starts on the boundary of the level set, on the whole loop."""
+    """x'' = -x - x'/2 + sum sin(p_j - p_i) + u: 200 starts on the boundary of the level set, on the
+    whole loop."""
     n, both_ways = 3, [[1, 2], [2, 1], [2, 3], [3, 2]]
     network = Network.from_arcs(both_ways, arrow="listens_to", agents=n)
-    spring, region = Dynamics(A=[[0, 1], [-1, "-1/2"]], B=[[0], [1]]), {"initial_states": [["9/10", "11/10"], [0, 0]]}
-    given = {"network": network, "coupling": "sin(y1)", "gains": {1: [[1, 1]]}, "target": [1, 0], "region": region}
+    spring, region = (
+        Dynamics(A=[[0, 1], [-1, "-1/2"]], B=[[0], [1]]),
+        {"initial_states": [["9/10", "11/10"], [0, 0]]},
+    )
+    given = {
+        "network": network,
+        "coupling": "sin(y1)",
+        "gains": {1: [[1, 1]]},
+        "target": [1, 0],
+        "region": region,
+    }
     problem = Problem(dynamics=spring, **given)
     certificate = verified(problem)
     assert certificate.verdict is Verdict.PROVED and certificate.covered_by == "lure"
@@ -243,7 +297,9 @@ def test_pendulums_stay_in_their_region():
             u[:, i - 1] += np.sin(x[:, j - 1, 0] - x[:, i - 1, 0])
         return np.stack([x[:, :, 1], -x[:, :, 0] - x[:, :, 1] / 2 + u], axis=2).ravel()
 
-    run = solve_ivp(loop, (0, 40), (e + np.tile(goal, n)).ravel(), method="DOP853", rtol=1e-8, atol=1e-10)
+    run = solve_ivp(
+        loop, (0, 40), (e + np.tile(goal, n)).ravel(), method="DOP853", rtol=1e-8, atol=1e-10
+    )
     errors = run.y.T.reshape(-1, 200, 2 * n) - np.tile(goal, n)
     assert np.einsum("tki,ij,tkj->tk", errors, P, errors).max() <= level * (1 + 1e-7)
     assert np.abs(errors[-1]).max() < 0.01 * np.abs(e).max()
@@ -259,4 +315,6 @@ def test_certificates_are_about_the_problem_that_is_given():
     problem = chain(3)
     certificate = certify(problem)
     assert certificate.problem == problem and certificate.problem.dynamics == DOUBLE
-    assert not verify(certificate, chain(3, dynamics=Dynamics(A=[[0, 1], [0, -1]], B=[[0], [1]]))).holds
+    assert not verify(
+        certificate, chain(3, dynamics=Dynamics(A=[[0, 1], [0, -1]], B=[[0], [1]]))
+    ).holds

@@ -1,4 +1,5 @@
-"""Lemma 1 and the theorems where agents have different exosystems: known answers, and the whole Psi."""
+"""Lemma 1 and the theorems where agents have different exosystems: known answers, and the whole
+Psi."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -32,7 +33,10 @@ HALF = Observer(W=[[2]], P=[["1/2"]])  # Omega0 = -2 P W = -2, S = 1/2
 def grouped(arcs: object, *systems: tuple[Exosystem, Observer], **given: Any) -> Problem:
     """One exosystem and observer for each of the agents 1, 2, ..."""
     parts = enumerate(systems, start=1)
-    groups = [Group(agents=[i], exosystem=exosystem, observer=observer) for i, (exosystem, observer) in parts]
+    groups = [
+        Group(agents=[i], exosystem=exosystem, observer=observer)
+        for i, (exosystem, observer) in parts
+    ]
     return linked(arcs, len(groups), **{"gains": 1, "groups": groups} | given)
 
 
@@ -75,7 +79,8 @@ def test_a_report_holds_for_dynamics_with_exosystems_of_different_orders_or_none
 
 
 def test_an_agent_without_a_disturbance_has_no_block_of_s():
-    """Closed form: lambda_max = -2 k_i + S_i with S_1 = 9/8 and S_2 = 0, so that any k_2 > 0 does."""
+    """Closed form: lambda_max = -2 k_i + S_i with S_1 = 9/8 and S_2 = 0, so that any k_2 > 0
+    does."""
     group = Group(agents=[1], exosystem=OSCILLATOR, observer=PRINTED)
     for first, second, verdict in (
         ("0.5626", "1/1000", Verdict.PROVED),
@@ -90,7 +95,9 @@ def test_an_agent_without_a_disturbance_has_no_block_of_s():
 
 
 def test_psi_has_no_rows_for_an_agent_without_a_disturbance():
-    problem = linked([], 2, gains=1, groups=[Group(agents=[1], exosystem=OSCILLATOR, observer=PRINTED)])
+    problem = linked(
+        [], 2, gains=1, groups=[Group(agents=[1], exosystem=OSCILLATOR, observer=PRINTED)]
+    )
     (psi,) = state_theorems(problem).psi()
     assert psi.size == 2 + 2
 
@@ -98,14 +105,17 @@ def test_psi_has_no_rows_for_an_agent_without_a_disturbance():
 @pytest.mark.parametrize(
     ("first", "second", "swapped", "verdict"),
     [
-        ("0.5626", "0.2501", False, Verdict.PROVED),  # 2 k1 > 9/8 and 2 k2 > 1/2: each agent has its own S
+        # 2 k1 > 9/8 and 2 k2 > 1/2: each agent has its own S
+        ("0.5626", "0.2501", False, Verdict.PROVED),
         ("9/16", "0.2501", False, Verdict.REFUTED),
         ("0.5626", "1/4", False, Verdict.REFUTED),
         ("0.5626", "0.2501", True, Verdict.REFUTED),
         ("0.2501", "0.5626", True, Verdict.PROVED),
     ],
 )
-def test_the_printed_p_of_every_group_has_to_suit_the_gains_of_its_own_agents(first, second, swapped, verdict):
+def test_the_printed_p_of_every_group_has_to_suit_the_gains_of_its_own_agents(
+    first, second, swapped, verdict
+):
     """Closed form: -2 k_i + S of the group < 0.  One S for all, 9/8, would refuse k2 = 0.2501."""
     problem = two(first, second, swapped=swapped)
     claims = consensus_claims(problem)
@@ -117,7 +127,12 @@ def test_the_printed_p_of_every_group_has_to_suit_the_gains_of_its_own_agents(fi
 def test_psi_and_s_of_groups_are_those_of_the_whole_matrix():
     problem = two(1, 1, swapped=True)
     (pencil,) = state_theorems(problem).psi(rate=Fraction(1, 3))
-    values = {"P[1]": HALF.P, "Q[1]": ((Fraction(1),),), "P[2]": PRINTED.P, "Q[2]": ((Fraction(1),), (Fraction(0),))}
+    values = {
+        "P[1]": HALF.P,
+        "Q[1]": ((Fraction(1),),),
+        "P[2]": PRINTED.P,
+        "Q[2]": ((Fraction(1),), (Fraction(0),)),
+    }
     P = block_diagonal([HALF.P or (), PRINTED.P or ()])
     Q = block_diagonal([((Fraction(1),),), ((Fraction(1),), (Fraction(0),))])
     own = pencil.at({name: value or () for name, value in values.items()}).to_dense()
@@ -126,8 +141,12 @@ def test_psi_and_s_of_groups_are_those_of_the_whole_matrix():
     exact = certify(two(1, 1)).check("theorem1-printed").exact
     assert exact["S"] == [["9/8", "0"], ["0", "1/2"]]
     assert "bound" not in exact
-    systems = [(Exosystem(A=[[-i]], C=[[1]]), Observer(W=[[1]], P=[[p]])) for i, p in ((1, "1/2"), (2, "1/3"))]
-    exact = certify(grouped([], *systems)).check("theorem1-printed").exact  # S = 1/(2 (i + 1) p) = 1/2 for both
+    systems = [
+        (Exosystem(A=[[-i]], C=[[1]]), Observer(W=[[1]], P=[[p]]))
+        for i, p in ((1, "1/2"), (2, "1/3"))
+    ]
+    # S = 1/(2 (i + 1) p) = 1/2 for both
+    exact = certify(grouped([], *systems)).check("theorem1-printed").exact
     assert exact["bound"] == "-1/2"
 
 
@@ -139,7 +158,8 @@ def whole_psi(problem: Problem, pair: Pair, *, rate: Fraction) -> list[list[Frac
 
 @pytest.mark.parametrize("rate", [Fraction(0), Fraction(1, 20)])
 def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
-    """A directed cycle of three with two groups; the pair crosses the boundary as it is scaled up."""
+    """A directed cycle of three with two groups; the pair crosses the boundary as it is scaled
+    up."""
     outer = Group(agents=[1, 3], exosystem=OSCILLATOR, observer=Observer(W=PRINTED.W))
     inner = Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=HALF.W))
     problem = linked([[1, 2], [2, 3], [3, 1]], gains={1: 1, 2: "1/3"}, groups=[outer, inner])
@@ -157,11 +177,16 @@ def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
 def test_each_group_has_checks_of_its_own_and_the_slowest_gives_the_rate():
     problem = two(5, 5)
     certificate = certify(problem)
-    wanted = [(id, None, group) for group in "12" for id in ("observability", "detectability", "hurwitz")]
+    wanted = [
+        (id, None, group) for group in "12" for id in ("observability", "detectability", "hurwitz")
+    ]
     wanted += [("reachability", "G", None), ("lemma1", "G", None), ("theorem1-printed", None, None)]
     assert set(expected_checks(problem)) == {*wanted, ("theorem1", None, None)}
     more = {("theorem1-weighted", None, None), ("tolerance", None, None)}
-    assert {(c.id, c.mode, c.group) for c in certificate.checks} == {*expected_checks(problem), *more}
+    assert {(c.id, c.mode, c.group) for c in certificate.checks} == {
+        *expected_checks(problem),
+        *more,
+    }
     rates = {check.group: check.rate for check in certificate.checks if check.id == "hurwitz"}
     assert rates["1"] == pytest.approx(1.6, rel=1e-3)
     assert rates["2"] == pytest.approx(2, rel=1e-3)
@@ -197,12 +222,15 @@ def test_a_matrix_with_an_entry_between_two_groups_is_refused(name):
 
 
 def test_a_region_is_proved_with_the_observers_of_all_groups():
-    """Max-separable; its twin has kappa = 1/(beta min v), with which the observer error could raise V."""
+    """Max-separable; its twin has kappa = 1/(beta min v), with which the observer error could raise
+    V."""
 
     def region(disturbance: object) -> Problem:
         systems = (CONSTANT, Observer(W=[[3]])), (OSCILLATOR, Observer(W=PRINTED.W))
         region = {"initial_states": [-1, 1], "initial_disturbance": disturbance}
-        return grouped([[1, 2], [2, 1]], *systems, coupling="exp(y) - 1 + y", gains=2, region=region)
+        return grouped(
+            [[1, 2], [2, 1]], *systems, coupling="exp(y) - 1 + y", gains=2, region=region
+        )
 
     problem = region("0.5")
     certificate = certify(problem)
@@ -216,12 +244,16 @@ def test_a_region_is_proved_with_the_observers_of_all_groups():
 
 
 def test_a_quadratic_certificate_takes_s_of_every_agents_own_group():
-    """P_e = I and -2 k_i + S of the group < 0, with S = 9/8 and 1/2; twin: the groups change places."""
+    """P_e = I and -2 k_i + S of the group < 0, with S = 9/8 and 1/2; twin: the groups change
+    places."""
     P = block_diagonal([PRINTED.P, HALF.P])
     for swapped, verdict in ((False, Verdict.PROVED), (True, Verdict.REFUTED)):
         problem = two("0.5626", "0.2501", swapped=swapped)
         own = block_diagonal([HALF.P, PRINTED.P]) if swapped else P
-        one, Q = SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)}), multiply(own, problem.joint_observer.W)
+        one, Q = (
+            SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)}),
+            multiply(own, problem.joint_observer.W),
+        )
         lure = Lure(P_e=one, ranges=(), radius=None, level=None, multipliers={"G": ()}, P=own, Q=Q)
         assert verify_lure(problem, lure).verdict is verdict
     certificate = certified(two(1, 1), everything=True)

@@ -1,4 +1,5 @@
-"""Leaders, s' = A s or f(s): what is proved of every s, the box that s never leaves, and runs beside it."""
+"""Leaders, s' = A s or f(s): what is proved of every s, the box that s never leaves, and runs
+beside it."""
 
 import json
 from contextlib import nullcontext
@@ -48,18 +49,26 @@ SEEN = {"exosystem": Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]), "observer": Obs
 
 
 def oscillators(gain: Any = 2, **more: Any) -> Problem:
-    """Coupled harmonic oscillators behind a leader (Ren 2008): x1'' = -x1, coupled by their speeds."""
+    """Coupled harmonic oscillators behind a leader (Ren 2008): x1'' = -x1, coupled by their
+    speeds."""
     own = Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])
     gains = {1: [[0, gain]]} if gain else None
-    return Problem(**{"network": RING, "coupling": "y2", "gains": gains, "dynamics": own, "leader": SQUARE} | more)
+    return Problem(
+        **{"network": RING, "coupling": "y2", "gains": gains, "dynamics": own, "leader": SQUARE}
+        | more
+    )
 
 
 def spiking(gain: Any = 2, **more: Any) -> Problem:
     """FitzHugh-Nagumo nodes that fire, all pinned to a leader that does."""
-    return Problem(**{"network": RING, "coupling": "y", "gains": gain, "dynamics": SPIKES, "leader": SQUARE} | more)
+    return Problem(
+        **{"network": RING, "coupling": "y", "gains": gain, "dynamics": SPIKES, "leader": SQUARE}
+        | more
+    )
 
 
-AT_REST = {"initial": [0, 0]}  # at the target f = (1/2, 0.056): it moves off, in a box whose face f touches at a corner
+# at the target f = (1/2, 0.056): it moves off, in a box whose face f touches at a corner
+AT_REST = {"initial": [0, 0]}
 
 
 def touching() -> Problem:
@@ -68,7 +77,9 @@ def touching() -> Problem:
         Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
         Dynamics(f=list(SPIKES.f or ()), B=[[1], [0]]),
     )
-    return Problem(network=line, coupling="6*y1", gains={1: [[10, 0]]}, dynamics=own, leader=AT_REST)
+    return Problem(
+        network=line, coupling="6*y1", gains={1: [[10, 0]]}, dynamics=own, leader=AT_REST
+    )
 
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -79,10 +90,15 @@ CASES = {
     "in formation": (oscillators(offsets={2: [1, 0]}), PROVED, "linearisation"),
     "in a region": (oscillators(region={"initial_states": [-9, 9]}), PROVED, "linearisation"),
     "pushed": (oscillators(-2), REFUTED, None),
-    "nobody pinned": (oscillators(0), REFUTED, None),  # e alike in all agents obeys e' = A e, and A turns it
+    # e alike in all agents obeys e' = A e, and A turns it
+    "nobody pinned": (oscillators(0), REFUTED, None),
     "spiking": (spiking(), PROVED, "lure"),
     # f_1 = 0 at two corners of the box, which are no floating-point numbers
-    "along a face": (spiking(dynamics=Dynamics(f=["x2 - x1", "-x1/2 - x2 - x2**3"]), leader=TENTHS), PROVED, "lure"),
+    "along a face": (
+        spiking(dynamics=Dynamics(f=["x2 - x1", "-x1/2 - x2 - x2**3"]), leader=TENTHS),
+        PROVED,
+        "lure",
+    ),
     "let go": (spiking("9/10"), UNDECIDED, None),  # where |s_1| < 1/4 all errors alike grow
     "no box": (spiking(leader=SQUARE | {"stays_in": [[-1, 1], [-1, 1]]}), UNDECIDED, None),
 }
@@ -93,7 +109,11 @@ def certified(name: str) -> Certificate:
     return certify(CASES[name][0])
 
 
-LONG = {"along a face": pytest.mark.slow, "let go": pytest.mark.slow, "spiking": pytest.mark.evidence}
+LONG = {
+    "along a face": pytest.mark.slow,
+    "let go": pytest.mark.slow,
+    "spiking": pytest.mark.evidence,
+}
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=LONG.get(name, ())) for name in CASES])
@@ -110,7 +130,9 @@ def test_both_programs_agree_on_who_follows(name: str):
 
 def test_a_linear_leader_leaves_the_claims_of_a_constant_target():
     """e' does not depend on s: everything but the region is that of the target 0."""
-    led, still = (certify(oscillators(**given)) for given in ({}, {"leader": None, "target": [0, 0]}))
+    led, still = (
+        certify(oscillators(**given)) for given in ({}, {"leader": None, "target": [0, 0]})
+    )
     assert [each.exact for each in led.checks] == [each.exact for each in still.checks]
     assert led.rate == still.rate
 
@@ -123,7 +145,9 @@ def test_why_nothing_is_proved_is_said():
     let_go = certify(spiking("9/10", network=alone, **cubic))  # where |s| < 1/6 the error grows
     assert let_go.verdict is UNDECIDED and "no quadratic V" in let_go.check("lure").reason
     undamped = Dynamics(f=["x2", "-x1 - x1**3"])
-    lost = certify(spiking(99, network=alone, dynamics=undamped, leader={"initial": [1, 1]})).check("lure")
+    lost = certify(spiking(99, network=alone, dynamics=undamped, leader={"initial": [1, 1]})).check(
+        "lure"
+    )
     assert "could not be enclosed in a box; give [leader] stays_in" in lost.reason
 
 
@@ -161,7 +185,9 @@ def test_a_box_is_invariant_where_f_points_inwards_on_its_faces(box: Any, left: 
     sides = tuple(Interval(Fraction(lo), Fraction(hi)) for lo, hi in box)
     assert list(open_faces(SPIKES, sides)) == left
     corners = [[x, y] for x in map(float, box[0]) for y in map(float, box[1])]
-    ends = [solve_ivp(flow, (0, 1e-5), corner, rtol=1e-12, atol=1e-14).y[:, -1] for corner in corners]
+    ends = [
+        solve_ivp(flow, (0, 1e-5), corner, rtol=1e-12, atol=1e-14).y[:, -1] for corner in corners
+    ]
     low, high = np.array(box, dtype=float).T
     outside = any((end < low - 1e-12).any() or (end > high + 1e-12).any() for end in ends)
     assert outside is bool(left)
@@ -185,14 +211,17 @@ def test_a_box_is_found_in_which_solutions_stay():
 
 
 def test_slopes_of_nodes_hold_those_between_leader_and_agents():
-    """(f(s + e) - f(s)) = F e: for f = x - x^3 F = 1 - 3 s^2 - 3 s e - e^2, seen in [1 - 3 (1 + 2)^2, 1]."""
+    """(f(s + e) - f(s)) = F e: for f = x - x^3 F = 1 - 3 s^2 - 3 s e - e^2, seen in [1 - 3 (1 +
+    2)^2, 1]."""
     own = Dynamics(f=["x - x**3"])
     problem = as_integrators(spiking(4, dynamics=own, leader={"initial": 0, "stays_in": [-1, 1]}))
     ((found,),) = slopes_of_node(problem, (Interval(Fraction(-2), Fraction(2)),))
     s, e = np.random.default_rng(0).uniform([[-1], [-2]], [[1], [2]], (2, 500))
     means = 1 - 3 * s**2 - 3 * s * e - e**2
     assert float(found.lo) <= means.min() and means.max() <= float(found.hi)
-    assert found.contains(Interval(Fraction(-26), Fraction(1))) and found.width < Fraction(2701, 100)
+    assert found.contains(Interval(Fraction(-26), Fraction(1))) and found.width < Fraction(
+        2701, 100
+    )
 
 
 # --- files and runs
@@ -207,7 +236,12 @@ def test_a_file_keeps_the_leader_and_the_box_that_was_found():
 
 
 MISTAKES = {
-    "leader needs \\[dynamics\\]": {"dynamics": None, "coupling": "y", "gains": 1, "target": [0, 0]},
+    "leader needs \\[dynamics\\]": {
+        "dynamics": None,
+        "coupling": "y",
+        "gains": 1,
+        "target": [0, 0],
+    },
     "target must be left out, or 0": {"target": [1, 0]},
     "leader.stays_in": {"leader": SQUARE | {"stays_in": [[-9, 9], [-9, 9]]}},
     "leader.initial": {"leader": {"initial": [1]}},
@@ -243,10 +277,16 @@ def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem:
     assert own is not None
     B = np.array(own.B, dtype=float)
     A = np.zeros((2, 2)) if own.A is None else np.array(own.A, dtype=float)
-    K = [np.array(problem.pinning.gains.get(i, np.zeros((B.shape[1], 2))), dtype=float) for i in range(n)]
+    K = [
+        np.array(problem.pinning.gains.get(i, np.zeros((B.shape[1], 2))), dtype=float)
+        for i in range(n)
+    ]
     S, C, W = (np.zeros((0, 0)), np.zeros((1, 0)), np.zeros((0, 1)))
     if problem.exosystem is not None:
-        S, C, W = (np.array(x, dtype=float) for x in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
+        S, C, W = (
+            np.array(x, dtype=float)
+            for x in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
+        )
 
     def moved(x: Any) -> Any:
         return np.array([flow(0, each) for each in x]) if own.A is None else x @ A.T
@@ -257,25 +297,40 @@ def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem:
         u = -np.array([k @ (each - s) for k, each in zip(K, x, strict=True)]) - (xi - eps) @ C.T
         heard = x[[2, 0, 1]] - x
         x_dot = moved(x) + ((heard[:, 1:] if own.A else heard) + u + xi @ C.T) @ B.T
-        return np.concatenate([x_dot.ravel(), (xi @ S.T).ravel(), (eps @ (S - W @ C).T).ravel(), moved(s[None])[0]])
+        return np.concatenate(
+            [x_dot.ravel(), (xi @ S.T).ravel(), (eps @ (S - W @ C).T).ravel(), moved(s[None])[0]]
+        )
 
     start = [run.x[0], run.xi[0], run.xi[0] - run.xihat[0], run.leader[0]]
     whole = solve_ivp(
-        slope, (0, 6), np.concatenate([each.ravel() for each in start]), t_eval=run.times, rtol=1e-10, atol=1e-12
+        slope,
+        (0, 6),
+        np.concatenate([each.ravel() for each in start]),
+        t_eval=run.times,
+        rtol=1e-10,
+        atol=1e-12,
     )
     assert np.abs(whole.y[: 2 * n].T.reshape(-1, n, 2) - run.x).max() < 1e-7
     assert np.abs(whole.y[-2:].T - run.leader).max() < 1e-7
     many = simulate(problem, runs=2, t_final=6, samples=13, seed=3)
-    assert np.abs(many.states[0] - run.x).max() < 1e-7 and np.abs(many.leader[0] - run.leader).max() < 1e-7
+    assert (
+        np.abs(many.states[0] - run.x).max() < 1e-7
+        and np.abs(many.leader[0] - run.leader).max() < 1e-7
+    )
     assert run.error()[-1] < run.error()[0] / 2 and abs(run.leader[-1]).max() > 0.1
 
 
-@pytest.mark.parametrize("problem", [oscillators(**SEEN, offsets={2: [1, 0]}), spiking(4)], ids=["linear", "nonlinear"])
+@pytest.mark.parametrize(
+    "problem", [oscillators(**SEEN, offsets={2: [1, 0]}), spiking(4)], ids=["linear", "nonlinear"]
+)
 def test_python_control_and_casadi_have_the_same_loop(problem: Problem):
-    """A response of the first is the run, whose s it has as states; the second has s as an input."""
+    """A response of the first is the run, whose s it has as states; the second has s as an
+    input."""
     run, loop = simulate(problem, t_final=3, samples=7), export.to_control(problem)
     tight = {"rtol": 1e-9, "atol": 1e-11}
-    response = control.input_output_response(loop, run.times, 0, loop.start_of(run), solve_ivp_kwargs=tight)
+    response = control.input_output_response(
+        loop, run.times, 0, loop.start_of(run), solve_ivp_kwargs=tight
+    )
     assert np.abs(response.outputs[: 2 * problem.n].T.reshape(run.x.shape) - run.x).max() < 1e-6
     model, z = build_model(problem), run.xihat[3] - run.x[3] @ loop.loop.W.T
     parts = [run.x[3].ravel(), run.xi[3].ravel(), z.ravel(), run.leader[3]]
@@ -306,7 +361,10 @@ def test_what_knows_no_leader_refuses_it(refused: Any):
 def test_errors_near_a_leader_stay_below_the_bound_of_the_certificate(tmp_path: Any):
     problem = spiking(4, leader={"initial": ["1/2", "1/4"]})
     certificate, rng = certify(problem), np.random.default_rng(1)
-    start = np.array([0.5, 0.25]) + rng.uniform(-1, 1, (3, 2)) * certificate.check("lure").domain["radius"] / 3
+    start = (
+        np.array([0.5, 0.25])
+        + rng.uniform(-1, 1, (3, 2)) * certificate.check("lure").domain["radius"] / 3
+    )
     run = simulate(problem, start=start, t_final=8)
     bound = certificate.envelope(run)
     assert bound.sources and (run.error() <= bound(run.times)).all()

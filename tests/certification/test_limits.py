@@ -1,4 +1,5 @@
-"""Inputs that once ran for minutes or filled the memory end soon, with a verdict that both programs confirm.
+"""Inputs that once ran for minutes or filled the memory end soon, with a verdict that both programs
+confirm.
 
 Measured in a child process; the bounds are several times what is needed.
 """
@@ -18,7 +19,15 @@ from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.coupling.expression import parse_expression
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_key
-from dobc_design.exact.work import WorkLimitError, at_most, exhausted, out_of_time, read_time_limit, spend, until
+from dobc_design.exact.work import (
+    WorkLimitError,
+    at_most,
+    exhausted,
+    out_of_time,
+    read_time_limit,
+    spend,
+    until,
+)
 
 RING = "a = [[1, 2], [2, 3], [3, 1]]"
 CHILD = """
@@ -31,7 +40,9 @@ runpy.run_module("dobc_design.checker" if alone else "dobc_design", run_name="__
 """
 
 
-def problem_text(h: str = "sin(y)", *, modes: str = RING, more: str = "", region: str = "[-0.5, 0.5]") -> str:
+def problem_text(
+    h: str = "sin(y)", *, modes: str = RING, more: str = "", region: str = "[-0.5, 0.5]"
+) -> str:
     start = f"[region]\ninitial_states = {region}\n" if region else ""
     network = f'target = 0\n[network]\nagents = 3\narrow = "listens_to"\n[network.modes]\n{modes}\n'
     return f'{network}[coupling]\nh = "{h}"\n[pinning]\ngains = 2\n{more}{start}'
@@ -39,25 +50,37 @@ def problem_text(h: str = "sin(y)", *, modes: str = RING, more: str = "", region
 
 def dense(order: int) -> str:
     random = Random(order)
-    rows = [[f'"{random.randint(-99, 99)}/{random.randint(1, 97)}"' for _ in range(order)] for _ in range(order + 1)]
-    A, C = (f"[{', '.join('[' + ', '.join(row) + ']' for row in part)}]" for part in (rows[1:], rows[:1]))
+    rows = [
+        [f'"{random.randint(-99, 99)}/{random.randint(1, 97)}"' for _ in range(order)]
+        for _ in range(order + 1)
+    ]
+    A, C = (
+        f"[{', '.join('[' + ', '.join(row) + ']' for row in part)}]"
+        for part in (rows[1:], rows[:1])
+    )
     return f"[exosystem]\nA = {A}\nC = {C}\n"
 
 
 def given(order: int, groups: int = 1, *, region: str = "[-1, 1]") -> str:
-    """Dense exosystems, skew-symmetric but for the diagonal, each with a W that keeps the errors stable."""
+    """Dense exosystems, skew-symmetric but for the diagonal, each with a W that keeps the errors
+    stable."""
     random, text = Random(5), 'h = "y+tanh(y)"\n[pinning]\ngains = { 3 = 2 }\n'
     for agent in range(1, groups + 1):
         A = [[Fraction(-(i == j), 2) for j in range(order)] for i in range(order)]
         for i, j in combinations(range(order), 2):
             A[i][j] = Fraction(random.randint(-9, 9), random.randint(2, 9))
             A[j][i] = -A[i][j]
-        A, C, W = ([[str(x) for x in row] for row in M] for M in (A, [[1] * order], [["1/10"]] * order))
+        A, C, W = (
+            [[str(x) for x in row] for row in M] for M in (A, [[1] * order], [["1/10"]] * order)
+        )
         own = f"agents = [{agent}]\nW = {W}\n" if groups > 1 else ""
         text += f"[{'[exosystem.groups]' if groups > 1 else 'exosystem'}]\n{own}A = {A}\nC = {C}\n"
     observer = "" if groups > 1 else f"[observer]\nW = {W}\n"
     start = f"[region]\ninitial_states = {region}\ninitial_disturbance = 0.1\n" if region else ""
-    network = 'target = 0\n[network]\nagents = 3\narrow = "listens_to"\n[network.modes]\nG = [[1, 2], [2, 3]]\n'
+    network = (
+        'target = 0\n[network]\nagents = 3\narrow = "listens_to"\n[network.modes]\nG = [[1, '
+        "2], [2, 3]]\n"
+    )
     return f"{network}[coupling]\n{text}{observer}{start}"
 
 
@@ -67,7 +90,9 @@ def many_modes(count: int) -> str:
 
 def ran(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     child = [sys.executable, "-c", CHILD, "dobc", *arguments]
-    return subprocess.run(child, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    return subprocess.run(
+        child, cwd=folder, capture_output=True, text=True, timeout=600, check=False
+    )
 
 
 SINES = "+".join(f"sin({k}*y)/{k * k}" for k in range(1, 120))
@@ -86,9 +111,12 @@ LONG = dict.fromkeys(("modes", "nested", "sines", "order 40"), pytest.mark.evide
 
 
 @pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
-@pytest.mark.parametrize("name", [pytest.param(name, marks=LONG.get(name, pytest.mark.slow)) for name in HANGS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=LONG.get(name, pytest.mark.slow)) for name in HANGS]
+)
 def test_what_hung_ends_with_a_certificate_that_both_programs_confirm(name: str, tmp_path: Path):
-    """Problems whose stages had no limit: pieces of an interval, bits of a number, modes, orders."""
+    """Problems whose stages had no limit: pieces of an interval, bits of a number, modes,
+    orders."""
     text, code = HANGS[name]
     (tmp_path / "problem.toml").write_text(text, encoding="utf-8")
     found = ran(tmp_path, "certify", "problem.toml", "--no-report", "--out", "out")
@@ -100,30 +128,45 @@ def test_what_hung_ends_with_a_certificate_that_both_programs_confirm(name: str,
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
 @pytest.mark.parametrize(("text", "code"), [(given(30, region=""), 0), (given(200), 3)])
-def test_a_design_for_a_large_exosystem_ends_with_a_proof_or_a_reason(text: str, code: int, tmp_path: Path):
+def test_a_design_for_a_large_exosystem_ends_with_a_proof_or_a_reason(
+    text: str, code: int, tmp_path: Path
+):
     (tmp_path / "problem.toml").write_text(text, encoding="utf-8")
     found = ran(tmp_path, "design", "problem.toml", "--out", "new.toml")
     assert found.returncode == code, found.stderr[-500:]
-    assert code == 0 or "takes long with an exosystem of order 200" in " ".join(found.stdout.split())
+    assert code == 0 or "takes long with an exosystem of order 200" in " ".join(
+        found.stdout.split()
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
-@pytest.mark.parametrize(("order", "groups"), [(20, 3), pytest.param(100, 1, marks=pytest.mark.evidence)])
-def test_a_given_gain_for_a_large_exosystem_ends_with_a_proof_of_the_region(order: int, groups: int, tmp_path: Path):
-    """The semidefinite program for the error bound has q^2/2 unknowns; a Lyapunov equation proposes it as well."""
+@pytest.mark.parametrize(
+    ("order", "groups"), [(20, 3), pytest.param(100, 1, marks=pytest.mark.evidence)]
+)
+def test_a_given_gain_for_a_large_exosystem_ends_with_a_proof_of_the_region(
+    order: int, groups: int, tmp_path: Path
+):
+    """The semidefinite program for the error bound has q^2/2 unknowns; a Lyapunov equation proposes
+    it as well."""
     text = given(order // groups, groups)
     (tmp_path / "problem.toml").write_text(text, encoding="utf-8")
     found = ran(tmp_path, "certify", "problem.toml", "--no-report", "--out", "out")
     assert found.returncode == 0, found.stderr[-500:]
     assert "max-separable" in found.stdout
-    assert ran(tmp_path, "verify", "out/certificate.json", "--problem", "problem.toml").returncode == 0
-    assert groups == 1 or ran(tmp_path, "checker", "out/certificate.json", "out/problem.json").returncode == 0
+    assert (
+        ran(tmp_path, "verify", "out/certificate.json", "--problem", "problem.toml").returncode == 0
+    )
+    assert (
+        groups == 1
+        or ran(tmp_path, "checker", "out/certificate.json", "out/problem.json").returncode == 0
+    )
 
 
 @pytest.mark.parametrize("radius", [1, "7/5"])
 def test_a_slope_that_only_touches_zero_takes_few_cells(radius: str | int):
-    """h = log(1 + y^2) + y has h' = (1 + y)^2/(1 + y^2) >= 0, which is 0 at y = -1 alone: 20,000 cells before."""
+    """h = log(1 + y^2) + y has h' = (1 + y)^2/(1 + y^2) >= 0, which is 0 at y = -1 alone: 20,000
+    cells before."""
     curve = Curve(parse_expression("log(1+y**2)+y"))
     with at_most(10_000):
         cells = profile(curve, dd.exact.parse_number(radius, key="radius")).cells
@@ -142,9 +185,13 @@ def test_work_beyond_an_account_is_refused_and_without_one_nothing_is_counted():
     assert exhausted() is None
 
 
-def test_a_stage_without_work_left_is_undecided_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_a_stage_without_work_left_is_undecided_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
     """Every region stage opens an account of its own; Lemma 1 needs none."""
-    problem = loaded(tmp_path, problem_text(modes="a = [[2, 1]]").replace("agents = 3", "agents = 2"))
+    problem = loaded(
+        tmp_path, problem_text(modes="a = [[2, 1]]").replace("agents = 3", "agents = 2")
+    )
     for stage in ("separable", "quadratic", "schedule"):
         monkeypatch.setattr(f"dobc_design.conditions.{stage}.stage.STAGE", 5)
     certificate = dd.certify(problem, settling="1/10")
@@ -179,11 +226,15 @@ def loaded(folder: Path, text: str) -> dd.Problem:
 
 def test_agents_that_no_pin_reaches_leave_out_quadratic_proofs(tmp_path: Path):
     """Moved together they stay where they are, so no V decreases."""
-    text = problem_text(modes="a = [[1, 2], [2, 3], [3, 2]]").replace("gains = 2", "gains = { 1 = 2 }")
+    text = problem_text(modes="a = [[1, 2], [2, 3], [3, 2]]").replace(
+        "gains = 2", "gains = { 1 = 2 }"
+    )
     problem = loaded(tmp_path, text)
     certificate = dd.certify(problem)
     assert certificate.verdict is dd.Verdict.REFUTED
-    assert certificate.check("lure").reason.startswith("does not apply: in mode a no pin reaches agents 2 and 3")
+    assert certificate.check("lure").reason.startswith(
+        "does not apply: in mode a no pin reaches agents 2 and 3"
+    )
     assert dd.verify(certificate, problem).holds
 
 
@@ -210,7 +261,8 @@ C = [[1]]
 
 
 def test_a_faster_observer_reaches_a_rate_that_gains_alone_do_not(tmp_path: Path):
-    """Gains of 12 on 2 and 5 and W = 5 reach 0.9 for V = e'e; the true rate takes a quarter of that."""
+    """Gains of 12 on 2 and 5 and W = 5 reach 0.9 for V = e'e; the true rate takes a quarter of
+    that."""
     stages: list[str] = []
     found = dd.design(loaded(tmp_path, FIVE), rate="0.9", pins=2, progress=stages.append)
     assert (found.verdict, len(found.gains)) == (dd.Verdict.PROVED, 2)
@@ -221,11 +273,15 @@ def test_a_faster_observer_reaches_a_rate_that_gains_alone_do_not(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("arcs", "radius"), [("[2, 1]", "1.6"), pytest.param("[2, 1, 1.02]", "1.81", marks=pytest.mark.slow)]
+    ("arcs", "radius"),
+    [("[2, 1]", "1.6"), pytest.param("[2, 1, 1.02]", "1.81", marks=pytest.mark.slow)],
 )
 def test_designs_for_a_wide_region_of_a_sine_are_found(arcs: str, radius: str, tmp_path: Path):
-    """sin falls beyond pi/2, which differences of these starts reach; small gains on both of two agents do."""
-    text = problem_text(modes=f"a = [{arcs}]", region=f"[-{radius}, {radius}]").replace("agents = 3", "agents = 2")
+    """sin falls beyond pi/2, which differences of these starts reach; small gains on both of two
+    agents do."""
+    text = problem_text(modes=f"a = [{arcs}]", region=f"[-{radius}, {radius}]").replace(
+        "agents = 3", "agents = 2"
+    )
     problem = loaded(tmp_path, text.replace("[pinning]\ngains = 2\n", ""))
     found = dd.design(problem)
     assert found.verdict is dd.Verdict.PROVED
@@ -237,9 +293,15 @@ def test_designs_for_a_wide_region_of_a_sine_are_found(arcs: str, radius: str, t
 def test_a_design_for_a_region_of_a_sine_with_an_observer_ends_with_a_proof(tmp_path: Path):
     """Agent 4 listens to nobody and is heard; once the search for gains and W had no end."""
     arcs = "[[2, 3], [2, 5], [3, 1], [5, 1], [5, 3], [5, 4]]"
-    text = FIVE[: FIVE.index("a =")] + f"a = {arcs}\n" + FIVE[FIVE.index("[coupling]") :].replace('"y"', '"sin(y)"')
+    text = (
+        FIVE[: FIVE.index("a =")]
+        + f"a = {arcs}\n"
+        + FIVE[FIVE.index("[coupling]") :].replace('"y"', '"sin(y)"')
+    )
     text = text.replace("A = [[0]]\nC = [[1]]", "A = [[0, 1], [-1, 0]]\nC = [[1, 0]]")
-    problem = loaded(tmp_path, f"{text}[region]\ninitial_states = [-0.86, 0.86]\ninitial_disturbance = 0.5\n")
+    problem = loaded(
+        tmp_path, f"{text}[region]\ninitial_states = [-0.86, 0.86]\ninitial_disturbance = 0.5\n"
+    )
     found = dd.design(problem)
     assert found.verdict is dd.Verdict.PROVED
     assert found.problem is not None

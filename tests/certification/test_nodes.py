@@ -1,4 +1,5 @@
-"""Agents with nonlinear dynamics x' = f(x) + B (...): linearisation and quadratic regions, in both programs."""
+"""Agents with nonlinear dynamics x' = f(x) + B (...): linearisation and quadratic regions, in both
+programs."""
 
 from fractions import Fraction
 
@@ -13,7 +14,11 @@ from dobc_design.problem.integrators import as_integrators
 
 def pendulums(reach: str = "1/5", **given) -> Problem:
     """Pendulums that hear their neighbour's angle and speed; the first one its target, too."""
-    parts = {"coupling": "2*y1 + 3*y2", "gains": {1: 3}, "region": {"initial_states": [f"-{reach}", reach]}}
+    parts = {
+        "coupling": "2*y1 + 3*y2",
+        "gains": {1: 3},
+        "region": {"initial_states": [f"-{reach}", reach]},
+    }
     return Problem(network=ring(2), **({"dynamics": PENDULUM} | parts | given))
 
 
@@ -52,7 +57,8 @@ def test_pendulums_are_proved_from_a_ball_that_no_run_leaves():
 
 @pytest.mark.evidence
 def test_a_region_too_wide_for_sin_is_left_open():
-    """Twin: the pin of 3 is stiffer than gravity, and holds from everywhere; with 1/100 both can stand upside down."""
+    """Twin: the pin of 3 is stiffer than gravity, and holds from everywhere; with 1/100 both can
+    stand upside down."""
     assert certify(pendulums(reach="4")).verdict is Verdict.PROVED
     weak = pendulums(reach="4", gains={1: "1/100"})
     certificate = certify(weak)
@@ -62,7 +68,8 @@ def test_a_region_too_wide_for_sin_is_left_open():
 
 @pytest.mark.slow
 def test_upright_pendulums_need_gains():
-    """x1'' = sin(x1) - x1'/2: with one pin of four it is refuted by its linearisation, with all pinned proved."""
+    """x1'' = sin(x1) - x1'/2: with one pin of four it is refuted by its linearisation, with all
+    pinned proved."""
     upright = Dynamics(f=["x2", "sin(x1) - x2/2"], B=[[0], [1]])
     alone = certify(pendulums(dynamics=upright, gains={1: "1/100"}))
     assert alone.verdict is Verdict.REFUTED
@@ -71,7 +78,8 @@ def test_upright_pendulums_need_gains():
 
 @pytest.mark.parametrize(("gain", "verdict"), [(28, Verdict.PROVED), (1, Verdict.REFUTED)])
 def test_lorenz_systems_are_held_at_the_unstable_origin_by_enough_gain(gain, verdict):
-    """Locally the origin of one system with gain k on every component is stable iff k > (sqrt(1201) - 11)/2 = 11.83."""
+    """Locally the origin of one system with gain k on every component is stable iff k > (sqrt(1201)
+    - 11)/2 = 11.83."""
     certificate = certify(lorenz(gain))
     assert certificate.verdict is verdict and verify(certificate, lorenz(gain)).holds
 
@@ -98,7 +106,8 @@ def test_nodes_with_a_disturbance():
 
 
 def test_nodes_that_pull_by_themselves_are_not_refuted():
-    """x' = -x**3 goes to 0 without pins, although its slope there is 0: nothing is said, in both programs."""
+    """x' = -x**3 goes to 0 without pins, although its slope there is 0: nothing is said, in both
+    programs."""
     pair = Network.from_arcs([["a", "b"]], arrow="listens_to")
     for f, gains in (("-x**3", None), ("x - x**3", {"b": 1})):
         problem = Problem(network=pair, coupling="y", dynamics={"f": [f]}, gains=gains)

@@ -1,4 +1,5 @@
-"""The overall verdict, by the rules of the contract ("Overall verdict"), with and without a region."""
+"""The overall verdict, by the rules of the contract ("Overall verdict"), with and without a
+region."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -44,7 +45,9 @@ def searched(*args, **more):
 
 
 def region(lo, hi, disturbance=None):
-    return {"initial_states": [lo, hi]} | ({} if disturbance is None else {"initial_disturbance": disturbance})
+    return {"initial_states": [lo, hi]} | (
+        {} if disturbance is None else {"initial_disturbance": disturbance}
+    )
 
 
 def test_lemma_1_takes_the_place_of_theorem_1_without_an_exosystem():
@@ -55,12 +58,14 @@ def test_lemma_1_takes_the_place_of_theorem_1_without_an_exosystem():
     assert certificate.check("lemma1").verdict is PROVED
     assert certificate.verdict is REFUTED
     certificate = consensus(problem(exosystem=CONSTANT, observer=Observer(W=[[1]])))
-    assert certificate.covered_by == "theorem1-weighted"  # at a better rate than theorem1, which is proved as well
+    # at a better rate than theorem1, which is proved as well
+    assert certificate.covered_by == "theorem1-weighted"
     assert certificate.check("theorem1").verdict is PROVED
 
 
 def test_lemma_1_has_to_hold_in_every_mode_and_the_slowest_speaks():
-    """One V = e'e for all modes, at the rate of the slowest; one V = e'De is faster; a mode that fails spoils e'e."""
+    """One V = e'e for all modes, at the rate of the slowest; one V = e'De is faster; a mode that
+    fails spoils e'e."""
     two = {"a": PAIR, "b": [[1, 2]]}
     certificate = consensus(problem(two, gains={1: 2, 2: 2}))
     assert certificate.verdict is PROVED
@@ -73,7 +78,8 @@ def test_lemma_1_has_to_hold_in_every_mode_and_the_slowest_speaks():
 
 
 def test_a_local_proof_never_covers_a_region():
-    """Domain "consensus" names no radius, however small the region; only proofs for the region do."""
+    """Domain "consensus" names no radius, however small the region; only proofs for the region
+    do."""
     assert verdict(h="tanh(y)") is PROVED
     for asked in (region(-1, 1), region("-1/1000000", "1/1000000"), region(0, 0)):
         assert verdict(h="tanh(y)", region=asked) is UNDECIDED
@@ -81,7 +87,8 @@ def test_a_local_proof_never_covers_a_region():
 
 
 def test_a_global_proof_covers_every_region():
-    """Exactly linear couplings: J does not depend on e.  One nonlinear exception makes the proof local."""
+    """Exactly linear couplings: J does not depend on e.  One nonlinear exception makes the proof
+    local."""
     assert verdict(region=region(-(10**9), 10**9)) is PROVED
     assert verdict(h="y*exp(1)", region=region(0, 5)) is PROVED
     assert verdict(exosystem=CONSTANT, region=region(0, 5, 100)) is PROVED
@@ -100,7 +107,8 @@ def made_up(domain, **more):
         ({"kind": "box", "radius": 3.999, "disturbance": 0.5}, False),
         ({"kind": "box", "radius": 4.0, "disturbance": 0.4999}, False),
         ({"kind": "box", "radius": 4.0}, False),
-        ({"kind": "ball", "radius": 5.6569, "disturbance": 1}, True),  # 16 * 2 agents, sqrt(32) = 5.65685...
+        # 16 * 2 agents, sqrt(32) = 5.65685...
+        ({"kind": "ball", "radius": 5.6569, "disturbance": 1}, True),
         ({"kind": "ball", "radius": 5.6568, "disturbance": 1}, False),
         ({"kind": "ball", "radius": -5.6569, "disturbance": 1}, False),
         ({"kind": "cube", "radius": 100.0, "disturbance": 1}, False),
@@ -131,7 +139,8 @@ def test_agents_out_of_reach_in_all_modes_refute():
     assert verdict(gains=None) is REFUTED
     assert verdict([[1, 2], [2, 1], [3, 4], [4, 3]], gains={1: 1}) is REFUTED
     assert verdict([[1, 2], [2, 1], [3, 4], [4, 3]], gains={1: 1, 4: 1}) is PROVED
-    assert verdict(h="clip(y, -1, 1)", gains=None) is REFUTED  # h(0) = 0 is enough: together they stay
+    # h(0) = 0 is enough: together they stay
+    assert verdict(h="clip(y, -1, 1)", gains=None) is REFUTED
     assert verdict(h="clip(y, -1, 1)", gains={1: 1}) is UNDECIDED
 
 
@@ -143,7 +152,11 @@ def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
     assert certificate.verdict is UNDECIDED
     silent = [replace(check, reason="") for check in certificate.checks]  # texts never decide
     assert decide_overall(asked, silent, None).verdict is UNDECIDED
-    assert certificate.check("reachability", "a").verdict is certificate.check("reachability", "b").verdict is REFUTED
+    assert (
+        certificate.check("reachability", "a").verdict
+        is certificate.check("reachability", "b").verdict
+        is REFUTED
+    )
     assert verdict({"a": [[3, 2]]}, gains={3: 1}) is REFUTED  # 2 is heard, but hears nobody
     assert consensus(linked([], 1, gains=1)).verdict is PROVED
     assert consensus(linked([], 1)).verdict is REFUTED
@@ -152,7 +165,8 @@ def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
 def test_agents_out_of_reach_refute_a_region_only_if_it_lets_them_start_apart():
     """e_S = c needs one c != 0 that every agent of S may start with."""
     assert verdict(gains=None, region=region(0, 5)) is REFUTED
-    assert searched(gains=None, target=1, region=region(1, 1)) is UNDECIDED  # they start at the target
+    # they start at the target
+    assert searched(gains=None, target=1, region=region(1, 1)) is UNDECIDED
     assert verdict(gains=None, target=1, region=region(2, 2)) is REFUTED
     # With offsets 0 and 3 and starts in [0, 1] the agents cannot be apart by one common c.
     assert searched(gains=None, offsets={2: 3}, region=region(0, 1)) is UNDECIDED
@@ -187,15 +201,23 @@ def test_an_unstable_linearisation_refutes_and_enough_pinning_cures_it():
     # one mode among several is enough: all the time in it is allowed
     modes = {"good": [], "bad": PAIR, "other": [[1, 2]]}
     assert consensus(linked(modes, coupling="-y", gains="1/2")).verdict is REFUTED
-    assert consensus(linked({"good": [], "other": []}, 2, coupling="-y", gains="1/2")).verdict is PROVED
+    assert (
+        consensus(linked({"good": [], "other": []}, 2, coupling="-y", gains="1/2")).verdict
+        is PROVED
+    )
     # it is about starts near the target
     assert verdict(h="-y", gains="1/2", region=region(-1, 1)) is REFUTED
     assert verdict(h="-y", gains="1/2", region=region(1, 2)) is UNDECIDED
     # every start there has e_1 >= 0 in one component, so those near the target are not all allowed
-    assert verdict(h="-y", gains="1/2", target=[0, 0], region={"initial_states": [[0, 1], [-1, 1]]}) is UNDECIDED
+    assert (
+        verdict(h="-y", gains="1/2", target=[0, 0], region={"initial_states": [[0, 1], [-1, 1]]})
+        is UNDECIDED
+    )
     # slopes that turn: J - K = -(L (x) R) - K with complex eigenvalues
     for gains, answer in (("1/10", REFUTED), (5, PROVED)):
-        assert verdict([[1, 2], [2, 3], [3, 1]], ["y2", "-y1"], gains=gains, target=[0, 0]) is answer
+        assert (
+            verdict([[1, 2], [2, 3], [3, 1]], ["y2", "-y1"], gains=gains, target=[0, 0]) is answer
+        )
 
 
 @pytest.mark.parametrize("kind", [PROVED, UNDECIDED])
@@ -203,18 +225,28 @@ def test_instability_is_believed_of_a_refuted_lemma_only(kind):
     """A certificate that says "unstable_roots" anywhere else must not turn the verdict."""
     asked = problem(h="tanh(y)", region=region(-1, 1))
     bent = {"claim": Unstable(roots=1), "verdict": kind}
-    checks = [replace(c, **bent) if c.id == "lemma1" else c for c in at_the_consensus(consensus(asked).checks)]
+    checks = [
+        replace(c, **bent) if c.id == "lemma1" else c
+        for c in at_the_consensus(consensus(asked).checks)
+    ]
     assert decide_overall(asked, checks, None).verdict is UNDECIDED
 
 
 def test_a_gain_that_leaves_a_direction_free_refutes_and_a_skew_one_does_not():
-    """k c = 0 for one c on a set that hears nobody else: e_S = c is an equilibrium (theory, section 2)."""
+    """k c = 0 for one c on a set that hears nobody else: e_S = c is an equilibrium (theory, section
+    2)."""
     for gain in ([[1, 0], [0, 0]], [[1, -1], [-1, 1]]):
         assert verdict(gains={1: gain}, target=[0, 0]) is REFUTED
     assert verdict(gains={1: [[1, 0], [0, 0]], 2: [[0, 0], [0, 1]]}, target=[0, 0]) is not REFUTED
-    assert searched(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is PROVED  # by lure: e stays in no kernel of k
+    # by lure: e stays in no kernel of k
+    assert searched(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is PROVED
     # a region only if it can be started along
     free = {1: [[1, 0], [0, 0]]}
-    assert verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [-1, 1]]}) is REFUTED
-    assert verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [0, 0]]}) is not REFUTED
+    assert (
+        verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [-1, 1]]}) is REFUTED
+    )
+    assert (
+        verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [0, 0]]})
+        is not REFUTED
+    )
     assert verdict(gains={1: [[1, 1], [-1, 1]], 2: 1}, target=[0, 0]) is PROVED

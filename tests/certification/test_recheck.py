@@ -31,7 +31,9 @@ def pair(**given):
 def bent(certificate, which, *, overall=None, **changes):
     """The claims with one check (and perhaps the verdict) changed."""
     old = certificate.check(which)
-    checks = tuple(replace(old, **changes) if check is old else check for check in certificate.checks)
+    checks = tuple(
+        replace(old, **changes) if check is old else check for check in certificate.checks
+    )
     whole = {} if overall is None else {"verdict": overall, "rate": None, "covered_by": None}
     return replace(certificate.claims, checks=checks, **whole)
 
@@ -79,8 +81,11 @@ def test_less_than_is_true_may_be_claimed(paper):
     assert "proved does not follow" in failures(claims, problem)
 
 
-def test_sentences_and_advice_are_not_checked_but_the_notes_of_the_problem_have_to_stand_there(paper):
-    """The documented limit: texts are free.  What stands in must be labelled wherever a result is shown."""
+def test_sentences_and_advice_are_not_checked_but_the_notes_of_the_problem_have_to_stand_there(
+    paper,
+):
+    """The documented limit: texts are free.  What stands in must be labelled wherever a result is
+    shown."""
     problem, certificate = paper
     claims = bent(certificate, "theorem1", reason="")
     free = (*problem.notes, "anything")
@@ -97,7 +102,9 @@ def test_a_margin_of_a_refutation_must_follow_from_its_vector():
     assert failures(bent(certificate, "lemma1", margin=-0.5), problem) == ""
     assert "the margin" in failures(bent(certificate, "lemma1", margin=-1.001), problem)
     for name in ("unstable_roots", "value"):
-        assert "exact" in failures(bent(certificate, "lemma1", claim=Values({**check.exact, name: "2"})), problem)
+        assert "exact" in failures(
+            bent(certificate, "lemma1", claim=Values({**check.exact, name: "2"})), problem
+        )
 
 
 def test_one_failing_pair_refutes_the_printed_check_only_and_a_designed_gain_rules_out_none(paper):
@@ -105,32 +112,48 @@ def test_one_failing_pair_refutes_the_printed_check_only_and_a_designed_gain_rul
     problem, certificate = paper
     printed = certificate.check("theorem1-printed")
     refuted = {"verdict": REFUTED, "margin": None, "rate": None}
-    claims = bent(certificate, "theorem1", claim=Values(printed.exact), witness=printed.witness, **refuted)
+    claims = bent(
+        certificate, "theorem1", claim=Values(printed.exact), witness=printed.witness, **refuted
+    )
     assert "theorem1: one pair failing" in failures(claims, problem)
     for block in ("hurwitz", "detectability"):
         claims = bent(certificate, "theorem1", claim=Values({"block": block}), **refuted)
         assert f"{block} is proved" in failures(claims, problem)
     problem, bad = pair(gains=1, exosystem=INTEGRATOR), ((Fraction(-1),),)
     trusted = Trusted(problem=problem, statements=state_theorems(problem), W=bad, pair=None)
-    check = Check(id="theorem1", verdict=REFUTED, domain="global", reason="", claim=Values({"block": "hurwitz"}))
+    check = Check(
+        id="theorem1",
+        verdict=REFUTED,
+        domain="global",
+        reason="",
+        claim=Values({"block": "hurwitz"}),
+    )
     assert confirm(check, trusted) == "another W can be designed, so no pair is ruled out"
 
 
 def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
     problem, certificate = paper
     for left_out in (check for check in certificate.checks if check.id != "tolerance"):
-        claims = replace(certificate.claims, checks=tuple(c for c in certificate.checks if c is not left_out))
-        lacking = "covered_by: not what" if left_out.id == "theorem1-weighted" else f"lacks {left_out.title}"
+        claims = replace(
+            certificate.claims, checks=tuple(c for c in certificate.checks if c is not left_out)
+        )
+        lacking = (
+            "covered_by: not what"
+            if left_out.id == "theorem1-weighted"
+            else f"lacks {left_out.title}"
+        )
         assert lacking in failures(claims, problem)
     doubled = replace(certificate.claims, checks=(*certificate.checks, certificate.checks[0]))
     found = recheck(doubled, problem)
-    assert (found.confirmed, found.failures) == ((), ("checks: a check stands there twice",))  # nothing is evaluated
+    # nothing is evaluated
+    assert (found.confirmed, found.failures) == ((), ("checks: a check stands there twice",))
     second = checker.examine(certificate_bytes(doubled), canonical_bytes(problem))
     assert [title for _, title in second] == [
         "it belongs to this problem",
         "its list of checks: a check stands there twice",
     ]
-    # several modes: theorem2; without an exosystem Lemma 1 alone; a P given: the printed check as well
+    # several modes: theorem2; without an exosystem Lemma 1 alone; a P given: the printed check as
+    # well
     switching = [id for id, *_ in expected_checks(load_problem("paper-switching"))]
     assert switching.count("lemma1") == 4
     assert {"theorem2", "theorem2-printed"} <= set(switching)
@@ -148,19 +171,23 @@ def test_accepted_mutants_are_true():
 
 
 def test_a_certificate_is_about_one_problem_only(paper):
-    """The same claims beside another problem are refused, even if only a note or the name differs."""
+    """The same claims beside another problem are refused, even if only a note or the name
+    differs."""
     outcome = verify(paper[1], load_problem("paper-switching"))
     assert not outcome.holds
     assert "another problem" in outcome.failures[0]
     assert outcome.confirmed == ()
-    # the problem inside a certificate object is not believed: only the one that is handed to ``verify`` counts
+    # the problem inside a certificate object is not believed: only the one that is handed to
+    # ``verify`` counts
     honest, other = a_problem(3), a_problem(4)
     forged = Certificate(problem=honest, claims=certify(other).claims)
     assert not verify(forged, honest).holds
     assert verify(forged, other).holds
 
 
-def test_the_outcome_lists_what_is_confirmed_and_what_is_not_in_bytes_claims_and_certificates(paper):
+def test_the_outcome_lists_what_is_confirmed_and_what_is_not_in_bytes_claims_and_certificates(
+    paper,
+):
     problem, certificate = paper
     claims = certificate.claims
     for form in (certificate, claims, certificate_bytes(claims)):
@@ -168,6 +195,8 @@ def test_the_outcome_lists_what_is_confirmed_and_what_is_not_in_bytes_claims_and
         assert good.holds
         assert str(good).startswith("every claim holds; verdict proved.")
         assert set(good.confirmed) == {check.title for check in certificate.checks}
-    assert "NOT confirmed: verdict: refuted does not follow" in str(verify(replace(claims, verdict=REFUTED), problem))
+    assert "NOT confirmed: verdict: refuted does not follow" in str(
+        verify(replace(claims, verdict=REFUTED), problem)
+    )
     for wrong in ({"verdict": REFUTED}, {"rate": 5.0}, {"rate": None}, {"covered_by": "lemma1"}):
         assert not verify(replace(claims, **wrong), problem).holds

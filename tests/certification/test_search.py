@@ -1,4 +1,5 @@
-"""Search beside a certificate: suspects refute nothing, proved equilibria do, certified sets are never contradicted."""
+"""Search beside a certificate: suspects refute nothing, proved equilibria do, certified sets are
+never contradicted."""
 
 from dataclasses import replace
 from functools import cache
@@ -36,7 +37,9 @@ def overlooked() -> dd.Certificate:
     """The same certificate without its refutation, as if the quick search had missed it."""
     certificate = found().certificate
     checks = tuple(check for check in certificate.checks if check.id != "equilibrium")
-    claims = replace(certificate.claims, checks=checks, verdict=Verdict.UNDECIDED, reason="Undecided: so far.")
+    claims = replace(
+        certificate.claims, checks=checks, verdict=Verdict.UNDECIDED, reason="Undecided: so far."
+    )
     return replace(certificate, claims=claims)
 
 
@@ -65,10 +68,15 @@ def test_a_suspect_alone_refutes_nothing(monkeypatch):
     runs = tuple(each for each in region.suspects if each.kind == STAYS_AWAY)
     assert runs
     bare = replace(region, suspects=runs, proved=(), check=None)
-    monkeypatch.setattr("dobc_design.certification.search.search_starts", lambda *args, **settings: bare)
+    monkeypatch.setattr(
+        "dobc_design.certification.search.search_starts", lambda *args, **settings: bare
+    )
     after = search_certificate(overlooked(), runs=RUNS)
     assert after.certificate == overlooked()
-    assert Text(WARNING, "warning") in search_sections([bare])[0].blocks and "refutes nothing" in WARNING
+    assert (
+        Text(WARNING, "warning") in search_sections([bare])[0].blocks
+        and "refutes nothing" in WARNING
+    )
     assert equilibrium_sentences(bare) == []
 
 
@@ -76,7 +84,9 @@ def test_a_proof_is_not_shaken_by_a_check_from_the_search(monkeypatch):
     """Both cannot be true; what is decided stays."""
     proved = dd.certify(listening_pair(reach=0.5))
     contradicting = found().searches[0]
-    monkeypatch.setattr("dobc_design.certification.search.search_starts", lambda *args, **settings: contradicting)
+    monkeypatch.setattr(
+        "dobc_design.certification.search.search_starts", lambda *args, **settings: contradicting
+    )
     assert isinstance(contradicting.check, Check)
     after = search_certificate(proved).certificate
     assert (after.verdict, after.checks) == (proved.verdict, proved.checks)
@@ -85,7 +95,9 @@ def test_a_proof_is_not_shaken_by_a_check_from_the_search(monkeypatch):
 def test_without_an_observer_gain_nothing_is_searched():
     region = {"initial_states": [-5, 5], "initial_disturbance": 1}
     unseen = dd.Exosystem(A=[[0]], C=[[0]])
-    problem = linked([[1, 2], [2, 1]], coupling="sin(y)", gains="1/10", exosystem=unseen, region=region)
+    problem = linked(
+        [[1, 2], [2, 1]], coupling="sin(y)", gains="1/10", exosystem=unseen, region=region
+    )
     assert search_certificate(dd.certify(problem)).searches == ()
 
 

@@ -1,7 +1,8 @@
-"""The verdict is about the plant that the file states: limits, errors of weights and gains, disturbances and noise.
+"""The verdict is about the plant that the file states: limits, errors of weights and gains,
+disturbances and noise.
 
-Format page, the overall verdict, tables.  Every table has a proved problem and a twin that just fails, and both
-programs refuse a verdict that was edited.
+Format page, the overall verdict, tables.  Every table has a proved problem and a twin that just
+fails, and both programs refuse a verdict that was edited.
 """
 
 import json
@@ -53,7 +54,8 @@ target = "3/2"
 agents = ["T1", "T2", "T3", "T4", "T5"]
 arrow = "sends_to"
 [network.modes]
-pipes = [["T1", "T2"], ["T2", "T1"], ["T2", "T3"], ["T3", "T2"], ["T3", "T4"], ["T4", "T3"], ["T4", "T5"], ["T5", "T4"]]
+pipes = [["T1", "T2"], ["T2", "T1"], ["T2", "T3"], ["T3", "T2"], ["T3", "T4"], ["T4", "T3"],
+  ["T4", "T5"], ["T5", "T4"]]
 [coupling]
 h = "y/sqrt(1+y**2)"
 [pinning]
@@ -90,11 +92,14 @@ def both_accept(certificate: Certificate, **changes: Any) -> tuple[bool, bool]:
     document = json.loads(certificate_bytes(certificate.claims)) | changes
     data = json.dumps(document).encode()
     problem = certificate.problem
-    return recheck(data, problem).holds, all(holds for holds, _ in examine(data, canonical_bytes(problem)))
+    return recheck(data, problem).holds, all(
+        holds for holds, _ in examine(data, canonical_bytes(problem))
+    )
 
 
 def require_undecided(certificate: Certificate, *words: str, proof: str = "max-separable") -> None:
-    """Undecided in both programs, with these words; neither accepts it edited to proved by ``proof``."""
+    """Undecided in both programs, with these words; neither accepts it edited to proved by
+    ``proof``."""
     assert certificate.verdict is Verdict.UNDECIDED
     assert (certificate.rate, certificate.covered_by) == (None, None)
     assert certificate.reason.startswith("Undecided: without ")
@@ -121,14 +126,20 @@ def test_a_limit_below_the_disturbance_makes_the_verdict_undecided(tmp_path: Any
 def test_tanks_whose_pump_may_saturate_are_undecided(tmp_path: Any):
     certificate = certify(read(TANKS, tmp_path))
     require_undecided(
-        certificate, "with the limit of 1 it is not proved", "agent T1 may reach 1.", "more than its limit"
+        certificate,
+        "with the limit of 1 it is not proved",
+        "agent T1 may reach 1.",
+        "more than its limit",
     )
 
 
 @pytest.mark.parametrize(("limit", "proved"), [("3.0001", True), ("2.9999", False)])
 def test_a_limit_counts_where_it_is_the_largest_input(limit: str, proved: bool):
-    """k = 3, |e| <= 1, no disturbance: 3 is needed, and a certificate with v = 1 at agent 1 shows it."""
-    problem = listening([[2, 1]], "y", n=2, gains={1: 3}, target=0, region=BOX, actuators={"limit": {"1": limit}})
+    """k = 3, |e| <= 1, no disturbance: 3 is needed, and a certificate with v = 1 at agent 1 shows
+    it."""
+    problem = listening(
+        [[2, 1]], "y", n=2, gains={1: 3}, target=0, region=BOX, actuators={"limit": {"1": limit}}
+    )
     certificate = certified(problem)
     if proved:
         assert certificate.verdict is Verdict.PROVED
@@ -159,11 +170,17 @@ def test_errors_of_gains_count(error: str, proved: bool):
 @pytest.mark.parametrize(("omega", "proved"), [("0.5", True), ("1.01", False)])
 def test_a_disturbance_counts_and_the_agents_end_near_the_target(omega: str, proved: bool):
     """2 hears 1 by tanh, which gives less than 1 however far it is."""
-    problem = listening([[2, 1]], "tanh(y)", n=2, gains={1: 30}, target=0, uncertainty={"disturbance": omega})
+    problem = listening(
+        [[2, 1]], "tanh(y)", n=2, gains={1: 30}, target=0, uncertainty={"disturbance": omega}
+    )
     problem = problem.replace(region={"initial_states": [-1, 1]})
     certificate = certified(problem)
     if proved:
-        assert (certificate.verdict, certificate.covered_by, certificate.rate) == (Verdict.PROVED, "accuracy", None)
+        assert (certificate.verdict, certificate.covered_by, certificate.rate) == (
+            Verdict.PROVED,
+            "accuracy",
+            None,
+        )
         assert "All agents end within 0.5" in certificate.reason
         assert "reach the target" not in certificate.reason
         assert both_accept(certificate) == (True, True)
@@ -174,8 +191,18 @@ def test_a_disturbance_counts_and_the_agents_end_near_the_target(omega: str, pro
 
 
 def test_followers_end_near_their_place_behind_the_leader():
-    double = {"dynamics": {"A": [[0, 1], [0, 0]], "B": [[0], [1]]}, "leader": {"initial": [[0, 0], [1, 2]]}}
-    problem = listening([[2, 1]], "y1 + 2*y2", n=2, gains={1: [[3, 6]]}, uncertainty={"disturbance": "0.1"}, **double)
+    double = {
+        "dynamics": {"A": [[0, 1], [0, 0]], "B": [[0], [1]]},
+        "leader": {"initial": [[0, 0], [1, 2]]},
+    }
+    problem = listening(
+        [[2, 1]],
+        "y1 + 2*y2",
+        n=2,
+        gains={1: [[3, 6]]},
+        uncertainty={"disturbance": "0.1"},
+        **double,
+    )
     assert " of the leader, in every component, from every start" in certified(problem).reason
     apart = certified(problem.replace(offsets={2: [-20, 0]}))
     assert " of the leader plus their offset, in every component, from every start" in apart.reason
@@ -194,9 +221,16 @@ def full(**more: Any) -> Problem:
 
 def test_one_proof_has_all_tables():
     certificate = certified(full())
-    assert (certificate.verdict, certificate.covered_by, certificate.rate) == (Verdict.PROVED, "accuracy", None)
+    assert (certificate.verdict, certificate.covered_by, certificate.rate) == (
+        Verdict.PROVED,
+        "accuracy",
+        None,
+    )
     assert "All agents end within" in certificate.reason
-    assert "weights off by up to 2 %, gains off by up to 2 %, a disturbance of up to 0.02" in certificate.reason
+    assert (
+        "weights off by up to 2 %, gains off by up to 2 %, a disturbance of up to 0.02"
+        in certificate.reason
+    )
     assert "no input exceeds the limit of 7" in certificate.reason
     assert both_accept(certificate) == (True, True)
 
@@ -204,8 +238,14 @@ def test_one_proof_has_all_tables():
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"actuators": {"limit": "3.05", "amplitude": 1}}, "with the limit of 3.05 it is not proved"),
-        ({"uncertainty": FULL["uncertainty"] | {"disturbance": 2}, "h": "tanh(y)"}, "a disturbance of up to 2"),
+        (
+            {"actuators": {"limit": "3.05", "amplitude": 1}},
+            "with the limit of 3.05 it is not proved",
+        ),
+        (
+            {"uncertainty": FULL["uncertainty"] | {"disturbance": 2}, "h": "tanh(y)"},
+            "a disturbance of up to 2",
+        ),
     ],
     ids=["limit", "disturbance"],
 )
@@ -231,14 +271,19 @@ def test_a_disturbance_that_the_coupling_of_the_file_holds_is_too_much_for_a_wea
     acts, errors = {"disturbance": "3/4"}, {"weights": "3/10"}
     assert certified(problem.replace(uncertainty=acts)).verdict is Verdict.PROVED
     assert certified(problem.replace(uncertainty=errors)).verdict is Verdict.PROVED
-    require_undecided(certified(problem.replace(uncertainty=acts | errors)), "a disturbance of up to 0.75")
+    require_undecided(
+        certified(problem.replace(uncertainty=acts | errors)), "a disturbance of up to 0.75"
+    )
     held = problem.replace(uncertainty=acts | {"weights": "1/10"})
     assert certified(held).covered_by == "accuracy"
 
 
 def test_without_a_region_limits_are_kept_near_the_target():
-    """Also beside errors at the target, which have weights of their own: inputs get a box of their own."""
-    near = certified(pair(**SEEN, actuators={"limit": "1.1", "amplitude": 1}, uncertainty={"gains": "1/10"}))
+    """Also beside errors at the target, which have weights of their own: inputs get a box of their
+    own."""
+    near = certified(
+        pair(**SEEN, actuators={"limit": "1.1", "amplitude": 1}, uncertainty={"gains": "1/10"})
+    )
     assert (near.verdict, near.covered_by) == (Verdict.PROVED, "tolerance")
     assert both_accept(near) == (True, True)
     far = certified(pair(**SEEN, actuators={"limit": "0.99", "amplitude": 1}))
@@ -276,10 +321,17 @@ def test_a_refuted_problem_stays_refuted_whatever_its_tables_say():
     assert certified(problem).verdict is Verdict.REFUTED
 
 
-@pytest.mark.parametrize(("box", "told"), [({}, " from starts with |e_i| <= 0.16"), ({"region": BOX}, ".")])
-def test_without_a_region_the_verdict_names_the_starts_that_keep_the_limit(box: dict[str, Any], told: str):
-    """Linear couplings bring every start to the target, but k = 3 asks for 3 |e|: far out a limit is exceeded."""
-    problem = listening([[2, 1]], "y", n=2, gains={1: 3}, target=0, actuators={"limit": 1 if not box else 4})
+@pytest.mark.parametrize(
+    ("box", "told"), [({}, " from starts with |e_i| <= 0.16"), ({"region": BOX}, ".")]
+)
+def test_without_a_region_the_verdict_names_the_starts_that_keep_the_limit(
+    box: dict[str, Any], told: str
+):
+    """Linear couplings bring every start to the target, but k = 3 asks for 3 |e|: far out a limit
+    is exceeded."""
+    problem = listening(
+        [[2, 1]], "y", n=2, gains={1: 3}, target=0, actuators={"limit": 1 if not box else 4}
+    )
     certificate = certified(problem.replace(**box))
     assert certificate.verdict is Verdict.PROVED
     assert f"no input exceeds the limit of {1 if not box else 4}{told}" in certificate.reason
@@ -287,13 +339,16 @@ def test_without_a_region_the_verdict_names_the_starts_that_keep_the_limit(box: 
 
 @pytest.mark.parametrize(("limit", "proved"), [(2, True), ("0.49", False)])
 def test_without_a_region_boxes_hold_errors_of_estimates(limit: Any, proved: bool):
-    """Close to the target, also of the estimates: with a disturbance, with a limit, and with both."""
+    """Close to the target, also of the estimates: with a disturbance, with a limit, and with
+    both."""
     near, limits = pair(**SEEN), {"limit": limit, "amplitude": "1/2"}
     for plant in ({"uncertainty": {"disturbance": "0.02"}}, {}):
         certificate = certified(near.replace(**plant, actuators=limits))
         if proved:
             assert certificate.verdict is Verdict.PROVED
-            assert "no input exceeds the limit of 2 from starts with |e_i| <= " in certificate.reason
+            assert (
+                "no input exceeds the limit of 2 from starts with |e_i| <= " in certificate.reason
+            )
             assert certificate.check("actuators").domain["disturbance"] > 0
             assert both_accept(certificate) == (True, True)
         else:
@@ -304,19 +359,27 @@ def test_without_a_region_boxes_hold_errors_of_estimates(limit: Any, proved: boo
     assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "accuracy")
 
 
-@pytest.mark.parametrize(("limit", "told"), [("1.5", "from starts with |e_i| <= 0.75"), ("0.9", "is still 1.000")])
+@pytest.mark.parametrize(
+    ("limit", "told"), [("1.5", "from starts with |e_i| <= 0.75"), ("0.9", "is still 1.000")]
+)
 def test_a_limit_that_the_disturbance_reaches_is_not_kept_from_closer_starts(limit: str, told: str):
     """e' = -2 e + w with |w| <= 1 ends within 1/2, where u = -2 e is 1."""
-    problem = listening([], "y", n=1, gains={1: 2}, target=0, region=BOX, uncertainty={"disturbance": 1})
+    problem = listening(
+        [], "y", n=1, gains={1: 2}, target=0, region=BOX, uncertainty={"disturbance": 1}
+    )
     certificate = certified(problem.replace(actuators={"limit": limit}))
     assert certificate.verdict is Verdict.UNDECIDED
     assert told in certificate.reason
     assert ("never saturates" in certificate.reason) is (limit == "1.5")
 
 
-@pytest.mark.parametrize(("h", "why"), [(["y1", "y2 + y1/5"], "act on each state component by itself"), ("y", None)])
+@pytest.mark.parametrize(
+    ("h", "why"), [(["y1", "y2 + y1/5"], "act on each state component by itself"), ("y", None)]
+)
 def test_a_limit_beside_couplings_of_vectors_is_open_because_of_these(h: Any, why: str | None):
-    problem = listening([[2, 1]], h, n=2, gains={1: [[2, 0], [0, 2]]}, target=[0, 0], actuators={"limit": 1})
+    problem = listening(
+        [[2, 1]], h, n=2, gains={1: [[2, 0], [0, 2]]}, target=[0, 0], actuators={"limit": 1}
+    )
     certificate = certified(problem)
     assert certificate.verdict is (Verdict.UNDECIDED if why else Verdict.PROVED)
     assert (why or "no input exceeds the limit of 1") in certificate.reason
@@ -328,9 +391,15 @@ def in_turns(a: list[list[int]], b: list[list[int]]) -> Network:
 
 @pytest.mark.parametrize(
     "table",
-    [{"uncertainty": {"weights": "0.02"}}, {"uncertainty": {"disturbance": "0.02"}}, {"actuators": {"limit": 3}}],
+    [
+        {"uncertainty": {"weights": "0.02"}},
+        {"uncertainty": {"disturbance": "0.02"}},
+        {"actuators": {"limit": 3}},
+    ],
 )
-def test_tables_beside_a_guarantee_are_open_because_of_the_signal_not_of_their_size(table: dict[str, Any]):
+def test_tables_beside_a_guarantee_are_open_because_of_the_signal_not_of_their_size(
+    table: dict[str, Any],
+):
     """2 hears 1 and 3 hears 2 in turn: no v serves both modes, whatever the errors are."""
     problem = listening([[2, 1]], "y", n=3, gains={1: 2}, target=0, region=BOX).replace(**table)
     guarantee = Switching(guarantee="sequence", dwell=1)

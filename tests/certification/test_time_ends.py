@@ -1,4 +1,5 @@
-"""A time limit ends what runs, and what was cut says so: in its own reason and in the first sentence."""
+"""A time limit ends what runs, and what was cut says so: in its own reason and in the first
+sentence."""
 
 import time
 from fractions import Fraction
@@ -24,7 +25,13 @@ ZERO, ONE = Fraction(0), Fraction(1)
 def agents_with_states(count: int, slope: str = "sin(x{next})-x{own}**3") -> dict[str, object]:
     """Two agents of so many states, each driven by the next one."""
     f = [slope.format(own=k, next=k + 1) for k in range(1, count)] + [f"x1-x{count}**3"]
-    return {"agents": 2, "modes": {"m": [[2, 1]]}, "gains": "100", "more": {"dynamics": {"f": f}}, "region": True}
+    return {
+        "agents": 2,
+        "modes": {"m": [[2, 1]]},
+        "gains": "100",
+        "more": {"dynamics": {"f": f}},
+        "region": True,
+    }
 
 
 def many_modes(count: int) -> dict[str, object]:
@@ -35,7 +42,11 @@ def many_modes(count: int) -> dict[str, object]:
 
 def turns(count: int) -> dict[str, object]:
     """Three agents, of whom one is not reached in each of two modes that follow each other."""
-    switching = {"guarantee": "sequence", "dwell": 0.1, "sequence": ["A", *["A", "B"] * (count // 2)]}
+    switching = {
+        "guarantee": "sequence",
+        "dwell": 0.1,
+        "sequence": ["A", *["A", "B"] * (count // 2)],
+    }
     modes = {"A": [[2, 1]], "B": [[3, 2]]}
     return {
         "agents": 3,
@@ -61,12 +72,16 @@ def written(folder: Path, own: dict[str, object]) -> Path:
     return folder / "problem.toml"
 
 
-@pytest.mark.parametrize("own", [agents_with_states(30), many_modes(60), turns(100)], ids=["states", "modes", "turns"])
+@pytest.mark.parametrize(
+    "own", [agents_with_states(30), many_modes(60), turns(100)], ids=["states", "modes", "turns"]
+)
 def test_what_the_time_limit_cuts_is_named_first_and_nothing_is_said_to_fail(own, tmp_path: Path):
     problem = dd.load_problem(written(tmp_path, own))
     certificate = dd.certify(problem, time_limit="1e-3")
     assert certificate.verdict is dd.Verdict.UNDECIDED
-    assert certificate.reason.startswith("Undecided: time ran out. The time limit of 0.001 s ended before ")
+    assert certificate.reason.startswith(
+        "Undecided: time ran out. The time limit of 0.001 s ended before "
+    )
     cut = [check for check in certificate.checks if "time limit" in check.reason]
     assert {"max-separable", "schedule"} & {check.id for check in cut}
     told = " ".join([certificate.reason, *(check.reason for check in cut)])
@@ -76,9 +91,14 @@ def test_what_the_time_limit_cuts_is_named_first_and_nothing_is_said_to_fail(own
 
 def test_what_is_cut_for_its_work_is_named_first(tmp_path: Path):
     problem = dd.load_problem(written(tmp_path, turns(4)))
-    checks = [cut_check("lure", "consensus", "cut off."), cut_check("delay", "consensus", "cut off.")]
+    checks = [
+        cut_check("lure", "consensus", "cut off."),
+        cut_check("delay", "consensus", "cut off."),
+    ]
     found = decide_overall(problem, checks, None)
-    assert found.reason.startswith("Undecided: work ran out. lure would take too long for a problem of this size")
+    assert found.reason.startswith(
+        "Undecided: work ran out. lure would take too long for a problem of this size"
+    )
     assert "delay" not in found.reason  # it decides nothing
 
 
@@ -130,4 +150,5 @@ def test_a_row_that_fails_at_zero_is_refused_before_the_floats_end():
     asked = []
     assert not throughout(1.0, lambda a, b: bool(asked.append(a)))
     assert 200 <= len(asked) <= 205
-    assert throughout(1.0, lambda a, b: b <= 2.0**-150 or a > 0)  # far below what rounding leaves of any row
+    # far below what rounding leaves of any row
+    assert throughout(1.0, lambda a, b: b <= 2.0**-150 or a > 0)

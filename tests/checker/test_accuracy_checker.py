@@ -17,11 +17,17 @@ DRAWN = two(coupling="tanh(y)", uncertainty=ALL, region=BOX, **WATCHED)
 HELD = one(uncertainty={"weights": "1/1000"}, actuators={"amplitude": 1}, region=BOX, **WATCHED)
 
 
-@pytest.mark.parametrize(("id", "problem"), [("accuracy", DRAWN), ("actuators", HELD), ("tolerance", HELD)])
+@pytest.mark.parametrize(
+    ("id", "problem"), [("accuracy", DRAWN), ("actuators", HELD), ("tolerance", HELD)]
+)
 def test_what_one_program_refuses_the_other_refuses(id: str, problem: Problem):
     """Final bounds by hand; tolerances and inputs as `certify` finds them."""
     by_hand = problem is DRAWN
-    data = bent(problem, BOTH, "by hand").certificate if by_hand else certificate_bytes(certified(problem).claims)
+    data = (
+        bent(problem, BOTH, "by hand").certificate
+        if by_hand
+        else certificate_bytes(certified(problem).claims)
+    )
     document: dict[str, Any] = json.loads(data)
     check = next(each for each in document["checks"] if each["id"] == id)
     assert check["verdict"] == "proved"

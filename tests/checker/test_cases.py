@@ -1,4 +1,5 @@
-"""All cases written by hand: the exit codes of the lone checker, what the package says, and who misses a check."""
+"""All cases written by hand: the exit codes of the lone checker, what the package says, and who
+misses a check."""
 
 from collections.abc import Callable
 
@@ -49,16 +50,25 @@ FINE = [pytest.param(some, True, marks=pytest.mark.slow) for some in (tube_cases
 
 
 @pytest.mark.parametrize(("some", "fine"), [*((some, False) for some in COUNTS), *FINE])
-def test_the_package_says_the_same(some: Callable[[], list[Case]], fine: bool, monkeypatch: pytest.MonkeyPatch):
-    """Its bounds on boxes are wider where V is not sharp, it has no limit on the size of a file, and it writes the
-    numbers of the problem anew before it takes the hash.  No row has so little room here that it takes fine tables or
-    many halves of a segment."""
+def test_the_package_says_the_same(
+    some: Callable[[], list[Case]], fine: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """Its bounds on boxes are wider where V is not sharp, it has no limit on the size of a file,
+    and it writes the numbers of the problem anew before it takes the hash.  No row has so little
+    room here that it takes fine tables or many halves of a segment."""
     if not fine:
         monkeypatch.setattr("dobc_design.conditions.schedule.rows.CELLS", 128)
         monkeypatch.setattr("dobc_design.conditions.schedule.rows.HALVINGS", 6)
     wider = [case for case in some() if accepted_by_package(case) != (case.code == HOLDS)]
-    apart = ("too large", "problem: another spelling of a number", "problem: a number that is no text")
-    assert all((case.code == HOLDS and case.name.startswith("wavy")) or case.name in apart for case in wider)
+    apart = (
+        "too large",
+        "problem: another spelling of a number",
+        "problem: a number that is no text",
+    )
+    assert all(
+        (case.code == HOLDS and case.name.startswith("wavy")) or case.name in apart
+        for case in wider
+    )
 
 
 #: Of the other files a few: the evidence tries them all.
@@ -88,7 +98,12 @@ FEW = (
     ("quadratic", "claim.level > 0 and claim.radius > 0"),
 )
 REMOVED = [
-    *(each for file in ("cycles", "graphs", "coordinates") for each in removals(file) if each.text not in EQUIVALENT),
+    *(
+        each
+        for file in ("cycles", "graphs", "coordinates")
+        for each in removals(file)
+        if each.text not in EQUIVALENT
+    ),
     *removals("schedule"),
     *removals("margins"),
     *(each for file, text in FEW for each in removals(file) if each.text == text),
@@ -109,14 +124,23 @@ SLIPS = (
 
 
 @pytest.mark.parametrize(("file", "text", "slip", "some"), SLIPS)
-def test_a_slip_in_a_row_is_noticed(file: str, text: str, slip: str, some: Callable[[], list[Case]]):
+def test_a_slip_in_a_row_is_noticed(
+    file: str, text: str, slip: str, some: Callable[[], list[Case]]
+):
     module = with_slip(file, text, slip)
-    assert any(outcome(module.examine, module.Refused, case) == HOLDS for case in some() if case.code == FAILS)
+    assert any(
+        outcome(module.examine, module.Refused, case) == HOLDS
+        for case in some()
+        if case.code == FAILS
+    )
 
 
 def test_the_checks_are_found():
     texts = {file: [each.text for each in removals(file)] for file in FILES}
     assert sum(map(len, texts.values())) > 250
-    assert all(len(texts[file]) > 25 for file in ("reading", "consensus", "separable", "quadratic", "schedule"))
+    assert all(
+        len(texts[file]) > 25
+        for file in ("reading", "consensus", "separable", "quadratic", "schedule")
+    )
     assert set(EQUIVALENT) <= {text for found in texts.values() for text in found}
     assert all(texts[file].count(text) == 1 for file, text in FEW)

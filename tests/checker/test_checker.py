@@ -1,4 +1,5 @@
-"""The lone checker: accepts what is proved, refuses everything else, as one folder without any package.
+"""The lone checker: accepts what is proved, refuses everything else, as one folder without any
+package.
 
 Its cases are in tests/support/checker_cases.py."""
 
@@ -29,10 +30,15 @@ LONG = "neurons"
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name == LONG else name for name in builtin_names()]
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name == LONG else name
+        for name in builtin_names()
+    ],
 )
 def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path, name):
-    """The paper's own starts [0, 5] for arbitrary switching; regions also by an oracle that shares no code."""
+    """The paper's own starts [0, 5] for arbitrary switching; regions also by an oracle that shares
+    no code."""
     problem = load_problem(name)
     certificate = certified(name)
     assert certificate.problem == problem
@@ -67,7 +73,9 @@ def test_the_lone_folder_says_why_it_refuses_and_never_shows_a_traceback(tmp_pat
 def test_what_is_missing_or_no_regular_file_is_unreadable_at_once(tmp_path, capsys):
     """A pipe would make it wait for ever."""
     os.mkfifo(tmp_path / "pipe")
-    assert [main(2 * [str(path)]) for path in (tmp_path / "pipe", tmp_path, tmp_path / "no.json")] == [2, 2, 2]
+    assert [
+        main(2 * [str(path)]) for path in (tmp_path / "pipe", tmp_path, tmp_path / "no.json")
+    ] == [2, 2, 2]
     assert main([]) == 2
     shown = capsys.readouterr().out
     assert shown.count("it is no regular file") == 2
@@ -76,7 +84,9 @@ def test_what_is_missing_or_no_regular_file_is_unreadable_at_once(tmp_path, caps
 
 def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
     """A mode may have any name that a problem file can hold."""
-    problem = Problem(network=Network.from_arcs({"\u00e9": [[1, 2]]}, arrow="listens_to"), coupling="y", gains=1)
+    problem = Problem(
+        network=Network.from_arcs({"\u00e9": [[1, 2]]}, arrow="listens_to"), coupling="y", gains=1
+    )
     document = json.loads(certificate_bytes(consensus_claims(problem))) | {"verdict": "\x1b[31m"}
     (tmp_path / "c").write_text(json.dumps(document), "utf-8")
     (tmp_path / "p").write_bytes(canonical_bytes(problem))
@@ -89,7 +99,8 @@ def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
 
 @pytest.mark.parametrize("keep", ["verdict", "nothing"])
 def test_a_certificate_stripped_of_its_claims_proves_nothing(keep):
-    """All checks undecided: "proved" does not follow; without the verdict it claims nothing, and is no proof."""
+    """All checks undecided: "proved" does not follow; without the verdict it claims nothing, and is
+    no proof."""
     stripped = checker_cases.document("paper")
     problem = canonical_bytes(checker_cases.problems()["paper"])
     for each in stripped["checks"]:
@@ -99,7 +110,10 @@ def test_a_certificate_stripped_of_its_claims_proves_nothing(keep):
         stripped |= OPEN
     findings = checker.examine(json.dumps(stripped).encode(), problem)
     if keep == "verdict":
-        assert findings[-1] == (False, "overall verdict: proved: the verdict that follows is undecided")
+        assert findings[-1] == (
+            False,
+            "overall verdict: proved: the verdict that follows is undecided",
+        )
     else:
         assert findings[-1] == (True, "overall verdict: undecided")
     emptied = stripped | {"checks": []}

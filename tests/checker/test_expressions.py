@@ -1,4 +1,5 @@
-"""The lone checker's reader of couplings: slopes at 0 are exact or enclosed, and intervals are rounded outward."""
+"""The lone checker's reader of couplings: slopes at 0 are exact or enclosed, and intervals are
+rounded outward."""
 
 import random
 from fractions import Fraction
@@ -10,7 +11,14 @@ from hypothesis import strategies as st
 
 from dobc_design import Network, Problem
 from dobc_design.checker import intervals
-from dobc_design.checker.expressions import FUNCTIONS, SMOOTH, Expression, applied, read_coupling, variables
+from dobc_design.checker.expressions import (
+    FUNCTIONS,
+    SMOOTH,
+    Expression,
+    applied,
+    read_coupling,
+    variables,
+)
 from dobc_design.checker.intervals import ONE, Exact
 from dobc_design.checker.reading import Refused
 from dobc_design.checker.separable import Curve
@@ -37,7 +45,8 @@ def test_every_function_of_the_grammar_is_enclosed_here():
     assert set(DERIVATIVES) | {"min", "max", "clip"} == set(FUNCTIONS)
 
 
-# --- On rationals ---------------------------------------------------------------------------------------------------
+# --- On rationals
+# --------------------------------------------------------------------------------------------------
 def contains(enclosure: Exact, value: mpmath.mpf) -> bool:
     """Up to the rounding of mpmath at 120 digits; the enclosures have about 77."""
     low, high = (mpmath.mpf(x.numerator) / x.denominator for x in enclosure)
@@ -79,7 +88,11 @@ def test_sines_of_large_numbers_have_as_many_places_as_they_need(x):
         ("1/1000", "1e-3*y"),
         ("1/4", "sqrt(4 + y) - 2"),
         ("1/2", "2**-1*y"),
-        ("1", "tanh(y)/(1 + y**2); log(1 + y); sinh(y) + cosh(y) - 1; tan(y)*y + y; clip(5, 0, 1)*y; --y; y**0*y"),
+        (
+            "1",
+            "tanh(y)/(1 + y**2); log(1 + y); sinh(y) + cosh(y) - 1; tan(y)*y + y; clip(5, "
+            "0, 1)*y; --y; y**0*y",
+        ),
         ("3/2", "sqrt(9/4)*y"),
         ("2", "2*y; exp(y) - 1 + y; abs(-2)*y"),
         ("3", "-y**2 + 3*y; atan(3*y); max(2, 3)*y"),
@@ -90,7 +103,10 @@ def test_sines_of_large_numbers_have_as_many_places_as_they_need(x):
 def test_rational_slopes_are_exact(slope, texts):
     zero, exact = Fraction(0), Fraction(slope)
     for coupling in (Expression(h, ["y"]) for h in texts.split("; ")):
-        assert coupling.run(coupling.steps, variables([(zero, zero)])) == ((0, 0), ((exact, exact),))
+        assert coupling.run(coupling.steps, variables([(zero, zero)])) == (
+            (0, 0),
+            ((exact, exact),),
+        )
 
 
 @pytest.mark.parametrize(
@@ -126,7 +142,8 @@ def test_a_divisor_far_from_1_is_no_obstacle_for_doubles():
         assert 0.999 < low <= 1 <= high < 1.001
 
 
-# --- On floating-point numbers --------------------------------------------------------------------------------------
+# --- On floating-point numbers
+# --------------------------------------------------------------------------------------
 def pieces(name: str, count: int) -> list[tuple[float, float]]:
     """Intervals of all sizes, single numbers among them."""
     r, found = random.Random(name), []
@@ -144,8 +161,12 @@ COMPOSED = {
     "min(y, y**2, 1 - y)": lambda y: min(y, y**2, 1 - y),
     "max(y**3 - y, -y/2)": lambda y: max(y**3 - y, -y / 2),
     "clip(2*y, -1, y**2 + 1/3)": lambda y: max(-1, min(2 * y, y**2 + mpmath.mpf(1) / 3)),
-    "tanh(y)*exp(-y**2)/(2 + sin(3*y))": lambda y: mpmath.tanh(y) * mpmath.exp(-(y**2)) / (2 + mpmath.sin(3 * y)),
-    "(y + 1/10)**-3 + 0.1*pi*y": lambda y: (y + mpmath.mpf(1) / 10) ** -3 + mpmath.mpf("0.1") * mpmath.pi * y,
+    "tanh(y)*exp(-y**2)/(2 + sin(3*y))": lambda y: (
+        mpmath.tanh(y) * mpmath.exp(-(y**2)) / (2 + mpmath.sin(3 * y))
+    ),
+    "(y + 1/10)**-3 + 0.1*pi*y": lambda y: (
+        (y + mpmath.mpf(1) / 10) ** -3 + mpmath.mpf("0.1") * mpmath.pi * y
+    ),
     "-y**4 + 7*y**5 - 1e-3": lambda y: -(y**4) + 7 * y**5 - mpmath.mpf("1e-3"),
 }
 
@@ -178,7 +199,14 @@ NAN, INFINITE = float("nan"), float("inf")
 
 @pytest.mark.parametrize(
     ("lo", "hi"),
-    [(1.0, 0.0), (-INFINITE, 0.0), (0.0, INFINITE), (NAN, 0.0), (0.0, NAN), (-Fraction(2**40000), Fraction(0))],
+    [
+        (1.0, 0.0),
+        (-INFINITE, 0.0),
+        (0.0, INFINITE),
+        (NAN, 0.0),
+        (0.0, NAN),
+        (-Fraction(2**40000), Fraction(0)),
+    ],
 )
 def test_what_is_no_interval_of_numbers_in_range_is_refused(lo, hi):
     with pytest.raises(Refused, match="leaves the range"):
@@ -195,7 +223,12 @@ def test_arithmetic_is_rounded_outward(n):
         lo, hi = intervals.times(x, y)
         assert Fraction(lo) <= min(ends) <= max(ends) <= Fraction(hi)
         lo, hi = intervals.added(x, y)
-        assert Fraction(lo) <= Fraction(x[0]) + Fraction(y[0]) <= Fraction(x[1]) + Fraction(y[1]) <= Fraction(hi)
+        assert (
+            Fraction(lo)
+            <= Fraction(x[0]) + Fraction(y[0])
+            <= Fraction(x[1]) + Fraction(y[1])
+            <= Fraction(hi)
+        )
         lo, hi = intervals.power(x, n)
         inside = [Fraction(a) ** n for a in (*x, *([0.0] if x[0] < 0 < x[1] else []))]
         assert Fraction(lo) <= min(inside) <= max(inside) <= Fraction(hi)

@@ -28,7 +28,9 @@ def test_a_group_on_a_check_of_a_plain_problem_is_refused():
 
 
 def test_the_lone_folder_confirms_groups(tmp_path):
-    done = alone(tmp_path, json.dumps(document("mixed")).encode(), canonical_bytes(problems()["mixed"]))
+    done = alone(
+        tmp_path, json.dumps(document("mixed")).encode(), canonical_bytes(problems()["mixed"])
+    )
     assert (done.returncode, done.stderr) == (HOLDS, "")
 
 

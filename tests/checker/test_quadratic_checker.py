@@ -31,13 +31,18 @@ def test_a_list_with_a_clipped_expression_needs_the_radius():
 def reader(h: Any) -> tuple[checker.Problem, str]:
     """Agent 2 of three hears agent 3 with weight 2; two components."""
     arcs = Network.from_arcs([[2, 3, 2]], arrow="listens_to", agents=3)
-    read = checker.Problem(canonical_bytes(Problem(network=arcs, coupling=h, gains=1, target=[0, 0])))
+    read = checker.Problem(
+        canonical_bytes(Problem(network=arcs, coupling=h, gains=1, target=[0, 0]))
+    )
     return read, *read.modes
 
 
 def test_channels_of_several_components_lead_from_the_differences_to_the_rows():
     read, mode = reader(["y1 + y2", "y2"])
-    gains = [[(Fraction(lo), Fraction(hi)) for lo, hi in row] for row in (((1, 3), (0, 0)), ((1, 1), (0, 4)))]
+    gains = [
+        [(Fraction(lo), Fraction(hi)) for lo, hi in row]
+        for row in (((1, 3), (0, 0)), ((1, 1), (0, 4)))
+    ]
     found = quadratic.channels(read, mode, {read.couplings[0]: gains})
     assert found == [(2, 2, 4, 4, 2), (3, 2, 4, 2, 0), (3, 3, 5, 4, 4)]
 
@@ -53,11 +58,16 @@ def ring(n: int, *, coupling: str, gains: object, s: Fraction | None = None) -> 
     region = Region(initial_states=((Fraction(-1, 2), Fraction(1, 2)),), initial_disturbance=s)
     observed = {} if s is None else {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
     network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-    return Problem(network=network, coupling=coupling, gains=gains, target=0, region=region, **observed)
+    return Problem(
+        network=network, coupling=coupling, gains=gains, target=0, region=region, **observed
+    )
 
 
-def judged_alike(document: dict[str, Any], check: dict[str, Any], problem: Problem, *, count: int) -> None:
-    """Both programs accept the check in the document, and refuse the same of ``count`` changes of it."""
+def judged_alike(
+    document: dict[str, Any], check: dict[str, Any], problem: Problem, *, count: int
+) -> None:
+    """Both programs accept the check in the document, and refuse the same of ``count`` changes of
+    it."""
     document = document | {"checks": [*document["checks"], check]}
     assert accepted_by(document, problem) == (True, True)
     refused = 0
@@ -66,7 +76,11 @@ def judged_alike(document: dict[str, Any], check: dict[str, Any], problem: Probl
         if not isinstance(changed, dict) or changed == check:
             continue
         checks = [changed if each is check else each for each in document["checks"]]
-        mutant = document | {"checks": checks, "rate": changed.get("rate"), "factor": changed.get("factor")}
+        mutant = document | {
+            "checks": checks,
+            "rate": changed.get("rate"),
+            "factor": changed.get("factor"),
+        }
         package, lone = accepted_by(mutant, problem)
         assert package is lone, (seed, changed)
         refused += not package
@@ -85,9 +99,16 @@ def test_what_one_program_refuses_the_other_refuses(s: Fraction | None, count: i
     problem = ring(3, coupling="exp(y) - 1 + y", gains=3, s=s)
     document = json.loads(certificate_bytes(certify(problem).claims))
     asked = read_region(problem, problem.observer.W, domain="consensus", everything=False)
-    found = with_factors(problem, tuple(quadratic_stage(asked, lambda _: None)[:1]), problem.observer.W)
+    found = with_factors(
+        problem, tuple(quadratic_stage(asked, lambda _: None)[:1]), problem.observer.W
+    )
     check = json.loads(json.dumps(found[0].to_json()))
     regional = ("max-separable", "delay", "sampling", "lure", "tolerance")
     document["checks"] = [each for each in document["checks"] if each["id"] not in regional]
-    document |= {"verdict": "proved", "rate": check["rate"], "factor": check["factor"], "covered_by": "lure"}
+    document |= {
+        "verdict": "proved",
+        "rate": check["rate"],
+        "factor": check["factor"],
+        "covered_by": "lure",
+    }
     judged_alike(document, check, problem, count=count)

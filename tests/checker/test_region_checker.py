@@ -1,4 +1,5 @@
-"""The lone checker's part about regions: accepts what is proved, refuses what just fails; random problems."""
+"""The lone checker's part about regions: accepts what is proved, refuses what just fails; random
+problems."""
 
 import json
 import math
@@ -14,7 +15,12 @@ from certified import certified, certify_once, consensus_claims
 from checker_cases import FAILS, HOLDS, outcome
 from exact_oracle import Oracle
 from known_regions import equilibrium_campaign, linear_campaign
-from region_campaigns import change_region, region_mutant_campaign, region_problem, region_recheck_campaign
+from region_campaigns import (
+    change_region,
+    region_mutant_campaign,
+    region_problem,
+    region_recheck_campaign,
+)
 from region_cases import BENT, PAIR, SINE, certificate, changed, claim, doubles, problems
 
 from dobc_design import Network, Problem
@@ -28,7 +34,8 @@ from dobc_design.checker.separable import Curve, mean_slope, supremum
 from dobc_design.problem.canonical import canonical_bytes
 
 
-# --- Known answers: the largest alpha by closed forms and by sampling the rows --------------------------------------
+# --- Known answers: the largest alpha by closed forms and by sampling the rows
+# --------------------------------------
 def sampled_rate(h: Callable[[float], float], v: list[float], k: list[float], rho: float) -> float:
     """The largest alpha of agents in a line, from 100 values of s and suprema over 100 points."""
     rates = []
@@ -53,17 +60,22 @@ ROWS = {
 
 @pytest.mark.parametrize("h", sorted(ROWS))
 def test_rows_are_accepted_below_the_sampled_rate_and_refused_above(h):
-    """Three agents in a line, the first pinned more; also couplings that are not monotone, or have kinks."""
+    """Three agents in a line, the first pinned more; also couplings that are not monotone, or have
+    kinks."""
     v, k = [1.0, 1.5, 1.75], [6.0, 5.0, 6.0]
     exact = {"v": ["1", "3/2", "7/4"], "rho": "1"}
     problem = Problem(
-        network=Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3), coupling=h, gains={1: 6, 2: 5, 3: 6}
+        network=Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3),
+        coupling=h,
+        gains={1: 6, 2: 5, 3: 6},
     )
     best = sampled_rate(ROWS[h], v, k, 1.0)
     frame = json.loads(certificate_bytes(consensus_claims(problem)))
     for room, code in ((-5e-3, HOLDS), (5e-3, FAILS)):
         alpha = best + room
-        check = claim("max-separable", {"kind": "box", "radius": 0.5, "disturbance": 0}, None, exact)
+        check = claim(
+            "max-separable", {"kind": "box", "radius": 0.5, "disturbance": 0}, None, exact
+        )
         check["exact"]["alpha"] = f"{alpha:.9f}"
         check["rate"] = round(alpha / 2, 9)
         data = json.dumps(frame | {"checks": [*frame["checks"], check]}).encode()
@@ -71,7 +83,8 @@ def test_rows_are_accepted_below_the_sampled_rate_and_refused_above(h):
 
 
 def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
-    """-|y|, both pinned with 5, v = 1: alpha = 3 exactly; sin on [-5/2 s, -s/2]: sin 3 / 1.8 at s = 6/5."""
+    """-|y|, both pinned with 5, v = 1: alpha = 3 exactly; sin on [-5/2 s, -s/2]: sin 3 / 1.8 at s =
+    6/5."""
     sharp = mpmath.sin(3) / mpmath.mpf("1.8")
     for name, check, alpha in (("bent", BENT, 3.0), ("sine", SINE, float(sharp))):
         for factor, code in ((1 - 1e-9, HOLDS), (1 + 1e-9, FAILS)):
@@ -79,7 +92,8 @@ def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
             assert outcome(data, canonical_bytes(problems()[name])) == code
 
 
-# --- Parts ----------------------------------------------------------------------------------------------------------
+# --- Parts
+# --------------------------------------------------------------------------------------------------
 def test_a_maximum_on_the_edge_of_two_cells_counts_and_a_slope_that_touches_0():
     """2 y - y^2 on [-s, 2 s] is 1 from s = 1/2 on, and less at both ends."""
     curve = Curve(read_coupling(("1 - (1 - y)**2",), 1), False, -1.0, 2.0)
@@ -92,7 +106,8 @@ def test_a_maximum_on_the_edge_of_two_cells_counts_and_a_slope_that_touches_0():
 
 
 def test_slopes_of_a_coupling_that_also_falls_are_taken_from_the_whole_interval():
-    """h' = (1 - y) exp(-y)/2 - 1/4 falls; v_i = v_j: the supremum on [-2, 2 x] is h'(-2), whatever x."""
+    """h' = (1 - y) exp(-y)/2 - 1/4 falls; v_i = v_j: the supremum on [-2, 2 x] is h'(-2), whatever
+    x."""
     h = "y*exp(-y)/2 - y/4"
     steepest = 3 * math.exp(2) / 2 - 1 / 4
     for closely in (False, True):
@@ -101,7 +116,8 @@ def test_slopes_of_a_coupling_that_also_falls_are_taken_from_the_whole_interval(
 
 
 def test_forces_and_their_slopes_hold_random_points():
-    """Three agents of two components, matrix gains, one arc with another coupling: h(e) - K e by mpmath at 100 bits."""
+    """Three agents of two components, matrix gains, one arc with another coupling: h(e) - K e by
+    mpmath at 100 bits."""
     r = random.Random(5)
     exceptions = {(2, 0): ["y1 + y2**2", "atan(y1*y2) + y2"]}
     problem = Problem(
@@ -122,18 +138,27 @@ def test_forces_and_their_slopes_hold_random_points():
         y = [[b - a for a, b in zip(x[i], x[j], strict=True)] for i, j in ((0, 1), (1, 2), (2, 0))]
         third = [y[2][0] + y[2][1] ** 2, mpmath.atan(y[2][0] * y[2][1]) + y[2][1]]
         held = [2 * e[0] + e[1], -e[0] + 3 * e[1], 0, 0, e[4], 5 * e[5]]
-        return [f - k for f, k in zip([*(2 * f for f in h(*y[0])), *h(*y[1]), *third], held, strict=True)]
+        return [
+            f - k
+            for f, k in zip([*(2 * f for f in h(*y[0])), *h(*y[1]), *third], held, strict=True)
+        ]
 
     for _ in range(10):
         ends = [sorted((r.uniform(-2, 2), r.uniform(-2, 2))) for _ in range(6)]
-        values, slopes = separable.forces(read, mode, [[Fraction(lo), Fraction(hi)] for lo, hi in ends])
+        values, slopes = separable.forces(
+            read, mode, [[Fraction(lo), Fraction(hi)] for lo, hi in ends]
+        )
         with mpmath.workprec(100):
             e = [mpmath.mpf(r.uniform(lo, hi)) for lo, hi in ends]
             assert all(lo <= f <= hi for (lo, hi), f in zip(values, forces(*e), strict=True))
             for a in range(6):
                 for b in range(6):
                     lo, hi = slopes[a].get(b, (0, 0))
-                    slope = mpmath.diff(lambda *x, a=a: forces(*x)[a], tuple(e), tuple(int(k == b) for k in range(6)))
+                    slope = mpmath.diff(
+                        lambda *x, a=a: forces(*x)[a],
+                        tuple(e),
+                        tuple(int(k == b) for k in range(6)),
+                    )
                     assert lo - 1e-9 <= slope <= hi + 1e-9
 
 
@@ -164,20 +189,30 @@ def test_a_lower_bound_of_the_form_takes_the_lower_slope_for_every_positive_weig
     assert files.Problem.low(terms, "G", [-v[0], *v[1:]]) == -1
 
 
-# --- Hostile claims -------------------------------------------------------------------------------------------------
+# --- Hostile claims
+# -------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "change",
     [
         *({"v": {"float64": text}} for text in ("AAAA", "A" * 100_000, "")),
-        *({"v": v} for v in (doubles(float("nan"), 1.0), doubles(5e-324, 1.7e308), {"float32": "AAAA"})),
+        *(
+            {"v": v}
+            for v in (doubles(float("nan"), 1.0), doubles(5e-324, 1.7e308), {"float32": "AAAA"})
+        ),
         *({"v": ["1", text]} for text in ("1" * 9999, "\u0661")),
-        *({"v": v} for v in (["1e400", "1e-400"], ["1e-400", "1e-400"], [1, 1], "11", [["1"], ["1"]], None)),
+        *(
+            {"v": v}
+            for v in (["1e400", "1e-400"], ["1e-400", "1e-400"], [1, 1], "11", [["1"], ["1"]], None)
+        ),
         *({"rho": rho} for rho in ("1e400", 1, "1/0", "nan", "1" * 9999)),
         *({"alpha": alpha} for alpha in ("1e400", "-1e400", ["1"], "1/" + "3" * 9000)),
     ],
 )
 def test_hostile_numbers_are_refused_at_once(change):
-    data, problem = certificate("pair", changed(PAIR, **change)), canonical_bytes(problems()["pair"])
+    data, problem = (
+        certificate("pair", changed(PAIR, **change)),
+        canonical_bytes(problems()["pair"]),
+    )
     start = time.process_time()
     assert outcome(data, problem) == FAILS
     assert time.process_time() - start < 10
@@ -224,7 +259,13 @@ def test_a_radius_or_a_rate_that_is_not_positive_is_refused_and_false(name: str,
 def test_random_changes_of_regional_claims_reach_the_domain_and_every_exact_value():
     domain = {"kind": "box", "radius": 1.0, "disturbance": 0.5}
     exact = {"v": ["1", "2"], "alpha": "1/2", "rho": "3"}
-    check = {"id": "max-separable", "verdict": "proved", "domain": domain, "rate": 0.25, "exact": exact}
+    check = {
+        "id": "max-separable",
+        "verdict": "proved",
+        "domain": domain,
+        "rate": 0.25,
+        "exact": exact,
+    }
     reached = set()
     for seed in range(300):
         changed = change_region({"checks": [check]}, seed)["checks"][0]
@@ -244,4 +285,7 @@ def test_no_region_of_two_agents_holds_another_equilibrium():
 def test_linear_networks_are_proved_where_the_eigenvalues_are_stable_and_never_too_fast():
     tally = linear_campaign(range(6))
     assert not tally.wrong, tally.wrong
-    assert {name.rpartition(":")[0] for name in tally.counts} == {"linear stable", "linear not stable"}
+    assert {name.rpartition(":")[0] for name in tally.counts} == {
+        "linear stable",
+        "linear not stable",
+    }

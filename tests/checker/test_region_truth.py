@@ -1,6 +1,8 @@
-"""The oracle of regional claims has teeth: it sees what is false in the cases written by hand, and rates off by 1e-6.
+"""The oracle of regional claims has teeth: it sees what is false in the cases written by hand, and
+rates off by 1e-6.
 
-Nothing of the package takes part but the canonical form of a problem, and the frames of hand-written claims.
+Nothing of the package takes part but the canonical form of a problem, and the frames of
+hand-written claims.
 """
 
 import json
@@ -18,14 +20,20 @@ from tube_cases import tube_cases
 
 from dobc_design.problem.canonical import canonical_document
 
-HUMP = "y*((y + 2)**2 + 1/10)"  # a local maximum at the larger |root| of 3 y^2 + 8 y + 4.1, near y = -1.97
+# a local maximum at the larger |root| of 3 y^2 + 8 y + 4.1, near y = -1.97
+HUMP = "y*((y + 2)**2 + 1/10)"
 TINY = 1e-6
 
 
 @pytest.mark.filterwarnings("ignore:.*xtol:RuntimeWarning")
-@pytest.mark.parametrize(("cases", "unseen"), [(region_cases, 29), (quadratic_cases, 1), (tube_cases, 0)])
-def test_the_oracle_tells_claims_that_are_true_from_their_twins(cases: Callable[[], list[Case]], unseen: int):
-    """Worked out on paper.  Twins that it does not contradict are wrong in form or only in the verdict of the whole."""
+@pytest.mark.parametrize(
+    ("cases", "unseen"), [(region_cases, 29), (quadratic_cases, 1), (tube_cases, 0)]
+)
+def test_the_oracle_tells_claims_that_are_true_from_their_twins(
+    cases: Callable[[], list[Case]], unseen: int
+):
+    """Worked out on paper.  Twins that it does not contradict are wrong in form or only in the
+    verdict of the whole."""
     missed = 0
     for case in cases():
         document, problem = json.loads(case.certificate), json.loads(case.problem)
@@ -34,7 +42,8 @@ def test_the_oracle_tells_claims_that_are_true_from_their_twins(cases: Callable[
         claims = [each for each in document["checks"] if each["id"] in IDS]
         try:
             said = [text for each in claims for text in oracle.false(each, document, smooth)]
-        except (ArithmeticError, LookupError, TypeError, ValueError) as error:  # no numbers, or none that a float holds
+        # no numbers, or none that a float holds
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             said = [repr(error)]
         assert case.code != HOLDS or said == [], (case.name, said)
         missed += case.code != HOLDS and said == []
@@ -42,12 +51,22 @@ def test_the_oracle_tells_claims_that_are_true_from_their_twins(cases: Callable[
 
 
 def contradicted(h: str, id: str, domain: Any, exact: dict[str, Any]) -> bool:
-    """Whether the oracle says something against a claim about two agents, the second of which listens to the first."""
+    """Whether the oracle says something against a claim about two agents, the second of which
+    listens to the first."""
     problem = listening([[2, 1]], h, n=2, gains={1: 5}, target=0)
-    check = {"id": id, "verdict": "proved", "domain": domain, "margin": None, "rate": None, "exact": exact}
+    check = {
+        "id": id,
+        "verdict": "proved",
+        "domain": domain,
+        "margin": None,
+        "rate": None,
+        "exact": exact,
+    }
     document = {"checks": [check | {"rate": 1e-4 if id == "max-separable" else None}]}
     smooth = "global" if problem.coupling.is_linear else "consensus"
-    return bool(Regions(canonical_document(problem), None).false(document["checks"][0], document, smooth))
+    return bool(
+        Regions(canonical_document(problem), None).false(document["checks"][0], document, smooth)
+    )
 
 
 @pytest.mark.parametrize(
@@ -56,12 +75,15 @@ def contradicted(h: str, id: str, domain: Any, exact: dict[str, Any]) -> bool:
         # upper row of agent 2, v = (1, 2): sup of h on [-3 s, -s] <= -2 alpha s
         (PAPER, 2, (1 + (1 - math.exp(-2)) / 2) / 2),  # nondecreasing: h(-s), worst at s = rho
         ("sin(y)", 1, math.sin(3) / 2),  # the left end, worst at s = 1
-        (HUMP, 1, -0.5 * max(y * ((y + 2) ** 2 + 0.1) for y in [(-8 - math.sqrt(14.8)) / 6])),  # inside
+        # inside
+        (HUMP, 1, -0.5 * max(y * ((y + 2) ** 2 + 0.1) for y in [(-8 - math.sqrt(14.8)) / 6])),
         ("clip(y, -1, 1)", 4, 1 / 8),
         ("y - y**2/3", 0.5, 5 / 12),  # the lower row, s - s^2/3 >= 2 alpha s
     ],
 )
-def test_a_rate_is_false_just_above_the_largest_and_true_just_below(h: str, rho: float, most: float):
+def test_a_rate_is_false_just_above_the_largest_and_true_just_below(
+    h: str, rho: float, most: float
+):
     domain = {"kind": "box", "radius": 0.5, "disturbance": 0.0}
     for factor in (1 - TINY, 1 + TINY):
         exact = {"v": ["1", "2"], "alpha": f"{most * factor:.17f}", "rho": str(rho)}

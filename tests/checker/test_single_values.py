@@ -1,4 +1,5 @@
-"""One value of a good certificate or problem replaced by another: the second program accepts or refuses, cleanly."""
+"""One value of a good certificate or problem replaced by another: the second program accepts or
+refuses, cleanly."""
 
 import json
 from collections.abc import Iterator
@@ -13,13 +14,30 @@ from cycles_cases import cycles_cases
 
 from dobc_design.checker import examine
 
-VALUES: tuple[Any, ...] = (None, [], {}, "", 0, -1, "0", "-1", "1e400", "-1e400", 10**300, True, [None], {"a": None})
+VALUES: tuple[Any, ...] = (
+    None,
+    [],
+    {},
+    "",
+    0,
+    -1,
+    "0",
+    "-1",
+    "1e400",
+    "-1e400",
+    10**300,
+    True,
+    [None],
+    {"a": None},
+)
 LARGEST = 40_000  # bytes of a file that is changed
 Place = tuple[Any, Any]  # what holds the value, and its key or index
 
 
 def places(tree: Any) -> Iterator[Place]:
-    keys = list(tree) if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) else ()
+    keys = (
+        list(tree) if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) else ()
+    )
     for key in keys:
         yield tree, key
         yield from places(tree[key])
@@ -52,8 +70,27 @@ def said_of(case: Case) -> int | str:
 
 
 IDS = (
-    *("max-separable", "delay", "sampling", "tolerance", "actuators", "equilibrium", "lure", "schedule", "markov"),
-    *("safety", "settling", "accuracy", "theorem1", "theorem1-weighted", "linearisation", "hurwitz", "lemma1"),
+    *(
+        "max-separable",
+        "delay",
+        "sampling",
+        "tolerance",
+        "actuators",
+        "equilibrium",
+        "lure",
+        "schedule",
+        "markov",
+    ),
+    *(
+        "safety",
+        "settling",
+        "accuracy",
+        "theorem1",
+        "theorem1-weighted",
+        "linearisation",
+        "hurwitz",
+        "lemma1",
+    ),
 )
 
 
@@ -61,7 +98,9 @@ IDS = (
 def test_null_in_place_of_an_exact_value_is_refused(id: str):
     case = of_each_kind()[id]
     document = json.loads(case.certificate)
-    check = next(each for each in document["checks"] if each["id"] == id and each["verdict"] != "undecided")
+    check = next(
+        each for each in document["checks"] if each["id"] == id and each["verdict"] != "undecided"
+    )
     parts = {part: check[part] for part in ("exact", "witness") if part in check}
     changed = [(holder, key) for holder, key in list(places(parts))[:60] if holder[key] is not None]
     for holder, key in changed:
@@ -75,8 +114,12 @@ def test_null_in_place_of_an_exact_value_is_refused(id: str):
         holder[key] = value
 
 
-def _with_parts(document: dict[str, Any], check: dict[str, Any], parts: dict[str, Any]) -> dict[str, Any]:
-    return document | {"checks": [each | parts if each is check else each for each in document["checks"]]}
+def _with_parts(
+    document: dict[str, Any], check: dict[str, Any], parts: dict[str, Any]
+) -> dict[str, Any]:
+    return document | {
+        "checks": [each | parts if each is check else each for each in document["checks"]]
+    }
 
 
 @pytest.mark.parametrize("seed", range(4))

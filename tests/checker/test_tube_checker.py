@@ -22,10 +22,16 @@ Document = dict[str, Any]
 def found() -> tuple[Document, bytes]:
     """What the package claims of three agents with an observer."""
     region = {"initial_states": [-1, 1], "initial_disturbance": "1/2"}
-    observed: Document = {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN), "region": region}
+    observed: Document = {
+        "exosystem": HARMONIC,
+        "observer": Observer(W=PAPER_GAIN),
+        "region": region,
+    }
     arcs = [[1, 2], [2, 3], [3, 1]]
     problem = listening(arcs, "exp(y) - 1 + y", gains={1: 5}, target=0, **observed)
-    return json.loads(certificate_bytes(certify(problem, settling="1/10").claims)), canonical_bytes(problem)
+    return json.loads(certificate_bytes(certify(problem, settling="1/10").claims)), canonical_bytes(
+        problem
+    )
 
 
 @pytest.mark.slow
@@ -42,7 +48,9 @@ def found() -> tuple[Document, bytes]:
         (("tube", "lower", 5, 1), "9/10", FAILS),
     ],
 )
-def test_numbers_that_the_package_finds_hold_and_are_nearly_as_small_as_they_may_be(found, path, factor, code):
+def test_numbers_that_the_package_finds_hold_and_are_nearly_as_small_as_they_may_be(
+    found, path, factor, code
+):
     document, problem = json.loads(json.dumps(found[0])), found[1]
     (check,) = [each for each in document["checks"] if each["id"] == "settling"]
     part = check["exact"]

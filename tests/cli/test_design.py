@@ -1,4 +1,5 @@
-"""`dobc design`: a new problem file with the user's comments, exit codes of the contract, nothing written in vain."""
+"""`dobc design`: a new problem file with the user's comments, exit codes of the contract, nothing
+written in vain."""
 
 import json
 from pathlib import Path
@@ -57,10 +58,14 @@ def dobc(command_line, tmp_path, monkeypatch):
 def test_a_design_writes_a_file_that_certify_proves_and_keeps_the_comments(dobc, tmp_path: Path):
     code, out, _ = dobc("design", "star.toml", "--out", "new.toml")
     assert code == 0
-    assert all(words in out for words in ("star: PROVED.", "Pinned: agent lead", "wrote        new.toml"))
+    assert all(
+        words in out for words in ("star: PROVED.", "Pinned: agent lead", "wrote        new.toml")
+    )
     text = (tmp_path / "new.toml").read_text("utf-8")
     assert text.startswith("# Three followers and their leader.")
-    assert all(kept in text for kept in ("# who listens to whom", "# a spring", "set by dobc design"))
+    assert all(
+        kept in text for kept in ("# who listens to whom", "# a spring", "set by dobc design")
+    )
     assert not any(old in text for old in ("77", "P = "))
     assert dobc("certify", "new.toml", "--no-report")[0] == 0
     assert dobc("certify", "star.toml", "--no-report", "--out", "old")[0] != 0
@@ -71,11 +76,17 @@ def test_json_is_one_document_with_the_keys_of_the_contract(dobc, tmp_path: Path
     document = json.loads(out)
     assert code == 0
     assert set(document) >= {"verdict", "W", "P", "gains", "rate", "cost", "reason", "problem"}
-    assert (document["verdict"], document["problem"], list(document["gains"])) == ("proved", "new.toml", ["lead"])
+    assert (document["verdict"], document["problem"], list(document["gains"])) == (
+        "proved",
+        "new.toml",
+        ["lead"],
+    )
     assert document["rate"] > 0
 
 
-def test_an_impossible_request_leaves_with_1_names_the_limit_and_the_nearest_request(dobc, tmp_path: Path):
+def test_an_impossible_request_leaves_with_1_names_the_limit_and_the_nearest_request(
+    dobc, tmp_path: Path
+):
     code, out, _ = dobc("design", "star.toml", "--out", "new.toml", "--keep-exosystem")
     assert code == 1
     assert "star: REFUTED. No W exists" in out
@@ -86,7 +97,9 @@ def test_an_impossible_request_leaves_with_1_names_the_limit_and_the_nearest_req
 
 @pytest.mark.slow
 def test_the_nearest_request_can_be_typed_as_it_is_shown(dobc):
-    code, out, _ = dobc("design", "star.toml", "--out", "new.toml", "--allowed", "a,b", "--allowed", "c", "--json")
+    code, out, _ = dobc(
+        "design", "star.toml", "--out", "new.toml", "--allowed", "a,b", "--allowed", "c", "--json"
+    )
     assert code == 1
     nearest = json.loads(out)["nearest"]
     assert nearest["verdict"] == "proved"

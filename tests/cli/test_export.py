@@ -13,7 +13,8 @@ from dobc_design.export.c_folder import FILES
 
 @pytest.fixture
 def dobc(command_line):
-    """Run a command in an empty folder; returns the exit code, standard output and standard error."""
+    """Run a command in an empty folder; returns the exit code, standard output and standard
+    error."""
     return partial(command_line, "export")
 
 
@@ -85,7 +86,8 @@ def test_an_fmu_is_written(dobc):
 
 @pytest.mark.slow
 def test_a_certificate_says_whether_its_sampling_period_covers_the_one_of_the_code(dobc, tmp_path):
-    """clock-sync may hold its couplings for 0.28 s; the certificate of another problem is refused."""
+    """clock-sync may hold its couplings for 0.28 s; the certificate of another problem is
+    refused."""
     import dobc_design as dd
 
     certificate = dd.certify("clock-sync", everything=True)
@@ -100,7 +102,9 @@ def test_a_certificate_says_whether_its_sampling_period_covers_the_one_of_the_co
         where = "What is proved" if verdict == "proved" else "What is not"
         readme = Path(f"code-{verdict}/README.txt").read_text()
         section = " ".join(
-            readme.split(where)[1].split("What is not" if verdict == "proved" else "Numbers:")[0].split()
+            readme.split(where)[1]
+            .split("What is not" if verdict == "proved" else "Numbers:")[0]
+            .split()
         )
         assert "the certificate's check `sampling`" in section
     code, _, err = dobc("paper-fixed", "--c", "other", "--period", "1/20", "--certificate", "cert")

@@ -1,4 +1,5 @@
-"""Labels with accents on the command line name the same agent in either form of Unicode (NFC, NFD)."""
+"""Labels with accents on the command line name the same agent in either form of Unicode (NFC,
+NFD)."""
 
 from pathlib import Path
 from unicodedata import normalize

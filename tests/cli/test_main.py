@@ -1,4 +1,5 @@
-"""The command line: exit codes, one JSON document, files in their place, and words that can be read.
+"""The command line: exit codes, one JSON document, files in their place, and words that can be
+read.
 
 Most tests call ``dobc_design.cli.main.main`` in this process; the last ones start real ones.
 """
@@ -53,7 +54,16 @@ def test_certify_of_a_proved_problem_leaves_with_0_and_writes_its_files(dobc):
     assert ran.code == 0
     assert ran.err == ""
     document = ran.json
-    keys = {"verdict", "rate", "covered_by", "problem", "problem_sha256", "checks", "certificate", "report"}
+    keys = {
+        "verdict",
+        "rate",
+        "covered_by",
+        "problem",
+        "problem_sha256",
+        "checks",
+        "certificate",
+        "report",
+    }
     assert set(document) >= keys
     assert (document["verdict"], document["covered_by"]) == ("proved", "max-separable")
     assert document["problem"] == "paper-fixed"
@@ -62,7 +72,9 @@ def test_certify_of_a_proved_problem_leaves_with_0_and_writes_its_files(dobc):
     folder = "paper-fixed-certificate"
     assert listing(Path()) == [folder, f"{folder}/certificate.json", f"{folder}/problem.json"]
     assert Path(document["certificate"]) == Path("paper-fixed-certificate/certificate.json")
-    assert Path("paper-fixed-certificate/problem.json").read_bytes() == canonical_bytes(load_problem("paper-fixed"))
+    assert Path("paper-fixed-certificate/problem.json").read_bytes() == canonical_bytes(
+        load_problem("paper-fixed")
+    )
     for check in document["checks"]:
         assert set(check) >= {"id", "verdict", "domain", "margin", "rate", "reason"}
         assert check["id"] in KINDS
@@ -77,7 +89,12 @@ def test_the_same_problem_gives_the_same_files_and_replaces_the_old_ones(command
     assert {name: Path("here", name).read_bytes() for name in files} == files
 
 
-JUDGED = {"lemma1": "proved", "theorem1-printed": "refuted", "theorem2": "undecided", "theorem1": "proved"}
+JUDGED = {
+    "lemma1": "proved",
+    "theorem1-printed": "refuted",
+    "theorem2": "undecided",
+    "theorem1": "proved",
+}
 
 
 @pytest.mark.parametrize(("theorem", "verdict"), JUDGED.items())
@@ -113,7 +130,9 @@ def test_no_name_of_a_problem_leads_out_of_the_current_folder(dobc, tmp_path, na
     inner.mkdir(parents=True)
     os.chdir(inner)
     before = listing(tmp_path)
-    text = tomlkit.dumps({"name": name} | {k: v for k, v in tomllib.loads(CHAIN).items() if k != "name"})
+    text = tomlkit.dumps(
+        {"name": name} | {k: v for k, v in tomllib.loads(CHAIN).items() if k != "name"}
+    )
     ran = dobc("certify", write(text), "--no-report", "--json")
     assert ran.code == 0
     made = sorted(set(listing(tmp_path)) - set(before) - {"in/here/problem.toml"})
@@ -127,7 +146,8 @@ def test_no_name_of_a_problem_leads_out_of_the_current_folder(dobc, tmp_path, na
 
 
 KINDS_OF_FILES = (
-    "TOML_AND_BYTES UNKNOWN_KEYS MISSING_OR_OF_A_WRONG_KIND NETWORK EXPRESSIONS NUMBERS MATRICES PINS_AND_FORMATION"
+    "TOML_AND_BYTES UNKNOWN_KEYS MISSING_OR_OF_A_WRONG_KIND NETWORK EXPRESSIONS NUMBERS "
+    "MATRICES PINS_AND_FORMATION"
     " REGION_AND_SETTINGS ARC_FILES"
 )
 
@@ -202,20 +222,35 @@ def certified(dobc):
 
 
 def test_a_certificate_verifies_against_every_form_of_its_problem_that_is_there(dobc, certified):
-    assert dobc("verify", "nowhere.json", "--problem", "paper-fixed", "--json").json["error"]["key"] == "certificate"
+    assert (
+        dobc("verify", "nowhere.json", "--problem", "paper-fixed", "--json").json["error"]["key"]
+        == "certificate"
+    )
     ran = dobc("verify", certified, "--problem", "nowhere.toml", "--json")
     assert (ran.code, ran.json["error"]["key"]) == (2, "nowhere.toml")
-    for certificate, problem in (("proof", "proof/problem.json"), ("proof/certificate.json", "paper-fixed")):
+    for certificate, problem in (
+        ("proof", "proof/problem.json"),
+        ("proof/certificate.json", "paper-fixed"),
+    ):
         ran = dobc("verify", certificate, "--problem", problem, "--json")
-        assert (ran.code, ran.json["holds"], ran.json["verdict"], ran.json["failures"]) == (0, True, "proved", [])
-    assert dobc("verify", "proof", "--problem", "paper-fixed").out.startswith("every claim holds; verdict proved.")
+        assert (ran.code, ran.json["holds"], ran.json["verdict"], ran.json["failures"]) == (
+            0,
+            True,
+            "proved",
+            [],
+        )
+    assert dobc("verify", "proof", "--problem", "paper-fixed").out.startswith(
+        "every claim holds; verdict proved."
+    )
 
 
 @pytest.mark.parametrize(
     ("old", "new"),
     [('"verdict": "proved"', '"verdict": "refuted"'), ('"16/5"', '"17/5"'), ('"-9/8"', '"-9/9"')],
 )
-def test_a_certificate_that_was_changed_or_is_of_another_problem_leaves_with_1(dobc, certified, old, new):
+def test_a_certificate_that_was_changed_or_is_of_another_problem_leaves_with_1(
+    dobc, certified, old, new
+):
     ran = dobc("verify", certified, "--problem", "uav-swarm", "--json")
     assert (ran.code, "another problem" in ran.json["failures"][0]) == (1, True)
     path = certified / "certificate.json"
@@ -227,7 +262,9 @@ def test_a_certificate_that_was_changed_or_is_of_another_problem_leaves_with_1(d
 
 
 def test_problems_and_conditions_are_listed_and_explained(dobc):
-    assert [row["name"] for row in dobc("problems", "--json").json["problems"]] == list(builtin_names())
+    assert [row["name"] for row in dobc("problems", "--json").json["problems"]] == list(
+        builtin_names()
+    )
     assert [line.split()[0] for line in dobc("problems").out.splitlines()] == list(builtin_names())
     assert [line.split()[0] for line in dobc("explain").out.splitlines()] == list(KINDS)
     for id in KINDS:
@@ -251,14 +288,26 @@ def test_schema_version_and_help_are_printed(dobc):
     assert dobc("--version").out == f"dobc {__version__}\n"
     ran = dobc("--help")
     assert ran.code == 0
-    assert all(command in ran.out for command in ("certify", "verify", "check", "explain", "doctor"))
+    assert all(
+        command in ran.out for command in ("certify", "verify", "check", "explain", "doctor")
+    )
 
 
-GOOD = ("problems", "check paper-fixed", "certify paper-fixed --no-report", "schema", "explain lemma1", "explain")
+GOOD = (
+    "problems",
+    "check paper-fixed",
+    "certify paper-fixed --no-report",
+    "schema",
+    "explain lemma1",
+    "explain",
+)
 MISTAKES = (
-    "; frobnicate; certify; certify paper-fixed more; certify paper-fixed --wrong; certify paper-fixed --out --all;"
-    " check paper-fixed --canonical --force; certify paper-fixed --theorem none; certify none.toml; certify .;"
-    " check none.toml; verify; verify none.json; verify none.json --problem paper-fixed; explain none; problems more;"
+    "; frobnicate; certify; certify paper-fixed more; certify paper-fixed --wrong; certify "
+    "paper-fixed --out --all;"
+    " check paper-fixed --canonical --force; certify paper-fixed --theorem none; certify "
+    "none.toml; certify .;"
+    " check none.toml; verify; verify none.json; verify none.json --problem paper-fixed; "
+    "explain none; problems more;"
     " schema more; doctor more"
 )
 
@@ -286,11 +335,18 @@ def test_a_mistake_is_one_document_or_a_line_on_standard_error(dobc, line):
         (RecursionError("deep"), 4, "internal", "RecursionError"),
         (MemoryError(), 4, "memory", "out of memory"),
         (OSError(5, "Input/output error", "somewhere"), 4, "io", "Input/output error (somewhere)."),
-        (SolverError("the solver broke down.", cure="Rescale."), 4, "solver", "the solver broke down."),
+        (
+            SolverError("the solver broke down.", cure="Rescale."),
+            4,
+            "solver",
+            "the solver broke down.",
+        ),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else None,
 )
-def test_a_failure_of_the_machine_is_never_an_answer(dobc, monkeypatch, capsys, error, code, kind, message):
+def test_a_failure_of_the_machine_is_never_an_answer(
+    dobc, monkeypatch, capsys, error, code, kind, message
+):
     """Contract: an uncaught exception is never 1."""
 
     def fail(*_: object, **__: object) -> None:
@@ -318,11 +374,20 @@ MARKUP = CHAIN.replace("agents = 3", 'agents = ["[red]x[/red]", "[/]", ":smile:"
 
 
 def test_names_with_markup_come_out_as_they_are(dobc):
-    text = MARKUP.replace('name = "chain"', 'name = "[link=x]name"').replace("gains = { 3 = 5 }", "gains = {}")
+    text = MARKUP.replace('name = "chain"', 'name = "[link=x]name"').replace(
+        "gains = { 3 = 5 }", "gains = {}"
+    )
     path = write('notes = ["[red]note[/red]"]\n' + text)
     for arguments in (("certify", path, "--no-report"), ("check", path)):
         ran = dobc(*arguments)
-        for literal in ("[red]x[/red]", "[/]", ":smile:", "[bold]G[/bold]", "[link=x]name", "[red]note[/red]"):
+        for literal in (
+            "[red]x[/red]",
+            "[/]",
+            ":smile:",
+            "[bold]G[/bold]",
+            "[link=x]name",
+            "[red]note[/red]",
+        ):
             assert literal in ran.out
         assert "\x1b" not in ran.out
 
@@ -360,12 +425,16 @@ def test_piped_output_is_wide_and_a_narrow_terminal_has_the_reasons_below(dobc, 
 def test_the_line_to_check_again_can_be_pasted_into_a_shell(dobc):
     path = write(CHAIN, "my problem's.toml")
     out = dobc("certify", path, "--no-report", "--out", "a b").out
-    assert "re-check     dobc verify 'a b/certificate.json' --problem 'my problem'\"'\"'s.toml'" in out
+    assert (
+        "re-check     dobc verify 'a b/certificate.json' --problem 'my problem'\"'\"'s.toml'" in out
+    )
 
 
 def start(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     how = {"capture_output": "stdout" not in options, "encoding": "utf-8", "timeout": 120}
-    return subprocess.run([sys.executable, "-m", "dobc_design", *arguments], check=False, **how, **options)
+    return subprocess.run(
+        [sys.executable, "-m", "dobc_design", *arguments], check=False, **how, **options
+    )
 
 
 @pytest.mark.slow
@@ -377,7 +446,9 @@ def test_a_real_process_certifies(tmp_path):
 
 def test_output_is_utf_8_whatever_the_system_says(tmp_path):
     path = tmp_path / "problem.toml"
-    path.write_text(MARKUP.replace(":smile:", "東京").replace("{ 3 = 5 }", '{ "東京" = 5 }'), encoding="utf-8")
+    path.write_text(
+        MARKUP.replace(":smile:", "東京").replace("{ 3 = 5 }", '{ "東京" = 5 }'), encoding="utf-8"
+    )
     ran = start("check", str(path), cwd=tmp_path, env=os.environ | {"PYTHONIOENCODING": "ascii"})
     assert (ran.returncode, ran.stderr, "東京" in ran.stdout) == (0, "", True)
 
@@ -396,7 +467,11 @@ def test_export_writes_the_theorem_for_rocq_and_refuses_to_overwrite_it(dobc):
     assert again.json["error"]["key"] == "--rocq"
     forced = dobc("export", "out/certificate.json", "--rocq", "theorem.v", "--force", "--json")
     assert forced.json == {"rocq": "theorem.v"}
-    for wrong in (["out", "--rocq", "t.v", "--problem", "clock-sync"], ["none", "--rocq", "t.v"], ["out"]):
+    for wrong in (
+        ["out", "--rocq", "t.v", "--problem", "clock-sync"],
+        ["none", "--rocq", "t.v"],
+        ["out"],
+    ):
         assert dobc("export", *wrong).code == 2
     assert not Path("t.v").exists()
 
@@ -408,7 +483,10 @@ def test_verify_asks_coq_and_tells_what_is_missing(dobc, monkeypatch):
     ran = dobc("verify", "out", "--problem", "paper-fixed", "--rocq", "--json")
     assert (ran.code, ran.json["error"]["key"]) == (2, "--rocq")
     assert "libcoq-interval" in ran.json["error"]["cure"]
-    assert sorted(path.name for path in Path("out").iterdir()) == ["certificate.json", "problem.json"]
+    assert sorted(path.name for path in Path("out").iterdir()) == [
+        "certificate.json",
+        "problem.json",
+    ]
 
 
 def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):
@@ -425,12 +503,17 @@ def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):
     assert ran.out.endswith("cured        cured.toml\ncertify it   dobc certify cured.toml\n")
     text = Path("cured.toml").read_text(encoding="utf-8")
     again = dobc("certify", source, "--no-report", "--json", "--apply-fix", "again.toml")
-    assert (again.json["applied"], checks(again)["lemma1"]["fix"]["kind"]) == ("again.toml", "pinning")
+    assert (again.json["applied"], checks(again)["lemma1"]["fix"]["kind"]) == (
+        "again.toml",
+        "pinning",
+    )
     assert text.startswith("# kept\n")
     assert dobc("certify", "cured.toml", "--no-report").code == 0
     noted = write('notes = ["Agent 1 is pinned."]\n' + wrong, "noted.toml")
     ran = dobc("certify", noted, "--no-report", "--apply-fix", "other.toml")
-    assert ran.out.endswith("look at      its notes: they are unchanged and may describe the old problem\n")
+    assert ran.out.endswith(
+        "look at      its notes: they are unchanged and may describe the old problem\n"
+    )
     assert "Agent 1 is pinned." in Path("other.toml").read_text(encoding="utf-8")
 
 
@@ -444,7 +527,9 @@ def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):
         ("kinks", "new.toml", "no cure is known"),
     ],
 )
-def test_a_cure_that_cannot_be_written_is_one_clear_error_and_nothing_is_written(dobc, file, target, words):
+def test_a_cure_that_cannot_be_written_is_one_clear_error_and_nothing_is_written(
+    dobc, file, target, words
+):
     proved = CHAIN if file == "paper-fixed-cured" else CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")
     if file == "kinks":
         proved = re.sub(r"h = .*", 'h = "clip(y, -1, 1)"', proved)
@@ -477,7 +562,10 @@ def test_a_certificate_folder_of_another_problem_is_kept_unless_forced(dobc):
     assert "holds the certificate of another problem" in other.err
     assert dobc("region", "paper-fixed", "--out", "c").code == 2
     Path("c/problem.json").rename("c/elsewhere.json")
-    assert "certificate.json of an unknown problem" in dobc("certify", chain, "--no-report", "--out", "c").err
+    assert (
+        "certificate.json of an unknown problem"
+        in dobc("certify", chain, "--no-report", "--out", "c").err
+    )
     Path("c/elsewhere.json").rename("c/problem.json")
     assert listing(Path("c")) == before
     certificate = certify_once(load_problem("paper-fixed"))
@@ -488,7 +576,9 @@ def test_a_certificate_folder_of_another_problem_is_kept_unless_forced(dobc):
     assert dobc("certify", "paper-fixed", "--no-report", "--out", "c", "--force").code == 0
 
 
-@pytest.mark.parametrize("content", [b"", b"{}", b"no json", b"\xff\xfe", b"[" * 50_000, b'{"format": "dobc-problem"}'])
+@pytest.mark.parametrize(
+    "content", [b"", b"{}", b"no json", b"\xff\xfe", b"[" * 50_000, b'{"format": "dobc-problem"}']
+)
 def test_what_is_no_certificate_leaves_with_2(dobc, content):
     Path("certificate.json").write_bytes(content)
     ran = dobc("verify", "certificate.json", "--problem", "paper-fixed", "--json")

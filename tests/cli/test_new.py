@@ -30,7 +30,11 @@ def test_new_writes_a_problem_a_notebook_a_test_and_the_schema(dobc):
     assert "next:  cd my-swarm\n       dobc check my-swarm.toml" in out
     assert load_problem("my-swarm/my-swarm.toml").name == "my-swarm"
     assert json.loads(Path("my-swarm/problem.schema.json").read_text("utf-8")) == json_schema()
-    assert Path("my-swarm/my-swarm.toml").read_text("utf-8").startswith("#:schema ./problem.schema.json\n")
+    assert (
+        Path("my-swarm/my-swarm.toml")
+        .read_text("utf-8")
+        .startswith("#:schema ./problem.schema.json\n")
+    )
 
 
 @pytest.mark.slow
@@ -40,7 +44,11 @@ def test_the_starter_problem_is_proved_from_its_own_starts_and_refuted_without_i
     certificate = certify(problem)
     assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "max-separable")
     assert verify(certificate, problem).holds
-    text = Path("my-swarm/my-swarm.toml").read_text("utf-8").replace("gains = { 1 = 2.0 }", "gains = { 1 = 0 }")
+    text = (
+        Path("my-swarm/my-swarm.toml")
+        .read_text("utf-8")
+        .replace("gains = { 1 = 2.0 }", "gains = { 1 = 0 }")
+    )
     Path("unpinned.toml").write_text(text, encoding="utf-8")
     assert certify("unpinned.toml").verdict is Verdict.REFUTED
 
@@ -57,7 +65,9 @@ def test_new_overwrites_nothing(dobc):
     assert dobc("new", "swarm", "--out", "file")[0] == 2
 
 
-@pytest.mark.parametrize("name", ["", "1", "a b", "../a", "a/b", "a.b", "ä", "-a", "a" * 61, "a;rm"])
+@pytest.mark.parametrize(
+    "name", ["", "1", "a b", "../a", "a/b", "a.b", "ä", "-a", "a" * 61, "a;rm"]
+)
 def test_a_name_that_cannot_name_files_is_refused(dobc, name):
     code, _, err = dobc("new", "--", name)
     assert code == 2
@@ -81,9 +91,21 @@ def test_new_from_arcs_makes_a_problem_of_them(dobc):
 
 def test_new_from_arcs_says_first_what_was_read_and_adds_parallel_arcs_where_asked(dobc):
     Path("ring.csv").write_text("a,b\nb,a\na,b\na,a\n", encoding="utf-8")
-    code, _, err = dobc("new", "ring", "--from", "ring.csv", "--arrow", "listens_to", "--drop-loops")
+    code, _, err = dobc(
+        "new", "ring", "--from", "ring.csv", "--arrow", "listens_to", "--drop-loops"
+    )
     assert code == 2 and "--merge sum" in err
-    code, out, _ = dobc("new", "ring", "--from", "ring.csv", "--arrow", "listens_to", "--drop-loops", "--merge", "sum")
+    code, out, _ = dobc(
+        "new",
+        "ring",
+        "--from",
+        "ring.csv",
+        "--arrow",
+        "listens_to",
+        "--drop-loops",
+        "--merge",
+        "sum",
+    )
     assert (code, out.splitlines()[0]) == (0, "read ring.csv: 2 agents, 2 arcs, labels a, b")
     assert sorted(load_problem("ring/ring.toml").network.modes["G"]) == [(0, 1, 2), (1, 0, 1)]
     code, _, err = dobc("new", "other", "--merge", "sum")
@@ -133,19 +155,27 @@ def test_doctor_says_what_is_missing_and_the_command_that_installs_it(dobc, monk
     assert code == 0
     assert "absent   typst" in out
     assert re.search(r"MISSING  numpy +2\.3\.9, needs .*>=2\.4", out)
-    wanted = next(text.partition(";")[0].strip() for text in metadata.requires("dobc_design") if "typst" in text)
+    wanted = next(
+        text.partition(";")[0].strip()
+        for text in metadata.requires("dobc_design")
+        if "typst" in text
+    )
     assert f"To install the extra pdf:\n  {install_command([wanted])}" in out
     assert "1 of the things that are needed are missing or broken." in out
     assert json.loads(dobc("doctor", "--json")[1])["ok"] is False
 
 
 def test_doctor_without_programs_names_their_packages(monkeypatch):
-    monkeypatch.setattr("shutil.which", lambda name: "/usr/bin/apt-get" if name == "apt-get" else None)
+    monkeypatch.setattr(
+        "shutil.which", lambda name: "/usr/bin/apt-get" if name == "apt-get" else None
+    )
     monkeypatch.setattr("dobc_design.cli.doctor._main_path", lambda: WORKS)
     found = {each.item: each for each in examine() if each.group == "programs"}
     wanted = {"gcc": "gcc", "chromium": "chromium", "csdp": "coinor-csdp"}
     wanted["coqc"] = "coq libcoq-coquelicot libcoq-interval"
-    assert {name: each.install.removeprefix("sudo apt-get install ") for name, each in found.items()} == wanted
+    assert {
+        name: each.install.removeprefix("sudo apt-get install ") for name, each in found.items()
+    } == wanted
 
 
 def test_completion_offers_problems_files_and_conditions(tmp_path, monkeypatch):
@@ -165,7 +195,9 @@ def test_completion_offers_problems_files_and_conditions(tmp_path, monkeypatch):
 def shell(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     known = {**os.environ, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "", **environment}
     command = [sys.executable, "-m", "dobc_design", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, env=known)
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=120, env=known
+    )
 
 
 @pytest.mark.slow
@@ -174,7 +206,9 @@ def test_bash_gets_a_script_and_then_its_answers(tmp_path, monkeypatch):
     """In an empty folder: files of the present one are offered, too."""
     monkeypatch.chdir(tmp_path)
     command = f"{sys.executable} -m dobc_design --show-completion; true"
-    script = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=120)
+    script = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, check=False, timeout=120
+    )
     assert "complete -o default -F _dobc_completion dobc" in script.stdout
     assert script.stderr == ""
     done = shell(_DOBC_COMPLETE="complete_bash", COMP_WORDS="dobc certify paper-", COMP_CWORD="2")

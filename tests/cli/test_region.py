@@ -1,4 +1,5 @@
-"""`dobc region`: numbers and a picture, exit codes as certify, one document with --json, files replaced together."""
+"""`dobc region`: numbers and a picture, exit codes as certify, one document with --json, files
+replaced together."""
 
 import json
 from functools import partial
@@ -26,7 +27,11 @@ h = "sin(y)"
 gains = { 1 = 1 }
 """
 ASKED = f"{SINES}[region]\ninitial_states = [-HALF, HALF]\n"
-LOOSE = SINES.replace("{ 1 = 1 }", "{}").replace("agents = 3", "agents = 2").replace(", [3, 2], [1, 3]", ", [1, 2]")
+LOOSE = (
+    SINES.replace("{ 1 = 1 }", "{}")
+    .replace("agents = 3", "agents = 2")
+    .replace(", [3, 2], [1, 3]", ", [1, 2]")
+)
 
 
 def search_briefly(certificate: Certificate, *, progress: object) -> Searched:
@@ -66,7 +71,11 @@ def test_a_region_out_of_reach_leaves_with_3_and_says_how_far_the_proof_goes(dob
     assert 1.5 < found["box"] < 1.5708
     assert not found["covers"]
     assert "does not rise throughout" in found["limit"]
-    assert [Path(path).name for path in document["files"]] == ["region.json", "region.svg", "region.png"]
+    assert [Path(path).name for path in document["files"]] == [
+        "region.json",
+        "region.svg",
+        "region.png",
+    ]
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -117,7 +126,10 @@ def test_a_settling_time_is_told_with_what_proves_it(dobc):
 
 
 def test_a_tolerance_that_is_no_length_leaves_with_2_and_names_the_option(dobc, command_line):
-    for ran in (dobc("near.toml", "--settling", "0"), command_line("certify", "near.toml", "--settling", "0")):
+    for ran in (
+        dobc("near.toml", "--settling", "0"),
+        command_line("certify", "near.toml", "--settling", "0"),
+    ):
         assert (ran[0], "--settling must be > 0" in ran[1] + ran[2]) == (2, True)
 
 

@@ -12,7 +12,8 @@ from problem_texts import CHAIN
 
 @pytest.fixture
 def dobc(command_line, monkeypatch):
-    """Run the command line in a folder with two certificates, A and B: exit code, standard output and error."""
+    """Run the command line in a folder with two certificates, A and B: exit code, standard output
+    and error."""
     monkeypatch.setattr("dobc_design.certification.certify.certify", certify_once)
     Path("a.toml").write_text(CHAIN, encoding="utf-8")
     Path("b.toml").write_text(CHAIN.replace("3 = 5", "3 = 0"), encoding="utf-8")
@@ -59,23 +60,38 @@ def changed(path: str, **values) -> None:
 
 
 def test_a_verdict_is_verified_before_it_is_repeated(dobc):
-    """Somebody has written another rate into the certificate: the report names what fails, and repeats nothing."""
-    changed("A/certificate.json", rate=100.0, reason="All agents reach the target, at a rate of at least 100 1/s.")
+    """Somebody has written another rate into the certificate: the report names what fails, and
+    repeats nothing."""
+    changed(
+        "A/certificate.json",
+        rate=100.0,
+        reason="All agents reach the target, at a rate of at least 100 1/s.",
+    )
     code, out, _ = dobc("report", "A")
     assert code == 1
     assert (
         out.splitlines()[0]
-        == "The certificate says proved and is not confirmed: 1 claim does not hold for this problem."
+        == "The certificate says proved and is not confirmed: 1 claim does not hold for this "
+        "problem."
     )
     assert "NOT confirmed: rate, factor, covered_by" in out
     for name in ("report.html", "report.md"):
         page = Path("A", name).read_text("utf-8")
         assert "not confirmed" in page.lower() and "exp(" not in page and "100 1/s" not in page
     code, out, _ = dobc("report", "A", "--out", "again", "--json")
-    assert (code, json.loads(out)["verdicts"], len(json.loads(out)["failures"][0])) == (1, [None], 1)
+    assert (code, json.loads(out)["verdicts"], len(json.loads(out)["failures"][0])) == (
+        1,
+        [None],
+        1,
+    )
     code, out, _ = dobc("report", "B", "A")
-    assert code == 1 and out.startswith("A holds: refuted. B says proved and is not confirmed: 1 claim does not hold")
-    assert "100" not in Path("chain-comparison/comparison.md").read_text("utf-8").partition("SHA-256")[0]
+    assert code == 1 and out.startswith(
+        "A holds: refuted. B says proved and is not confirmed: 1 claim does not hold"
+    )
+    assert (
+        "100"
+        not in Path("chain-comparison/comparison.md").read_text("utf-8").partition("SHA-256")[0]
+    )
 
 
 def test_a_sentence_that_was_edited_is_not_repeated(dobc):
@@ -91,7 +107,10 @@ def test_without_its_problem_a_verdict_would_be_repeated_unverified(dobc):
     Path("A/problem.json").unlink()
     code, _, err = dobc("report", "A")
     assert code == 2
-    assert "can only be repeated unverified, proved, and no report is written" in err and "--problem FILE" in err
+    assert (
+        "can only be repeated unverified, proved, and no report is written" in err
+        and "--problem FILE" in err
+    )
     assert not Path("A/report.html").exists()
 
 
@@ -115,7 +134,11 @@ def test_what_is_no_certificate_leaves_with_2_and_writes_nothing(dobc):
 def test_a_pdf_is_refused_before_anything_is_computed(dobc, monkeypatch):
     Path("there.pdf").write_bytes(b"mine")
     monkeypatch.setitem(sys.modules, "typst", None)
-    for name, words in (("there.pdf", "--force"), ("new.txt", "new.txt.pdf"), ("new.pdf", "dobc_design[pdf]")):
+    for name, words in (
+        ("there.pdf", "--force"),
+        ("new.txt", "new.txt.pdf"),
+        ("new.pdf", "dobc_design[pdf]"),
+    ):
         code, _, err = dobc("report", "A", "--pdf", name)
         assert (code, words in err) == (2, True)
     assert Path("there.pdf").read_bytes() == b"mine"
@@ -162,7 +185,9 @@ def test_latex_fragments_go_to_a_folder_of_their_own_and_replace_nothing(dobc):
 @pytest.mark.slow
 def test_the_commands_in_a_report_make_and_check_the_same_certificate(dobc, monkeypatch):
     assert dobc("report", "A")[0] == 0
-    commands = dict.fromkeys(re.findall(r"^(dobc .*)$", Path("A/report.md").read_text("utf-8"), re.MULTILINE))
+    commands = dict.fromkeys(
+        re.findall(r"^(dobc .*)$", Path("A/report.md").read_text("utf-8"), re.MULTILINE)
+    )
     assert len(commands) == 2
     monkeypatch.chdir("A")
     for command in commands:

@@ -1,4 +1,5 @@
-"""`dobc certify --settling TOL --search`: both in the answer, in the certificate and in the report."""
+"""`dobc certify --settling TOL --search`: both in the answer, in the certificate and in the
+report."""
 
 import json
 from functools import partial
@@ -34,7 +35,10 @@ def test_the_answer_and_the_report_hold_the_settling_time_and_searches(file: Pat
         assert "starts from the region were simulated" in text
     again = CliRunner().invoke(app, [*call, "--json", "--no-report"])
     document = json.loads(again.stdout)
-    assert [each["target"] for each in document["searches"]] == ["the region", "the boundary of the max-separable set"]
+    assert [each["target"] for each in document["searches"]] == [
+        "the region",
+        "the boundary of the max-separable set",
+    ]
     assert document["checks"][-1]["id"] == "settling"
     kept = CliRunner().invoke(app, ["verify", str(tmp_path / "out"), "--problem", str(file)])
     assert kept.exit_code == 0

@@ -1,4 +1,5 @@
-"""`dobc simulate`: the contract's document, files that appear whole, and an answer also when a run diverges."""
+"""`dobc simulate`: the contract's document, files that appear whole, and an answer also when a run
+diverges."""
 
 import json
 import re
@@ -38,7 +39,14 @@ def test_the_document_has_the_keys_of_the_contract_and_nothing_is_written(dobc):
     code, out, err = dobc("paper-fixed", "--t-final", 5, "--json")
     document = json.loads(out)
     assert (code, err) == (0, "")
-    assert set(document) >= {"runs", "diverged", "final_error", "settling_time", "decay_rate", "files"}
+    assert set(document) >= {
+        "runs",
+        "diverged",
+        "final_error",
+        "settling_time",
+        "decay_rate",
+        "files",
+    }
     assert (document["runs"], document["diverged"], document["files"]) == (1, False, [])
     assert set(document["final_error"]) == set(document["settling_time"]) == {"median", "max"}
     run = simulate("paper-fixed", t_final=5)
@@ -78,7 +86,8 @@ def test_files_are_overwritten_with_force_only(dobc):
 
 
 def test_files_change_together_or_not_at_all(dobc, monkeypatch):
-    """The figure is drawn before the first file is written, and files of another kind of run do not stay beside."""
+    """The figure is drawn before the first file is written, and files of another kind of run do not
+    stay beside."""
     monkeypatch.setattr(Sheet, "file", lambda self, kind: b"a figure")
     assert dobc("paper-fixed", "--t-final", 1, "--out", "here")[0] == 0
     before = {path.name: path.read_bytes() for path in Path("here").iterdir()}
@@ -89,7 +98,11 @@ def test_files_change_together_or_not_at_all(dobc, monkeypatch):
     assert {path.name: path.read_bytes() for path in Path("here").iterdir()} == before
     monkeypatch.setattr(Sheet, "file", lambda self, kind: b"another figure")
     assert dobc(*again)[0] == 0
-    assert sorted(path.name for path in Path("here").iterdir()) == ["ensemble.npz", "simulation.svg", "summary.json"]
+    assert sorted(path.name for path in Path("here").iterdir()) == [
+        "ensemble.npz",
+        "simulation.svg",
+        "summary.json",
+    ]
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -134,7 +147,9 @@ def test_a_mistake_is_named_by_its_key_and_nothing_is_written(dobc, arguments, k
 @pytest.mark.usefixtures("undrawn")
 def test_a_start_and_a_mode_can_be_given(dobc):
     Path("x.csv").write_text("\n".join(map(str, range(10))), encoding="utf-8")
-    code, out, _ = dobc("paper-switching", "--start", "x.csv", "--mode", "Gb", "--t-final", 1, "--out", "here")
+    code, out, _ = dobc(
+        "paper-switching", "--start", "x.csv", "--mode", "Gb", "--t-final", 1, "--out", "here"
+    )
     stored = load_trajectory("here/trajectory.npz")
     assert code == 0
     assert stored.x[0].ravel().tolist() == list(range(10))
@@ -174,14 +189,18 @@ def test_agents_that_move_in_space_are_written_as_a_page(dobc, monkeypatch):
 
 
 def test_a_certificate_is_drawn_into_the_figure_and_bounds_the_end(dobc, proved):
-    code, out, _ = dobc("ring.toml", "--t-final", 2, "--certificate", proved, "--out", "here", "--json")
+    code, out, _ = dobc(
+        "ring.toml", "--t-final", 2, "--certificate", proved, "--out", "here", "--json"
+    )
     document = json.loads(out)
     certified = document["certified"]
     assert code == 0
     assert certified["sources"] == ["max-separable"]
     assert document["final_error"]["max"] < certified["final_error"] < 1
     assert "certified bound on |e|∞" in Path("here/simulation.svg").read_text("utf-8")
-    code, out, _ = dobc("ring.toml", "--runs", 3, "--t-final", 2, "--certificate", proved / "certificate.json")
+    code, out, _ = dobc(
+        "ring.toml", "--runs", 3, "--t-final", 2, "--certificate", proved / "certificate.json"
+    )
     assert f"final |e|_inf <= {certified['final_error']:.4g}, by max-separable" in out
 
 
@@ -203,8 +222,12 @@ def test_a_certificate_that_does_not_hold_shows_nothing(dobc, proved):
         place.write_text(text, encoding="utf-8")
 
 
-@pytest.mark.parametrize("option", ["--noise", "--saturation", "--loss", "--fail", "--worst", "--what-breaks-first"])
-def test_an_option_that_moved_names_the_command_that_has_it_and_that_command_has_it(dobc, option: str):
+@pytest.mark.parametrize(
+    "option", ["--noise", "--saturation", "--loss", "--fail", "--worst", "--what-breaks-first"]
+)
+def test_an_option_that_moved_names_the_command_that_has_it_and_that_command_has_it(
+    dobc, option: str
+):
     code, out, _ = dobc("paper-fixed", option, "1", "--json")
     error = json.loads(out)["error"]
     assert (code, error["kind"], error["key"]) == (2, "usage", option)

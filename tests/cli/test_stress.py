@@ -69,13 +69,18 @@ def test_the_worst_is_what_the_problem_bounds(dobc):
 
 @pytest.mark.usefixtures("undrawn")
 def test_stress_options_reach_the_run_and_are_said(dobc):
-    options = "--noise 0.01 --saturation 4 --period 0.05 --loss 0.1 --disturbance 0.1 --fail 3@1 --fail 4@1.5:freeze"
+    options = (
+        "--noise 0.01 --saturation 4 --period 0.05 --loss 0.1 --disturbance 0.1 --fail 3@1 "
+        "--fail 4@1.5:freeze"
+    )
     code, out, _ = dobc("paper-fixed", "--t-final", 2, *options.split(" "), "--out", "here")
     assert code == 0
     assert "agent 4 fails at 1.5 s (freeze)" in out
     stored = load_trajectory("here/trajectory.npz")
     failures = (Failure(agent="3", time=1.0), Failure(agent="4", time=1.5, kind="freeze"))
-    stress = Stress(noise=0.01, saturation=4, period=0.05, loss=0.1, disturbance=0.1, failures=failures)
+    stress = Stress(
+        noise=0.01, saturation=4, period=0.05, loss=0.1, disturbance=0.1, failures=failures
+    )
     assert stored.stress == stress_to_json(stress)
     assert np.array_equal(stored.x, simulate("paper-fixed", t_final=2, stress=stress).x)
 
@@ -85,24 +90,45 @@ def test_what_breaks_first_is_one_table_one_figure_and_one_document(dobc, proved
 
     monkeypatch.setattr(room, "OPTIONS", ("noise", "period"))
     monkeypatch.setattr(room, "BISECTIONS", 5)
-    code, out, _ = dobc("ring.toml", "--t-final", 1.5, "--certificate", proved, "--out", "here", "--json")
+    code, out, _ = dobc(
+        "ring.toml", "--t-final", 1.5, "--certificate", proved, "--out", "here", "--json"
+    )
     document = json.loads(out)
     breaking = document["breaking"]
     assert code == 0
-    assert set(document) >= {"runs", "diverged", "final_error", "settling_time", "decay_rate", "files"}
-    assert [each["option"] for each in breaking["sweeps"]] == breaking["order"] == ["noise", "period"]
-    assert 0 < breaking["period"]["certified"] < breaking["period"]["converges"] < breaking["period"]["fails"]
+    assert set(document) >= {
+        "runs",
+        "diverged",
+        "final_error",
+        "settling_time",
+        "decay_rate",
+        "files",
+    }
+    assert (
+        [each["option"] for each in breaking["sweeps"]] == breaking["order"] == ["noise", "period"]
+    )
+    assert (
+        0
+        < breaking["period"]["certified"]
+        < breaking["period"]["converges"]
+        < breaking["period"]["fails"]
+    )
     assert sorted(path.name for path in Path("here").iterdir()) == ["breaking.svg", "summary.json"]
     assert json.loads(Path("here/summary.json").read_text("utf-8")) == document
     assert "longest that works" in Path("here/breaking.svg").read_text("utf-8")
     assert dobc("ring.toml", "--t-final", 1.5, "--out", "here")[0] == 2
     monkeypatch.setattr(room, "OPTIONS", ("period",))
     _, out, _ = dobc("ring.toml", "--t-final", 1.5, "--certificate", proved)
-    assert re.search(r"Sampling period: converges at 0\.25\d* s, no longer at 0\.25\d* s; certified up to 0\.13", out)
+    assert re.search(
+        r"Sampling period: converges at 0\.25\d* s, no longer at 0\.25\d* s; certified up to 0\.13",
+        out,
+    )
 
 
 def test_a_run_that_no_certificate_is_about_gets_a_note_in_place_of_a_bound(dobc, proved):
-    code, out, _ = dobc("ring.toml", "--t-final", 1, "--noise", 0.1, "--certificate", proved, "--json")
+    code, out, _ = dobc(
+        "ring.toml", "--t-final", 1, "--noise", 0.1, "--certificate", proved, "--json"
+    )
     document = json.loads(out)
     assert (code, document["certified"]) == (0, None)
     assert "No certified bound: no certificate is about a loop under stress." in document["notes"]

@@ -19,7 +19,8 @@ from dobc_design.sweeps.running import sweep
 
 @pytest.fixture
 def dobc(command_line):
-    """Run the command line in a folder with chain.toml: exit code, standard output, standard error."""
+    """Run the command line in a folder with chain.toml: exit code, standard output, standard
+    error."""
     Path("chain.toml").write_text(CHAIN, encoding="utf-8")
     return partial(command_line, "sweep")
 
@@ -42,9 +43,18 @@ def test_the_document_counts_outcomes_and_a_second_run_does_nothing_again(dobc):
     assert Path("chain-sweep/results.jsonl").read_bytes() == journal
 
 
-def test_numbers_from_1e_300_to_1e300_are_drawn_side_by_side_or_a_note_says_why_not(dobc, monkeypatch):
-    """A rate at a pin's gain of 1e300 is still a number; along the axis such gains have no common scale."""
-    options = ("chain.toml", "pinning.gains.3=1e-300,1,1e300", "coupling.h=y,2*y,3*y,4*y", "--jobs", 1)
+def test_numbers_from_1e_300_to_1e300_are_drawn_side_by_side_or_a_note_says_why_not(
+    dobc, monkeypatch
+):
+    """A rate at a pin's gain of 1e300 is still a number; along the axis such gains have no common
+    scale."""
+    options = (
+        "chain.toml",
+        "pinning.gains.3=1e-300,1,1e300",
+        "coupling.h=y,2*y,3*y,4*y",
+        "--jobs",
+        1,
+    )
     code, out, err = dobc(*options, "--json")
     assert code == 0, err
     assert Path("chain-sweep/sweep.svg").exists() and json.loads(out)["notes"] == []
@@ -58,7 +68,9 @@ def test_numbers_from_1e_300_to_1e300_are_drawn_side_by_side_or_a_note_says_why_
 
 @pytest.mark.usefixtures("undrawn")
 def test_words_name_the_range_of_every_number_and_the_first_failures(dobc):
-    code, out, _ = dobc("chain.toml", "pinning.gains.3=1:4:2", "coupling.h=y,y+1", "--jobs", 1, "--out", "here")
+    code, out, _ = dobc(
+        "chain.toml", "pinning.gains.3=1:4:2", "coupling.h=y,y+1", "--jobs", 1, "--out", "here"
+    )
     assert code == 0
     assert "4 cases of pinning.gains.3, coupling.h: 2 proved, 2 failed" in out
     assert "certified rate in 1/s" in out
@@ -73,7 +85,10 @@ def test_verbose_tells_every_tenth_part_and_quiet_nothing(dobc):
     assert (code, len(told)) == (0, 11)
     assert (told[0], told[-1]) == ("0 of 20 cases", "20 of 20 cases")
     assert out
-    assert dobc("chain.toml", "pinning.gains.3=1:4:2", "--jobs", 1, "--out", "quiet", "-q")[1:] == ("", "")
+    assert dobc("chain.toml", "pinning.gains.3=1:4:2", "--jobs", 1, "--out", "quiet", "-q")[1:] == (
+        "",
+        "",
+    )
 
 
 @pytest.mark.parametrize(
@@ -102,10 +117,13 @@ def test_without_dask_the_message_says_what_to_install(dobc, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(find_spec("distributed") is None, reason="needs Dask: install dobc_design[cluster]")
+@pytest.mark.skipif(
+    find_spec("distributed") is None, reason="needs Dask: install dobc_design[cluster]"
+)
 @pytest.mark.skipif(not Path("/proc").exists(), reason="workers are found through /proc")
 def test_dask_workers_that_are_killed_cost_nothing(tmp_path):
-    """The cases that it had are done by others; the journal has each case once, equal to a serial run."""
+    """The cases that it had are done by others; the journal has each case once, equal to a serial
+    run."""
     file, out, count = tmp_path / "chain.toml", tmp_path / "out", 60
     file.write_text(CHAIN, encoding="utf-8")
     driver = start(file, out, "--jobs", "2", "--cluster", "local", "--json", count=count)

@@ -21,7 +21,9 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="terminals of Unix")
 COLOUR = re.compile(r"\x1b\[[0-9;]*?(?:3[0-7]|9[0-7])m")
 
 
-def on_a_terminal(*arguments: str, cwd: Path, interrupt: Path | None = None, **environment: str) -> tuple[int, str]:
+def on_a_terminal(
+    *arguments: str, cwd: Path, interrupt: Path | None = None, **environment: str
+) -> tuple[int, str]:
     """Run dobc with a pseudo terminal as its input and outputs: exit code, all that it wrote.
 
     ``interrupt``: Ctrl-C is typed as soon as this file holds something.
@@ -53,7 +55,9 @@ def on_a_terminal(*arguments: str, cwd: Path, interrupt: Path | None = None, **e
     else:
         os.kill(pid, signal.SIGKILL)
     os.close(terminal)
-    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), written.decode("utf-8", errors="replace")
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), written.decode(
+        "utf-8", errors="replace"
+    )
 
 
 @pytest.fixture
@@ -65,12 +69,16 @@ def chain(tmp_path) -> Path:
 
 @pytest.mark.slow
 def test_a_terminal_gets_colours_unless_no_color_is_set(chain):
-    code, shown = on_a_terminal("certify", "chain.toml", "--no-report", cwd=chain.parent, NO_COLOR="")
+    code, shown = on_a_terminal(
+        "certify", "chain.toml", "--no-report", cwd=chain.parent, NO_COLOR=""
+    )
     assert code == 0
     assert COLOUR.search(shown)
     assert "PROVED" in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown)
     for environment in ({"NO_COLOR": "1"}, {"NO_COLOR": "", "TERM": "dumb"}):
-        code, shown = on_a_terminal("certify", "chain.toml", "--no-report", cwd=chain.parent, **environment)
+        code, shown = on_a_terminal(
+            "certify", "chain.toml", "--no-report", cwd=chain.parent, **environment
+        )
         assert code == 0
         assert not COLOUR.search(shown), environment
         assert "PROVED" in shown
@@ -78,7 +86,9 @@ def test_a_terminal_gets_colours_unless_no_color_is_set(chain):
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "dobc_design", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=LONGEST)
+    return subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, check=False, timeout=LONGEST
+    )
 
 
 @pytest.mark.slow
@@ -95,7 +105,9 @@ def test_a_pipe_gets_no_escape_sequences_quiet_nothing_and_verbose_the_stages(ch
     assert all(re.fullmatch(r" +\d+\.\d s  \S.*", line) for line in stages)
 
 
-@pytest.mark.parametrize("command", [["certify"], ["region"], ["simulate"], ["sweep", "coupling.h=y"]])
+@pytest.mark.parametrize(
+    "command", [["certify"], ["region"], ["simulate"], ["sweep", "coupling.h=y"]]
+)
 def test_quiet_and_verbose_exclude_each_other(chain, command, capsys, monkeypatch):
     monkeypatch.chdir(chain.parent)
     with pytest.raises(SystemExit) as caught:
@@ -107,9 +119,12 @@ def test_quiet_and_verbose_exclude_each_other(chain, command, capsys, monkeypatc
 
 @pytest.mark.slow
 def test_ctrl_c_ends_a_sweep_with_130_and_says_how_to_go_on(chain):
-    """Typed at the terminal, so that it reaches the workers as well: none of them says a word, none stays."""
+    """Typed at the terminal, so that it reaches the workers as well: none of them says a word, none
+    stays."""
     options = ("sweep", "chain.toml", "pinning.gains.3=1:5:4000", "--jobs", "2", "--out", "out")
-    code, shown = on_a_terminal(*options, cwd=chain.parent, interrupt=chain.parent / "out/results.jsonl")
+    code, shown = on_a_terminal(
+        *options, cwd=chain.parent, interrupt=chain.parent / "out/results.jsonl"
+    )
     words = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown)
     assert code == 130
     assert "Interrupted; the finished cases are kept in 'out'." in words

@@ -27,10 +27,13 @@ def as_large(monkeypatch):
 
 
 def held(n=30, *, h="exp(y) - 1 + y", step=3):
-    """Both neighbours are heard, every third agent is pinned, with an oscillator for every agent."""
+    """Both neighbours are heard, every third agent is pinned, with an oscillator for every
+    agent."""
     arcs = [[i, (i + k) % n or n] for i in range(1, n + 1) for k in (1, n - 1)]
     oscillator = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-    return listening(arcs, h, n=n, gains=dict.fromkeys(range(1, n + 1, step), 3), exosystem=oscillator)
+    return listening(
+        arcs, h, n=n, gains=dict.fromkeys(range(1, n + 1, step), 3), exosystem=oscillator
+    )
 
 
 @cache
@@ -58,14 +61,19 @@ def test_the_vector_stands_in_the_certificate_and_both_programs_accept_it(as_lar
     assert accepted(certificate, problem) == (True, True)
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 2, 3, 4, 5))])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 2, 3, 4, 5))]
+)
 def test_both_paths_come_to_the_same_verdicts(seed, request):
-    """Vectors, matrix gains, irrational and negative slopes, several modes; margins differ by what is left unsought."""
+    """Vectors, matrix gains, irrational and negative slopes, several modes; margins differ by what
+    is left unsought."""
     problem = random_problem(seed) if seed % 2 else random_linear_problem(seed)
     plain = {(c.id, c.mode): c for c in certify(problem).checks}
     request.getfixturevalue("as_large")
     large = certify(problem)
-    assert {key: c.verdict for key, c in plain.items()} == {(c.id, c.mode): c.verdict for c in large.checks}
+    assert {key: c.verdict for key, c in plain.items()} == {
+        (c.id, c.mode): c.verdict for c in large.checks
+    }
     for check in large.checks:
         other = plain[check.id, check.mode]
         if check.id == "lemma1" and check.verdict is Verdict.PROVED and other.margin:
@@ -84,8 +92,15 @@ def test_a_margin_beyond_the_vector_or_a_forged_vector_is_refused_by_both(as_lar
         lemma["margin"] *= 1 + change
     else:
         v = np.frombuffer(b64decode(lemma["exact"]["v"]["float64"]), dtype="<f8")
-        forged = {"ones": np.ones(problem.n), "negative": -v, "short": v[:-1], "nan": np.full(problem.n, np.nan)}
-        lemma["exact"]["v"]["float64"] = b64encode(forged[change].tobytes()).decode() if change in forged else "?"
+        forged = {
+            "ones": np.ones(problem.n),
+            "negative": -v,
+            "short": v[:-1],
+            "nan": np.full(problem.n, np.nan),
+        }
+        lemma["exact"]["v"]["float64"] = (
+            b64encode(forged[change].tobytes()).decode() if change in forged else "?"
+        )
     assert accepted(json.dumps(document).encode(), problem) == (change == 0.0,) * 2
 
 

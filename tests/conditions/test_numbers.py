@@ -1,4 +1,5 @@
-"""Claimed numbers: decimal text, rounded towards the weaker claim; rationals of any sensible length."""
+"""Claimed numbers: decimal text, rounded towards the weaker claim; rationals of any sensible
+length."""
 
 import math
 from fractions import Fraction
@@ -37,7 +38,9 @@ def test_shorten_takes_rationals_beyond_the_floats(value):
     assert claimed(shorten(value)) <= value
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), -float("inf"), 5e-324, Fraction(1, 10**400)])
+@pytest.mark.parametrize(
+    "value", [0.0, -1.0, float("nan"), float("inf"), -float("inf"), 5e-324, Fraction(1, 10**400)]
+)
 def test_shorten_gives_zero_for_what_cannot_be_claimed(value):
     assert shorten(value) == 0.0 or claimed(shorten(value)) <= value
     assert shorten(-1.0) == shorten(float("inf")) == 0.0
@@ -59,7 +62,16 @@ def test_the_largest_proved_number_lies_just_below_a_good_estimate():
 
 
 def test_decimals_are_never_below_what_is_asked():
-    for value in ("1/3", "4", "0.1", "1e-9", "123456789.123456789123", "2/7", "1e17", "99999999999999999999"):
+    for value in (
+        "1/3",
+        "4",
+        "0.1",
+        "1e-9",
+        "123456789.123456789123",
+        "2/7",
+        "1e17",
+        "99999999999999999999",
+    ):
         exact = Fraction(value)
         found = claimed(decimal_above(exact))
         assert exact <= found <= exact * (1 + Fraction(1, 10**9)) + Fraction(1, 10**9)
@@ -100,7 +112,20 @@ def test_values_beyond_the_floats_read_back_as_they_were_written(digits, exponen
     assert read_rational(number_text(value)) == rational(number_text(value)) == value
 
 
-SHORT = ("1/0", "nan", "inf", "1_000", " 1", "0x10", "", "1/2/3", "--1", "١٢", "9_" * 150, "٣" * 300)
+SHORT = (
+    "1/0",
+    "nan",
+    "inf",
+    "1_000",
+    " 1",
+    "0x10",
+    "",
+    "1/2/3",
+    "--1",
+    "١٢",
+    "9_" * 150,
+    "٣" * 300,
+)
 LONG = ("1" * (LONGEST + 1), *("9" * 300 + end for end in ("/0", "e401", "e-401", ".e5", "\n")))
 
 

@@ -38,7 +38,9 @@ def test_a_list_couples_the_components():
     points = tuple(tuple(map(Interval.point, row)) for row in ((0, 2), (1, Fraction(-1, 3))))
     assert coupling.jacobian_at_zero() == points
     y = np.array([[[0.5, -1.0]], [[2.0, 3.0]]])
-    expected = np.stack([y[..., 0] * y[..., 1] + 2 * y[..., 1], np.tanh(y[..., 0]) - y[..., 1] / 3], axis=-1)
+    expected = np.stack(
+        [y[..., 0] * y[..., 1] + 2 * y[..., 1], np.tanh(y[..., 0]) - y[..., 1] / 3], axis=-1
+    )
     np.testing.assert_allclose(coupling.value(y), expected, rtol=1e-14)
 
 
@@ -61,19 +63,33 @@ def test_kinks_are_named_over_all_components():
     """Theory, section 3: the paper's lemma does not apply to them, the secant statement does."""
     assert make_coupling(["max(y1, 0)", "abs(y1) + y2"], dimension=2).nonsmooth == ("abs", "max")
     assert make_coupling("exp(y) - 1", dimension=2).nonsmooth == ()
-    assert make_coupling("clip(y, -1, 1)", dimension=1).jacobian_at_zero() == ((Interval.point(1),),)
-    assert make_coupling("abs(y)", dimension=1).jacobian_at_zero() == ((Interval(Fraction(-1), Fraction(1)),),)
+    assert make_coupling("clip(y, -1, 1)", dimension=1).jacobian_at_zero() == (
+        (Interval.point(1),),
+    )
+    assert make_coupling("abs(y)", dimension=1).jacobian_at_zero() == (
+        (Interval(Fraction(-1), Fraction(1)),),
+    )
 
 
 @pytest.mark.parametrize(
     ("h", "message"),
     [
-        ("exp(y) + y", r'^coupling\.h "exp\(y\) \+ y" must vanish .* equals 1; did you mean "exp\(y\) \+ y - 1"\?$'),
+        (
+            "exp(y) + y",
+            r'^coupling\.h "exp\(y\) \+ y" must vanish .* equals 1; did you mean "exp\(y\) '
+            r'\+ y - 1"\?$',
+        ),
         ("exp(y - 1)", r"must vanish at y = 0 but is about 0\.368\.$"),
-        ("exp(1 + y) - exp(1)", r"cannot be shown to vanish at y = 0 .*rewrite it\. For example exp\(1\)\*"),
+        (
+            "exp(1 + y) - exp(1)",
+            r"cannot be shown to vanish at y = 0 .*rewrite it\. For example exp\(1\)\*",
+        ),
         ("log(y)", r"but is undefined there: log is not defined on the whole of \[0, 0\]"),
         ("exp(exp(99 + y)) - 1", "is undefined there: exp of .* too large"),
-        ("sqrt(y)", r"around y = 0 \(seen on \|y\| <= 2\^-40\): sqrt is not defined on .* \[-1/10995116"),
+        (
+            "sqrt(y)",
+            r"around y = 0 \(seen on \|y\| <= 2\^-40\): sqrt is not defined on .* \[-1/10995116",
+        ),
         ("sqrt(abs(y))", "bounded slope around y = 0 .*: sqrt has no bounded slope on"),
     ],
 )
@@ -101,12 +117,32 @@ def test_suggestions_are_themselves_accepted():
 @pytest.mark.parametrize(
     ("h", "error", "key", "message"),
     [
-        ("y1", ExpressionError, "coupling.h", r'"y1" in column 1; a single .* list of 2 .* y1 to y2'),
+        (
+            "y1",
+            ExpressionError,
+            "coupling.h",
+            r'"y1" in column 1; a single .* list of 2 .* y1 to y2',
+        ),
         ("y + y2", ExpressionError, "coupling.h", 'found "y2" in column 5'),
-        (["y1"], ShapeError, "coupling.h", r"must have 2 expressions, one per state component; got 1"),
-        (3, ExpressionError, "coupling.h", "must be an expression in y, in quotes, or a list of them; got 3"),
+        (
+            ["y1"],
+            ShapeError,
+            "coupling.h",
+            r"must have 2 expressions, one per state component; got 1",
+        ),
+        (
+            3,
+            ExpressionError,
+            "coupling.h",
+            "must be an expression in y, in quotes, or a list of them; got 3",
+        ),
         (["y1", 2], ExpressionError, "coupling.h[1]", r"must be an expression in text; got int"),
-        (["y1", "y1 + 1"], ExpressionError, "coupling.h[1]", r'^coupling\.h\[1\] "y1 \+ 1" must vanish'),
+        (
+            ["y1", "y1 + 1"],
+            ExpressionError,
+            "coupling.h[1]",
+            r'^coupling\.h\[1\] "y1 \+ 1" must vanish',
+        ),
         (["y", "y1"], ExpressionError, "coupling.h[0]", 'did you mean "y1"'),
     ],
 )
@@ -142,7 +178,9 @@ def test_a_coupling_cannot_exist_invalid():
 
 def test_many_components_take_bounded_time():
     start = time.process_time()
-    make_coupling([" + ".join(f"y{j}*y{i + 1}" for j in range(1, 31)) for i in range(30)], dimension=30)
+    make_coupling(
+        [" + ".join(f"y{j}*y{i + 1}" for j in range(1, 31)) for i in range(30)], dimension=30
+    )
     assert time.process_time() - start < 20
 
 

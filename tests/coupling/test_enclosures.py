@@ -49,7 +49,9 @@ def curve(text: str) -> Curve:
         ("atan(y)*(2 + cos(y))", math.atan(2) * (2 + math.cos(2)) / 2, 3),
     ],
 )
-def test_secant_gains_on_minus_two_to_two_are_those_of_the_theory(text: str, low: float, high: float):
+def test_secant_gains_on_minus_two_to_two_are_those_of_the_theory(
+    text: str, low: float, high: float
+):
     """Theory, section 9: within 1e-3, and the truth inside."""
     found = secant_range(curve(text), TWO)
     assert low - 1e-3 < found.lo <= Fraction(low) + Fraction(1, 10**12)
@@ -89,7 +91,8 @@ def test_the_secant_gain_at_zero_is_the_slope_and_a_kink_at_the_end_counts_for_t
     zero = Interval.point(0)
     assert secant(curve("exp(y) - 1 + y"), zero).value == Interval.point(2)
     assert secant(curve("max(y, 2*y)"), zero).value == Interval(1, 2)
-    # clip(y, -1, 1) is y on [-1, 1]: its gain is 1 there, while Clarke's slope at the ends is [0, 1].
+    # clip(y, -1, 1) is y on [-1, 1]: its gain is 1 there, while Clarke's slope at the ends is [0,
+    # 1].
     one = Interval(-1, 1)
     assert secant_range(curve("clip(y, -1, 1)"), one) == Interval.point(1)
     assert slope_range(curve("clip(y, -1, 1)"), one) == Interval(0, 1)
@@ -97,11 +100,20 @@ def test_the_secant_gain_at_zero_is_the_slope_and_a_kink_at_the_end_counts_for_t
 
 @pytest.mark.parametrize(
     ("text", "function"),
-    [("log(1 + y)", "log"), ("sqrt(1 + y) - 1", "sqrt"), ("tan(y)", "tan"), ("1/(1 - y) - 1", "division")],
+    [
+        ("log(1 + y)", "log"),
+        ("sqrt(1 + y) - 1", "sqrt"),
+        ("tan(y)", "tan"),
+        ("1/(1 - y) - 1", "division"),
+    ],
 )
 @pytest.mark.parametrize("ranged", [value_range, slope_range, secant_range])
-def test_a_function_that_is_not_defined_is_refused_by_name_and_interval(text: str, function: str, ranged):
-    with pytest.raises(UndefinedError, match=rf"cannot be enclosed on \[-2, 2\]: near y = .*{function}"):
+def test_a_function_that_is_not_defined_is_refused_by_name_and_interval(
+    text: str, function: str, ranged
+):
+    with pytest.raises(
+        UndefinedError, match=rf"cannot be enclosed on \[-2, 2\]: near y = .*{function}"
+    ):
         ranged(curve(text), TWO)
 
 
@@ -113,7 +125,8 @@ def test_a_slope_without_bound_is_refused_though_the_value_is_defined():
         slope_range(curve("sqrt(1 + y) - 1"), Y)
 
 
-TURNS = [*range(0, 16, 2), 16 + len(OUTER), 18, 20]  # SymPy takes long with the first text of turn 16
+# SymPy takes long with the first text of turn 16
+TURNS = [*range(0, 16, 2), 16 + len(OUTER), 18, 20]
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -133,7 +146,9 @@ def test_derivatives_of_the_secant_gain_bound_its_differences(turn: int):
         slope = secant(curve(text), Y).slope
         if slope is None:
             continue
-        places = sorted({Y.lo + Y.width * Fraction(r.randint(0, 1000), 1000) for _ in range(6)} - {Fraction(0)})
+        places = sorted(
+            {Y.lo + Y.width * Fraction(r.randint(0, 1000), 1000) for _ in range(6)} - {Fraction(0)}
+        )
         gains = [true_values(text, y)[2] for y in places]
         for (y, g), (z, f) in pairwise(zip(places, gains, strict=True)):
             assert holds(slope, (f - g) / (z - y))
@@ -145,7 +160,8 @@ def jet_of(text: str, Y: Interval, *, restricted: bool = False) -> Jet:
 
 
 COMPOSED = "sin(2*y) + y**2"
-LONG = ("min(#, 2*(#), 1)", "clip(#, -1/2, 3/4)")  # SymPy takes long to see which of these is the least
+# SymPy takes long to see which of these is the least
+LONG = ("min(#, 2*(#), 1)", "clip(#, -1/2, 3/4)")
 TWICE = [pytest.param(each, COMPOSED, marks=[pytest.mark.slow] * (each in LONG)) for each in OUTER]
 
 
@@ -161,7 +177,9 @@ def test_jets_at_points_are_value_slope_and_curvature(pattern: str, inner: str):
             second = mpmath.diff(slope, at)
             wanted = [exact(mpmath.mpf(x)) for x in (h(at), slope(at), second)]
         assert found.curvature is not None
-        for enclosure, value in zip((found.value, found.slope, found.curvature), wanted, strict=True):
+        for enclosure, value in zip(
+            (found.value, found.slope, found.curvature), wanted, strict=True
+        ):
             slack = Fraction(1, 10**25) * (1 + abs(value))
             assert enclosure.lo - slack <= value <= enclosure.hi + slack
             assert enclosure.width <= slack
@@ -190,7 +208,9 @@ def profile_of(text: str, radius: str):
     return profile(Curve(parse_expression(text)), Fraction(radius))
 
 
-@pytest.mark.parametrize("text", ["exp(y) - 1 + y", "tanh(y)", "y**3", "clip(y, -1, 1)", "y + sin(y)/2", "max(y, 2*y)"])
+@pytest.mark.parametrize(
+    "text", ["exp(y) - 1 + y", "tanh(y)", "y**3", "clip(y, -1, 1)", "y + sin(y)/2", "max(y, 2*y)"]
+)
 def test_monotone_couplings_are_one_rising_cell(text: str):
     found = profile_of(text, "9")
     assert found.is_nondecreasing
@@ -198,7 +218,8 @@ def test_monotone_couplings_are_one_rising_cell(text: str):
 
 
 def test_sin_turns_at_odd_multiples_of_half_pi():
-    """Maxima at -3 pi/2 and pi/2, minima at -pi/2 and 3 pi/2, each in a cell of 1e-6 with the value +-1 inside."""
+    """Maxima at -3 pi/2 and pi/2, minima at -pi/2 and 3 pi/2, each in a cell of 1e-6 with the value
+    +-1 inside."""
     found = profile_of("sin(y)", "5")
     assert not found.is_nondecreasing
     for cells, value, places in ((found.tops, 1, (-1.5, 0.5)), (found.bottoms, -1, (-0.5, 1.5))):
@@ -212,6 +233,11 @@ def test_sin_turns_at_odd_multiples_of_half_pi():
 def test_a_corner_is_a_top_and_what_is_not_defined_so_far_out_is_refused():
     """min(y, 1 - y) turns at 1/2; its kink may be met exactly or enclosed."""
     found = profile_of("min(y, 1 - y)", "2")
-    assert any(cell.place.contains(Fraction(1, 2)) and cell.values.contains(Fraction(1, 2)) for cell in found.tops)
-    with pytest.raises(UndefinedError, match=r'h = "log\(1 \+ y\)" cannot be enclosed on \[-1, 1\]: log'):
+    assert any(
+        cell.place.contains(Fraction(1, 2)) and cell.values.contains(Fraction(1, 2))
+        for cell in found.tops
+    )
+    with pytest.raises(
+        UndefinedError, match=r'h = "log\(1 \+ y\)" cannot be enclosed on \[-1, 1\]: log'
+    ):
         profile_of("log(1 + y)", "1")

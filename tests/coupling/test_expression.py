@@ -75,7 +75,10 @@ def call(name, *arguments):
         ("y + 2*y", made("add", Y, made("multiply", number(2), Y))),
         ("-y*y", made("multiply", made("negate", Y), Y)),
         ("y*-y", made("multiply", Y, made("negate", Y))),
-        ("clip(y, -1, 1/2)", call("clip", Y, made("negate", number(1)), made("divide", number(1), number(2)))),
+        (
+            "clip(y, -1, 1/2)",
+            call("clip", Y, made("negate", number(1)), made("divide", number(1), number(2))),
+        ),
         (" \t\r\n( y )\n", Y),
     ],
 )
@@ -108,10 +111,12 @@ def _grow(inner):
         st.tuples(inner, st.sampled_from("+-*/"), inner).map("".join),
         inner.map("-{}".format),
         inner.map("({})".format),
-        st.tuples(st.one_of(inner.map("({})".format), _small, st.just("y")), st.integers(-3, 3)).map(
-            lambda pair: f"{pair[0]}**{pair[1]}"
+        st.tuples(
+            st.one_of(inner.map("({})".format), _small, st.just("y")), st.integers(-3, 3)
+        ).map(lambda pair: f"{pair[0]}**{pair[1]}"),
+        st.tuples(st.sampled_from(["min", "max"]), inner, inner).map(
+            lambda t: f"{t[0]}({t[1]}, {t[2]})"
         ),
-        st.tuples(st.sampled_from(["min", "max"]), inner, inner).map(lambda t: f"{t[0]}({t[1]}, {t[2]})"),
         inner.map("abs({})".format),
     )
 
@@ -155,12 +160,16 @@ def _grow_any(inner):
     )
 
 
-texts = st.recursive(st.one_of(st.sampled_from(["y1", "y2", "y3"]), _literals), _grow_any, max_leaves=15)
+texts = st.recursive(
+    st.one_of(st.sampled_from(["y1", "y2", "y3"]), _literals), _grow_any, max_leaves=15
+)
 
 
 def _parse_or_none(text, dimension=3):
     try:
-        return parse_expression(text.replace("y**", "y1**").replace("y ", "y1 "), dimension=dimension)
+        return parse_expression(
+            text.replace("y**", "y1**").replace("y ", "y1 "), dimension=dimension
+        )
     except ExpressionError:
         return None
 
@@ -234,7 +243,10 @@ def test_latex_is_what_one_would_write_by_hand(text, latex):
         ("", r'^coupling\.h "": found an empty text; write a function of y'),
         (" \n", "found an empty text"),
         ("y^2", r'found "\^" in column 2; a power is written y\*\*2; did you mean "y\*\*2"\?'),
-        ("2y + 3y", r'found "y" in column 2; here an operator is needed.*did you mean "2\*y \+ 3\*y"\?'),
+        (
+            "2y + 3y",
+            r'found "y" in column 2; here an operator is needed.*did you mean "2\*y \+ 3\*y"\?',
+        ),
         ("sin", "found the end in column 4; sin needs its argument"),
         ("ln(y)", r'found "ln" in column 1; the names are y, pi.*did you mean "log\(y\)"\?'),
         ("x + x**2", r'did you mean "y \+ y\*\*2"\?'),
@@ -249,7 +261,10 @@ def test_latex_is_what_one_would_write_by_hand(text, latex):
         ("sin(y, y)", r'"sin" with 2 argument\(s\) in column 1; sin takes 1 argument$'),
         ("clip(y, 1, 0)", "needs lo <= hi"),
         ("clip(y, -pi, pi)", "must be rational constants; for others use min and max"),
-        ("y**y", r'found "y" in column 4; an exponent must be a literal integer from -64 to 64, or 1/2'),
+        (
+            "y**y",
+            r'found "y" in column 4; an exponent must be a literal integer from -64 to 64, or 1/2',
+        ),
         ("y**2**3", r'found "\*\*" in column 5.*write \(y\*\*2\)\*\*3'),
         ("y**65", 'found "65" in column 4; an exponent'),
         ("y**2.5", 'found "2.5"'),
@@ -268,7 +283,10 @@ def test_latex_is_what_one_would_write_by_hand(text, latex):
         ("\ud800", r'found "\\ud800" in column 1'),
         ("lambda: y", 'found ":"|operator'),
         ("y" * 2000, "the names are y"),
-        ("(" * 51 + "y" + ")" * 51, 'found "\\(" in column 51; parentheses may be nested at most 50 deep'),
+        (
+            "(" * 51 + "y" + ")" * 51,
+            'found "\\(" in column 51; parentheses may be nested at most 50 deep',
+        ),
         ("(" * 2000, "nested at most 50 deep"),
     ],
 )
@@ -316,7 +334,12 @@ def test_fifty_nested_parentheses_are_read():
     assert len(tree.postorder(parse_expression("-" * 1999 + "y").node)) == 2000
 
 
-HOSTILE = ["(" * 50 + "9**64" + ")**64" * 50, "*".join(["(9**64)"] * 250), "/".join(["7**64"] * 300) + "*y", "(" * 2000]
+HOSTILE = [
+    "(" * 50 + "9**64" + ")**64" * 50,
+    "*".join(["(9**64)"] * 250),
+    "/".join(["7**64"] * 300) + "*y",
+    "(" * 2000,
+]
 HOSTILE += ["9**64" + "**64" * 400, "-" * 2000, "y" * 2000, "+".join(["y"] * 1000), "2y" * 1000]
 HOSTILE += ["min(" * 500, "1e" * 1000, "y^" * 1000, "1e400" * 400]
 
@@ -387,7 +410,10 @@ def test_polynomial_degree_is_that_of_the_expression_as_written(text, degree):
 def test_functions_that_are_not_c1_and_variables_are_named():
     """Theory, section 3: |y|, min, max, clip are not C1."""
     assert make_coupling("max(y, 1) + abs(y)/2 - abs(-1)", dimension=1).nonsmooth == ("abs", "max")
-    assert make_coupling("-clip(sin(y), -1, 1)**2*min(y, 1)", dimension=1).nonsmooth == ("min", "clip")
+    assert make_coupling("-clip(sin(y), -1, 1)**2*min(y, 1)", dimension=1).nonsmooth == (
+        "min",
+        "clip",
+    )
     assert make_coupling("max(1, 2)*y + abs(pi)*y - sqrt(1 + y**2)*y", dimension=1).nonsmooth == ()
     assert variables_used(parse_expression("y3 + y1*y3", dimension=4).node) == (0, 2)
     assert variables_used(parse_expression("2").node) == ()
@@ -452,7 +478,9 @@ def _box(ends, at):
     """A box, and points in it: two fractions of its sides for each."""
     box = [Interval(*sorted(ends[:2])), Interval(*sorted(ends[2:]))]
     pairs = zip(at[::2], at[1::2], strict=True)
-    return box, [[side.lo + t * side.width for side, t in zip(box, pair, strict=True)] for pair in pairs]
+    return box, [
+        [side.lo + t * side.width for side, t in zip(box, pair, strict=True)] for pair in pairs
+    ]
 
 
 @cache
@@ -463,7 +491,9 @@ def derivatives(text):
     return symbols, [sympy.diff(oracle, symbol) for symbol in symbols]
 
 
-@pytest.mark.parametrize("text", [text for text in VECTOR if "max" not in text and "clip" not in text])
+@pytest.mark.parametrize(
+    "text", [text for text in VECTOR if "max" not in text and "clip" not in text]
+)
 @settings(max_examples=10, deadline=None)
 @given(ends=st.tuples(*[_fraction] * 4), at=st.tuples(*[st.fractions(0, 1, max_denominator=9)] * 2))
 def test_gradients_contain_sympys_derivatives_on_the_box(text, ends, at):
@@ -472,7 +502,9 @@ def test_gradients_contain_sympys_derivatives_on_the_box(text, ends, at):
     box, (point,) = _box(ends, at)
     algebra = tree.GradientAlgebra(2)
     gradient = tree.evaluate(expression.node, algebra.variables(box), algebra)
-    values = {s: sympy.Rational(x.numerator, x.denominator) for s, x in zip(symbols, point, strict=True)}
+    values = {
+        s: sympy.Rational(x.numerator, x.denominator) for s, x in zip(symbols, point, strict=True)
+    }
     for derivative, partial in zip(wanted, gradient.partials, strict=True):
         value = derivative.subs(values).evalf(80)
         assert _contains(partial, mpmath_context.mpf(str(value)), slack="1e-70")
@@ -489,9 +521,12 @@ def test_gradients_with_kinks_contain_a_mean_value_of_every_difference(text, end
     algebra = tree.GradientAlgebra(2)
     partials = tree.evaluate(node, algebra.variables(box), algebra).partials
     reachable = sum(
-        (partial * (a - b) for partial, a, b in zip(partials, first, second, strict=True)), Interval.point(0)
+        (partial * (a - b) for partial, a, b in zip(partials, first, second, strict=True)),
+        Interval.point(0),
     )
-    values = [tree.evaluate(node, [_as_mpf(x) for x in point], _Mpmath()) for point in (first, second)]
+    values = [
+        tree.evaluate(node, [_as_mpf(x) for x in point], _Mpmath()) for point in (first, second)
+    ]
     assert _contains(reachable, values[0] - values[1])
 
 
@@ -522,7 +557,9 @@ def test_slopes_are_exact_where_they_are_rational(text, ends, slope):
     assert _slope_of(text, *ends) == Interval(Fraction(slope[0]), Fraction(slope[1]))
 
 
-@pytest.mark.parametrize("text", ["(" * 10 + "3*y" + ")**64" * 10, "exp(" * 20 + "y" + ")" * 20, "sin(1e400*y)*9**64"])
+@pytest.mark.parametrize(
+    "text", ["(" * 10 + "3*y" + ")**64" * 10, "exp(" * 20 + "y" + ")" * 20, "sin(1e400*y)*9**64"]
+)
 @pytest.mark.parametrize("ends", [(Fraction(1, 3),) * 2, (Fraction(-2), Fraction(2))])
 def test_intervals_of_hostile_expressions_take_bounded_time(text, ends):
     start = time.perf_counter()

@@ -1,4 +1,5 @@
-"""The table of functions: enclosures against mpmath, the libraries against each other, the documentation."""
+"""The table of functions: enclosures against mpmath, the libraries against each other, the
+documentation."""
 
 import math
 from fractions import Fraction
@@ -31,8 +32,19 @@ def near(enclosure: Interval, value: mpmath.mpf) -> bool:
 
 WRITTEN = [f"{name}(y)" for name in FUNCTIONS if name not in ("min", "max", "clip")]
 WRITTEN += ["min(y, 1/2, 2 - y)", "max(y, -y, 0.3)", "clip(2*y, 1/3, 1)", "clip(y, 0.5, 0.5)"]
-COMPOSED = ["log(1 + y**2)/sqrt(4 - y)", "sin(y)*cos(3*y) - tan(y/4)", "y**-2", "y**7 - y**64/1e12", "pi*y/3.2"]
-COMPOSED += ["-y**2*(y - 0.25)**5/7", "(1 + y**2)**0.5 - 1", "1e300*y*1e-300", "atan(y)**3 - sinh(y)/cosh(y)"]
+COMPOSED = [
+    "log(1 + y**2)/sqrt(4 - y)",
+    "sin(y)*cos(3*y) - tan(y/4)",
+    "y**-2",
+    "y**7 - y**64/1e12",
+    "pi*y/3.2",
+]
+COMPOSED += [
+    "-y**2*(y - 0.25)**5/7",
+    "(1 + y**2)**0.5 - 1",
+    "1e300*y*1e-300",
+    "atan(y)**3 - sinh(y)/cosh(y)",
+]
 
 
 @pytest.mark.parametrize("text", WRITTEN + COMPOSED)
@@ -46,7 +58,9 @@ def test_numpy_casadi_and_sympy_agree(text: str):
     symbolic, (symbol,) = to_sympy(expression)
     for at, value in zip(points.ravel(), values.ravel(), strict=True):
         assert float(by_casadi(at)) == pytest.approx(value, rel=1e-13)
-        assert float(symbolic.subs(symbol, sympy.Float(at, 30))) == pytest.approx(value, rel=1e-12, abs=1e-14)
+        assert float(symbolic.subs(symbol, sympy.Float(at, 30))) == pytest.approx(
+            value, rel=1e-12, abs=1e-14
+        )
 
 
 @pytest.mark.parametrize("name", SMOOTH)
@@ -65,7 +79,11 @@ def test_the_slope_that_errors_are_carried_on_with_is_not_exceeded(name: str):
     for x in (0.3, 0.9):
         around = np.linspace(x - 0.05, x + 0.05, 21)
         most = max(abs(float(mpmath.diff(getattr(mpmath, name), y))) for y in around)
-        assert most <= (1.0 if row.steepest is None else row.steepest(np.asarray(x), np.asarray(x + 0.05))) + 1e-9
+        assert (
+            most
+            <= (1.0 if row.steepest is None else row.steepest(np.asarray(x), np.asarray(x + 0.05)))
+            + 1e-9
+        )
 
 
 def test_every_function_is_documented():

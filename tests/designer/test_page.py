@@ -1,4 +1,5 @@
-"""The Designer's page in Chromium beside a model without a kernel: what a hand does to it, and an audit by axe-core."""
+"""The Designer's page in Chromium beside a model without a kernel: what a hand does to it, and an
+audit by axe-core."""
 
 import json
 import os
@@ -8,7 +9,9 @@ from pathlib import Path
 import pytest
 from chromium import CHROMIUM, Page, browser, until
 
-pytest.importorskip("anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
+pytest.importorskip(
+    "anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'"
+)
 
 import dobc_design as dd
 
@@ -19,7 +22,8 @@ KEYS = ("network", "arcs", "gains", "rate", "radius", "version", "numbers", "ver
 MODEL = """
 const sent = [], listeners = {};
 const model = {
-  get: (key) => values[key], set: (key, value) => { values[key] = value; }, send: (message) => sent.push(message),
+  get: (key) => values[key], set: (key, value) => { values[key] = value; }, send: (message) =>
+  sent.push(message),
   on: (names, act) => names.split(" ").forEach((name) => { (listeners[name] ??= []).push(act); }),
   tell: (name, what) => (listeners[name] ?? []).forEach((act) => act(what)),
   save_changes: () => setTimeout(() => model.tell("change:numbers")),
@@ -36,12 +40,24 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     designer = dd.Designer("paper-fixed")
     designer.certify()
     values = json.dumps({key: getattr(designer, key) for key in KEYS})
-    script = designer._esm.replace("export default { render };", f"const values = {values};") + MODEL
+    script = (
+        designer._esm.replace("export default { render };", f"const values = {values};") + MODEL
+    )
     body = '<body><main><h1>Designer</h1><div id="designer"></div></main>'
-    head = f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Designer</title><style>{designer._css}</style>'
-    (folder / "page.html").write_text(f"{head}{body}<script>{script}</script></body></html>", encoding="utf-8")
-    with browser(folder, (folder / "page.html").as_uri(), wanted="page.html", window="1000,1000") as opened:
-        until("the drawing", lambda: opened.run("document.querySelectorAll('.dobc-agent').length === 10"))
+    head = (
+        '<!DOCTYPE html><html lang="en"><meta '
+        f'charset="utf-8"><title>Designer</title><style>{designer._css}</style>'
+    )
+    (folder / "page.html").write_text(
+        f"{head}{body}<script>{script}</script></body></html>", encoding="utf-8"
+    )
+    with browser(
+        folder, (folder / "page.html").as_uri(), wanted="page.html", window="1000,1000"
+    ) as opened:
+        until(
+            "the drawing",
+            lambda: opened.run("document.querySelectorAll('.dobc-agent').length === 10"),
+        )
         yield opened
 
 
@@ -52,13 +68,17 @@ def press(page: Page, key: str, **more: int) -> None:
 
 def mouse(page: Page, kind: str, agent: int) -> None:
     box = page.run(
-        f"(({{x, y, width, height}}) => [x + width / 2, y + height / 2])({AGENT.format(agent)}.getBoundingClientRect())"
+        "(({x, y, width, height}) => [x + width / 2, y + height / "
+        f"2])({AGENT.format(agent)}.getBoundingClientRect())"
     )
     page.ask("Input.dispatchMouseEvent", type=kind, x=box[0], y=box[1], button="left", clickCount=1)
 
 
 def click(page: Page, text: str) -> None:
-    page.run(f"[...document.querySelectorAll('button')].find((each) => each.textContent === '{text}').click()")
+    page.run(
+        "[...document.querySelectorAll('button')].find((each) => each.textContent === "
+        f"'{text}').click()"
+    )
 
 
 def test_a_gain_is_typed_as_a_number_and_undone_and_redone(page: Page):
@@ -93,7 +113,9 @@ def test_the_mouse_pins_adds_and_removes_arcs(page: Page):
         mouse(page, "mouseMoved", 1)
         mouse(page, "mouseReleased", 1)
         until("the arcs", lambda wanted=wanted: page.run("values.arcs.Ga.length") == wanted)
-        assert page.run("values.arcs.Ga.some(([i, j, w]) => i === 0 && j === 3 && w === '1')") is (wanted == 11)
+        assert page.run("values.arcs.Ga.some(([i, j, w]) => i === 0 && j === 3 && w === '1')") is (
+            wanted == 11
+        )
         assert page.run("document.querySelectorAll('.dobc-arc').length") == wanted
     counted = "[values.arcs.Ga.length, Object.keys(values.gains).length]"
     for before in ([11, 3], [10, 3], [10, 2]):
@@ -133,6 +155,7 @@ def test_copy_as_python_shows_what_the_kernel_sends(page: Page):
 def test_an_audit_by_axe_finds_nothing_in_the_page(page: Page):
     page.run(Path(AXE).read_text("utf-8") + "; true")
     found = page.run(
-        "axe.run(document).then((it) => it.violations.map((each) => each.id + ' ' + each.nodes[0].target))"
+        "axe.run(document).then((it) => it.violations.map((each) => each.id + ' ' + "
+        "each.nodes[0].target))"
     )
     assert found == []

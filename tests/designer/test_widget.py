@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
+pytest.importorskip(
+    "anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'"
+)
 
 import dobc_design as dd
 from dobc_design.designer.source import python_source
@@ -19,30 +21,41 @@ from dobc_design.report.plant import plant_numbers
 
 def problem(coupling: str, arcs: list[list[int]], agents: int, **settings: Any) -> dd.Problem:
     return dd.Problem(
-        network=dd.Network.from_arcs(arcs, arrow="listens_to", agents=agents), coupling=coupling, **settings
+        network=dd.Network.from_arcs(arcs, arrow="listens_to", agents=agents),
+        coupling=coupling,
+        **settings,
     )
 
 
 @pytest.fixture
 def designer() -> dd.Designer:
-    return dd.Designer(problem("tanh(y) + y", [[2, 1], [3, 2]], 3, target=2, gains={1: 3}, name="line"))
+    return dd.Designer(
+        problem("tanh(y) + y", [[2, 1], [3, 2]], 3, target=2, gains={1: 3}, name="line")
+    )
 
 
 def test_until_something_is_changed_the_problem_is_the_one_given_exactly():
     """A region that is not symmetric, a gain that no double equals."""
     region = {"initial_states": [0, 5]}
-    given = problem("tanh(y) + y", [[2, 1]], 2, target=1, gains={1: "1/3"}, region=region, name="third")
+    given = problem(
+        "tanh(y) + y", [[2, 1]], 2, target=1, gains={1: "1/3"}, region=region, name="third"
+    )
     designer = dd.Designer(given)
     assert designer.problem == given
     designer.gains = {**designer.gains, "2": 0.125}
-    assert [k[0][0] for k in designer.problem.pinning.gains.values()] == [Fraction(1, 3), Fraction(1, 8)]
+    assert [k[0][0] for k in designer.problem.pinning.gains.values()] == [
+        Fraction(1, 3),
+        Fraction(1, 8),
+    ]
     assert designer.problem.region == given.region
     designer.radius = 2.0
     assert designer.problem.region.initial_states == ((Fraction(-1), Fraction(3)),)
 
 
 def test_arcs_are_added_and_removed_with_the_couplings_of_their_own(designer):
-    own = problem("y", [[2, 1, "1/3"], [3, 2]], 3, gains={1: 3}, exceptions={(1, 0): "2*y", (2, 1): "3*y"})
+    own = problem(
+        "y", [[2, 1, "1/3"], [3, 2]], 3, gains={1: 3}, exceptions={(1, 0): "2*y", (2, 1): "3*y"}
+    )
     designer = dd.Designer(own)
     designer.arcs = {"G": [[1, 0, "1/3"], [0, 2, "1"]]}
     changed = designer.problem
@@ -54,15 +67,27 @@ def test_arcs_are_added_and_removed_with_the_couplings_of_their_own(designer):
 
 
 FEATURES = {
-    "groups": {"groups": [dd.Group(agents=[k], exosystem=dd.Exosystem(A=[[f"-{k}/3"]], C=[[1]])) for k in (1, 2)]},
+    "groups": {
+        "groups": [
+            dd.Group(agents=[k], exosystem=dd.Exosystem(A=[[f"-{k}/3"]], C=[[1]])) for k in (1, 2)
+        ]
+    },
     "own couplings": {"exceptions": {(1, 0): "2*y"}, "offsets": {"2": 1}, "name": 'it\'s "here"'},
-    "matrix gains": {"target": [0, 1], "gains": {1: [["1/3", 0], [0, 2]]}, "simulation": {"x0": [[0, 1], ["1/3", 2]]}},
+    "matrix gains": {
+        "target": [0, 1],
+        "gains": {1: [["1/3", 0], [0, 2]]},
+        "simulation": {"x0": [[0, 1], ["1/3", 2]]},
+    },
 }
 
 
 @pytest.mark.parametrize("source", ["paper-fixed", "paper-switching", "uav-swarm", *FEATURES])
 def test_the_python_of_a_problem_builds_an_equal_problem(source, tmp_path):
-    given = problem("sin(y)", [[2, 1, "1/3"], [1, 2]], 2, **FEATURES[source]) if source in FEATURES else source
+    given = (
+        problem("sin(y)", [[2, 1, "1/3"], [1, 2]], 2, **FEATURES[source])
+        if source in FEATURES
+        else source
+    )
     wanted = given if source in FEATURES else dd.load_problem(source)
     (tmp_path / "script.py").write_text(python_source(wanted), encoding="utf-8")
     found = runpy.run_path(str(tmp_path / "script.py"))["problem"]
@@ -89,7 +114,8 @@ def test_beside_the_verdict_stands_what_is_proved_about_the_plant(designer):
 
 
 def test_the_preview_agrees_with_closed_forms(designer):
-    """h'(0) = 2, gain 3 at agent 1: Lambda = [[-6, 2, 0], [2, -4, 2], [0, 2, -4]]; without pins it is not negative."""
+    """h'(0) = 2, gain 3 at agent 1: Lambda = [[-6, 2, 0], [2, -4, 2], [0, 2, -4]]; without pins it
+    is not negative."""
     wanted = np.linalg.eigvalsh(np.array([[-6.0, 2, 0], [2, -4, 2], [0, 2, -4]])).max()
     assert designer.numbers["lambda_max"] == pytest.approx(wanted, rel=1e-9)
     assert designer.numbers["reach"] == 1.0
@@ -101,10 +127,15 @@ def test_the_preview_agrees_with_closed_forms(designer):
 def test_the_previewed_region_is_about_what_certify_proves():
     """sin, one pin of two agents that listen to each other: a box below pi is all there is."""
     both = [[2, 1], [1, 2]]
-    reach = preview(problem("sin(y)", both, 2, gains={1: 1}), radius=6.0, rate=0.01, t_final=1.0).reach
+    reach = preview(
+        problem("sin(y)", both, 2, gains={1: 1}), radius=6.0, rate=0.01, t_final=1.0
+    ).reach
     region = {"initial_states": [-0.9 * reach, 0.9 * reach]}
     assert 0.5 < reach < 3.2
-    assert dd.certify(problem("sin(y)", both, 2, gains={1: 1}, region=region)).verdict is dd.Verdict.PROVED
+    assert (
+        dd.certify(problem("sin(y)", both, 2, gains={1: 1}, region=region)).verdict
+        is dd.Verdict.PROVED
+    )
 
 
 def test_a_saved_file_is_the_problem(designer, tmp_path):
@@ -114,13 +145,23 @@ def test_a_saved_file_is_the_problem(designer, tmp_path):
     with pytest.raises(SpecError, match=r"there already"):
         designer.save(path)
     again = dd.Designer(path)  # as after a restart of the kernel
-    assert (again.gains, again.arcs, again.radius) == (designer.gains, designer.arcs, designer.radius)
+    assert (again.gains, again.arcs, again.radius) == (
+        designer.gains,
+        designer.arcs,
+        designer.radius,
+    )
     assert again.problem == dd.load_problem(path)
 
 
 def test_after_any_moves_the_estimates_are_those_of_a_new_widget(designer):
     """Estimates depend on the problem and the sliders, not on the order of the moves."""
-    for name, value in (("rate", 0.2), ("radius", 2.5), ("rate", 0.1), ("gains", {"2": 4.0}), ("radius", 1.5)):
+    for name, value in (
+        ("rate", 0.2),
+        ("radius", 2.5),
+        ("rate", 0.1),
+        ("gains", {"2": 4.0}),
+        ("radius", 1.5),
+    ):
         setattr(designer, name, value)
         fresh = dd.Designer(designer.problem, rate=designer.rate)
         seen, wanted = (dict(each.numbers, milliseconds=0, version=0) for each in (designer, fresh))
@@ -146,11 +187,15 @@ def test_a_rate_is_shown_cut_towards_zero(designer):
 
 def test_a_message_of_the_page_saves_and_says_what_went_wrong(designer, tmp_path, monkeypatch):
     said = []
-    monkeypatch.setattr(type(designer), "send", lambda self, content, buffers=None: said.append(content["text"]))
+    monkeypatch.setattr(
+        type(designer), "send", lambda self, content, buffers=None: said.append(content["text"])
+    )
     for path in (tmp_path / "a.toml", tmp_path / "a.toml", tmp_path / "no" / "folder.toml"):
         designer._asked(designer, {"kind": "save", "path": str(path)}, [])
     designer._asked(designer, "noise", [])
-    designer._asked(designer, {"kind": "save", "path": str(tmp_path / "a.toml"), "replace": True}, [])
+    designer._asked(
+        designer, {"kind": "save", "path": str(tmp_path / "a.toml"), "replace": True}, []
+    )
     designer._asked(designer, {"kind": "python"}, [])
     assert said[4] == python_source(designer.problem)
     assert said[0] == f"Saved. To open it again: dd.Designer({str(tmp_path / 'a.toml')!r})"
@@ -167,4 +212,7 @@ def test_what_cannot_be_drawn_is_refused():
 
 
 def test_a_kink_at_the_target_leaves_the_eigenvalue_out():
-    assert dd.Designer(problem("y + abs(y)/2", [[2, 1]], 2, gains={1: 1, 2: 1})).numbers["lambda_max"] is None
+    assert (
+        dd.Designer(problem("y + abs(y)/2", [[2, 1]], 2, gains={1: 1, 2: 1})).numbers["lambda_max"]
+        is None
+    )

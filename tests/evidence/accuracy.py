@@ -1,4 +1,5 @@
-"""Certified final bounds against the exact L-infinity gain of random linear loops, and against bang-bang runs."""
+"""Certified final bounds against the exact L-infinity gain of random linear loops, and against
+bang-bang runs."""
 
 import numpy as np
 from disturbed import exact_gain, final_errors
@@ -12,7 +13,8 @@ CURVED = {"disturbance": "1/10", "drift": "1/100", "measurement": "1/1000"}
 
 
 def run(count: int, seed: int) -> Row:
-    """Every bound is at least what some input reaches; 100 random problems, and paper-fixed with its own coupling."""
+    """Every bound is at least what some input reaches; 100 random problems, and paper-fixed with
+    its own coupling."""
     failures: list[str] = []
     ratios: list[float] = []
     shares: list[float] = []
@@ -37,11 +39,17 @@ def run(count: int, seed: int) -> Row:
     median = float(np.median(ratios))
     if median > MEDIAN:
         failures.append(f"in the median a bound is {median:.3f} times the exact gain")
-    notes = [f"bound / exact gain: least {min(ratios):.4f}, median {median:.3f}, largest {max(ratios):.3f}"]
+    notes = [
+        f"bound / exact gain: least {min(ratios):.4f}, median {median:.3f}, largest "
+        f"{max(ratios):.3f}"
+    ]
     notes.append(
-        f"bang-bang runs reach {min(shares):.3f} to {max(shares):.3f} of a bound; paper-fixed {shares[-1]:.3f}"
+        f"bang-bang runs reach {min(shares):.3f} to {max(shares):.3f} of a bound; "
+        f"paper-fixed {shares[-1]:.3f}"
     )
-    return Row("final bounds of |e_i| against exact gains and bang-bang runs", count, failures, notes)
+    return Row(
+        "final bounds of |e_i| against exact gains and bang-bang runs", count, failures, notes
+    )
 
 
 def _bounds(problem: Problem) -> np.ndarray | None:

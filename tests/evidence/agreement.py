@@ -1,4 +1,5 @@
-"""``certify`` and the second program on random problems of every kind: they agree on every claim that is made."""
+"""``certify`` and the second program on random problems of every kind: they agree on every claim
+that is made."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -13,8 +14,25 @@ from dobc_design import Exosystem, Group, Network, Problem, certify, verify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.coverage import asked_radius
 
-SMOOTH = ("y", "2*y", "tanh(y)", "sin(y)", "y + y**3/4", "exp(y) - 1 + y", "atan(2*y)", "y/(1 + y**2)", "sinh(y)/2")
-EDGES = ("sqrt(1 + y) - 1", "log(1 + y)", "y/(2 - y)", "tan(y)", "1 - sqrt(1 - y)", "y + log(1 - y/2)")
+SMOOTH = (
+    "y",
+    "2*y",
+    "tanh(y)",
+    "sin(y)",
+    "y + y**3/4",
+    "exp(y) - 1 + y",
+    "atan(2*y)",
+    "y/(1 + y**2)",
+    "sinh(y)/2",
+)
+EDGES = (
+    "sqrt(1 + y) - 1",
+    "log(1 + y)",
+    "y/(2 - y)",
+    "tan(y)",
+    "1 - sqrt(1 - y)",
+    "y + log(1 - y/2)",
+)
 KINKS = (
     "max(y, 0)",
     "min(y, 2*y)",
@@ -38,7 +56,15 @@ EXOSYSTEMS = ([[0]], [[0, 1], [0, 0]], [[0, 2], [-2, 0]], [[-1]])
 
 VERDICTS = ("proved", "refuted", "undecided")
 KINDS = (
-    *("vector states", "couplings by list", "groups", "exosystems", "matrix gains", "kinks", "several modes"),
+    *(
+        "vector states",
+        "couplings by list",
+        "groups",
+        "exosystems",
+        "matrix gains",
+        "kinks",
+        "several modes",
+    ),
     *("no region", "regions just inside where h is defined", "regions beyond where h is defined"),
     "plants beside the model",
 )
@@ -46,23 +72,40 @@ MANY = 200  # problems among which every kind occurs
 
 
 def run(count: int, seed: int) -> Row:
-    """No claim that is made is refused by the second program, and none had to be withdrawn because of it."""
+    """No claim that is made is refused by the second program, and none had to be withdrawn because
+    of it."""
     failures, verdicts, claims = [], Counter(), Counter()
     for number in range(seed, seed + count):
         problem = any_problem(number)
         certificate = certify(problem)
         verdicts.update((kind, certificate.verdict.value) for kind in ("", *kinds(problem)))
         claims.update(check.verdict.value for check in certificate.checks)
-        failures += [f"{number}: {c.reason}" for c in certificate.checks if "second checker" in c.reason]
-        failures += [f"{number}: {text}" for text in verify(certificate_bytes(certificate.claims), problem).failures]
-        failures += [f"{number}: {certificate.claims.reason}"] if "second checker" in certificate.claims.reason else []
+        failures += [
+            f"{number}: {c.reason}" for c in certificate.checks if "second checker" in c.reason
+        ]
+        failures += [
+            f"{number}: {text}"
+            for text in verify(certificate_bytes(certificate.claims), problem).failures
+        ]
+        failures += (
+            [f"{number}: {certificate.claims.reason}"]
+            if "second checker" in certificate.claims.reason
+            else []
+        )
     notes = [f"single claims: {', '.join(f'{claims[verdict]} {verdict}' for verdict in VERDICTS)}"]
     for kind in ("", *KINDS):
         many = [verdicts[kind, verdict] for verdict in VERDICTS]
-        listed = ", ".join(f"{number} {verdict}" for number, verdict in zip(many, VERDICTS, strict=True))
+        listed = ", ".join(
+            f"{number} {verdict}" for number, verdict in zip(many, VERDICTS, strict=True)
+        )
         notes.append(f"{kind or 'problems'}, {sum(many)}: {listed}")
         failures += [f"no problem has {kind}"] if count >= MANY and not sum(many) else []
-    return Row("certify and the second program: problems of every kind on which they agree", count, failures, notes)
+    return Row(
+        "certify and the second program: problems of every kind on which they agree",
+        count,
+        failures,
+        notes,
+    )
 
 
 def kinds(problem: Problem) -> Iterator[str]:
@@ -97,7 +140,8 @@ def _defined(problem: Problem, times: int) -> bool:
 
 
 def any_problem(seed: int) -> Problem:
-    """Up to five agents, two components and two modes, some with an exosystem or several, matrix gains, a region."""
+    """Up to five agents, two components and two modes, some with an exosystem or several, matrix
+    gains, a region."""
     r = Random(seed)
     if r.random() < 0.2:
         return random_problem(seed)
@@ -105,18 +149,28 @@ def any_problem(seed: int) -> Problem:
     chain = [(i, r.randint(1, i - 1)) for i in range(2, n + 1) if r.random() < 0.9]
     pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
     modes = {
-        mode: [[*pair, r.choice(("1", "1/2", "5/4"))] for pair in pairs if pair in chain or r.random() < 0.25]
+        mode: [
+            [*pair, r.choice(("1", "1/2", "5/4"))]
+            for pair in pairs
+            if pair in chain or r.random() < 0.25
+        ]
         for mode in ("a", "b")[: r.choice((1, 1, 2))]
     }
-    given: dict[str, Any] = {"gains": {i: _gain(r, m) for i in range(1, n + 1) if i == 1 or r.random() < 0.3}}
+    given: dict[str, Any] = {
+        "gains": {i: _gain(r, m) for i in range(1, n + 1) if i == 1 or r.random() < 0.3}
+    }
     kind = r.random()
     if kind < 0.2 and n > 1:
         rest = tuple(str(i) for i in range(2, n + 1))
-        given["groups"] = [Group(agents=each, exosystem=_exosystem(r, m)) for each in (("1",), rest)]
+        given["groups"] = [
+            Group(agents=each, exosystem=_exosystem(r, m)) for each in (("1",), rest)
+        ]
     elif kind < 0.4:
         given["exosystem"] = _exosystem(r, m)
     if r.random() < 0.8:
-        ends = [sorted(r.choice((-1, 1)) * r.choice((0, 1, 2, 3, 5, 8)) for _ in "ab") for _ in range(m)]
+        ends = [
+            sorted(r.choice((-1, 1)) * r.choice((0, 1, 2, 3, 5, 8)) for _ in "ab") for _ in range(m)
+        ]
         unit = r.choice((5, 10))
         given["region"] = {"initial_states": [[f"{lo}/{unit}", f"{hi}/{unit}"] for lo, hi in ends]}
         if kind < 0.4 and len(given) > 2:
@@ -138,7 +192,15 @@ def any_problem(seed: int) -> Problem:
 def _gain(r: Random, m: int) -> Any:
     if m == 1 or r.random() < 0.4:
         return r.choice(("1/10", "1", "2", "5"))
-    return r.choice(([[1, 0], [0, 0]], [[1, -1], [-1, 1]], [[2, 1], [-1, 2]], [[0, 0], [0, 3]], [[1, 1], [1, 1]]))
+    return r.choice(
+        (
+            [[1, 0], [0, 0]],
+            [[1, -1], [-1, 1]],
+            [[2, 1], [-1, 2]],
+            [[0, 0], [0, 3]],
+            [[1, 1], [1, 1]],
+        )
+    )
 
 
 def _exosystem(r: Random, m: int) -> Exosystem:

@@ -17,5 +17,8 @@ def run(count: int, seed: int) -> Row:
             names.append(name)
             if len(names) * EACH >= count:
                 break
-    what = "bad inputs of exported C code: skipped, counted, and the answers are those of a run that missed them"
+    what = (
+        "bad inputs of exported C code: skipped, counted, and the answers are those of a run "
+        "that missed them"
+    )
     return Row(what, len(names) * EACH, failures, [f"{len(names)} programs under the sanitizers"])

@@ -1,7 +1,9 @@
-"""Signals that keep a guarantee, beside other methods: the last two tables of docs/comparison.md, as Markdown.
+"""Signals that keep a guarantee, beside other methods: the last two tables of docs/comparison.md,
+as Markdown.
 
-immrax (embedding, half a ring at a time) runs by the Python that PEERS_PYTHON names; where it is not installed that
-table says so.  Products of exact flows bound the joint spectral radius of linear agents with a fixed dwell time.
+immrax (embedding, half a ring at a time) runs by the Python that PEERS_PYTHON names; where it is
+not installed that table says so.  Products of exact flows bound the joint spectral radius of linear
+agents with a fixed dwell time.
 """
 
 import json
@@ -74,8 +76,8 @@ def half_a_ring() -> Problem:
 
 
 def boxes_table() -> Iterator[str]:
-    """Largest bounds at the ends of periods, and the largest part by which a corner lies inside the exact box, whose
-    corner is a run: couplings rise."""
+    """Largest bounds at the ends of periods, and the largest part by which a corner lies inside the
+    exact box, whose corner is a run: couplings rise."""
     start = time.process_time()
     settling = certify_settling(half_a_ring(), radius=RADIUS, tolerance="1/25")
     ours, true = time.process_time() - start, corner_run()
@@ -87,7 +89,9 @@ def boxes_table() -> Iterator[str]:
         cells = [f"{true[2 * k - 1].max():.6f}", f"{settling.envelope(2 * k):.6f}"]
         for found in theirs.values():
             box = None if found is None else np.array(found[2][2 * k - 1])
-            cells.append("not installed" if box is None else f"{box.max():.6f}{_short(box, true[2 * k - 1])}")
+            cells.append(
+                "not installed" if box is None else f"{box.max():.6f}{_short(box, true[2 * k - 1])}"
+            )
         yield f"| {k} | {' | '.join(cells)} |"
     times = ["-" if each is None else f"{each[1]:.2f}" for each in theirs.values()]
     yield f"| CPU s | | {ours:.1f} | {' | '.join(times)} |"
@@ -114,7 +118,11 @@ def corner_run() -> list[Any]:
 
 
 def embedded(step: float) -> Any:
-    call = [os.environ.get("PEERS_PYTHON", sys.executable), "-c", EMBEDDED.replace("STEP", repr(step))]
+    call = [
+        os.environ.get("PEERS_PYTHON", sys.executable),
+        "-c",
+        EMBEDDED.replace("STEP", repr(step)),
+    ]
     answer = subprocess.run(call, capture_output=True, text=True, check=False)
     return json.loads(answer.stdout.splitlines()[-1]) if answer.returncode == 0 else None
 
@@ -122,11 +130,15 @@ def embedded(step: float) -> Any:
 def products_table() -> Iterator[str]:
     """Rates (1/s) for every order of three modes of 1 s each, none twice in a row."""
     heads = " | ".join(f"products of {length}, max norm" for length in LENGTHS)
-    yield f"| n | slowest order found | certified | {heads} | s: certify, products of {LENGTHS[-1]} |"
+    yield (
+        f"| n | slowest order found | certified | {heads} | s: certify, products of {LENGTHS[-1]} |"
+    )
     yield "|---" * (4 + len(LENGTHS)) + "|"
     for n in range(3, 11):
         modes = {k: [(i, i - 1) for i in range(2, n + 1) if i % 3 != k] for k in range(3)}
-        network = Network.from_arcs({"ABC"[k]: arcs for k, arcs in modes.items()}, arrow="listens_to", agents=n)
+        network = Network.from_arcs(
+            {"ABC"[k]: arcs for k, arcs in modes.items()}, arrow="listens_to", agents=n
+        )
         turns = Switching(guarantee="dwell", dwell=1, longest=1)
         start = time.process_time()
         found = certify(Problem(network=network, coupling="y", gains={1: 1}, switching=turns))
@@ -135,7 +147,12 @@ def products_table() -> Iterator[str]:
         norms, slowest = bounds(flows)
         theirs = time.process_time() - start
         rate = "-" if found.rate is None else f"{float(found.rate):.4f}"
-        cells = [f"{slowest:.4f}", rate, *(f"{max(0.0, norms[k]):.4f}" for k in LENGTHS), f"{ours:.1f}, {theirs:.2f}"]
+        cells = [
+            f"{slowest:.4f}",
+            rate,
+            *(f"{max(0.0, norms[k]):.4f}" for k in LENGTHS),
+            f"{ours:.1f}, {theirs:.2f}",
+        ]
         yield f"| {n} | {' | '.join(cells)} |"
 
 
@@ -147,16 +164,22 @@ def jacobian(n: int, arcs: list[tuple[int, int]]) -> Any:
 
 
 def bounds(flows: list[Any]) -> tuple[dict[int, float], float]:
-    """By length, the rate that the largest norm of all products gives (proved but for rounding); the slowest closed
-    order, which none can beat."""
+    """By length, the rate that the largest norm of all products gives (proved but for rounding);
+    the slowest closed order, which none can beat."""
     norms, slowest = dict[int, float](), math.inf
     products = {(k,): each for k, each in enumerate(flows)}
     for length in range(1, LENGTHS[-1] + 1):
-        norms[length] = -math.log(max(np.abs(each).sum(axis=1).max() for each in products.values())) / length
+        norms[length] = (
+            -math.log(max(np.abs(each).sum(axis=1).max() for each in products.values())) / length
+        )
         closed = [each for word, each in products.items() if word[0] != word[-1]]
         sizes = [np.abs(np.linalg.eigvals(each)).max() for each in closed]
         slowest = min([slowest, *(-math.log(size) / length for size in sizes)])
-        products = {(*w, k): flows[k] @ products[w] for w, k in product(products, range(len(flows))) if w[-1] != k}
+        products = {
+            (*w, k): flows[k] @ products[w]
+            for w, k in product(products, range(len(flows)))
+            if w[-1] != k
+        }
     return norms, slowest
 
 

@@ -1,4 +1,5 @@
-"""Joint designs: what is proved is proved again, what is refused is impossible for random gains, built-in problems."""
+"""Joint designs: what is proved is proved again, what is refused is impossible for random gains,
+built-in problems."""
 
 from fractions import Fraction
 from itertools import permutations
@@ -11,23 +12,39 @@ from linked import loop_by_hand
 import dobc_design as dd
 from dobc_design import Network, Problem, Verdict
 
-BUILT_IN = ("paper-fixed", "paper-switching", "clock-sync", "karate-club", "microgrid-ieee14", "uav-swarm")
+BUILT_IN = (
+    "paper-fixed",
+    "paper-switching",
+    "clock-sync",
+    "karate-club",
+    "microgrid-ieee14",
+    "uav-swarm",
+)
 MOST_PINS = {"paper-fixed": 2}
 TRIALS = 200
 LEAST_SAVED = 0.2  # of the total gain, in the median
 
 
 def built_in(count: int, seed: int) -> Row:
-    """The built-in problems without their gains and W: designed, certified, decided again by both checkers."""
+    """The built-in problems without their gains and W: designed, certified, decided again by both
+    checkers."""
     failures, notes = [], []
     names = BUILT_IN[:count]
     for name in names:
         found = dd.design(name)
-        if found.verdict is not Verdict.PROVED or found.problem is None or found.certificate is None:
+        if (
+            found.verdict is not Verdict.PROVED
+            or found.problem is None
+            or found.certificate is None
+        ):
             failures.append(f"{name}: {found.verdict.value}, {found.reason}")
             continue
         again = dd.verify(dd.certify(found.problem), found.problem)
-        if not again.holds or again.verdict is not Verdict.PROVED or len(found.gains) > MOST_PINS.get(name, 99):
+        if (
+            not again.holds
+            or again.verdict is not Verdict.PROVED
+            or len(found.gains) > MOST_PINS.get(name, 99)
+        ):
             failures.append(f"{name}: {again.verdict.value}, pins {', '.join(found.gains)}")
         notes.append(f"{name}: {len(found.gains)} pins, rate {found.rate or 0:.3g} 1/s")
     return Row("built-in problems designed and proved", len(names), failures, notes)
@@ -82,13 +99,20 @@ def _keeps(found: dd.Design, asked: dict) -> bool:
 
 
 def _found_one(r: Random, problem: Problem, asked: dict) -> bool:
-    """Random gains within the limits whose linear loop decays at the rate asked (at all, if none was)."""
+    """Random gains within the limits whose linear loop decays at the rate asked (at all, if none
+    was)."""
     J = loop_by_hand(problem)
-    allowed = [problem.network.index[label] for label in asked.get("allowed", problem.network.labels)]
+    allowed = [
+        problem.network.index[label] for label in asked.get("allowed", problem.network.labels)
+    ]
     for _ in range(TRIALS):
         K = np.zeros(problem.n)
         for i in r.sample(allowed, min(len(allowed), asked.get("pins", problem.n))):
-            drawn = min(10 ** r.uniform(-2, 4), asked.get("max_gain", 1e9)) if r.random() < 0.7 else None
+            drawn = (
+                min(10 ** r.uniform(-2, 4), asked.get("max_gain", 1e9))
+                if r.random() < 0.7
+                else None
+            )
             K[i] = asked.get("max_gain", 1e6) if drawn is None else drawn
         if -np.max(np.linalg.eigvals(J - np.diag(K)).real) > asked.get("rate", 0) + 1e-9:
             return True
@@ -96,7 +120,8 @@ def _found_one(r: Random, problem: Problem, asked: dict) -> bool:
 
 
 def true_rate(count: int, seed: int) -> Row:
-    """Random digraphs without a region: the gain needed for a rate with weights of V against V = e'e, both proved."""
+    """Random digraphs without a region: the gain needed for a rate with weights of V against V =
+    e'e, both proved."""
     failures, savings, alone = [], list[float](), 0
     for number in range(count):
         r = Random(seed + number)
@@ -104,10 +129,18 @@ def true_rate(count: int, seed: int) -> Row:
         pairs = [pair for pair in permutations(range(1, n + 1), 2) if r.random() < 2.5 / n]
         arcs = [[*pair, round(r.uniform(0.2, 3), 2)] for pair in pairs]
         arcs = arcs or [[1, 2, 1]]
-        problem = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="y")
+        problem = Problem(
+            network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="y"
+        )
         rate = Fraction(r.randint(5, 40), 100)
-        weighted, plain = (dd.design(problem, rate=rate, conservative=which) for which in (False, True))
-        if weighted.verdict is not Verdict.PROVED or weighted.problem is None or weighted.certificate is None:
+        weighted, plain = (
+            dd.design(problem, rate=rate, conservative=which) for which in (False, True)
+        )
+        if (
+            weighted.verdict is not Verdict.PROVED
+            or weighted.problem is None
+            or weighted.certificate is None
+        ):
             failures.append(f"{seed + number}: {weighted.verdict.value}, {weighted.reason}")
             continue
         K = np.diag([float(weighted.gains.get(label, 0)) for label in problem.network.labels])
@@ -124,5 +157,8 @@ def true_rate(count: int, seed: int) -> Row:
     saved = float(np.median(savings)) if savings else 0.0
     if saved < LEAST_SAVED:
         failures.append(f"median saving {saved:.1%}")
-    note = f"median saving of gain {saved:.0%}, least {min(savings, default=0):.0%}; {alone} proved with weights only"
+    note = (
+        f"median saving of gain {saved:.0%}, least {min(savings, default=0):.0%}; {alone} "
+        "proved with weights only"
+    )
     return Row("designs for the true local rate against V = e'e", count, failures, [note])

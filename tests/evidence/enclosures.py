@@ -1,4 +1,5 @@
-"""Enclosures of h, h' and h(y)/y against random points at 200 bits, for every function and compositions."""
+"""Enclosures of h, h' and h(y)/y against random points at 200 bits, for every function and
+compositions."""
 
 from random import Random
 
@@ -19,11 +20,15 @@ def run(count: int, seed: int) -> Row:
         text = coupling_text(seed + turn)
         used |= {name for name in FUNCTIONS if f"{name}(" in text}
         points = min(PER_COUPLING, count - done)
-        failures += [f"turn {turn}: {each}" for each in outside(text, Random(f"{seed} {turn}"), points)]
+        failures += [
+            f"turn {turn}: {each}" for each in outside(text, Random(f"{seed} {turn}"), points)
+        ]
         done += points
         turn += 1
     missing = set(FUNCTIONS) - used
     if missing and turn >= 3 * len(OUTER):
         failures.append(f"never used: {sorted(missing)}")
     what = "enclosures of h, h' and the secant gain contain the values at random points (200 bits)"
-    return Row(what, done, failures, [f"{turn} couplings, {len(used)} of {len(FUNCTIONS)} functions"])
+    return Row(
+        what, done, failures, [f"{turn} couplings, {len(used)} of {len(FUNCTIONS)} functions"]
+    )

@@ -1,4 +1,5 @@
-"""Starts on the boundary of proved sets, at random, at corners, at edges and uphill: none may leave or be slower."""
+"""Starts on the boundary of proved sets, at random, at corners, at edges and uphill: none may leave
+or be slower."""
 
 import itertools
 from collections.abc import Iterator
@@ -38,7 +39,11 @@ def run(count: int, seed: int) -> Row:
     each = max(10, -(-count // PROBLEMS))
     problems = -(-count // each)
     for number, (name, problem, certified) in enumerate(_proved(seed)):
-        how = {"certified": certified, "t_final": HORIZON, "gain": None if problem.exosystem is None else W}
+        how = {
+            "certified": certified,
+            "t_final": HORIZON,
+            "gain": None if problem.exosystem is None else W,
+        }
         found = search_starts(problem, runs=each, seed=seed + number, **how)
         tried, unfinished = tried + found.tried, unfinished + found.unfinished
         failures += [f"{name}: {suspect}" for suspect in found.suspects]
@@ -52,8 +57,13 @@ def run(count: int, seed: int) -> Row:
     if seen < LEAST * problems // PROBLEMS:
         failures.append(f"only {seen} problems had a certificate and a rate")
     notes = (
-        f"{seen} problems; certified rate / slowest observed rate, median (least to largest) by kind:",
-        *(f"{kind}: {median(own):.3f} ({min(own):.3f} to {max(own):.3f})" for kind, own in ratios.items() if own),
+        f"{seen} problems; certified rate / slowest observed rate, median (least to "
+        "largest) by kind:",
+        *(
+            f"{kind}: {median(own):.3f} ({min(own):.3f} to {max(own):.3f})"
+            for kind, own in ratios.items()
+            if own
+        ),
         f"{unfinished} runs took too many steps",
     )
     what = "starts on the boundary of certified sets: none leaves, all decay at least as certified"
@@ -61,7 +71,8 @@ def run(count: int, seed: int) -> Row:
 
 
 def _proved(seed: int) -> Iterator[tuple[str, Problem, Separable | Lure]]:
-    """Random problems with a proved certificate, of four kinds in turn; draws without one are passed over."""
+    """Random problems with a proved certificate, of four kinds in turn; draws without one are
+    passed over."""
     made = dict(zip(KINDS, (_monotone, _turning, _observed, _quadratic), strict=True))
     for turn in itertools.count():
         kind = KINDS[turn % 4]
@@ -82,7 +93,13 @@ def _turning(seed: int) -> tuple[Problem, Separable | None]:
 
 def _observed(seed: int) -> tuple[Problem, Separable | None]:
     problem = random_problem(
-        seed, couplings=MONOTONE, modes=2, n=4, held=True, exosystem=lure_cases.HARMONIC, observer=Observer(W=W)
+        seed,
+        couplings=MONOTONE,
+        modes=2,
+        n=4,
+        held=True,
+        exosystem=lure_cases.HARMONIC,
+        observer=Observer(W=W),
     )
     plan = design_separable(problem, radius=Fraction(1), disturbance=Fraction(1, 2), W=W)
     return problem, None if plan is None else first_certificate(problem, W, plan)
@@ -90,7 +107,9 @@ def _observed(seed: int) -> tuple[Problem, Separable | None]:
 
 def _quadratic(seed: int) -> tuple[Problem, Lure | None]:
     r = Random(f"quadratic {seed}")
-    problem = lure_cases.random_problem(seed, coupling=r.choice(("tanh(y)", "sin(y)", PAPER)), modes=r.choice((1, 2)))
+    problem = lure_cases.random_problem(
+        seed, coupling=r.choice(("tanh(y)", "sin(y)", PAPER)), modes=r.choice((1, 2))
+    )
     lure = design_lure(
         problem,
         holds=lambda each: lure_cases.is_proved(problem, each),

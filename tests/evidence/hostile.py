@@ -1,7 +1,9 @@
-"""Command lines that nobody should write: every command and option, with values and files that do not fit.
+"""Command lines that nobody should write: every command and option, with values and files that do
+not fit.
 
-Each must end with an exit code of the contract; a mistake is said in errors, or as one JSON document, and leaves
-nothing behind.  Every command runs in a folder of its own, in this process, through the entry of the command line.
+Each must end with an exit code of the contract; a mistake is said in errors, or as one JSON
+document, and leaves nothing behind.  Every command runs in a folder of its own, in this process,
+through the entry of the command line.
 """
 
 import contextlib
@@ -54,11 +56,62 @@ FILES = {f"{name}.toml": PROBLEM.format(target, gain).encode() for name, target,
     "binary.npz": b"PK\x03\x04" + bytes(range(256)),
     "case.m": b"mpc.bus = [1 2",
 }
-GOOD, MADE = ["good.toml", "big.toml", "ü ☃.toml", "cert/problem.json"], ["cert", "cert/certificate.json"]
-PATHS = [*FILES, "missing.toml", ".", "/dev/null", "a\x1b[31m\nb.toml", "x" * 300 + ".toml", "", "--json", "-"]
-NEW = ["new.toml", "new", "new.fmu", "new.dat-s", "new.py", "new.v", "nowhere/new.toml", "good.toml/new", "new.pdf"]
-NUMBERS = ["3", "0.5", "1", "2", "0", "-1", "-0", "1e400", "1e300", "1e-300", "nan", "-inf", "1000000000", "1/3", "1/0"]
-HOSTILE = ["9" * 5000, "٣", "0x10", "1e", "[bold]", "", "\u202e\x07", "😀" * 50, "{0}%s", *PATHS, *NUMBERS]
+GOOD, MADE = (
+    ["good.toml", "big.toml", "ü ☃.toml", "cert/problem.json"],
+    ["cert", "cert/certificate.json"],
+)
+PATHS = [
+    *FILES,
+    "missing.toml",
+    ".",
+    "/dev/null",
+    "a\x1b[31m\nb.toml",
+    "x" * 300 + ".toml",
+    "",
+    "--json",
+    "-",
+]
+NEW = [
+    "new.toml",
+    "new",
+    "new.fmu",
+    "new.dat-s",
+    "new.py",
+    "new.v",
+    "nowhere/new.toml",
+    "good.toml/new",
+    "new.pdf",
+]
+NUMBERS = [
+    "3",
+    "0.5",
+    "1",
+    "2",
+    "0",
+    "-1",
+    "-0",
+    "1e400",
+    "1e300",
+    "1e-300",
+    "nan",
+    "-inf",
+    "1000000000",
+    "1/3",
+    "1/0",
+]
+HOSTILE = [
+    "9" * 5000,
+    "٣",
+    "0x10",
+    "1e",
+    "[bold]",
+    "",
+    "\u202e\x07",
+    "😀" * 50,
+    "{0}%s",
+    *PATHS,
+    *NUMBERS,
+]
 AXES = [
     "target=1:2:2",
     "pinning.gains.1=~uniform(0,1)",
@@ -67,15 +120,40 @@ AXES = [
     "coupling.h=y,exp(y",
 ]
 AXES += ["target=nan,1", "nobody=1", "simulation.seed=1:3:3", "simulation.t_final=1,1e300"]
-FITS = {"axes": AXES, "certificate": MADE, "certificates": MADE, "problem": GOOD, "file": GOOD, "start": ["start.csv"]}
-FITS |= {"mode": ["Ga"], "fail": ["2@0.1", "1@nan:freeze"], "theorem": ["lemma1"], "task": ["simulate", "certify"]}
-FITS |= {"id": ["theorem1"], "name": ["two"], "observer": ["off", "full-loop"], "source": ["case.m", "start.csv"]}
-FITS |= {"arrow": ["listens_to"], "allowed": ["1,2"], "precision": ["float"], "agent": ["1"], "cluster": ["nowhere:1"]}
+FITS = {
+    "axes": AXES,
+    "certificate": MADE,
+    "certificates": MADE,
+    "problem": GOOD,
+    "file": GOOD,
+    "start": ["start.csv"],
+}
+FITS |= {
+    "mode": ["Ga"],
+    "fail": ["2@0.1", "1@nan:freeze"],
+    "theorem": ["lemma1"],
+    "task": ["simulate", "certify"],
+}
+FITS |= {
+    "id": ["theorem1"],
+    "name": ["two"],
+    "observer": ["off", "full-loop"],
+    "source": ["case.m", "start.csv"],
+}
+FITS |= {
+    "arrow": ["listens_to"],
+    "allowed": ["1,2"],
+    "precision": ["float"],
+    "agent": ["1"],
+    "cluster": ["nowhere:1"],
+}
 FITS |= dict.fromkeys(
-    ("out", "canonical", "apply_fix", "c", "fmu", "sdpa", "python_control", "rocq", "pdf", "latex"), NEW
+    ("out", "canonical", "apply_fix", "c", "fmu", "sdpa", "python_control", "rocq", "pdf", "latex"),
+    NEW,
 )
 SECONDS = 60
-WRITTEN = ("io", "certificate", "export")  # kinds of errors with exit code 4: a place that cannot be written
+# kinds of errors with exit code 4: a place that cannot be written
+WRITTEN = ("io", "certificate", "export")
 
 
 class TooLongError(BaseException):
@@ -83,12 +161,21 @@ class TooLongError(BaseException):
 
 
 def lines(count: int, seed: int) -> Iterator[list[str]]:
-    """Command after command, each with some of its options, at times twice; one value in four is hostile."""
+    """Command after command, each with some of its options, at times twice; one value in four is
+    hostile."""
     commands: dict[str, Any] = get_command(app).commands  # type: ignore[attr-defined]
     names = [name for name in commands for _ in range(min(5, len(commands[name].params)))]
-    for random, name in ((Random(seed * 100_000 + place), names[place % len(names)]) for place in range(count)):
-        options = [each for each in commands[name].params if each.param_type_name == "option" and each.name != "help"]
-        chosen = [each for each in commands[name].params if each.required and random.random() < 0.97]
+    for random, name in (
+        (Random(seed * 100_000 + place), names[place % len(names)]) for place in range(count)
+    ):
+        options = [
+            each
+            for each in commands[name].params
+            if each.param_type_name == "option" and each.name != "help"
+        ]
+        chosen = [
+            each for each in commands[name].params if each.required and random.random() < 0.97
+        ]
         words = [name]
         for each in [*chosen, *random.choices(options, k=random.choice([0, 1, 2, 2, 3, 5]))]:
             words += [random.choice([*each.opts, *each.secondary_opts])] if each in options else []
@@ -113,7 +200,9 @@ def run(count: int, seed: int) -> Row:
             codes[code] += 1
             failures += [f"{shlex.join(words)}: {wrong}"] if wrong else []
     what = "hostile command lines: exit codes of the contract, clear errors, nothing half written"
-    return Row(what, count, failures, [f"exit code {code}: {codes[code]}" for code in sorted(codes)])
+    return Row(
+        what, count, failures, [f"exit code {code}: {codes[code]}" for code in sorted(codes)]
+    )
 
 
 def answer(words: list[str], folder: Path) -> tuple[int, str, str]:
@@ -122,10 +211,19 @@ def answer(words: list[str], folder: Path) -> tuple[int, str, str]:
     def stop(number: int, frame: object) -> None:
         raise TooLongError
 
-    out, errors, code, before = io.StringIO(), io.StringIO(), -1, signal.signal(signal.SIGALRM, stop)
+    out, errors, code, before = (
+        io.StringIO(),
+        io.StringIO(),
+        -1,
+        signal.signal(signal.SIGALRM, stop),
+    )
     signal.alarm(SECONDS)
     try:
-        with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+        with (
+            contextlib.chdir(folder),
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(errors),
+        ):
             main(words)
     except SystemExit as left:
         code = left.code if isinstance(left.code, int) else -1
@@ -142,14 +240,20 @@ def examined(words: list[str], folder: Path) -> tuple[int, str]:
     before = listing(folder)
     code, out, errors = answer(words, folder)
     failed, said = code in (2, 4), f"exit code {code}, {out[-300:]!r}, {errors[-600:]!r}"
-    if code not in (0, 1, 2, 3, 4) or "Traceback" in out + errors or "Internal error" in out + errors:
+    if (
+        code not in (0, 1, 2, 3, 4)
+        or "Traceback" in out + errors
+        or "Internal error" in out + errors
+    ):
         return code, said
     if "--json" in words and (out or failed):  # it may have been taken for a value
         try:
             document = json.loads(out)
         except ValueError:
             return code, f"no single JSON document: {said}"
-        if failed != ("error" in document) or (code == 4 and document["error"]["kind"] not in WRITTEN):
+        if failed != ("error" in document) or (
+            code == 4 and document["error"]["kind"] not in WRITTEN
+        ):
             return code, said
     elif failed and (out or "error: " not in errors or (code == 4 and "written" not in errors)):
         return code, said

@@ -1,4 +1,5 @@
-"""The local question: random networks are proved near the target iff they are stable, at the true rate."""
+"""The local question: random networks are proved near the target iff they are stable, at the true
+rate."""
 
 from fractions import Fraction
 from random import Random
@@ -18,7 +19,8 @@ FASTEST = 10**9  # 1/s: no proof has it, so that the fastest one is looked for
 
 
 def digraphs(count: int, seed: int) -> Row:
-    """Rising couplings: proved iff every agent is reached, between 0.99 mu and mu, and refuted otherwise."""
+    """Rising couplings: proved iff every agent is reached, between 0.99 mu and mu, and refuted
+    otherwise."""
     failures, least, roots = [], 1.0, 0
     verdicts = {"proved": 0, "refuted": 0}
     for number in range(count):
@@ -41,25 +43,43 @@ def digraphs(count: int, seed: int) -> Row:
         if not dd.verify(certificate, problem).holds:
             failures.append(f"{seed + number}: verify refuses it")
     note = f"{verdicts}; rate at least {least:.5f} mu; mu isolated as a root in {roots}"
-    return Row("random digraphs: proved near the target iff reached, at the true rate", count, failures, [note])
+    return Row(
+        "random digraphs: proved near the target iff reached, at the true rate",
+        count,
+        failures,
+        [note],
+    )
 
 
 def _digraph(r: Random, *, n: int) -> tuple[Problem, list[list[Fraction]]]:
     """Weighted arcs at random, with a cycle through all or not, a few pins; and M = L(a) + K."""
-    arcs = {(i, r.randint(1, n)): r.randint(10, 500) for i in range(1, n + 1) for _ in range(r.randint(0, 3))}
+    arcs = {
+        (i, r.randint(1, n)): r.randint(10, 500)
+        for i in range(1, n + 1)
+        for _ in range(r.randint(0, 3))
+    }
     if r.random() < 0.6:
         order = r.sample(range(1, n + 1), n)
-        arcs |= {pair: r.randint(10, 500) for pair in zip(order, order[1:] + order[:1], strict=True)}
+        arcs |= {
+            pair: r.randint(10, 500) for pair in zip(order, order[1:] + order[:1], strict=True)
+        }
     arcs = {(i, j): w for (i, j), w in arcs.items() if i != j} or {(1, 2): 100}
-    gains = {i: Fraction(r.randint(10, 1000), 100) for i in r.sample(range(1, n + 1), r.randint(1, max(1, n // 3)))}
+    gains = {
+        i: Fraction(r.randint(10, 1000), 100)
+        for i in r.sample(range(1, n + 1), r.randint(1, max(1, n // 3)))
+    }
     weights = {pair: Fraction(w, 100) for pair, w in arcs.items()}
     h, slope = r.choice(list(COUPLINGS.items()))
-    network = Network.from_arcs([[i, j, w] for (i, j), w in weights.items()], arrow="listens_to", agents=n)
+    network = Network.from_arcs(
+        [[i, j, w] for (i, j), w in weights.items()], arrow="listens_to", agents=n
+    )
     problem = Problem(network=network, coupling=h, gains=gains)
     return problem, _stiffness(n, {pair: slope * w for pair, w in weights.items()}, gains)
 
 
-def _stiffness(n: int, slopes: dict[tuple[int, int], Fraction], gains: dict[int, Fraction]) -> list[list[Fraction]]:
+def _stiffness(
+    n: int, slopes: dict[tuple[int, int], Fraction], gains: dict[int, Fraction]
+) -> list[list[Fraction]]:
     M = [[Fraction(0)] * n for _ in range(n)]
     for (i, j), a in slopes.items():
         M[i - 1][i - 1] += a
@@ -70,15 +90,22 @@ def _stiffness(n: int, slopes: dict[tuple[int, int], Fraction], gains: dict[int,
 
 
 def _least_root(M: list[list[Fraction]]) -> float:
-    """The least real root of the characteristic polynomial, isolated; mu of an M-matrix is one of them."""
+    """The least real root of the characteristic polynomial, isolated; mu of an M-matrix is one of
+    them."""
     polynomial = sp.Matrix(M).charpoly(sp.Symbol("s"))
-    intervals = sp.Poly(polynomial.as_expr(), sp.Symbol("s"), domain="QQ").intervals(eps=sp.Rational(1, 10**12))
+    intervals = sp.Poly(polynomial.as_expr(), sp.Symbol("s"), domain="QQ").intervals(
+        eps=sp.Rational(1, 10**12)
+    )
     return float(min(sum(ends) / 2 for ends, _ in intervals))
 
 
 def linear_agents(count: int, seed: int) -> Row:
-    """Agents with linear dynamics: proved or refuted as the eigenvalues of the whole loop say; both programs agree."""
+    """Agents with linear dynamics: proved or refuted as the eigenvalues of the whole loop say; both
+    programs agree."""
     tally = judged(range(seed, seed + count))
     return Row(
-        "agents with linear dynamics: verdicts as the eigenvalues say", count, tally.failures, [str(tally.verdicts)]
+        "agents with linear dynamics: verdicts as the eigenvalues say",
+        count,
+        tally.failures,
+        [str(tally.verdicts)],
     )

@@ -15,13 +15,19 @@ from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.separable.stage import separable_stage
 
 Array = NDArray[np.float64]
-COUPLINGS = {"exp(y) - 1 + y": lambda y: np.exp(y) - 1 + y, "tanh(y)": np.tanh, "y": lambda y: y, "sin(y)": np.sin}
+COUPLINGS = {
+    "exp(y) - 1 + y": lambda y: np.exp(y) - 1 + y,
+    "tanh(y)": np.tanh,
+    "y": lambda y: y,
+    "sin(y)": np.sin,
+}
 CORNERS, STEP, TIME = 50, 0.01, 6.0  # of one problem; s
 
 
 def tolerances(count: int, seed: int) -> Row:
-    """Random corners of the weights and gains that are tolerated, from corners of the set: none leaves it.  Beside it
-    the smallest error, by bisection, for which a simulated corner does leave."""
+    """Random corners of the weights and gains that are tolerated, from corners of the set: none
+    leaves it.  Beside it the smallest error, by bisection, for which a simulated corner does
+    leave."""
     failures, ratios, met, number = [], [], 0, seed
     while met < count and number < seed + 4 * count:
         h = tuple(COUPLINGS)[number % len(COUPLINGS)]
@@ -40,20 +46,37 @@ def tolerances(count: int, seed: int) -> Row:
         if any(worst):
             for _ in range(12):
                 middle = (low + high) / 2
-                bad = any(_leaves(problem, h, base, middle, middle, None, side) > 1 + 1e-6 for side in (1, -1))
+                bad = any(
+                    _leaves(problem, h, base, middle, middle, None, side) > 1 + 1e-6
+                    for side in (1, -1)
+                )
                 low, high = (low, middle) if bad else (middle, high)
             ratios.append(high / d)
     notes = [f"smallest error that fails / tolerated one, {len(ratios)} problems: {_three(ratios)}"]
-    return Row("tolerated errors of weights and gains: no corner leaves the set", met, failures, notes, least=count)
+    return Row(
+        "tolerated errors of weights and gains: no corner leaves the set",
+        met,
+        failures,
+        notes,
+        least=count,
+    )
 
 
 def inputs(count: int, seed: int) -> Row:
-    """paper-fixed, starts on the boundary of the certified set and inside it: the largest |u_i| beside the bound."""
+    """paper-fixed, starts on the boundary of the certified set and inside it: the largest |u_i|
+    beside the bound."""
     problem = load_problem("paper-fixed").replace(actuators={})
     checks = _checks(problem)
-    claim, base, W = checks["actuators"].claim, checks["max-separable"].claim, observer_gain(problem)
+    claim, base, W = (
+        checks["actuators"].claim,
+        checks["max-separable"].claim,
+        observer_gain(problem),
+    )
     n, rng = problem.n, np.random.default_rng(seed)
-    v, k = np.array([float(x) for x in base.v]), np.array([5.0 if i in (0, 5) else 0.0 for i in range(n)])
+    v, k = (
+        np.array([float(x) for x in base.v]),
+        np.array([5.0 if i in (0, 5) else 0.0 for i in range(n)]),
+    )
     A, C = np.array([[0.0, 2.0], [-2.0, 0.0]]), np.array([1.0, 0.0])
     F, P = A - np.outer(np.array(W, dtype=float)[:, 0], C), np.array(base.error.P, dtype=float)
     arcs, rho, kappa = problem.network.modes["Ga"], float(base.rho), float(base.error.kappa)
@@ -62,7 +85,8 @@ def inputs(count: int, seed: int) -> Row:
     e = rho * split * v * rng.choice((-1, 1), size=(count, n))
     away = rng.normal(size=(count, n, 2))
     norms = np.sqrt(np.einsum("rni,ij,rnj->rn", away, P, away))[..., None]
-    first = float(checks["actuators"].domain["disturbance"]) * float(base.error.size) ** 0.5  # E at the start, at most
+    # E at the start, at most
+    first = float(checks["actuators"].domain["disturbance"]) * float(base.error.size) ** 0.5
     eps = np.minimum(rho * (1 - split) / kappa, first)[..., None] * away / norms
     xi0, most = np.array([float(x) for x in problem.simulation.xi0[0]]), np.zeros(n)
 
@@ -72,18 +96,29 @@ def inputs(count: int, seed: int) -> Row:
 
     t = 0.0
     while t < TIME:
-        step = min(STEP, 0.5 / (np.max(np.exp(e[:, j] - e[:, i])) + 6))  # of Runge and Kutta; starts are stiff
+        # of Runge and Kutta; starts are stiff
+        step = min(STEP, 0.5 / (np.max(np.exp(e[:, j] - e[:, i])) + 6))
         d = xi0[0] * np.cos(2 * t) + xi0[1] * np.sin(2 * t)
         most = np.maximum(most, np.max(np.abs(-k * e - d + eps @ C), axis=0))
         a = field(e, eps)
         b = field(e + step / 2 * a[0], eps + step / 2 * a[1])
         c = field(e + step / 2 * b[0], eps + step / 2 * b[1])
         z = field(e + step * c[0], eps + step * c[1])
-        e, eps = (x + step / 6 * (p + 2 * q + 2 * r + s) for x, p, q, r, s in zip((e, eps), a, b, c, z, strict=True))
+        e, eps = (
+            x + step / 6 * (p + 2 * q + 2 * r + s)
+            for x, p, q, r, s in zip((e, eps), a, b, c, z, strict=True)
+        )
         t += step
     bounds = np.array([float(claim.inputs[label]) for label in problem.network.labels])
-    failures = [f"agent {i + 1}: {most[i]:.6g} > {bounds[i]:.6g}" for i in range(n) if not most[i] <= bounds[i]]
-    notes = [f"largest input simulated {np.max(most):.5g}, bound {np.max(bounds):.5g}; share {_three(most / bounds)}"]
+    failures = [
+        f"agent {i + 1}: {most[i]:.6g} > {bounds[i]:.6g}"
+        for i in range(n)
+        if not most[i] <= bounds[i]
+    ]
+    notes = [
+        f"largest input simulated {np.max(most):.5g}, bound {np.max(bounds):.5g}; share "
+        f"{_three(most / bounds)}"
+    ]
     return Row("inputs on the certified set: none exceeds its bound", count, failures, notes)
 
 
@@ -104,19 +139,39 @@ def _problem(seed: int, h: str) -> Problem:
         arcs += [[i, j, Fraction(int(rng.integers(1, 9)), 4)] for j in sorted(others)]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
     region: Any = {"initial_states": ["-0.5", "0.5"]}
-    return Problem(network=network, coupling=h, gains={1: int(rng.integers(1, 6))}, target=0, region=region)
+    return Problem(
+        network=network, coupling=h, gains={1: int(rng.integers(1, 6))}, target=0, region=region
+    )
 
 
-def _leaves(problem: Problem, h: str, base: Any, dw: float, dk: float, rng: Any, side: int = 1) -> float:
-    """The largest N / rho of a run from a corner of the set; ``rng`` None: the corner and the weights that are worst
-    for a coupling that rises."""
-    arcs, v, function = next(iter(problem.network.modes.values())), np.array([float(x) for x in base.v]), COUPLINGS[h]
+def _leaves(
+    problem: Problem, h: str, base: Any, dw: float, dk: float, rng: Any, side: int = 1
+) -> float:
+    """The largest N / rho of a run from a corner of the set; ``rng`` None: the corner and the
+    weights that are worst for a coupling that rises."""
+    arcs, v, function = (
+        next(iter(problem.network.modes.values())),
+        np.array([float(x) for x in base.v]),
+        COUPLINGS[h],
+    )
     i, j, w = arcs.listeners, arcs.speakers, np.array([float(x) for x in arcs.weights])
-    gains, n = np.array([float(problem.pinning.gains[a][0][0]) if a == 0 else 0.0 for a in range(problem.n)]), problem.n
+    gains, n = (
+        np.array(
+            [float(problem.pinning.gains[a][0][0]) if a == 0 else 0.0 for a in range(problem.n)]
+        ),
+        problem.n,
+    )
     if rng is None:
-        w, gains, signs = w * np.where(v[j] > v[i], 1 + dw, 1 - dw), gains * (1 - dk), np.full(n, side)
+        w, gains, signs = (
+            w * np.where(v[j] > v[i], 1 + dw, 1 - dw),
+            gains * (1 - dk),
+            np.full(n, side),
+        )
     else:
-        w, gains = w * (1 + dw * rng.choice((-1, 1), size=len(w))), gains * (1 + dk * rng.choice((-1, 1), size=n))
+        w, gains = (
+            w * (1 + dw * rng.choice((-1, 1), size=len(w))),
+            gains * (1 + dk * rng.choice((-1, 1), size=n)),
+        )
         signs = rng.choice((-1, 1), size=n)
 
     def field(t: float, e: Array) -> Array:
@@ -128,4 +183,8 @@ def _leaves(problem: Problem, h: str, base: Any, dw: float, dk: float, rng: Any,
 
 def _three(numbers: Any) -> str:
     found = np.sort(np.asarray(numbers, dtype=float))
-    return "none" if not len(found) else f"least {found[0]:.3f}, median {np.median(found):.3f}, most {found[-1]:.3f}"
+    return (
+        "none"
+        if not len(found)
+        else f"least {found[0]:.3f}, median {np.median(found):.3f}, most {found[-1]:.3f}"
+    )

@@ -1,10 +1,11 @@
 """Single changes to trusted code, chosen by a seed: does a fast test notice?
 
-For each change only those fast tests run whose coverage touches its line.  What they cover is collected once for the
-same sources and kept in a temporary folder.  Changes that nothing can or need notice stand in
-``harmless.txt`` with the reason; any other that stays unnoticed is a failure.  No maintained tool was found that draws
-a seeded sample, swaps ``any`` and ``all`` or ``lo`` and ``hi``, and goes by coverage (mutmut 3.8, cosmic-ray 8.7).
-As a script: ``mutation.py --count 300 --seed 7 --workers 1``.
+For each change only those fast tests run whose coverage touches its line.  What they cover is
+collected once for the same sources and kept in a temporary folder.  Changes that nothing can or
+need notice stand in ``harmless.txt`` with the reason; any other that stays unnoticed is a failure.
+No maintained tool was found that draws a seeded sample, swaps ``any`` and ``all`` or ``lo`` and
+``hi``, and goes by coverage (mutmut 3.8, cosmic-ray 8.7). As a script: ``mutation.py --count 300
+--seed 7 --workers 1``.
 """
 
 import argparse
@@ -49,17 +50,24 @@ PYTEST = ("-m", "pytest", "-q", "--benchmark-disable", "-p", "no:cacheprovider")
 
 LOCAL = ("i j", "lo hi", "lower upper")  # swapped if both names exist there
 OTHERS = "any all|min max|floor ceil|round_up round_down|lower_bound upper_bound|PROVED UNDECIDED"
-NAMES = {a: b for pair in (*LOCAL, *OTHERS.split("|")) for a, b in (pair.split(), pair.split()[::-1])}
+NAMES = {
+    a: b for pair in (*LOCAL, *OTHERS.split("|")) for a, b in (pair.split(), pair.split()[::-1])
+}
 NAMES["REFUTED"] = "PROVED"
 SIGNS = "< <=|> >=|== !=|+ -|and or|in not in|is is not"
-SWAPPED = {a: b for pair in SIGNS.split("|") for a, b in (pair.split(maxsplit=1), pair.split(maxsplit=1)[::-1])}
+SWAPPED = {
+    a: b
+    for pair in SIGNS.split("|")
+    for a, b in (pair.split(maxsplit=1), pair.split(maxsplit=1)[::-1])
+}
 SIGN = re.compile(rb"not in|is not|[<>=!]=|[+-]|\b(?:and|or|in|is)\b|(?<![<>])[<>](?![<>])")
 CONSTANTS = {0: ("1",), 1: ("0", "2"), 2: ("1",)}
 
 
 @dataclass(frozen=True, order=True)
 class Change:
-    """``old`` becomes ``new`` at byte ``start``; ``lines`` are those of the smallest statement around it."""
+    """``old`` becomes ``new`` at byte ``start``; ``lines`` are those of the smallest statement
+    around it."""
 
     file: str
     start: int
@@ -88,10 +96,16 @@ def changes(file: str) -> Iterator[Change]:
         starts.append(starts[-1] + len(text) + 1)
 
     def span(node: ast.expr) -> tuple[int, int]:
-        return starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
+        return starts[node.lineno - 1] + node.col_offset, starts[
+            node.end_lineno - 1
+        ] + node.end_col_offset
 
     def swaps(node: ast.AST, names: set[str]) -> Iterator[tuple[int, str, str]]:
-        operands = {ast.BinOp: ("left", "right"), ast.Compare: ("left", "comparators"), ast.BoolOp: ("values",)}
+        operands = {
+            ast.BinOp: ("left", "right"),
+            ast.Compare: ("left", "comparators"),
+            ast.BoolOp: ("values",),
+        }
         parts = [getattr(node, name) for name in operands.get(type(node), ())]
         row = [each for part in parts for each in (part if isinstance(part, list) else [part])]
         for left, right in itertools.pairwise(row):
@@ -140,10 +154,13 @@ class Tests:
         """Those of the same room first, short ones first, within SECONDS."""
         every = self.data.contexts_by_lineno(change.file)
         touched = {name for line in change.lines for name in every.get(line, ()) if name}
-        touched = touched or {name for names in every.values() for name in names}  # it runs at import
+        # it runs at import
+        touched = touched or {name for names in every.values() for name in names}
         names = {name.rpartition("|")[0] for name in touched} & self.seconds.keys()
         left, chosen = SECONDS, []
-        for name in sorted(names, key=lambda each: (not each.startswith(change.room), self.seconds[each], each)):
+        for name in sorted(
+            names, key=lambda each: (not each.startswith(change.room), self.seconds[each], each)
+        ):
             left -= self.seconds[name]
             if left > 0:
                 chosen.append(name)
@@ -151,23 +168,39 @@ class Tests:
 
 
 def copied(folder: Path) -> Path:
-    """The sources, compiled so that a changed file is noticed by its content: its time and size may stay the same."""
+    """The sources, compiled so that a changed file is noticed by its content: its time and size may
+    stay the same."""
     ignored = shutil.ignore_patterns(".git", ".venv", "__pycache__", "_build", ".*_cache")
     shutil.copytree(ROOT, folder, ignore=ignored)
-    command = ("-m", "compileall", "-q", "--invalidation-mode", "checked-hash", "dobc_design", "tests")
+    command = (
+        "-m",
+        "compileall",
+        "-q",
+        "--invalidation-mode",
+        "checked-hash",
+        "dobc_design",
+        "tests",
+    )
     subprocess.run((sys.executable, *command), cwd=folder, check=False)
     return folder
 
 
-def pytest(copy: Path, *arguments: str, timeout: float | None = None, **more: str) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"} | more
+def pytest(
+    copy: Path, *arguments: str, timeout: float | None = None, **more: str
+) -> subprocess.CompletedProcess[str]:
+    environment = (
+        os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"} | more
+    )
     command = (sys.executable, *PYTEST, *arguments)
     output = {"capture_output": True, "text": True}
-    return subprocess.run(command, cwd=copy, env=environment, timeout=timeout, check=False, **output)
+    return subprocess.run(
+        command, cwd=copy, env=environment, timeout=timeout, check=False, **output
+    )
 
 
 def collected() -> Tests:
-    """What the fast tests of the trusted rooms cover: kept for as long as the sources are the same."""
+    """What the fast tests of the trusted rooms cover: kept for as long as the sources are the
+    same."""
     folders = ("dobc_design", "tests/support", *(f"tests/{each}" for each in ROOMS))
     digest = hashlib.sha256()
     for path in sorted(path for each in folders for path in (ROOT / each).rglob("*.py")):
@@ -177,9 +210,18 @@ def collected() -> Tests:
         shutil.rmtree(folder, ignore_errors=True)
         copy, rc = copied(folder / "copy"), folder / "rc"
         rc.write_text(
-            f"[run]\nsource = dobc_design\nrelative_files = true\ndata_file = {folder / 'coverage'}\n", "utf-8"
+            "[run]\nsource = dobc_design\nrelative_files = true\ndata_file = "
+            f"{folder / 'coverage'}\n",
+            "utf-8",
         )
-        options = ("--cov", f"--cov-config={rc}", "--cov-context=test", "--cov-report=", "-vv", "--durations=0")
+        options = (
+            "--cov",
+            f"--cov-config={rc}",
+            "--cov-context=test",
+            "--cov-report=",
+            "-vv",
+            "--durations=0",
+        )
         tests = [f"tests/{each}" for each in ROOMS]
         ran = pytest(copy, *options, "--durations-min=0", *tests, **{FRESH: "1"})
         if ran.returncode:
@@ -205,9 +247,17 @@ def notices(copy: Path, change: Change, tests: list[str]) -> bool:
 
 def run(count: int, seed: int, workers: int | None = None) -> Row:
     """``count`` changes, each as likely as any other in the trusted files."""
-    files = sorted({str(path.relative_to(ROOT)) for each in TRUSTED for path in (ROOT / "dobc_design").glob(each)})
+    files = sorted(
+        {
+            str(path.relative_to(ROOT))
+            for each in TRUSTED
+            for path in (ROOT / "dobc_design").glob(each)
+        }
+    )
     every = sorted({change for file in files for change in changes(file)})
-    known = {text for text in HARMLESS.read_text("utf-8").splitlines() if not text.startswith((" ", "#"))}
+    known = {
+        text for text in HARMLESS.read_text("utf-8").splitlines() if not text.startswith((" ", "#"))
+    }
     fresh = [change for change in Random(seed).sample(every, count) if str(change) not in known]
     tests, copies = collected(), SimpleQueue()
     chosen = {change: tests.of(change) for change in fresh}
@@ -223,9 +273,16 @@ def run(count: int, seed: int, workers: int | None = None) -> Row:
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
         for number in range(workers):
             copies.put(copied(Path(folder) / str(number)))
-        failures = [str(change) for change, alive in zip(fresh, pool.map(survives, fresh), strict=True) if alive]
+        failures = [
+            str(change)
+            for change, alive in zip(fresh, pool.map(survives, fresh), strict=True)
+            if alive
+        ]
     gone = len(known - set(map(str, every)))  # their lines read differently now
-    notes = [f"{len(every)} changes in {len(files)} files; {count - len(fresh)} of those drawn are listed as harmless"]
+    notes = [
+        f"{len(every)} changes in {len(files)} files; {count - len(fresh)} of those drawn "
+        "are listed as harmless"
+    ]
     notes += [f"{gone} listed changes no longer exist: bring harmless.txt up to date"] * (gone > 0)
     return Row("single changes of trusted code: a fast test notices", count, failures, notes)
 

@@ -14,7 +14,8 @@ AGREE = 1e-6
 
 
 def choices(count: int, seed: int) -> Row:
-    """Networks of at most 12 agents: the agents chosen, their cost and its bound against every set."""
+    """Networks of at most 12 agents: the agents chosen, their cost and its bound against every
+    set."""
     failures = []
     for number in range(count):
         r = Random(seed + number)
@@ -25,9 +26,13 @@ def choices(count: int, seed: int) -> Row:
         design = dd.design_pinning(problem, rate="1/5", pins=pins, digits=9, conservative=True)
         if best is None or design.cost is None or design.lower_bound is None:
             if (best is None) is not (design.verdict is Verdict.REFUTED):
-                failures.append(f"{seed + number}: {design.verdict.value}, by exhaustive search {best}")
+                failures.append(
+                    f"{seed + number}: {design.verdict.value}, by exhaustive search {best}"
+                )
         elif not (best * (1 - AGREE) <= design.lower_bound and design.cost <= best * (1 + AGREE)):
-            failures.append(f"{seed + number}: cost {float(design.cost):.9g}, by exhaustive search {best:.9g}")
+            failures.append(
+                f"{seed + number}: cost {float(design.cost):.9g}, by exhaustive search {best:.9g}"
+            )
     return Row("agents to pin: as exhaustive search, n to 12, with a proved bound", count, failures)
 
 

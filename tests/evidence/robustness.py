@@ -1,4 +1,5 @@
-"""Kills, interrupts and broken input, counted: what ``tests/robustness`` shows, with the full counts."""
+"""Kills, interrupts and broken input, counted: what ``tests/robustness`` shows, with the full
+counts."""
 
 import signal
 import tempfile
@@ -14,7 +15,11 @@ def kills(count: int, seed: int) -> Row:
     """kill -9 of certify, with its report; half of them aim at its writing."""
     with tempfile.TemporaryDirectory() as folder:
         outcome = kill_certify(count, seed, Path(folder), report=True)
-    return _row("kill -9 of `dobc certify`: each file whole, old or new, and verify accepts it", count, outcome)
+    return _row(
+        "kill -9 of `dobc certify`: each file whole, old or new, and verify accepts it",
+        count,
+        outcome,
+    )
 
 
 def writers(count: int, seed: int) -> Row:
@@ -33,7 +38,11 @@ def interrupts(count: int, seed: int) -> Row:
         total.counts += outcome.counts
         total.wrong += outcome.wrong
     times = total.counts["interrupted"]
-    return _row("Ctrl-C and SIGTERM of `dobc certify`: 130 or 143, no traceback, a whole set of files", times, total)
+    return _row(
+        "Ctrl-C and SIGTERM of `dobc certify`: 130 or 143, no traceback, a whole set of files",
+        times,
+        total,
+    )
 
 
 def _row(what: str, count: int, outcome: Outcome) -> Row:
@@ -42,7 +51,8 @@ def _row(what: str, count: int, outcome: Outcome) -> Row:
 
 
 def fuzz(seconds: int, seed: int) -> Row:
-    """Mutants for every reader in turn, for so many seconds of CPU time; the seed fixes their order."""
+    """Mutants for every reader in turn, for so many seconds of CPU time; the seed fixes their
+    order."""
     streams = {target.name: mutants(target, seed) for target in TARGETS}
     counts = dict.fromkeys(streams, 0)
     accepted = dict.fromkeys(streams, 0)
@@ -52,7 +62,9 @@ def fuzz(seconds: int, seed: int) -> Row:
         for target in TARGETS:
             taken: list[bool] = []
             counting = Target(
-                name=target.name, run=lambda data, t=target, taken=taken: taken.append(t.run(data)), seeds=target.seeds
+                name=target.name,
+                run=lambda data, t=target, taken=taken: taken.append(t.run(data)),
+                seeds=target.seeds,
             )
             end = time.process_time() + min(1.0, seconds / len(TARGETS))
             while time.process_time() < end:
@@ -64,4 +76,6 @@ def fuzz(seconds: int, seed: int) -> Row:
     spent = time.process_time() - started
     notes = [f"{name}: {counts[name]} inputs, {accepted[name]} of them read" for name in counts]
     what = "broken input for every reader: no crash, no hang over 2 s, no traceback"
-    return Row(what, sum(counts.values()), failures, [f"{spent:.0f} s of CPU time", *notes], least=1000)
+    return Row(
+        what, sum(counts.values()), failures, [f"{spent:.0f} s of CPU time", *notes], least=1000
+    )

@@ -1,7 +1,8 @@
-"""Coq's proofs about motions: accepted for built-in and random problems, refused after every single change.
+"""Coq's proofs about motions: accepted for built-in and random problems, refused after every single
+change.
 
-Every change of a certificate or problem is made to the file as a forger would make it, and judged by the package and
-the lone checker too; a change of the file alone has a meaning for Coq only.
+Every change of a certificate or problem is made to the file as a forger would make it, and judged
+by the package and the lone checker too; a change of the file alone has a meaning for Coq only.
 """
 
 import json
@@ -77,7 +78,10 @@ def random_certified(seed: int) -> Certificate | None:
             region=region | ({"initial_disturbance": 0.25} if exosystem else {}),
         )
     )
-    proved = any(check.id == "max-separable" and check.verdict is Verdict.PROVED for check in certificate.checks)
+    proved = any(
+        check.id == "max-separable" and check.verdict is Verdict.PROVED
+        for check in certificate.checks
+    )
     return certificate if proved else None
 
 
@@ -99,7 +103,9 @@ def files(count: int, seed: int) -> Row:
 
         def check(name: str, text: str) -> None:
             ran = coqc(Path(folder), "proof", text)
-            notes.append(f"{name}: {len(text) // 1000} kB, {ran.seconds:.0f} s, {ran.megabytes:.0f} MB")
+            notes.append(
+                f"{name}: {len(text) // 1000} kB, {ran.seconds:.0f} s, {ran.megabytes:.0f} MB"
+            )
             logging.info(notes[-1])
             failures.extend([f"{name}: {bad}"] if (bad := wrong(ran)) else [])
 
@@ -111,7 +117,10 @@ def files(count: int, seed: int) -> Row:
             if certificate is None:
                 continue
             h = "; ".join(coupling.texts[0] for coupling in certificate.problem.couplings)
-            name = f"seed {each} ({certificate.problem.n} agents, {len(certificate.problem.network.modes)} modes, {h})"
+            name = (
+                f"seed {each} ({certificate.problem.n} agents, "
+                f"{len(certificate.problem.network.modes)} modes, {h})"
+            )
             try:
                 text = motions_proof(certificate)
             except SpecError as refusal:
@@ -126,10 +135,17 @@ def files(count: int, seed: int) -> Row:
 def changes(count: int, seed: int) -> Row:
     """The first ``count`` changes: of the certificate or problem, then of the file."""
     del seed
-    what = "single changes of a proof about motions: Coq refuses, and both programs where they see the change"
+    what = (
+        "single changes of a proof about motions: Coq refuses, and both programs where they "
+        "see the change"
+    )
     if reason := missing():
         return Row(what, 0, [reason])
-    failures, notes, done = [], [f"{'change':<40}{'Coq stops in':<28}{'package':<10}second program"], 0
+    failures, notes, done = (
+        [],
+        [f"{'change':<40}{'Coq stops in':<28}{'package':<10}second program"],
+        0,
+    )
     words = {True: "ACCEPTS", False: "refuses"}
     cases = [*forgeries().items(), *EDITS.items()]
     with tempfile.TemporaryDirectory() as temporary:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """What was compared, how often, how often it failed; ``notes`` are sentences with the numbers behind it.
+    """What was compared, how often, how often it failed; ``notes`` are sentences with the numbers
+    behind it.
 
     ``failures`` holds one text per failure, enough to repeat the case (its seed).
     """

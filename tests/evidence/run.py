@@ -1,6 +1,7 @@
 """`make evidence`: the full counts, one summary table; exit code 1 if any count fails.
 
-`run.py --fuzz-minutes 10` fuzzes for ten minutes of CPU time instead of one; `--only NAME` runs one item.
+`run.py --fuzz-minutes 10` fuzzes for ten minutes of CPU time instead of one; `--only NAME` runs one
+item.
 """
 
 import argparse
@@ -21,8 +22,12 @@ from heard import let_children_hear  # noqa: E402
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="The full counts, as one table.")
-    parser.add_argument("--fuzz-minutes", type=float, metavar="N", help="minutes of CPU time for fuzzing; default 1")
-    parser.add_argument("--only", choices=[item.name for item in ITEMS], action="append", help="run only this item")
+    parser.add_argument(
+        "--fuzz-minutes", type=float, metavar="N", help="minutes of CPU time for fuzzing; default 1"
+    )
+    parser.add_argument(
+        "--only", choices=[item.name for item in ITEMS], action="append", help="run only this item"
+    )
     options = parser.parse_args()
     let_children_hear()
     warnings.simplefilter("ignore")  # SciPy's, about the matrices that are bad on purpose
@@ -36,7 +41,9 @@ def main() -> int:
         row = item.run(int(60 * options.fuzz_minutes) if longer else item.count, item.seed)
         rows.append(row)
         outcome, seconds = "ok    " if row.ok else "FAILED", time.perf_counter() - before
-        print(f"{outcome} {row.count:>5}  {len(row.failures):>3} wrong  {seconds:>5.0f} s  {row.what}")
+        print(
+            f"{outcome} {row.count:>5}  {len(row.failures):>3} wrong  {seconds:>5.0f} s  {row.what}"
+        )
         few = [f"too few: at least {row.least} are wanted"] if row.count < row.least else []
         for note in (*row.notes, *few, *(f"WRONG {failure}" for failure in row.failures[:20])):
             print(f"{'':>14}{note}")

@@ -1,9 +1,11 @@
-"""Signals that keep a guarantee: random schedules whose truth is computed apart, by matrix exponentials and graphs.
+"""Signals that keep a guarantee: random schedules whose truth is computed apart, by matrix
+exponentials and graphs.
 
-No mode reaches every agent alone, but where a mode may stay on for ever.  True rates: of a sequence, from the spectral
-radius of its exact flow over one period; of dwell times, an upper bound: the slowest of all allowed rounds of up to
-three modes that are on for their shortest or longest time.  Rising couplings converge iff the graphs of every cycle
-reach every agent, and no faster than their linearisation.
+No mode reaches every agent alone, but where a mode may stay on for ever.  True rates: of a
+sequence, from the spectral radius of its exact flow over one period; of dwell times, an upper
+bound: the slowest of all allowed rounds of up to three modes that are on for their shortest or
+longest time.  Rising couplings converge iff the graphs of every cycle reach every agent, and no
+faster than their linearisation.
 """
 
 import math
@@ -24,7 +26,13 @@ from scipy.sparse.csgraph import breadth_first_order
 from dobc_design import Network, Problem, Region, Switching, Verdict, certify
 from dobc_design.conditions.schedule.cycles import Cycles
 
-KINDS = ("sequence, equal", "sequence, uneven", "sequence, repeated", "dwell, longest", "dwell, no longest")
+KINDS = (
+    "sequence, equal",
+    "sequence, uneven",
+    "sequence, repeated",
+    "dwell, longest",
+    "dwell, no longest",
+)
 SLOPES = {"y": 1.0, "exp(y) - 1 + y": 2.0, "y + y**3": 1.0, "atan(y)": 1.0, "y + 2*tanh(y)": 3.0}
 FUNCTIONS: dict[str, Any] = {
     "exp(y) - 1 + y": lambda y: np.expm1(y) + y,
@@ -90,7 +98,9 @@ class Case:
 
 
 def decay(flows: list[tuple[Any, float]]) -> float:
-    whole = np.linalg.multi_dot([each for each, _ in flows[::-1]]) if len(flows) > 1 else flows[0][0]
+    whole = (
+        np.linalg.multi_dot([each for each, _ in flows[::-1]]) if len(flows) > 1 else flows[0][0]
+    )
     return -math.log(max(np.abs(np.linalg.eigvals(whole)).max(), 1e-300)) / sum(t for _, t in flows)
 
 
@@ -126,7 +136,11 @@ def _drawn(r: Random, kind: str, coupling: str, missing: bool) -> Case:
             modes[mode][arc] = Fraction(r.randint(20, 300), 100)
     turns, shortest, longest, sequence = _turns(r, kind, names, missing)
     radius = r.choice((Fraction(1, 10), Fraction(1, 2), Fraction(1), Fraction(2)))
-    reach = {} if coupling == "y" else {"region": Region(initial_states=[-radius, radius], initial_disturbance=None)}
+    reach = (
+        {}
+        if coupling == "y"
+        else {"region": Region(initial_states=[-radius, radius], initial_disturbance=None)}
+    )
     arcs = {mode: [[i, j, w] for (i, j), w in own.items()] for mode, own in modes.items()}
     weights = {mode: np.zeros((n, n)) for mode in names}
     for mode, own in modes.items():
@@ -165,7 +179,11 @@ def _turns(r: Random, kind: str, names: str, missing: bool) -> tuple[dict[str, A
     if kind == KINDS[2]:
         order += r.sample(order[:-1], r.randint(1, len(order) - 1))
     times = [short if kind == KINDS[0] else Fraction(r.randint(2, 20), 10) for _ in order]
-    turns = {"guarantee": "sequence", "sequence": order, "dwell": short if kind == KINDS[0] else times}
+    turns = {
+        "guarantee": "sequence",
+        "sequence": order,
+        "dwell": short if kind == KINDS[0] else times,
+    }
     return turns, tuple(float(t) for t in times), None, tuple(order)
 
 
@@ -196,21 +214,29 @@ def verdicts(count: int, seed: int) -> Row:
         bad = Verdict.REFUTED if drawn.converges else Verdict.PROVED
         if own.verdict is bad:
             failures.append(
-                f"{number}: {own.verdict.value}, but it {'does' if drawn.converges else 'need not'} converge"
+                f"{number}: {own.verdict.value}, but it "
+                f"{'does' if drawn.converges else 'need not'} converge"
             )
         if own.rate is not None and own.rate > drawn.rate() * (1 + 1e-9):
-            failures.append(f"{number}: rate {own.rate:.9g}, but at most {drawn.rate():.9g} is true")
+            failures.append(
+                f"{number}: rate {own.rate:.9g}, but at most {drawn.rate():.9g} is true"
+            )
         if drawn.coupling == "y" and drawn.converges is not (drawn.rate() > 1e-9):
             failures.append(f"{number}: graphs and flows disagree on the truth")
         found[own.verdict.value] += 1
         ratios += [own.rate / drawn.rate()] if own.rate else []
     notes = [", ".join(f"{many} {verdict}" for verdict, many in sorted(found.items()))]
-    notes += [f"rate / truth: median {np.median(ratios):.3f}, least {min(ratios):.3f}"] if ratios else []
-    return Row("schedules: verdicts and rates against exact flows and graphs", count, failures, notes)
+    notes += (
+        [f"rate / truth: median {np.median(ratios):.3f}, least {min(ratios):.3f}"] if ratios else []
+    )
+    return Row(
+        "schedules: verdicts and rates against exact flows and graphs", count, failures, notes
+    )
 
 
 def runs(count: int, seed: int) -> Row:
-    """Runs from corners, at the edge of the guarantee, against the weights: none may leave its box."""
+    """Runs from corners, at the edge of the guarantee, against the weights: none may leave its
+    box."""
     failures, done, problems, number, closest = list[str](), 0, 0, seed, 0.0
     while done < count:
         drawn, own = answer(number)
@@ -221,13 +247,18 @@ def runs(count: int, seed: int) -> Row:
                 failures.append(f"{number}: a run leaves its box or falls too slowly, {worst:.9g}")
             done, problems, closest = done + many, problems + 1, max(closest, worst)
         number += 1
-    what = "schedules: runs at the edge of the guarantee stay in their boxes, which shrink at the rate"
-    return Row(what, done, failures, [f"{problems} problems; as a part of the box at most {closest:.9f}"])
+    what = (
+        "schedules: runs at the edge of the guarantee stay in their boxes, which shrink at the rate"
+    )
+    return Row(
+        what, done, failures, [f"{problems} problems; as a part of the box at most {closest:.9f}"]
+    )
 
 
 def _follow(drawn: Case, claim: Cycles, r: Random, many: int) -> float:
-    """The largest |e_i| / (v_i V) and V' exp(rate t) / V of ``many`` runs of two rounds or more, each with its own
-    signal: they begin in corners, and phases end as soon or as late as they may."""
+    """The largest |e_i| / (v_i V) and V' exp(rate t) / V of ``many`` runs of two rounds or more,
+    each with its own signal: they begin in corners, and phases end as soon or as late as they
+    may."""
     names = drawn.order or tuple(drawn.weights)
     ways = [_way(drawn, claim, p) for p in range(len(names))]
     flows = (
@@ -244,13 +275,21 @@ def _follow(drawn: Case, claim: Cycles, r: Random, many: int) -> float:
         for _ in range(2 * len(names) + 1):
             times, weights, ends = ways[p]
             end = r.choice(ends)
-            path = flows[p][: end + 1] @ e if flows else _integrated(drawn, names[p], times[: end + 1], e)
+            path = (
+                flows[p][: end + 1] @ e
+                if flows
+                else _integrated(drawn, names[p], times[: end + 1], e)
+            )
             before = np.max(np.abs(e) / weights[0])
             if before < 1e-250:
                 break
             worst = max(worst, float(np.max(np.abs(path) / weights[: end + 1])) / before)
             e = path[-1]
-            q = (p + 1) % len(names) if drawn.order else r.choice([q for q in range(len(names)) if q != p])
+            q = (
+                (p + 1) % len(names)
+                if drawn.order
+                else r.choice([q for q in range(len(names)) if q != p])
+            )
             after = np.max(np.abs(e) / ways[q][1][0])
             worst = max(worst, float(after / before * math.exp(float(claim.rate) * times[end])))
             p = q
@@ -258,10 +297,14 @@ def _follow(drawn: Case, claim: Cycles, r: Random, many: int) -> float:
 
 
 def _way(drawn: Case, claim: Cycles, p: int) -> tuple[Any, Any, list[int]]:
-    """Times at and between the nodes of a phase, the weights there, and the places at which it may end: at its
-    shortest and longest time and one between; a phase without a longest is followed beyond its last node."""
+    """Times at and between the nodes of a phase, the weights there, and the places at which it may
+    end: at its shortest and longest time and one between; a phase without a longest is followed
+    beyond its last node."""
     each = claim.phases[p]
-    nodes, v = np.array(each.times, dtype=float), np.array([[float(x) for x in row] for row in each.v])
+    nodes, v = (
+        np.array(each.times, dtype=float),
+        np.array([[float(x) for x in row] for row in each.v]),
+    )
     times = np.unique(np.concatenate([nodes, (nodes[1:] + nodes[:-1]) / 2]))
     weights = np.stack([np.interp(times, nodes, column) for column in v.T], axis=1)
     shortest = drawn.shortest[p if drawn.order else 0]
@@ -282,5 +325,7 @@ def _integrated(drawn: Case, mode: str, times: Any, start: Any) -> Any:
     def slope(_: float, e: Any) -> Any:
         return np.sum(heard * h(e[None, :] - e[:, None]), axis=1) - drawn.gains * e
 
-    found = solve_ivp(slope, (0.0, times[-1]), start, "DOP853", t_eval=times, rtol=1e-10, atol=1e-13 * size)
+    found = solve_ivp(
+        slope, (0.0, times[-1]), start, "DOP853", t_eval=times, rtol=1e-10, atol=1e-13 * size
+    )
     return found.y.T

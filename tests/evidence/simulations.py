@@ -1,4 +1,5 @@
-"""Random loops, simulated: against matrix exponentials and powers of matrices, under stress, below certified bounds."""
+"""Random loops, simulated: against matrix exponentials and powers of matrices, under stress, below
+certified bounds."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -18,14 +19,20 @@ HORIZON = 2.0
 
 
 def loop(rng: np.random.Generator, *, coupling: list[str] | str | None = None) -> Problem:
-    """Two random digraphs on 2 to 7 agents, m = 1 to 3, q = 0 to 3; entries are small dyadic numbers."""
+    """Two random digraphs on 2 to 7 agents, m = 1 to 3, q = 0 to 3; entries are small dyadic
+    numbers."""
     n, m, q = (int(rng.integers(low, high)) for low, high in ((2, 8), (1, 4), (0, 4)))
 
     def dyadic(*shape: int) -> Any:
         return (rng.integers(-8, 9, size=shape) / 8).tolist()
 
     def graph() -> list[list[Any]]:
-        pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and rng.random() < 0.5]
+        pairs = [
+            (i, j)
+            for i in range(1, n + 1)
+            for j in range(1, n + 1)
+            if i != j and rng.random() < 0.5
+        ]
         return [[i, j, int(rng.integers(1, 5)) / 4] for i, j in pairs or [(1, 2)]]
 
     rows = dyadic(m, m)
@@ -52,15 +59,22 @@ def matrices(problem: Problem, mode: str) -> tuple[Any, ...]:
     J = consensus_jacobian(problem, mode).toarray() - pinning_matrix(problem).toarray()
     if problem.q == 0:
         return J, np.zeros((0, 0)), np.zeros((problem.m, 0)), np.zeros((0, problem.m))
-    return J, *(np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
+    return J, *(
+        np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
+    )
 
 
 def errors_of(run: Any) -> Any:
-    parts = [(run.x - run.goal).reshape(len(run.times), -1), (run.xi - run.xihat).reshape(len(run.times), -1)]
+    parts = [
+        (run.x - run.goal).reshape(len(run.times), -1),
+        (run.xi - run.xihat).reshape(len(run.times), -1),
+    ]
     return np.concatenate(parts, axis=1)
 
 
-def compared(what: str, count: int, seed: int, case: Callable[[np.random.Generator, int], tuple[Any, Any]]) -> Row:
+def compared(
+    what: str, count: int, seed: int, case: Callable[[np.random.Generator, int], tuple[Any, Any]]
+) -> Row:
     """``case`` gives the errors of a run and what they have to be."""
     failures, worst = [], 0.0
     for number in range(count):
@@ -73,7 +87,8 @@ def compared(what: str, count: int, seed: int, case: Callable[[np.random.Generat
 
 
 def linear(count: int, seed: int) -> Row:
-    """Switched linear loops by both routes (odd numbers: the full loop) against the product of their exponentials."""
+    """Switched linear loops by both routes (odd numbers: the full loop) against the product of
+    their exponentials."""
 
     def case(rng: np.random.Generator, number: int) -> tuple[Any, Any]:
         problem = loop(rng)
@@ -95,17 +110,23 @@ def linear(count: int, seed: int) -> Row:
                 J, A, C, W = matrices(problem, "ab"[stretch % 2])
                 end = min(t, (stretch + 1) * dwell)
                 block = np.block(
-                    [[J, np.kron(np.eye(n), C)], [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), A - W @ C)]]
+                    [
+                        [J, np.kron(np.eye(n), C)],
+                        [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), A - W @ C)],
+                    ]
                 )
                 state, now = expm(block * (end - now)) @ state, end
             wanted = np.concatenate([wanted, state[None]])
         return errors_of(run), wanted
 
-    return compared("switched linear loops, both routes, against matrix exponentials", count, seed, case)
+    return compared(
+        "switched linear loops, both routes, against matrix exponentials", count, seed, case
+    )
 
 
 def sampled(count: int, seed: int) -> Row:
-    """Sampled linear loops against the powers of their matrices; Ad, Cd and L by Gauss quadrature."""
+    """Sampled linear loops against the powers of their matrices; Ad, Cd and L by Gauss
+    quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(16)
 
     def case(rng: np.random.Generator, number: int) -> tuple[Any, Any]:
@@ -139,27 +160,37 @@ def sampled(count: int, seed: int) -> Row:
 
 
 def stressed(count: int, seed: int) -> Row:
-    """Random stresses in any combination, two runs side by side: the same as one by one, where all is integrated; the
-    single runs keep their bounds and are valid where they end."""
+    """Random stresses in any combination, two runs side by side: the same as one by one, where all
+    is integrated; the single runs keep their bounds and are valid where they end."""
     failures, worst, alone = [], 0.0, 0
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         problem = loop(rng, coupling="exp(y) - 1 + y" if number % 2 else "2*tanh(y/2)")
         stress = random_stress(rng, problem)
-        given = {"signal": RandomDwell(dwell=0.11), "start": start_of(problem, rng), "t_final": 1.0, "samples": 14}
+        given = {
+            "signal": RandomDwell(dwell=0.11),
+            "start": start_of(problem, rng),
+            "t_final": 1.0,
+            "samples": 14,
+        }
         many = simulate_many(problem, runs=2, seed=number, stress=stress, **given)
         alone += "side by side" not in many.method
         for row in range(2):
             run = simulate(problem, seed=number + row, stress=stress, **given)
             kept = int(np.searchsorted(many.times, run.times[-1], side="right"))
             gap = max(
-                np.abs(many.error[row, :kept] - run.error()[:kept]).max() / (1 + np.abs(run.x).max()),
+                np.abs(many.error[row, :kept] - run.error()[:kept]).max()
+                / (1 + np.abs(run.x).max()),
                 np.abs(many.estimation_error[row, :kept] - run.estimation_error()[:kept]).max()
                 / (1 + np.abs(run.d).max()),
             )
             worst = max(worst, float(gap))
             wrong = list(broken(run, stress))
-            if not (gap < 1e-5 and many.diverged[row] == run.diverged and many.switches[row] == len(run.switches) - 1):
+            if not (
+                gap < 1e-5
+                and many.diverged[row] == run.diverged
+                and many.switches[row] == len(run.switches) - 1
+            ):
                 wrong.append(f"{gap:.1e} apart")
             failures += [f"seed [{seed}, {number}], {stress}: {each}" for each in wrong]
     if 4 * alone > count:  # else the runs would have been held against themselves
@@ -186,7 +217,11 @@ def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
     chosen[rng.integers(6)] = True
     failing = rng.permutation(problem.n)[: rng.integers(1, problem.n)] if chosen[5] else []
     failures = tuple(
-        Failure(agent=str(i + 1), time=float(rng.choice([0.0, 0.25, 0.8])), kind=str(rng.choice(["vanish", "freeze"])))
+        Failure(
+            agent=str(i + 1),
+            time=float(rng.choice([0.0, 0.25, 0.8])),
+            kind=str(rng.choice(["vanish", "freeze"])),
+        )
         for i in failing
     )
     return Stress(
@@ -201,14 +236,19 @@ def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
 
 
 def bounded(count: int, seed: int) -> Row:
-    """Random problems with a region: no simulated run crosses the bound that its certificate gives."""
+    """Random problems with a region: no simulated run crosses the bound that its certificate
+    gives."""
     failures, drawn, closest = [], 0, 0.0
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         problem = regional(rng)
         certificate = certify(problem)
         many = simulate_problem(
-            problem, runs=50, signal=Periodic(dwell=float(rng.uniform(0.1, 0.9))), t_final=5.0, samples=101
+            problem,
+            runs=50,
+            signal=Periodic(dwell=float(rng.uniform(0.1, 0.9))),
+            t_final=5.0,
+            samples=101,
         )
         bound = certificate.envelope(many)
         if not bound.sources:
@@ -218,11 +258,19 @@ def bounded(count: int, seed: int) -> Row:
         closest = max(closest, float(np.nanmax((many.error / bound(many.times))[:, large])))
         integrated = CLOSE * bound(0.0)  # the error of the integration
         if many.diverged.any() or not (many.error <= bound(many.times) + integrated).all():
-            failures.append(f"seed [{seed}, {number}]: a run crosses the bound of {', '.join(bound.sources)}")
+            failures.append(
+                f"seed [{seed}, {number}]: a run crosses the bound of {', '.join(bound.sources)}"
+            )
     if 4 * drawn < count:  # else the runs would have been held against nothing
         failures.append(f"only {drawn} of {count} certificates bound their runs")
     what = "certified bounds of |e(t)| against 50 simulated runs each"
-    return Row(what, count, failures, [f"{drawn} with a bound; a run came to {closest:.0%} of it"], least=count)
+    return Row(
+        what,
+        count,
+        failures,
+        [f"{drawn} with a bound; a run came to {closest:.0%} of it"],
+        least=count,
+    )
 
 
 def regional(rng: np.random.Generator) -> Problem:
@@ -230,9 +278,16 @@ def regional(rng: np.random.Generator) -> Problem:
     n = int(rng.integers(2, 7))
 
     def graph() -> list[list[int]]:
-        return [[i, j] for i in range(1, n + 1) for j in range(1, n + 1) if i != j and rng.random() < 0.4]
+        return [
+            [i, j]
+            for i in range(1, n + 1)
+            for j in range(1, n + 1)
+            if i != j and rng.random() < 0.4
+        ]
 
-    pins = {str(i + 1): float(rng.choice([1.0, 2.5, 5.0])) for i in range(n) if rng.random() < 0.8} or {"1": 3.0}
+    pins = {
+        str(i + 1): float(rng.choice([1.0, 2.5, 5.0])) for i in range(n) if rng.random() < 0.8
+    } or {"1": 3.0}
     with_disturbance = rng.random() < 0.6
     return Problem(
         network=Network.from_arcs({"a": graph(), "b": graph()}, arrow="listens_to", agents=n),
@@ -241,5 +296,6 @@ def regional(rng: np.random.Generator) -> Problem:
         exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]) if with_disturbance else None,
         observer=Observer(W=[[3], [2]]) if with_disturbance else None,
         target=1,
-        region={"initial_states": [0, 2]} | ({"initial_disturbance": "1/4"} if with_disturbance else {}),
+        region={"initial_states": [0, 2]}
+        | ({"initial_disturbance": "1/4"} if with_disturbance else {}),
     )

@@ -1,8 +1,10 @@
-"""Limits and errors that a file states: those that cannot be kept are never proved, those that can are.
+"""Limits and errors that a file states: those that cannot be kept are never proved, those that can
+are.
 
-Why a limit cannot be kept is known in closed form: the disturbance alone needs more than the actuator has, a pinned
-agent needs k R at its start, two agents that repel each other come apart, or a coupling that saturates is weaker than
-what acts.  Runs of the whole loop (13), driven bang-bang within the stated bounds, stay below what is proved.
+Why a limit cannot be kept is known in closed form: the disturbance alone needs more than the
+actuator has, a pinned agent needs k R at its start, two agents that repel each other come apart, or
+a coupling that saturates is weaker than what acts.  Runs of the whole loop (13), driven bang-bang
+within the stated bounds, stay below what is proved.
 """
 
 import json
@@ -38,11 +40,17 @@ def edited(certificate: Certificate) -> dict[str, Any]:
     proofs = {check.id: check for check in certificate.checks if check.verdict is Verdict.PROVED}
     best = next((proofs[id] for id in ids if id in proofs), None)
     rate, factor = (None, None) if best is None else (best.rate, best.factor)
-    return {"verdict": "proved", "covered_by": best.id if best else "accuracy", "rate": rate, "factor": factor}
+    return {
+        "verdict": "proved",
+        "covered_by": best.id if best else "accuracy",
+        "rate": rate,
+        "factor": factor,
+    }
 
 
 def not_kept(count: int, seed: int) -> Row:
-    """None of them is proved; the true certificate is confirmed, one edited to proved is refused by both programs."""
+    """None of them is proved; the true certificate is confirmed, one edited to proved is refused by
+    both programs."""
     failures, tables = list[str](), dict[str, list[int]]()
     for number in range(seed, seed + count):
         stated = broken(number)
@@ -59,7 +67,8 @@ def not_kept(count: int, seed: int) -> Row:
 
 
 def kept_ones(count: int, seed: int) -> Row:
-    """All of them are proved with their tables, confirmed by both programs; no driven run exceeds what is proved."""
+    """All of them are proved with their tables, confirmed by both programs; no driven run exceeds
+    what is proved."""
     failures, tables, shares = list[str](), dict[str, list[int]](), list[float]()
     for number in range(seed, seed + count):
         stated = kept(number)
@@ -78,21 +87,27 @@ def kept_ones(count: int, seed: int) -> Row:
     notes = [*_table(tables)]
     if shares:
         notes.append(
-            f"driven runs reach {min(shares):.3f} to {max(shares):.3f} of a bound, median {np.median(shares):.3f}"
+            f"driven runs reach {min(shares):.3f} to {max(shares):.3f} of a bound, median "
+            f"{np.median(shares):.3f}"
         )
     return Row("stated tables that can be kept: all are proved", count, failures, notes)
 
 
 def _table(tables: dict[str, list[int]]) -> list[str]:
-    return [f"{name}: {a} proved, {b} refuted, {c} undecided" for name, (a, b, c) in sorted(tables.items())]
+    return [
+        f"{name}: {a} proved, {b} refuted, {c} undecided"
+        for name, (a, b, c) in sorted(tables.items())
+    ]
 
 
-STEP, LONG, TURN = 0.01, 12.0, 0.6  # s: of Runge and Kutta, of a run, and between changes of what acts, on average
+# s: of Runge and Kutta, of a run, and between changes of what acts, on average
+STEP, LONG, TURN = 0.01, 12.0, 0.6
 
 
 def exceeds(certificate: Certificate, r: Random, runs: int = 3) -> float:
-    """The largest share of a proved bound that runs of the loop (13) reach: of inputs at any time, of final errors over
-    the last fifth (by then the agents are there, about: what is left of the start is taken off)."""
+    """The largest share of a proved bound that runs of the loop (13) reach: of inputs at any time,
+    of final errors over the last fifth (by then the agents are there, about: what is left of the
+    start is taken off)."""
     problem, checks = certificate.problem, {check.id: check for check in certificate.checks}
     proofs = {id: check for id, check in checks.items() if check.verdict is Verdict.PROVED}
     worst = 0.0
@@ -101,7 +116,9 @@ def exceeds(certificate: Certificate, r: Random, runs: int = 3) -> float:
         if "actuators" in proofs:
             amplitude = float(problem.actuators.amplitude or 0)
             bounds = np.array([float(F(x)) for x in proofs["actuators"].exact["inputs"].values()])
-            worst = max(worst, float(np.max(inputs / np.maximum(bounds - amplitude + disturbance, 1e-12))))
+            worst = max(
+                worst, float(np.max(inputs / np.maximum(bounds - amplitude + disturbance, 1e-12)))
+            )
         if "accuracy" in proofs:
             bounds = np.array([float(F(x)) for x in proofs["accuracy"].exact["bounds"].values()])
             worst = max(worst, float(np.max(errors / (bounds + left))))
@@ -109,20 +126,30 @@ def exceeds(certificate: Certificate, r: Random, runs: int = 3) -> float:
 
 
 def _driven(problem: Problem, gain: Any, r: Random) -> tuple[Any, Any, Any, float]:
-    """One run: largest |u_i|, largest final |e_i|, largest |d_i|, and what may be left of the start.  Everything that
-    is uncertain jumps between its ends; couplings act on true or on measured states."""
+    """One run: largest |u_i|, largest final |e_i|, largest |d_i|, and what may be left of the
+    start.  Everything that is uncertain jumps between its ends; couplings act on true or on
+    measured states."""
     rng = np.random.default_rng(r.randrange(2**32))
     n, q, plant = problem.n, problem.q, problem.uncertainty
     (arcs,) = problem.network.modes.values()
     i, j, w = arcs.listeners, arcs.speakers, np.array([float(x) for x in arcs.weights])
-    k = np.array([float(problem.pinning.gains[a][0][0]) if a in problem.pinning.gains else 0.0 for a in range(n)])
+    k = np.array(
+        [
+            float(problem.pinning.gains[a][0][0]) if a in problem.pinning.gains else 0.0
+            for a in range(n)
+        ]
+    )
     h, bounds = RISING[problem.coupling.texts[0]], dict.fromkeys(PARTS, 0.0)
     if plant is not None:
         bounds = {name: float(getattr(plant, name)) for name in PARTS}
     measured = r.random() < 0.5
     A, C, W = np.zeros((0, 0)), np.zeros((1, 0)), np.zeros((0, 1))
     if q:
-        A, C, W = to_float(problem.joint_exosystem.A), to_float(problem.joint_exosystem.C), to_float(gain)
+        A, C, W = (
+            to_float(problem.joint_exosystem.A),
+            to_float(problem.joint_exosystem.C),
+            to_float(gain),
+        )
     x = rng.choice((-1.0, 1.0), n) * float(R)
     xi = rng.normal(size=(n, q))
     size = float(problem.actuators.amplitude or 0) if problem.actuators is not None else 1.0
@@ -134,7 +161,10 @@ def _driven(problem: Problem, gain: Any, r: Random) -> tuple[Any, Any, Any, floa
     most, final, disturbance = np.zeros(n), np.zeros(n), np.zeros(n)
 
     def drawn() -> dict[str, Any]:
-        one = {name: bounds[name] * rng.choice((-1.0, 1.0), n) for name in ("disturbance", "measurement", "gains")}
+        one = {
+            name: bounds[name] * rng.choice((-1.0, 1.0), n)
+            for name in ("disturbance", "measurement", "gains")
+        }
         return one | {
             "weights": bounds["weights"] * rng.choice((-1.0, 1.0), len(w)),
             "drift": bounds["drift"] * rng.choice((-1.0, 1.0), (n, q)),

@@ -1,4 +1,5 @@
-"""Sweeps whose drivers and workers are killed on the way: every case once in the end, equal to a serial run."""
+"""Sweeps whose drivers and workers are killed on the way: every case once in the end, equal to a
+serial run."""
 
 import json
 import os
@@ -15,11 +16,16 @@ WITH_DASK = 1000  # cases from which on the second part runs on a cluster of Das
 
 
 def run(count: int, seed: int) -> Row:
-    """The driver is killed after a third, with a torn line; after two thirds a Dask worker, then the driver again."""
+    """The driver is killed after a third, with a torn line; after two thirds a Dask worker, then
+    the driver again."""
     failures: list[str] = []
     notes: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
-        file, serial, out = Path(folder) / "chain.toml", Path(folder) / "serial", Path(folder) / "out"
+        file, serial, out = (
+            Path(folder) / "chain.toml",
+            Path(folder) / "serial",
+            Path(folder) / "out",
+        )
         file.write_text(CHAIN, encoding="utf-8")
         reference = start(file, serial, "--jobs", "1", "--quiet", count=count)
 
@@ -52,7 +58,9 @@ def run(count: int, seed: int) -> Row:
             if a != b
         ]
     outcomes = {
-        name: sum(1 for line in found if (line["result"] or {"verdict": "failed"})["verdict"] == name)
+        name: sum(
+            1 for line in found if (line["result"] or {"verdict": "failed"})["verdict"] == name
+        )
         for name in ("proved", "refuted", "undecided", "failed")
     }
     notes.append(", ".join(f"{number} {name}" for name, number in outcomes.items()))
@@ -77,5 +85,7 @@ def _on_dask(file: Path, out: Path, count: int, failures: list[str], notes: list
     wait_for(out, 2 * count // 3, driver)
     if len(lines(out)) <= before:
         failures.append("nothing went on after a Dask worker was killed")
-    notes.append(f"a Dask worker killed after {before} cases, the driver again after {len(lines(out))}")
+    notes.append(
+        f"a Dask worker killed after {before} cases, the driver again after {len(lines(out))}"
+    )
     kill(driver)

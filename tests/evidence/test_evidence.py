@@ -32,13 +32,17 @@ PROVED_REGION = 8508  # a seed whose problem is proved with a max-separable
 
 
 @pytest.mark.parametrize(("name", "number"), [("alpha", "9"), ("rho", "1/9"), ("v", ["1", "-1"])])
-def test_one_spoilt_number_is_counted_as_a_disagreement(name: str, number, monkeypatch: pytest.MonkeyPatch):
+def test_one_spoilt_number_is_counted_as_a_disagreement(
+    name: str, number, monkeypatch: pytest.MonkeyPatch
+):
     """The certificate that is checked is the one that was made but for one number."""
     assert not agreement.run(1, PROVED_REGION).failures
 
     def spoilt(claims: object) -> bytes:
         document = json.loads(honest(claims))
-        next(check["exact"] for check in document["checks"] if check["id"] == "max-separable")[name] = number
+        next(check["exact"] for check in document["checks"] if check["id"] == "max-separable")[
+            name
+        ] = number
         return json.dumps(document).encode()
 
     honest = agreement.certificate_bytes
@@ -46,9 +50,14 @@ def test_one_spoilt_number_is_counted_as_a_disagreement(name: str, number, monke
     assert agreement.run(1, PROVED_REGION).failures
 
 
-def test_a_claim_that_one_program_refuses_is_counted_as_a_disagreement(monkeypatch: pytest.MonkeyPatch):
+def test_a_claim_that_one_program_refuses_is_counted_as_a_disagreement(
+    monkeypatch: pytest.MonkeyPatch,
+):
     def refuses(data: bytes, document: bytes, until: float = math.inf):
-        return [(holds and "max-separable" not in text, text) for holds, text in examine(data, document, until)]
+        return [
+            (holds and "max-separable" not in text, text)
+            for holds, text in examine(data, document, until)
+        ]
 
     monkeypatch.setattr(rechecks.checker, "examine", refuses)
     assert agreement.run(1, PROVED_REGION).failures

@@ -1,8 +1,10 @@
-"""The certified time to one percent, ln(100 factor) / rate, of many problems: none is later than with earlier versions.
+"""The certified time to one percent, ln(100 factor) / rate, of many problems: none is later than
+with earlier versions.
 
     python tests/evidence/times.py > tests/evidence/times.csv
 
-writes what this version finds: `times.csv` holds it for the version that looked for the fastest rate alone.
+writes what this version finds: `times.csv` holds it for the version that looked for the fastest
+rate alone.
 """
 
 import csv
@@ -55,7 +57,8 @@ def problem_of(name: str) -> Problem:
 
 
 def random_problem(seed: int) -> Problem:
-    """Agents on a line, a tree or a random graph, all of them reached, with a region; some oscillate, some switch."""
+    """Agents on a line, a tree or a random graph, all of them reached, with a region; some
+    oscillate, some switch."""
     r = Random(f"times {seed}")
     n = r.randint(3, 12)
     modes = {f"G{k}": _arcs(r, n) for k in range(r.choice((1, 1, 1, 2)))}
@@ -72,8 +75,17 @@ def random_problem(seed: int) -> Problem:
     if r.random() < 0.2:
         moving = Dynamics(A=[[0, 1], [-1, r.choice((-1, "-1/2"))]], B=[[0], [1]])
         gains = {i: [[k, k]] for i, k in pins.items()}
-        own = plain | {"coupling": ["y1 + y2"], "gains": gains, "dynamics": moving, "target": [0, 0]}
-        return Problem(**own, exosystem=disturbed, region=Region(initial_states=[-1, 1], initial_disturbance=noise))
+        own = plain | {
+            "coupling": ["y1 + y2"],
+            "gains": gains,
+            "dynamics": moving,
+            "target": [0, 0],
+        }
+        return Problem(
+            **own,
+            exosystem=disturbed,
+            region=Region(initial_states=[-1, 1], initial_disturbance=noise),
+        )
     region = Region(initial_states=[f"-{size}", size], initial_disturbance=noise)
     return Problem(**plain, exosystem=disturbed, region=region)
 
@@ -82,12 +94,18 @@ def _arcs(r: Random, n: int) -> list[list[object]]:
     """Everybody listens to an earlier agent, and to some others."""
     parents = {i: i - 1 if r.random() < 0.5 else r.randint(1, i - 1) for i in range(2, n + 1)}
     pairs = set(parents.items())
-    pairs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < r.choice((0, 0.15))}
+    pairs |= {
+        (i, j)
+        for i in range(1, n + 1)
+        for j in range(1, n + 1)
+        if i != j and r.random() < r.choice((0, 0.15))
+    }
     return [[i, j, r.choice((1, 1, 2, "1/2"))] for i, j in sorted(pairs)]
 
 
 def bound_of(name: str) -> Bound | None:
-    """What the check says that carries the verdict; None where nothing is proved or no bound follows."""
+    """What the check says that carries the verdict; None where nothing is proved or no bound
+    follows."""
     certificate = dd.certify(problem_of(name))
     if certificate.rate is None or certificate.factor is None:
         return None
@@ -97,7 +115,10 @@ def bound_of(name: str) -> Bound | None:
 def recorded() -> dict[str, Bound]:
     with BEFORE.open(encoding="utf-8", newline="") as file:
         rows = csv.DictReader(file)
-        return {row["problem"]: Bound(row["check"], float(row["rate"]), float(row["factor"])) for row in rows}
+        return {
+            row["problem"]: Bound(row["check"], float(row["rate"]), float(row["factor"]))
+            for row in rows
+        }
 
 
 def times(count: int, seed: int) -> Row:
@@ -109,7 +130,9 @@ def times(count: int, seed: int) -> Row:
         notes.append(f"{name}: {_words(old)}; now {_words(new)}")
         if old is not None and (new is None or new.time > old.time * SAME):
             failures.append(notes[-1])
-    return Row("certified times to one percent: none later than before", len(chosen), failures, notes)
+    return Row(
+        "certified times to one percent: none later than before", len(chosen), failures, notes
+    )
 
 
 def _words(bound: Bound | None) -> str:

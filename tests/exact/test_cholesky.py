@@ -22,7 +22,9 @@ from dobc_design.verdict import Verdict
 
 def test_the_work_is_counted_and_not_timed():
     """A full matrix of three rows: three products at the first pivot, one at the second."""
-    M = SparseSymmetric(3, {(i, j): Fraction(3 if i == j else 1) for i in range(3) for j in range(i, 3)})
+    M = SparseSymmetric(
+        3, {(i, j): Fraction(3 if i == j else 1) for i in range(3) for j in range(i, 3)}
+    )
     assert bad_direction(M, strict=True, most_work=3 + 1) is None
     with pytest.raises(UnfinishedError, match="stopped at pivot 2 of 3"):
         bad_direction(M, strict=True, most_work=3)
@@ -61,29 +63,43 @@ def test_the_scaled_form_holds_the_matrix_to_its_last_bit():
     n = 6
     size = [Fraction(10) ** int(k) for k in r.integers(-200, 200, n)]
     numbers = [
-        [Fraction(int(r.integers(1, 99) if i == j else r.integers(-9, 9)), 101) for j in range(n)] for i in range(n)
+        [Fraction(int(r.integers(1, 99) if i == j else r.integers(-9, 9)), 101) for j in range(n)]
+        for i in range(n)
     ]
-    M = SparseSymmetric(n, {(i, j): size[i] * size[j] * numbers[i][j] for i in range(n) for j in range(i, n)})
+    M = SparseSymmetric(
+        n, {(i, j): size[i] * size[j] * numbers[i][j] for i in range(n) for j in range(i, n)}
+    )
     S = form(M)
     bits = 2 * (HIGH_BITS + S.low_bits)
     for i in range(n):
         for j in range(n):
-            whole = (int(S.high[i, j]) << 2 * S.low_bits) + (int(S.middle[i, j]) << S.low_bits) + int(S.low[i, j])
+            whole = (
+                (int(S.high[i, j]) << 2 * S.low_bits)
+                + (int(S.middle[i, j]) << S.low_bits)
+                + int(S.low[i, j])
+            )
             entry = M.to_dense()[i][j] / Fraction(2) ** int(S.exponents[i] + S.exponents[j])
             assert 0 <= entry * 2**bits - whole < 1
-            assert abs(Fraction(S.floats[i, j]) - entry) <= Fraction(abs(S.floats[i, j])) / 2**53 + Fraction(1, 2**bits)
+            assert abs(Fraction(S.floats[i, j]) - entry) <= Fraction(
+                abs(S.floats[i, j])
+            ) / 2**53 + Fraction(1, 2**bits)
         assert Fraction(1, 8) <= Fraction(S.floats[i, i]) < 1
 
 
 def rest_is_dominated(R: list[list[Fraction]], low: int = 0) -> bool:
-    """What the check says of M = L L' + R; L has one column of 3/4 and ``low`` on its diagonal, in its last bits."""
+    """What the check says of M = L L' + R; L has one column of 3/4 and ``low`` on its diagonal, in
+    its last bits."""
     n = len(R)
     low_bits = form(IntegerSymmetric.from_floats(np.eye(n))).low_bits
     high = np.zeros((n, n))
     high[:, 0] = 3 * 2.0 ** (HIGH_BITS - 2)
     unit = Fraction(1, 2 ** (HIGH_BITS + low_bits))
     L = [[Fraction(3, 4) * (j == 0) + low * unit * (i == j) for j in range(n)] for i in range(n)]
-    M = {(i, j): sum(x * y for x, y in zip(L[i], L[j], strict=True)) + R[i][j] for i in range(n) for j in range(i, n)}
+    M = {
+        (i, j): sum(x * y for x, y in zip(L[i], L[j], strict=True)) + R[i][j]
+        for i in range(n)
+        for j in range(i, n)
+    }
     S = form(SparseSymmetric(n, M))
     assert not S.exponents.any()
     return leaves_dominated_rest(S, high, low * np.eye(n))
@@ -91,11 +107,22 @@ def rest_is_dominated(R: list[list[Fraction]], low: int = 0) -> bool:
 
 @pytest.mark.parametrize(
     ("diagonal", "beside", "dominated"),
-    [(5, 2, True), (5, -2, True), (4, 2, False), (4, -2, False), (3, 2, False), (1, 2, False), (-5, 2, False)],
+    [
+        (5, 2, True),
+        (5, -2, True),
+        (4, 2, False),
+        (4, -2, False),
+        (3, 2, False),
+        (1, 2, False),
+        (-5, 2, False),
+    ],
 )
 @pytest.mark.parametrize("low", [0, 2**25, -(2**25)])
-def test_the_rest_has_to_be_dominated_row_by_row(diagonal: int, beside: int, dominated: bool, low: int):
-    """M = L L' + R is built in fractions, L almost of rank one, so that R decides; 3 rows, R from 2^-30 to 2^-60."""
+def test_the_rest_has_to_be_dominated_row_by_row(
+    diagonal: int, beside: int, dominated: bool, low: int
+):
+    """M = L L' + R is built in fractions, L almost of rank one, so that R decides; 3 rows, R from
+    2^-30 to 2^-60."""
     for unit in (Fraction(1, 2**power) for power in (30, 45, 60)):
         R = [[unit * (diagonal if i == j else beside) for j in range(3)] for i in range(3)]
         assert rest_is_dominated(R, low) is dominated
@@ -109,7 +136,8 @@ def test_the_last_bits_of_the_factor_count():
 
 
 def test_a_factor_that_is_too_large_or_no_integers_is_not_believed():
-    """Then products in doubles are not exact: 2^27 squared is beyond 2^53; halves are no integers."""
+    """Then products in doubles are not exact: 2^27 squared is beyond 2^53; halves are no
+    integers."""
     S = form(spectral(ladder(4, 0.5)))
     high, low = next(iter(integer_factors(S)))
     assert leaves_dominated_rest(S, high, low)
@@ -127,7 +155,10 @@ def test_a_factorisation_that_breaks_down_proves_nothing_and_others_are_passed_o
     monkeypatch.setattr(np.linalg, "cholesky", lambda A: np.full_like(A, np.nan))
     assert not proves_by_integers(S)
     # No eigenvalue near 0: nothing to lift. Half of them 0: elimination is as good.
-    assert lifted(IntegerSymmetric.from_floats(gram(20, 60, seed=0) + 100 * np.eye(20)), strict=True) is None
+    assert (
+        lifted(IntegerSymmetric.from_floats(gram(20, 60, seed=0) + 100 * np.eye(20)), strict=True)
+        is None
+    )
     assert lifted(IntegerSymmetric.from_floats(gram(20, 10, seed=0)), strict=True) is None
 
 
@@ -142,12 +173,16 @@ def test_the_quick_answer_has_three_values():
     assert edge.verdict is Verdict.UNDECIDED
     assert edge.method.startswith("Cholesky factor")
     assert decide_quickly(from_float(np.diag([1.0, 0.0]), None)).verdict is Verdict.REFUTED
-    assert decide_quickly(from_float(np.array([[1.0, 5.0], [5.0, 1.0]]), None)).verdict is Verdict.REFUTED
+    assert (
+        decide_quickly(from_float(np.array([[1.0, 5.0], [5.0, 1.0]]), None)).verdict
+        is Verdict.REFUTED
+    )
     assert decide_quickly(()).verdict is Verdict.PROVED
 
 
 def gram(n: int, columns: int, *, seed: int) -> np.ndarray:
-    """G G' with G (n, columns) of small integers: rank ``columns``, so n - columns eigenvalues are exactly 0."""
+    """G G' with G (n, columns) of small integers: rank ``columns``, so n - columns eigenvalues are
+    exactly 0."""
     G = np.random.default_rng(seed).integers(-5, 6, (n, columns))
     return (G @ G.T).astype(float)
 
@@ -193,11 +228,15 @@ def test_wrong_eigenvectors_never_give_a_wrong_answer():
 
 
 def test_what_is_left_after_the_lift_has_to_be_proved_definite():
-    """One eigenvalue is -1/2; the largest is lifted instead. G > 0 then, and M is not: it has to pass on."""
+    """One eigenvalue is -1/2; the largest is lifted instead. G > 0 then, and M is not: it has to
+    pass on."""
     n = 8
     Q, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((n, n)))
     A = (Q * np.array([-0.5, *range(2, n + 1)])) @ Q.T
     M = IntegerSymmetric.from_floats((A + A.T) / 2)
     S = form(M)
     vectors = np.linalg.eigh(S.floats)[1]
-    assert decide_lifted(M, S, np.array([0.0] + [1.0] * (n - 1)), vectors[:, ::-1], strict=True) is None
+    assert (
+        decide_lifted(M, S, np.array([0.0] + [1.0] * (n - 1)), vectors[:, ::-1], strict=True)
+        is None
+    )

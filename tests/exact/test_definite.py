@@ -26,7 +26,9 @@ from dobc_design.exact.zmatrix import proves, search
 from dobc_design.verdict import Verdict
 
 IDENTITY = exact.SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)})
-SINGULAR = exact.SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-1), (1, 1): Fraction(1)})
+SINGULAR = exact.SparseSymmetric(
+    2, {(0, 0): Fraction(1), (0, 1): Fraction(-1), (1, 1): Fraction(1)}
+)
 
 
 def test_a_witness_refutes_is_primitive_and_begins_with_a_positive_entry():
@@ -37,14 +39,26 @@ def test_a_witness_refutes_is_primitive_and_begins_with_a_positive_entry():
     assert first_refuting(IDENTITY, ([0, 0], [1, 2]), strict=True, method="") is None
     # (-1/3, -1/3) is told as (1, 1).
     decision = refuted(SINGULAR, {0: Fraction(-1, 3), 1: Fraction(-1, 3)}, strict=True, method="m")
-    assert (decision.verdict, decision.witness, decision.value, decision.method) == (Verdict.REFUTED, (1, 1), 0, "m")
+    assert (decision.verdict, decision.witness, decision.value, decision.method) == (
+        Verdict.REFUTED,
+        (1, 1),
+        0,
+        "m",
+    )
 
-    assert first_refuting(SINGULAR, ([0, 0], [1, 0], [5, 5], [1, 1]), strict=True, method="").witness == (1, 1)
+    assert first_refuting(
+        SINGULAR, ([0, 0], [1, 0], [5, 5], [1, 1]), strict=True, method=""
+    ).witness == (1, 1)
 
 
 def test_roundings_grow_finer_and_drop_small_entries():
     """1000 : 999 : 1 to 1, 2, 4, 8 bits."""
-    assert list(roundings([1000, -999, 1])) == [[2, -2, 0], [4, -4, 0], [16, -16, 0], [256, -256, 0]]
+    assert list(roundings([1000, -999, 1])) == [
+        [2, -2, 0],
+        [4, -4, 0],
+        [16, -16, 0],
+        [256, -256, 0],
+    ]
     assert list(roundings([1, 0])) == []
 
 
@@ -58,7 +72,9 @@ def gram(n, columns, *, seed=0):
 
 
 def band(n, diagonal, beside):
-    entries = {(i, i): Fraction(diagonal) for i in range(n)} | {(i, i + 1): Fraction(beside) for i in range(n - 1)}
+    entries = {(i, i): Fraction(diagonal) for i in range(n)} | {
+        (i, i + 1): Fraction(beside) for i in range(n - 1)
+    }
     return exact.SparseSymmetric(n, entries)
 
 
@@ -73,7 +89,9 @@ def test_the_directed_ten_cycle_without_pins_is_refuted_by_all_ones():
     assert decision.witness == (Fraction(1),) * 10
     assert decision.value == 0
     assert (
-        exact.decide_positive_definite(cycle + exact.SparseSymmetric(10, {(0, 0): Fraction(1, 10**9)})).verdict
+        exact.decide_positive_definite(
+            cycle + exact.SparseSymmetric(10, {(0, 0): Fraction(1, 10**9)})
+        ).verdict
         is PROVED
     )
 
@@ -100,7 +118,9 @@ def test_a_readable_witness_is_preferred():
         (),
         np.zeros((0, 0)),
         exact.SparseSymmetric(0, {}),
-        exact.IntegerSymmetric(size=2, rows=np.array([0, 1]), columns=np.array([0, 1]), values=np.array([1, 2])),
+        exact.IntegerSymmetric(
+            size=2, rows=np.array([0, 1]), columns=np.array([0, 1]), values=np.array([1, 2])
+        ),
         np.eye(20),
         np.eye(20, dtype=np.float32) * 1e-40,
         np.diag([5e-324] * 10 + [1.7e308] * 10),
@@ -140,7 +160,11 @@ def test_what_is_not_square_and_symmetric_is_refused(bad):
     [
         *([[x]] for x in (float("nan"), float("inf"), True, "x", None)),
         *(np.array([[x]]) for x in (np.nan, 1j, True)),
-        *(np.array([[1.0, np.inf], [np.inf, 1.0]]), np.full((20, 20), np.nan), np.diag([np.inf] * 20)),
+        *(
+            np.array([[1.0, np.inf], [np.inf, 1.0]]),
+            np.full((20, 20), np.nan),
+            np.diag([np.inf] * 20),
+        ),
     ],
 )
 def test_what_is_no_number_is_refused(bad):
@@ -155,7 +179,10 @@ def test_what_is_no_number_is_refused(bad):
         (band(12, 3, -1), "LDL' over the rationals; 12 rows, 23 entries"),
         (band(60, 3, -1), "Z-matrix: integers v > 0 with M v > 0; 60 rows, 119 entries"),
         (band(60, 3, 1), "beside the diagonal: integers v > 0"),
-        (gram(60, 70), "Cholesky factor in integers, its exact rest dominated by the diagonal; 60 rows"),
+        (
+            gram(60, 70),
+            "Cholesky factor in integers, its exact rest dominated by the diagonal; 60 rows",
+        ),
         (gram(120, 119), "multiplied out|exact linear solve"),
         (band(60, 0, -1), "entry of the diagonal"),
         (band(60, 2, -1).shifted(Fraction(-1)), "a group of rows"),
@@ -170,16 +197,23 @@ def test_the_answer_says_which_path_gave_it_and_for_what_size(M, named):
 
 
 def signed_ring(size: int) -> exact.SparseSymmetric:
-    """2 on the diagonal and a ring of ones, one of them -1: eigenvalues 2 + 2 cos((2 k + 1) pi / size).
+    """2 on the diagonal and a ring of ones, one of them -1: eigenvalues 2 + 2 cos((2 k + 1) pi /
+    size).
 
-    For even sizes the least one is positive, but without the signs it would be 0: no v > 0 shows it.
+    For even sizes the least one is positive, but without the signs it would be 0: no v > 0 shows
+    it.
     """
     return band(size, 2, 1) + exact.SparseSymmetric(size, {(0, size - 1): Fraction(-1)})
 
 
 @pytest.mark.parametrize(
     ("size", "work", "verdict"),
-    [(2002, 100, Verdict.UNDECIDED), (2002, 10**7, PROVED), (2002, None, PROVED), (2001, 10**7, REFUTED)],
+    [
+        (2002, 100, Verdict.UNDECIDED),
+        (2002, 10**7, PROVED),
+        (2002, None, PROVED),
+        (2001, 10**7, REFUTED),
+    ],
 )
 def test_a_large_sparse_matrix_is_left_undecided_only_by_a_bound_of_its_work(size, work, verdict):
     found = exact.decide_positive_definite(signed_ring(size), most_work=work)
@@ -191,8 +225,9 @@ def test_up_to_2000_rows_no_bound_leaves_anything_undecided():
     assert exact.decide_positive_definite(signed_ring(100), most_work=1).verdict is Verdict.PROVED
 
 
-# All paths on the same random rational matrices; the oracle is flint's characteristic polynomial: real roots only, so
-# det(sI - M) = sum c_k s^k has only positive roots iff the signs of the c_k alternate strictly.
+# All paths on the same random rational matrices; the oracle is flint's characteristic polynomial:
+# real roots only, so det(sI - M) = sum c_k s^k has only positive roots iff the signs of the c_k
+# alternate strictly.
 
 
 def oracle(M: exact.SparseSymmetric) -> tuple[bool, bool]:
@@ -205,7 +240,8 @@ def oracle(M: exact.SparseSymmetric) -> tuple[bool, bool]:
 
 @st.composite
 def matrices(draw: st.DrawFn) -> exact.SparseSymmetric:
-    """Gram matrices of any rank, shifted by little or nothing, some scaled badly, some Z-matrices; 2 to 24 rows."""
+    """Gram matrices of any rank, shifted by little or nothing, some scaled badly, some Z-matrices;
+    2 to 24 rows."""
     n = draw(st.integers(2, 24))
     r = np.random.default_rng(draw(st.integers(0, 2**32)))
     kind = draw(st.sampled_from(["gram", "laplacian", "sparse"]))
@@ -215,12 +251,25 @@ def matrices(draw: st.DrawFn) -> exact.SparseSymmetric:
     else:
         A = np.triu(r.integers(0, 4, (n, n)) * (r.random((n, n)) < 0.4), 1)
         signs = -1 if kind == "laplacian" else r.choice([-1, 1], (n, n))
-        whole = (np.triu(signs * A) + np.triu(signs * A).T + np.diag((A + A.T).sum(axis=1))).tolist()
-    shift = draw(st.sampled_from([Fraction(0), Fraction(1), Fraction(-1), Fraction(1, 10**9), Fraction(-1, 10**20)]))
+        whole = (
+            np.triu(signs * A) + np.triu(signs * A).T + np.diag((A + A.T).sum(axis=1))
+        ).tolist()
+    shift = draw(
+        st.sampled_from(
+            [Fraction(0), Fraction(1), Fraction(-1), Fraction(1, 10**9), Fraction(-1, 10**20)]
+        )
+    )
     denominator = draw(st.sampled_from([1, 7, 2**40]))
-    D = [Fraction(2) ** int(k) for k in r.integers(-20, 20, n)] if draw(st.booleans()) else [Fraction(1)] * n
+    D = (
+        [Fraction(2) ** int(k) for k in r.integers(-20, 20, n)]
+        if draw(st.booleans())
+        else [Fraction(1)] * n
+    )
     places = [(i, j) for i in range(n) for j in range(i, n)]
-    entries = {(i, j): D[i] * D[j] * (Fraction(whole[i][j], denominator) + (i == j) * shift) for i, j in places}
+    entries = {
+        (i, j): D[i] * D[j] * (Fraction(whole[i][j], denominator) + (i == j) * shift)
+        for i, j in places
+    }
     return exact.SparseSymmetric(n, entries)
 
 
@@ -230,7 +279,10 @@ def test_no_path_contradicts_the_characteristic_polynomial(M: exact.SparseSymmet
     """Paths that decide agree with the oracle; those that may pass on do not contradict it."""
     definite, semidefinite = oracle(M)
     for form in (M, exact.IntegerSymmetric.from_sparse(M)):
-        strict, weak = exact.decide_positive_definite(form), exact.decide_positive_semidefinite(form)
+        strict, weak = (
+            exact.decide_positive_definite(form),
+            exact.decide_positive_semidefinite(form),
+        )
         assert strict.verdict is (PROVED if definite else REFUTED)
         assert weak.verdict is (PROVED if semidefinite else REFUTED)
         assert decide_quickly(form).verdict is not (REFUTED if definite else PROVED)
@@ -267,7 +319,10 @@ UNDECIDED = Verdict.UNDECIDED
 @cache
 def edges() -> list[tuple[Fraction, np.ndarray]]:
     """Smallest eigenvalue and matrix; not made where the tests are only collected."""
-    return [*edge_matrices((4, 16), seed=7, repeats=1), *edge_matrices((64,), seed=8, repeats=1, powers=(28, 46))]
+    return [
+        *edge_matrices((4, 16), seed=7, repeats=1),
+        *edge_matrices((64,), seed=8, repeats=1, powers=(28, 46)),
+    ]
 
 
 def truth(small: Fraction) -> Verdict:
@@ -277,7 +332,9 @@ def truth(small: Fraction) -> Verdict:
 SLOW = ("LDL' in flint", "lift")  # what the choice rests on as well
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in PATHS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in PATHS]
+)
 def test_no_path_is_wrong_at_the_edge(name: str):
     """H diag(lambda) H / n has the eigenvalues lambda: the truth is known in closed form."""
     verdicts = [(truth(small), PATHS[name](matrix)) for small, matrix in edges()]
@@ -287,12 +344,14 @@ def test_no_path_is_wrong_at_the_edge(name: str):
     if name in EXACT:
         assert all(found is known for known, found in asked)
     elif name != "vector":
-        # Passing on always would be no mistake either, but useless: 2^-28 is far above what doubles resolve.
+        # Passing on always would be no mistake either, but useless: 2^-28 is far above what doubles
+        # resolve.
         assert sum(found is known for known, found in asked) > len(asked) // 4
 
 
 def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
-    """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python integers."""
+    """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python
+    integers."""
     for small, table in edges()[3:120:4] + edges()[120::2]:  # some of each sign and size
         M = exact.IntegerSymmetric.from_floats(table)
         strict, weak = exact.decide_positive_definite(M), exact.decide_positive_semidefinite(M)
@@ -343,4 +402,7 @@ def test_a_zero_pivot_with_a_full_row_has_a_strictly_negative_witness(rows):
     decision = exact.decide_positive_semidefinite(M)
     assert decision.verdict is REFUTED
     assert decision.value == value_of(M, decision.witness) < 0
-    assert exact.decide_positive_semidefinite(exact.from_float(np.diag([0.0, 5.0]), None)).verdict is PROVED
+    assert (
+        exact.decide_positive_semidefinite(exact.from_float(np.diag([0.0, 5.0]), None)).verdict
+        is PROVED
+    )

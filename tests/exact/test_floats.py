@@ -24,7 +24,9 @@ ONE_ARGUMENT = sorted(name for name, row in FUNCTIONS.items() if row.arguments =
 ENDS = st.one_of(
     st.floats(-LARGEST, LARGEST),
     st.floats(-4, 4),
-    st.sampled_from([0.0, -0.0, 1.0, -1.0, 5e-324, -5e-324, 2.0**-1022, 1e-200, -1e160, math.pi / 2, 1e15]),
+    st.sampled_from(
+        [0.0, -0.0, 1.0, -1.0, 5e-324, -5e-324, 2.0**-1022, 1e-200, -1e160, math.pi / 2, 1e15]
+    ),
 )
 
 
@@ -40,13 +42,19 @@ def exact(x: Interval) -> Interval:
 
 
 def contains(found: Interval, truth: Interval) -> bool:
-    """By rationals, which were rounded outwards themselves where they are long: their last bits do not count."""
+    """By rationals, which were rounded outwards themselves where they are long: their last bits do
+    not count."""
     slack = Fraction(1, 2**120)
-    return found.lo <= truth.lo + abs(truth.lo) * slack and truth.hi - abs(truth.hi) * slack <= found.hi
+    return (
+        found.lo <= truth.lo + abs(truth.lo) * slack
+        and truth.hi - abs(truth.hi) * slack <= found.hi
+    )
 
 
 @given(intervals(), intervals())
-def test_sums_differences_products_and_quotients_contain_those_of_all_ends(x: Floats, y: Floats) -> None:
+def test_sums_differences_products_and_quotients_contain_those_of_all_ends(
+    x: Floats, y: Floats
+) -> None:
     for each in OPERATORS:
         try:
             found = each(x, y)
@@ -81,7 +89,9 @@ def test_functions_contain_what_the_rationals_enclose(name: str, x: Floats) -> N
 
 @settings(max_examples=20)
 @given(intervals(), intervals(), st.fractions())
-def test_hulls_common_parts_halves_and_conversions_lose_nothing(x: Floats, y: Floats, number: Fraction) -> None:
+def test_hulls_common_parts_halves_and_conversions_lose_nothing(
+    x: Floats, y: Floats, number: Fraction
+) -> None:
     assert x.hull(y).contains(exact(x)) and x.hull(y).contains(exact(y))
     low, high = x.halves()
     assert low.lo == x.lo and low.hi == high.lo == x.middle().lo and high.hi == x.hi
@@ -106,11 +116,21 @@ def test_couplings_and_their_gains_and_slopes_are_enclosed(h: str, a: float, b: 
     except UndefinedError:  # quotients of numbers next to 0
         return
     for y in (Interval.point(Y.lo), Interval.point(Y.midpoint), Interval.point(Y.hi)):
-        points = (value(curve, y), slope_form(curve, y), secant(curve, y).value, jet(curve, y).slope)
-        assert all(each.lo <= point.hi and point.lo <= each.hi for each, point in zip(found, points, strict=True))
+        points = (
+            value(curve, y),
+            slope_form(curve, y),
+            secant(curve, y).value,
+            jet(curve, y).slope,
+        )
+        assert all(
+            each.lo <= point.hi and point.lo <= each.hi
+            for each, point in zip(found, points, strict=True)
+        )
 
 
-@pytest.mark.parametrize("a, b", [(math.nan, 1.0), (0.0, math.nan), (0.0, math.inf), (-math.inf, 0.0), (1.0, 0.0)])
+@pytest.mark.parametrize(
+    "a, b", [(math.nan, 1.0), (0.0, math.nan), (0.0, math.inf), (-math.inf, 0.0), (1.0, 0.0)]
+)
 def test_what_is_no_interval_of_finite_numbers_is_refused(a: float, b: float) -> None:
     with pytest.raises(UndefinedError, match="exceeds"):
         Floats(a, b)
@@ -118,7 +138,9 @@ def test_what_is_no_interval_of_finite_numbers_is_refused(a: float, b: float) ->
 
 def test_intervals_of_floats_are_equal_where_both_ends_are() -> None:
     assert Floats(1.0, 2.0) == Floats(1.0, 2.0)
-    assert all(Floats(1.0, 2.0) != other for other in (Floats(1.0, 3.0), Floats(0.0, 2.0), (1.0, 2.0)))
+    assert all(
+        Floats(1.0, 2.0) != other for other in (Floats(1.0, 3.0), Floats(0.0, 2.0), (1.0, 2.0))
+    )
 
 
 def test_too_large_numbers_are_refused_and_too_small_ones_are_bounded() -> None:
@@ -131,7 +153,9 @@ def test_too_large_numbers_are_refused_and_too_small_ones_are_bounded() -> None:
     assert Floats.around(Fraction(1, 10**400)).top == 5e-324
 
 
-def test_without_rounding_outwards_the_rationals_are_not_contained(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_rounding_outwards_the_rationals_are_not_contained(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The twin: the properties above can fail."""
     x, y = Floats(0.1, 0.1), Floats(0.3, 0.3)
     with monkeypatch.context() as still:
@@ -149,7 +173,9 @@ def test_without_rounding_outwards_the_rationals_are_not_contained(monkeypatch: 
     assert not all(contains(f, t) for f, t in zip(found, truth, strict=True))
 
 
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
+)
 def test_an_interval_of_floats_can_be_copied_and_pickled(copied):
     x = Floats(0.1, 0.3)
     assert copied(x) == x

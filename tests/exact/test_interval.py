@@ -79,7 +79,9 @@ def test_function_values_inside_an_interval_are_enclosed(name, x, share):
     enclosure = enclosed(name, x)
     if enclosure is not None:
         assert_contains(enclosure, true_value(name, inside))
-    elif name not in ("log", "sqrt", "tan") and not (name in ("exp", "sinh", "cosh") and max(-x.lo, x.hi) > 575):
+    elif name not in ("log", "sqrt", "tan") and not (
+        name in ("exp", "sinh", "cosh") and max(-x.lo, x.hi) > 575
+    ):
         pytest.fail(f"{name} must be defined on {x}")
 
 
@@ -103,7 +105,8 @@ def test_ranges_are_as_narrow_as_the_function():
 
 @pytest.mark.parametrize("name", ["sin", "cos"])
 def test_extremes_are_found_wherever_they_lie(name):
-    """A grid over many turns: +-1 is attained iff the critical point is inside (mpmath's is the oracle)."""
+    """A grid over many turns: +-1 is attained iff the critical point is inside (mpmath's is the
+    oracle)."""
     for k in range(-9, 10):
         shift = Fraction(1, 2) if name == "sin" else Fraction(0)
         critical = (k + shift) * true_value("acos", Fraction(-1))
@@ -181,7 +184,9 @@ def test_arithmetic_encloses_every_pair_and_is_tight(x, y, s, t):
     assert interval.minimum(x, y).contains(min(a, b))
     assert interval.maximum(x, y).contains(max(a, b))
     assert abs(x).contains(abs(a))
-    assert interval.clip(x, Interval(-1, -1), Interval(1, 1)).contains(min(max(a, Fraction(-1)), Fraction(1)))
+    assert interval.clip(x, Interval(-1, -1), Interval(1, 1)).contains(
+        min(max(a, Fraction(-1)), Fraction(1))
+    )
     assert x.hull(y).contains(a)
     assert x.hull(y).contains(b)
 
@@ -202,7 +207,9 @@ def test_powers_enclose_and_even_ones_know_their_minimum(x, share, exponent):
             least = 0 if exponent % 2 == 0 and x.contains(0) else min(ends)
             assert power.contains(Interval(least, max(ends)))
             if not power.is_point:
-                assert power.width <= (max(ends) - least) + Fraction(1, 2**100) * max(map(abs, ends))
+                assert power.width <= (max(ends) - least) + Fraction(1, 2**100) * max(
+                    map(abs, ends)
+                )
 
 
 def test_numbers_mix_with_intervals_on_both_sides():
@@ -226,7 +233,12 @@ def test_what_is_no_interval_is_refused(ends):
 
 def test_an_interval_tells_its_measures():
     x = Interval(-1, Fraction(1, 3))
-    assert (x.width, x.midpoint, x.magnitude, x.is_point) == (Fraction(4, 3), Fraction(-1, 3), 1, False)
+    assert (x.width, x.midpoint, x.magnitude, x.is_point) == (
+        Fraction(4, 3),
+        Fraction(-1, 3),
+        1,
+        False,
+    )
     assert x.halves() == (Interval(-1, Fraction(-1, 3)), Interval(Fraction(-1, 3), Fraction(1, 3)))
     assert x.contains(Interval(0, 0))
     assert not x.contains(Interval(0, 1))
@@ -234,7 +246,9 @@ def test_an_interval_tells_its_measures():
     assert low == -1
     assert Fraction(high) > Fraction(1, 3)
     assert str(x) == "[-1, 1/3]"
-    assert str(Interval(Fraction(10) ** 400, Fraction(10) ** 400 * 2)).startswith("[about 1.79769e+308, ")
+    assert str(Interval(Fraction(10) ** 400, Fraction(10) ** 400 * 2)).startswith(
+        "[about 1.79769e+308, "
+    )
 
 
 def test_end_points_stay_short_under_repeated_squaring():
@@ -267,7 +281,11 @@ def test_values_beyond_the_largest_bound_are_refused():
         for _ in range(40):
             x = x**64
     assert interval.exp(Interval(-45_000, -45_000)).lo > 0
-    assert interval.exp(Interval(575, 575)).hi < Fraction(10) ** 250 < interval.exp(Interval(575, 575)).hi * 10
+    assert (
+        interval.exp(Interval(575, 575)).hi
+        < Fraction(10) ** 250
+        < interval.exp(Interval(575, 575)).hi * 10
+    )
     with pytest.raises(UndefinedError, match="at most 575"):
         interval.exp(Interval(575, 576))
 
@@ -361,7 +379,8 @@ def test_root_bounds_hold_and_are_narrow(x):
 
 
 def test_a_ball_with_a_tiny_exponent_is_widened_and_not_written_out():
-    """Trap met: arb.rad().fmpq() ends the process for tanh(10^5000), whose radius is 2^-(10^5000)."""
+    """Trap met: arb.rad().fmpq() ends the process for tanh(10^5000), whose radius is
+    2^-(10^5000)."""
     low, high = elementary.bounds("tanh", Fraction(10) ** 5000)
     assert low < 1
     assert high == 1
@@ -381,7 +400,8 @@ def overlap(x: Interval, y: Interval) -> bool:
 
 
 def test_discretisation_has_its_closed_forms():
-    """exp([[0, w], [-w, 0]] T) = [[cos wT, sin wT], [-sin wT, cos wT]]; the mean of cos is sin(wT)/(wT)."""
+    """exp([[0, w], [-w, 0]] T) = [[cos wT, sin wT], [-sin wT, cos wT]]; the mean of cos is
+    sin(wT)/(wT)."""
     w, T = Fraction(2), Fraction(1, 10)
     found = discretise(matrix([[0, w], [-w, 0]]), T)
     angle = Interval.point(w * T)
@@ -421,10 +441,15 @@ def test_routh_in_intervals_is_right_for_every_polynomial_inside(seed):
     r = Random(seed)
     width = Fraction(r.choice((0, 1, 10)), 100)
     middle = [Fraction(1)] + [Fraction(r.randint(-3, 40), 10) for _ in range(r.randint(1, 4))]
-    answer = interval_routh([Interval(x - width, x + width) if n else Interval.point(x) for n, x in enumerate(middle)])
+    answer = interval_routh(
+        [Interval(x - width, x + width) if n else Interval.point(x) for n, x in enumerate(middle)]
+    )
     signs = [[r.choice((-1, 0, 1)) for _ in middle] for _ in range(10)]
     for choice in signs:
-        inside = [float(x + (width * s if n else 0)) for n, (x, s) in enumerate(zip(middle, choice, strict=True))]
+        inside = [
+            float(x + (width * s if n else 0))
+            for n, (x, s) in enumerate(zip(middle, choice, strict=True))
+        ]
         largest = max((z.real for z in np.roots(inside)), default=-1.0)
         if answer is Verdict.PROVED:
             assert largest < 1e-9

@@ -15,7 +15,9 @@ from dobc_design._checks import require_shape, require_square
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import matrix, solve_lyapunov
 
-ENTRIES = st.sampled_from([Fraction(0), Fraction(1), Fraction(-1), Fraction(2), Fraction(1, 2), Fraction(-5, 3)])
+ENTRIES = st.sampled_from(
+    [Fraction(0), Fraction(1), Fraction(-1), Fraction(2), Fraction(1, 2), Fraction(-5, 3)]
+)
 
 
 def matrices(rows, columns):
@@ -27,7 +29,9 @@ def to_sympy(M):
     return sympy.Matrix([[sympy.Rational(x.numerator, x.denominator) for x in row] for row in M])
 
 
-@pytest.mark.parametrize("bad", [[1, 2], ["12", "34"], "12", 5, None, {1: 2}, [{1: 2}], np.array(1.0), [b"1"]])
+@pytest.mark.parametrize(
+    "bad", [[1, 2], ["12", "34"], "12", 5, None, {1: 2}, [{1: 2}], np.array(1.0), [b"1"]]
+)
 def test_what_is_no_list_of_rows_is_refused(bad):
     with pytest.raises(ShapeError, match=r"^A must"):
         matrix(bad, name="A")
@@ -48,7 +52,9 @@ def test_products_and_sums_agree_with_sympy(M, N, other):
     assert exact.subtract(exact.add(M, other), other) == M
     assert to_sympy(exact.kronecker(M, N)) == sympy.kronecker_product(to_sympy(M), to_sympy(N))
     assert exact.transpose(exact.transpose(M)) == M
-    assert exact.scale(Fraction(1, 3), M) == exact.scale(Fraction(1, 3), exact.multiply(exact.identity(3), M))
+    assert exact.scale(Fraction(1, 3), M) == exact.scale(
+        Fraction(1, 3), exact.multiply(exact.identity(3), M)
+    )
 
 
 @settings(max_examples=15, deadline=None)
@@ -77,7 +83,9 @@ def test_long_and_short_sums_give_the_same_numbers():
     """Above a size the work goes to python-flint; NumPy's integers are the oracle."""
     rng = np.random.default_rng(1)
     G, H = rng.integers(-9, 10, (14, 12)), rng.integers(-9, 10, (12, 13))
-    assert exact.multiply(exact.from_float(G, None), exact.from_float(H, None)) == exact.from_float(G @ H, None)
+    assert exact.multiply(exact.from_float(G, None), exact.from_float(H, None)) == exact.from_float(
+        G @ H, None
+    )
     low = exact.from_float(G[:, :5] @ H[:5], None)
     assert exact.rank(low) == 5
     reduced, pivots = exact.row_echelon(low)
@@ -103,7 +111,9 @@ def test_shapes_that_do_not_fit_are_refused():
 def test_symmetry_is_exact_and_entries_beyond_the_floats_are_refused():
     """A difference of one part in 10^400 counts."""
     assert exact.is_symmetric(exact.identity(3))
-    assert not exact.is_symmetric(((Fraction(1), Fraction(1)), (Fraction(1) + Fraction(1, 10**400), Fraction(1))))
+    assert not exact.is_symmetric(
+        ((Fraction(1), Fraction(1)), (Fraction(1) + Fraction(1, 10**400), Fraction(1)))
+    )
     assert not exact.is_symmetric(exact.zeros(2, 3))
     with pytest.raises(SpecError, match=r"below 1\.8e308"):
         exact.to_float(((Fraction(10) ** 400,),))
@@ -112,10 +122,16 @@ def test_symmetry_is_exact_and_entries_beyond_the_floats_are_refused():
 def test_floats_are_rounded_to_decimals_or_kept_exactly():
     """digits: significant decimals; None: the binary value."""
     array = np.array([[0.1, 1234.5678], [1e-20, -2.0]])
-    assert exact.from_float(array, 3) == ((Fraction(1, 10), Fraction(1230)), (Fraction(1, 10**20), Fraction(-2)))
+    assert exact.from_float(array, 3) == (
+        (Fraction(1, 10), Fraction(1230)),
+        (Fraction(1, 10**20), Fraction(-2)),
+    )
     assert exact.from_float(array, None)[0][0] == Fraction(3602879701896397, 2**55)
     assert exact.to_float(exact.from_float(array, None)).tolist() == array.tolist()
-    assert exact.from_float(np.array([[np.longdouble(1) + np.finfo(np.longdouble).eps]]), None)[0][0] > 1
+    assert (
+        exact.from_float(np.array([[np.longdouble(1) + np.finfo(np.longdouble).eps]]), None)[0][0]
+        > 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -142,9 +158,13 @@ def test_the_solution_satisfies_the_equation_exactly_and_is_that_of_scipy(seed):
     root = matrix([[r.randint(-3, 3) for _ in range(q)] for _ in range(q)])
     N = exact.multiply(root, exact.transpose(root))
     X = solve_lyapunov(F, N)
-    assert exact.add(exact.add(exact.multiply(exact.transpose(F), X), exact.multiply(X, F)), N) == exact.zeros(q, q)
+    assert exact.add(
+        exact.add(exact.multiply(exact.transpose(F), X), exact.multiply(X, F)), N
+    ) == exact.zeros(q, q)
     assert exact.to_float(X) == pytest.approx(
-        linalg.solve_continuous_lyapunov(exact.to_float(F).T, -exact.to_float(N)), rel=1e-9, abs=1e-12
+        linalg.solve_continuous_lyapunov(exact.to_float(F).T, -exact.to_float(N)),
+        rel=1e-9,
+        abs=1e-12,
     )
 
 

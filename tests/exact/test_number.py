@@ -69,13 +69,34 @@ NO_NUMBERS = "1_000 1_0.5 0x10 1e 1. .5 --1 1/2/3 1.5/2 inf nan -Infinity ٣ １
     "bad",
     [
         *("", " 1", "1 ", "1\n", *NO_NUMBERS.split()),
-        *(True, False, np.True_, None, [1], b"1", 1j, math.nan, math.inf, -math.inf, np.array(1.0), object()),
-        *(np.float64("nan"), np.float32("inf"), np.longdouble("inf"), Decimal("NaN"), Decimal("Infinity")),
+        *(
+            True,
+            False,
+            np.True_,
+            None,
+            [1],
+            b"1",
+            1j,
+            math.nan,
+            math.inf,
+            -math.inf,
+            np.array(1.0),
+            object(),
+        ),
+        *(
+            np.float64("nan"),
+            np.float32("inf"),
+            np.longdouble("inf"),
+            Decimal("NaN"),
+            Decimal("Infinity"),
+        ),
     ],
 )
 def test_what_is_no_number_is_refused_with_its_key(bad):
     """Contract: ASCII, no booleans, no nan or inf, no underscores in text."""
-    with pytest.raises(SpecError, match=r"^pinning\.gains\.1 must be a number such as 3\.2") as caught:
+    with pytest.raises(
+        SpecError, match=r"^pinning\.gains\.1 must be a number such as 3\.2"
+    ) as caught:
         parse_number(bad, key="pinning.gains.1")
     assert caught.value.key == "pinning.gains.1"
 
@@ -83,7 +104,10 @@ def test_what_is_no_number_is_refused_with_its_key(bad):
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
-        *((text, "exponent from -400 to 400") for text in ("1e401", "1e-401", "1e99999999", "1e" + "9" * 190)),
+        *(
+            (text, "exponent from -400 to 400")
+            for text in ("1e401", "1e-401", "1e99999999", "1e" + "9" * 190)
+        ),
         (Decimal("1e99999999"), "exponent from -400 to 400"),
         ("1" * 201, "at most 200 characters"),
         ("1/0", "denominator other than 0"),
@@ -119,7 +143,11 @@ def test_a_short_decimal_is_shown_in_place_of_its_quotient():
 
 def test_text_of_a_number_of_any_length_is_a_quotient_or_a_decimal():
     """Architecture: number_text gives "16/5"."""
-    assert [number_text(x) for x in (Fraction(16, 5), Fraction(-3), Fraction(0))] == ["16/5", "-3", "0"]
+    assert [number_text(x) for x in (Fraction(16, 5), Fraction(-3), Fraction(0))] == [
+        "16/5",
+        "-3",
+        "0",
+    ]
     assert number_text(Fraction(1, 10**300)) == "1e-300"
     assert number_text(Fraction(1, 3**600)) == f"1/{3**600}"
     assert number_text(Fraction(1, 2**9990)) == f"1/{2**9990}"

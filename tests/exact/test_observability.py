@@ -63,7 +63,11 @@ def test_reductions_of_the_theory_and_of_nothing():
     assert matrix([[1, 0, 1, 0], [0, 1, 0, 1]]) == T
     assert (A_o, C_o) == PAPER
     # r = 0: A_o and T have no rows, C_o empty ones.
-    assert exact.observable_reduction(exact.identity(2), exact.zeros(3, 2)) == ((), ((), (), ()), ())
+    assert exact.observable_reduction(exact.identity(2), exact.zeros(3, 2)) == (
+        (),
+        ((), (), ()),
+        (),
+    )
     assert exact.decide_observable(exact.identity(2), exact.zeros(3, 2)).rank == 0
     assert exact.decide_observable(exact.identity(2), ()).unobservable == exact.identity(2)
     assert exact.decide_observable((), ()).verdict is PROVED
@@ -98,7 +102,8 @@ def test_a_reduction_keeps_what_is_seen(A, C):
 @settings(max_examples=20, deadline=None)
 @given(matrices(2, 2), matrices(2, 2), matrices(2, 2), matrices(1, 2), matrices(4, 4))
 def test_a_hidden_block_shows_its_polynomial_in_any_coordinates(A1, A2, coupling, C1, S):
-    """Kalman's form, transformed: the unobservable polynomial is that of A2 times what C1 misses of A1."""
+    """Kalman's form, transformed: the unobservable polynomial is that of A2 times what C1 misses of
+    A1."""
     if exact.rank(S) < 4:
         return
     block = tuple(a + z for a, z in zip(A1, exact.zeros(2, 2), strict=True)) + tuple(
@@ -114,9 +119,16 @@ def test_a_hidden_block_shows_its_polynomial_in_any_coordinates(A1, A2, coupling
 
 
 def test_shapes_that_do_not_fit_are_refused():
-    for name in ("observability_matrix", "decide_observable", "decide_detectable", "observable_reduction"):
+    for name in (
+        "observability_matrix",
+        "decide_observable",
+        "decide_detectable",
+        "observable_reduction",
+    ):
         function = getattr(exact, name)
         with pytest.raises(ShapeError, match="A must be square"):
             function(exact.zeros(2, 3), exact.zeros(1, 3))
-        with pytest.raises(ShapeError, match=r"C must have 2 columns, one per row of A \(A is 2x2\)"):
+        with pytest.raises(
+            ShapeError, match=r"C must have 2 columns, one per row of A \(A is 2x2\)"
+        ):
             function(exact.identity(2), exact.zeros(1, 3))

@@ -1,4 +1,5 @@
-"""Characteristic polynomials, Routh's test and root counts against closed forms and other libraries."""
+"""Characteristic polynomials, Routh's test and root counts against closed forms and other
+libraries."""
 
 from fractions import Fraction
 from functools import reduce
@@ -13,7 +14,14 @@ from hypothesis import strategies as st
 from dobc_design import exact
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import matrix
-from dobc_design.exact.polynomial import cone_image, decide_images, disk_image, has_root_up_to_zero, reflected, shifted
+from dobc_design.exact.polynomial import (
+    cone_image,
+    decide_images,
+    disk_image,
+    has_root_up_to_zero,
+    reflected,
+    shifted,
+)
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
@@ -33,7 +41,8 @@ def product(*factors) -> tuple[Fraction, ...]:
 
 
 def from_factors(factors):
-    """The polynomial of factors, and its numbers of roots with positive real part and on the imaginary axis."""
+    """The polynomial of factors, and its numbers of roots with positive real part and on the
+    imaginary axis."""
     roots = [re for _, parts in factors for re in parts]
     return product(*(factor for factor, _ in factors)), sum(re > 0 for re in roots), roots.count(0)
 
@@ -53,7 +62,10 @@ FACTORS = st.lists(
     | RATIONALS.map(lambda im: complex_pair(Fraction(0), im))
     | RATIONALS.map(lambda r: ((Fraction(1), Fraction(0), -r * r), (r, -r)))
     | st.tuples(RATIONALS, RATIONALS).map(  # a quadruple symmetric to both axes
-        lambda z: (times(complex_pair(*z)[0], complex_pair(-z[0], z[1])[0]), (z[0], z[0], -z[0], -z[0]))
+        lambda z: (
+            times(complex_pair(*z)[0], complex_pair(-z[0], z[1])[0]),
+            (z[0], z[0], -z[0], -z[0]),
+        )
     ),
     max_size=5,
 ).map(from_factors)
@@ -62,10 +74,13 @@ FACTORS = st.lists(
 @settings(max_examples=20, deadline=None)
 @given(FACTORS, st.sampled_from([1, -1, Fraction(2, 7), -5]))
 def test_roots_to_the_right_are_counted_exactly_and_routh_agrees(built, factor):
-    """Closed form: products of factors with known roots, on the axis, repeated and symmetric ones too."""
+    """Closed form: products of factors with known roots, on the axis, repeated and symmetric ones
+    too."""
     polynomial, right, on_axis = built
     scaled = tuple(factor * x for x in polynomial)
-    assert exact.count_right_half_plane(scaled) == exact.count_right_half_plane((0, *scaled)) == right
+    assert (
+        exact.count_right_half_plane(scaled) == exact.count_right_half_plane((0, *scaled)) == right
+    )
     assert (exact.routh(scaled).verdict is PROVED) == (right == on_axis == 0)
 
 
@@ -120,9 +135,13 @@ MATRICES = st.lists(st.lists(RATIONALS, min_size=4, max_size=4), min_size=4, max
 @settings(max_examples=10, deadline=None)
 @given(MATRICES)
 def test_the_characteristic_polynomial_agrees_with_sympy(A):
-    expected = sympy.Matrix([[sympy.Rational(x.numerator, x.denominator) for x in row] for row in A])
+    expected = sympy.Matrix(
+        [[sympy.Rational(x.numerator, x.denominator) for x in row] for row in A]
+    )
     found = exact.characteristic_polynomial(A)
-    assert [sympy.Rational(x.numerator, x.denominator) for x in found] == expected.charpoly().all_coeffs()
+    assert [
+        sympy.Rational(x.numerator, x.denominator) for x in found
+    ] == expected.charpoly().all_coeffs()
     total = exact.zeros(4, 4)
     for x in found:
         total = exact.subtract(exact.multiply(total, A), exact.scale(-x, exact.identity(4)))
@@ -181,7 +200,8 @@ def cone(polynomial, damping):
 
 
 @pytest.mark.parametrize(
-    ("shape", "border", "outer", "inner"), [(disk, "5", "5.001", "4.999"), (cone, "3/5", "0.59", "0.61")]
+    ("shape", "border", "outer", "inner"),
+    [(disk, "5", "5.001", "4.999"), (cone, "3/5", "0.59", "0.61")],
 )
 def test_a_disk_and_a_cone_are_decided_at_their_borders(shape, border, outer, inner):
     """-3 +- 4i lies at the distance 5 from 0, as does -5, and has the damping ratio 3/5 exactly."""
@@ -197,14 +217,20 @@ def test_borders_of_disk_and_cone_hold_their_ends():
         image = disk_image(polynomial, centre=Fraction(1), radius=Fraction(1))
         assert decide_images([image], degree=len(roots)) == (True, False)
     assert not decide_images([cone_image(quadratic(3, 0), damping=Fraction(1, 2))], degree=4)[0]
-    assert decide_images([cone_image((Fraction(1), Fraction(0)), damping=Fraction(1, 2))], degree=2) == (True, False)
+    assert decide_images(
+        [cone_image((Fraction(1), Fraction(0)), damping=Fraction(1, 2))], degree=2
+    ) == (True, False)
 
 
 @pytest.mark.parametrize("seed", range(40))
 def test_random_polynomials_agree_with_their_roots(seed):
-    """Roots are drawn, the polynomial is multiplied out exactly; none is closer than 1e-9 to a border."""
+    """Roots are drawn, the polynomial is multiplied out exactly; none is closer than 1e-9 to a
+    border."""
     r = Random(seed)
-    pairs = [(Fraction(r.randint(-60, 10), 7), Fraction(r.randint(0, 60), 7)) for _ in range(r.randint(1, 3))]
+    pairs = [
+        (Fraction(r.randint(-60, 10), 7), Fraction(r.randint(0, 60), 7))
+        for _ in range(r.randint(1, 3))
+    ]
     roots = [complex(a, s * b) for a, b in pairs for s in (1, -1)]
     polynomial = product(*(quadratic(a, b) for a, b in pairs))
     damping, centre = Fraction(r.randint(1, 99), 100), Fraction(r.randint(-60, 0), 11)
@@ -213,7 +239,10 @@ def test_random_polynomials_agree_with_their_roots(seed):
     in_cone = all(-z.real >= float(damping) * abs(z) for z in roots)
     in_disk = all(abs(z - float(centre)) <= float(radius) for z in roots)
     assert decide_images([cone_image(polynomial, damping=damping)], degree=2 * degree)[0] == in_cone
-    assert decide_images([disk_image(polynomial, centre=centre, radius=radius)], degree=degree)[0] == in_disk
+    assert (
+        decide_images([disk_image(polynomial, centre=centre, radius=radius)], degree=degree)[0]
+        == in_disk
+    )
 
 
 @pytest.mark.parametrize(
@@ -231,7 +260,9 @@ def test_roots_up_to_zero_are_found_by_sturm(coefficients, expected):
 def test_sturm_agrees_with_the_drawn_roots(seed):
     r = Random(seed)
     reals = [Fraction(r.randint(-4, 9), 3) for _ in range(r.randint(0, 4))]
-    factors = [(Fraction(1), -x) for x in reals] + [quadratic(r.randint(-3, 3), 1) for _ in range(r.randint(0, 2))]
+    factors = [(Fraction(1), -x) for x in reals] + [
+        quadratic(r.randint(-3, 3), 1) for _ in range(r.randint(0, 2))
+    ]
     assert has_root_up_to_zero(product(*factors)) == any(x <= 0 for x in reals)
 
 

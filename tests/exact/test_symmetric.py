@@ -1,4 +1,5 @@
-"""Sparse symmetric matrices, in integer arrays and without: the same as their dense forms; vectors of doubles."""
+"""Sparse symmetric matrices, in integer arrays and without: the same as their dense forms; vectors
+of doubles."""
 
 import pickle
 from fractions import Fraction
@@ -9,18 +10,37 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact import IntegerSymmetric, SparseSymmetric, add, from_float, identity, multiply, scale, to_float
-from dobc_design.exact.symmetric import Doubles, both_triangles, in_integers, least, signs_of_product
+from dobc_design.exact import (
+    IntegerSymmetric,
+    SparseSymmetric,
+    add,
+    from_float,
+    identity,
+    multiply,
+    scale,
+    to_float,
+)
+from dobc_design.exact.symmetric import (
+    Doubles,
+    both_triangles,
+    in_integers,
+    least,
+    signs_of_product,
+)
 
 PLACES = st.tuples(st.integers(0, 4), st.integers(0, 4)).map(lambda p: (min(p), max(p)))
-SPARSE = st.dictionaries(PLACES, st.fractions(max_denominator=9)).map(lambda e: SparseSymmetric(5, e))
+SPARSE = st.dictionaries(PLACES, st.fractions(max_denominator=9)).map(
+    lambda e: SparseSymmetric(5, e)
+)
 WIDE = st.one_of(st.integers(-9, 9), st.integers(-(2**62), 2**62), st.integers(-(2**300), 2**300))
 
 
 def arrays(size, entries, denominator=1):
     rows, columns = (np.array([e[k] for e in entries], dtype=int) for k in (0, 1))
     values = np.array([e[2] for e in entries], dtype=object)
-    return IntegerSymmetric(size=size, rows=rows, columns=columns, values=values, denominator=denominator)
+    return IntegerSymmetric(
+        size=size, rows=rows, columns=columns, values=values, denominator=denominator
+    )
 
 
 @settings(max_examples=12)
@@ -57,7 +77,9 @@ def test_signs_of_a_product_are_exact(data, entry_bits, vector_bits):
     upper[0, n - 1] = data.draw(st.integers(-1, 1)) - sum(upper[0, j] * v[j] for j in range(n - 1))
     M = arrays(n, [(i, j, x) for (i, j), x in upper.items()])
     rows = both_triangles(M)
-    expected = [sum(upper.get((min(i, j), max(i, j)), 0) * v[j] for j in range(n)) for i in range(n)]
+    expected = [
+        sum(upper.get((min(i, j), max(i, j)), 0) * v[j] for j in range(n)) for i in range(n)
+    ]
     if rows is not None:
         short = max(v) < 2**62
         signs = signs_of_product(rows, np.array(v, dtype=np.int64 if short else object))
@@ -79,16 +101,26 @@ def test_floats_are_taken_at_their_exact_value(values):
     matrix = np.zeros((3, 3))
     matrix[np.triu_indices(3)] = values
     matrix = np.triu(matrix) + np.triu(matrix, 1).T
-    assert IntegerSymmetric.from_floats(matrix).to_sparse() == SparseSymmetric.from_dense(from_float(matrix, None))
+    assert IntegerSymmetric.from_floats(matrix).to_sparse() == SparseSymmetric.from_dense(
+        from_float(matrix, None)
+    )
 
 
 def test_rounding_that_weakens_never_helps():
     """Diagonal rounded down, the others away from 0, by less than 2^-bits."""
-    M = SparseSymmetric(2, {(0, 0): Fraction(1, 3), (0, 1): Fraction(1, 3), (1, 1): Fraction(-1, 3)})
+    M = SparseSymmetric(
+        2, {(0, 0): Fraction(1, 3), (0, 1): Fraction(1, 3), (1, 1): Fraction(-1, 3)}
+    )
     weak = IntegerSymmetric.weakened(M, bits=2).to_sparse()
-    assert dict(weak.entries) == {(0, 0): Fraction(1, 4), (0, 1): Fraction(1, 2), (1, 1): Fraction(-1, 2)}
+    assert dict(weak.entries) == {
+        (0, 0): Fraction(1, 4),
+        (0, 1): Fraction(1, 2),
+        (1, 1): Fraction(-1, 2),
+    }
     negative = SparseSymmetric(2, {(0, 1): Fraction(-1, 3)})
-    assert dict(IntegerSymmetric.weakened(negative, bits=2).to_sparse().entries) == {(0, 1): Fraction(-1, 2)}
+    assert dict(IntegerSymmetric.weakened(negative, bits=2).to_sparse().entries) == {
+        (0, 1): Fraction(-1, 2)
+    }
 
 
 def test_a_long_common_denominator_is_not_taken():
@@ -103,7 +135,9 @@ def test_a_long_common_denominator_is_not_taken():
 def test_zeros_are_dropped_and_it_survives_pickling():
     assert both_triangles(arrays(2, [(0, 0, 1)])) is None
     assert both_triangles(arrays(0, [])) is None
-    assert SparseSymmetric(2, {(0, 1): Fraction(0), (1, 1): Fraction(2)}) == SparseSymmetric(2, {(1, 1): Fraction(2)})
+    assert SparseSymmetric(2, {(0, 1): Fraction(0), (1, 1): Fraction(2)}) == SparseSymmetric(
+        2, {(1, 1): Fraction(2)}
+    )
     # Sweeps send problems between processes.
     M = SparseSymmetric(2, {(0, 1): Fraction(1, 3)})
     assert pickle.loads(pickle.dumps(M)) == M
@@ -146,8 +180,12 @@ def test_what_does_not_fit_is_refused():
         SparseSymmetric(2, {}).quadratic_form([1, 2, 3])
     with pytest.raises(TypeError):
         SparseSymmetric(2, {}) + 1
-    with pytest.raises(ShapeError, match=r"P must be exactly symmetric; entries \[0\]\[1\] and \[1\]\[0\]"):
-        SparseSymmetric.from_dense(((Fraction(1), Fraction(2)), (Fraction(3), Fraction(1))), name="P")
+    with pytest.raises(
+        ShapeError, match=r"P must be exactly symmetric; entries \[0\]\[1\] and \[1\]\[0\]"
+    ):
+        SparseSymmetric.from_dense(
+            ((Fraction(1), Fraction(2)), (Fraction(3), Fraction(1))), name="P"
+        )
     with pytest.raises(ShapeError, match="must be square"):
         SparseSymmetric.from_dense(((Fraction(1), Fraction(2)),))
 
@@ -168,7 +206,9 @@ def test_sums_and_shifts_are_those_of_the_sparse_form(M, N, shift):
 @given(SPARSE, st.lists(st.integers(0, 4), unique=True))
 def test_some_rows_and_columns_in_their_order(M, rows):
     full, part = M.to_dense(), [[M.to_dense()[i][j] for j in rows] for i in rows]
-    assert [list(row) for row in IntegerSymmetric.from_sparse(M).restricted(rows).to_dense()] == part
+    assert [
+        list(row) for row in IntegerSymmetric.from_sparse(M).restricted(rows).to_dense()
+    ] == part
     assert [list(row) for row in M.restricted(rows).to_dense()] == part
     assert len(full) == 5
 

@@ -9,14 +9,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dobc_design.exact import zmatrix as module
-from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite, first_refuting, roundings
+from dobc_design.exact.definite import (
+    decide_positive_definite,
+    decide_positive_semidefinite,
+    first_refuting,
+    roundings,
+)
 from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 from dobc_design.exact.zmatrix import is_z_matrix, proves, row_bound, search
 from dobc_design.verdict import Verdict
 
 
 def grounded_ring(size: int, ground: Fraction) -> SparseSymmetric:
-    """The Laplacian of a ring with ``ground`` added at the first node: positive definite iff ground > 0."""
+    """The Laplacian of a ring with ``ground`` added at the first node: positive definite iff ground
+    > 0."""
     entries = {(i, i): Fraction(2) for i in range(size)}
     entries[0, 0] += ground
     entries |= {(i, i + 1): Fraction(-1) for i in range(size - 1)} | {(0, size - 1): Fraction(-1)}
@@ -37,7 +43,8 @@ def test_a_ring_held_at_one_node_has_a_positive_vector(size: int):
 
 
 def test_a_positive_entry_beside_the_diagonal_counts_against_the_vector():
-    """v = (1, 1) has M v > 0 for [[1, 2], [2, 1]], which is indefinite: |m_ij| is what has to be dominated."""
+    """v = (1, 1) has M v > 0 for [[1, 2], [2, 1]], which is indefinite: |m_ij| is what has to be
+    dominated."""
     M = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(2), (1, 1): Fraction(1)})
     assert not proves(M, (1, 1))
     assert search(M, strict=True).vector is None
@@ -52,7 +59,9 @@ def test_a_vector_that_is_not_positive_or_has_the_wrong_length_proves_nothing():
     assert not proves(M, (0, 0, 0), strict=False)
     assert not proves(M, (1, 1))
     assert not proves(M, (1, 1, 1)) and proves(M, (1, 1, 1), strict=False)
-    indefinite = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-5), (1, 1): Fraction(1)})
+    indefinite = SparseSymmetric(
+        2, {(0, 0): Fraction(1), (0, 1): Fraction(-5), (1, 1): Fraction(1)}
+    )
     assert not proves(indefinite, (-1, -1))  # M v = (4, 4)
     assert not proves(SparseSymmetric(1, {}), (1,)) and proves(SparseSymmetric(0, {}), ())
 
@@ -82,7 +91,8 @@ def test_the_group_that_nobody_holds_is_the_witness():
 
 
 def test_a_group_that_only_fails_to_be_definite_is_no_witness_against_semidefinite():
-    """A free ring of 20 (sum 0) beside one of 30 with a negative sum: the larger one is the witness."""
+    """A free ring of 20 (sum 0) beside one of 30 with a negative sum: the larger one is the
+    witness."""
     first, second = grounded_ring(30, Fraction(-1)), grounded_ring(20, Fraction(0))
     entries = dict(first.entries) | {(i + 30, j + 30): x for (i, j), x in second.entries.items()}
     decision = decide_positive_semidefinite(SparseSymmetric(50, entries))
@@ -92,18 +102,24 @@ def test_a_group_that_only_fails_to_be_definite_is_no_witness_against_semidefini
 
 
 def test_a_vector_that_rounds_to_zero_somewhere_proves_nothing(monkeypatch: pytest.MonkeyPatch):
-    """The search is made to return 10^-40 on an indefinite part: M v >= 0 would hold with v = 0 there."""
+    """The search is made to return 10^-40 on an indefinite part: M v >= 0 would hold with v = 0
+    there."""
     beside = {(0, 1): Fraction(-2), (2, 3): Fraction(-5)}
     diagonal = {(0, 0): Fraction(1), (1, 1): Fraction(6), (2, 2): Fraction(1), (3, 3): Fraction(1)}
     M = SparseSymmetric(4, beside | diagonal | {(3, 3): Fraction(9)})
-    monkeypatch.setattr(module, "_conjugate_gradients", lambda rows: (np.array([5.0, 2.0, 1e-40, 1e-40]), None))
+    monkeypatch.setattr(
+        module, "_conjugate_gradients", lambda rows: (np.array([5.0, 2.0, 1e-40, 1e-40]), None)
+    )
     assert search(M, strict=False).vector is None
 
 
 def test_a_witness_for_a_local_cause_is_sparse():
-    """300 rows held well, but one row's diagonal is halved twice: the rounded direction is 0 far from there."""
+    """300 rows held well, but one row's diagonal is halved twice: the rounded direction is 0 far
+    from there."""
     n = 300
-    entries = {(i, i): Fraction(5) for i in range(n)} | {(i, i + 1): Fraction(-1) for i in range(n - 1)}
+    entries = {(i, i): Fraction(5) for i in range(n)} | {
+        (i, i + 1): Fraction(-1) for i in range(n - 1)
+    }
     entries[150, 150] = Fraction(1, 5)
     M = SparseSymmetric(n, entries)
     decision = decide_positive_definite(M)
@@ -118,7 +134,10 @@ def test_long_denominators_everywhere_are_rounded_to_the_safe_side():
     n = 500
     entries = {(i, i + 1): Fraction(-primes[i], primes[i + 500]) for i in range(n - 1)}
     for excess, truth in ((Fraction(1, 10**6), True), (Fraction(-1, 10**6), False)):
-        diagonal = {(i, i): -entries.get((i - 1, i), 0) - entries.get((i, i + 1), 0) + excess for i in range(n)}
+        diagonal = {
+            (i, i): -entries.get((i - 1, i), 0) - entries.get((i, i + 1), 0) + excess
+            for i in range(n)
+        }
         M = SparseSymmetric(n, entries | diagonal)
         found = search(M, strict=True)
         assert (found.vector is not None) == truth
@@ -130,7 +149,9 @@ def test_long_denominators_everywhere_are_rounded_to_the_safe_side():
 def test_integers_of_any_length_are_taken(lift: int):
     """Beyond 64 bits and beyond what a double holds."""
     M = arrays(grounded_ring(40, Fraction(1)))
-    lifted = IntegerSymmetric(size=40, rows=M.rows, columns=M.columns, values=M.values.astype(object) * lift)
+    lifted = IntegerSymmetric(
+        size=40, rows=M.rows, columns=M.columns, values=M.values.astype(object) * lift
+    )
     found = search(lifted, strict=True)
     assert found.vector is not None and proves(lifted, found.vector)
     assert not proves(lifted, (1,) * 40)
@@ -145,9 +166,15 @@ def test_the_search_leaves_bad_diagonals_and_zero_rows_to_others():
 def test_other_signs_are_refuted_by_their_own_direction():
     """A ring with +1 beside the diagonal: the direction alternates, and |p| would not refute."""
     n = 60
-    entries = {(i, i): Fraction(19, 10) for i in range(n)} | {(i, i + 1): Fraction(1) for i in range(n - 1)}
+    entries = {(i, i): Fraction(19, 10) for i in range(n)} | {
+        (i, i + 1): Fraction(1) for i in range(n - 1)
+    }
     M = SparseSymmetric(n, entries | {(0, n - 1): Fraction(1)})
-    assert not is_z_matrix(M) and not is_z_matrix(arrays(M)) and is_z_matrix(arrays(grounded_ring(9, Fraction(1))))
+    assert (
+        not is_z_matrix(M)
+        and not is_z_matrix(arrays(M))
+        and is_z_matrix(arrays(grounded_ring(9, Fraction(1))))
+    )
     assert decide_positive_definite(M).verdict is Verdict.REFUTED
     assert decide_positive_definite(M.shifted(Fraction(2, 10))).verdict is Verdict.PROVED
 
@@ -167,9 +194,12 @@ def peak_of(size: int, ground: Fraction, *, strict: bool) -> int:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize(("ground", "strict"), [(Fraction(1), True), (Fraction(0), True), (Fraction(0), False)])
+@pytest.mark.parametrize(
+    ("ground", "strict"), [(Fraction(1), True), (Fraction(0), True), (Fraction(0), False)]
+)
 def test_memory_is_linear_in_the_arcs(ground: Fraction, strict: bool):
-    """A ring of 4000 rows, proved, refuted, and semidefinite: four times the rows, four times the memory."""
+    """A ring of 4000 rows, proved, refuted, and semidefinite: four times the rows, four times the
+    memory."""
     small, large = (peak_of(size, ground, strict=strict) for size in (1000, 4000))
     assert large < 4.6 * small
     assert large < 1500 * 4000  # bytes per arc; a dense matrix of doubles would take 128 MB
@@ -181,29 +211,43 @@ POSITIVE = st.floats(2.0**-200, 2.0**200)
 
 @settings(max_examples=25)
 @given(st.integers(1, 6), st.data())
-def test_the_bound_of_a_vector_is_never_below_the_exact_one_and_close_to_it(n: int, data: st.DataObject):
+def test_the_bound_of_a_vector_is_never_below_the_exact_one_and_close_to_it(
+    n: int, data: st.DataObject
+):
     """Rows without entries, signs of both kinds, numbers that floats do not hold."""
     places = [(i, j) for i in range(n) for j in range(i, n) if data.draw(st.booleans())]
     M = SparseSymmetric(n, {place: data.draw(FRACTIONS) for place in places})
     v = [data.draw(POSITIVE) for _ in range(n)]
     full = M.to_dense()
     sums = [
-        (full[i][i] * Fraction(v[i]) + sum(abs(full[i][j]) * Fraction(v[j]) for j in range(n) if j != i))
+        (
+            full[i][i] * Fraction(v[i])
+            + sum(abs(full[i][j]) * Fraction(v[j]) for j in range(n) if j != i)
+        )
         / Fraction(v[i])
         for i in range(n)
     ]
-    sizes = max(sum(abs(full[i][j]) * Fraction(v[j]) for j in range(n)) / Fraction(v[i]) for i in range(n))
+    sizes = max(
+        sum(abs(full[i][j]) * Fraction(v[j]) for j in range(n)) / Fraction(v[i]) for i in range(n)
+    )
     bound = row_bound(IntegerSymmetric.from_sparse(M), np.array(v))
     assert Fraction(bound) >= max(sums)
     assert Fraction(bound) - max(sums) <= sizes * Fraction(1, 2**45)
 
 
-@pytest.mark.parametrize("vector", [[1.0, 0.0], [1.0, -1.0], [1.0, np.nan], [1.0], [], [1.0, 1e-300], [1.0, np.inf]])
+@pytest.mark.parametrize(
+    "vector", [[1.0, 0.0], [1.0, -1.0], [1.0, np.nan], [1.0], [], [1.0, 1e-300], [1.0, np.inf]]
+)
 def test_a_vector_that_is_not_positive_bounds_nothing(vector: list[float]):
-    M = IntegerSymmetric.from_sparse(SparseSymmetric(2, {(0, 0): Fraction(-1), (0, 1): Fraction(1, 2)}))
+    M = IntegerSymmetric.from_sparse(
+        SparseSymmetric(2, {(0, 0): Fraction(-1), (0, 1): Fraction(1, 2)})
+    )
     assert row_bound(M, np.array(vector)) == np.inf
 
 
 @pytest.mark.parametrize("entry", [Fraction(10) ** 400, Fraction(1, 10**400)])
 def test_entries_that_floats_do_not_hold_bound_nothing(entry: Fraction):
-    assert row_bound(IntegerSymmetric.from_sparse(SparseSymmetric(1, {(0, 0): entry})), np.ones(1)) == np.inf
+    assert (
+        row_bound(IntegerSymmetric.from_sparse(SparseSymmetric(1, {(0, 0): entry})), np.ones(1))
+        == np.inf
+    )

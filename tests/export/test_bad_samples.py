@@ -1,4 +1,5 @@
-"""Exported C code skips bad samples and counts them; its answers stay those of a loop that missed them."""
+"""Exported C code skips bad samples and counts them; its answers stay those of a loop that missed
+them."""
 
 from types import SimpleNamespace
 
@@ -32,7 +33,8 @@ def test_after_bad_inputs_the_answers_are_those_of_a_run_that_missed_them(precis
     ids=["paper-fixed", "plants", "pendulums", "carts"],
 )
 def test_a_converged_observer_misses_five_samples_and_expects_them_right(problem, tmp_path):
-    """The model is exact for a disturbance that its exosystem generates, so the inputs hardly change."""
+    """The model is exact for a disturbance that its exosystem generates, so the inputs hardly
+    change."""
     program = Program(problem, tmp_path, period="1/20", precision="double")
 
     def spoil(x, heard, limited, u):

@@ -22,7 +22,9 @@ from dobc_design.simulation.stressed import LOSS
 
 def alone(k: object, *, h: str = "y") -> Problem:
     """Agent 2 is pinned with k, agent 1 hears it; no disturbance."""
-    return Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling=h, gains={"2": k})
+    return Problem(
+        network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling=h, gains={"2": k}
+    )
 
 
 def seen(theta: float = 1.0, W: float = 2.0) -> Problem:
@@ -42,9 +44,14 @@ def problem_named(name: str) -> Problem:
 
 
 def closed_loop(problem: Problem, run, agents: CompiledAgents, *, period: float, **options):
-    """x, u, dhat at the samples of ``run``, with the plant x' = v + C xi, xi' = A xi integrated by expm."""
+    """x, u, dhat at the samples of ``run``, with the plant x' = v + C xi, xi' = A xi integrated by
+    expm."""
     names = list(problem.network.modes)
-    modes = [names.index(run.switches.names[i]) for i in run.switches.at(run.times)] if run.switches else [0] * 10**6
+    modes = (
+        [names.index(run.switches.names[i]) for i in run.switches.at(run.times)]
+        if run.switches
+        else [0] * 10**6
+    )
     A, C = (np.array(each, dtype=float) for each in (problem.exosystem.A, problem.exosystem.C))
     q = len(A)
     block = np.zeros((2 * q, 2 * q))
@@ -64,7 +71,13 @@ def closed_loop(problem: Problem, run, agents: CompiledAgents, *, period: float,
 def run_of(problem: Problem, *, period: float, seed: int | None = None, **stress):
     """Ten seconds."""
     times = [k * period for k in range(round(10 / period) + 1)]
-    return dd.simulate(problem, t_final=times[-1], samples=times, seed=seed, stress=dd.Stress(period=period, **stress))
+    return dd.simulate(
+        problem,
+        t_final=times[-1],
+        samples=times,
+        seed=seed,
+        stress=dd.Stress(period=period, **stress),
+    )
 
 
 SLOW = pytest.mark.slow
@@ -73,9 +86,15 @@ SLOW = pytest.mark.slow
 @needs_gcc
 @pytest.mark.parametrize(
     ("precision", "level"),
-    [("float", "-O0"), ("double", "-O0"), *(pytest.param(each, "-O2", marks=SLOW) for each in ("float", "double"))],
+    [
+        ("float", "-O0"),
+        ("double", "-O0"),
+        *(pytest.param(each, "-O2", marks=SLOW) for each in ("float", "double")),
+    ],
 )
-@pytest.mark.parametrize("name", ["planar", *(pytest.param(each, marks=SLOW) for each in ("alone", "paper-fixed"))])
+@pytest.mark.parametrize(
+    "name", ["planar", *(pytest.param(each, marks=SLOW) for each in ("alone", "paper-fixed"))]
+)
 def test_the_code_compiles_without_a_warning_and_passes_its_own_vectors(
     name: str, precision: str, level: str, tmp_path
 ):
@@ -89,19 +108,31 @@ def test_the_code_compiles_without_a_warning_and_passes_its_own_vectors(
     assert found.tolerance <= (1e-9 if precision == "double" else 1.0)
 
 
-PERIODS = {"paper-fixed": 0.05, "paper-switching": 0.05, "clock-sync": 0.1, "karate-club": 0.1, "uav-swarm": 0.1}
+PERIODS = {
+    "paper-fixed": 0.05,
+    "paper-switching": 0.05,
+    "clock-sync": 0.1,
+    "karate-club": 0.1,
+    "uav-swarm": 0.1,
+}
 PERIODS["microgrid-ieee14"] = 0.01
 
 
 @needs_gcc
 @pytest.mark.parametrize(
-    ("name", "period"), [("planar", 0.05), *(pytest.param(*each, marks=SLOW) for each in PERIODS.items())]
+    ("name", "period"),
+    [("planar", 0.05), *(pytest.param(*each, marks=SLOW) for each in PERIODS.items())],
 )
-def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(name: str, period: float, tmp_path):
-    """Equations (1), (12), (13), (19), sampled: C agents and an exact plant against ``simulate``."""
+def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(
+    name: str, period: float, tmp_path
+):
+    """Equations (1), (12), (13), (19), sampled: C agents and an exact plant against
+    ``simulate``."""
     problem = problem_named(name)
     run = run_of(problem, period=period)
-    agents = CompiledAgents(dd.export.to_c(problem, period=str(period)).files, tmp_path, n=problem.n, m=problem.m)
+    agents = CompiledAgents(
+        dd.export.to_c(problem, period=str(period)).files, tmp_path, n=problem.n, m=problem.m
+    )
     x, u, dhat = closed_loop(problem, run, agents, period=period)
     for found, wanted in ((x, run.x), (u, run.u), (dhat, run.dhat)):
         assert np.abs(found - wanted).max() <= 1e-12 * max(1.0, np.abs(wanted).max())
@@ -109,18 +140,29 @@ def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(name: str, pe
 
 @SLOW
 @needs_gcc
-@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed (Debian: apt install g++)")
+@pytest.mark.skipif(
+    shutil.which("g++") is None, reason="g++ is not installed (Debian: apt install g++)"
+)
 def test_a_program_in_c_plus_plus_calls_the_same_code(tmp_path):
     folder = write_all(dd.export.to_c(alone(3), period="1/50").files, tmp_path)
-    for command in ("gcc -std=c99 -c dobc_agent.c", "g++ -Wall -Werror -x c++ main.c -x none dobc_agent.o -o selftest"):
+    for command in (
+        "gcc -std=c99 -c dobc_agent.c",
+        "g++ -Wall -Werror -x c++ main.c -x none dobc_agent.o -o selftest",
+    ):
         subprocess.run(command.split(), cwd=folder, check=True, timeout=120)
-    assert subprocess.run(["./selftest"], cwd=folder, check=False, capture_output=True, timeout=60).returncode == 0
+    assert (
+        subprocess.run(
+            ["./selftest"], cwd=folder, check=False, capture_output=True, timeout=60
+        ).returncode
+        == 0
+    )
 
 
 @SLOW
 @needs_gcc
 def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path):
-    """dobc_applied tells the observer the applied input; dobc_receive is not called for a lost packet."""
+    """dobc_applied tells the observer the applied input; dobc_receive is not called for a lost
+    packet."""
     problem, period, limit, loss, seed = load_problem("paper-fixed"), 0.05, 1.5, 0.3, 7
     run = run_of(problem, period=period, seed=seed, saturation=limit, loss=loss)
     arcs = problem.network.modes["Ga"]
@@ -142,7 +184,9 @@ def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path
 def test_a_number_that_is_off_in_the_fifth_digit_fails_the_self_test(tmp_path):
     files = dict(dd.export.to_c("paper-fixed", period="1/50").files)
     source = files["dobc_agent.c"].decode()
-    number = re.search(r"correction\[DOBC_ORDER\]\[DOBC_INPUTS\] = \{\n    \{([0-9.]+)\}", source)[1]
+    number = re.search(r"correction\[DOBC_ORDER\]\[DOBC_INPUTS\] = \{\n    \{([0-9.]+)\}", source)[
+        1
+    ]
     files["dobc_agent.c"] = source.replace(number, repr(float(number) * 1.0001)).encode()
     done = compile_and_test(write_all(files, tmp_path))
     assert done.returncode == 1
@@ -155,7 +199,10 @@ def test_a_polynomial_coupling_needs_no_mathematical_library(tmp_path):
     found = dd.export.to_c(alone(3, h="y + y**3"), period="1/50")
     assert b"math.h" not in found.files["dobc_agent.c"]
     assert compile_and_test(write_all(found.files, tmp_path), library=False).returncode == 0
-    assert b"#include <math.h>" in dd.export.to_c("paper-fixed", period="1/50", agents=["1"]).files["dobc_agent.c"]
+    assert (
+        b"#include <math.h>"
+        in dd.export.to_c("paper-fixed", period="1/50", agents=["1"]).files["dobc_agent.c"]
+    )
 
 
 def test_the_code_uses_no_heap_and_no_file_but_math_h():
@@ -169,7 +216,10 @@ def test_the_numbers_are_the_exact_discretisation_rounded():
     """Against SciPy's exponential; a constant: Ad = 1, Cd = 1, L = 1 - exp(-W T) over 1 s."""
     problem = load_problem("paper-fixed")
     made = make_controller(problem, period="1/20")
-    A, C, W = (np.array(each, dtype=float) for each in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
+    A, C, W = (
+        np.array(each, dtype=float)
+        for each in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
+    )
     np.testing.assert_allclose(np.array(made.Ad, dtype=float), expm(A / 20), rtol=1e-14)
     steps = np.linspace(0, 1 / 20, 201)
     mean = np.trapezoid([expm((A - W @ C) * s) for s in steps], steps, axis=0) @ W
@@ -183,19 +233,25 @@ def test_the_numbers_are_the_exact_discretisation_rounded():
 
 def test_a_network_that_is_sampled_too_seldom_is_refused_with_a_period_that_works():
     """e' = -4 e, held: |1 - 4 T| < 1 iff T < 1/2."""
-    assert all(each.verdict is Verdict.PROVED for each in make_controller(alone(4), period="0.4999").statements)
+    assert all(
+        each.verdict is Verdict.PROVED
+        for each in make_controller(alone(4), period="0.4999").statements
+    )
     assert make_controller(alone(4), period="1/2").statements[0].verdict is Verdict.UNDECIDED
     with pytest.raises(SpecError, match=r"too long.*--period 0\.(4[89]|5)"):
         make_controller(alone(4), period="0.5001")
 
 
 def test_an_observer_that_cannot_see_the_disturbance_at_this_period_is_refused():
-    """Over 2 pi s the mean of a harmonic with 1 rad/s vanishes: Cd = 0 and the error stays; a bit less works."""
+    """Over 2 pi s the mean of a harmonic with 1 rad/s vanishes: Cd = 0 and the error stays; a bit
+    less works."""
     with pytest.raises(SpecError, match=r"observer.*\(period 6\.283 s\).*--period"):
         make_controller(seen(), period="6.283")
     for period in ("0.5", "1", "1.5"):
         made = make_controller(seen(), period=period)
-        error = np.array(made.Ad, dtype=float) - np.array(made.L, dtype=float) @ np.array(made.Cd, dtype=float)
+        error = np.array(made.Ad, dtype=float) - np.array(made.L, dtype=float) @ np.array(
+            made.Cd, dtype=float
+        )
         assert np.abs(np.linalg.eigvals(error)).max() < 1
         assert made.statements[0].verdict is Verdict.PROVED
 
@@ -226,7 +282,9 @@ def test_only_the_agents_that_are_asked_for_are_in_the_table():
 
 
 def test_too_many_agents_for_one_table_are_refused_and_one_of_them_is_not():
-    ring = Network.from_arcs([[i, i % 201 + 1] for i in range(1, 202)], arrow="listens_to", agents=201)
+    ring = Network.from_arcs(
+        [[i, i % 201 + 1] for i in range(1, 202)], arrow="listens_to", agents=201
+    )
     problem = Problem(network=ring, coupling="y", gains={"1": 1})
     with pytest.raises(SpecError, match="at most 200 agents"):
         make_controller(problem, period="1/10")
@@ -239,7 +297,9 @@ def grouped() -> Problem:
     """Agents 1 and 3 feel a sine, agent 2 a constant."""
     harmonic = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
     sine = dd.Group(agents=[1, 3], exosystem=harmonic, observer=Observer(W=[[3], [2]]))
-    constant = dd.Group(agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[2]]))
+    constant = dd.Group(
+        agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[2]])
+    )
     return Problem(
         network=Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"),
         coupling="tanh(y) + y",
@@ -255,7 +315,9 @@ def test_the_code_of_a_group_is_that_of_a_network_with_its_exosystem_alone(label
     own = next(group for group in problem.groups if str(label) in group.agents)
     loop = {"network": problem.network, "coupling": "tanh(y) + y", "gains": {1: 3, 2: 1}}
     single = Problem(**loop, exosystem=own.exosystem, observer=own.observer)
-    made, wanted = (make_controller(each, period="1/50", agents=[label]) for each in (problem, single))
+    made, wanted = (
+        make_controller(each, period="1/50", agents=[label]) for each in (problem, single)
+    )
     assert (made.Ad, made.Cd, made.L) == (wanted.Ad, wanted.Cd, wanted.L)
     assert source_text(made) == source_text(wanted)
 
@@ -295,7 +357,9 @@ def test_a_wrong_argument_is_named(options, match: str):
 
 @pytest.mark.usefixtures("recorded_briefly")
 def test_numbers_that_a_float_cannot_hold_are_refused():
-    far = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", target="1e39")
+    far = Problem(
+        network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", target="1e39"
+    )
     with pytest.raises(SpecError, match="fit into a float"):
         dd.export.to_c(far, period="1e-3", precision="float")
 
@@ -310,15 +374,19 @@ def test_a_sampled_gain_takes_the_place_of_the_discretised_one():
 
 
 @pytest.mark.parametrize(
-    "h", [EVERY, "exp(y1) - 1 + y2*y1**5/(2 + y1**2)", "sqrt(4 + y1*y2) - 2", "tan(y1)*(1 + y2)**-3"]
+    "h",
+    [EVERY, "exp(y1) - 1 + y2*y1**5/(2 + y1**2)", "sqrt(4 + y1*y2) - 2", "tan(y1)*(1 + y2)**-3"],
 )
 def test_the_error_bound_of_a_coupling_holds_for_single_precision(h: str):
-    """float32 arithmetic against float64, at 400 random points: below the bound, and not by more than 10^4."""
+    """float32 arithmetic against float64, at 400 random points: below the bound, and not by more
+    than 10^4."""
     rng = np.random.default_rng(1)
     y = rng.uniform(-1.4, 1.4, size=(400, 2))
     y[:, 1] = np.abs(y[:, 1])
     coupling = make_coupling([h, "y2"], dimension=2)
-    bound = with_errors(coupling.components, Erring(y, np.abs(y) * 2.0**-24), ErringAlgebra(2.0**-24))
+    bound = with_errors(
+        coupling.components, Erring(y, np.abs(y) * 2.0**-24), ErringAlgebra(2.0**-24)
+    )
     difference = np.abs(single_precision(coupling, y.astype(np.float32)) - coupling.value(y))
     assert (difference <= 2 * bound.error).all()
     assert bound.error[:, 0].max() <= 1e4 * max(difference[:, 0].max(), 1e-9)
@@ -353,5 +421,6 @@ def test_the_folder_is_not_overwritten_unless_forced(tmp_path):
 @SLOW
 def test_the_same_problem_gives_the_same_bytes():
     assert (
-        dd.export.to_c("paper-switching", period="1/50").files == dd.export.to_c("paper-switching", period="1/50").files
+        dd.export.to_c("paper-switching", period="1/50").files
+        == dd.export.to_c("paper-switching", period="1/50").files
     )

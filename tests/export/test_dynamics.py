@@ -1,4 +1,5 @@
-"""Exports of agents with [dynamics]: python-control and C give the simulated loop; the others refuse first."""
+"""Exports of agents with [dynamics]: python-control and C give the simulated loop; the others
+refuse first."""
 
 import ctypes
 import importlib.util
@@ -10,7 +11,15 @@ import numpy as np
 import pytest
 from c_harness import CompiledAgents, compile_and_test, needs_gcc, write_all
 from certified import consensus_claims
-from dynamic_agents import double_integrators, drift, felt, matrices, pendulums, resonators, three_states
+from dynamic_agents import (
+    double_integrators,
+    drift,
+    felt,
+    matrices,
+    pendulums,
+    resonators,
+    three_states,
+)
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, expm
 from scipy.optimize import brentq
@@ -24,7 +33,9 @@ from dobc_design.export.c_controller import make_controller
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.integrators import as_integrators
 
-PROBLEMS = {each.name: each for each in (double_integrators(), three_states(), pendulums(), resonators())}
+PROBLEMS = {
+    each.name: each for each in (double_integrators(), three_states(), pendulums(), resonators())
+}
 TIGHT = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
 SLOW = pytest.mark.slow
 
@@ -33,13 +44,22 @@ pytestmark = pytest.mark.usefixtures("recorded_briefly")
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_python_control_reproduces_the_trajectory(name, tmp_path):
-    """Outputs x (n m), dhat and u (n p); the Python file that stands alone has the same derivatives."""
+    """Outputs x (n m), dhat and u (n p); the Python file that stands alone has the same
+    derivatives."""
     problem = PROBLEMS[name]
     system, run = to_control(problem), dd.simulate(problem, t_final=2, samples=21)
-    found = control.input_output_response(system, run.times, 0, system.start_of(run), solve_ivp_kwargs=TIGHT)
+    found = control.input_output_response(
+        system, run.times, 0, system.start_of(run), solve_ivp_kwargs=TIGHT
+    )
     size, inputs = problem.n * problem.m, problem.n * problem.inputs
-    for part, rows in (("x", slice(0, size)), ("dhat", slice(size, size + inputs)), ("u", slice(size + inputs, None))):
-        np.testing.assert_allclose(found.outputs[rows].T, getattr(run, part).reshape(21, -1), atol=1e-6)
+    for part, rows in (
+        ("x", slice(0, size)),
+        ("dhat", slice(size, size + inputs)),
+        ("u", slice(size + inputs, None)),
+    ):
+        np.testing.assert_allclose(
+            found.outputs[rows].T, getattr(run, part).reshape(21, -1), atol=1e-6
+        )
     assert system.ninputs == inputs
     (tmp_path / "loop.py").write_text(python_script(problem), encoding="utf-8")
     spec = importlib.util.spec_from_file_location("loop", tmp_path / "loop.py")
@@ -48,7 +68,9 @@ def test_python_control_reproduces_the_trajectory(name, tmp_path):
     rng = np.random.default_rng(1)
     state, w = rng.standard_normal(system.nstates), rng.standard_normal(inputs)
     other = alone.make_system(next(iter(problem.network.modes)))
-    np.testing.assert_allclose(other.dynamics(0, state, w), system.dynamics(0, state, w), atol=1e-10)
+    np.testing.assert_allclose(
+        other.dynamics(0, state, w), system.dynamics(0, state, w), atol=1e-10
+    )
     np.testing.assert_allclose(other.output(0, state, w), system.output(0, state, w), atol=1e-10)
 
 
@@ -59,9 +81,13 @@ def test_observer_of_one_agent_is_a_linear_system(name):
     model, observer = dd.build_model(problem), to_control(problem).observer
     rng = np.random.default_rng(2)
     goal = np.array([[float(x) for x in problem.goal_of(i)] for i in range(problem.n)])
-    z, u = rng.standard_normal((problem.n, model.q)), rng.standard_normal((problem.n, problem.inputs))
+    z, u = (
+        rng.standard_normal((problem.n, model.q)),
+        rng.standard_normal((problem.n, problem.inputs)),
+    )
     z_dot, _, dhat = (
-        np.asarray(each).reshape(problem.n, -1) for each in model.observer(z.ravel(), goal.ravel(), u.ravel())
+        np.asarray(each).reshape(problem.n, -1)
+        for each in model.observer(z.ravel(), goal.ravel(), u.ravel())
     )
     for i in range(problem.n):  # at the goal no agent feels a coupling
         both = np.concatenate([goal[i], u[i]])
@@ -70,13 +96,17 @@ def test_observer_of_one_agent_is_a_linear_system(name):
     assert to_control(PROBLEMS["pendulums"]).observer is None
 
 
-@pytest.mark.parametrize("options", [["--c", "--period", "0.01"], ["--fmu", "--period", "0.01"], ["--sdpa"]])
+@pytest.mark.parametrize(
+    "options", [["--c", "--period", "0.01"], ["--fmu", "--period", "0.01"], ["--sdpa"]]
+)
 def test_leaders_and_inequalities_are_refused_before_anything_is_written(options, tmp_path):
     """One error that names [leader], with f as with A, or [dynamics]."""
     problem = PROBLEMS["pendulums"].replace(target=[0, 0], leader={"initial": [1, 0]})
     (tmp_path / "own.toml").write_text(problem_text(problem), encoding="utf-8")
     target = tmp_path / "target"
-    result = CliRunner().invoke(app, ["export", str(tmp_path / "own.toml"), options[0], str(target), *options[1:]])
+    result = CliRunner().invoke(
+        app, ["export", str(tmp_path / "own.toml"), options[0], str(target), *options[1:]]
+    )
     assert isinstance(result.exception, SpecError)
     assert result.exception.key == ("dynamics" if options == ["--sdpa"] else "leader")
     assert not target.exists()
@@ -116,21 +146,27 @@ def test_diagnostics_and_searches_are_those_of_the_integrators():
     problem = PROBLEMS["plants"]
     own, other = dd.analyse(problem), dd.analyse(as_integrators(problem))
     assert own.modes == other.modes and own.spectrum == other.spectrum
-    lonely = problem.replace(network=dd.Network.from_arcs([], arrow="listens_to", agents=["a", "b", "c"]))
+    lonely = problem.replace(
+        network=dd.Network.from_arcs([], arrow="listens_to", agents=["a", "b", "c"])
+    )
     assert dd.analyse(lonely).graphs[0].unreached == ("b", "c")
     pair = dd.Network.from_arcs([["b", "a"]], arrow="listens_to", agents=["a", "b"])
-    bent = dd.Problem(network=pair, dynamics=dd.Dynamics(f=["-x**3 - x/2"]), coupling="y", gains={"a": 3})
+    bent = dd.Problem(
+        network=pair, dynamics=dd.Dynamics(f=["-x**3 - x/2"]), coupling="y", gains={"a": 3}
+    )
     assert not dd.falsify(bent, runs=3).suspects
 
 
 def compiled(problem: dd.Problem, folder, period) -> CompiledAgents:
     files = dd.export.to_c(problem, period=period).files
-    return CompiledAgents(files, folder / str(period).replace("/", "_"), n=problem.n, m=problem.m, p=problem.inputs)
+    return CompiledAgents(
+        files, folder / str(period).replace("/", "_"), n=problem.n, m=problem.m, p=problem.inputs
+    )
 
 
 def in_c(problem: dd.Problem, run, agents: CompiledAgents, period: float):
-    """x, u, dhat at the multiples of the period, from the start of ``run``: C agents, held inputs, and agents with wind
-    integrated by expm of (x, v, xi), with f by SciPy."""
+    """x, u, dhat at the multiples of the period, from the start of ``run``: C agents, held inputs,
+    and agents with wind integrated by expm of (x, v, xi), with f by SciPy."""
     data, own = matrices(problem), drift(problem)
     A, B, C, S = (data[name] for name in ("A", "B", "C", "S"))
     m, p = B.shape
@@ -156,9 +192,9 @@ def in_c(problem: dd.Problem, run, agents: CompiledAgents, period: float):
 @needs_gcc
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_agents_in_c_are_the_sampled_loop_and_that_is_the_loop_but_for_its_period(name, tmp_path):
-    """Double integrators, agents with three states and two inputs, and with f, with wind: to rounding at every period,
-    with f to the tolerance of the integrators, and to rounding where both are given the same states; of first order in
-    the period to the loop in continuous time."""
+    """Double integrators, agents with three states and two inputs, and with f, with wind: to
+    rounding at every period, with f to the tolerance of the integrators, and to rounding where both
+    are given the same states; of first order in the period to the loop in continuous time."""
     problem, apart = PROBLEMS[name], []
     for period in (1 / 10, 1 / 20, 1 / 40, 1 / 80):
         times = [k * period for k in range(round(4 / period) + 1)]
@@ -173,7 +209,9 @@ def test_agents_in_c_are_the_sampled_loop_and_that_is_the_loop_but_for_its_perio
             assert np.abs(part - wanted).max() <= allowed * max(1.0, np.abs(wanted).max())
         agents.library.start()
         for x, u, dhat in zip(sampled.x, sampled.u, sampled.dhat, strict=True):
-            np.testing.assert_allclose(agents(0, x)[::2], [u, dhat], atol=1e-12 * max(1.0, np.abs(sampled.u).max()))
+            np.testing.assert_allclose(
+                agents(0, x)[::2], [u, dhat], atol=1e-12 * max(1.0, np.abs(sampled.u).max())
+            )
         apart.append(np.abs(found[0] - free.x).max())
     ratios = np.array(apart[:-1]) / apart[1:]
     assert apart[0] > 1e-3 and 1.7 < ratios[-1] < 2.3, (apart, ratios)
@@ -196,7 +234,8 @@ def test_agents_in_c_are_the_sampled_loop_and_that_is_the_loop_but_for_its_perio
     ],
 )
 def test_code_passes_its_own_vectors_and_claims_what_is_proved(name, precision, tmp_path):
-    """The sampled observer's error is that of theory, exactly; the network is decided near the consensus."""
+    """The sampled observer's error is that of theory, exactly; the network is decided near the
+    consensus."""
     problem = PROBLEMS["carts"].replace(exosystem=None, observer=None, simulation=None)
     problem = problem if name == "alone" else PROBLEMS[name]
     code = dd.export.to_c(problem, period="1/20", precision=precision)
@@ -204,18 +243,26 @@ def test_code_passes_its_own_vectors_and_claims_what_is_proved(name, precision, 
     assert done.returncode == 0, done.stdout
     assert code.tolerance <= (1e-9 if precision == "double" else 1e-1)
     kinds = {each.kind: each.verdict.value for each in code.statements}
-    assert kinds == {"sampled-network": "proved"} | ({} if name == "alone" else {"sampled": "proved"})
+    assert kinds == {"sampled-network": "proved"} | (
+        {} if name == "alone" else {"sampled": "proved"}
+    )
     told = " ".join(code.files["README.txt"].decode().split())
-    assert ("is held, an error of second order in the period" in told) is (problem.dynamics.f is not None)
-    assert "no check `sampling` is for agents with dynamics" in told and "`sampling` covers" not in told
-    assert (b"rest[DOBC_INPUTS]" in code.files["dobc_agent.h"]) and b"DOBC_INPUTS %d" % problem.inputs in code.files[
-        "dobc_agent.h"
-    ]
+    assert ("is held, an error of second order in the period" in told) is (
+        problem.dynamics.f is not None
+    )
+    assert (
+        "no check `sampling` is for agents with dynamics" in told
+        and "`sampling` covers" not in told
+    )
+    assert (
+        b"rest[DOBC_INPUTS]" in code.files["dobc_agent.h"]
+    ) and b"DOBC_INPUTS %d" % problem.inputs in code.files["dobc_agent.h"]
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_longest_period_is_that_of_the_eigenvalues(name):
-    """e_(k+1) = Phi e_k + G (h'(0) e_k - K e_k): proved just below the limit, refused just above; another is named."""
+    """e_(k+1) = Phi e_k + G (h'(0) e_k - K e_k): proved just below the limit, refused just above;
+    another is named."""
     problem, data = PROBLEMS[name], matrices(PROBLEMS[name])
     n, (m, p) = problem.n, data["B"].shape
     pull = pulls(problem, data)
@@ -230,7 +277,9 @@ def test_the_longest_period_is_that_of_the_eigenvalues(name):
     limit = brentq(lambda period: radius(period) - 1, 0.05, 2.0)
     bare = problem.replace(exosystem=None, observer=None, simulation=None)
     held = make_controller(bare, period=f"{0.999 * limit:.6f}").statements
-    assert [each.verdict.value for each in held] == ["proved"] and "without a disturbance" in held[0].text
+    assert [each.verdict.value for each in held] == ["proved"] and "without a disturbance" in held[
+        0
+    ].text
     with pytest.raises(SpecError, match="outside the unit disk") as caught:
         make_controller(bare, period=f"{1.001 * limit:.6f}")
     named = float(caught.value.cure.split("--period ")[1].rstrip("."))
@@ -242,24 +291,38 @@ def test_the_error_of_the_sampled_observer_obeys_its_matrix():
     for name in ("carts", "plants"):
         problem, period = PROBLEMS[name], 0.25
         code = dd.export.to_c(problem, period="1/4").controller
-        Ad, Cd, L = (np.array([[float(x) for x in row] for row in each]) for each in (code.Ad, code.Cd, code.L))
+        Ad, Cd, L = (
+            np.array([[float(x) for x in row] for row in each])
+            for each in (code.Ad, code.Cd, code.L)
+        )
         times = [k * period for k in range(12)]
-        run = dd.simulate(problem, t_final=times[-1], samples=times, stress=dd.Stress(period=period, saturation=0.3))
+        run = dd.simulate(
+            problem,
+            t_final=times[-1],
+            samples=times,
+            stress=dd.Stress(period=period, saturation=0.3),
+        )
         eps = run.xi - run.xihat
         np.testing.assert_allclose(eps[1:], eps[:-1] @ (Ad - L @ Cd).T, atol=1e-12)
         assert np.abs(eps[0]).max() > 0.1
 
 
 def test_what_the_observer_leaves_out_of_f_is_of_second_order_in_the_period_and_in_the_distance():
-    """eps_1 - (Ad - L Cd) eps_0 in one period, from a start and from half of it, over a period and half of it."""
+    """eps_1 - (Ad - L Cd) eps_0 in one period, from a start and from half of it, over a period and
+    half of it."""
     problem = PROBLEMS["resonators"]
 
     def left_out(period: float, part: float) -> float:
         code = make_controller(problem, period=str(period))
-        Ad, Cd, L = (np.array([[float(x) for x in row] for row in each]) for each in (code.Ad, code.Cd, code.L))
+        Ad, Cd, L = (
+            np.array([[float(x) for x in row] for row in each])
+            for each in (code.Ad, code.Cd, code.L)
+        )
         start = {"x": [part, -part / 2], "xi": [part, 0]}
         stress = dd.Stress(period=period)
-        run = dd.simulate(problem, t_final=period, samples=2, start=start, stress=stress, tolerance=1e-12)
+        run = dd.simulate(
+            problem, t_final=period, samples=2, start=start, stress=stress, tolerance=1e-12
+        )
         eps = run.xi - run.xihat
         return np.abs(eps[1] - eps[0] @ (Ad - L @ Cd).T).max()
 
@@ -268,7 +331,8 @@ def test_what_the_observer_leaves_out_of_f_is_of_second_order_in_the_period_and_
 
 
 def test_a_loop_that_leaves_in_continuous_time_too_is_refused_at_once():
-    """x' = x^3 - x/2 + u from 3, without a pin: at infinity after 0.03 s, whatever the period is."""
+    """x' = x^3 - x/2 + u from 3, without a pin: at infinity after 0.03 s, whatever the period
+    is."""
     alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
     parts = {"dynamics": dd.Dynamics(f=["x**3 - x/2"]), "coupling": "y", "simulation": {"x0": [3]}}
     with pytest.raises(SpecError, match="although nothing is sampled: no period helps") as caught:
@@ -278,10 +342,17 @@ def test_a_loop_that_leaves_in_continuous_time_too_is_refused_at_once():
 
 @needs_gcc
 def test_where_f_is_undefined_the_estimate_stays(tmp_path):
-    """x' = -log(1 + x) + u + d, measured at -2 once: the sample after it tells nothing, the next one does."""
-    parts = {"exosystem": dd.Exosystem(A=[[0]], C=[[1]]), "observer": dd.Observer(W=[[2]]), "target": 0}
+    """x' = -log(1 + x) + u + d, measured at -2 once: the sample after it tells nothing, the next
+    one does."""
+    parts = {
+        "exosystem": dd.Exosystem(A=[[0]], C=[[1]]),
+        "observer": dd.Observer(W=[[2]]),
+        "target": 0,
+    }
     nodes = dd.Dynamics(f=["-log(1 + x)"])
-    problem = PROBLEMS["carts"].replace(dynamics=nodes, coupling="y", gains={"a": 2}, simulation=None, **parts)
+    problem = PROBLEMS["carts"].replace(
+        dynamics=nodes, coupling="y", gains={"a": 2}, simulation=None, **parts
+    )
     agents = compiled(problem, tmp_path, "1/20")
     first, before, stays, after = (agents(0, np.full((3, 1), x))[2] for x in (0.5, -2.0, 0.4, 0.3))
     np.testing.assert_array_equal(stays, before)
@@ -294,11 +365,17 @@ def test_an_fmu_answers_like_the_loop(name, m, p, tmp_path):
     """u, v and dhat have p components, x and packets m; called as the standard says."""
     problem, period = PROBLEMS[name], 0.05
     times = [k * period for k in range(21)]
-    run = dd.simulate(problem, t_final=times[-1], samples=times, stress=dd.Stress(period=period), seed=2)
-    with zipfile.ZipFile(dd.export.to_fmu(problem, period="1/20", agent="a").save(tmp_path / "a.fmu")) as archive:
+    run = dd.simulate(
+        problem, t_final=times[-1], samples=times, stress=dd.Stress(period=period), seed=2
+    )
+    with zipfile.ZipFile(
+        dd.export.to_fmu(problem, period="1/20", agent="a").save(tmp_path / "a.fmu")
+    ) as archive:
         archive.extractall(tmp_path)
     told = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
-    numbers = {each.get("name"): int(each.get("valueReference")) for each in told.find("ModelVariables")}
+    numbers = {
+        each.get("name"): int(each.get("valueReference")) for each in told.find("ModelVariables")
+    }
     inputs = [f"{name}[{c + 1}]" for name in ("x", "heard[b]") for c in range(m)]
     outputs = [f"{name}[{c + 1}]" if p > 1 else name for name in ("u", "dhat") for c in range(p)]
     outputs += [f"y[{c + 1}]" for c in range(m)]
@@ -308,11 +385,16 @@ def test_an_fmu_answers_like_the_loop(name, m, p, tmp_path):
     none, no, zero = ctypes.c_void_p(), ctypes.c_bool(False), ctypes.c_size_t(0)
     token = told.get("instantiationToken").encode()
     own = ctypes.c_void_p(make(b"a", token, b"", no, no, no, no, none, zero, none, none, none))
-    library.fmi3EnterInitializationMode(own, no, ctypes.c_double(0), ctypes.c_double(0), no, ctypes.c_double(0))
+    library.fmi3EnterInitializationMode(
+        own, no, ctypes.c_double(0), ctypes.c_double(0), no, ctypes.c_double(0)
+    )
     flag, last = ctypes.byref(ctypes.c_bool()), ctypes.byref(ctypes.c_double())
 
     def moved(call, names, values):
-        references, held = (ctypes.c_uint32 * len(names))(*map(numbers.get, names)), (ctypes.c_double * len(names))()
+        references, held = (
+            (ctypes.c_uint32 * len(names))(*map(numbers.get, names)),
+            (ctypes.c_double * len(names))(),
+        )
         held[:] = values
         size = ctypes.c_size_t(len(names))
         assert call(own, references, size, held, size) == 0
@@ -321,7 +403,12 @@ def test_an_fmu_answers_like_the_loop(name, m, p, tmp_path):
     for k, time in enumerate(times):
         y = run.x[k] - run.goal
         moved(library.fmi3SetFloat64, inputs, [*run.x[k, 0], *y[1]])
-        assert library.fmi3DoStep(own, ctypes.c_double(time), ctypes.c_double(period), no, flag, flag, flag, last) == 0
+        assert (
+            library.fmi3DoStep(
+                own, ctypes.c_double(time), ctypes.c_double(period), no, flag, flag, flag, last
+            )
+            == 0
+        )
         found = moved(library.fmi3GetFloat64, outputs, [0.0] * len(outputs))
         np.testing.assert_allclose(found, [*run.u[k, 0], *run.dhat[k, 0], *y[0]], atol=1e-11)
     library.fmi3FreeInstance(own)

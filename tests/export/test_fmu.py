@@ -20,12 +20,15 @@ from dobc_design.export.c_text import template
 
 pytestmark = pytest.mark.usefixtures("recorded_briefly")
 needs_compiler = pytest.mark.skipif(
-    not any(map(shutil.which, fmu.COMPILERS)), reason="no C compiler is installed (Debian: apt install gcc)"
+    not any(map(shutil.which, fmu.COMPILERS)),
+    reason="no C compiler is installed (Debian: apt install gcc)",
 )
 
 
 def fmpy():
-    return pytest.importorskip("fmpy", reason='FMPy is not installed: pip install "dobc_design[fmu]"')
+    return pytest.importorskip(
+        "fmpy", reason='FMPy is not installed: pip install "dobc_design[fmu]"'
+    )
 
 
 def moving() -> Problem:
@@ -46,17 +49,24 @@ def moving() -> Problem:
     )
 
 
-def simulated(problem: Problem, *, agent: str, period: float, seconds: float, path: Path, signal=None):
+def simulated(
+    problem: Problem, *, agent: str, period: float, seconds: float, path: Path, signal=None
+):
     """FMPy's answer and the loop's, at the samples."""
     count = round(seconds / period)
     times = [k * period for k in range(count + 1)]
-    run = dd.simulate(problem, t_final=times[-1], samples=times, signal=signal, stress=dd.Stress(period=period))
+    run = dd.simulate(
+        problem, t_final=times[-1], samples=times, signal=signal, stress=dd.Stress(period=period)
+    )
     made = dd.export.to_fmu(problem, period=repr(period), agent=agent)
     made.save(path)
     index = problem.network.labels.index(agent)
     found = fmpy().read_model_description(str(path))
     inputs = [each.name for each in found.modelVariables if each.causality == "input"]
-    table = np.zeros(count + 1, dtype=[("time", float), *((name, int if name == "mode" else float) for name in inputs)])
+    table = np.zeros(
+        count + 1,
+        dtype=[("time", float), *((name, int if name == "mode" else float) for name in inputs)],
+    )
     table["time"] = times
     if run.switches is not None:
         table["mode"] = run.switches.at(run.times)
@@ -68,7 +78,12 @@ def simulated(problem: Problem, *, agent: str, period: float, seconds: float, pa
             goal = 0.0 if word[1] == "x" else run.goal[who, c]
             table[name] = run.x[:, who, c] - goal
     outputs = [each.name for each in found.modelVariables if each.causality == "output"]
-    steps = {"start_time": 0, "stop_time": times[-1], "step_size": period, "output_interval": period}
+    steps = {
+        "start_time": 0,
+        "stop_time": times[-1],
+        "step_size": period,
+        "output_interval": period,
+    }
     answer = fmpy().simulate_fmu(str(path), input=table, output=outputs, **steps)
     return run, answer, index
 
@@ -78,7 +93,9 @@ def simulated(problem: Problem, *, agent: str, period: float, seconds: float, pa
 def test_fmpy_simulates_the_agent_equal_to_the_loop_for_10_s(tmp_path):
     """What FMPy records at the end of a step is what was held during it."""
     problem = dd.load_problem("paper-fixed")
-    run, answer, index = simulated(problem, agent="6", period=0.05, seconds=10, path=tmp_path / "agent.fmu")
+    run, answer, index = simulated(
+        problem, agent="6", period=0.05, seconds=10, path=tmp_path / "agent.fmu"
+    )
     assert len(answer) == 201
     for name in ("u", "dhat"):
         assert np.abs(answer[name][1:] - getattr(run, name)[:-1, index, 0]).max() <= 1e-6
@@ -100,13 +117,20 @@ def test_an_agent_with_two_components_follows_the_switches(tmp_path):
         for name in ("u", "dhat"):
             found, wanted = answer[f"{name}[{c + 1}]"][1:], getattr(run, name)[:-1, index, c]
             assert np.abs(found - wanted).max() <= 1e-6
-        assert np.abs(answer[f"y[{c + 1}]"][1:-1] - (run.x[:-2, index, c] - run.goal[index, c])).max() <= 1e-6
+        assert (
+            np.abs(answer[f"y[{c + 1}]"][1:-1] - (run.x[:-2, index, c] - run.goal[index, c])).max()
+            <= 1e-6
+        )
 
 
 @pytest.mark.slow
 @needs_compiler
 def test_fmpy_finds_nothing_to_complain_of(tmp_path):
-    validation = fmpy().validation if hasattr(fmpy(), "validation") else pytest.importorskip("fmpy.validation")
+    validation = (
+        fmpy().validation
+        if hasattr(fmpy(), "validation")
+        else pytest.importorskip("fmpy.validation")
+    )
     for problem, agent in ((dd.load_problem("paper-switching"), "1"), (moving(), 'c"')):
         dd.export.to_fmu(problem, period="1/50", agent=agent).save(tmp_path / "agent.fmu")
         assert validation.validate_fmu(str(tmp_path / "agent.fmu")) == []
@@ -121,23 +145,31 @@ def test_the_sources_compile_without_a_warning(tmp_path):
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow"]
     for name in ("dobc_agent.c", "fmi3_agent.c"):
         command = ["cc", *strict, "-c", name, "-o", "out.o"]
-        done = subprocess.run(command, cwd=tmp_path / "sources", capture_output=True, check=False, text=True)
+        done = subprocess.run(
+            command, cwd=tmp_path / "sources", capture_output=True, check=False, text=True
+        )
         assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
 @needs_compiler
 def test_a_step_of_several_periods_takes_all_samples_in_it_and_a_state_can_be_restored(tmp_path):
-    """Three steps of one period and one of three give the same; after a restore the same step gives the same."""
+    """Three steps of one period and one of three give the same; after a restore the same step gives
+    the same."""
     path = dd.export.to_fmu("paper-fixed", period="1/20", agent="1").save(tmp_path / "agent.fmu")
-    fmi3 = pytest.importorskip("fmpy.fmi3", reason='FMPy is not installed: pip install "dobc_design[fmu]"')
+    fmi3 = pytest.importorskip(
+        "fmpy.fmi3", reason='FMPy is not installed: pip install "dobc_design[fmu]"'
+    )
     description = fmpy().read_model_description(str(path))
     folder = fmpy().extract(str(path), unzipdir=str(tmp_path / "unzipped"))
     numbers = {each.name: each.valueReference for each in description.modelVariables}
 
     def begun():
         slave = fmi3.FMU3Slave(
-            guid=description.guid, unzipDirectory=folder, modelIdentifier="dobc_agent", instanceName="a"
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier="dobc_agent",
+            instanceName="a",
         )
         slave.instantiate()
         slave.enterInitializationMode(startTime=0.0)
@@ -169,16 +201,24 @@ def test_a_step_of_several_periods_takes_all_samples_in_it_and_a_state_can_be_re
 
 @needs_compiler
 def test_bad_inputs_are_skipped_as_the_c_code_skips_them(tmp_path):
-    """NaN and infinity as a state and as a packet: the same outputs as dobc_agent.c itself, and then it goes on."""
+    """NaN and infinity as a state and as a packet: the same outputs as dobc_agent.c itself, and
+    then it goes on."""
     made = dd.export.to_fmu("paper-fixed", period="1/20", agent="1")
     with zipfile.ZipFile(io.BytesIO(made.data)) as archive:
         archive.extractall(tmp_path)
-    token = ElementTree.parse(tmp_path / "modelDescription.xml").getroot().get("instantiationToken").encode()
+    token = (
+        ElementTree.parse(tmp_path / "modelDescription.xml")
+        .getroot()
+        .get("instantiationToken")
+        .encode()
+    )
     (library,) = (tmp_path / "binaries").glob("*/dobc_agent.*")
     fmi = ctypes.CDLL(str(library))
     fmi.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
     own = ctypes.c_void_p(fmi.fmi3InstantiateCoSimulation(b"a", token, *[None] * 10))
-    fmi.fmi3EnterInitializationMode(own, 0, ctypes.c_double(0), ctypes.c_double(0), 0, ctypes.c_double(0))
+    fmi.fmi3EnterInitializationMode(
+        own, 0, ctypes.c_double(0), ctypes.c_double(0), 0, ctypes.c_double(0)
+    )
 
     subprocess.run(
         ["cc", "-std=c99", "-O2", "-shared", "-fPIC", "dobc_agent.c", "-o", "plain.so", "-lm"],
@@ -194,7 +234,9 @@ def test_bad_inputs_are_skipped_as_the_c_code_skips_them(tmp_path):
     answers = []
     for k, (x, packet) in enumerate([(3.0, 1.5), (nan, 1.4), (2.8, nan), (inf, -inf), (2.7, 1.2)]):
         values = (ctypes.c_double * 2)(x, packet)
-        assert fmi.fmi3SetFloat64(own, references, ctypes.c_size_t(2), values, ctypes.c_size_t(2)) == 0
+        assert (
+            fmi.fmi3SetFloat64(own, references, ctypes.c_size_t(2), values, ctypes.c_size_t(2)) == 0
+        )
         step = (ctypes.c_double(k / 20), ctypes.c_double(0.05), 1)
         outcome = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
         assert fmi.fmi3DoStep(own, *step, *outcome, ctypes.byref(ctypes.c_double())) == 0
@@ -216,7 +258,10 @@ def test_every_function_of_the_standard_is_there():
     """FMI 3.0 names 84 functions besides the version; those not served answer with an error."""
     agent = (Path(fmu.__file__).parent / "templates" / "fmi3_agent.c").read_text("utf-8")
     served = set(re.findall(r"FMI3_EXPORT [^(]*?\bfmi3(\w+)\(", agent))
-    types = "Float32 Float64 Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Boolean String Binary Clock"
+    types = (
+        "Float32 Float64 Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Boolean String "
+        "Binary Clock"
+    )
     kinds = [f"{verb}{kind}" for kind in types.split(" ") for verb in ("Get", "Set")]
     stubbed = set(re.findall(r"\bfmi3(\w+)\(fmi3", template("fmi3_stubs.c.j2").render()))
     assert set(kinds) <= served | stubbed
@@ -231,7 +276,9 @@ def test_without_a_compiler_the_fmu_holds_sources_only(monkeypatch):
         names = archive.namelist()
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     assert not [name for name in names if name.startswith("binaries")]
-    assert {"sources/dobc_agent.c", "sources/fmi3_agent.c", "sources/buildDescription.xml"} <= set(names)
+    assert {"sources/dobc_agent.c", "sources/fmi3_agent.c", "sources/buildDescription.xml"} <= set(
+        names
+    )
     assert root.get("modelName") == "paper-fixed: agent 1"
     assert root.find("CoSimulation").get("fixedInternalStepSize") == "0.02"
 

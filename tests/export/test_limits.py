@@ -1,4 +1,5 @@
-"""Limits of actuators in exported C code: u is cut off there, the observer knows it, the samples are counted."""
+"""Limits of actuators in exported C code: u is cut off there, the observer knows it, the samples
+are counted."""
 
 import subprocess
 from functools import cache
@@ -62,31 +63,49 @@ def test_a_limit_beyond_all_doubles_is_refused():
 @needs_gcc
 def test_a_larger_input_is_cut_off_and_counted_and_one_at_the_limit_is_not(tmp_path):
     """Agents 1 and 2, with the same gain."""
-    network, limits = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), {"limit": {"1": "4.99", "2": "5"}}
+    network, limits = (
+        dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
+        {"limit": {"1": "4.99", "2": "5"}},
+    )
     problem = dd.Problem(network=network, coupling="y", target=1, gains=5, actuators=limits)
     write_all(exported(problem), tmp_path)
     (tmp_path / "main.c").write_text(COUNT)
     command = ["gcc", *STRICT, "dobc_agent.c", "main.c", "-o", "count", "-lm"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False, text=True, timeout=120)
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, check=False, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stderr
-    counted = subprocess.run(["./count"], cwd=tmp_path, capture_output=True, check=True, text=True, timeout=60)
+    counted = subprocess.run(
+        ["./count"], cwd=tmp_path, capture_output=True, check=True, text=True, timeout=60
+    )
     assert counted.stdout.splitlines() == ["-4.99 -4.99 -0 2 0", "-5 -5 -0 0 0"]
 
 
 @pytest.mark.slow
 @needs_gcc
 @pytest.mark.parametrize("precision", ["double", "float"])
-def test_the_loop_is_that_of_code_without_limits_whose_inputs_are_cut_off_outside(precision: str, tmp_path):
-    """The oracle cuts u off itself and tells the observer by dobc_applied; two components, matrix gains, two modes."""
+def test_the_loop_is_that_of_code_without_limits_whose_inputs_are_cut_off_outside(
+    precision: str, tmp_path
+):
+    """The oracle cuts u off itself and tells the observer by dobc_applied; two components, matrix
+    gains, two modes."""
     problem, limit, rng = planar(), 1.5, np.random.default_rng(7)
     agents = [
         CompiledAgents(exported(each, precision), tmp_path / name, n=problem.n, m=problem.m)
-        for name, each in (("inside", problem.replace(actuators={"limit": "3/2"})), ("outside", problem))
+        for name, each in (
+            ("inside", problem.replace(actuators={"limit": "3/2"})),
+            ("outside", problem),
+        )
     ]
     largest = 0.0
     for k in range(200):
-        x = np.array(problem.target, dtype=float) + rng.normal(size=(problem.n, problem.m)) * 0.98**k
-        (inside, outside) = (each(k // 50 % 2, x, limit=own) for each, own in zip(agents, (0.0, limit), strict=True))
+        x = (
+            np.array(problem.target, dtype=float)
+            + rng.normal(size=(problem.n, problem.m)) * 0.98**k
+        )
+        (inside, outside) = (
+            each(k // 50 % 2, x, limit=own) for each, own in zip(agents, (0.0, limit), strict=True)
+        )
         for one, other in zip(inside, outside, strict=True):
             np.testing.assert_array_equal(one, other)
         largest = max(largest, np.abs(inside[0]).max())
@@ -97,7 +116,9 @@ def test_the_loop_is_that_of_code_without_limits_whose_inputs_are_cut_off_outsid
 @needs_gcc
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize("limit", ["5", {"1": "5", "6": "8"}])
-def test_the_test_vectors_are_those_of_the_limited_loop_and_the_files_name_the_limit(limit, precision: str, tmp_path):
+def test_the_test_vectors_are_those_of_the_limited_loop_and_the_files_name_the_limit(
+    limit, precision: str, tmp_path
+):
     files = exported(load_problem("paper-fixed").replace(actuators={"limit": limit}), precision)
     done = compile_and_test(write_all(files, tmp_path))
     assert done.returncode == 0, done.stdout

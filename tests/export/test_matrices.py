@@ -16,7 +16,9 @@ def planar() -> Problem:
     """m = 2, two modes, a matrix gain, a formation, h as a list."""
     return Problem(
         network=Network.from_arcs(
-            {"one": [["a", "b"], ["b", "c", "1/4"]], "two": [["a", "c", 2]]}, arrow="listens_to", agents=["a", "b", "c"]
+            {"one": [["a", "b"], ["b", "c", "1/4"]], "two": [["a", "c", 2]]},
+            arrow="listens_to",
+            agents=["a", "b", "c"],
         ),
         coupling=["2*y1 + y2", "y2**3 + y2"],
         target=[1, -2],
@@ -45,7 +47,12 @@ def test_a_certificate_adds_its_pair_and_sympy_keeps_it_exact():
     """Omega0 of paper-fixed for the certificate's own P, Q is negative definite, exactly."""
     certificate = certified("paper-fixed")
     found = dd.export.to_sympy(certificate)
-    omega = found["P"] * found["A"] + found["A"].T * found["P"] - found["C"].T * found["Q"].T - found["Q"] * found["C"]
+    omega = (
+        found["P"] * found["A"]
+        + found["A"].T * found["P"]
+        - found["C"].T * found["Q"].T
+        - found["Q"] * found["C"]
+    )
     assert (-omega).is_positive_definite
     assert found["W"] == sympy.Matrix([[sympy.Rational(16, 5)], [sympy.Rational(12, 5)]])
     y = sympy.Symbol("y", real=True)
@@ -58,7 +65,9 @@ def test_latex_holds_every_matrix_by_its_name():
     assert r"W = \begin{pmatrix} 3.2 \\ 2.4 \end{pmatrix}" in text
     assert r"\[ \Lambda = \begin{pmatrix}" in text
     wide = Problem(
-        network=Network.from_arcs([[i, i + 1] for i in range(1, 14)], arrow="listens_to"), coupling="y", gains={"1": 1}
+        network=Network.from_arcs([[i, i + 1] for i in range(1, 14)], arrow="listens_to"),
+        coupling="y",
+        gains={"1": 1},
     )
     assert r"\[ L \in \mathbb{R}^{14 \times 14} \]" in dd.export.to_latex(wide)
     assert r"L_{\text{one}}" in dd.export.to_latex(planar())
@@ -66,10 +75,16 @@ def test_latex_holds_every_matrix_by_its_name():
 
 @pytest.mark.parametrize(
     ("write", "n", "limit"),
-    [(dd.export.to_numpy, 501, "500 rows"), (python_script, 20_001, "20000 arcs"), (sdpa_text, 4001, "4000 rows")],
+    [
+        (dd.export.to_numpy, 501, "500 rows"),
+        (python_script, 20_001, "20000 arcs"),
+        (sdpa_text, 4001, "4000 rows"),
+    ],
 )
 def test_what_is_too_large_for_its_form_is_refused(write, n, limit):
-    ring = Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
+    ring = Network.from_arcs(
+        [[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n
+    )
     with pytest.raises(SpecError, match=f"at most {limit}"):
         write(Problem(network=ring, coupling="y", gains={"1": 1}))
 

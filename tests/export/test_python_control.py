@@ -35,8 +35,14 @@ def test_python_control_reproduces_the_trajectory(name: str):
     run = simulate(problem, t_final=1, samples=21)
     found = response(system, run)
     size = problem.n * problem.m
-    for part, rows in (("x", slice(0, size)), ("dhat", slice(size, 2 * size)), ("u", slice(2 * size, 3 * size))):
-        np.testing.assert_allclose(found.outputs[rows].T, getattr(run, part).reshape(21, size), atol=1e-6)
+    for part, rows in (
+        ("x", slice(0, size)),
+        ("dhat", slice(size, 2 * size)),
+        ("u", slice(2 * size, 3 * size)),
+    ):
+        np.testing.assert_allclose(
+            found.outputs[rows].T, getattr(run, part).reshape(21, size), atol=1e-6
+        )
     assert isinstance(system, control.NonlinearIOSystem)
     assert system.nstates == problem.n * (problem.m + 2 * problem.q)
 
@@ -49,7 +55,9 @@ def test_a_switched_loop_follows_the_same_switches():
     found = response(to_control(problem), run)
     np.testing.assert_allclose(found.outputs[:10].T, run.x[:, :, 0], atol=1e-4)
     with pytest.raises(AssertionError):
-        np.testing.assert_allclose(response(to_control(problem, seed=1), run).outputs[:10].T, run.x[:, :, 0], atol=1e-2)
+        np.testing.assert_allclose(
+            response(to_control(problem, seed=1), run).outputs[:10].T, run.x[:, :, 0], atol=1e-2
+        )
 
 
 def test_states_that_an_integrator_tries_far_away_overflow_without_a_warning(tmp_path):
@@ -81,19 +89,24 @@ def test_the_input_is_a_disturbance_besides_the_modelled_one():
 
 
 def test_observer_and_exosystem_are_state_spaces_of_one_agent():
-    """The observer driven by a trajectory's x and x' - d gives its dhat; poles are those of A and A - W C."""
+    """The observer driven by a trajectory's x and x' - d gives its dhat; poles are those of A and A
+    - W C."""
     problem = load_problem("paper-fixed")
     system = to_control(problem)
     assert isinstance(system.observer, control.StateSpace)
     np.testing.assert_allclose(np.sort_complex(system.exosystem.poles()), [-2j, 2j], atol=1e-12)
     poles = np.sort_complex(system.observer.poles())
-    np.testing.assert_allclose(poles, [-1.6 - 0.4j * np.sqrt(39), -1.6 + 0.4j * np.sqrt(39)], atol=1e-12)
+    np.testing.assert_allclose(
+        poles, [-1.6 - 0.4j * np.sqrt(39), -1.6 + 0.4j * np.sqrt(39)], atol=1e-12
+    )
     run = simulate(problem, t_final=0.5, samples=2001)
     h = build_model(problem).h
     felt = np.stack([h(x.ravel() - 1).full().ravel() for x in run.x])
     v = felt[:, 3] + run.u[:, 3, 0]
     start = run.xihat[0, 3] - np.array([3.2, 2.4]) * run.x[0, 3, 0]
-    found = control.forced_response(system.observer, run.times, np.stack([run.x[:, 3, 0], v]), start)
+    found = control.forced_response(
+        system.observer, run.times, np.stack([run.x[:, 3, 0], v]), start
+    )
     # Inputs are taken as linear between the samples.
     np.testing.assert_allclose(found.outputs[0], run.dhat[:, 3, 0], atol=1e-4)
     free = control.initial_response(system.exosystem, run.times, run.xi[0, 3])
@@ -101,7 +114,9 @@ def test_observer_and_exosystem_are_state_spaces_of_one_agent():
 
 
 def test_without_an_exosystem_there_is_no_observer():
-    problem = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1})
+    problem = Problem(
+        network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1}
+    )
     system = to_control(problem)
     assert system.observer is None
     assert system.exosystem is None
@@ -134,13 +149,19 @@ def in_a_process(file: Path, mode: str, state: np.ndarray, w: np.ndarray) -> dic
     script = "import sys\nsys.modules['dobc_design'] = None\nimport numpy as np\nimport loop\n"
     script += inspect.getsource(answers)
     script += "given = np.load('given.npz')\n"
-    script += "np.savez('found.npz', **answers(loop, str(given['mode']), given['state'], given['w']))\n"
-    done = subprocess.run([sys.executable, "-c", script], cwd=file.parent, capture_output=True, check=False, text=True)
+    script += (
+        "np.savez('found.npz', **answers(loop, str(given['mode']), given['state'], given['w']))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=file.parent, capture_output=True, check=False, text=True
+    )
     assert done.returncode == 0, done.stderr
     return dict(np.load(file.with_name("found.npz")))
 
 
-def in_this_process(file: Path, mode: str, state: np.ndarray, w: np.ndarray) -> dict[str, np.ndarray]:
+def in_this_process(
+    file: Path, mode: str, state: np.ndarray, w: np.ndarray
+) -> dict[str, np.ndarray]:
     """The same, while this package cannot be imported."""
     with pytest.MonkeyPatch.context() as without:
         without.setitem(sys.modules, "dobc_design", None)
@@ -170,7 +191,13 @@ def test_the_file_alone_gives_the_same_derivatives_and_outputs(name: str, asked,
     rng = np.random.default_rng(0)
     state, w = rng.normal(size=system.nstates), rng.normal(size=system.ninputs)
     found = asked(tmp_path / "loop.py", mode, state, w)
-    np.testing.assert_allclose(found["derivative"], system.dynamics(0.0, state, w), rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(found["outputs"], system.output(0.0, state, w), rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(np.sort_complex(found["poles"]), np.sort_complex(system.observer.poles()), atol=1e-9)
+    np.testing.assert_allclose(
+        found["derivative"], system.dynamics(0.0, state, w), rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        found["outputs"], system.output(0.0, state, w), rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        np.sort_complex(found["poles"]), np.sort_complex(system.observer.poles()), atol=1e-9
+    )
     assert found["start"].shape == state.shape

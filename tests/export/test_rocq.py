@@ -1,4 +1,5 @@
-"""The Coq file: its numbers are the problem's, its LDL' is Psi, and Coq accepts it and nothing near it."""
+"""The Coq file: its numbers are the problem's, its LDL' is Psi, and Coq accepts it and nothing near
+it."""
 
 import re
 import shutil
@@ -45,21 +46,26 @@ def certificate_of(name):
 
 @cache
 def certificate_of_a_ring():
-    """That of paper-fixed with four agents: a proof with a rate of all ten keeps the kernel busy for long."""
+    """That of paper-fixed with four agents: a proof with a rate of all ten keeps the kernel busy
+    for long."""
     ring = Network.from_arcs([[1, 2], [2, 3], [3, 4], [4, 1]], arrow="listens_to")
     return certify(load_problem("paper-fixed").replace(network=ring, gains={1: 5}))
 
 
 def cycle(n=3, *, gains=2, **more):
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), gains=gains, **more)
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), gains=gains, **more
+    )
 
 
 def two_modes_of_matrix_gains():
     """No exosystem, m = 2, a coupling between components, weights, a gain that is not symmetric."""
     return Problem(
         network=Network.from_arcs(
-            {"one": [[1, 2], [2, 3, "1/3"], [3, 1]], "two": [[2, 1], [3, 2, "7/5"]]}, arrow="listens_to", agents=3
+            {"one": [[1, 2], [2, 3, "1/3"], [3, 1]], "two": [[2, 1], [3, 2, "7/5"]]},
+            arrow="listens_to",
+            agents=3,
         ),
         coupling=["y1 + y2/2", "y2 - y1/2"],
         target=[0, 0],
@@ -78,7 +84,10 @@ def factors_in(text, name):
     result = []
     for part in re.sub(r"\s+", " ", body).split("Square ")[1:]:
         head = re.match(NUMBER + r" (\d+)", part)
-        terms = {int(t[1]): Fraction(int(t[2]), int(t[3] or 1)) for t in re.finditer(r"Term (\d+) " + NUMBER, part)}
+        terms = {
+            int(t[1]): Fraction(int(t[2]), int(t[3] or 1))
+            for t in re.finditer(r"Term (\d+) " + NUMBER, part)
+        }
         result.append((rational(head), int(head[3]), terms))
     return result
 
@@ -144,7 +153,8 @@ def test_without_a_disturbance_it_is_lemma_1_in_every_mode():
         assert_ldl(text, f"Psi_rate_squares_{place}", matrices(certificate, rate)[place - 1])
     assert "Theorem lemma1_R" in text
     assert "Omega0" not in bare(text)
-    assert "[[(1 # 3); (1 # 6)]; [(-1 # 6); (1 # 3)]]" not in text  # that arc has a coupling of its own
+    # that arc has a coupling of its own
+    assert "[[(1 # 3); (1 # 6)]; [(-1 # 6); (1 # 3)]]" not in text
     assert "matrix [[(2 # 3); 0]; [0; 1]]" in text
     assert "matrix [[9; 1]; [(-2); 7]]" in text
 
@@ -186,7 +196,9 @@ def test_every_mode_is_in_the_list_of_modes_and_the_text_is_always_the_same():
 
 
 def nasty(text):
-    return cycle(exosystem=EXOSYSTEM, coupling="(y)*(y)/1000+y", name=text, notes=[text, "*" + text + "("])
+    return cycle(
+        exosystem=EXOSYSTEM, coupling="(y)*(y)/1000+y", name=text, notes=[text, "*" + text + "("]
+    )
 
 
 @cache
@@ -194,7 +206,9 @@ def code_named(text):
     return bare(rocq_proof(certify_consensus(nasty(text))))
 
 
-@pytest.mark.parametrize("text", ['*) Axiom bad : False. (* "', "(*", "*)", "(*)", "**))((**", "λ → é", "x)"])
+@pytest.mark.parametrize(
+    "text", ['*) Axiom bad : False. (* "', "(*", "*)", "(*)", "**))((**", "λ → é", "x)"]
+)
 def test_names_and_notes_cannot_leave_their_comments(text):
     assert code_named(text) == code_named("harmless")
     assert code_named(text).isascii()
@@ -203,11 +217,15 @@ def test_names_and_notes_cannot_leave_their_comments(text):
 def test_an_irrational_slope_is_refused():
     certificate = certify_consensus(cycle(exosystem=EXOSYSTEM, coupling="sin(pi*y)"))
     assert certificate.verdict is Verdict.PROVED
-    with pytest.raises(SpecError, match=r'coupling "sin\(pi\*y\)": its slope .* must be a rational number'):
+    with pytest.raises(
+        SpecError, match=r'coupling "sin\(pi\*y\)": its slope .* must be a rational number'
+    ):
         rocq_proof(certificate)
     # one that no arc uses does no harm
     exceptions = {(i, (i + 1) % 3): "y" for i in range(3)}
-    assert rocq_proof(certify_consensus(cycle(exosystem=EXOSYSTEM, coupling="sin(pi*y)", exceptions=exceptions)))
+    assert rocq_proof(
+        certify_consensus(cycle(exosystem=EXOSYSTEM, coupling="sin(pi*y)", exceptions=exceptions))
+    )
 
 
 @pytest.mark.parametrize(
@@ -236,13 +254,18 @@ def test_what_does_not_apply_or_is_not_claimed_is_refused():
     certificate = certificate_of("paper-fixed")
     checks = tuple(replace(check, rate=None) for check in certificate.checks)
     with pytest.raises(SpecError, match="claims no decay rate for theorem1"):
-        rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)), rate=True)
+        rocq_proof(
+            replace(certificate, claims=replace(certificate.claims, checks=checks)), rate=True
+        )
 
 
 @pytest.mark.parametrize(
     ("change", "what"),
     [
-        (lambda P, Q: {"P": scale(Fraction(1, 20), P), "Q": scale(Fraction(1, 20), Q)}, "-Psi of mode Ga"),
+        (
+            lambda P, Q: {"P": scale(Fraction(1, 20), P), "Q": scale(Fraction(1, 20), Q)},
+            "-Psi of mode Ga",
+        ),
         (lambda P, Q: {"P": scale(-1, P), "Q": scale(-1, Q)}, "P must be"),
         (lambda P, Q: {"Q": scale(2, Q)}, "Q = P W"),
         (lambda P, Q: {"W": None}, "must hold W, P and Q"),
@@ -268,12 +291,22 @@ def refused_by_the_kernel(text, folder):
     """Refused where the kernel computes, not because the file cannot be read."""
     outcome = run_coq(text, folder)
     assert outcome.returncode != 0
-    assert "vm_cast_no_check" in text.splitlines()[int(re.search(r"line (\d+)", outcome.stderr)[1]) - 1]
+    assert (
+        "vm_cast_no_check"
+        in text.splitlines()[int(re.search(r"line (\d+)", outcome.stderr)[1]) - 1]
+    )
 
 
 def run_coq(text, folder):
     (folder / "proof.v").write_text(text, encoding="ascii")
-    return subprocess.run([COQC, "-q", "proof.v"], cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    return subprocess.run(
+        [COQC, "-q", "proof.v"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
 
 
 @pytest.mark.slow
@@ -285,7 +318,9 @@ def test_coq_accepts_the_builtin_problems(name, tmp_path):
     assert outcome.returncode == 0, outcome.stderr[-2000:]
     assert outcome.stdout.startswith("Closed under the global context\n")
     axioms = re.findall(r"^(\S+)\s*:?$", outcome.stdout.split("Axioms:\n")[1], flags=re.MULTILINE)
-    assert all(re.match(r"(ClassicalDedekindReals|FunctionalExtensionality)\.", each) for each in axioms)
+    assert all(
+        re.match(r"(ClassicalDedekindReals|FunctionalExtensionality)\.", each) for each in axioms
+    )
 
 
 @pytest.mark.slow
@@ -340,13 +375,22 @@ MUTANTS = {
     "an entry of W": (r"(Definition W := matrix \[\[\()(16)( #)", bump),
     "an entry of A": (r"(Definition A := matrix \[\[0; )(2)(\])", bump),
     "an entry of D": (r"(Psi_squares_1 : list square :=\s+\[Square \()(\d+)( #)", bump),
-    "an entry of L": (r"(Psi_squares_1 : list square :=\s+\[Square [^[]*\[Term \d+ \(-)(\d+)( #)", bump),
-    "an entry of the L of P": (r"(P_squares : list square :=\s+\[Square [^[]*\[Term \d+ \(-)(\d+)( #)", bump),
+    "an entry of L": (
+        r"(Psi_squares_1 : list square :=\s+\[Square [^[]*\[Term \d+ \(-)(\d+)( #)",
+        bump,
+    ),
+    "an entry of the L of P": (
+        r"(P_squares : list square :=\s+\[Square [^[]*\[Term \d+ \(-)(\d+)( #)",
+        bump,
+    ),
     "who is heard": (r"(Arc 3 )(4)( slope_1)", bump),
     "the slope": (r"(Definition slope_1 := matrix \[\[)(2)(\])", bump),
     "a pinning gain": (r"(Definition gain_1 := matrix \[\[)(5)(\])", bump),
     "the rate": (r"(Definition rate : Q := \()(\d+)( #)", bump),
-    "the last column is missing": (r"(;\s+Square \(\d+ # \d+\) \d+ \[\])(\]\.\s+Lemma Psi_checked_1)()", r"\2"),
+    "the last column is missing": (
+        r"(;\s+Square \(\d+ # \d+\) \d+ \[\])(\]\.\s+Lemma Psi_checked_1)()",
+        r"\2",
+    ),
 }
 
 
@@ -357,7 +401,10 @@ TRIED = ("an entry of P", "an entry of L", "who is heard", "the rate", "the last
 @needs_coq
 @pytest.mark.parametrize(
     "what",
-    [pytest.param(what, marks=pytest.mark.slow if what in TRIED else pytest.mark.evidence) for what in MUTANTS],
+    [
+        pytest.param(what, marks=pytest.mark.slow if what in TRIED else pytest.mark.evidence)
+        for what in MUTANTS
+    ],
 )
 def test_coq_rejects_the_file_when_one_number_is_another(what, tmp_path):
     rate = what == "the rate"
@@ -373,8 +420,13 @@ def test_coq_rejects_the_file_when_one_number_is_another(what, tmp_path):
 def test_coq_rejects_an_indefinite_matrix_with_its_own_l_d_l(tmp_path):
     """No pins: -Psi = L D L' holds with a D that is not positive; that proves nothing."""
     text = rocq_proof(certify(cycle(2, gains=3, coupling="y")))
-    assert factors_in(text, "Psi_squares_1") == [(Fraction(8), 0, {1: Fraction(-1, 4)}), (Fraction(15, 2), 1, {})]
-    lines = changed(text, "Definition gain_1 := matrix [[3]].", "Definition gain_1 := matrix [[0]].")
+    assert factors_in(text, "Psi_squares_1") == [
+        (Fraction(8), 0, {1: Fraction(-1, 4)}),
+        (Fraction(15, 2), 1, {}),
+    ]
+    lines = changed(
+        text, "Definition gain_1 := matrix [[3]].", "Definition gain_1 := matrix [[0]]."
+    )
     lines = changed(lines, "Square 8 0", "Square 2 0")
     lines = changed(lines, "Term 1 (-1 # 4)", "Term 1 (-1)")
     lines = changed(lines, "Square (15 # 2) 1", "Square 0 1")
@@ -387,7 +439,9 @@ def symmetric(draw):
     entry = st.fractions(-3, 3, max_denominator=4)
     entries = {(i, j): draw(entry) for i in range(size) for j in range(i, size)}
     lift = draw(st.integers(0, 12))
-    return SparseSymmetric(size, {(i, j): x + (lift if i == j else 0) for (i, j), x in entries.items()})
+    return SparseSymmetric(
+        size, {(i, j): x + (lift if i == j else 0) for (i, j), x in entries.items()}
+    )
 
 
 @settings(max_examples=25)
@@ -397,11 +451,17 @@ def test_factors_exist_exactly_for_positive_definite_matrices_and_multiply_out(M
     assert (squares is not None) == (decide_positive_definite(M).verdict is Verdict.PROVED)
     if squares is not None:
         assert_factors(
-            [(each.weight, each.pivot, each.others) for each in squares], [list(row) for row in M.to_dense()]
+            [(each.weight, each.pivot, each.others) for each in squares],
+            [list(row) for row in M.to_dense()],
         )
 
 
 def test_a_semidefinite_matrix_or_a_zero_row_has_no_factors_and_the_empty_matrix_the_empty_sum():
-    assert squares_of(SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})) is None
+    assert (
+        squares_of(
+            SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})
+        )
+        is None
+    )
     assert squares_of(SparseSymmetric(2, {(0, 0): Fraction(1)})) is None
     assert squares_of(SparseSymmetric(0, {})) == ()

@@ -1,4 +1,5 @@
-"""Proofs about motions: what stands in the file, what is refused, and that Coq accepts it and nothing near it."""
+"""Proofs about motions: what stands in the file, what is refused, and that Coq accepts it and
+nothing near it."""
 
 import re
 from collections import Counter
@@ -50,7 +51,10 @@ KINKED = ("abs", "min", "max", "clip")
 BOX = {"initial_states": [-1, 1]}
 OTHER = {(1, 0): "tanh(y)"}  # no arc has the coupling of all others
 LOOSE = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2, optional=[[1, 2]])
-LIBRARY = {path.name: path.read_text("utf-8") for path in (files("dobc_design.export.rocq") / "theory").iterdir()}
+LIBRARY = {
+    path.name: path.read_text("utf-8")
+    for path in (files("dobc_design.export.rocq") / "theory").iterdir()
+}
 LEMMA = r"^Lemma ((?:upper|lower)_\d+_\d+)_(\d+) : \w+ network v k alpha (\d+) (\d+) (.+)\.$"
 
 
@@ -79,23 +83,30 @@ def test_one_that_is_made_anew_with_everything_that_is_claimed_gives_the_same_te
 def code_named(word):
     """The file of a problem whose every name has this word, without comments."""
     labels = ["1" + word, "2" + word]
-    network = Network.from_arcs({"mode " + word: [[labels[1], labels[0]]]}, arrow="listens_to", agents=labels)
+    network = Network.from_arcs(
+        {"mode " + word: [[labels[1], labels[0]]]}, arrow="listens_to", agents=labels
+    )
     problem = line(network=network, gains={labels[0]: 3}, name=word, notes=[word, "*" + word + "("])
     return bare(motions_proof(certify_motions(problem)))
 
 
-@pytest.mark.parametrize("text", ['*) Axiom bad : False. (* "', "(*", "*)", "(*)", "**))((**", "λ → é", "x)"])
+@pytest.mark.parametrize(
+    "text", ['*) Axiom bad : False. (* "', "(*", "*)", "(*)", "**))((**", "λ → é", "x)"]
+)
 def test_names_notes_labels_and_modes_cannot_leave_their_comments(text):
     assert code_named(text) == code_named("harmless")
     assert code_named(text).isascii()
 
 
 def test_without_a_max_separable_proof_there_is_no_file():
-    with pytest.raises(SpecError, match=r"no max-separable proof is in this certificate\. Give a \[region\]"):
+    with pytest.raises(
+        SpecError, match=r"no max-separable proof is in this certificate\. Give a \[region\]"
+    ):
         motions_proof(certify_motions(line(region=None)))
     certificate = boxed("exact")
     checks = tuple(
-        replace(each, verdict=Verdict.UNDECIDED) if each.id == "max-separable" else each for each in certificate.checks
+        replace(each, verdict=Verdict.UNDECIDED) if each.id == "max-separable" else each
+        for each in certificate.checks
     )
     with pytest.raises(SpecError, match="no max-separable proof"):
         motions_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)))
@@ -117,9 +128,18 @@ def test_a_global_proof_is_exported_for_a_radius_of_1():
         (double_integrators(), "not available yet for agents with dynamics of their own"),
         (line(network=LOOSE, gains=3), "arcs that come and go"),
         (line("max(y, 2*y)"), "not smooth as far out: it has a kink"),
-        (line("clip(y, -9, 9)", gains=3), "a coupling has clip, which has no derivative everywhere"),
-        (line("y + abs(y)/2", exceptions=OTHER), "a coupling has abs, which has no derivative everywhere"),
-        (line("min(y, 2*y)", exceptions=OTHER), "a coupling has min, which has no derivative everywhere"),
+        (
+            line("clip(y, -9, 9)", gains=3),
+            "a coupling has clip, which has no derivative everywhere",
+        ),
+        (
+            line("y + abs(y)/2", exceptions=OTHER),
+            "a coupling has abs, which has no derivative everywhere",
+        ),
+        (
+            line("min(y, 2*y)", exceptions=OTHER),
+            "a coupling has min, which has no derivative everywhere",
+        ),
     ],
     ids=["dynamics", "optional", "max", "clip", "abs", "min"],
 )
@@ -168,12 +188,16 @@ def coq_text(expression):
     return evaluate(expression.node, [Piece("y", ATOM)], RocqAlgebra()).text
 
 
-CALLED = {name: getattr(np, name) for name in ("exp", "sin", "cos", "sqrt")} | {"ln": np.log, "atan": np.arctan}
+CALLED = {name: getattr(np, name) for name in ("exp", "sin", "cos", "sqrt")} | {
+    "ln": np.log,
+    "atan": np.arctan,
+}
 JOINED = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 
 
 def value(text, y):
-    """An expression of Coq at an array y: application binds closest, then ^, then / x and - x, then * /, then + -."""
+    """An expression of Coq at an array y: application binds closest, then ^, then / x and - x, then
+    * /, then + -."""
     tokens = re.findall(r"\d+|\w+|\S", text)
 
     def atom():
@@ -226,7 +250,15 @@ def test_an_expression_means_in_coq_what_it_means_in_numpy(seed):
 
 
 @pytest.mark.parametrize(
-    "text", ["-y**2", "(-y)**2", "y - (y - y**3)", "2 - (1 + y/2)**-2 - exp(-y)", "y/(y/2 + 3)/4", "-(-3)**3*y"]
+    "text",
+    [
+        "-y**2",
+        "(-y)**2",
+        "y - (y - y**3)",
+        "2 - (1 + y/2)**-2 - exp(-y)",
+        "y/(y/2 + 3)/4",
+        "-(-3)**3*y",
+    ],
 )
 def test_signs_powers_and_quotients_bind_as_in_numpy(text):
     expression, y = parse_expression(text, key="h"), np.linspace(-1, 1, 21)
@@ -247,7 +279,10 @@ def test_every_number_of_the_problem_and_of_the_claim_stands_in_the_file(name):
         return "matrix [" + "; ".join("[" + "; ".join(map(real, row)) + "]" for row in M) + "]"
 
     claim = check.claim
-    wanted = [f"Definition alpha : R := {real(claim.alpha)}.", "nth i [" + "; ".join(map(real, claim.v)) + "] 0."]
+    wanted = [
+        f"Definition alpha : R := {real(claim.alpha)}.",
+        "nth i [" + "; ".join(map(real, claim.v)) + "] 0.",
+    ]
     wanted += [f"| {i} => {rows(gain)}" for i, gain in problem.pinning.gains.items()]
     wanted += [
         f"alpha 0 0 0 {real(claim.rho)}.",
@@ -255,13 +290,18 @@ def test_every_number_of_the_problem_and_of_the_claim_stands_in_the_file(name):
     ]
     wanted += [f"converges network {real(Fraction(str(check.domain['radius'])))} "]
     wanted += [f"nth c [{'; '.join(map(real, problem.target))}] 0."]
-    wanted += [f"| {i} => fun c => nth c [{'; '.join(map(real, x))}] 0" for i, x in problem.offsets.items()]
+    wanted += [
+        f"| {i} => fun c => nth c [{'; '.join(map(real, x))}] 0" for i, x in problem.offsets.items()
+    ]
     above = 0
     if claim.error is not None:
         wanted += [
-            f"Definition {each} : R := {real(getattr(claim.error, each))}." for each in ("kappa", "beta", "size")
+            f"Definition {each} : R := {real(getattr(claim.error, each))}."
+            for each in ("kappa", "beta", "size")
         ]
-        for group, gain in zip(problem.groups, gains_of(problem.groups, certificate.claims.W), strict=True):
+        for group, gain in zip(
+            problem.groups, gains_of(problem.groups, certificate.claims.W), strict=True
+        ):
             q = len(gain)
             P = [row[above : above + q] for row in claim.error.P[above : above + q]]
             wanted += map(rows, (group.exosystem.A, group.exosystem.C, gain, P))
@@ -269,7 +309,8 @@ def test_every_number_of_the_problem_and_of_the_claim_stands_in_the_file(name):
     assert [each for each in wanted if each not in code] == []
     weights = Counter(Fraction(w) for arcs in problem.network.modes.values() for _, _, w in arcs)
     listed = Counter(
-        rational(found[1] or "1") for found in re.finditer(r"Arc \d+ \d+ (?:\(fun y => (.+?) \* )?h\d", code)
+        rational(found[1] or "1")
+        for found in re.finditer(r"Arc \d+ \d+ (?:\(fun y => (.+?) \* )?h\d", code)
     )
     assert listed == weights
 
@@ -291,12 +332,15 @@ def test_the_pieces_of_a_row_cover_0_to_rho_without_gaps(name):
 
 
 def test_a_row_with_less_room_has_more_pieces_until_there_is_too_little(monkeypatch):
-    """Agent 2 hears agent 1 by a sine, at most 0.978 for y in [-2 s, 0] at s = 9/4, which asks for a room of 0.435."""
+    """Agent 2 hears agent 1 by a sine, at most 0.978 for y in [-2 s, 0] at s = 9/4, which asks for
+    a room of 0.435."""
     monkeypatch.setattr(motions, "MOST_PARTS", 6)
 
     def pieces(room):
         claim = Separable(v=(Fraction(1), Fraction(1)), alpha=3 - room, rho=Fraction(9, 4))
-        rows = [row for row in Rows(line("sin(y)", gains=3), claim, claim.rho).all() if row.agent == 1]
+        rows = [
+            row for row in Rows(line("sin(y)", gains=3), claim, claim.rho).all() if row.agent == 1
+        ]
         for row in rows:
             ends = [(part.low, part.high) for part in row.parts]
             assert (ends[0][0], ends[-1][1]) == (0, claim.rho)
@@ -327,12 +371,17 @@ def test_the_examples_have_every_kind_of_fact_about_an_arc():
 def test_the_library_assumes_nothing():
     for name, text in LIBRARY.items():
         words = re.findall(
-            r"\b(?:Admitted|Axioms?|Parameters?|Conjecture|Hypothes[ie]s|admit|give_up|Abort)\b", bare(text)
+            r"\b(?:Admitted|Axioms?|Parameters?|Conjecture|Hypothes[ie]s|admit|give_up|Abort)\b",
+            bare(text),
         )
         assert not words, name
         assert text.isascii()
-        assert bare(text).count("Proof") == bare(text).count("Qed.") + bare(text).count("Defined."), name
-    assert set(LIBRARY) == {f"{name}.v" for name in ("Statement", "Comparison", "Consensus", "Rows", "Weighted")}
+        assert bare(text).count("Proof") == bare(text).count("Qed.") + bare(text).count(
+            "Defined."
+        ), name
+    assert set(LIBRARY) == {
+        f"{name}.v" for name in ("Statement", "Comparison", "Consensus", "Rows", "Weighted")
+    }
 
 
 def test_the_library_stands_whole_in_every_file():
@@ -380,7 +429,9 @@ def test_coq_accepts_a_nonlinear_network_with_an_exosystem(name, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["alpha: twice", "v_1: twice", "pin 2: none", "arc 3 to 2: removed"])
+@pytest.mark.parametrize(
+    "what", ["alpha: twice", "v_1: twice", "pin 2: none", "arc 3 to 2: removed"]
+)
 def test_coq_refuses_the_row_that_a_changed_claim_makes_false(what, folder):
     forged = forgeries()[what](boxed("small"))
     text = parts_2_to_4(forged_proof(forged))
@@ -398,10 +449,18 @@ def test_the_twin_that_is_not_changed_is_the_file_itself():
 def test_the_library_compiles_and_weighted_theorem_1_has_the_same_axioms(folder):
     weighted = None
     for name in ("Statement", "Comparison", "Consensus", "Weighted", "Rows"):
-        shown = ["m_matrix_vector", "weighted_theorem_1", "weighted_errors_decay", "linear_loop", "linear_loop_decays"]
+        shown = [
+            "m_matrix_vector",
+            "weighted_theorem_1",
+            "weighted_errors_decay",
+            "linear_loop",
+            "linear_loop_decays",
+        ]
         more = "".join(f"Print Assumptions {each}.\n" for each in shown * (name == "Weighted"))
         ran = coqc(folder, name, LIBRARY[f"{name}.v"] + more, "-Q", ".", "Dobc")
         assert ran.code == 0, f"{name}: {ran.err[-2000:]}"
         weighted = ran if name == "Weighted" else weighted
     assert_accepted(weighted)
-    assert weighted.out.count("Axioms:") + weighted.out.count("Closed under the global context") == len(shown)
+    assert weighted.out.count("Axioms:") + weighted.out.count(
+        "Closed under the global context"
+    ) == len(shown)

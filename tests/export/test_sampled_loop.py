@@ -1,4 +1,5 @@
-"""Sampled observers and networks, decided exactly; the oracle is NumPy's spectrum away from the border."""
+"""Sampled observers and networks, decided exactly; the oracle is NumPy's spectrum away from the
+border."""
 
 from fractions import Fraction
 
@@ -7,7 +8,11 @@ import pytest
 
 from dobc_design import Network, Problem, Verdict
 from dobc_design.exact.matrix import matrix
-from dobc_design.export.c_controller import longest_period, sampled_network_statement, sampled_observer_statement
+from dobc_design.export.c_controller import (
+    longest_period,
+    sampled_network_statement,
+    sampled_observer_statement,
+)
 
 
 def decided(F: list[list[object]]) -> Verdict:
@@ -30,7 +35,9 @@ def test_an_eigenvalue_inside_on_and_outside_the_unit_circle():
 def ring(n: int, *, both: bool, k: int = 1) -> Problem:
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     arcs += [[b, a] for a, b in arcs] if both else []
-    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="y", gains={"1": k})
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="y", gains={"1": k}
+    )
 
 
 @pytest.mark.parametrize(("n", "both"), [(6, True), (6, False), (60, True)])
@@ -47,10 +54,22 @@ def test_a_ring_is_decided_as_numpy_estimates_it_on_both_sides_of_its_limit(n: i
 
 
 def test_what_nothing_pins_or_is_too_large_stays_open():
-    assert sampled_network_statement(ring(4, both=True, k=0), Fraction(1, 10)).verdict is Verdict.UNDECIDED
-    assert sampled_network_statement(ring(4, both=False, k=0), Fraction(1, 10)).verdict is Verdict.UNDECIDED
-    assert sampled_network_statement(ring(41, both=False), Fraction(1, 10)).verdict is Verdict.UNDECIDED
-    assert sampled_network_statement(ring(201, both=True), Fraction(1, 10)).verdict is Verdict.UNDECIDED
+    assert (
+        sampled_network_statement(ring(4, both=True, k=0), Fraction(1, 10)).verdict
+        is Verdict.UNDECIDED
+    )
+    assert (
+        sampled_network_statement(ring(4, both=False, k=0), Fraction(1, 10)).verdict
+        is Verdict.UNDECIDED
+    )
+    assert (
+        sampled_network_statement(ring(41, both=False), Fraction(1, 10)).verdict
+        is Verdict.UNDECIDED
+    )
+    assert (
+        sampled_network_statement(ring(201, both=True), Fraction(1, 10)).verdict
+        is Verdict.UNDECIDED
+    )
 
 
 def test_matrix_gains_and_couplings_between_components_enter():

@@ -19,8 +19,11 @@ needs_csdp = pytest.mark.skipif(
 )
 
 
-def pair_problem(*, k: object = 1, A: object = 0, modes: int = 1, unseen: bool = False, h: str = "y") -> Problem:
-    """Two agents that hear each other; agent 1 pinned with k; a disturbance xi' = A xi, or a growing state unseen."""
+def pair_problem(
+    *, k: object = 1, A: object = 0, modes: int = 1, unseen: bool = False, h: str = "y"
+) -> Problem:
+    """Two agents that hear each other; agent 1 pinned with k; a disturbance xi' = A xi, or a
+    growing state unseen."""
     arcs = {f"G{i}": [[1, 2], [2, 1, i + 1]] for i in range(modes)}
     hidden = Exosystem(A=[[0, 0], [0, 1]], C=[[1, 0]])  # not detectable
     return Problem(
@@ -32,7 +35,8 @@ def pair_problem(*, k: object = 1, A: object = 0, modes: int = 1, unseen: bool =
 
 
 class SdpaFile:
-    """c, and for every block the dense F_0, F_1, ..., F_k; written for this test from the format's description."""
+    """c, and for every block the dense F_0, F_1, ..., F_k; written for this test from the format's
+    description."""
 
     def __init__(self, text: str) -> None:
         lines = [line for line in text.splitlines() if not line.startswith('"')]
@@ -62,10 +66,17 @@ def csdp(text: str, folder) -> float:
     """CSDP's primal objective, which is SDPA's minimum."""
     (folder / "lmi.dat-s").write_text(text)
     done = subprocess.run(
-        ["csdp", "lmi.dat-s", "lmi.sol"], cwd=folder, capture_output=True, check=False, text=True, timeout=120
+        ["csdp", "lmi.dat-s", "lmi.sol"],
+        cwd=folder,
+        capture_output=True,
+        check=False,
+        text=True,
+        timeout=120,
     )
     assert done.returncode in (0, 3), done.stdout  # 3: solved with reduced accuracy
-    line = next(line for line in done.stdout.splitlines() if line.startswith("Primal objective value"))
+    line = next(
+        line for line in done.stdout.splitlines() if line.startswith("Primal objective value")
+    )
     return float(line.split()[3])
 
 
@@ -79,7 +90,9 @@ CASES = [
 
 
 @pytest.mark.parametrize(("name", "given", "verdict"), CASES, ids=[case[0] for case in CASES])
-def test_clarabel_finds_a_negative_t_exactly_where_the_theorem_is_proved(name: str, given, verdict: str):
+def test_clarabel_finds_a_negative_t_exactly_where_the_theorem_is_proved(
+    name: str, given, verdict: str
+):
     """The Decision theorem: a pair exists iff Lambda < 0 and (A, C) is detectable."""
     text = dd.export.to_sdpa(pair_problem(**given))
     assert f"decided exactly by dobc_design: {verdict}" in text
@@ -98,12 +111,15 @@ def test_the_file_states_the_same_program_as_the_dense_lmi():
     """Same optimum as cvxpy's block LMI (18) with the same bounds on P and Q."""
     for problem in (pair_problem(), load_problem("paper-fixed")):
         text = sdpa_text(problem)
-        program = Margin(pencils=state_theorems(problem).psi(), ratio=Fraction(100), radius=Fraction(100))
+        program = Margin(
+            pencils=state_theorems(problem).psi(), ratio=Fraction(100), radius=Fraction(100)
+        )
         assert SdpaFile(text).solved() == pytest.approx(solve_dense(program).objective, abs=1e-5)
 
 
 def test_without_an_exosystem_the_file_is_lemma_1():
-    """min t is lambda_max(Lambda): two agents, one pinned with 1: eigenvalues of [[-4, 2], [2, -2]]."""
+    """min t is lambda_max(Lambda): two agents, one pinned with 1: eigenvalues of [[-4, 2], [2,
+    -2]]."""
     text = dd.export.to_sdpa(pair_problem(A=None))
     assert "Lemma 1" in text
     found = SdpaFile(text)

@@ -37,7 +37,8 @@ def test_it_is_found_up_to_the_edge_of_the_region_and_not_beyond():
 
 
 def test_nothing_is_certified_beyond_it():
-    """v = (1, 1): the rows hold exactly up to the false equilibrium; proved at 1.653, refuted at 1.655."""
+    """v = (1, 1): the rows hold exactly up to the false equilibrium; proved at 1.653, refuted at
+    1.655."""
     problem, v = listening_pair(), (F(1), F(1))
     assert largest_rate(problem, v, rho=F("1.653")) is not None
     assert largest_rate(problem, v, rho=F("1.655")) is None
@@ -53,13 +54,18 @@ def test_nothing_is_certified_beyond_it():
 def test_one_mode_that_has_one_is_enough():
     """Mode B is the pair; in mode A nobody listens, and every pin holds."""
     network = Network.from_arcs({"A": [], "B": [[1, 2], [2, 1]]}, arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
+    problem = Problem(
+        network=network, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]}
+    )
     assert equilibrium_check(problem).exact["mode"] == "B"
 
 
 @pytest.mark.usefixtures("few_starts")
-def test_of_more_modes_than_the_work_is_for_the_first_are_looked_at(monkeypatch: pytest.MonkeyPatch):
-    """The same mode over and over: what was found when the work ends is kept, and nothing begins after it."""
+def test_of_more_modes_than_the_work_is_for_the_first_are_looked_at(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """The same mode over and over: what was found when the work ends is kept, and nothing begins
+    after it."""
     looked = list[str]()
 
     def roots(problem: Problem, mode: str, points: list[np.ndarray]):
@@ -70,7 +76,9 @@ def test_of_more_modes_than_the_work_is_for_the_first_are_looked_at(monkeypatch:
     monkeypatch.setattr(search, "STAGE", 3 * search.RUNS_WORK + 40 * search.ROOT_WORK)
     pair = {f"m{k}": [[1, 2], [2, 1]] for k in range(9)}
     network = Network.from_arcs(pair, arrow="listens_to", agents=2)
-    many = Problem(network=network, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
+    many = Problem(
+        network=network, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]}
+    )
     monkeypatch.setattr(search, "STARTS", 72)
     assert equilibrium_check(many) is not None
     assert looked == list(pair)[: len(looked)] != list(pair)
@@ -78,7 +86,8 @@ def test_of_more_modes_than_the_work_is_for_the_first_are_looked_at(monkeypatch:
 
 @pytest.mark.parametrize("h", [PAPER, "tanh(y)", "y + y**3", "clip(y, -1, 1)"])
 def test_monotone_couplings_with_one_pin_have_none(h: str):
-    """Theory, section 5: every start converges, so that a second equilibrium would be a contradiction."""
+    """Theory, section 5: every start converges, so that a second equilibrium would be a
+    contradiction."""
     assert equilibrium_check(cycle(4, h=h, region={"initial_states": [-4, 4]})) is None
 
 

@@ -1,4 +1,5 @@
-"""The search against regions and certified sets: what it has to find, and what it must never find."""
+"""The search against regions and certified sets: what it has to find, and what it must never
+find."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -52,7 +53,8 @@ def certificate_of(problem: Problem, rho: F, *, digits: int = 2) -> Separable:
 
 @pytest.fixture
 def few_looks_for_equilibria(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Newton's method from four corners, four random starts and four ends at most, for tests that are not about it."""
+    """Newton's method from four corners, four random starts and four ends at most, for tests that
+    are not about it."""
     monkeypatch.setattr(search, "NEWTON_STARTS", 4)
 
 
@@ -110,13 +112,16 @@ def test_agents_that_repel_each_other_are_found_and_named():
 
 
 @pytest.mark.usefixtures("few_looks_for_equilibria")
-def test_a_certified_set_of_agents_with_different_exosystems_is_not_contradicted_and_a_false_one_is():
-    """Twin: a hundredth of the certificate's P, so that the observer's error seems to cost next to nothing."""
+def test_a_certified_set_of_different_exosystems_is_not_contradicted_and_a_false_one_is():
+    """Twin: a hundredth of the certificate's P, so that the observer's error seems to cost next to
+    nothing."""
     sine = dd.Group(agents=[1, 3], exosystem=dd.exosystems.harmonics(2))
     constant = dd.Group(agents=[2], exosystem=dd.exosystems.constant())
     network = dd.Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
     region = {"initial_states": [-1, 1], "initial_disturbance": "1/2"}
-    problem = dd.Problem(network=network, coupling="tanh(y)", gains=1, groups=[sine, constant], region=region)
+    problem = dd.Problem(
+        network=network, coupling="tanh(y)", gains=1, groups=[sine, constant], region=region
+    )
     certificate = dd.certify(problem)
     found = dd.falsify(problem, runs=9, certified=certificate, t_final=8)
     assert found.suspects == ()
@@ -187,14 +192,18 @@ def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refus
 
 
 def test_the_ascent_leaves_the_basin_from_a_start_that_converges():
-    """In the box of 1.7 only two corners lie beyond the saddle; uphill leads there from (1.5, -1.5)."""
+    """In the box of 1.7 only two corners lie beyond the saddle; uphill leads there from (1.5,
+    -1.5)."""
     problem = listening_pair(reach=1.7)
     box = asked_box(problem, make_loop(problem, None))
     flow = build_flow(problem, horizon=8.0, steps=200)
     start = np.array([1.5, -1.5])
     e, _ = ascend(flow, box, (start, np.zeros((2, 0))), partial(final_error, 2))
     assert np.all(np.abs(e) <= 1.7)
-    ends = [solve_ivp(lambda t, x: field(problem, "G", x), (0, 200), each).y[:, -1] for each in (start, e)]
+    ends = [
+        solve_ivp(lambda t, x: field(problem, "G", x), (0, 200), each).y[:, -1]
+        for each in (start, e)
+    ]
     assert np.max(np.abs(ends[0])) < 1e-6
     assert np.max(np.abs(ends[1])) > 2
 
@@ -222,7 +231,10 @@ def test_the_same_seed_gives_the_same_search_and_another_one_other_starts():
     first, again = (dd.falsify(problem, runs=4, seed=5, t_final=2) for _ in range(2))
     other = dd.falsify(problem, runs=4, seed=6, t_final=2)
     assert str(first) == str(again)
-    assert all(np.array_equal(a.start, b.start) for a, b in zip(first.suspects, again.suspects, strict=True))
+    assert all(
+        np.array_equal(a.start, b.start)
+        for a, b in zip(first.suspects, again.suspects, strict=True)
+    )
     assert [s.start.tolist() for s in first.suspects] != [s.start.tolist() for s in other.suspects]
 
 
@@ -240,7 +252,9 @@ def test_stages_are_told_and_names_and_results_show_themselves():
 
 
 def test_networks_beyond_sixty_rows_are_simulated_only():
-    found = dd.falsify(cycle(80, h="sin(y)", region={"initial_states": [-1, 1]}), runs=10, t_final=2.0)
+    found = dd.falsify(
+        cycle(80, h="sin(y)", region={"initial_states": [-1, 1]}), runs=10, t_final=2.0
+    )
     assert (found.tried, found.proved) == (10, ())
 
 
@@ -251,7 +265,10 @@ def test_networks_beyond_sixty_rows_are_simulated_only():
         ({"radius": -1.0}, "radius"),
         ({"t_final": 0}, "t_final"),
         ({"seed": -1}, "seed"),
-        ({"radius": 1.0, "certified": Separable(v=(F(1),), alpha=F(1), rho=F(1))}, "certified says where"),
+        (
+            {"radius": 1.0, "certified": Separable(v=(F(1),), alpha=F(1), rho=F(1))},
+            "certified says where",
+        ),
         ({"certified": Separable(v=(F(1),), alpha=F(1), rho=F(1))}, "weights v for this problem"),
     ],
 )
@@ -262,9 +279,22 @@ def test_wrong_arguments_are_refused(given: dict, complaint: str):
 
 def test_an_observer_that_is_too_fast_to_be_followed_is_told_and_starts_at_its_disturbance():
     """|A - WC| times the horizon is far beyond what the closed form covers."""
-    given = {"coupling": "y", "gains": 1, "region": {"initial_states": [-1, 1], "initial_disturbance": "1/2"}}
+    given = {
+        "coupling": "y",
+        "gains": 1,
+        "region": {"initial_states": [-1, 1], "initial_disturbance": "1/2"},
+    }
     found = []
     for w in (1, "1e12"):
         observed = {"exosystem": dd.exosystems.constant(), "observer": dd.Observer(W=[[w]])}
-        found.append(tuple(dd.falsify(Problem(network=listening_pair().network, **given, **observed), runs=4).notes))
-    assert found == [(), ("The observer is too fast for its closed form: every run starts with xihat = xi.",)]
+        found.append(
+            tuple(
+                dd.falsify(
+                    Problem(network=listening_pair().network, **given, **observed), runs=4
+                ).notes
+            )
+        )
+    assert found == [
+        (),
+        ("The observer is too fast for its closed form: every run starts with xihat = xi.",),
+    ]

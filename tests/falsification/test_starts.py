@@ -1,4 +1,5 @@
-"""Certified sets and starts: V against its definition, where starts lie, where runs end and which of them stall."""
+"""Certified sets and starts: V against its definition, where starts lie, where runs end and which
+of them stall."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -22,7 +23,10 @@ from dobc_design.simulation.field import make_loop
 F = Fraction
 P = ((F(2), F(1, 2)), (F(1, 2), F(1)))
 SEPARABLE = Separable(
-    v=(F(1), F(2), F(3)), alpha=F(1), rho=F(4), error=ErrorBound(P=P, beta=F(3), kappa=F(1, 2), size=F(3))
+    v=(F(1), F(2), F(3)),
+    alpha=F(1),
+    rho=F(4),
+    error=ErrorBound(P=P, beta=F(3), kappa=F(1, 2), size=F(3)),
 )
 FULL = SparseSymmetric(3, {(0, 0): F(2), (0, 1): F(1, 2), (1, 1): F(1), (2, 2): F(3)})
 LURE = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5), rate=F(1, 4), P=P, Q=((F(1),), (F(1),)))
@@ -32,7 +36,9 @@ def problem(q: int = 2) -> Problem:
     network = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
     exosystem = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]) if q else None
     observer = Observer(W=[[1], [0]]) if q else None
-    return Problem(network=network, coupling="tanh(y)", gains={1: 1}, exosystem=exosystem, observer=observer)
+    return Problem(
+        network=network, coupling="tanh(y)", gains={1: 1}, exosystem=exosystem, observer=observer
+    )
 
 
 def separable_value(e: np.ndarray, eps: np.ndarray) -> float:
@@ -57,8 +63,12 @@ def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim,
         assert values[run] == pytest.approx(truth(e[:, run], eps[:, :, run]), rel=1e-12)
         along, along_eps = level.gradient(e[:, run], eps[:, :, run])
         step, other = 1e-7 * rng.normal(size=3), 1e-7 * rng.normal(size=(3, 2))
-        change = truth(e[:, run] + step, eps[:, :, run] + other) - truth(e[:, run] - step, eps[:, :, run] - other)
-        assert 2 * (along @ step + np.sum(along_eps * other)) == pytest.approx(change, rel=1e-4, abs=1e-12)
+        change = truth(e[:, run] + step, eps[:, :, run] + other) - truth(
+            e[:, run] - step, eps[:, :, run] - other
+        )
+        assert 2 * (along @ step + np.sum(along_eps * other)) == pytest.approx(
+            change, rel=1e-4, abs=1e-12
+        )
 
 
 @pytest.mark.parametrize("kind", [sets.RANDOM, sets.CORNERS, sets.EDGES])
@@ -66,7 +76,9 @@ def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim,
 def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, truth, kind: str):
     starts = sets.Boundary(level=sets.level_of(problem(), claim), loop=make_loop(problem(), None))
     e, eps = starts.draw(np.random.default_rng(1), 60, kind)
-    assert [truth(e[:, run], eps[:, :, run]) for run in range(60)] == pytest.approx([1.0] * 60, rel=1e-12)
+    assert [truth(e[:, run], eps[:, :, run]) for run in range(60)] == pytest.approx(
+        [1.0] * 60, rel=1e-12
+    )
     without = np.all(eps == 0, axis=(0, 1)).sum()
     assert 5 < without < 50
     back, back_eps = starts.project(3 * e, 3 * eps)
@@ -79,9 +91,13 @@ def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem
     starts = sets.Boundary(level=sets.level_of(problem(), claim), loop=make_loop(problem(), None))
     assert not np.any(starts.draw(np.random.default_rng(1), 10, sets.RANDOM)[1])
     everywhere = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=None)
-    assert sets.level_of(problem(0), everywhere).value(np.array([[1.0], [0], [0]]), np.zeros((3, 0, 1))) == [1.0]
+    assert sets.level_of(problem(0), everywhere).value(
+        np.array([[1.0], [0], [0]]), np.zeros((3, 0, 1))
+    ) == [1.0]
     linear = Lure(P_e=identity(3), ranges=(), radius=None, level=None)
-    assert sets.level_of(problem(0), linear).value(np.array([[0.0], [0], [1]]), np.zeros((3, 0, 1))) == [1.0]
+    assert sets.level_of(problem(0), linear).value(
+        np.array([[0.0], [0], [1]]), np.zeros((3, 0, 1))
+    ) == [1.0]
     with pytest.raises(SpecError, match="weights v for this problem"):
         sets.level_of(cycle(5, 3), SEPARABLE)
     with pytest.raises(SpecError, match="P_e of 5 rows"):
@@ -116,7 +132,11 @@ def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
     assert np.all(np.abs(e) <= 2)
     assert np.all(lengths <= 0.5 + 1e-12)
     at_end = np.abs(e) == 2
-    assert {sets.RANDOM: not at_end.any(), sets.CORNERS: at_end.all(), sets.EDGES: at_end.any(axis=0).all()}[kind]
+    assert {
+        sets.RANDOM: not at_end.any(),
+        sets.CORNERS: at_end.all(),
+        sets.EDGES: at_end.any(axis=0).all(),
+    }[kind]
     back, back_eps = box.project(5 * e, 5 * eps)
     assert np.all(np.abs(back) <= 2)
     assert np.all(np.linalg.norm(back_eps, axis=1) <= 0.5 + 1e-12)
@@ -159,7 +179,9 @@ def settled(problem: Problem, *columns: list[float], horizon: float = 150.0):
     e = np.array(columns, dtype=float).T
     eps = np.zeros((problem.n, problem.q, e.shape[1]))
     signals = sets.constant_signals(np.zeros(e.shape[1], dtype=np.int64))
-    return sets.run_starts(sets.make_arena(problem, None), e, eps, signals, horizon=horizon, tolerance=1e-9)
+    return sets.run_starts(
+        sets.make_arena(problem, None), e, eps, signals, horizon=horizon, tolerance=1e-9
+    )
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -168,13 +190,24 @@ def test_every_start_goes_where_scipy_takes_it_through_its_switches(seed: int):
     signals = sets.drawn_signals(rng, 9, problem, 4.0)
     e = rng.uniform(-2, 2, (problem.n, 9))
     runs = sets.run_starts(
-        sets.make_arena(problem, None), e, np.zeros((problem.n, 0, 9)), signals, horizon=4.0, tolerance=1e-10
+        sets.make_arena(problem, None),
+        e,
+        np.zeros((problem.n, 0, 9)),
+        signals,
+        horizon=4.0,
+        tolerance=1e-10,
     )
     names = tuple(problem.network.modes)
     for run in (0, 4, 8):  # the first stays in its mode
         state, switches = e[:, run], [*signals.of(run, names), (4.0, "")]
         for (begin, mode), (end, _) in pairwise(switches):
-            answer = solve_ivp(lambda t, x, m=mode: field(problem, m, x), (begin, end), state, rtol=1e-10, atol=1e-12)
+            answer = solve_ivp(
+                lambda t, x, m=mode: field(problem, m, x),
+                (begin, end),
+                state,
+                rtol=1e-10,
+                atol=1e-12,
+            )
             state = answer.y[:, -1]
         assert runs.ends[:, run] == pytest.approx(state, abs=1e-7)
         assert runs.error[-1, run] == pytest.approx(np.max(np.abs(state)), abs=1e-7)
@@ -182,7 +215,9 @@ def test_every_start_goes_where_scipy_takes_it_through_its_switches(seed: int):
 
 def test_runs_stall_diverge_or_are_slow():
     """Two agents, sin, k = 1/10: e = (-x, x) converges for x below 1.65387 and not above."""
-    runs = settled(listening_pair(), [-SADDLE + 1e-3, SADDLE - 1e-3], [-SADDLE - 1e-3, SADDLE + 1e-3])
+    runs = settled(
+        listening_pair(), [-SADDLE + 1e-3, SADDLE - 1e-3], [-SADDLE - 1e-3, SADDLE + 1e-3]
+    )
     assert runs.stalled.tolist() == [False, True]
     assert runs.diverged.tolist() == [False, False]
     assert np.max(np.abs(runs.ends[:, 1])) == pytest.approx(float(half_difference(6.0)), abs=1e-3)
@@ -210,9 +245,17 @@ def test_some_runs_keep_their_mode_and_the_others_switch_at_several_paces():
 
 @pytest.mark.parametrize("longest", [None, 3])
 def test_under_a_guarantee_all_runs_keep_it(longest):
-    turns, own = Switching(guarantee="dwell", dwell=1, longest=longest), switched_problem(0, modes=3)
-    kept = Problem(network=own.network, coupling="y", gains={1: 1}, target=[0] * own.m, switching=turns)
-    signals, names = sets.drawn_signals(np.random.default_rng(0), 40, kept, 10.0), tuple(own.network.modes)
+    turns, own = (
+        Switching(guarantee="dwell", dwell=1, longest=longest),
+        switched_problem(0, modes=3),
+    )
+    kept = Problem(
+        network=own.network, coupling="y", gains={1: 1}, target=[0] * own.m, switching=turns
+    )
+    signals, names = (
+        sets.drawn_signals(np.random.default_rng(0), 40, kept, 10.0),
+        tuple(own.network.modes),
+    )
     for run in range(40):
         switches = signals.of(run, names)
         for (before, old), (after, new) in pairwise(switches):

@@ -33,7 +33,9 @@ def test_a_csv_file_of_arcs_becomes_a_problem_once_the_arrow_is_said(tmp_path):
 
 
 @pytest.mark.parametrize(("attribute", "told"), [("weight", False), ("strength", True)])
-def test_a_graph_whose_weights_have_another_name_says_that_its_arcs_weigh_one(tmp_path, attribute: str, told: bool):
+def test_a_graph_whose_weights_have_another_name_says_that_its_arcs_weigh_one(
+    tmp_path, attribute: str, told: bool
+):
     networkx = pytest.importorskip("networkx")
     graph = networkx.DiGraph()
     graph.add_edge("a", "b", **{attribute: 2.5})
@@ -53,15 +55,22 @@ def test_graphml_and_edge_lists_keep_the_order_of_their_labels(tmp_path):
     graph.remove_node("alone")
     networkx.write_graphml(graph, tmp_path / "net.graphml")
     problem = dd.problem_from_file(tmp_path / "net.graphml", arrow="listens_to")
-    edges = dd.problem_from_file(written(tmp_path, "net.edges", "b a\na c # last\n"), arrow="listens_to")
+    edges = dd.problem_from_file(
+        written(tmp_path, "net.edges", "b a\na c # last\n"), arrow="listens_to"
+    )
     assert edges.network == problem.network
 
 
 def test_a_list_in_which_no_two_agents_hear_each_other_says_so(tmp_path):
-    """networkx writes undirected graphs as such lists; nothing in the file tells which was meant."""
+    """networkx writes undirected graphs as such lists; nothing in the file tells which was
+    meant."""
     one_way = dd.problem_from_file(written(tmp_path, "net.edges", "a b\nb c\n"), arrow="listens_to")
-    assert any("no two agents hear each other" in note and "Undirected" in note for note in one_way.notes)
-    both = dd.problem_from_file(written(tmp_path, "net.edges", "a b\nb c\nc b\n"), arrow="listens_to")
+    assert any(
+        "no two agents hear each other" in note and "Undirected" in note for note in one_way.notes
+    )
+    both = dd.problem_from_file(
+        written(tmp_path, "net.edges", "a b\nb c\nc b\n"), arrow="listens_to"
+    )
     assert len(both.notes) == len(one_way.notes) - 1
 
 
@@ -88,7 +97,9 @@ def test_a_file_that_is_not_there_and_an_arrow_that_is_not_needed_are_refused(tm
 
 
 def test_an_imported_problem_can_be_written_as_a_problem_file_and_read_back(tmp_path):
-    problem = dd.problem_from_file(written(tmp_path, "net.csv", "a,b\nb,a,2.5\n"), arrow="listens_to")
+    problem = dd.problem_from_file(
+        written(tmp_path, "net.csv", "a,b\nb,a,2.5\n"), arrow="listens_to"
+    )
     back = dd.problem_from_file(written(tmp_path, "net.toml", problem_text(problem)))
     assert canonical_bytes(back) == canonical_bytes(problem)
 

@@ -48,11 +48,17 @@ def imported(tmp_path, text: str):
 
 
 def test_a_matpower_case_becomes_angles_with_exact_susceptances(tmp_path):
-    """Parallel branches add up: 1/0.05 + 1/(0.1 * 0.5) = 40; out of service and isolated ones are left out."""
+    """Parallel branches add up: 1/0.05 + 1/(0.1 * 0.5) = 40; out of service and isolated ones are
+    left out."""
     problem = imported(tmp_path, CASE)
     assert problem.network.labels == ("10", "20", "30")
     half = Fraction(5, 2)
-    assert sorted(problem.network.modes["grid"]) == [(0, 1, 40), (1, 0, 40), (1, 2, half), (2, 1, half)]
+    assert sorted(problem.network.modes["grid"]) == [
+        (0, 1, 40),
+        (1, 0, 40),
+        (1, 2, half),
+        (2, 1, half),
+    ]
     assert problem.coupling.texts == ("sin(y)",)
     assert problem.pinning.agents == (0, 2)
     assert problem.name == "three"
@@ -65,19 +71,36 @@ def test_a_matpower_case_becomes_angles_with_exact_susceptances(tmp_path):
     ("old", "new", "match"),
     [
         ("mpc.branch = [", "mpc.lines = [", "must hold the table mpc.branch"),
-        ("4e-1", "1/3+0.1", r"three.m, line 20: mpc.branch\(3,4\) must be a number, because nothing .* computed; got"),
+        (
+            "4e-1",
+            "1/3+0.1",
+            r"three.m, line 20: mpc.branch\(3,4\) must be a number, because nothing .* "
+            r"computed; got",
+        ),
         ("4e-1", "1/3", r"line 20: mpc.branch\(3,4\) must be a number"),
         ("\t1\t50\t10;", "\t1\t12 / 3;", r"line 8: mpc.bus\(2,4\) must be a number"),
         ("\t10\t3\t0\t0;", "\t10\t3\t0\tf(3);", r"line 7: mpc.bus\(1,4\) must be a number"),
         ("\t0\t1;\n];", "\t0\t1;\n]';", r"line 17: mpc.branch must end in \];"),
-        ("mpc.gencost", "mpc.branch(:, 4) = mpc.branch(:, 4) / 2;\nx", r"line 25 changes the tables.*savecase"),
+        (
+            "mpc.gencost",
+            "mpc.branch(:, 4) = mpc.branch(:, 4) / 2;\nx",
+            r"line 25 changes the tables.*savecase",
+        ),
         ("mpc.gencost", "if 1, mpc.branch(a == b, BR_X) = 2; end\nx", "line 25 changes the tables"),
         ("mpc.gencost", "mpc = scale_load(2, mpc);\nx", "line 25 changes the tables"),
         ("20, 30", "20, 31", "line 20: mpc.branch row 3 names bus 31, which is not there"),
         ("20, 30", "20, 20", "from bus 20 to itself"),
         ("\t40\t4\t0\t0;", "\t40\t;\n", "at least 2 columns; row 4 has 1"),
-        ("\t10\t3\t0\t0;", "\t1.5\t3\t0\t0;", "line 7: mpc.bus row 1 must name a bus by a whole number"),
-        ("\t10\t30\t0\t0.2\t0\t0\t0\t0\t0\t0\t0;", "\t10\t30\t0;", "at least 11 columns; row 4 has 3"),
+        (
+            "\t10\t3\t0\t0;",
+            "\t1.5\t3\t0\t0;",
+            "line 7: mpc.bus row 1 must name a bus by a whole number",
+        ),
+        (
+            "\t10\t30\t0\t0.2\t0\t0\t0\t0\t0\t0\t0;",
+            "\t10\t30\t0;",
+            "at least 11 columns; row 4 has 3",
+        ),
     ],
 )
 def test_a_wrong_table_is_named(old: str, new: str, match: str, tmp_path):
@@ -91,7 +114,9 @@ def test_a_negative_reactance_repels_and_one_of_0_joins_its_buses(tmp_path):
     """1/(-0.4) between buses 20 and 30: w = 5/2 with h = -sin(y), the same slope at 0."""
     problem = imported(tmp_path, CASE.replace("4e-1", "-0.4"))
     assert problem.network.modes["grid"] == imported(tmp_path, CASE).network.modes["grid"]
-    assert {arc: h.texts for arc, h in problem.exceptions.items()} == dict.fromkeys([(1, 2), (2, 1)], ("-sin(y)",))
+    assert {arc: h.texts for arc, h in problem.exceptions.items()} == dict.fromkeys(
+        [(1, 2), (2, 1)], ("-sin(y)",)
+    )
     assert "between buses 20 and 30 is negative" in problem.notes[-1]
     joined = imported(tmp_path, CASE.replace("4e-1", "0"))
     assert joined.network.labels == ("10", "20") and joined.pinning.agents == (0, 1)
@@ -109,10 +134,13 @@ mpc.gen(k, PMAX) = mpc.gen(k, PG);
 
 
 def test_reactances_that_the_case_turns_from_ohms_into_per_unit_are(tmp_path):
-    """x / (10^2 / 50): half of what is written; anything else in place of that statement is refused."""
+    """x / (10^2 / 50): half of what is written; anything else in place of that statement is
+    refused."""
     wide = CASE.replace("\t0\t0;\n\t20", "\t0\t0\t0\t0\t1\t1\t0\t10.0\t12/sqrt(3);\n\t20")
     plain, ohm = imported(tmp_path, wide), imported(tmp_path, wide + OHM)
-    assert [w for _, _, w in ohm.network.modes["grid"]] == [2 * w for _, _, w in plain.network.modes["grid"]]
+    assert [w for _, _, w in ohm.network.modes["grid"]] == [
+        2 * w for _, _, w in plain.network.modes["grid"]
+    ]
     for old, new in (("* 1e6", "* 1e3"), ("Vbase^2", "Vbase^3"), ("(1, BASE_KV)", "(2, BASE_KV)")):
         with pytest.raises(SpecError, match="line 29 changes the tables"):
             imported(tmp_path, wide + OHM.replace(old, new))
@@ -121,7 +149,9 @@ def test_reactances_that_the_case_turns_from_ohms_into_per_unit_are(tmp_path):
 def test_a_block_comment_is_no_table_and_nothing_is_executed(tmp_path):
     hidden = CASE + "%{\nmpc.branch = [ 10 20 0 9 0 0 0 0 0 0 1 ];\n %}\n"
     assert imported(tmp_path, hidden).network == imported(tmp_path, CASE).network
-    hostile = CASE.replace("4e-1", "__import__('os').system('touch " + str(tmp_path / "hacked") + "')")
+    hostile = CASE.replace(
+        "4e-1", "__import__('os').system('touch " + str(tmp_path / "hacked") + "')"
+    )
     with pytest.raises(SpecError, match=r"mpc.branch\(3,4\) must be a number"):
         imported(tmp_path, hostile)
     assert not (tmp_path / "hacked").exists()
@@ -148,7 +178,9 @@ def test_a_long_run_of_one_thing_is_read_in_linear_time(text: str):
 
 
 def pandapower():
-    return pytest.importorskip("pandapower", reason='pandapower is not installed: pip install "dobc_design[grid]"')
+    return pytest.importorskip(
+        "pandapower", reason='pandapower is not installed: pip install "dobc_design[grid]"'
+    )
 
 
 @pytest.mark.slow
@@ -175,12 +207,17 @@ def test_pandapower_networks_have_the_susceptances_of_their_own_load_flow(case: 
 
 @pytest.mark.slow
 def test_the_ieee_14_bus_network_is_that_of_the_built_in_problem():
-    """Lines and pins of microgrid-ieee14 were typed in by hand; pandapower has taps besides, on three transformers."""
+    """Lines and pins of microgrid-ieee14 were typed in by hand; pandapower has taps besides, on
+    three transformers."""
     pandapower()
     from pandapower import networks
 
     found, known = dd.from_pandapower(networks.case14()), dd.load_problem("microgrid-ieee14")
-    assert [i + 1 for i in found.pinning.agents] == [i + 1 for i in known.pinning.agents] == [1, 2, 3, 6, 8]
+    assert (
+        [i + 1 for i in found.pinning.agents]
+        == [i + 1 for i in known.pinning.agents]
+        == [1, 2, 3, 6, 8]
+    )
     lines = {(i, j): float(w) for i, j, w in known.network.modes["grid"]}
     same = {(i, j): float(w) for i, j, w in found.network.modes["grid"]}
     assert set(lines) == set(same)
@@ -192,7 +229,8 @@ def test_the_ieee_14_bus_network_is_that_of_the_built_in_problem():
 
 @pytest.mark.slow
 def test_the_300_bus_network_with_its_negative_reactance_is_refuted():
-    """One branch between buses 244 and 98 repels: NumPy, too, finds one eigenvalue of J - K with positive real part."""
+    """One branch between buses 244 and 98 repels: NumPy, too, finds one eigenvalue of J - K with
+    positive real part."""
     pandapower()
     from pandapower import networks
 

@@ -1,4 +1,5 @@
-"""The expression tree in CasADi and in SymPy; coupling/test_functions.py compares their values with NumPy's."""
+"""The expression tree in CasADi and in SymPy; coupling/test_functions.py compares their values with
+NumPy's."""
 
 import casadi as ca
 import numpy as np

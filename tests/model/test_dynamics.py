@@ -23,7 +23,9 @@ def test_closed_loop_is_the_plant_the_observer_and_the_controller(problem):
     model = build_model(problem)
     x, xi, z = drawn(model, model.m, model.q, model.q)
     found = np.concatenate([np.asarray(each).ravel() for each in model.closed_loop(x, xi, z)])
-    assert np.allclose(found, full_loop(problem)[0](0.0, np.concatenate([x, xi, z])), rtol=1e-12, atol=1e-12)
+    assert np.allclose(
+        found, full_loop(problem)[0](0.0, np.concatenate([x, xi, z])), rtol=1e-12, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
@@ -31,7 +33,9 @@ def test_closed_loop_is_that_of_the_integrators(problem):
     """x, xi and z have the same derivatives; the inputs are p for each agent."""
     model, integrators = build_model(problem), build_model(as_integrators(problem))
     x, xi, z = drawn(model, model.m, model.q, model.q)
-    for own, other in zip(model.closed_loop(x, xi, z), integrators.closed_loop(x, xi, z), strict=True):
+    for own, other in zip(
+        model.closed_loop(x, xi, z), integrators.closed_loop(x, xi, z), strict=True
+    ):
         assert np.allclose(own, other, rtol=1e-12, atol=1e-12)
     assert model.controller.size_out("u") == (model.n * problem.inputs, 1)
 
@@ -70,9 +74,12 @@ def test_jacobian_of_the_couplings_has_a_row_for_each_input():
 
 
 def test_observer_error_is_free_of_the_network_for_every_plant():
-    """eps' = (A_xi - W C) eps with free symbols: A, B (p = 1), W, C, x, v; only B+ B = 1 is used."""
+    """eps' = (A_xi - W C) eps with free symbols: A, B (p = 1), W, C, x, v; only B+ B = 1 is
+    used."""
     m, q = 2, 2
-    A, S = (sympy.Matrix(k, k, sympy.symbols(f"{letter}:{k * k}")) for letter, k in (("a", m), ("s", q)))
+    A, S = (
+        sympy.Matrix(k, k, sympy.symbols(f"{letter}:{k * k}")) for letter, k in (("a", m), ("s", q))
+    )
     B, C, W = (
         sympy.Matrix(m, 1, sympy.symbols("b:2")),
         sympy.Matrix(1, q, sympy.symbols("c:2")),

@@ -1,4 +1,5 @@
-"""The flow of the error system and its gradient, against SciPy's integrator and difference quotients."""
+"""The flow of the error system and its gradient, against SciPy's integrator and difference
+quotients."""
 
 import numpy as np
 import pytest
@@ -29,7 +30,9 @@ def test_the_observers_error_is_part_of_the_state():
 
     def loop(t: float, state: np.ndarray) -> np.ndarray:
         eps = state[3:].reshape(3, 2)
-        return np.concatenate([field(problem, "G", state[:3]) + eps @ C[0], (eps @ (A - W @ C).T).ravel()])
+        return np.concatenate(
+            [field(problem, "G", state[:3]) + eps @ C[0], (eps @ (A - W @ C).T).ravel()]
+        )
 
     start = np.random.default_rng(0).uniform(-1, 1, 9)
     truth = solve_ivp(loop, (0, 1), start, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]

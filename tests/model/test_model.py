@@ -12,8 +12,10 @@ from dobc_design.problem.arrays import goals, pinning_matrix
 
 SCALAR = re.split(
     r";\s",
-    """exp(y) - 1 + y; log(1 + y**2) + y; sin(y); cos(2*y) - 1; tan(y/4); 3*tanh(y); atan(y); sinh(y)/2; cosh(y) - 1;
-sqrt(1 + y**2) - 1; y + abs(y)/2; min(y, 2*y); max(y, y/3); clip(y, -1, 1); y**3 + y/(1 + y**2); -pi*y**5/9;
+    """exp(y) - 1 + y; log(1 + y**2) + y; sin(y); cos(2*y) - 1; tan(y/4); 3*tanh(y); atan(y);
+    sinh(y)/2; cosh(y) - 1;
+sqrt(1 + y**2) - 1; y + abs(y)/2; min(y, 2*y); max(y, y/3); clip(y, -1, 1); y**3 + y/(1 + y**2);
+-pi*y**5/9;
 y*(2 + y)**-2""",
 )
 VECTOR = [
@@ -27,7 +29,12 @@ def random_problem(coupling, seed: int, *, q: int = 2, n: int = 5, **settings) -
     """A random weighted digraph with an exosystem, matrix gains, offsets and one exception."""
     rng = np.random.default_rng(seed)
     m = len(coupling) if isinstance(coupling, list) else settings.pop("m", 1)
-    arcs = [[i, j, int(rng.integers(1, 4))] for i in range(n) for j in range(n) if i != j and rng.random() < 0.5]
+    arcs = [
+        [i, j, int(rng.integers(1, 4))]
+        for i in range(n)
+        for j in range(n)
+        if i != j and rng.random() < 0.5
+    ]
     arcs = arcs or [[0, 1, 2]]
     special = ["2*y1 + y1**2"] + [f"y{c + 1}" for c in range(1, m)] if m > 1 else "2*y + y**2"
 
@@ -68,7 +75,9 @@ IDS = [text if isinstance(text, str) else "; ".join(text) for text in COUPLINGS]
 def test_h_is_the_sum_over_the_arcs_of_the_listener(seed: int, coupling):
     problem = random_problem(coupling, seed)
     e = np.random.default_rng(seed).uniform(-0.9, 0.9, problem.n * problem.m)
-    np.testing.assert_allclose(column(build_model(problem).h(e)), coupling_sum(problem, "G", e), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        column(build_model(problem).h(e)), coupling_sum(problem, "G", e), rtol=1e-12, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("seed", "coupling"), [*enumerate(COUPLINGS)], ids=IDS)
@@ -78,7 +87,8 @@ def test_the_jacobian_agrees_with_finite_differences(seed: int, coupling):
     size, step = problem.n * problem.m, 1e-6
     e = np.random.default_rng(seed + 100).uniform(-0.9, 0.9, size)
     differences = [
-        (coupling_sum(problem, "G", e + step * unit) - coupling_sum(problem, "G", e - step * unit)) / (2 * step)
+        (coupling_sum(problem, "G", e + step * unit) - coupling_sum(problem, "G", e - step * unit))
+        / (2 * step)
         for unit in np.eye(size)
     ]
     exact = np.asarray(build_model(problem).jacobian(e).full())
@@ -125,9 +135,13 @@ def test_each_mode_has_its_own_arcs_and_without_any_still_its_pins():
     problem = load_problem("paper-switching")
     e = np.arange(10.0) / 10
     for mode in problem.network.modes:
-        np.testing.assert_allclose(column(build_model(problem, mode).h(e)), coupling_sum(problem, mode, e))
+        np.testing.assert_allclose(
+            column(build_model(problem, mode).h(e)), coupling_sum(problem, mode, e)
+        )
     assert build_model(problem).mode == "Ga"
-    problem = Problem(network=Network.from_arcs({"a": []}, arrow="listens_to", agents=2), coupling="y", gains=2)
+    problem = Problem(
+        network=Network.from_arcs({"a": []}, arrow="listens_to", agents=2), coupling="y", gains=2
+    )
     model = build_model(problem)
     assert column(model.h([1.0, 2.0])).tolist() == [0, 0]
     assert column(model.error_dynamics([1.0, 2.0], [])[0]).tolist() == [-2, -4]
@@ -137,7 +151,10 @@ def test_a_thousand_agents_are_built_in_a_few_seconds():
     rng = np.random.default_rng(0)
     arcs = {(int(i), int(j)) for i, j in rng.integers(0, 1000, size=(6000, 2)) if i != j}
     network = Network.from_arcs(sorted(arcs), arrow="listens_to", agents=[*range(1000)])
-    observed = {"exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), "observer": Observer(W=[[3], [2]])}
+    observed = {
+        "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+        "observer": Observer(W=[[3], [2]]),
+    }
     problem = Problem(network=network, coupling="exp(y) - 1 + y", gains=1, **observed)
     start = time.process_time()
     model = build_model(problem)

@@ -1,7 +1,9 @@
-"""Identities (17), (20), (24) in free symbols; every proof has a twin with one mistake, which fails.
+"""Identities (17), (20), (24) in free symbols; every proof has a twin with one mistake, which
+fails.
 
-Every matrix entry, state and input is a free symbol, so a residual that expands to 0 holds for all values of that
-size.  h(e) stands as J e with a free J, which is exact with the averaged Jacobian (mean value theorem).
+Every matrix entry, state and input is a free symbol, so a residual that expands to 0 holds for all
+values of that size.  h(e) stands as J e with a free J, which is exact with the averaged Jacobian
+(mean value theorem).
 """
 
 from types import SimpleNamespace
@@ -49,7 +51,9 @@ def is_form(s: SimpleNamespace, psi: sympy.Matrix) -> bool:
     return sympy.expand(derivative_of_v(s) - (state.T * psi * state)[0]) == 0
 
 
-@pytest.mark.parametrize(("n", "m", "q"), [(1, 1, 1), (2, 1, 2), (2, 2, 1), (3, 1, 2), (1, 2, 3), (2, 2, 2)])
+@pytest.mark.parametrize(
+    ("n", "m", "q"), [(1, 1, 1), (2, 1, 2), (2, 2, 1), (3, 1, 2), (1, 2, 3), (2, 2, 2)]
+)
 def test_the_derivative_of_v_is_the_quadratic_form_of_psi(n: int, m: int, q: int):
     """(24)."""
     s = loop(n=n, m=m, q=q)
@@ -77,7 +81,8 @@ def test_the_papers_numbers_give_its_omega():
 
 
 def agent(*, m: int, q: int) -> SimpleNamespace:
-    """One agent: s stands for its coupling sum, g for its goal; its rates by (1), (12), (13), its u by (19)."""
+    """One agent: s stands for its coupling sum, g for its goal; its rates by (1), (12), (13), its u
+    by (19)."""
     a = SimpleNamespace(A=free("A", q, q), C=free("C", m, q), W=free("W", q, m), k=free("k", m, m))
     a.x, a.u, a.s, a.g = (free(name, m) for name in ("x", "u", "s", "g"))
     a.xi, a.z = free("xi", q), free("z", q)
@@ -95,7 +100,8 @@ def observer_residual(a: SimpleNamespace, z_rate: sympy.Matrix) -> sympy.Matrix:
 
 @pytest.mark.parametrize(("m", "q"), [(1, 2), (2, 1), (2, 3)])
 def test_the_observer_error_does_not_feel_couplings_or_inputs(m: int, q: int):
-    """(17); an observer that is not told the input, or has the sign of the couplings turned, errs by just that."""
+    """(17); an observer that is not told the input, or has the sign of the couplings turned, errs
+    by just that."""
     a = agent(m=m, q=q)
     assert observer_residual(a, a.z_rate) == sympy.zeros(q, 1)
     assert observer_residual(a, a.z_rate + a.W * a.u) == (-a.W * a.u).expand()

@@ -35,7 +35,11 @@ def swarm():
     )
     start = np.random.default_rng(2).uniform(-1, 1, size=(9, 2))
     return dd.simulate(
-        problem, signal=dd.signals.Mobile(radius=0.9, hysteresis=0.05), start=start, t_final=5, samples=21
+        problem,
+        signal=dd.signals.Mobile(radius=0.9, hysteresis=0.05),
+        start=start,
+        t_final=5,
+        samples=21,
     )
 
 
@@ -86,7 +90,11 @@ def test_the_certified_envelope_is_drawn_where_it_was_given(switched):
     drawn = [line for line in errors.get_lines() if line.get_label().startswith("certified")]
     assert len(drawn) == 1
     assert drawn[0].get_xydata().tolist() == points
-    assert not [x for x in by_label(switched.plot(), "errors")[0].get_lines() if x.get_label().startswith("certified")]
+    assert not [
+        x
+        for x in by_label(switched.plot(), "errors")[0].get_lines()
+        if x.get_label().startswith("certified")
+    ]
     again = by_label(switched.plot(envelope=lambda t: 5 - t), "errors")[0].get_lines()[-1]
     assert again.get_xdata().tolist() == switched.times.tolist()
     np.testing.assert_array_equal(again.get_ydata(), 5 - switched.times)
@@ -97,21 +105,31 @@ def test_the_certified_envelope_is_drawn_where_it_was_given(switched):
 
 @pytest.mark.parametrize(
     ("low", "high", "wanted"),
-    [(0.13, 4.5, ["0.2", "0.5", "1", "2"]), (1.2, 2.3, ["2"]), (1e-6, 2.0, ["10⁻⁵", "10⁻³", "0.1"])],
+    [
+        (0.13, 4.5, ["0.2", "0.5", "1", "2"]),
+        (1.2, 2.3, ["2"]),
+        (1e-6, 2.0, ["10⁻⁵", "10⁻³", "0.1"]),
+    ],
 )
-def test_an_axis_of_errors_has_ticks_that_can_be_read_whatever_it_spans(low: float, high: float, wanted: list[str]):
+def test_an_axis_of_errors_has_ticks_that_can_be_read_whatever_it_spans(
+    low: float, high: float, wanted: list[str]
+):
     ax = Figure().add_subplot()
     plot_errors(ax, np.array([0.0, 1.0]), {"|e|∞": np.array([high, low])})
     ax.figure.canvas.draw()
     bottom, top = ax.get_ylim()
-    inside = [tick.get_text() for tick in ax.get_yticklabels() if bottom <= tick.get_position()[1] <= top]
+    inside = [
+        tick.get_text() for tick in ax.get_yticklabels() if bottom <= tick.get_position()[1] <= top
+    ]
     assert set(wanted) <= set(inside)
     assert 2 <= len(inside) <= 9
 
 
 def test_a_run_that_ended_at_its_start_is_dots_and_says_so():
     network = dd.Network.from_arcs([[1, 2]], arrow="listens_to")
-    run = dd.simulate(dd.Problem(network=network, coupling="exp(y) - 1 + y"), start=[[0], [1e300]], t_final=1)
+    run = dd.simulate(
+        dd.Problem(network=network, coupling="exp(y) - 1 + y"), start=[[0], [1e300]], t_final=1
+    )
     sheet = run.plot()
     assert len(run) == 1
     assert all(line.get_marker() == "." for line in by_label(sheet, "xᵢ")[0].get_lines()[:2])
@@ -169,7 +187,8 @@ def test_a_figure_shows_itself_and_is_saved_by_its_ending(switched, tmp_path):
         sheet.save(tmp_path / "run.bmp")
 
 
-# Brettel, Vienot and Mollon's matrices for linear RGB, as simplified by Vienot (1999): red and green blindness.
+# Brettel, Vienot and Mollon's matrices for linear RGB, as simplified by Vienot (1999): red and
+# green blindness.
 BLIND = {
     "protanopia": [[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]],
     "deuteranopia": [[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]],
@@ -182,13 +201,17 @@ def test_the_series_colours_differ_for_every_eye(kind: str):
     seen = []
     for colour in look.SERIES[:4]:
         srgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
-        seen.append(matrix @ np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4))
+        seen.append(
+            matrix @ np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        )
     apart = min(np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i])
     assert apart > 0.08
 
 
 def page_data(page: str):
-    return json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL)[1])
+    return json.loads(
+        re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL)[1]
+    )
 
 
 def test_the_animation_holds_the_run_and_loads_nothing(swarm):
@@ -224,7 +247,9 @@ def test_an_animation_is_a_page_and_other_endings_are_refused(swarm, tmp_path):
 
 def test_a_network_too_large_to_be_seen_is_refused():
     n = 600
-    network = dd.Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
+    network = dd.Network.from_arcs(
+        [[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n
+    )
     run = dd.simulate(dd.Problem(network=network, coupling="y"), t_final=0.1, samples=2)
     with pytest.raises(SpecError, match="at most 500 agents"):
         animation_page(run)

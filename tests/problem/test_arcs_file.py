@@ -18,7 +18,14 @@ LABELS = ("a", "b", "c", "d")
 ONE = Fraction(1)
 
 
-def read(folder: Path, content: str | bytes, *, name: str = "arcs.csv", arrow: str = "listens_to", labels=LABELS):
+def read(
+    folder: Path,
+    content: str | bytes,
+    *,
+    name: str = "arcs.csv",
+    arrow: str = "listens_to",
+    labels=LABELS,
+):
     data = content.encode("utf-8") if isinstance(content, str) else content
     (folder / name).write_bytes(data)
     index = {label: i for i, label in enumerate(labels)}
@@ -49,7 +56,9 @@ def test_agents_called_from_and_to_are_agents_and_no_header(tmp_path):
     labels = ("from", "to")
     assert triples(read(tmp_path, "from,to\n", labels=labels), labels) == [("from", "to", ONE)]
     labels = ("from", "x")  # there is no agent "to", so this is a header
-    assert triples(read(tmp_path, "from,to\nx,from\n", labels=labels), labels) == [("x", "from", ONE)]
+    assert triples(read(tmp_path, "from,to\nx,from\n", labels=labels), labels) == [
+        ("x", "from", ONE)
+    ]
 
 
 @pytest.mark.parametrize("name", ["arcs.edges", "arcs.edgelist", "arcs.txt", "ARCS.TXT"])
@@ -77,7 +86,13 @@ HEAD = '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">'
 
 @pytest.mark.parametrize(
     ("edgedefault", "directed", "count"),
-    [("directed", "", 1), ("undirected", "", 2), ("directed", "false", 2), ("undirected", "true", 1), ("", "", 1)],
+    [
+        ("directed", "", 1),
+        ("undirected", "", 2),
+        ("directed", "false", 2),
+        ("undirected", "true", 1),
+        ("", "", 1),
+    ],
 )
 def test_one_edge_may_say_otherwise_than_its_graph(tmp_path, edgedefault, directed, count):
     default = f'edgedefault="{edgedefault}"' if edgedefault else ""
@@ -106,7 +121,10 @@ def test_graphml_weights_have_the_default_of_their_key_and_other_data_is_ignored
         (f"{HEAD}<graph/><graph/></graphml>", "must hold one graph; it holds 2"),
         (f'{HEAD}<graph><edge source="a" target="z"/></graph></graphml>', "edge 1 names 'z'"),
         (f'{HEAD}<graph><edge source="a"/></graph></graphml>', "edge 1 names ''"),
-        (f'{HEAD}<graph><edge directed="false" source="a" target="a"/></graph></graphml>', "edge 1 is a self-arc"),
+        (
+            f'{HEAD}<graph><edge directed="false" source="a" target="a"/></graph></graphml>',
+            "edge 1 is a self-arc",
+        ),
         ("<graphml>" * 100_000, "not valid GraphML"),
         ('<!DOCTYPE g [<!ENTITY a SYSTEM "file:///etc/passwd">]><graphml>&a;</graphml>', "DOCTYPE"),
         ("", "not valid GraphML"),
@@ -120,7 +138,9 @@ def test_graphml_that_cannot_be_meant_is_refused(tmp_path, text, message):
 
 @given(
     st.dictionaries(
-        st.sampled_from([*permutations(LABELS, 2)]), st.fractions(min_value="1/1000", max_value=1000), min_size=1
+        st.sampled_from([*permutations(LABELS, 2)]),
+        st.fractions(min_value="1/1000", max_value=1000),
+        min_size=1,
     ),
     st.sampled_from(["listens_to", "sends_to"]),
 )
@@ -129,7 +149,9 @@ def test_all_formats_mean_the_same(tmp_path_factory, weights, arrow):
     folder = tmp_path_factory.mktemp("arcs")
     arcs = [(a, b, w) for (a, b), w in weights.items()]
     lines = [(a, b, str(w)) for a, b, w in arcs]
-    edges = "".join(f'<edge source="{a}" target="{b}"><data key="w">{w}</data></edge>' for a, b, w in lines)
+    edges = "".join(
+        f'<edge source="{a}" target="{b}"><data key="w">{w}</data></edge>' for a, b, w in lines
+    )
     xml = (
         f'{HEAD}<key id="w" for="edge" attr.name="weight" attr.type="string"/>'
         f'<graph edgedefault="directed">{edges}</graph></graphml>'
@@ -151,4 +173,6 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path, monkeyp
 
 def test_a_problem_without_a_folder_has_no_files():
     with pytest.raises(SpecError, match="the problem has no folder"):
-        read_arcs_file("arcs.csv", folder=None, index={}, arrow="listens_to", key="network.modes.G.file")
+        read_arcs_file(
+            "arcs.csv", folder=None, index={}, arrow="listens_to", key="network.modes.G.file"
+        )

@@ -59,9 +59,13 @@ def test_a_matrix_is_read_as_from_sparse_reads_it(tmp_path, symmetry, name):
 
 def test_a_matrix_without_values_has_weights_1_and_zeros_are_no_arcs(tmp_path):
     path = tmp_path / "net.mtx"
-    path.write_text("%%MatrixMarket matrix coordinate pattern general\n% made by hand\n3 3 2\n1 2\n3 1\n")
+    path.write_text(
+        "%%MatrixMarket matrix coordinate pattern general\n% made by hand\n3 3 2\n1 2\n3 1\n"
+    )
     assert sorted(read(path).modes["G"]) == [(0, 1, 1), (2, 0, 1)]
-    path.write_text("%%MatrixMarket matrix coordinate real general\n3 3 3\n1 2 0.1\n2 3 0.0\n3 1 0e0\n")
+    path.write_text(
+        "%%MatrixMarket matrix coordinate real general\n3 3 3\n1 2 0.1\n2 3 0.0\n3 1 0e0\n"
+    )
     assert list(read(path).modes["G"]) == [(0, 1, Fraction(1, 10))]
 
 
@@ -72,7 +76,9 @@ def test_graphml_and_gml_know_the_same_names_of_weights(tmp_path, name):
     nx.write_graphml(graph, tmp_path / "net.graphml")
     nx.write_gml(graph, tmp_path / "net.gml")
     for ending in ("graphml", "gml"):
-        assert [weight for _, _, weight in read(tmp_path / f"net.{ending}").modes["G"]] == [Fraction(5, 2)]
+        assert [weight for _, _, weight in read(tmp_path / f"net.{ending}").modes["G"]] == [
+            Fraction(5, 2)
+        ]
 
 
 PARALLEL = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
@@ -97,7 +103,9 @@ def test_parallel_edges_and_loops_of_a_graph_are_refused_with_the_cure_that_work
 
 def test_weights_of_gml_may_be_called_value_and_labels_may_be_missing(tmp_path):
     path = tmp_path / "net.gml"
-    path.write_text("graph [ node [ id 3 ] node [ id 1 ] edge [ source 3 target 1 value 2 graphics [ w 9 ] ] ]")
+    path.write_text(
+        "graph [ node [ id 3 ] node [ id 1 ] edge [ source 3 target 1 value 2 graphics [ w 9 ] ] ]"
+    )
     network = read(path)
     assert network.labels == ("1", "3")
     assert sorted(network.modes["G"]) == [(0, 1, 2), (1, 0, 2)]
@@ -105,10 +113,17 @@ def test_weights_of_gml_may_be_called_value_and_labels_may_be_missing(tmp_path):
 
 def test_lists_of_pajek_name_all_that_a_vertex_leads_to(tmp_path):
     path = tmp_path / "net.net"
-    path.write_text('*Network x\n*Vertices 3\n1 "a" 0.1 0.2\n2 b\n*Arcslist\n1 2 3\n*Edges\n2 3 0.5\n')
+    path.write_text(
+        '*Network x\n*Vertices 3\n1 "a" 0.1 0.2\n2 b\n*Arcslist\n1 2 3\n*Edges\n2 3 0.5\n'
+    )
     network = read(path)
     assert network.labels == ("a", "b", "3")
-    assert sorted(network.modes["G"]) == [(0, 1, 1), (0, 2, 1), (1, 2, Fraction(1, 2)), (2, 1, Fraction(1, 2))]
+    assert sorted(network.modes["G"]) == [
+        (0, 1, 1),
+        (0, 2, 1),
+        (1, 2, Fraction(1, 2)),
+        (2, 1, Fraction(1, 2)),
+    ]
 
 
 MM = "%%MatrixMarket matrix coordinate real general\n"
@@ -121,17 +136,41 @@ MM = "%%MatrixMarket matrix coordinate real general\n"
         ("net.gml", "graph [ node [ id 1", "a bracket is not closed"),
         ("net.gml", "graph [ ] ] x", "not valid GML near"),
         ("net.gml", "graph [ ] graph [ ]", "must hold one graph; it holds 2"),
-        ("net.gml", 'graph [ node [ id 1 label "a" ] node [ id 2 label "a" ] ]', "two nodes called 'a'"),
-        ("net.gml", "graph [ node [ id 1 ] edge [ source 1 target 2 ] ]", "edge 1 has the target '2'"),
-        ("net.gml", "graph [ node [ id 1 ] node [ id 2 ] edge [ source 1 target 2 weight -1 ] ]", "weight must be > 0"),
-        ("net.net", "*Vertices 2\n*Arcs\n1 3\n", "line 3 names vertex '3'; vertices are numbered 1 to 2"),
+        (
+            "net.gml",
+            'graph [ node [ id 1 label "a" ] node [ id 2 label "a" ] ]',
+            "two nodes called 'a'",
+        ),
+        (
+            "net.gml",
+            "graph [ node [ id 1 ] edge [ source 1 target 2 ] ]",
+            "edge 1 has the target '2'",
+        ),
+        (
+            "net.gml",
+            "graph [ node [ id 1 ] node [ id 2 ] edge [ source 1 target 2 weight -1 ] ]",
+            "weight must be > 0",
+        ),
+        (
+            "net.net",
+            "*Vertices 2\n*Arcs\n1 3\n",
+            "line 3 names vertex '3'; vertices are numbered 1 to 2",
+        ),
         ("net.net", "*Vertices 2 1\n*Edges\n1 2\n", "two kinds of vertices"),
-        ("net.net", "*Vertices 2\n*Matrix\n0 1\n1 0\n", r"has the part '\*Matrix', which is not read"),
+        (
+            "net.net",
+            "*Vertices 2\n*Matrix\n0 1\n1 0\n",
+            r"has the part '\*Matrix', which is not read",
+        ),
         ("net.net", "*Vertices 2\n*Arcs\n1 2\n*Vertices 2\n", "begins a second network"),
         ("net.net", "*Vertices 99999999999\n", "must say how many nodes there are"),
         ("net.net", '*Vertices 2\n1 "a"\n2 "a"\n', "two nodes called 'a'"),
         ("net.mtx", "1 2 0.5\n", "must begin with %%MatrixMarket"),
-        ("net.mtx", MM.replace("real", "complex") + "2 2 1\n1 2 1 1\n", "must begin with %%MatrixMarket"),
+        (
+            "net.mtx",
+            MM.replace("real", "complex") + "2 2 1\n1 2 1 1\n",
+            "must begin with %%MatrixMarket",
+        ),
         ("net.mtx", MM + "2 3 1\n1 2 1\n", "must be square"),
         ("net.mtx", MM + "2 2 2\n1 2 1\n", "announces 2 entries and holds 1"),
         ("net.mtx", MM + "2 2 1\n1 3 1\n", "leaves the matrix, which is 2 x 2"),

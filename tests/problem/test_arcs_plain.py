@@ -85,12 +85,45 @@ def test_a_wrong_line_is_named_as_it_is_line_by_line(case, tmp_path):
 def test_random_tables_have_one_outcome(tmp_path):
     """300 tables of likely and unlikely pieces: the same arcs, or the same message."""
     r = Random(5)
-    pieces = ["1", "2", "3", "9", "12", "from", "to", "weight", "0.5", "2/3", ",", ",", " ", ";", "\n", "\n", "\t", '"']
-    pieces += ["#", "%", "{", "\r\n", "\x0b", "\x1c", "1,2\n", "3,4\n", "1 2\n", "2,3,0.1\n", "2 3 4\n"]
+    pieces = [
+        "1",
+        "2",
+        "3",
+        "9",
+        "12",
+        "from",
+        "to",
+        "weight",
+        "0.5",
+        "2/3",
+        ",",
+        ",",
+        " ",
+        ";",
+        "\n",
+        "\n",
+        "\t",
+        '"',
+    ]
+    pieces += [
+        "#",
+        "%",
+        "{",
+        "\r\n",
+        "\x0b",
+        "\x1c",
+        "1,2\n",
+        "3,4\n",
+        "1 2\n",
+        "2,3,0.1\n",
+        "2 3 4\n",
+    ]
     met = set()
     for _ in range(300):
         name = r.choice(["arcs.csv", "arcs.tsv", "arcs.edgelist"])
-        text = r.choice(["", "from,to\n", "1,2\n", "1 2\n"]) + "".join(r.choices(pieces, k=r.randrange(1, 7)))
+        text = r.choice(["", "from,to\n", "1,2\n", "1 2\n"]) + "".join(
+            r.choices(pieces, k=r.randrange(1, 7))
+        )
         quick, slow = (outcome(reader, tmp_path, name, text) for reader in (read, line_by_line))
         assert quick == slow, (name, text)
         met.add(type(quick))
@@ -98,7 +131,11 @@ def test_random_tables_have_one_outcome(tmp_path):
 
 
 def test_a_table_is_split_into_pieces_without_losing_a_line(tmp_path):
-    lines = [f"{1 + k % 9},{1 + (k // 9 + k) % 9},{k + 1}/7" for k in range(81) if k % 9 != (k // 9 + k) % 9]
+    lines = [
+        f"{1 + k % 9},{1 + (k // 9 + k) % 9},{k + 1}/7"
+        for k in range(81)
+        if k % 9 != (k // 9 + k) % 9
+    ]
     with patch.object(arcs_plain, "PIECE", 10):
         arcs = read(tmp_path, "arcs.csv", "\n".join(lines) + "\n")
     assert [f"{i + 1},{j + 1},{(7 * w)}/7" for i, j, w in arcs] == lines

@@ -1,4 +1,5 @@
-"""Edge lists and CSV files as other programs write them: read as they are meant, or refused with the cure."""
+"""Edge lists and CSV files as other programs write them: read as they are meant, or refused with
+the cure."""
 
 from fractions import Fraction
 
@@ -34,15 +35,24 @@ CHAIN = plain("12", "23", "31")
         ("unknown.csv", "id_1,id_2\n1,2\n2,3\n3,1\n"),
         ("weights.csv", "edge1,edge2,weight\n1,2,1\n2,3,1\n3,1,1\n"),
         ("weights_w.csv", "W;Source;Target\n1;1;2\n1;2;3\n1;3;1\n"),
-        ("blanks.txt", "% a comment\n# FromNodeId ToNodeId\nsource target\n1 2\n2\t3\n3 1 # last\n"),
+        (
+            "blanks.txt",
+            "% a comment\n# FromNodeId ToNodeId\nsource target\n1 2\n2\t3\n3 1 # last\n",
+        ),
         ("tabs.tsv", "src\tdst\n1\t2\n2\t3\n3\t1\n"),
         ("tabs.csv", "1\t2\n2\t3\n3\t1\n"),
         ("semicolons.csv", "from;to\n1;2\n2;3\n3;1\n"),
         ("semicolons.edges", "1;2\n2;3\n3;1\n"),
         ("comments.csv", "# made by hand\n1,2\n% more\n2,3\n3,1\n"),
-        ("dicts.edgelist", "1 2 {}\n2 3 {'colour': '#ff0000', \"weight\": 1.0}\n3 1 {'weight': 1}\n"),
+        (
+            "dicts.edgelist",
+            "1 2 {}\n2 3 {'colour': '#ff0000', \"weight\": 1.0}\n3 1 {'weight': 1}\n",
+        ),
         ("dicts.csv.txt", "1,2,{'weight': 1.0}\n2,3,{}\n3,1,{}\n"),
-        ("extra.csv", "Id,Label,Source,Target,Weight,Length\n7,x,1,2,1,9\n8,y,2,3,1,9\n9,z,3,1,1,9\n"),
+        (
+            "extra.csv",
+            "Id,Label,Source,Target,Weight,Length\n7,x,1,2,1,9\n8,y,2,3,1,9\n9,z,3,1,1,9\n",
+        ),
     ],
 )
 def test_the_same_three_arcs_however_they_are_written(tmp_path, name, text):
@@ -61,13 +71,22 @@ def test_edge_lists_of_networkx_keep_their_weights(tmp_path):
 
 def test_a_table_of_gephi_says_of_each_edge_whether_it_is_directed(tmp_path):
     text = "Source,Target,Type,Id,Label,Weight\nA,B,Undirected,0,,2\nB,C,Directed,1,,1\n"
-    assert triples(read(tmp_path, "gephi.csv", text)) == [("A", "B", 2), ("B", "A", 2), ("B", "C", 1)]
-    with pytest.raises(SpecError, match="line 3 must say Directed or Undirected in the column of types; got 'mutual'"):
+    assert triples(read(tmp_path, "gephi.csv", text)) == [
+        ("A", "B", 2),
+        ("B", "A", 2),
+        ("B", "C", 1),
+    ]
+    with pytest.raises(
+        SpecError,
+        match="line 3 must say Directed or Undirected in the column of types; got 'mutual'",
+    ):
         read(tmp_path, "gephi.csv", text.replace("Directed,1", "mutual,1"))
 
 
 def test_the_first_comment_of_konect_says_whether_edges_are_directed(tmp_path):
-    assert triples(read(tmp_path, "out.txt", "% sym unweighted\n% 2 3 3\n1 2\n2 3\n")) == plain("12", "21", "23", "32")
+    assert triples(read(tmp_path, "out.txt", "% sym unweighted\n% 2 3 3\n1 2\n2 3\n")) == plain(
+        "12", "21", "23", "32"
+    )
     assert triples(read(tmp_path, "out.txt", "% asym unweighted\n1 2\n2 3\n")) == plain("12", "23")
     assert triples(read(tmp_path, "out.txt", "% symmetric things\n1 2\n2 3\n")) == plain("12", "23")
     with pytest.raises(SpecError, match="line 2 must have 2 or 3 columns"):
@@ -80,33 +99,56 @@ def test_labels_with_blanks_are_separated_by_tabs_or_commas(tmp_path):
     wanted = [("New York", "Room 5", 1), ("Room 5", "Room 6", 1)]
     assert triples(read(tmp_path, "rooms.txt", "New York\tRoom 5\nRoom 5\tRoom 6\n")) == wanted
     assert triples(read(tmp_path, "rooms.csv", "New York,Room 5\nRoom 5,Room 6\n")) == wanted
-    assert triples(read(tmp_path, "quoted.txt", '"New York","Room 5"\n"Room 5","Room 6"\n')) == wanted
+    assert (
+        triples(read(tmp_path, "quoted.txt", '"New York","Room 5"\n"Room 5","Room 6"\n')) == wanted
+    )
 
 
 def test_a_first_line_of_which_a_name_occurs_again_is_an_arc(tmp_path):
-    assert triples(read(tmp_path, "names.csv", "lead,wing\nwing,tail\n")) == [("lead", "wing", 1), ("wing", "tail", 1)]
+    assert triples(read(tmp_path, "names.csv", "lead,wing\nwing,tail\n")) == [
+        ("lead", "wing", 1),
+        ("wing", "tail", 1),
+    ]
     assert triples(read(tmp_path, "one.csv", "lead,wing\n")) == [("lead", "wing", 1)]
-    assert triples(read(tmp_path, "mixed.csv", "base,1\n1,2\n")) == [("1", "2", 1), ("base", "1", 1)]
+    assert triples(read(tmp_path, "mixed.csv", "base,1\n1,2\n")) == [
+        ("1", "2", 1),
+        ("base", "1", 1),
+    ]
 
 
 def test_a_header_stays_a_header_when_agents_have_its_names(tmp_path):
     """Labels and arcs of an import come from the same rows."""
-    assert triples(read(tmp_path, "net.csv", "from,to\nfrom,x\nx,to\n")) == [("from", "x", 1), ("x", "to", 1)]
+    assert triples(read(tmp_path, "net.csv", "from,to\nfrom,x\nx,to\n")) == [
+        ("from", "x", 1),
+        ("x", "to", 1),
+    ]
 
 
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
-        ("net.csv", "alpha,beta\na,b\nb,c\n", r"line 1 \(alpha, beta\) may be a header or an arc.*Begin the file with"),
+        (
+            "net.csv",
+            "alpha,beta\na,b\nb,c\n",
+            r"line 1 \(alpha, beta\) may be a header or an arc.*Begin the file with",
+        ),
         (
             "net.csv",
             "id_1,id_2,distance\n1,2,7\n",
             r"columns \(id_1, id_2, distance\) are not known.*from,to or source",
         ),
-        ("net.csv", "from,to,distance\n1,2,7\n", "names a column 'distance', which is not known.*Call it weight"),
+        (
+            "net.csv",
+            "from,to,distance\n1,2,7\n",
+            "names a column 'distance', which is not known.*Call it weight",
+        ),
         ("net.csv", "from,to,weight,w\n1,2,7,1\n", "names columns of the same meaning: weight, w"),
         ("net.csv", "from,to,weight\n1,2,0,5\n", "line 2 has 4 columns; the header names 3"),
-        ("net.csv", "from;to;weight\n1;2;0,5\n", "line 2 has the number '0,5' with a decimal comma.*0.5"),
+        (
+            "net.csv",
+            "from;to;weight\n1;2;0,5\n",
+            "line 2 has the number '0,5' with a decimal comma.*0.5",
+        ),
         ("net.csv", "1;2;0,5\n", "line 1 holds commas and semicolons"),
         ("net.csv", "1 2 0,5\n", "line 1 has the number '0,5' with a decimal comma"),
         ("net.edges", "1 2 0,5\n", "line 1 has the number '0,5' with a decimal comma"),
@@ -115,10 +157,18 @@ def test_a_header_stays_a_header_when_agents_have_its_names(tmp_path):
         ("net.txt", "1 -> 2\n2 -> 3\n", "line 1 holds '->': it is no list of arcs.*Write a b"),
         ("net.txt", "1: 2 3\n2: 3\n", "line 1 holds '1:': it is no list of arcs"),
         ("net.edges", "1 2 3 4\n", "line 1 must have 2 or 3 columns"),
-        ("net.edges", "1 2 {'weight': [1]}\n", r"has attributes that cannot be read.*nx.write_weighted_edgelist"),
+        (
+            "net.edges",
+            "1 2 {'weight': [1]}\n",
+            r"has attributes that cannot be read.*nx.write_weighted_edgelist",
+        ),
         ("net.edges", "1 2 {'weight': 1\n", r"has attributes that cannot be read"),
         ("net.csv", "a,b\na,b\n", 'line 2 repeats an arc.*merge = "sum" beside file.*--merge sum'),
-        ("net.csv", "a,b\nb,b\n", "line 2 is a self-arc.*drop_loops = true beside file.*--drop-loops"),
+        (
+            "net.csv",
+            "a,b\nb,b\n",
+            "line 2 is a self-arc.*drop_loops = true beside file.*--drop-loops",
+        ),
     ],
 )
 def test_what_could_mean_two_things_is_refused_with_the_cure(tmp_path, name, text, match):
@@ -166,10 +216,16 @@ def test_readers_in_python_know_both(tmp_path):
     graph = nx.MultiDiGraph([("a", "b"), ("a", "b"), ("b", "b")])
     network = dd.Network.from_networkx(graph, arrow="listens_to", merge="sum", drop_loops=True)
     assert list(network.modes["G"]) == [(0, 1, Fraction(2))]
-    assert dd.Network.from_arcs(list(graph.edges()), arrow="listens_to", merge="sum", drop_loops=True) == network
+    assert (
+        dd.Network.from_arcs(list(graph.edges()), arrow="listens_to", merge="sum", drop_loops=True)
+        == network
+    )
     with pytest.raises(SpecError, match='from_networkx do with merge="sum"'):
         dd.Network.from_networkx(graph, arrow="listens_to", drop_loops=True)
     with pytest.raises(SpecError, match="with drop_loops=True"):
         dd.Network.from_networkx(graph, arrow="listens_to", merge="sum")
     matrix = nx.to_scipy_sparse_array(graph)
-    assert dd.Network.from_sparse(matrix, arrow="listens_to", labels=["a", "b"], drop_loops=True) == network
+    assert (
+        dd.Network.from_sparse(matrix, arrow="listens_to", labels=["a", "b"], drop_loops=True)
+        == network
+    )

@@ -27,7 +27,9 @@ def triangle(**settings) -> Problem:
 
 
 def two_modes() -> Problem:
-    return Problem(network=Network.from_arcs({"a": [[1, 2]], "b": [[2, 1]]}, arrow="listens_to"), coupling="y")
+    return Problem(
+        network=Network.from_arcs({"a": [[1, 2]], "b": [[2, 1]]}, arrow="listens_to"), coupling="y"
+    )
 
 
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -36,7 +38,9 @@ EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 def test_the_first_mode_is_the_default_and_an_unknown_one_is_refused_with_those_that_exist():
     assert chosen_mode(two_modes(), None) == "a"
     assert chosen_mode(two_modes(), "b") == "b"
-    with pytest.raises(SpecError, match=r"mode must be one of the problem's modes \(a, b\); got 'c'"):
+    with pytest.raises(
+        SpecError, match=r"mode must be one of the problem's modes \(a, b\); got 'c'"
+    ):
         chosen_mode(two_modes(), "c")
 
 
@@ -50,9 +54,13 @@ def test_a_gain_that_is_handed_over_wins_and_may_have_more_digits_than_a_problem
 
 
 def test_a_gain_that_is_missing_or_of_the_wrong_shape_or_without_an_exosystem_is_refused():
-    with pytest.raises(SpecError, match=r"observer.W must be known .* no W\. Give W in \[observer\], or design one"):
+    with pytest.raises(
+        SpecError, match=r"observer.W must be known .* no W\. Give W in \[observer\], or design one"
+    ):
         required_gain(triangle(exosystem=EXOSYSTEM), None)
-    with pytest.raises(ShapeError, match=r"gain must have shape \(2, 1\), one row per exosystem state"):
+    with pytest.raises(
+        ShapeError, match=r"gain must have shape \(2, 1\), one row per exosystem state"
+    ):
         chosen_gain(triangle(exosystem=EXOSYSTEM), [[1, 2]])
     with pytest.raises(SpecError, match="gain has no meaning without an"):
         chosen_gain(triangle(), [[1]])
@@ -76,7 +84,9 @@ def test_what_no_arc_of_the_mode_uses_makes_no_group():
     problem = Problem(network=network, coupling="y", exceptions={(0, 1): "sin(y)"})
     assert [group.coupling.texts for group in arc_groups(problem, "a")] == [("sin(y)",)]
     assert [group.coupling.texts for group in arc_groups(problem, "b")] == [("y",)]
-    problem = Problem(network=Network.from_arcs({"a": [[1, 2]], "b": []}, arrow="listens_to"), coupling="y")
+    problem = Problem(
+        network=Network.from_arcs({"a": [[1, 2]], "b": []}, arrow="listens_to"), coupling="y"
+    )
     assert arc_groups(problem, "b") == ()
     assert consensus_jacobian(problem, "b").nnz == 0
 
@@ -92,6 +102,9 @@ def test_differences_and_their_sums_follow_the_arcs():
 def test_the_jacobian_at_the_consensus_is_minus_the_laplacian_of_the_gains_where_there_is_one():
     """(11) at e = 0, by hand: gains 6, 2 and 1."""
     expected = [[-7, 6, 1], [0, -2, 2], [0, 0, 0]]
-    assert consensus_jacobian(triangle(exceptions={(0, 2): "sin(y)"}), "G").toarray().tolist() == expected
+    assert (
+        consensus_jacobian(triangle(exceptions={(0, 2): "sin(y)"}), "G").toarray().tolist()
+        == expected
+    )
     assert consensus_jacobian(triangle(exceptions={(0, 2): "y + abs(y)"}), "G") is None
     assert consensus_jacobian(triangle(exceptions={(0, 2): "clip(y, -1, 1)"}), "G") is not None

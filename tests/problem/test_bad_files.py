@@ -1,6 +1,8 @@
-"""Every wrong problem file is refused with its key and a cure, in little time, and nothing is left behind.
+"""Every wrong problem file is refused with its key and a cure, in little time, and nothing is left
+behind.
 
-The cases stand in ``tests/support/bad_files.py``; the reader is given each as a file in a folder of its own.
+The cases stand in ``tests/support/bad_files.py``; the reader is given each as a file in a folder of
+its own.
 """
 
 import time
@@ -16,7 +18,8 @@ from dobc_design.problem.problem import Problem
 
 @pytest.mark.parametrize("case", BAD_FILES, ids=lambda case: case.id)
 def test_a_bad_file_is_refused_by_key_and_in_words(case, tmp_path):
-    """Contract: one clear error that names the key, says what it must be and what it was; nothing written."""
+    """Contract: one clear error that names the key, says what it must be and what it was; nothing
+    written."""
     path = write_case(case, tmp_path)
     before, start = listing(tmp_path), time.process_time()
     with pytest.raises(SpecError) as caught:

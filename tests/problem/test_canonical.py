@@ -1,4 +1,5 @@
-"""problem.json: a function of the problem alone, read back exactly, and safe to read from anybody."""
+"""problem.json: a function of the problem alone, read back exactly, and safe to read from
+anybody."""
 
 import json
 from collections.abc import Iterator
@@ -76,30 +77,49 @@ def test_the_bytes_are_utf_8_json_with_sorted_keys_and_no_white_space():
     assert data.endswith(b"\n")
     assert "Zürich 東京".encode() in data
     parsed = json.loads(data)
-    assert data == json.dumps(parsed, sort_keys=True, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
+    assert (
+        data
+        == json.dumps(parsed, sort_keys=True, ensure_ascii=False, separators=(",", ":")).encode()
+        + b"\n"
+    )
 
 
 def test_the_arrow_and_the_way_a_number_is_typed_leave_no_trace():
     """Arcs are stored as listens_to index triples."""
     sends = Network.from_arcs({"G": [(2, 1)]}, arrow="sends_to", agents=2)
     listens = Network.from_arcs({"G": [(1, 2)]}, arrow="listens_to", agents=2)
-    texts = [canonical_bytes(Problem(network=network, coupling="y")) for network in (sends, listens)]
+    texts = [
+        canonical_bytes(Problem(network=network, coupling="y")) for network in (sends, listens)
+    ]
     assert texts[0] == texts[1]
     assert json.loads(texts[0])["modes"] == [{"name": "G", "arcs": [[0, 1, "1"]]}]
-    hashes = {problem_sha256(Problem(**PARTS | {"target": value})) for value in (3.2, "16/5", "3.20", Fraction(16, 5))}
+    hashes = {
+        problem_sha256(Problem(**PARTS | {"target": value}))
+        for value in (3.2, "16/5", "3.20", Fraction(16, 5))
+    }
     assert len(hashes) == 1
 
 
 @pytest.mark.parametrize("field", sorted(PARTS))
 def test_the_hash_changes_with_every_field(field):
-    assert problem_sha256(Problem(**PARTS)) != problem_sha256(Problem(**PARTS | {field: OTHERS[field]}))
+    assert problem_sha256(Problem(**PARTS)) != problem_sha256(
+        Problem(**PARTS | {field: OTHERS[field]})
+    )
 
 
 def test_the_hash_changes_with_the_order_of_modes_and_with_labels():
     own = PARTS["network"]
     turned = Network(labels=own.labels, modes=dict(reversed(own.modes.items())))
     renamed = Network(labels=("c", "b", "a"), modes=own.modes)
-    assert len({problem_sha256(Problem(**PARTS | {"network": each})) for each in (own, turned, renamed)}) == 3
+    assert (
+        len(
+            {
+                problem_sha256(Problem(**PARTS | {"network": each}))
+                for each in (own, turned, renamed)
+            }
+        )
+        == 3
+    )
 
 
 @pytest.mark.parametrize(
@@ -156,7 +176,9 @@ def test_a_wrong_value_is_refused_by_its_key(path, value, message):
 
 
 def tables(value: object) -> Iterator[dict]:
-    children = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    children = (
+        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    )
     yield from [value] if isinstance(value, dict) else []
     for child in children:
         yield from tables(child)

@@ -21,7 +21,13 @@ from dobc_design.problem.changes import (
     value_text,
 )
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import builtin_names, builtin_text, load_problem, read_problem_text, source_text
+from dobc_design.problem.load import (
+    builtin_names,
+    builtin_text,
+    load_problem,
+    read_problem_text,
+    source_text,
+)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +50,12 @@ def test_a_rational_is_written_the_short_way(value, typed):
 
 def test_what_is_written_means_the_same_number():
     for k in range(1, 400):
-        for value in (Fraction(k, 7), Fraction(k, 1000), Fraction(10) ** (k - 200), Fraction(k**12, 3**20)):
+        for value in (
+            Fraction(k, 7),
+            Fraction(k, 1000),
+            Fraction(10) ** (k - 200),
+            Fraction(k**12, 3**20),
+        ):
             assert parse_number(typed_number(value), key="k") == value
 
 
@@ -72,8 +83,19 @@ CHANGES = [
     {"pinning.gains": {str(i): 0.5 for i in range(1, 11)} | {"1": 3}},
     {"observer.W": [[1], [2]], "observer.P": None},
     {"observer.W": None, "observer.P": None},
-    {"exosystem": None, "observer": None, "simulation.xi0": None, "region.initial_disturbance": None},
-    {"exosystem.A": [[0]], "exosystem.C": [[1]], "observer": None, "simulation.xi0": [3], "observer.rate": 1},
+    {
+        "exosystem": None,
+        "observer": None,
+        "simulation.xi0": None,
+        "region.initial_disturbance": None,
+    },
+    {
+        "exosystem.A": [[0]],
+        "exosystem.C": [[1]],
+        "observer": None,
+        "simulation.xi0": [3],
+        "observer.rate": 1,
+    },
 ]
 
 
@@ -103,15 +125,21 @@ def test_comments_and_order_stay_a_missing_table_is_added_and_an_empty_one_goes(
     different = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
     assert [a.split("=")[0].strip() for a, _ in different] == ["gains"]
     assert different[0][1] == 'gains = {3 = 0.25, 7 = "9/16"} # set by dobc certify --apply-fix'
-    text = changed_text(TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }", ""), {"pinning.gains": {"1": 1}})
+    text = changed_text(
+        TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }", ""), {"pinning.gains": {"1": 1}}
+    )
     assert read(text).pinning.agents == (0,)
     assert "[observer]" not in changed_text(TEXT, {"observer.W": None, "observer.P": None})
 
 
-@pytest.mark.parametrize("gains", ["[pinning.gains]\n1 = 5\n6 = 5", "[pinning]\ngains.1 = 5\ngains.6 = 5"])
+@pytest.mark.parametrize(
+    "gains", ["[pinning.gains]\n1 = 5\n6 = 5", "[pinning]\ngains.1 = 5\ngains.6 = 5"]
+)
 @pytest.mark.parametrize("changes", CHANGES[:3])
 def test_other_ways_to_write_the_gains_are_changed_too(gains, changes):
-    text = TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }              # stand-in, see above", gains)
+    text = TEXT.replace(
+        "[pinning]\ngains = { 1 = 5, 6 = 5 }              # stand-in, see above", gains
+    )
     assert text != TEXT
     problem = load_problem("paper-fixed")
     found = changed_file(problem, changes, text=text, folder=Path())
@@ -119,10 +147,20 @@ def test_other_ways_to_write_the_gains_are_changed_too(gains, changes):
 
 
 def test_lines_of_a_table_that_say_the_same_stay_with_their_comments():
-    lines = ["[pinning.gains]", "1 = 5.0  # the leader", "# two that listen", '6 = "5"  # the other half', "3 = 1"]
-    text = TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }              # stand-in, see above", "\n".join(lines))
+    lines = [
+        "[pinning.gains]",
+        "1 = 5.0  # the leader",
+        "# two that listen",
+        '6 = "5"  # the other half',
+        "3 = 1",
+    ]
+    text = TEXT.replace(
+        "[pinning]\ngains = { 1 = 5, 6 = 5 }              # stand-in, see above", "\n".join(lines)
+    )
     problem = read(text, name="paper-fixed")
-    found = changed_file(problem, {"pinning.gains": {"1": 5, "6": 7, "9": 0.25}}, text=text, folder=Path()).splitlines()
+    found = changed_file(
+        problem, {"pinning.gains": {"1": 5, "6": 7, "9": 0.25}}, text=text, folder=Path()
+    ).splitlines()
     for line in (*lines[:3], f"6 = 7 # {REMARK}", f"9 = 0.25 # {REMARK}"):
         assert line in found
     assert lines[4] not in found
@@ -156,14 +194,17 @@ def test_arcs_in_a_file_that_is_not_reached_from_the_new_folder_are_written_out(
     (tmp_path / "arcs.csv").write_text("1,2\n2,1\n", encoding="utf-8")
     source = tmp_path / "problem.toml"
     source.write_text(
-        'name = "n"\n[network]\nagents = 2\narrow = "listens_to"\n[network.modes]\nG = { file = "arcs.csv" }\n'
+        'name = "n"\n[network]\nagents = 2\narrow = "listens_to"\n[network.modes]\nG = { '
+        'file = "arcs.csv" }\n'
         '[coupling]\nh = "y"\n',
         encoding="utf-8",
     )
     problem, changes = load_problem(source), {"pinning.gains": {"1": 1}}
     beside = changed_file(problem, changes, text=source_text(source), folder=tmp_path)
     assert "arcs.csv" in beside
-    elsewhere = changed_file(problem, changes, text=source_text(source), folder=tmp_path / "elsewhere")
+    elsewhere = changed_file(
+        problem, changes, text=source_text(source), folder=tmp_path / "elsewhere"
+    )
     assert "arcs.csv" not in elsewhere
     assert canonical_bytes(read(elsewhere)) == canonical_bytes(changed_problem(problem, changes))
 

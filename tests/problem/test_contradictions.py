@@ -1,4 +1,5 @@
-"""What a file states that cannot be kept together, or that changes nothing: warnings with their numbers."""
+"""What a file states that cannot be kept together, or that changes nothing: warnings with their
+numbers."""
 
 from typing import Any
 
@@ -26,19 +27,22 @@ CASES: tuple[tuple[str, dict[str, Any], dict[str, Any], str], ...] = (
         "a limit below the amplitude that is stated",
         {"actuators": {"limit": "1/2", "amplitude": 2}},
         {"actuators": {"limit": "2.1", "amplitude": 2}},
-        "The actuator limit 0.5 of every agent is below the disturbance, which reaches 2 (actuators.amplitude)",
+        "The actuator limit 0.5 of every agent is below the disturbance, which reaches 2 "
+        "(actuators.amplitude)",
     ),
     (
         "a limit that the disturbance takes to the last",
         {"actuators": {"limit": 2, "amplitude": 2}},
         {"actuators": {"limit": "2.001", "amplitude": 2}},
-        "The actuator limit 2 of every agent equals the disturbance, which reaches 2 (actuators.amplitude): cancelling",
+        "The actuator limit 2 of every agent equals the disturbance, which reaches 2 "
+        "(actuators.amplitude): cancelling",
     ),
     (
         "a limit below the amplitude of the runs",
         {"actuators": {"limit": 4}, "simulation": {"xi0": [3, 4]}},
         {"actuators": {"limit": "5.1"}, "simulation": {"xi0": [3, 4]}},
-        "The actuator limit 4 of every agent is below the disturbance, which reaches 5 (from simulation.xi0)",
+        "The actuator limit 4 of every agent is below the disturbance, which reaches 5 "
+        "(from simulation.xi0)",
     ),
     (
         "a limit of one agent",
@@ -68,7 +72,8 @@ CASES: tuple[tuple[str, dict[str, Any], dict[str, Any], str], ...] = (
         "weights that are mostly error",
         {"uncertainty": {"weights": "0.6"}},
         {"uncertainty": {"weights": "0.5"}},
-        "uncertainty.weights = 0.6 says that every arc weight may be 60 % off, from 0.4 to 1.6 times",
+        "uncertainty.weights = 0.6 says that every arc weight may be 60 % off, from 0.4 to "
+        "1.6 times",
     ),
     (
         "gains that are mostly error",
@@ -80,7 +85,8 @@ CASES: tuple[tuple[str, dict[str, Any], dict[str, Any], str], ...] = (
         "one sine in hz and in rad/s",
         {"exosystem": TWICE},
         {"exosystem": exosystems.of_parts(hz=["1/2"], frequencies=["3.2"])},
-        "The sines of 3.14 and 3.14159 rad/s (0.499747 and 0.5 Hz) differ only over 3.95e+03 s. Is it one sine",
+        "The sines of 3.14 and 3.14159 rad/s (0.499747 and 0.5 Hz) differ only over "
+        "3.95e+03 s. Is it one sine",
     ),
     (
         "one number in both units",
@@ -104,12 +110,15 @@ CASES: tuple[tuple[str, dict[str, Any], dict[str, Any], str], ...] = (
         "an estimation error as large as the region",
         {"region": {"initial_states": [0, 3], "initial_disturbance": 2}},
         {"region": {"initial_states": [0, 3], "initial_disturbance": "1.9"}},
-        "region.initial_disturbance = 2 is as large as the region itself, which reaches 2 from the target",
+        "region.initial_disturbance = 2 is as large as the region itself, which reaches 2 "
+        "from the target",
     ),
 )
 
 
-@pytest.mark.parametrize(("wrong", "right", "words"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
+@pytest.mark.parametrize(
+    ("wrong", "right", "words"), [case[1:] for case in CASES], ids=[case[0] for case in CASES]
+)
 def test_a_contradiction_is_named_with_its_numbers_and_its_twin_is_not(
     wrong: dict[str, Any], right: dict[str, Any], words: str
 ):
@@ -118,22 +127,37 @@ def test_a_contradiction_is_named_with_its_numbers_and_its_twin_is_not(
 
 
 def test_the_bound_of_runs_is_that_of_the_agent_that_is_disturbed_most():
-    """Constant 1 and a sine of amplitude 5 (3, 4): 6 together; agents that start at rest reach nothing."""
+    """Constant 1 and a sine of amplitude 5 (3, 4): 6 together; agents that start at rest reach
+    nothing."""
     exosystem = exosystems.total(exosystems.constant(), SINE)
     rows = [[0, 0, 0], [1, 3, 4], [0, 0, 0], [0, 0, 0]]
-    given = {"exosystem": exosystem, "simulation": {"xi0": rows}, "actuators": {"limit": 5}, "region": None}
+    given = {
+        "exosystem": exosystem,
+        "simulation": {"xi0": rows},
+        "actuators": {"limit": 5},
+        "region": None,
+    }
     (warning,) = warnings(Problem(**SOUND | given))
     assert "The actuator limit 5 of agent 2 is below the disturbance, which reaches 6" in warning
 
 
 def test_an_agent_without_a_disturbance_needs_no_room_for_one():
     """Agent 2 alone is disturbed: by the stated amplitude, or from its start, of amplitude 5."""
-    given: dict[str, Any] = {"exosystem": None, "groups": [Group(agents=[2], exosystem=SINE)], "region": None}
+    given: dict[str, Any] = {
+        "exosystem": None,
+        "groups": [Group(agents=[2], exosystem=SINE)],
+        "region": None,
+    }
     (stated,) = warnings(Problem(**SOUND | given | {"actuators": {"limit": 1, "amplitude": 2}}))
-    assert "The actuator limit 1 of agent 2 is below the disturbance, which reaches 2 (actuators" in stated
+    assert (
+        "The actuator limit 1 of agent 2 is below the disturbance, which reaches 2 (actuators"
+        in stated
+    )
     started = given | {"actuators": {"limit": 1}, "simulation": {"xi0": [[], [3, 4], [], []]}}
     (warning,) = warnings(Problem(**SOUND | started))
-    assert "The actuator limit 1 of agent 2 is below the disturbance, which reaches 5 (from" in warning
+    assert (
+        "The actuator limit 1 of agent 2 is below the disturbance, which reaches 5 (from" in warning
+    )
 
 
 def test_warnings_come_before_remarks_and_in_every_view():
@@ -146,7 +170,9 @@ def test_warnings_come_before_remarks_and_in_every_view():
 
 def test_numbers_that_no_float_holds_stop_no_warning():
     given = {"gains": {4: "1e400"}, "actuators": {"limit": "1e-390", "amplitude": "1e390"}}
-    assert any("The actuator limit 1e-390" in warning for warning in warnings(Problem(**SOUND | given)))
+    assert any(
+        "The actuator limit 1e-390" in warning for warning in warnings(Problem(**SOUND | given))
+    )
 
 
 @pytest.mark.parametrize("name", builtin_names())

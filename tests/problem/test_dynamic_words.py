@@ -16,26 +16,39 @@ from dobc_design.report.write import render_report
 
 
 def test_check_tells_the_equation_the_inputs_and_the_row_gains():
-    """x' = A x + B (couplings + u + d); no u0 where it is 0; k = [2 4] stands for 2 times y1 + 2 y2."""
+    """x' = A x + B (couplings + u + d); no u0 where it is 0; k = [2 4] stands for 2 times y1 + 2
+    y2."""
     text = str(double_integrators())
-    assert "Agents: x' = A x + B (couplings + u + d), 1 input each, A = [0 1; 0 0], B = [0; 1]." in text
+    assert (
+        "Agents: x' = A x + B (couplings + u + d), 1 input each, A = [0 1; 0 0], B = [0; 1]."
+        in text
+    )
     assert "Pinned: a (k = [2 4]), b (k = [1 2])." in text
     assert "u0" not in text
-    assert "x' = f(x) + B (couplings + u + d), 1 input each, f = (x2, -x1**3 - x2/2)" in str(pendulums())
+    assert "x' = f(x) + B (couplings + u + d), 1 input each, f = (x2, -x1**3 - x2/2)" in str(
+        pendulums()
+    )
     assert "Inputs u0 that hold the goals: 1." in str(pendulums())
-    assert facts(double_integrators())["inputs"] == 1 and "inputs" not in facts(dd.load_problem("paper-fixed"))
+    assert facts(double_integrators())["inputs"] == 1 and "inputs" not in facts(
+        dd.load_problem("paper-fixed")
+    )
 
 
 def test_inputs_that_hold_the_goals_are_named_by_agent():
     """A goal + B u0 = 0: at (1, 0, 2) for a and b, at (2, 0, 3) for c."""
-    assert "Inputs u0 that hold the goals: (0.625, 2.375) for c, (0.25, 1.75) for a." in str(three_states())
+    assert "Inputs u0 that hold the goals: (0.625, 2.375) for c, (0.25, 1.75) for a." in str(
+        three_states()
+    )
 
 
 def test_agents_that_no_pin_reaches_are_not_said_to_drift():
     """A Hurwitz A holds them: no remark; with A = 0 there is one."""
     alone = dd.Network.from_arcs([["a", "b"]], arrow="listens_to")
     held = dd.Problem(network=alone, coupling="y", dynamics={"A": [[-1]]})
-    assert "NOT REACHED from a pinned agent: a, b (nothing but their own dynamics holds them)." in str(held)
+    assert (
+        "NOT REACHED from a pinned agent: a, b (nothing but their own dynamics holds them)."
+        in str(held)
+    )
     assert not any("pinned" in remark for remark in remarks(held))
     free = dd.Problem(network=alone, coupling="y", dynamics={"A": [[0]]})
     assert any("No agent is pinned" in remark for remark in remarks(free))
@@ -44,9 +57,14 @@ def test_agents_that_no_pin_reaches_are_not_said_to_drift():
 def test_couplings_are_not_judged_without_b():
     """h = -y with B = -1 attracts; h = 2 y2 with p = 1 does not vanish to first order."""
     pair = dd.Network.from_arcs([["a", "b"]], arrow="listens_to")
-    turned = dd.Problem(network=pair, coupling="-y", dynamics={"A": [[0]], "B": [[-1]]}, gains={"b": [[-1]]})
+    turned = dd.Problem(
+        network=pair, coupling="-y", dynamics={"A": [[0]], "B": [[-1]]}, gains={"b": [[-1]]}
+    )
     damped = dd.Problem(
-        network=pair, coupling="2*y2", dynamics={"A": [[0, 1], [-1, 0]], "B": [[0], [1]]}, gains={"b": [[0, 1]]}
+        network=pair,
+        coupling="2*y2",
+        dynamics={"A": [[0, 1], [-1, 0]], "B": [[0], [1]]},
+        gains={"b": [[0, 1]]},
     )
     assert not any("coupling" in remark for each in (turned, damped) for remark in remarks(each))
 
@@ -56,19 +74,24 @@ def test_silent_inputs_and_time_scales_are_those_of_the_plant():
     alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
     plant = {"A": [[-4, 0], [0, -4]]}
     exosystem = dd.Exosystem(A=[[0]], C=[[1], [0]])
-    problem = dd.Problem(network=alone, coupling=["y1", "y2"], dynamics=plant, target=[0, 0], exosystem=exosystem)
+    problem = dd.Problem(
+        network=alone, coupling=["y1", "y2"], dynamics=plant, target=[0, 0], exosystem=exosystem
+    )
     assert any("acts on input 2" in remark for remark in remarks(problem))
     assert "0.25 s (network)" in time_words(problem)
 
 
 @pytest.mark.parametrize("problem", [double_integrators(), pendulums()], ids=["carts", "pendulums"])
 def test_report_shows_the_plant_and_says_nothing_of_integrators_alone(problem):
-    """Typeset: x_i' = A_x x_i + B (...), u0, the matrices, f; no advice that is refused for such problems."""
+    """Typeset: x_i' = A_x x_i + B (...), u0, the matrices, f; no advice that is refused for such
+    problems."""
     document = report_document(certified(problem))
     page, text = html_page(document), markdown_page(document)
     moves = "A_x x_i" if problem.dynamics.f is None else "f(x_i)"
     assert rf"\dot x_i = {moves} + B" in text and r"u_i = -K_i e_i - \hat{d}_i + u^0_i" in text
-    assert "single integrators" not in text and "dobc design" not in text and "dobc export" not in text
+    assert (
+        "single integrators" not in text and "dobc design" not in text and "dobc export" not in text
+    )
     assert "those of integrators with the couplings B h" in text
     assert ("<mi>f</mi>" in page) is (problem.dynamics.f is not None)
     assert not re.search(r"\[[^]]*\] 1/s on", text)
@@ -94,7 +117,8 @@ def test_every_equation_of_the_report_has_its_formula_for_the_pdf():
 
 
 def test_full_report_has_diagnostics_runs_and_the_slow_signal_of_a_guarantee(monkeypatch):
-    """Eigenvalues and Lambda of the errors, one simulated run, and one under the slowest signal allowed."""
+    """Eigenvalues and Lambda of the errors, one simulated run, and one under the slowest signal
+    allowed."""
     arcs = {"ring": [["a", "b"], ["b", "c"], ["c", "a"]], "line": [["c", "b"], ["b", "a"]]}
     problem = double_integrators().replace(
         network=dd.Network.from_arcs(arcs, arrow="listens_to"),
@@ -103,7 +127,11 @@ def test_full_report_has_diagnostics_runs_and_the_slow_signal_of_a_guarantee(mon
     monkeypatch.setattr(pages, "html_page", lambda document, full: "")  # only the text is looked at
     files = render_report(dd.Certificate(problem=problem, claims=consensus_claims(problem)))
     text = files["report.md"].decode("utf-8")
-    assert "J − K, mode ring" in text and "A − WC" in text and "One run of 6 s in mode ring, line" in text
+    assert (
+        "J − K, mode ring" in text
+        and "A − WC" in text
+        and "One run of 6 s in mode ring, line" in text
+    )
 
 
 def test_a_row_gain_with_one_entry_is_no_number():

@@ -1,4 +1,5 @@
-"""[dynamics]: agents that are no integrators, as they are read, refused and written (theory, section 13)."""
+"""[dynamics]: agents that are no integrators, as they are read, refused and written (theory,
+section 13)."""
 
 import json
 from fractions import Fraction
@@ -44,7 +45,9 @@ B = [[0], [1]]
 
 
 def agents(**given) -> Problem:
-    return Problem(**{"network": NET, "coupling": "y1 + 2*y2", "gains": {1: 3}, "dynamics": DOUBLE} | given)
+    return Problem(
+        **{"network": NET, "coupling": "y1 + 2*y2", "gains": {1: 3}, "dynamics": DOUBLE} | given
+    )
 
 
 def written(tmp_path, text: str) -> Problem:
@@ -76,10 +79,26 @@ def test_gains_may_push_away():
     ("given", "message", "kind"),
     [
         ({"A": [[0, 1]]}, "dynamics.A must be square", ShapeError),
-        ({"A": [[0]], "B": [[1], [0]]}, "dynamics.B must have 1 row, one per state component; got 2.", ShapeError),
-        ({"A": [[0, 0], [0, 0]], "B": [[1, 2], [1, 2]]}, "dynamics.B must have full column rank", SpecError),
-        ({"A": [[0, 0], [0, 0]], "B": [[0], [0]]}, "dynamics.B must have full column rank", SpecError),
-        ({"A": [[0, 0], [0, 0]], "B": [[1, 0, 1], [0, 1, 0]]}, "dynamics.B must have full column rank", SpecError),
+        (
+            {"A": [[0]], "B": [[1], [0]]},
+            "dynamics.B must have 1 row, one per state component; got 2.",
+            ShapeError,
+        ),
+        (
+            {"A": [[0, 0], [0, 0]], "B": [[1, 2], [1, 2]]},
+            "dynamics.B must have full column rank",
+            SpecError,
+        ),
+        (
+            {"A": [[0, 0], [0, 0]], "B": [[0], [0]]},
+            "dynamics.B must have full column rank",
+            SpecError,
+        ),
+        (
+            {"A": [[0, 0], [0, 0]], "B": [[1, 0, 1], [0, 1, 0]]},
+            "dynamics.B must have full column rank",
+            SpecError,
+        ),
         ({}, "dynamics must have either A or f", SpecError),
         ({"A": [[0]], "f": ["x"]}, "dynamics must have either A or f", SpecError),
     ],
@@ -97,20 +116,48 @@ def test_what_cannot_be_dynamics_is_named(given, message, kind):
         ({"target": [3, 1]}, "target", ("The nearest one is [3, 0].",)),
         ({"offsets": {2: [0, 1]}}, "formation.offsets.2", ("The nearest one is [0, 0].",)),
         ({"uncertainty": {"weights": "1/10"}}, "uncertainty.weights", ("Remove it, or give 0.",)),
-        ({"actuators": {"limit": 3}}, "actuators", ("Remove [actuators], certify", "dobc stress FILE --saturation 3")),
+        (
+            {"actuators": {"limit": 3}},
+            "actuators",
+            ("Remove [actuators], certify", "dobc stress FILE --saturation 3"),
+        ),
         ({"coupling": ["y1", "y2"]}, "coupling.h", ("1 expression", "one per input")),
         ({"coupling": "y"}, "coupling.h[0]", ('did you mean "y1"',)),
         (
-            {"coupling": "y", "dynamics": {"A": [[0] * 3] * 3, "B": [[1, 0], [0, 1], [0, 0]]}, "target": [0] * 3},
+            {
+                "coupling": "y",
+                "dynamics": {"A": [[0] * 3] * 3, "B": [[1, 0], [0, 1], [0, 0]]},
+                "target": [0] * 3,
+            },
             "coupling.h",
             ("a list of 2 expressions, one per input", "y1 to y3"),
         ),
-        ({"gains": {1: [[1, 0], [0, 1]]}}, "pinning.gains.1", ("one row per input", "shape (2, 2)")),
+        (
+            {"gains": {1: [[1, 0], [0, 1]]}},
+            "pinning.gains.1",
+            ("one row per input", "shape (2, 2)"),
+        ),
         ({"gains": {1: -1}}, "pinning.gains.1", (">= 0",)),
-        ({"coupling": "sin(y1)"}, "pinning.gains.1", ("1 x 2 matrix", "the coupling is not linear")),
-        ({"exosystem": Exosystem(A=[[0]], C=[[1], [0]])}, "exosystem.C", ("1 row, one per input of [dynamics]",)),
-        ({"exosystem": HARMONIC, "observer": Observer(W=[[1, 0, 0], [0, 1, 0]])}, "observer.W", ("column",)),
-        ({"dynamics": {"A": [[0] * 101] * 101}, "coupling": "y"}, "dynamics", ("at most 100 state components",)),
+        (
+            {"coupling": "sin(y1)"},
+            "pinning.gains.1",
+            ("1 x 2 matrix", "the coupling is not linear"),
+        ),
+        (
+            {"exosystem": Exosystem(A=[[0]], C=[[1], [0]])},
+            "exosystem.C",
+            ("1 row, one per input of [dynamics]",),
+        ),
+        (
+            {"exosystem": HARMONIC, "observer": Observer(W=[[1, 0, 0], [0, 1, 0]])},
+            "observer.W",
+            ("column",),
+        ),
+        (
+            {"dynamics": {"A": [[0] * 101] * 101}, "coupling": "y"},
+            "dynamics",
+            ("at most 100 state components",),
+        ),
     ],
 )
 def test_mistakes_are_named_with_key_and_cure(given, key, words):
@@ -121,8 +168,13 @@ def test_mistakes_are_named_with_key_and_cure(given, key, words):
 
 
 def test_f_may_fill_its_2000_characters_and_both_programs_decide_it():
-    """f = -x - ... - x is -999 x: what is made of f to decide it is longer than f, which is no reason to refuse it."""
-    single = {"network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), "coupling": "y", "gains": {1: 5}}
+    """f = -x - ... - x is -999 x: what is made of f to decide it is longer than f, which is no
+    reason to refuse it."""
+    single = {
+        "network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
+        "coupling": "y",
+        "gains": {1: 5},
+    }
     long = "-" + "-".join(["x"] * 999)
     assert len(long) == 1998
     problem = Problem(**single, dynamics={"f": [long]}, target=0)
@@ -145,20 +197,32 @@ def test_h_may_fill_its_2000_characters_beside_a_b_as_well():
 
 def test_an_f_without_slopes_at_the_target_is_named_as_it_is_written():
     """sqrt(x) at 0; from 1 on it has slopes, and there is nothing to be refused."""
-    single = {"network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), "coupling": "y", "gains": {1: 5}}
-    assert Problem(**single, dynamics={"f": ["sqrt(x)"]}, target=1).dynamics.about((Fraction(1),))[0] == ((0.5,),)
+    single = {
+        "network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
+        "coupling": "y",
+        "gains": {1: 5},
+    }
+    assert Problem(**single, dynamics={"f": ["sqrt(x)"]}, target=1).dynamics.about((Fraction(1),))[
+        0
+    ] == ((0.5,),)
     with pytest.raises(ExpressionError) as caught:
         Problem(**single, dynamics={"f": ["sqrt(x)"]}, target=0)
     assert caught.value.key == "dynamics.f[0]"
-    assert 'dynamics.f[0] "sqrt(x)" must be defined' in str(caught.value) and "target, x = 0" in str(caught.value)
+    assert 'dynamics.f[0] "sqrt(x)" must be defined' in str(
+        caught.value
+    ) and "target, x = 0" in str(caught.value)
     with pytest.raises(
-        ExpressionError, match=r'dynamics.f\[1\] "sqrt\(x1\)" .* around the target, \(x1, x2\) = \(0, 0\)'
+        ExpressionError,
+        match=r'dynamics.f\[1\] "sqrt\(x1\)" .* around the target, \(x1, x2\) = \(0, 0\)',
     ):
         agents(dynamics={"f": ["x2", "sqrt(x1)"], "B": [[0], [1]]}, target=[0, 0])
     for f, said in (
         ("1/x1", r'dynamics.f\[1\] "1/x1" is not defined at the goal \[0, 0\]'),
         ("abs(x1)", r'dynamics.f\[1\] "abs\(x1\)" must be smooth'),
-        ("sin(x1)*exp(1)", r'dynamics.f\[1\] "sin\(x1\)\*exp\(1\)" must be smooth, with rational slopes'),
+        (
+            "sin(x1)*exp(1)",
+            r'dynamics.f\[1\] "sin\(x1\)\*exp\(1\)" must be smooth, with rational slopes',
+        ),
     ):
         with pytest.raises(SpecError, match=said):
             agents(dynamics={"f": ["x2", f], "B": [[0], [1]]}, target=[0, 0])
@@ -204,8 +268,15 @@ def test_the_nearest_goal_is_the_projection_that_numpy_finds():
         {"coupling": "sin(y1) + y2", "gains": {1: [[1, 2]]}, "exceptions": {(1, 0): "y1"}},
         {"exosystem": HARMONIC, "observer": Observer(W=[[3], [1]])},
         {"exosystem": HARMONIC, "observer": Observer(W=[[3, 1], [1, 2]])},
-        {"groups": [Group(agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]]))], "exosystem": HARMONIC},
-        {"dynamics": {"A": [[-1, 1], [0, -1]], "B": [[1, 1], [0, 2]]}, "coupling": "tanh(y)", "gains": 2},
+        {
+            "groups": [Group(agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]]))],
+            "exosystem": HARMONIC,
+        },
+        {
+            "dynamics": {"A": [[-1, 1], [0, -1]], "B": [[1, 1], [0, 2]]},
+            "coupling": "tanh(y)",
+            "gains": 2,
+        },
         {"dynamics": {"f": ["x2", "-sin(x1)"], "B": [[0], [1]]}},
     ],
 )
@@ -219,7 +290,10 @@ def test_what_is_written_is_read_back(given):
 
 
 def test_version_2_and_dynamics_belong_together():
-    old, new = json.loads(canonical_bytes(load_problem("paper-fixed"))), json.loads(canonical_bytes(agents()))
+    old, new = (
+        json.loads(canonical_bytes(load_problem("paper-fixed"))),
+        json.loads(canonical_bytes(agents())),
+    )
     assert old["version"] == 1 and "dynamics" not in old
     for document in (old | {"version": 2}, new | {"version": 1}):
         with pytest.raises(SpecError, match="version"):
@@ -237,7 +311,9 @@ def test_integrators_with_the_same_errors():
     problem = agents(exosystem=HARMONIC, observer=Observer(W=[[3], [1]]))
     same = as_integrators(problem)
     assert same.origin == problem and same.dynamics is None
-    assert same.is_linear and [[float(x.lo) for x in row] for row in same.coupling.jacobian_at_zero()] == [
+    assert same.is_linear and [
+        [float(x.lo) for x in row] for row in same.coupling.jacobian_at_zero()
+    ] == [
         [0, 0],
         [1, 2],
     ]

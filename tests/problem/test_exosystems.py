@@ -15,7 +15,9 @@ from dobc_design.verdict import Verdict
 
 
 def signal(exosystem, xi0, t):
-    return to_float(exosystem.C) @ linalg.expm(to_float(exosystem.A) * t) @ np.array(xi0, dtype=float)
+    return (
+        to_float(exosystem.C) @ linalg.expm(to_float(exosystem.A) * t) @ np.array(xi0, dtype=float)
+    )
 
 
 @pytest.mark.parametrize(
@@ -37,8 +39,12 @@ def test_shapes_make_the_signals_they_are_named_after():
     t = 0.7
     assert signal(shapes.constant(), [3], t) == pytest.approx([3])
     assert signal(shapes.ramp(), [3, 2], t) == pytest.approx([3 + 2 * t])
-    assert signal(shapes.polynomial(3), [1, 2, 3, 4], t) == pytest.approx([1 + 2 * t + 3 * t**2 / 2 + 4 * t**3 / 6])
-    assert signal(shapes.harmonics("3/2"), [1, 0.5], t) == pytest.approx([np.cos(1.5 * t) + 0.5 * np.sin(1.5 * t)])
+    assert signal(shapes.polynomial(3), [1, 2, 3, 4], t) == pytest.approx(
+        [1 + 2 * t + 3 * t**2 / 2 + 4 * t**3 / 6]
+    )
+    assert signal(shapes.harmonics("3/2"), [1, 0.5], t) == pytest.approx(
+        [np.cos(1.5 * t) + 0.5 * np.sin(1.5 * t)]
+    )
     two = shapes.periodic(2, harmonics_kept=2)
     assert signal(two, [1, 0, 1, 0, 1], t) == pytest.approx([1 + np.sin(2 * t) + np.sin(4 * t)])
 
@@ -48,7 +54,9 @@ def test_numbers_stay_exact():
     assert ((0, Fraction(1, 10)), (Fraction(-1, 10), 0)) == A
     assert characteristic_polynomial(shapes.harmonics([1, 2]).A) == (1, 0, 5, 0, 4)
     assert shapes.periodic("1/3", harmonics_kept=1, mean=False) == shapes.harmonics("1/3")
-    assert shapes.total(shapes.constant(), shapes.harmonics(2)) == shapes.periodic(2, harmonics_kept=1)
+    assert shapes.total(shapes.constant(), shapes.harmonics(2)) == shapes.periodic(
+        2, harmonics_kept=1
+    )
 
 
 def test_stacked_gives_every_part_its_own_component():
@@ -67,7 +75,12 @@ def test_stacked_gives_every_part_its_own_component():
         (lambda: shapes.periodic(0, harmonics_kept=1), "fundamental must be > 0"),
         (lambda: shapes.periodic(1, harmonics_kept=0), "harmonics_kept must be an integer >= 1"),
         (shapes.total, "at least one Exosystem"),
-        (lambda: shapes.total(shapes.constant(), shapes.stacked(shapes.constant(), shapes.ramp())), "equally many"),
+        (
+            lambda: shapes.total(
+                shapes.constant(), shapes.stacked(shapes.constant(), shapes.ramp())
+            ),
+            "equally many",
+        ),
         (lambda: shapes.stacked(3), "at least one Exosystem"),
     ],
 )

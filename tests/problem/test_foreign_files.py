@@ -12,14 +12,23 @@ from dobc_design.problem.canonical import canonical_bytes
 
 GRAPH = nx.DiGraph([("a", "b")])
 FOREIGN = {
-    "node-link": (nx.node_link_data(GRAPH), "networkx's node-link form.*node_link_graph.*write_graphml"),
+    "node-link": (
+        nx.node_link_data(GRAPH),
+        "networkx's node-link form.*node_link_graph.*write_graphml",
+    ),
     "adjacency": (nx.adjacency_data(GRAPH), "networkx's adjacency form.*adjacency_graph"),
     "cytoscape": (nx.cytoscape_data(GRAPH), "a graph of Cytoscape.*cytoscape_graph"),
-    "package.json": ({"name": "x", "version": "1.0.0", "dependencies": {}}, "package.json of a JavaScript project"),
+    "package.json": (
+        {"name": "x", "version": "1.0.0", "dependencies": {}},
+        "package.json of a JavaScript project",
+    ),
     "notebook": ({"cells": [], "metadata": {}, "nbformat": 4}, "a Jupyter notebook"),
     "geojson": ({"type": "FeatureCollection", "features": []}, "GeoJSON"),
     "schema": ({"$schema": "http://json-schema.org/draft-07/schema#"}, "a JSON Schema"),
-    "toml as json": ({"network": {"agents": 2, "arrow": "listens_to"}}, "a problem file in JSON.*as TOML"),
+    "toml as json": (
+        {"network": {"agents": 2, "arrow": "listens_to"}},
+        "a problem file in JSON.*as TOML",
+    ),
     "pandapower": ({"_module": "pandapower.auxiliary"}, "a pandapower network.*--from FILE"),
     "run": ({"format": "dobc-trajectory"}, "another file of dobc_design"),
     "list": ([1, 2], "it holds a list"),
@@ -45,7 +54,10 @@ def test_a_certificate_given_as_a_problem_and_the_other_way_round(tmp_path):
     problem = dd.load_problem("clock-sync")
     path = tmp_path / "certificate.json"
     path.write_text(json.dumps({"format": "dobc-certificate", "version": 1}))
-    with pytest.raises(SpecError, match=r"certificate.json is not a problem but a certificate.*problem.json beside it"):
+    with pytest.raises(
+        SpecError,
+        match=r"certificate.json is not a problem but a certificate.*problem.json beside it",
+    ):
         dd.load_problem(path)
     with pytest.raises(CertificateError, match="is not a certificate but a problem of dobc_design"):
         dd.verify(canonical_bytes(problem), problem)
@@ -54,9 +66,15 @@ def test_a_certificate_given_as_a_problem_and_the_other_way_round(tmp_path):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("net.csv", "'net.csv' is a file of arcs, not a problem file.*--from FILE --arrow listens_to"),
+        (
+            "net.csv",
+            "'net.csv' is a file of arcs, not a problem file.*--from FILE --arrow listens_to",
+        ),
         ("net.graphml", "is a file of arcs"),
-        ("case9.m", "'case9.m' is a MATPOWER case, not a problem file.*`dobc new NAME --from FILE` makes"),
+        (
+            "case9.m",
+            "'case9.m' is a MATPOWER case, not a problem file.*`dobc new NAME --from FILE` makes",
+        ),
     ],
 )
 def test_a_network_given_as_a_problem_file_says_how_it_becomes_one(name, said, tmp_path):

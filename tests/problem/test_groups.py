@@ -1,4 +1,5 @@
-"""Groups of agents with an exosystem of their own, and kinds of exosystems, in problem files and in Python."""
+"""Groups of agents with an exosystem of their own, and kinds of exosystems, in problem files and in
+Python."""
 
 import pickle
 from fractions import Fraction
@@ -8,9 +9,21 @@ import pytest
 
 from dobc_design import Exosystem, Network, Problem, exosystems
 from dobc_design.errors import SpecError
-from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
+from dobc_design.problem.canonical import (
+    canonical_bytes,
+    canonical_document,
+    problem_from_canonical,
+    problem_sha256,
+)
 from dobc_design.problem.changes import changed_problem, changed_text, problem_text
-from dobc_design.problem.groups import Group, Observer, block_diagonal, blocks_of, group_blocks, group_numbers
+from dobc_design.problem.groups import (
+    Group,
+    Observer,
+    block_diagonal,
+    blocks_of,
+    group_blocks,
+    group_numbers,
+)
 from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.words import describe, facts
 
@@ -83,7 +96,9 @@ def test_the_order_of_groups_does_not_matter_and_one_of_all_agents_is_the_plain_
     first = read(one.format("1, 2", 0) + one.format("3, 4", -1))
     second = read(one.format("4, 3", -1) + one.format("2, 1", 0))
     assert problem_sha256(first) == problem_sha256(second)
-    assert problem_sha256(first) != problem_sha256(read(one.format("1, 3", 0) + one.format("2, 4", -1)))
+    assert problem_sha256(first) != problem_sha256(
+        read(one.format("1, 3", 0) + one.format("2, 4", -1))
+    )
 
 
 ONE = "[[exosystem.groups]]\nagents = [2]\nfrequencies = 1\n"
@@ -120,14 +135,23 @@ def test_a_group_may_have_no_disturbance_beside_agents_that_share_one():
     [
         ("agents = [1]\nnone = false", r"groups\[0\]\.none must be true"),
         ("agents = [1]\nnone = true\nhz = 1", r"groups\[0\]\.none stands beside hz"),
-        ("agents = [1]\nnone = true\nA = [[0]]\nC = [[1]]", r"groups\[0\]\.none stands beside A and C"),
+        (
+            "agents = [1]\nnone = true\nA = [[0]]\nC = [[1]]",
+            r"groups\[0\]\.none stands beside A and C",
+        ),
         ("agents = [1]\nnone = true\nW = [[1]]", r"groups\[0\]\.none stands beside W"),
         ("agents = []\nnone = true", r"groups\[0\]\.agents must be a list of labels"),
         ("agents = [9]\nnone = true", r"groups\[0\]\.agents\[0\].*no agent"),
         ("agents = [1, 1]\nnone = true", r"groups\[0\]\.agents\[1\].*already"),
-        ("agents = [1]\nnone = true\n[[exosystem.groups]]\nagents = [1]\nhz = 1", r"agents\[0\].*already"),
+        (
+            "agents = [1]\nnone = true\n[[exosystem.groups]]\nagents = [1]\nhz = 1",
+            r"agents\[0\].*already",
+        ),
         ("agents = [1, 2, 3, 4]\nnone = true\n[exosystem]\nhz = 1", "apply to no agent"),
-        ("agents = [1]\nnone = true\n[exosystem]\nhz = 1\n[observer]\nW = [[1]]", r"observer\.W must have shape"),
+        (
+            "agents = [1]\nnone = true\n[exosystem]\nhz = 1\n[observer]\nW = [[1]]",
+            r"observer\.W must have shape",
+        ),
         ("agents = [1]\nhz = 1\n[observer]\nW = [[1]]", r"observer\.W.*no disturbance"),
     ],
 )
@@ -173,7 +197,9 @@ def test_whoever_knows_of_one_exosystem_only_is_refused():
     """No part of the program can take the exosystem of some agents for that of all."""
     problem = read(TWO)
     for name in ("exosystem", "observer"):
-        with pytest.raises(SpecError, match=r"exosystem\.groups: this is not available yet") as caught:
+        with pytest.raises(
+            SpecError, match=r"exosystem\.groups: this is not available yet"
+        ) as caught:
             getattr(problem, name)
         assert caught.value.key == "exosystem.groups"
 
@@ -198,7 +224,9 @@ def test_check_says_who_has_which_disturbance():
         ("hz = 0.5", exosystems.harmonics("3.14159265359")),
         (
             "constant = true\nhz = [50, 0.5]\nfrequencies = 2",
-            exosystems.total(exosystems.constant(), exosystems.harmonics([2, "314.159265359", "3.14159265359"])),
+            exosystems.total(
+                exosystems.constant(), exosystems.harmonics([2, "314.159265359", "3.14159265359"])
+            ),
         ),
     ],
 )
@@ -223,8 +251,14 @@ def test_a_kind_stands_for_the_matrices_of_its_constructor(kind, shape):
             "hz = 0.5\nfrequencies = 3.14159265359",
             "exosystem.hz must differ from exosystem.frequencies, .* are 3.14159",
         ),
-        ('A = [[0, "2*pi"], ["-2*pi", 0]]\nC = [[1, 0]]', r"For a sine write hz = \[0.5\] or frequencies"),
-        ('[[exosystem.groups]]\nagents = [1]\nhz = "-1"', r"exosystem.groups\[0\].hz must be between"),
+        (
+            'A = [[0, "2*pi"], ["-2*pi", 0]]\nC = [[1, 0]]',
+            r"For a sine write hz = \[0.5\] or frequencies",
+        ),
+        (
+            '[[exosystem.groups]]\nagents = [1]\nhz = "-1"',
+            r"exosystem.groups\[0\].hz must be between",
+        ),
     ],
 )
 def test_a_disturbance_in_words_that_means_nothing_is_refused(text: str, message: str):
@@ -235,7 +269,10 @@ def test_a_disturbance_in_words_that_means_nothing_is_refused(text: str, message
 def test_a_kind_gives_every_state_component_a_disturbance_of_its_own():
     problem = read('[exosystem]\nkind = "ramp"\n', head="target = [1, 2]\n" + HEAD)
     assert problem.exosystem == exosystems.stacked(exosystems.ramp(), exosystems.ramp())
-    text = '[exosystem]\nkind = "constant"\n[[exosystem.groups]]\nagents = [1]\nA = [[0]]\nC = [[1], [2]]\n'
+    text = (
+        '[exosystem]\nkind = "constant"\n[[exosystem.groups]]\nagents = [1]\nA = [[0]]\nC = '
+        "[[1], [2]]\n"
+    )
     assert [group.exosystem.outputs for group in read(text).groups] == [2, 2]
 
 
@@ -246,7 +283,10 @@ def test_groups_in_python_are_named_by_labels_and_read_like_those_of_a_file():
     assert [group.name for group in problem.groups] == ["1", "2"]
     for wrong, message in (
         ([Group(agents=[3], exosystem=CONSTANT)], "no agent '3'"),
-        ([Group(agents=[2], exosystem=CONSTANT, observer=Observer(rate=1))], "a group has no rate of its own"),
+        (
+            [Group(agents=[2], exosystem=CONSTANT, observer=Observer(rate=1))],
+            "a group has no rate of its own",
+        ),
         ([CONSTANT], "groups must be a list of Groups"),
     ):
         with pytest.raises(SpecError, match=message):
@@ -256,7 +296,9 @@ def test_groups_in_python_are_named_by_labels_and_read_like_those_of_a_file():
 
 def test_a_p_is_given_for_every_group_or_for_none():
     text = TWO.replace('W = [["16/5"], ["12/5"]]', 'W = [["16/5"], ["12/5"]]\nP = [[1, 0], [0, 1]]')
-    with pytest.raises(SpecError, match="P is given for the group of agent '1' and missing for that of agent '2'"):
+    with pytest.raises(
+        SpecError, match="P is given for the group of agent '1' and missing for that of agent '2'"
+    ):
         read(text)
 
 
@@ -269,4 +311,9 @@ def test_blocks_come_out_of_the_joint_matrix_and_every_agent_gets_that_of_its_gr
     problem = read(TWO)
     S = ((Fraction(1), Fraction(0)), (Fraction(0), Fraction(2)))
     blocks = group_blocks(S, len(problem.groups))
-    assert [blocks[g][0][0] for g in group_numbers(problem.groups, problem.network.labels)] == [1, 2, 1, 2]
+    assert [blocks[g][0][0] for g in group_numbers(problem.groups, problem.network.labels)] == [
+        1,
+        2,
+        1,
+        2,
+    ]

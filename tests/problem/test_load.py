@@ -26,12 +26,15 @@ def test_a_built_in_problem_loads_under_its_own_name_and_says_what_it_is(name):
 
 @pytest.mark.parametrize("name", ["paper-fixed", "paper-switching"])
 def test_stand_ins_of_the_papers_problems_are_labelled(name):
-    """The text prints neither the arcs of Fig. 1 nor K: what is used in their place says so wherever it is shown."""
+    """The text prints neither the arcs of Fig. 1 nor K: what is used in their place says so
+    wherever it is shown."""
     assert any("Stand-in" in note and "arcs of Fig. 1" in note for note in load_problem(name).notes)
     assert any("Stand-in" in note and "no gains K" in note for note in load_problem(name).notes)
 
 
-def test_a_file_of_that_name_in_the_current_folder_wins_and_a_path_is_never_a_built_in_name(tmp_path, monkeypatch):
+def test_a_file_of_that_name_in_the_current_folder_wins_and_a_path_is_never_a_built_in_name(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     assert load_problem("paper-fixed").name == "paper-fixed"
     with pytest.raises(SpecError, match="there is no file"):
@@ -40,15 +43,28 @@ def test_a_file_of_that_name_in_the_current_folder_wins_and_a_path_is_never_a_bu
     assert load_problem("paper-fixed").name == "four-agents"
 
 
-@pytest.mark.parametrize(("typed", "meant"), [("paper-fixd", "paper-fixed"), ("uav_swarm", "uav-swarm")])
+@pytest.mark.parametrize(
+    ("typed", "meant"), [("paper-fixd", "paper-fixed"), ("uav_swarm", "uav-swarm")]
+)
 def test_a_misspelt_name_is_guessed(tmp_path, monkeypatch, typed, meant):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SpecError, match=rf"there is no file '{typed}' and no built-in.*did you mean {meant}\?"):
+    with pytest.raises(
+        SpecError, match=rf"there is no file '{typed}' and no built-in.*did you mean {meant}\?"
+    ):
         load_problem(typed)
 
 
 @pytest.mark.parametrize(
-    "name", ["", "../paper-fixed", "paper-fixed.toml", "problems/paper-fixed", "__init__", "x" * 999, "paper-fixed\0"]
+    "name",
+    [
+        "",
+        "../paper-fixed",
+        "paper-fixed.toml",
+        "problems/paper-fixed",
+        "__init__",
+        "x" * 999,
+        "paper-fixed\0",
+    ],
 )
 def test_other_names_are_no_built_in_problems(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)

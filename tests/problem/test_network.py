@@ -1,4 +1,5 @@
-"""Networks from pairs, networkx graphs and sparse matrices: what an arc means is said by ``arrow`` alone."""
+"""Networks from pairs, networkx graphs and sparse matrices: what an arc means is said by ``arrow``
+alone."""
 
 from fractions import Fraction
 
@@ -35,7 +36,9 @@ def test_listens_to_makes_the_first_of_a_pair_the_listener_and_sends_to_mirrors_
 @pytest.mark.parametrize("arrow", ["", "to", "Listens_to", None, True, ["listens_to"], 3])
 def test_any_other_arrow_is_refused(arrow):
     """There is no default: mixed-up directions are the commonest silent error."""
-    with pytest.raises(SpecError, match=r'network\.arrow must be "listens_to" or "sends_to"') as caught:
+    with pytest.raises(
+        SpecError, match=r'network\.arrow must be "listens_to" or "sends_to"'
+    ) as caught:
         Network.from_arcs(CHAIN, arrow=arrow)
     assert caught.value.key == "network.arrow"
 
@@ -61,7 +64,11 @@ def test_a_count_gives_labels_from_one_and_a_mapping_one_mode_each_in_its_order(
     [
         ([(1, 2), (1, 2)], "network.modes.G[1]", "1 listens to 2 already; this arc is a duplicate"),
         ([(1, 2), (3, 3)], "network.modes.G[1]", "agent 3 must not listen to itself"),
-        ([(1, 2, 0)], "network.modes.G[0]", "must be > 0, because it multiplies h; 1 listens to 2 with 0"),
+        (
+            [(1, 2, 0)],
+            "network.modes.G[0]",
+            "must be > 0, because it multiplies h; 1 listens to 2 with 0",
+        ),
         ([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number"),
         ([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)"),
         ([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0"),
@@ -76,7 +83,8 @@ def test_a_wrong_arc_is_named(arcs, key, message):
 
 
 @pytest.mark.parametrize(
-    "agents", [0, -1, 10**8, True, 2.0, "abc", None, {}, [], [""], [" "], ["x" * 201], ["\x1b[31m"], [None]]
+    "agents",
+    [0, -1, 10**8, True, 2.0, "abc", None, {}, [], [""], [" "], ["x" * 201], ["\x1b[31m"], [None]],
 )
 def test_wrong_agents_are_refused(agents):
     with pytest.raises(SpecError) as caught:
@@ -88,7 +96,9 @@ def test_a_network_needs_a_mode_and_modes_need_names():
     with pytest.raises(SpecError, match="at least one mode"):
         Network.from_arcs({}, arrow="listens_to", agents=2)
     for name in ("", "  ", "\x1b[31mred", "x" * 201):
-        with pytest.raises(SpecError, match="the name of a mode must be text of 1 to 200 printable"):
+        with pytest.raises(
+            SpecError, match="the name of a mode must be text of 1 to 200 printable"
+        ):
             Network.from_arcs({name: [(1, 2)]}, arrow="listens_to")
 
 
@@ -133,7 +143,9 @@ def test_several_graphs_are_modes_over_the_nodes_of_the_first():
     assert network.labels == ("1", "2", "3")
     assert arcs_of(network, "B") == {("3", "1", Fraction(1))}
     second.add_node(4)
-    with pytest.raises(SpecError, match=r"network\.modes\.B must have the same nodes as the first mode"):
+    with pytest.raises(
+        SpecError, match=r"network\.modes\.B must have the same nodes as the first mode"
+    ):
         Network.from_networkx({"A": first, "B": second}, arrow="listens_to")
 
 
@@ -154,12 +166,17 @@ def test_a_graph_that_is_no_network_is_refused(graph, message):
 
 def test_entry_i_j_is_the_arc_i_j_under_arrow():
     matrix = sparse.coo_array(([2, 3], ([0, 1], [1, 2])), shape=(3, 3))
-    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {("1", "2", 2), ("2", "3", 3)}
+    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {
+        ("1", "2", 2),
+        ("2", "3", 3),
+    }
     named = Network.from_sparse(matrix, arrow="sends_to", labels=["a", "b", "c"])
     assert arcs_of(named) == {("b", "a", 2), ("c", "b", 3)}
 
 
-@pytest.mark.parametrize("kind", [np.int8, np.uint64, np.int64, np.float32, np.float64, np.longdouble])
+@pytest.mark.parametrize(
+    "kind", [np.int8, np.uint64, np.int64, np.float32, np.float64, np.longdouble]
+)
 def test_a_weight_is_the_decimal_text_of_its_own_type(kind):
     """0.5 and 0.1 as somebody typed them, not the nearest binary fraction."""
     if kind in (np.float32, np.float64):
@@ -175,7 +192,10 @@ def test_a_weight_is_the_decimal_text_of_its_own_type(kind):
 def test_every_sparse_format_reads_alike_and_is_left_as_it_was(form):
     matrix = sparse.coo_array(([1.5, 2.0], ([0, 2], [1, 0])), shape=(3, 3)).asformat(form)
     before = matrix.toarray()
-    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {("1", "2", Fraction(3, 2)), ("3", "1", 2)}
+    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {
+        ("1", "2", Fraction(3, 2)),
+        ("3", "1", 2),
+    }
     np.testing.assert_array_equal(matrix.toarray(), before)
 
 
@@ -189,8 +209,16 @@ def test_entries_stored_twice_are_added_and_stored_zeros_are_no_arcs():
     ("matrix", "labels", "message"),
     [
         (sparse.csr_array((2, 3)), None, r"must be square.*got shape \(2, 3\)"),
-        (sparse.csr_array((2, 2)), ["a"], r"one row and column per agent \(1 x 1\); got shape \(2, 2\)"),
-        ({"A": sparse.csr_array((2, 2)), "B": sparse.csr_array((3, 3))}, None, r"modes\.B.*\(2 x 2\); got shape \(3"),
+        (
+            sparse.csr_array((2, 2)),
+            ["a"],
+            r"one row and column per agent \(1 x 1\); got shape \(2, 2\)",
+        ),
+        (
+            {"A": sparse.csr_array((2, 2)), "B": sparse.csr_array((3, 3))},
+            None,
+            r"modes\.B.*\(2 x 2\); got shape \(3",
+        ),
         (np.eye(2), None, "must be a SciPy sparse matrix; got ndarray"),
         (sparse.csr_array([[0, -1], [0, 0]]), None, "must be > 0"),
         (sparse.csr_array(np.array([[0, 1], [0, 0]], dtype=bool)), None, "not a boolean"),
@@ -204,9 +232,13 @@ def test_a_matrix_that_is_no_network_is_refused(matrix, labels, message):
 @st.composite
 def weighted_arcs(draw):
     n = draw(st.integers(2, 8))
-    pairs = st.tuples(st.integers(0, n - 1), st.integers(0, n - 1)).filter(lambda pair: pair[0] != pair[1])
+    pairs = st.tuples(st.integers(0, n - 1), st.integers(0, n - 1)).filter(
+        lambda pair: pair[0] != pair[1]
+    )
     weight = st.one_of(
-        st.integers(1, 10**12), st.floats(1e-300, 1e300, allow_subnormal=False), st.sampled_from([0.1, 1 / 3, 2.5])
+        st.integers(1, 10**12),
+        st.floats(1e-300, 1e300, allow_subnormal=False),
+        st.sampled_from([0.1, 1 / 3, 2.5]),
     )
     return n, draw(st.dictionaries(pairs, weight, max_size=20))
 
@@ -233,7 +265,9 @@ def test_networkx_and_back_keeps_every_arc_and_weight(case, arrow):
 def test_sparse_and_back_keeps_every_arc_and_weight(case, arrow):
     n, arcs = case
     rows, columns = [i for i, _ in arcs], [j for _, j in arcs]
-    matrix = sparse.coo_array((np.array(list(arcs.values()), dtype=float), (rows, columns)), shape=(n, n)).tocsr()
+    matrix = sparse.coo_array(
+        (np.array(list(arcs.values()), dtype=float), (rows, columns)), shape=(n, n)
+    ).tocsr()
     network = Network.from_sparse(matrix, arrow=arrow)
     floats = {pair: float(w) for pair, w in arcs.items()}
     assert set(network.modes["G"]) == as_sets(floats, arrow)

@@ -1,4 +1,5 @@
-"""Optional arcs come and go at any time: how they are written, read and kept; what is proved about them."""
+"""Optional arcs come and go at any time: how they are written, read and kept; what is proved about
+them."""
 
 import itertools
 import json
@@ -14,7 +15,17 @@ import numpy as np
 import pytest
 from certified import certified, consensus_claims
 
-from dobc_design import Network, Problem, Switching, Verdict, certify, design, export, simulate, verify
+from dobc_design import (
+    Network,
+    Problem,
+    Switching,
+    Verdict,
+    certify,
+    design,
+    export,
+    simulate,
+    verify,
+)
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
@@ -44,9 +55,19 @@ def read(modes: str, *, tail: str = TAIL, folder: Path | None = None) -> Problem
     return read_problem_text((HEAD + modes + tail).encode(), folder=folder)
 
 
-def loose(arcs: Any, optional: Any, *, agents: int = 3, coupling: str = "y", gains: Any = None, **more: Any) -> Problem:
+def loose(
+    arcs: Any,
+    optional: Any,
+    *,
+    agents: int = 3,
+    coupling: str = "y",
+    gains: Any = None,
+    **more: Any,
+) -> Problem:
     network = Network.from_arcs(arcs, arrow="listens_to", agents=agents, optional=optional)
-    return Problem(network=network, coupling=coupling, gains={1: 1} if gains is None else gains, **more)
+    return Problem(
+        network=network, coupling=coupling, gains={1: 1} if gains is None else gains, **more
+    )
 
 
 def listed(arcs: Pairs, optional: Pairs, **more: Any) -> Problem:
@@ -56,14 +77,22 @@ def listed(arcs: Pairs, optional: Pairs, **more: Any) -> Problem:
     return loose(modes, (), **more)
 
 
-# --- How they are written, read and kept ------------------------------------------------------------------------------
+# --- How they are written, read and kept
+# ------------------------------------------------------------------------------
 def test_files_python_and_the_canonical_problem_say_the_same(tmp_path: Path):
     (tmp_path / "all.csv").write_text("1,2\n2,3\n")
     (tmp_path / "some.csv").write_text("1,3,2\n3,2\n")
     files = 'G = { arcs = { file = "all.csv" }, optional = { file = "some.csv" } }\n'
-    network = Network.from_arcs({"G": [[1, 2], [2, 3]]}, arrow="sends_to", optional={"G": [[1, 3, 2], [3, 2]]})
+    network = Network.from_arcs(
+        {"G": [[1, 2], [2, 3]]}, arrow="sends_to", optional={"G": [[1, 3, 2], [3, 2]]}
+    )
     problem = Problem(name="p", network=network, coupling="y", gains={1: 1})
-    assert problem == read(G) == read(files, folder=tmp_path) == problem_from_canonical(canonical_bytes(problem))
+    assert (
+        problem
+        == read(G)
+        == read(files, folder=tmp_path)
+        == problem_from_canonical(canonical_bytes(problem))
+    )
     assert read_problem_text(problem_text(problem).encode(), folder=None) == problem
     assert problem.network.modes["G"].always == read("G = [[1, 2], [2, 3]]\n").network.modes["G"]
 
@@ -75,13 +104,17 @@ def test_only_such_a_problem_has_the_key_and_version_3():
         {"name": "G", "arcs": [[1, 0, "1"], [2, 1, "1"]], "optional": [[2, 0, "2"], [1, 2, "1"]]}
     ]
     plain = "G = [[1, 2], [2, 3]]\n"
-    assert canonical_bytes(read("G = { arcs = [[1, 2], [2, 3]], optional = [] }\n")) == canonical_bytes(read(plain))
+    assert canonical_bytes(
+        read("G = { arcs = [[1, 2], [2, 3]], optional = [] }\n")
+    ) == canonical_bytes(read(plain))
     older, empty = {"version": 1}, {"modes": [{"name": "G", "arcs": [], "optional": []}]}
     for changes in (older, empty):
         with pytest.raises(SpecError):
             problem_from_canonical(json.dumps(document | changes).encode())
     with pytest.raises(checker.Refused):
-        checker.examine(certificate_bytes(consensus_claims(read(G))), json.dumps(document | older).encode())
+        checker.examine(
+            certificate_bytes(consensus_claims(read(G))), json.dumps(document | older).encode()
+        )
 
 
 @pytest.mark.parametrize(
@@ -112,10 +145,19 @@ def test_a_mode_that_is_not_there_is_named():
 
 @pytest.mark.parametrize(
     "use",
-    [design, python_source, export.to_control, export.build_model, export.to_sdpa, export.to_casadi],
+    [
+        design,
+        python_source,
+        export.to_control,
+        export.build_model,
+        export.to_sdpa,
+        export.to_casadi,
+    ],
 )
 def test_what_does_not_know_them_says_so(use: Any):
-    with pytest.raises(SpecError, match=r"network\.modes\.G\.optional: .* does not know arcs that come and go"):
+    with pytest.raises(
+        SpecError, match=r"network\.modes\.G\.optional: .* does not know arcs that come and go"
+    ):
         use(read(G))
 
 
@@ -124,15 +166,24 @@ def test_runs_draw_them():
     problem = loose([], [[2, 1]], agents=2, simulation={"x0": [[1], [1]], "t_final": 10})
     run = simulate(problem, seed=3)
     assert {"G", "G, no optional arc"} <= set(run.switches.names)
-    off = [k for k, t in enumerate(run.times[:-1]) if "no" in run.switches.names[run.switches.at(np.array([t]))[0]]]
+    off = [
+        k
+        for k, t in enumerate(run.times[:-1])
+        if "no" in run.switches.names[run.switches.at(np.array([t]))[0]]
+    ]
     moved = np.abs(np.diff(run.x[:, 1, 0]))
     assert len(off) > 10
     assert np.mean(moved[off] == 0) > 0.5  # but where a sample interval holds a switch
     assert run.final_error < 1
-    assert simulate(problem, seed=3).final_error == run.final_error != simulate(problem, seed=4).final_error
+    assert (
+        simulate(problem, seed=3).final_error
+        == run.final_error
+        != simulate(problem, seed=4).final_error
+    )
 
 
-# --- What is proved ---------------------------------------------------------------------------------------------------
+# --- What is proved
+# --------------------------------------------------------------------------------------------------
 KINDS = ("y", "exp(y) - 1 + y", "tanh(y)", "-y/2", "sin(2*y) - y/4", "y - y**3/4")
 
 
@@ -144,12 +195,27 @@ def test_rows_have_the_rate_of_all_vertices(seed: int):
     pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
     rng.shuffle(pairs)
     k = rng.randint(1, min(4, len(pairs)))
-    arcs, optional = ([[*p, rng.choice(["1", "2", "1/3"])] for p in each] for each in (pairs[k : 2 * k], pairs[:k]))
-    exceptions = {(optional[0][0] - 1, optional[0][1] - 1): rng.choice(KINDS)} if rng.random() < 0.5 else {}
+    arcs, optional = (
+        [[*p, rng.choice(["1", "2", "1/3"])] for p in each]
+        for each in (pairs[k : 2 * k], pairs[:k])
+    )
+    exceptions = (
+        {(optional[0][0] - 1, optional[0][1] - 1): rng.choice(KINDS)} if rng.random() < 0.5 else {}
+    )
     gains = {i: rng.choice([2, 5, 20]) for i in range(1, n + 1) if i < 3 or rng.random() < 0.7}
-    given: Any = {"agents": n, "coupling": rng.choice(KINDS), "gains": gains, "exceptions": exceptions}
-    v, rho = tuple(Fraction(rng.randint(70, 140), 100) for _ in range(n)), Fraction(rng.randint(1, 20), 10)
-    own, every = (largest_rate(make(arcs, optional, **given), v, rho=rho) for make in (loose, listed))
+    given: Any = {
+        "agents": n,
+        "coupling": rng.choice(KINDS),
+        "gains": gains,
+        "exceptions": exceptions,
+    }
+    v, rho = (
+        tuple(Fraction(rng.randint(70, 140), 100) for _ in range(n)),
+        Fraction(rng.randint(1, 20), 10),
+    )
+    own, every = (
+        largest_rate(make(arcs, optional, **given), v, rho=rho) for make in (loose, listed)
+    )
     assert own == every or (own and every and abs(own / every - 1) < Fraction(1, 10**4))
 
 
@@ -171,11 +237,15 @@ def test_twelve_arcs_take_one_certificate():
     rate = largest_rate(problem, v, rho=None)
     assert time.perf_counter() - begin < 0.5
     pulls = [3 if i == 0 else 0 for i in range(8)]
-    worst = []  # by hand: of each agent the arcs that are always there, and the optional ones that push it outward
+    # by hand: of each agent the arcs that are always there, and the optional ones that push it
+    # outward
+    worst = []
     for i in range(8):
         sure = sum(v[j - 1] - v[i] for a, j in arcs if a == i + 1)
         worst.append(
-            pulls[i] - (sure + sum(max(v[j - 1] - v[i], Fraction(0)) for a, j in optional if a == i + 1)) / v[i]
+            pulls[i]
+            - (sure + sum(max(v[j - 1] - v[i], Fraction(0)) for a, j in optional if a == i + 1))
+            / v[i]
         )
     assert rate is not None
     assert abs(rate / min(worst) - 1) < Fraction(1, 10**6)
@@ -199,7 +269,13 @@ def test_twelve_arcs_take_one_certificate():
     ],
 )
 def test_known_answers(arcs: Pairs, optional: Pairs, gains: Any, coupling: str, verdict: Verdict):
-    problem = loose(arcs, optional, gains=gains, coupling=coupling, agents=max(max(a[:2]) for a in [*arcs, *optional]))
+    problem = loose(
+        arcs,
+        optional,
+        gains=gains,
+        coupling=coupling,
+        agents=max(max(a[:2]) for a in [*arcs, *optional]),
+    )
     found = certify(problem)
     assert found.verdict is verdict, found.reason
     assert verify(found.claims, problem).holds
@@ -207,8 +283,14 @@ def test_known_answers(arcs: Pairs, optional: Pairs, gains: Any, coupling: str, 
 
 def test_an_agent_that_may_lose_all_its_arcs_is_named_with_what_would_help():
     reason = certified(loose([[2, 1]], [[3, 2]])).reason
-    assert "in mode G no pinned agent reaches agent 3 by arcs that are always there. Pin agent 3." in reason
-    assert "An arc that is always there would help as well: in this mode or, with a guarantee" in reason
+    assert (
+        "in mode G no pinned agent reaches agent 3 by arcs that are always there. Pin agent 3."
+        in reason
+    )
+    assert (
+        "An arc that is always there would help as well: in this mode or, with a guarantee"
+        in reason
+    )
 
 
 TURNS = Switching(guarantee="sequence", sequence=["A", "B"], dwell="1/8")
@@ -218,8 +300,14 @@ DRAWN = Switching(guarantee="markov", generator=[[-1, 1], [1, -1]])
 @pytest.mark.parametrize(
     ("arcs", "optional", "switching", "verdict"),
     [
-        ({"A": [[3, 2]], "B": [[2, 1]]}, {"A": [[1, 2]], "B": [[1, 3], [2, 3]]}, TURNS, Verdict.PROVED),
-        ({"A": [[2, 1]], "B": []}, {"B": [[3, 2]]}, TURNS, Verdict.REFUTED),  # never on: agent 3 hears nobody
+        (
+            {"A": [[3, 2]], "B": [[2, 1]]},
+            {"A": [[1, 2]], "B": [[1, 3], [2, 3]]},
+            TURNS,
+            Verdict.PROVED,
+        ),
+        # never on: agent 3 hears nobody
+        ({"A": [[2, 1]], "B": []}, {"B": [[3, 2]]}, TURNS, Verdict.REFUTED),
         ({"A": [[3, 2]], "B": [[2, 1]]}, {"A": [[1, 2]]}, DRAWN, Verdict.PROVED),
         ({"A": [[2, 1]], "B": [[2, 1]]}, {"B": [[3, 2]]}, DRAWN, Verdict.REFUTED),  # as well
     ],
@@ -230,7 +318,9 @@ def test_beside_a_guarantee(arcs: Any, optional: Any, switching: Switching, verd
     assert found.verdict is verdict, found.reason
     assert verify(found.claims, problem).holds
     if verdict is not Verdict.PROVED:
-        assert "by arcs that are always there" in " ".join([found.reason, *(each.reason for each in found.checks)])
+        assert "by arcs that are always there" in " ".join(
+            [found.reason, *(each.reason for each in found.checks)]
+        )
 
 
 FORGED = [  # arcs that are needed, and with which couplings; the check that is proved with them
@@ -239,10 +329,29 @@ FORGED = [  # arcs that are needed, and with which couplings; the check that is 
     ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "tanh(y)", {}, "max-separable"),
     ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "y", {}, "max-separable"),
     ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "y", {}, "lure"),
-    ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "tanh(y)", {"uncertainty": {"disturbance": "1/50"}}, "accuracy"),
-    ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "y", {"region": {"initial_states": [-1, 1]}}, "settling"),
+    (
+        {"A": [[2, 1]], "B": [[2, 1]]},
+        {1: 1},
+        "tanh(y)",
+        {"uncertainty": {"disturbance": "1/50"}},
+        "accuracy",
+    ),
+    (
+        {"A": [[2, 1]], "B": [[2, 1]]},
+        {1: 1},
+        "y",
+        {"region": {"initial_states": [-1, 1]}},
+        "settling",
+    ),
     ({"A": [[2, 1]], "B": []}, {1: 1}, "y", {"switching": TURNS}, "schedule"),
-    pytest.param({"A": [[2, 1]], "B": []}, {1: 1}, "tanh(y)", {"switching": TURNS}, "schedule", marks=pytest.mark.slow),
+    pytest.param(
+        {"A": [[2, 1]], "B": []},
+        {1: 1},
+        "tanh(y)",
+        {"switching": TURNS},
+        "schedule",
+        marks=pytest.mark.slow,
+    ),
     ({"A": [[2, 1]], "B": []}, {1: 1}, "y", {"switching": DRAWN}, "markov"),
 ]
 
@@ -269,7 +378,11 @@ def with_check(problem: Problem, id: str) -> Claims:
         checks += tuple(STAGES[id](asked, report))
     if id == "settling":
         tolerance = Fraction(1, 2)
-        checks += (settling_stage(problem, claims.W, checks, tolerance=tolerance, domain=domain, report=report),)
+        checks += (
+            settling_stage(
+                problem, claims.W, checks, tolerance=tolerance, domain=domain, report=report
+            ),
+        )
     if id == "accuracy":
         checks += tuple(accuracy_stage(problem, claims.W, checks, domain=domain, report=report))
     return replace(claims, checks=checks)
@@ -279,7 +392,8 @@ def with_check(problem: Problem, id: str) -> Claims:
 def test_what_needs_an_arc_is_refused_by_both_programs_where_it_may_be_absent(
     arcs: Any, gains: Any, coupling: str, more: Any, id: str
 ):
-    """The claims of the problem whose arcs are always there, put beside the one whose arc from 1 to 2 is optional."""
+    """The claims of the problem whose arcs are always there, put beside the one whose arc from 1 to
+    2 is optional."""
     region = {} if coupling == "y" else {"region": {"initial_states": [-1, 1]}}
     given: Any = {"agents": 2, "gains": gains, "coupling": coupling, **region, **more}
     honest = loose(arcs, (), **given)
@@ -293,13 +407,17 @@ def test_what_needs_an_arc_is_refused_by_both_programs_where_it_may_be_absent(
     document = json.loads(certificate_bytes(claims)) | {"problem_sha256": problem_sha256(problem)}
     data = json.dumps(document).encode()
     titles = {each.title for each in checks}
-    assert titles & {text.partition(":")[0] for text in _refused(recheck(data, problem).failures, titles)}
+    assert titles & {
+        text.partition(":")[0] for text in _refused(recheck(data, problem).failures, titles)
+    }
     refused = [text for holds, text in checker.examine(data, canonical_bytes(problem)) if not holds]
     assert any(text.startswith(id) for text in refused), refused
 
 
 def _refused(failures: Sequence[str], titles: set[str]) -> list[str]:
-    return [f"{title}:" for title in titles if any(text.startswith(f"{title}: ") for text in failures)]
+    return [
+        f"{title}:" for title in titles if any(text.startswith(f"{title}: ") for text in failures)
+    ]
 
 
 def test_a_part_of_a_mode_is_always_there():

@@ -44,7 +44,11 @@ def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     assert problem.pinning.agents == ()
     assert problem.observer == Observer()
     assert (problem.exosystem, problem.region, problem.switching) == (None, None, None)
-    assert (problem.simulation.t_final, problem.simulation.seed, problem.simulation.xi0) == (20, 0, None)
+    assert (problem.simulation.t_final, problem.simulation.seed, problem.simulation.xi0) == (
+        20,
+        0,
+        None,
+    )
     assert not problem.is_linear
 
 
@@ -75,7 +79,9 @@ def test_matrix_gains_need_a_positive_semidefinite_symmetric_part():
     kept = make(coupling="y", exosystem=PLANE, gains={"a": [[0, 1], [-1, 0]]})
     assert kept.pinning.gains[0] == ((0, 1), (-1, 0))
     assert not kept.pinning.is_scalar
-    with pytest.raises(SpecError, match=r"pinning\.gains\.a: a matrix gain k must satisfy k \+ k' >= 0"):
+    with pytest.raises(
+        SpecError, match=r"pinning\.gains\.a: a matrix gain k must satisfy k \+ k' >= 0"
+    ):
         make(coupling="y", exosystem=PLANE, gains={"a": [[1, 3], [0, 1]]})
 
 
@@ -116,9 +122,13 @@ def test_regions_and_xi0_for_every_component_and_agent():
         region={"initial_states": [[0, 1], [2, 3]], "initial_disturbance": "1/2"},
         simulation={"xi0": np.eye(3, 2)},
     )
-    assert problem.region == Region(initial_states=((0, 1), (2, 3)), initial_disturbance=Fraction(1, 2))
+    assert problem.region == Region(
+        initial_states=((0, 1), (2, 3)), initial_disturbance=Fraction(1, 2)
+    )
     assert problem.simulation.xi0 == ((1, 0), (0, 1), (0, 0))
-    again = make(exosystem=PLANE, coupling="y", region=problem.region, simulation=problem.simulation)
+    again = make(
+        exosystem=PLANE, coupling="y", region=problem.region, simulation=problem.simulation
+    )
     assert (again.region, again.simulation) == (problem.region, problem.simulation)
 
 
@@ -126,7 +136,12 @@ def test_a_problem_is_frozen_hashable_and_its_mappings_cannot_be_changed():
     problem = make(gains={"a": 1}, offsets={"b": 1}, exceptions={(0, 1): "y"})
     with pytest.raises(dataclasses.FrozenInstanceError):
         problem.target = (1,)  # type: ignore[misc]
-    for mapping in (problem.offsets, problem.exceptions, problem.pinning.gains, problem.network.modes):
+    for mapping in (
+        problem.offsets,
+        problem.exceptions,
+        problem.pinning.gains,
+        problem.network.modes,
+    ):
         with pytest.raises(TypeError):
             mapping["x"] = 1  # type: ignore[index]
     twin = make(gains={"a": 1}, offsets={"b": 1}, exceptions={(0, 1): "y"})
@@ -154,43 +169,87 @@ def test_a_system_in_discrete_time_or_without_a_state_is_refused():
 @pytest.mark.parametrize(
     ("changes", "key", "message"),
     [
-        ({"network": nx.DiGraph([(1, 2)])}, "network", r"must be a Network; got.*Network\.from_arcs, from_networkx"),
+        (
+            {"network": nx.DiGraph([(1, 2)])},
+            "network",
+            r"must be a Network; got.*Network\.from_arcs, from_networkx",
+        ),
         ({"exosystem": {"A": [[0]], "C": [[1]]}}, "exosystem", "must be an Exosystem"),
-        ({"exosystem": control.ss([[0]], [[1]], [[1]], [[0]])}, "exosystem", r"Exosystem\.from_control"),
+        (
+            {"exosystem": control.ss([[0]], [[1]], [[1]], [[0]])},
+            "exosystem",
+            r"Exosystem\.from_control",
+        ),
         ({"exosystem": SINE, "observer": {"W": [[1], [1]]}}, "observer", "must be an Observer"),
         ({"switching": "random"}, "switching", "must be a Switching"),
         ({"name": ""}, "name", "1 to 100 printable"),
         ({"notes": [5]}, "notes[0]", "must be text of at most 1000"),
-        ({"target": [1, 2], "exosystem": SINE}, "target", "must have 1 number, one per state component; got 2"),
+        (
+            {"target": [1, 2], "exosystem": SINE},
+            "target",
+            "must have 1 number, one per state component; got 2",
+        ),
         ({"target": [0] * 101}, "target", "at most 100 state components; got 101"),
         ({"coupling": "y + 1"}, "coupling.h", "must vanish"),
         ({"coupling": ["y1", "y2"], "exosystem": SINE}, "coupling.h", "must have 1 expression"),
-        ({"coupling": make_coupling("y", dimension=2), "exosystem": SINE}, "coupling.h", "must have dimension 1"),
+        (
+            {"coupling": make_coupling("y", dimension=2), "exosystem": SINE},
+            "coupling.h",
+            "must have dimension 1",
+        ),
         ({"exceptions": {(0, 2): "y"}}, "coupling.exceptions[0]", "no mode has the arc"),
         ({"exceptions": {(0, 1): "y + 1"}}, "coupling.exceptions[0].h", "must vanish"),
         ({"exceptions": {("a", "b"): "y"}}, "coupling.exceptions[0]", "indices count from 0"),
-        ({"gains": {"z": 1}}, "pinning.gains.z", "there is no agent 'z'.*Use the label of an agent"),
+        (
+            {"gains": {"z": 1}},
+            "pinning.gains.z",
+            "there is no agent 'z'.*Use the label of an agent",
+        ),
         ({"network": NAMED, "gains": {"laed": 1}}, "pinning.gains.laed", 'Did you mean "lead"'),
         ({"gains": -1}, "pinning.gains", "must be >= 0"),
         ({"gains": [1, 2, 3]}, "pinning.gains", "must be a table of label = gain"),
         ({"gains": {"a": [[1, 2]]}}, "pinning.gains.a", r"must have shape \(1, 1\)"),
         ({"observer": Observer(W=[[1]])}, "observer", "no meaning without an"),
-        ({"exosystem": SINE, "observer": Observer(W=[[1]])}, "observer.W", r"must have shape \(2, 1\)"),
-        ({"exosystem": SINE, "observer": Observer(W=[[1], [1]], P=[[1]])}, "observer.P", r"must have shape \(2, 2\)"),
+        (
+            {"exosystem": SINE, "observer": Observer(W=[[1]])},
+            "observer.W",
+            r"must have shape \(2, 1\)",
+        ),
+        (
+            {"exosystem": SINE, "observer": Observer(W=[[1], [1]], P=[[1]])},
+            "observer.P",
+            r"must have shape \(2, 2\)",
+        ),
         ({"offsets": {"z": 1}}, "formation.offsets.z", "there is no agent 'z'"),
         ({"region": {}}, "region.initial_states", r"must be a pair \[lo, hi\]; got None"),
         ({"region": {"initial_state": [0, 1]}}, "region.initial_state", "is an unknown key"),
-        ({"region": {"initial_states": [0, 1], "initial_disturbance": 1}}, "region.initial_disturbance", "no meaning"),
-        ({"exosystem": SINE, "region": {"initial_states": [0, 1]}}, "region.initial_disturbance", "is required when"),
+        (
+            {"region": {"initial_states": [0, 1], "initial_disturbance": 1}},
+            "region.initial_disturbance",
+            "no meaning",
+        ),
+        (
+            {"exosystem": SINE, "region": {"initial_states": [0, 1]}},
+            "region.initial_disturbance",
+            "is required when",
+        ),
         ({"region": Simulation(t_final=Fraction(1), seed=0, xi0=None)}, "region", "must be"),
         (
-            {"simulation": Region(initial_states=((Fraction(0), Fraction(1)),), initial_disturbance=None)},
+            {
+                "simulation": Region(
+                    initial_states=((Fraction(0), Fraction(1)),), initial_disturbance=None
+                )
+            },
             "simulation",
             "must be",
         ),
         ({"simulation": {"seed": 2**63}}, "simulation.seed", "whole number from 0 to"),
         ({"exosystem": SINE, "simulation": {"xi0": [1]}}, "simulation.xi0", "must have 2 numbers"),
-        ({"exosystem": SINE, "simulation": {"xi0": [[1, 0]] * 2}}, "simulation.xi0", "must have 3 rows"),
+        (
+            {"exosystem": SINE, "simulation": {"xi0": [[1, 0]] * 2}},
+            "simulation.xi0",
+            "must have 3 rows",
+        ),
     ],
 )
 def test_a_mistake_is_named_by_its_key(changes, key, message):
@@ -203,13 +262,29 @@ def test_a_mistake_is_named_by_its_key(changes, key, message):
     ("build", "key", "message"),
     [
         (lambda: Exosystem(A=[[0, 1]], C=[[1]]), "exosystem.A", "must be square"),
-        (lambda: Exosystem(A=[[0]], C=[[1, 2]]), "exosystem.C", r"must have 1 column, one per exosystem state"),
+        (
+            lambda: Exosystem(A=[[0]], C=[[1, 2]]),
+            "exosystem.C",
+            r"must have 1 column, one per exosystem state",
+        ),
         (lambda: Exosystem(A=[[]], C=[[1]]), "exosystem.A[0]", "at least one number"),
-        (lambda: Exosystem(A=np.array([[np.nan]]), C=[[1]]), "exosystem.A[0][0]", "must be a number"),
+        (
+            lambda: Exosystem(A=np.array([[np.nan]]), C=[[1]]),
+            "exosystem.A[0][0]",
+            "must be a number",
+        ),
         (lambda: Observer(P=[[1]]), "observer.P", "must stand beside observer.W"),
-        (lambda: Observer(W=[[1], [1]], P=[[1, 2], [3, 4]]), "observer.P", r"got 2 at \[0\]\[1\] and 3 at \[1\]\[0\]"),
+        (
+            lambda: Observer(W=[[1], [1]], P=[[1, 2], [3, 4]]),
+            "observer.P",
+            r"got 2 at \[0\]\[1\] and 3 at \[1\]\[0\]",
+        ),
         (lambda: Observer(rate=0), "observer.rate", r"must be > 0 \(1/s\)"),
-        (lambda: Switching(signal="sometimes"), "switching.signal", "must be one of random, periodic"),
+        (
+            lambda: Switching(signal="sometimes"),
+            "switching.signal",
+            "must be one of random, periodic",
+        ),
         (lambda: Switching(signal="random", dwell=-1), "switching.dwell", "must be > 0"),
     ],
 )
@@ -240,7 +315,11 @@ def test_the_same_agent_under_two_spellings_is_refused():
 
 def test_at_most_twenty_mistakes_of_a_kind_are_told():
     wrong = {f"z{i}": 1 for i in range(1000)}
-    for changes in ({"gains": wrong}, {"offsets": wrong}, {"exceptions": {(i, i): "y" for i in range(1000)}}):
+    for changes in (
+        {"gains": wrong},
+        {"offsets": wrong},
+        {"exceptions": {(i, i): "y" for i in range(1000)}},
+    ):
         with pytest.raises(SpecError) as caught:
             make(**changes)
         assert len(caught.value.errors) == 20
@@ -270,7 +349,9 @@ def test_copies_of_a_problem_are_equal(seed):
 
 def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
     problem = load_problem("paper-fixed")
-    changed = problem.replace(gains={1: 7}, region={"initial_states": [0, 4]}, simulation={"seed": 5})
+    changed = problem.replace(
+        gains={1: 7}, region={"initial_states": [0, 4]}, simulation={"seed": 5}
+    )
     for kept in ("network", "coupling", "exosystem", "observer", "name"):
         assert getattr(changed, kept) == getattr(problem, kept)
     assert changed.pinning.gains == {0: ((7,),)}
@@ -279,7 +360,9 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
     assert problem.replace() == problem
     with pytest.raises(SpecError, match=r"region\.initial"):
         problem.replace(region={"initial": 3})
-    with pytest.raises(SpecError, match=r"no argument 'pinning'\. Its arguments are network, coupling, .*gains"):
+    with pytest.raises(
+        SpecError, match=r"no argument 'pinning'\. Its arguments are network, coupling, .*gains"
+    ):
         problem.replace(pinning={1: 2})
 
 
@@ -295,7 +378,10 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
 )
 def test_a_coupling_may_be_given_as_a_sympy_expression(expression: Any, text: str):
     problem = load_problem("paper-fixed")
-    assert problem.replace(coupling=expression(sympy.Symbol("y"))).coupling == problem.replace(coupling=text).coupling
+    assert (
+        problem.replace(coupling=expression(sympy.Symbol("y"))).coupling
+        == problem.replace(coupling=text).coupling
+    )
 
 
 def test_a_network_with_other_agents_needs_gains_of_its_own():
@@ -304,4 +390,6 @@ def test_a_network_with_other_agents_needs_gains_of_its_own():
     turned = Network.from_arcs([["b", "lead"]], arrow="listens_to", agents=NAMED.labels[::-1])
     with pytest.raises(SpecError, match=r"or the same in another order\. Give gains"):
         problem.replace(network=turned)
-    assert problem.replace(network=turned, gains={"lead": 1}).pinning.agents == (turned.labels.index("lead"),)
+    assert problem.replace(network=turned, gains={"lead": 1}).pinning.agents == (
+        turned.labels.index("lead"),
+    )

@@ -15,7 +15,17 @@ from dobc_design.problem.network import ARROWS
 from dobc_design.problem.schema import RESERVED, json_schema
 from dobc_design.problem.settings import GUARANTEES, KEYS, SIGNALS
 
-TABLES = ("network", "coupling", "pinning", "exosystem", "observer", "formation", "region", "switching", "simulation")
+TABLES = (
+    "network",
+    "coupling",
+    "pinning",
+    "exosystem",
+    "observer",
+    "formation",
+    "region",
+    "switching",
+    "simulation",
+)
 TABLES += ("uncertainty", "actuators", "dynamics", "leader")
 CONTRACT = {
     "": {"schema", "name", "notes", "target", *TABLES},
@@ -28,7 +38,13 @@ CONTRACT = {
     "observer": {"W", "P", "rate"},
     "formation": {"offsets"},
     "region": {"initial_states", "initial_disturbance"},
-    "switching": {"signal", "guarantee", "dwell", "longest", *(key for keys in KEYS.values() for key in keys)},
+    "switching": {
+        "signal",
+        "guarantee",
+        "dwell",
+        "longest",
+        *(key for keys in KEYS.values() for key in keys),
+    },
     "simulation": {"t_final", "seed", "xi0", "x0"},
     "uncertainty": {"weights", "gains", "known_to_agents", "disturbance", "drift", "measurement"},
     "actuators": {"limit", "amplitude"},
@@ -74,7 +90,10 @@ WORDS = [{part} for part in PARTS]
 
 @pytest.mark.parametrize(
     ("path", "ways"),
-    [("exosystem", [{"A", "C"}, *WORDS, {"groups"}]), ("exosystem.groups", [{"A", "C"}, *WORDS, {"none"}])],
+    [
+        ("exosystem", [{"A", "C"}, *WORDS, {"groups"}]),
+        ("exosystem.groups", [{"A", "C"}, *WORDS, {"none"}]),
+    ],
 )
 def test_an_exosystem_is_given_by_matrices_in_words_or_by_groups(path, ways):
     assert [set(way["required"]) for way in table(json_schema(), path)["anyOf"]] == ways
@@ -124,7 +143,8 @@ def test_unknown_keys_are_invalid_by_the_schema(case):
 
 
 def test_most_mistakes_of_kind_are_invalid_by_the_schema():
-    """A schema cannot know labels or shapes; it can know tables, lists, texts, numbers and missing keys."""
+    """A schema cannot know labels or shapes; it can know tables, lists, texts, numbers and missing
+    keys."""
     check = validator()
     wanted = re.compile(
         r"^no-(network|agents|arrow|modes|coupling|h|A|C|initial-states|signal)$|^(name|schema|notes)-n"

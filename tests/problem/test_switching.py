@@ -1,4 +1,5 @@
-"""[switching] and simulation.x0: every key there and back, what each signal may have, and words for people."""
+"""[switching] and simulation.x0: every key there and back, what each signal may have, and words for
+people."""
 
 import json
 import pickle
@@ -10,14 +11,21 @@ from hypothesis import strategies as st
 
 from dobc_design import Network, Problem
 from dobc_design.errors import SpecError
-from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
+from dobc_design.problem.canonical import (
+    canonical_bytes,
+    canonical_document,
+    problem_from_canonical,
+    problem_sha256,
+)
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.settings import KEYS, SIGNALS, Switching
 from dobc_design.problem.words import describe, facts
 
 MODES = ("Ga", "Gb", 'a."b"')
-NETWORK = Network.from_arcs({name: [[1, 2], [2, 3]] for name in MODES}, arrow="listens_to", agents=3)
+NETWORK = Network.from_arcs(
+    {name: [[1, 2], [2, 3]] for name in MODES}, arrow="listens_to", agents=3
+)
 modes = st.sampled_from(MODES)
 numbers = st.fractions(min_value=Fraction(1, 1000), max_value=1000, max_denominator=1000)
 
@@ -39,7 +47,10 @@ def generators(draw) -> list[list[Fraction]]:
 
 @st.composite
 def promises(draw) -> list[dict[str, object]]:
-    shortest, guarantee = draw(numbers), {"guarantee": draw(st.sampled_from(["arbitrary", "dwell"]))}
+    shortest, guarantee = (
+        draw(numbers),
+        {"guarantee": draw(st.sampled_from(["arbitrary", "dwell"]))},
+    )
     longest = {"guarantee": "dwell", "longest": shortest + draw(numbers | st.just(Fraction(0)))}
     return [guarantee | {"dwell": shortest}, longest | {"dwell": shortest}]
 
@@ -51,26 +62,44 @@ def sections(draw) -> Switching:
     if signal == "random":
         return Switching(signal=signal, **draw(st.sampled_from([dwell, *draw(promises())])))
     if signal == "markov":
-        return Switching(signal=signal, **draw(st.sampled_from([dwell, {"generator": draw(generators())}])))
+        return Switching(
+            signal=signal, **draw(st.sampled_from([dwell, {"generator": draw(generators())}]))
+        )
     schedule = draw(instants())
     if signal == "schedule":
         return Switching(signal=signal, schedule=schedule, **dwell)
     if signal == "mobile":
-        near = draw(st.sampled_from([{"radius": draw(numbers)}, {"neighbours": draw(st.integers(1, 99))}]))
-        return Switching(signal=signal, hysteresis=draw(st.none() | numbers | st.just(Fraction(0))), **near, **dwell)
+        near = draw(
+            st.sampled_from([{"radius": draw(numbers)}, {"neighbours": draw(st.integers(1, 99))}])
+        )
+        return Switching(
+            signal=signal,
+            hysteresis=draw(st.none() | numbers | st.just(Fraction(0))),
+            **near,
+            **dwell,
+        )
     order = {"sequence": draw(st.none() | st.lists(modes, min_size=1, max_size=5))}
     order |= {"guarantee": draw(st.sampled_from([None, "arbitrary"]))}
     rounds = {"schedule": schedule, "period": schedule[-1][0] + draw(numbers)}
     rounds |= {"guarantee": draw(st.sampled_from([None, "sequence"]))}
-    return Switching(signal=signal, **draw(st.sampled_from([order | dwell, order | {"period": draw(numbers)}, rounds])))
+    return Switching(
+        signal=signal,
+        **draw(st.sampled_from([order | dwell, order | {"period": draw(numbers)}, rounds])),
+    )
 
 
-starts = st.none() | st.lists(numbers, min_size=1, max_size=1) | st.lists(numbers, min_size=3, max_size=3)
+starts = (
+    st.none()
+    | st.lists(numbers, min_size=1, max_size=1)
+    | st.lists(numbers, min_size=3, max_size=3)
+)
 
 
 @settings(max_examples=12)
 @given(sections(), starts)
-def test_every_section_is_read_back_equal_from_json_from_toml_and_from_a_pickle(section: Switching, x0):
+def test_every_section_is_read_back_equal_from_json_from_toml_and_from_a_pickle(
+    section: Switching, x0
+):
     problem = Problem(network=NETWORK, coupling="y", switching=section, simulation={"x0": x0})
     data = canonical_bytes(problem)
     assert problem_from_canonical(data) == problem
@@ -83,16 +112,22 @@ def test_every_section_is_read_back_equal_from_json_from_toml_and_from_a_pickle(
 
 def test_problems_without_the_later_keys_keep_the_bytes_they_had():
     """The two documents as the first version wrote them, and the hash of the whole."""
-    problem = Problem(network=NETWORK, coupling="y", switching=Switching(signal="random", dwell=0.5))
+    problem = Problem(
+        network=NETWORK, coupling="y", switching=Switching(signal="random", dwell=0.5)
+    )
     document = canonical_document(problem)
     assert document["switching"] == {"signal": "random", "dwell": "1/2"}
     assert document["simulation"] == {"t_final": "20", "seed": 0, "xi0": None}
-    longer = Problem(network=NETWORK, coupling="y", switching=problem.switching, simulation={"x0": [1]})
+    longer = Problem(
+        network=NETWORK, coupling="y", switching=problem.switching, simulation={"x0": [1]}
+    )
     assert canonical_document(longer)["simulation"] == document["simulation"] | {"x0": [["1"]]}
     assert problem_sha256(longer) != problem_sha256(problem)
 
 
-@pytest.mark.parametrize("key", ["sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis"])
+@pytest.mark.parametrize(
+    "key", ["sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis"]
+)
 def test_a_key_in_the_wrong_place_names_the_signals_it_belongs_to(key: str):
     for signal in SIGNALS:
         if key in KEYS[signal]:
@@ -111,7 +146,9 @@ def test_all_mistakes_of_a_section_are_told_at_once():
     assert [error.key for error in caught.value.errors] == keys
 
 
-@pytest.mark.parametrize("later", [{"radius": None}, {"radius": "0"}, {"speed": "1"}, {"neighbours": 1.0}])
+@pytest.mark.parametrize(
+    "later", [{"radius": None}, {"radius": "0"}, {"speed": "1"}, {"neighbours": 1.0}]
+)
 def test_a_canonical_section_with_other_keys_or_null_is_refused(later):
     """One problem has one text: a null where a key may be absent would be another."""
     section = Switching(signal="mobile", radius=1)
@@ -125,19 +162,31 @@ def test_a_canonical_section_with_other_keys_or_null_is_refused(later):
     ("section", "words"),
     [
         ({"signal": "random", "dwell": 0.5}, "random, a mode drawn anew every 0.5 s"),
-        ({"signal": "periodic", "dwell": 2, "sequence": ["Gb", "Ga"]}, "periodic, Gb, Ga in turn, 2 s each"),
+        (
+            {"signal": "periodic", "dwell": 2, "sequence": ["Gb", "Ga"]},
+            "periodic, Gb, Ga in turn, 2 s each",
+        ),
         ({"signal": "periodic", "period": 3}, 'periodic, Ga, Gb, a."b" in turn, a round in 3 s'),
         (
             {"signal": "periodic", "period": 3, "schedule": [[0, "Ga"], [1, "Gb"]]},
             "Ga from 0 s, Gb from 1 s, and so again every 3 s",
         ),
-        ({"signal": "schedule", "schedule": [[0, "Ga"], ["1/3", "Gb"]]}, "Ga from 0 s, Gb from 1/3 s"),
+        (
+            {"signal": "schedule", "schedule": [[0, "Ga"], ["1/3", "Gb"]]},
+            "Ga from 0 s, Gb from 1/3 s",
+        ),
         (
             {"signal": "markov", "generator": [[-2, 2, 0], [0, 0, 0], [0, 1, -1]]},
             'a Markov chain, whose stays last on average: Ga 0.5 s, Gb for ever, a."b" 1 s',
         ),
-        ({"signal": "mobile", "neighbours": 2}, "an agent hears its 2 nearest neighbours; the arcs of the modes"),
-        ({"signal": "mobile", "radius": 2, "hysteresis": "1/4"}, "everyone within 2 in the unit of x, with a hyst"),
+        (
+            {"signal": "mobile", "neighbours": 2},
+            "an agent hears its 2 nearest neighbours; the arcs of the modes",
+        ),
+        (
+            {"signal": "mobile", "radius": 2, "hysteresis": "1/4"},
+            "everyone within 2 in the unit of x, with a hyst",
+        ),
     ],
 )
 def test_check_says_the_signal_in_words(section, words: str):
@@ -156,7 +205,9 @@ def test_check_says_where_simulations_start():
 def test_a_list_of_dwells_is_the_schedule_of_a_round():
     listed = Switching(guarantee="sequence", sequence=["Ga", "Gb", "Ga"], dwell=[1, "1/2", 2])
     rounds = [[0, "Ga"], [1, "Gb"], ["3/2", "Ga"]]
-    assert listed == Switching(guarantee="sequence", signal="periodic", schedule=rounds, period="7/2")
+    assert listed == Switching(
+        guarantee="sequence", signal="periodic", schedule=rounds, period="7/2"
+    )
 
 
 def test_times_whose_sum_cannot_be_written_are_named_as_dwell():
@@ -164,9 +215,9 @@ def test_times_whose_sum_cannot_be_written_are_named_as_dwell():
     said = r"switching\.dwell holds times from 1e-300 to 1e300 s, whose sum has more than 200"
     with pytest.raises(SpecError, match=said):
         Switching(guarantee="sequence", sequence=["Ga", "Gb"], dwell=["1e-300", "1e300"])
-    assert Switching(guarantee="sequence", sequence=["Ga", "Gb"], dwell=["1e-90", "1e90"]).period == 10**90 + Fraction(
-        1, 10**90
-    )
+    assert Switching(
+        guarantee="sequence", sequence=["Ga", "Gb"], dwell=["1e-90", "1e90"]
+    ).period == 10**90 + Fraction(1, 10**90)
 
 
 def test_a_guarantee_chooses_the_signal_unless_it_is_named():
@@ -175,5 +226,9 @@ def test_a_guarantee_chooses_the_signal_unless_it_is_named():
     assert Switching(guarantee="sequence", dwell=1).signal == "periodic"
     assert Switching(guarantee="dwell", signal="markov", dwell=1).signal == "markov"
     assert canonical_document(
-        Problem(network=NETWORK, coupling="y", switching=Switching(guarantee="dwell", dwell=1, longest=2))
+        Problem(
+            network=NETWORK,
+            coupling="y",
+            switching=Switching(guarantee="dwell", dwell=1, longest=2),
+        )
     )["switching"] == {"signal": "random", "dwell": "1", "guarantee": "dwell", "longest": "2"}

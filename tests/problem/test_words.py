@@ -13,7 +13,9 @@ from dobc_design.conditions.consensus.network import cure_in_words
 from dobc_design.problem.arrays import closed_groups, unreached
 from dobc_design.problem.words import describe, facts
 
-CHAIN = Network.from_arcs([("a", "b"), ("b", "c", "1/2")], arrow="listens_to", agents=["a", "b", "c", "d"])
+CHAIN = Network.from_arcs(
+    [("a", "b"), ("b", "c", "1/2")], arrow="listens_to", agents=["a", "b", "c", "d"]
+)
 
 
 def test_words_say_who_listens_to_whom_and_who_is_not_reached():
@@ -65,7 +67,8 @@ def test_words_say_what_else_is_asked():
         "Simulations: 20 s, seed 0.",
         "Note: Invented.",
         "Disturbance: sine of 2 rad/s (0.3183 Hz, period 3.142 s).",
-        "Time scales near the target: fastest 0.316 s (network), slowest 1 s (observer); sample and integrate with"
+        "Time scales near the target: fastest 0.316 s (network), slowest 1 s (observer); "
+        "sample and integrate with"
         " steps of at most 0.03 s.",
     ]
 
@@ -73,7 +76,8 @@ def test_words_say_what_else_is_asked():
 TABLES = (
     (
         {"actuators": {"limit": {"a": "1/2", "b": 2}, "amplitude": 3}},
-        "Actuators: |u_i| by component is at most a: 0.5, b: 2; the inputs of the other agents have no limit; |d_i| is "
+        "Actuators: |u_i| by component is at most a: 0.5, b: 2; the inputs of the other "
+        "agents have no limit; |d_i| is "
         "at most 3 by component.",
     ),
     (
@@ -84,11 +88,24 @@ TABLES = (
         {"actuators": {"amplitude": 3}, "simulation": {"xi0": [1]}},
         "Actuators: inputs have no limit; |d_i| is at most 3 by component.",
     ),
-    ({"actuators": {"limit": 4}, "simulation": {"xi0": [1]}}, "; |d_i| is as large as from simulation.xi0."),
     (
-        {"uncertainty": {"weights": "0.05", "gains": "0.02", "disturbance": "0.1", "drift": "0.01", "measurement": 1}},
-        "Uncertainty: every arc weight may be 5 % off; every gain may be 2 % off; a disturbance that no exosystem "
-        "generates, |w_i|, is at most 0.1; |xi' - A xi| is at most 0.01; the noise of every measured state is at "
+        {"actuators": {"limit": 4}, "simulation": {"xi0": [1]}},
+        "; |d_i| is as large as from simulation.xi0.",
+    ),
+    (
+        {
+            "uncertainty": {
+                "weights": "0.05",
+                "gains": "0.02",
+                "disturbance": "0.1",
+                "drift": "0.01",
+                "measurement": 1,
+            }
+        },
+        "Uncertainty: every arc weight may be 5 % off; every gain may be 2 % off; a "
+        "disturbance that no exosystem "
+        "generates, |w_i|, is at most 0.1; |xi' - A xi| is at most 0.01; the noise of "
+        "every measured state is at "
         "most 1.",
     ),
     (
@@ -98,18 +115,24 @@ TABLES = (
     ({"observer": Observer(rate=3)}, "Observer gain W: to be designed for a decay rate of 3 1/s."),
     (
         {"simulation": {"t_final": 7, "seed": 3, "x0": [2], "xi0": [1]}},
-        "Simulations: 7 s, seed 3; they start at x0, all agents at 2; the exosystem starts at xi0, 1 for all agents.",
+        "Simulations: 7 s, seed 3; they start at x0, all agents at 2; the exosystem starts "
+        "at xi0, 1 for all agents.",
     ),
     (
         {"exceptions": {(0, 1): "2*y", (1, 2): "tanh(y)"}},
         "Other couplings: h = 2*y where a listens to b; h = tanh(y) where b listens to c.",
     ),
     ({"offsets": {"a": 1}}, "Formation offsets: a: 1."),
-    ({"region": {"initial_states": [0, 1], "initial_disturbance": 1}}, "Region asked for: initial states in [0, 1]"),
+    (
+        {"region": {"initial_states": [0, 1], "initial_disturbance": 1}},
+        "Region asked for: initial states in [0, 1]",
+    ),
 )
 
 
-@pytest.mark.parametrize(("tables", "words"), TABLES, ids=[next(iter(tables)) for tables, _ in TABLES])
+@pytest.mark.parametrize(
+    ("tables", "words"), TABLES, ids=[next(iter(tables)) for tables, _ in TABLES]
+)
 def test_every_table_of_the_file_is_repeated_in_words(tables: dict[str, Any], words: str):
     """In the text of `check` and of print(problem), and in the HTML view."""
     given = {"exosystem": Exosystem(A=[[0]], C=[[1]]), **tables}
@@ -131,7 +154,9 @@ def test_long_lists_are_cut():
 
 
 def test_facts_are_the_same_for_a_program():
-    problem = Problem(name="chain", network=CHAIN, coupling="y", gains={"c": 1}, notes=["Invented."])
+    problem = Problem(
+        name="chain", network=CHAIN, coupling="y", gains={"c": 1}, notes=["Invented."]
+    )
     assert facts(problem) == {
         "name": "chain",
         "agents": 4,
@@ -155,14 +180,23 @@ def build(arcs: list[tuple[int, int]], n: int, gains: dict[int, int] | None = No
 @given(st.integers(1, 7), st.data())
 def test_closed_groups_are_the_components_that_hear_nobody_else(n, data):
     arcs = data.draw(
-        st.sets(st.tuples(st.integers(1, n), st.integers(1, n)).filter(lambda a: a[0] != a[1]), max_size=14)
+        st.sets(
+            st.tuples(st.integers(1, n), st.integers(1, n)).filter(lambda a: a[0] != a[1]),
+            max_size=14,
+        )
     )
     graph = nx.DiGraph(list(arcs))
     graph.add_nodes_from(range(1, n + 1))
     inner = nx.condensation(graph)
-    expected = {frozenset(i - 1 for i in inner.nodes[c]["members"]) for c in inner if inner.out_degree(c) == 0}
+    expected = {
+        frozenset(i - 1 for i in inner.nodes[c]["members"])
+        for c in inner
+        if inner.out_degree(c) == 0
+    }
     problem = build(sorted(arcs), n)
-    assert {frozenset(group) for group in closed_groups(problem, problem.network.modes.values())} == expected
+    assert {
+        frozenset(group) for group in closed_groups(problem, problem.network.modes.values())
+    } == expected
 
 
 def test_a_chain_of_twenty_thousand_agents_needs_no_recursion():
@@ -172,7 +206,8 @@ def test_a_chain_of_twenty_thousand_agents_needs_no_recursion():
 
 
 def test_the_cure_names_one_agent_of_every_group_and_works():
-    """Agents 1 and 2 hear each other, 4 hears 3, 5 is alone: three groups have to be pinned, not one agent."""
+    """Agents 1 and 2 hear each other, 4 hears 3, 5 is alone: three groups have to be pinned, not
+    one agent."""
     arcs = [(1, 2), (2, 1), (4, 3)]
     problem = build(arcs, 5)
     text = cure_in_words(problem, list(problem.network.modes.values()))

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from shown import HOSTILE
 
-from dobc_design import Certificate, Exosystem, Network, Observer, Problem, Region, Trajectory, Verdict
+from dobc_design import (
+    Certificate,
+    Exosystem,
+    Network,
+    Observer,
+    Problem,
+    Region,
+    Trajectory,
+    Verdict,
+)
 from dobc_design.analysis.analysis import (
     Analysis,
     GraphFacts,
@@ -44,10 +53,14 @@ def ring_problem(n: int = 10, **changes: Any) -> Problem:
 
 
 def ring_checks(problem: Problem) -> tuple[Check, ...]:
-    """One check of every kind of content: numbers, exact values, witnesses, cures, all three verdicts."""
+    """One check of every kind of content: numbers, exact values, witnesses, cures, all three
+    verdicts."""
     mode, labels = next(iter(problem.network.modes)), problem.network.labels
     proved, refuted, undecided = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
-    routh, bound = Values({"routh": ["1", "16/5", "44/5"]}), Values({"bound": "-1/20", "S": [["1/20"]]})
+    routh, bound = (
+        Values({"routh": ["1", "16/5", "44/5"]}),
+        Values({"bound": "-1/20", "S": [["1/20"]]}),
+    )
     printed, vector = (
         Values({"bound": "-9/8", "S": [["9/8"]]}),
         Witness(kind="vector", values=tuple(map(str, range(30)))),
@@ -58,8 +71,18 @@ def ring_checks(problem: Problem) -> tuple[Check, ...]:
     return (
         one("observability", proved, "global", "(A, C) is observable."),
         one("hurwitz", proved, "global", "A - WC is Hurwitz.", rate=1.59999, claim=routh),
-        one("reachability", refuted, "global", "somebody is alone.", mode=mode, witness=alone, fix=fix),
-        one("lemma1", proved, "consensus", "Lambda(J) < 0.", mode=mode, margin=0.58229999, rate=0.29),
+        one(
+            "reachability",
+            refuted,
+            "global",
+            "somebody is alone.",
+            mode=mode,
+            witness=alone,
+            fix=fix,
+        ),
+        one(
+            "lemma1", proved, "consensus", "Lambda(J) < 0.", mode=mode, margin=0.58229999, rate=0.29
+        ),
         one(
             "theorem1-printed",
             refuted,
@@ -111,16 +134,28 @@ def make_analysis(problem: Problem) -> Analysis:
     n, labels = problem.n * problem.m, problem.network.labels
     margins = tuple(ModeMargin(eigenvalue=value, margin=0.7) for value in (2j, -2j))
     one_each = (1,) * problem.n
-    shape = {"components": (labels,), "sources": (labels,), "heard": one_each, "hearing": one_each, "balanced": True}
+    shape = {
+        "components": (labels,),
+        "sources": (labels,),
+        "heard": one_each,
+        "hearing": one_each,
+        "balanced": True,
+    }
     lambdas = tuple(np.linspace(-8, -0.5, n).tolist())
     loops = tuple(complex(-0.5 - i / n, (-1) ** i) for i in range(n))
     modes = problem.network.modes
     return Analysis(
         name=problem.name,
-        observability=ObservabilityResult(order=2, rank=2, singular_values=(2.0, 1.0), modes=margins),
+        observability=ObservabilityResult(
+            order=2, rank=2, singular_values=(2.0, 1.0), modes=margins
+        ),
         spectrum=SpectrumResult(eigenvalues=(-1.6 + 2.5j, -1.6 - 2.5j), rate=1.6),
-        graphs=tuple(GraphFacts(mode=m, arcs=len(modes[m]), unreached=labels[1:3], **shape) for m in modes),
-        modes=tuple(ModeSpectrum(mode=m, lambda_eigenvalues=lambdas, loop_eigenvalues=loops) for m in modes),
+        graphs=tuple(
+            GraphFacts(mode=m, arcs=len(modes[m]), unreached=labels[1:3], **shape) for m in modes
+        ),
+        modes=tuple(
+            ModeSpectrum(mode=m, lambda_eigenvalues=lambdas, loop_eigenvalues=loops) for m in modes
+        ),
     )
 
 
@@ -133,8 +168,21 @@ def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
     d = np.broadcast_to(np.cos(2 * times)[:, None, None], x.shape).copy()
     dhat = d * (1 - np.exp(-times))[:, None, None]
     xi = np.zeros((len(times), n, q))
-    arrays = {"times": times, "x": x, "xi": xi, "xihat": xi.copy(), "d": d, "dhat": dhat, "u": 0 * x, "goal": goal}
-    named = {"name": problem.name, "mode": next(iter(problem.network.modes)), "labels": problem.network.labels}
+    arrays = {
+        "times": times,
+        "x": x,
+        "xi": xi,
+        "xihat": xi.copy(),
+        "d": d,
+        "dhat": dhat,
+        "u": 0 * x,
+        "goal": goal,
+    }
+    named = {
+        "name": problem.name,
+        "mode": next(iter(problem.network.modes)),
+        "labels": problem.network.labels,
+    }
     return Trajectory(t_final=10.0, seed=3, diverged=diverged, **named, **arrays)
 
 
@@ -144,7 +192,11 @@ def drawn_only(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
     def draw(*names: str) -> None:
         monkeypatch.setattr(
-            pages, "svg_of", lambda picture: svg_of(picture) if picture.name in names else pages.Fragment("<svg></svg>")
+            pages,
+            "svg_of",
+            lambda picture: (
+                svg_of(picture) if picture.name in names else pages.Fragment("<svg></svg>")
+            ),
         )
 
     return draw
@@ -186,7 +238,10 @@ def everything(certificate: Certificate) -> dict[str, Any]:
     """The arguments of a full report on the ring."""
     problem = certificate.problem
     n = problem.n
-    rows = [[-2 if i == j else 1 if abs(i - j) in (1, n - 1) else Fraction(1, 3) for j in range(n)] for i in range(n)]
+    rows = [
+        [-2 if i == j else 1 if abs(i - j) in (1, n - 1) else Fraction(1, 3) for j in range(n)]
+        for i in range(n)
+    ]
     return {
         "certificate": certificate,
         "analysis": make_analysis(problem),
@@ -205,10 +260,20 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
     P_e = SparseSymmetric(10, {(i, i): Fraction(1 + i) for i in range(10)})
     lure = Lure(method="vertices", P_e=P_e, ranges=(), radius=Fraction(1), level=Fraction(2))
     ball = {"kind": "ball", "radius": 1.079, "disturbance": 0.5}
-    why = "from every start in a ball V decays. Beyond, and this takes several lines, no quadratic V is found."
+    why = (
+        "from every start in a ball V decays. Beyond, and this takes several lines, no "
+        "quadratic V is found."
+    )
     late = Values({"delay": "1/50", "rate": "1/10"})
     checks = (
-        one("max-separable", Verdict.PROVED, box, "from every start V decays.", rate=0.2, claim=separable),
+        one(
+            "max-separable",
+            Verdict.PROVED,
+            box,
+            "from every start V decays.",
+            rate=0.2,
+            claim=separable,
+        ),
         one("lure", Verdict.PROVED, ball, why, rate=0.0001234, claim=lure),
         one("delay", Verdict.PROVED, box, "late.", rate=0.1, claim=late),
     )
@@ -218,10 +283,13 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
 
 @pytest.fixture(scope="session")
 def wide(problem_with, certificate_of, analysis_of, trajectory_of) -> dict[str, Any]:
-    """Long names, hostile ones, six exosystem states, several modes: what is likely to be too wide."""
+    """Long names, hostile ones, six exosystem states, several modes: what is likely to be too
+    wide."""
     labels = [f"station-of-a-very-long-name-{i}-{HOSTILE[1 + i % 5][:40]}" for i in range(12)]
     arcs = [(labels[i], labels[(i + 1) % 12]) for i in range(12)]
-    network = Network.from_arcs({"m" * 60: arcs, "#b": arcs[:-1], "$c": arcs[3:]}, arrow="listens_to", agents=labels)
+    network = Network.from_arcs(
+        {"m" * 60: arcs, "#b": arcs[:-1], "$c": arcs[3:]}, arrow="listens_to", agents=labels
+    )
     A = [[f"{i + 1}/{j + 7}" for j in range(6)] for i in range(6)]
     problem = problem_with(
         name="a-name-without-any-space-" * 4,
@@ -231,4 +299,8 @@ def wide(problem_with, certificate_of, analysis_of, trajectory_of) -> dict[str, 
         exosystem=Exosystem(A=A, C=[[1, 0, 0, 0, 0, "123456/654321"]]),
     )
     certificate = certificate_of(problem, problem_sha256="f" * 64, notes=("W" * 200, *HOSTILE))
-    return {"certificate": certificate, "analysis": analysis_of(problem), "trajectory": trajectory_of(problem)}
+    return {
+        "certificate": certificate,
+        "analysis": analysis_of(problem),
+        "trajectory": trajectory_of(problem),
+    }

@@ -1,7 +1,9 @@
-"""The page in a real browser: everything has a size, nothing is cut off, an audit by axe-core where it is at hand.
+"""The page in a real browser: everything has a size, nothing is cut off, an audit by axe-core where
+it is at hand.
 
-The page runs no scripts, so a wrapper holds it in an iframe and measures from outside.  axe-core is not shipped;
-AXE_SCRIPT names its file (axe.min.js, for example from the package axe-playwright-python).
+The page runs no scripts, so a wrapper holds it in an iframe and measures from outside.  axe-core is
+not shipped; AXE_SCRIPT names its file (axe.min.js, for example from the package
+axe-playwright-python).
 """
 
 import html
@@ -22,9 +24,11 @@ from dobc_design.report.write import render_report
 LOADED = "document.readyState === 'complete' && document.title !== ''"
 # How far to the right anything reaches, what would have to be scrolled included.
 WIDEST = """Math.max(...[...document.querySelectorAll("body *:not(svg *, .hidden)")].map(each => {
-  const box = each.getBoundingClientRect(); return Math.max(box.right, box.left + each.scrollWidth); }))"""
+  const box = each.getBoundingClientRect(); return Math.max(box.right, box.left +
+  each.scrollWidth); }))"""
 WRAPPER = """<!DOCTYPE html><meta charset="utf-8"><body style="margin:0">
-<iframe id="f" style="border:0;width:{width}px;height:900px" srcdoc="{page}"></iframe><pre id="result"></pre>
+<iframe id="f" style="border:0;width:{width}px;height:900px" srcdoc="{page}"></iframe><pre
+id="result"></pre>
 <script>
 const frame = document.getElementById("f");
 frame.onload = () => {{
@@ -32,12 +36,15 @@ frame.onload = () => {{
   const sizes = name => [...page.querySelectorAll(name)].map(e => {{
     const box = e.getBoundingClientRect(); return [box.width, box.height]; }});
   document.getElementById("result").textContent = JSON.stringify({{
-    math: sizes("math"), svg: sizes("svg"), scroll: root.scrollWidth, client: root.clientWidth, tall: root.scrollHeight,
+    math: sizes("math"), svg: sizes("svg"), scroll: root.scrollWidth, client: root.clientWidth,
+    tall: root.scrollHeight,
     font: getComputedStyle(page.body).fontSize}});
 }};
 </script>"""
 
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium, which is not installed here")
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None, reason="needs chromium, which is not installed here"
+)
 
 pytestmark = pytest.mark.slow
 needs_axe = pytest.mark.skipif(not AXE, reason="needs axe-core: AXE_SCRIPT=/path/to/axe.min.js")
@@ -59,7 +66,10 @@ def audit(text: str, folder: Path, *, scheme: str) -> dict[str, Any]:
     file = folder / "page.html"
     file.write_text(text, encoding="utf-8")
     with browser(folder, file.as_uri(), wanted="page.html") as page:
-        page.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        page.ask(
+            "Emulation.setEmulatedMedia",
+            features=[{"name": "prefers-color-scheme", "value": scheme}],
+        )
         until("the page", lambda: page.run(LOADED))
         return page.audit()
 
@@ -68,7 +78,9 @@ def audit(text: str, folder: Path, *, scheme: str) -> dict[str, Any]:
 @needs_axe
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("which", ["full", "region", "comparison"])
-def test_an_audit_by_axe_finds_nothing(pages: dict[str, str], which: str, scheme: str, tmp_path: Path):
+def test_an_audit_by_axe_finds_nothing(
+    pages: dict[str, str], which: str, scheme: str, tmp_path: Path
+):
     found = audit(pages[which], tmp_path, scheme=scheme)
     assert found["rules"] > 15
     assert found["wrong"] == []
@@ -84,21 +96,35 @@ def test_the_browser_asks_the_network_for_nothing(pages: dict[str, str], tmp_pat
         page.ask("Page.enable")
         page.ask("Page.reload")
         until("the page", lambda: page.run(f"{LOADED} && document.fonts.status === 'loaded'"))
-        sent = [each["params"] for each in page.events if each["method"] == "Network.requestWillBeSent"]
+        sent = [
+            each["params"] for each in page.events if each["method"] == "Network.requestWillBeSent"
+        ]
     assert [each["request"]["url"] for each in sent] == [file.as_uri()]
 
 
 @needs_chromium
 def test_printed_on_a4_nothing_is_cut_off(pages: dict[str, str], tmp_path: Path):
-    """210 mm less two margins of 10 mm are 718 CSS pixels; what is wider would not be on the paper."""
-    spoiled = pages["region"].replace("</h1>", "</h1><pre style='white-space: pre'>" + "x" * 300 + "</pre>")
+    """210 mm less two margins of 10 mm are 718 CSS pixels; what is wider would not be on the
+    paper."""
+    spoiled = pages["region"].replace(
+        "</h1>", "</h1><pre style='white-space: pre'>" + "x" * 300 + "</pre>"
+    )
     assert spoiled != pages["region"]
     (tmp_path / "page.html").write_text("", encoding="utf-8")
     with browser(tmp_path, (tmp_path / "page.html").as_uri(), wanted="page.html") as page:
-        page.ask("Emulation.setDeviceMetricsOverride", width=718, height=1046, deviceScaleFactor=1, mobile=False)
+        page.ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=718,
+            height=1046,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         page.ask("Emulation.setEmulatedMedia", media="print")
         frame = page.ask("Page.getFrameTree")["frameTree"]["frame"]["id"]
-        for name, text, fits in [*((name, text, True) for name, text in pages.items()), ("spoiled", spoiled, False)]:
+        for name, text, fits in [
+            *((name, text, True) for name, text in pages.items()),
+            ("spoiled", spoiled, False),
+        ]:
             page.ask("Page.setDocumentContent", frameId=frame, html=text)
             widest = page.run(WIDEST)
             assert (widest <= 718) is fits, f"{name} is {widest} px wide"
@@ -108,7 +134,11 @@ def measure(page: str, folder: Path, *, width: int) -> tuple[dict[str, Any], str
     """Sizes on the page laid out at ``width`` CSS pixels, and what the browser logged."""
     file = folder / "wrapper.html"
     file.write_text(WRAPPER.format(width=width, page=html.escape(page)), encoding="utf-8")
-    places = (f"--user-data-dir={folder / 'profile'}", f"--window-size={max(width, 600)},900", "--hide-scrollbars")
+    places = (
+        f"--user-data-dir={folder / 'profile'}",
+        f"--window-size={max(width, 600)},900",
+        "--hide-scrollbars",
+    )
     command = alone(*places, "--virtual-time-budget=5000", "--dump-dom", file.as_uri())
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     found = re.search(r'<pre id="result">(.*?)</pre>', run.stdout, re.DOTALL)
@@ -119,7 +149,11 @@ def measure(page: str, folder: Path, *, width: int) -> tuple[dict[str, Any], str
 @needs_chromium
 @pytest.mark.parametrize("width", [320, 1200])
 def test_everything_has_a_size_and_nothing_scrolls_sideways(
-    everything: dict[str, Any], wide: dict[str, Any], asked_for: dict[str, Any], tmp_path: Path, width: int
+    everything: dict[str, Any],
+    wide: dict[str, Any],
+    asked_for: dict[str, Any],
+    tmp_path: Path,
+    width: int,
 ):
     for arguments, pictures in ((everything, 6), (wide, 6), (asked_for, 3)):
         page = html_report(**arguments).replace("<details ", "<details open ")
@@ -128,7 +162,9 @@ def test_everything_has_a_size_and_nothing_scrolls_sideways(
         assert all(w > 0 and h > 0 for w, h in sizes["math"])
         assert len(sizes["svg"]) >= pictures
         assert all(w > 150 and h > 60 for w, h in sizes["svg"])
-        assert sizes["scroll"] <= sizes["client"], f"{sizes['scroll']} px wide on a screen of {sizes['client']}"
+        assert sizes["scroll"] <= sizes["client"], (
+            f"{sizes['scroll']} px wide on a screen of {sizes['client']}"
+        )
         console = [line for line in log.splitlines() if "CONSOLE" in line]
         assert console == []
 
@@ -140,13 +176,24 @@ def paper_fixed() -> str:
 
 def test_what_is_in_sight_of_a_report_is_at_most_900_words(paper_fixed: str):
     closed = re.sub(
-        r"(<details[^>]*>\s*<summary>.*?</summary>).*?</details>", r"\1</details>", paper_fixed, flags=re.DOTALL
+        r"(<details[^>]*>\s*<summary>.*?</summary>).*?</details>",
+        r"\1</details>",
+        paper_fixed,
+        flags=re.DOTALL,
     )
     page = Page(re.sub(r"<style>.*?</style>", "", closed, flags=re.DOTALL))
     assert page.wrong == []
     assert 200 < len(page.text.split()) <= 900
-    assert "theorem1-printed" not in page.text  # a check that failed is no alarm where the verdict is proved
-    for words in ("Proved", "0.204 1/s", "sine of 2 rad/s", "(3.2, 2.4)′", "5 1/s on 1 and 6", "dobc verify"):
+    # a check that failed is no alarm where the verdict is proved
+    assert "theorem1-printed" not in page.text
+    for words in (
+        "Proved",
+        "0.204 1/s",
+        "sine of 2 rad/s",
+        "(3.2, 2.4)′",
+        "5 1/s on 1 and 6",
+        "dobc verify",
+    ):
         assert words in page.text
 
 
@@ -155,11 +202,19 @@ def test_a_report_is_three_screens_high_and_three_pages_long(paper_fixed: str, t
     sizes, _ = measure(paper_fixed, tmp_path, width=1280)
     assert sizes["tall"] <= 3500
     pages = {}
-    for name, text in (("closed", paper_fixed), ("open", paper_fixed.replace("<details ", "<details open "))):
+    for name, text in (
+        ("closed", paper_fixed),
+        ("open", paper_fixed.replace("<details ", "<details open ")),
+    ):
         (tmp_path / f"{name}.html").write_text(text, encoding="utf-8")
         target = tmp_path / f"{name}.pdf"
         source = (tmp_path / f"{name}.html").as_uri()
         profile = f"--user-data-dir={tmp_path / 'printing'}"
-        subprocess.run(alone(profile, f"--print-to-pdf={target}", source), capture_output=True, timeout=120, check=True)
+        subprocess.run(
+            alone(profile, f"--print-to-pdf={target}", source),
+            capture_output=True,
+            timeout=120,
+            check=True,
+        )
         pages[name] = max(map(int, re.findall(rb"/Count\s+(\d+)", target.read_bytes())))
     assert pages["closed"] <= 4 < pages["open"]

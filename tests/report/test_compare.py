@@ -1,4 +1,5 @@
-"""Two certificates side by side: what is the same, what differs, and nothing that a user wrote gets out of its cell."""
+"""Two certificates side by side: what is the same, what differs, and nothing that a user wrote gets
+out of its cell."""
 
 import dataclasses
 import re
@@ -18,7 +19,11 @@ def ring(n: int, *, back: bool = False) -> list[tuple[int, int]]:
 
 
 def table_in(section: str, first, second) -> Table:
-    return next(each for each in comparison_document(first, second).section(section) if isinstance(each, Table))
+    return next(
+        each
+        for each in comparison_document(first, second).section(section)
+        if isinstance(each, Table)
+    )
 
 
 def test_a_problem_differs_from_itself_in_nothing(problem_with, certificate_of):
@@ -58,11 +63,17 @@ def test_every_kind_of_difference_is_named_by_its_key(problem_with):
 
 
 def test_many_arcs_and_whole_modes_are_counted(problem_with):
-    one = problem_with(network=Network.from_arcs({"G": ring(10), "only": ring(10)}, arrow="listens_to", agents=10))
+    one = problem_with(
+        network=Network.from_arcs({"G": ring(10), "only": ring(10)}, arrow="listens_to", agents=10)
+    )
     turned = [(j, i) for i, j in ring(10)]
     other = problem_with(network=Network.from_arcs({"G": turned}, arrow="listens_to", agents=10))
     (arcs, mode), count = differences(one, other)
-    assert (count, arcs[0], mode) == (2, "network.modes.G: arcs that differ", ("network.modes.only", "10 arcs", "–"))
+    assert (count, arcs[0], mode) == (
+        2,
+        "network.modes.G: arcs that differ",
+        ("network.modes.only", "10 arcs", "–"),
+    )
     assert arcs[1].startswith("10: 1 listens to 2, 2 listens to 3")
     assert arcs[2].startswith("10: 2 listens to 1")
 
@@ -70,9 +81,17 @@ def test_many_arcs_and_whole_modes_are_counted(problem_with):
 @pytest.mark.parametrize(
     ("first", "second", "words"),
     [
-        ({}, {"rate": 0.5}, "Both are proved. B has the larger certified rate, 0.5 against 0.2618 1/s of A."),
+        (
+            {},
+            {"rate": 0.5},
+            "Both are proved. B has the larger certified rate, 0.5 against 0.2618 1/s of A.",
+        ),
         ({}, {}, "Both are proved, at the same certified rate."),
-        ({}, {"verdict": Verdict.REFUTED, "rate": None, "covered_by": None}, "A is proved, B is refuted."),
+        (
+            {},
+            {"verdict": Verdict.REFUTED, "rate": None, "covered_by": None},
+            "A is proved, B is refuted.",
+        ),
     ],
 )
 def test_the_conclusion_compares_verdicts_and_rates(certificate_of, first, second, words):
@@ -81,7 +100,10 @@ def test_the_conclusion_compares_verdicts_and_rates(certificate_of, first, secon
 
 def test_checks_are_paired_by_id_and_mode_and_marked_where_they_differ(certificate_of):
     one = certificate_of()
-    checks = [dataclasses.replace(check, margin=0.1) if check.id == "lemma1" else check for check in one.checks]
+    checks = [
+        dataclasses.replace(check, margin=0.1) if check.id == "lemma1" else check
+        for check in one.checks
+    ]
     other = certificate_of(checks=tuple(check for check in checks if check.id != "hurwitz"))
     table = table_in("checks", one, other)
     ids = [check.id for check in one.checks]
@@ -93,7 +115,10 @@ def test_checks_are_paired_by_id_and_mode_and_marked_where_they_differ(certifica
 
 
 def test_starts_stand_beside_each_other(asked_for, certificate_of):
-    rows = {name: starts for name, *starts in table_in("starts", asked_for["certificate"], certificate_of()).rows}
+    rows = {
+        name: starts
+        for name, *starts in table_in("starts", asked_for["certificate"], certificate_of()).rows
+    }
     assert rows["Max-separable"][0].startswith("box |e|∞ ≤ 4")
     quadratic = next(starts for name, starts in rows.items() if name.startswith("Lur"))
     assert quadratic[0].startswith("ball |e|₂ ≤ 1.079")
@@ -102,7 +127,9 @@ def test_starts_stand_beside_each_other(asked_for, certificate_of):
 
 def test_the_page_loads_nothing_and_its_drawings_have_their_own_names(certificate_of, problem_with):
     network = Network.from_arcs({"Ga": ring(10, back=True)}, arrow="listens_to", agents=10)
-    page = compare_html(certificate_of(), certificate_of(problem_with(name="other", network=network)))
+    page = compare_html(
+        certificate_of(), certificate_of(problem_with(name="other", network=network))
+    )
     assert not re.search(r"(?:src|href)=\"(?!#)", page)
     assert "<script" not in page
     ids = [each["id"] for _, each in Page(page).elements if "id" in each]

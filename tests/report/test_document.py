@@ -35,7 +35,12 @@ def forms(*blocks: doc.Block) -> dict[str, str]:
     page = Page(html_page(made))
     assert page.wrong == []
     latex = latex_fragments(made, "1").get("checks.tex", b"").decode()
-    return {"html": page.text, "markdown": markdown_page(made), "pdf": str(content(made)), "latex": latex}
+    return {
+        "html": page.text,
+        "markdown": markdown_page(made),
+        "pdf": str(content(made)),
+        "latex": latex,
+    }
 
 
 def test_a_new_column_is_one_line_and_stands_in_every_form_that_shows_it():
@@ -68,7 +73,13 @@ def test_text_is_escaped_in_every_place_of_every_form(text: str):
     reason = doc.Reason(text=text, details=((text, text),), cure=text, lines=(text,))
     columns = tuple(doc.Column(text) for _ in range(4))
     table = doc.Table(caption=text, columns=columns, rows=((*cells, reason),))
-    blocks = (doc.Text(text), doc.List((text,)), doc.Terms(((text, text),)), doc.Facts(((text, text),)), table)
+    blocks = (
+        doc.Text(text),
+        doc.List((text,)),
+        doc.Terms(((text, text),)),
+        doc.Facts(((text, text),)),
+        table,
+    )
     found = forms(*blocks, doc.Section(text, blocks))
     assert found["html"].count(text) >= 20
     assert "\\end{document}" not in found["latex"]

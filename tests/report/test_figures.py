@@ -34,7 +34,9 @@ def test_a_ring_stands_on_a_circle_in_any_order():
     assert np.allclose(steps, steps[0])
 
 
-@pytest.mark.parametrize(("pairs", "n"), [([], 1), ([], 5), ([(0, 1)], 2), ([(0, 1), (2, 3), (3, 4)], 6), (ring(3), 3)])
+@pytest.mark.parametrize(
+    ("pairs", "n"), [([], 1), ([], 5), ([(0, 1)], 2), ([(0, 1), (2, 3), (3, 4)], 6), (ring(3), 3)]
+)
 def test_positions_are_finite_and_apart(pairs: list[tuple[int, int]], n: int):
     places = positions(pairs, n)
     assert places.shape == (n, 2)
@@ -44,7 +46,12 @@ def test_positions_are_finite_and_apart(pairs: list[tuple[int, int]], n: int):
 
 
 def test_the_arrow_points_at_the_listener_and_pinned_and_unreached_agents_look_different():
-    settings = {"labels": ["a", "b", "c"], "places": positions(ring(3), 3), "pinned": [0], "unreached": {2}}
+    settings = {
+        "labels": ["a", "b", "c"],
+        "places": positions(ring(3), 3),
+        "pinned": [0],
+        "unreached": {2},
+    }
     ax = draw_network(new_axes(), arcs=[(0, 1)], **settings)
     assert len({patch.get_facecolor()[:3] for patch in ax.patches}) >= 2
     assert any(patch.get_linestyle() not in ("solid", "-") for patch in ax.patches)
@@ -70,7 +77,8 @@ def test_a_figure_is_drawn_once():
 
 def test_labels_lose_what_they_share():
     assert drawn_labels(["uav-1", "uav-2", "uav-12"]) == (["1", "2", "12"], "uav-")
-    assert drawn_labels(["T1", "T2", "T12"]) == (["T1", "T2", "T12"], "")  # these fit into their nodes
+    # these fit into their nodes
+    assert drawn_labels(["T1", "T2", "T12"]) == (["T1", "T2", "T12"], "")
     assert drawn_labels(["11", "12"]) == (["11", "12"], "")
     assert drawn_labels(["gateway", "s1"]) == (["gateway", "s1"], "")
     assert drawn_labels(["only"]) == (["only"], "")
@@ -96,12 +104,22 @@ def test_an_svg_is_xml_with_own_identifiers_variables_and_its_alternative():
 
 
 def test_names_are_not_read_as_mathematics_and_powers_of_ten_are_written_out():
-    text = svg_text(lambda ax: figures.plot_lambda(ax, {"$\\frac{$": [-1.0], "<b>": [-2.0]}), name="x", alt="x")
+    text = svg_text(
+        lambda ax: figures.plot_lambda(ax, {"$\\frac{$": [-1.0], "<b>": [-2.0]}), name="x", alt="x"
+    )
     assert "$\\frac{$" in text
     assert "&lt;b&gt;" in text
-    assert [look.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == ["10⁻³", "0.1", "1", "10", "10¹²"]
+    assert [look.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == [
+        "10⁻³",
+        "0.1",
+        "1",
+        "10",
+        "10¹²",
+    ]
 
 
 def test_positions_are_reproducible_for_large_networks():
-    pairs = [(i, j) for i, j in np.random.default_rng(1).integers(0, 200, (400, 2)).tolist() if i != j]
+    pairs = [
+        (i, j) for i, j in np.random.default_rng(1).integers(0, 200, (400, 2)).tolist() if i != j
+    ]
     assert np.array_equal(positions(pairs, 200), positions(pairs, 200))

@@ -1,4 +1,5 @@
-"""The page: complete, well-formed, without network, harmless with hostile names, bounded in size."""
+"""The page: complete, well-formed, without network, harmless with hostile names, bounded in
+size."""
 
 import dataclasses
 import itertools
@@ -19,7 +20,9 @@ HOSTILE = "<script>alert('\"&$x_1$')</script>"
 @pytest.fixture(scope="module")
 def full(everything: dict[str, Any]) -> str:
     """A report with all that there is, and with two modes."""
-    return html_report(**everything | {"lambdas": dict.fromkeys(("Ga", "Gb"), everything["lambdas"]["Ga"])})
+    return html_report(
+        **everything | {"lambdas": dict.fromkeys(("Ga", "Gb"), everything["lambdas"]["Ga"])}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +48,12 @@ def any_page(request: pytest.FixtureRequest) -> Page:
 def test_pages_are_well_formed(any_page: Page):
     assert any_page.wrong == []
     assert any_page.having("html") == [{"lang": "en"}]
-    assert len(any_page.having("title")) == len(any_page.having("h1")) == len(any_page.having("main")) == 1
+    assert (
+        len(any_page.having("title"))
+        == len(any_page.having("h1"))
+        == len(any_page.having("main"))
+        == 1
+    )
 
 
 def test_identifiers_are_unique_and_every_link_has_a_goal(any_page: Page):
@@ -53,7 +61,12 @@ def test_identifiers_are_unique_and_every_link_has_a_goal(any_page: Page):
     assert [name for name, count in ids.items() if count > 1] == []
     links = [a["href"] for name, a in any_page.elements if name in ("a", "use")]
     assert all(link.startswith("#") for link in links)
-    inside = {g for _, a in any_page.elements for v in a.values() for g in re.findall(r"url\(#([^)]+)\)", v or "")}
+    inside = {
+        g
+        for _, a in any_page.elements
+        for v in a.values()
+        for g in re.findall(r"url\(#([^)]+)\)", v or "")
+    }
     assert {link[1:] for link in links} | inside <= set(ids)
 
 
@@ -64,10 +77,15 @@ def test_headings_do_not_jump(any_page: Page):
 
 
 def test_pictures_regions_and_tables_have_words_for_those_who_do_not_see_them(any_page: Page):
-    assert all(len(each["aria-label"] or "") > 10 and each["role"] == "img" for each in any_page.having("svg"))
+    assert all(
+        len(each["aria-label"] or "") > 10 and each["role"] == "img"
+        for each in any_page.having("svg")
+    )
     regions = [each for _, each in any_page.elements if each.get("role") == "region"]
     assert len({each["aria-label"] for each in regions}) == len(regions) > 2
-    scrolled = [each for _, each in any_page.elements if "scroll" in (each.get("class") or "").split()]
+    scrolled = [
+        each for _, each in any_page.elements if "scroll" in (each.get("class") or "").split()
+    ]
     assert all(each.get("tabindex") == "0" for each in scrolled)
     assert len(any_page.having("table")) == len(any_page.having("caption"))
     assert all(each.get("scope") for each in any_page.having("th"))
@@ -75,7 +93,9 @@ def test_pictures_regions_and_tables_have_words_for_those_who_do_not_see_them(an
 
 def test_nothing_comes_from_the_network_and_nothing_runs(full: str):
     without_names = re.sub(r'xmlns="http://www\.w3\.org/(2000/svg|1998/Math/MathML)"', "", full)
-    assert not re.search(r"https?:|(?<!\*)//|@import|url\((?!#)|<script|javascript:|\son\w+=", without_names, re.I)
+    assert not re.search(
+        r"https?:|(?<!\*)//|@import|url\((?!#)|<script|javascript:|\son\w+=", without_names, re.I
+    )
     names = {name for name, _ in Page(full).elements}
     assert not names & {"script", "link", "img", "iframe", "object", "embed", "form", "base"}
 
@@ -88,11 +108,19 @@ def test_formulas_are_mathml_and_every_picture_has_words_of_its_own(page: Page):
     assert len(set(words)) == len(words) == 7  # network, three spectra, states, estimates, error
 
 
-def test_every_check_appears_with_its_reason_witness_and_cure(page: Page, everything: dict[str, Any]):
+def test_every_check_appears_with_its_reason_witness_and_cure(
+    page: Page, everything: dict[str, Any]
+):
     for check in everything["certificate"].checks:
         assert check.id in page.text
         assert sentence(check.reason) in page.text
-    for words in ("Pin one of them.", "[pinning] gains.2 = 1", "# remove observer.W", "30 entries", "−1.125"):
+    for words in (
+        "Pin one of them.",
+        "[pinning] gains.2 = 1",
+        "# remove observer.W",
+        "30 entries",
+        "−1.125",
+    ):
         assert words in page.text
 
 
@@ -114,7 +142,9 @@ def test_numbers_are_cut_towards_the_weaker_claim(page: Page):
         (Verdict.UNDECIDED, "?", "does not say that consensus fails"),
     ],
 )
-def test_the_verdict_is_a_word_a_symbol_and_a_sentence(certificate_of, verdict: Verdict, symbol: str, words: str):
+def test_the_verdict_is_a_word_a_symbol_and_a_sentence(
+    certificate_of, verdict: Verdict, symbol: str, words: str
+):
     covered = "theorem1" if verdict is Verdict.PROVED else None
     certificate = certificate_of(verdict=verdict, reason="Here is why.", covered_by=covered)
     page = Page(html_report(certificate))
@@ -140,10 +170,19 @@ def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, traj
         "witness": Witness(kind=HOSTILE, labels=(HOSTILE,), values=(HOSTILE,)),
         "fix": Fix(kind="x", set={HOSTILE: HOSTILE}, text=HOSTILE),
     }
-    check = Check(id="lemma1", mode="<b>m</b>", verdict=Verdict.REFUTED, domain="<i>d</i>", reason=HOSTILE, **why)
+    check = Check(
+        id="lemma1",
+        mode="<b>m</b>",
+        verdict=Verdict.REFUTED,
+        domain="<i>d</i>",
+        reason=HOSTILE,
+        **why,
+    )
     texts = dict.fromkeys(("reason", "problem_sha256", "version", "gain_source"), HOSTILE)
     certificate = certificate_of(problem, checks=(check,), notes=(HOSTILE,), **texts)
-    text = html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem), lambdas={})
+    text = html_report(
+        certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem), lambdas={}
+    )
     page = Page(text)
     assert page.wrong == []
     names = {name for name, _ in page.elements}
@@ -154,10 +193,14 @@ def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, traj
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("exact", [{"bound": "1/0"}, {"bound": 3, "S": "9"}, {"bound": "x" * 9, "S": [["1", "z"], []]}])
+@pytest.mark.parametrize(
+    "exact", [{"bound": "1/0"}, {"bound": 3, "S": "9"}, {"bound": "x" * 9, "S": [["1", "z"], []]}]
+)
 def test_exact_values_that_are_no_numbers_are_left_out(certificate_of, exact: dict[str, Any]):
     """A certificate read from a file may hold anything there."""
-    check = Check(id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="r", claim=Values(exact))
+    check = Check(
+        id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="r", claim=Values(exact)
+    )
     page = Page(html_report(certificate_of(checks=(check,))))
     assert page.wrong == []
     assert "For the P found" not in page.text
@@ -177,10 +220,14 @@ def test_the_bytes_are_the_same_whatever_style_the_process_has_and_this_is_left_
         assert matplotlib.rcParams["font.size"] == 30
 
 
-def test_without_diagnostics_run_and_disturbance_the_page_still_stands(problem_with, certificate_of):
+def test_without_diagnostics_run_and_disturbance_the_page_still_stands(
+    problem_with, certificate_of
+):
     """Lemma 1 only: no exosystem, no observer, no matrices."""
     problem = problem_with(exosystem=None, observer=None)
-    certificate = certificate_of(problem, W=None, P=None, Q=None, gain_source=None, notes=(), rate=None)
+    certificate = certificate_of(
+        problem, W=None, P=None, Q=None, gain_source=None, notes=(), rate=None
+    )
     page = Page(html_report(certificate))
     assert page.wrong == []
     assert "Lemma 1 asks" in page.text
@@ -203,25 +250,48 @@ def test_vector_agents_with_formation_and_exceptions(
         region={"initial_states": [[0, 5], [-1, 1]]},
     )
     certificate = certificate_of(problem, W=None, P=None, Q=None)
-    page = Page(html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem)))
+    page = Page(
+        html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem))
+    )
     assert page.wrong == []
-    for words in ("[1, 2; −2, 1]", "(1, 4/3)", "1 listening to 2: h = 2*y", "[0, 5] × [−1, 1]", "component 2 of 2"):
+    for words in (
+        "[1, 2; −2, 1]",
+        "(1, 4/3)",
+        "1 listening to 2: h = 2*y",
+        "[0, 5] × [−1, 1]",
+        "component 2 of 2",
+    ):
         assert words in page.text
 
 
 @pytest.mark.slow
-def test_a_large_problem_gives_a_page_of_bounded_size(problem_with, certificate_of, analysis_of, trajectory_of):
+def test_a_large_problem_gives_a_page_of_bounded_size(
+    problem_with, certificate_of, analysis_of, trajectory_of
+):
     """n = 800, eight modes, 3000 checks with full vectors."""
     n = 800
     ring = [(i + 1, (i + 1) % n + 1) for i in range(n)]
     network = Network.from_arcs({f"mode-{k}": ring for k in range(8)}, arrow="sends_to", agents=n)
     problem = problem_with(n, network=network, gains=dict.fromkeys(range(1, n, 3), 1))
     values = tuple(f"{10**40 + i}/{10**39 + 7}" for i in range(n))
-    witness, claim = Witness(kind="vector", labels=network.labels, values=values), Values({"value": values[0]})
-    same = {"id": "lemma1", "domain": "consensus", "reason": "long " * 2000, "witness": witness, "claim": claim}
-    checks = tuple(Check(mode=f"mode-{k}", verdict=list(Verdict)[k % 3], **same) for k in range(3000))
+    witness, claim = (
+        Witness(kind="vector", labels=network.labels, values=values),
+        Values({"value": values[0]}),
+    )
+    same = {
+        "id": "lemma1",
+        "domain": "consensus",
+        "reason": "long " * 2000,
+        "witness": witness,
+        "claim": claim,
+    }
+    checks = tuple(
+        Check(mode=f"mode-{k}", verdict=list(Verdict)[k % 3], **same) for k in range(3000)
+    )
     certificate = certificate_of(problem, checks=checks)
-    text = html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem))
+    text = html_report(
+        certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem)
+    )
     assert len(text.encode()) < 1_500_000
     page = Page(text)
     assert page.wrong == []
@@ -252,32 +322,48 @@ def test_colours_have_the_contrast_that_wcag_aa_asks_for(full: str):
             assert _contrast(colour[text], colour["card"]) >= 4.5, text
         for verdict in ("proved", "refuted", "undecided"):
             paper = colour[f"{verdict}-paper"]
-            assert min(_contrast(colour[verdict], paper), _contrast(colour["muted"], paper)) >= 4.5, verdict
+            assert (
+                min(_contrast(colour[verdict], paper), _contrast(colour["muted"], paper)) >= 4.5
+            ), verdict
             assert _contrast(colour["paper"], colour[verdict]) >= 4.5, verdict
         for line in ("blue", "vermillion", "green", "purple", "muted"):
             assert _contrast(colour[f"figure-{line}"], colour["paper"]) >= 2.9, line
-        assert _contrast(colour["figure-paper"], colour["figure-blue"]) >= 4.5  # labels of pinned agents
+        # labels of pinned agents
+        assert _contrast(colour["figure-paper"], colour["figure-blue"]) >= 4.5
 
 
 @pytest.fixture
 def cured(certificate_of, certificate):
-    """Lemma 1 and the theorem refuted for one cause, with one cure; another cure for reachability."""
-    fix = Fix(kind="pinning", set={"pinning.gains": {"1": 5, "3": 0.261}, "observer.P": None}, text="Pin agent 3 too.")
+    """Lemma 1 and the theorem refuted for one cause, with one cure; another cure for
+    reachability."""
+    fix = Fix(
+        kind="pinning",
+        set={"pinning.gains": {"1": 5, "3": 0.261}, "observer.P": None},
+        text="Pin agent 3 too.",
+    )
     checks = [
-        dataclasses.replace(check, verdict=Verdict.REFUTED, fix=fix) if check.id in ("lemma1", "theorem1") else check
+        dataclasses.replace(check, verdict=Verdict.REFUTED, fix=fix)
+        if check.id in ("lemma1", "theorem1")
+        else check
         for check in certificate.checks
     ]
     return certificate_of(checks=tuple(checks), verdict=Verdict.REFUTED, rate=None, covered_by=None)
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_main_cure_stands_once_above_the_table_with_its_lines_and_the_command(cured, certificate):
+def test_the_main_cure_stands_once_above_the_table_with_its_lines_and_the_command(
+    cured, certificate
+):
     assert 'id="cure"' not in html_report(certificate)
     page = Page(html_report(cured))
     assert page.wrong == []
     assert page.text.count("Pin agent 3 too.") == 1
     assert page.text.index("What would cure it") < page.text.index("Checks:")
-    for words in ("gains = { 1 = 5, 3 = 0.261 }", "# remove observer.P", "dobc certify problem.json --apply-fix"):
+    for words in (
+        "gains = { 1 = 5, 3 = 0.261 }",
+        "# remove observer.P",
+        "dobc certify problem.json --apply-fix",
+    ):
         assert words in page.text
     assert page.text.count("named above.") == 2
     assert "Pin one of them." in page.text  # the cure of another check stays with it

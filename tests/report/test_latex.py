@@ -1,4 +1,5 @@
-r"""LaTeX fragments: user text stays text, every brace and environment closes, numbers are those of the certificate."""
+r"""LaTeX fragments: user text stays text, every brace and environment closes, numbers are those of
+the certificate."""
 
 import re
 import shutil
@@ -22,7 +23,8 @@ def tokens(text: str) -> list[str]:
 
 
 def check_balance(text: str) -> None:
-    """Braces, environments and mathematics close in their order; rows of a table have its number of columns."""
+    """Braces, environments and mathematics close in their order; rows of a table have its number of
+    columns."""
     open_: list[str] = []
     for token, after in zip(found := tokens(text), [*found[1:], ""], strict=True):
         if token in ("{", r"\["):
@@ -41,7 +43,9 @@ def check_balance(text: str) -> None:
     assert len(begun) % 2 == 0
     for body, columns in (
         (part[1], part[0].count("p{"))
-        for part in re.findall(r"\\begin\{longtable\}\{@\{\}(.*?)@\{\}\}\n(.*?)\\end\{longtable\}", text, re.DOTALL)
+        for part in re.findall(
+            r"\\begin\{longtable\}\{@\{\}(.*?)@\{\}\}\n(.*?)\\end\{longtable\}", text, re.DOTALL
+        )
     ):
         rows = [line for line in body.splitlines() if line.rstrip().endswith((r"\\", r"\endhead"))]
         assert rows
@@ -59,27 +63,53 @@ def hostile_files(problem_with, certificate_of) -> dict[str, str]:
     arcs = [(labels[i], labels[i - 1]) for i in range(len(labels))]
     clean = [label if label.isprintable() else f"agent {i}" for i, label in enumerate(labels)]
     names = dict(zip(labels, clean, strict=True))
-    network = Network.from_arcs({"mode_1 & {2}": [(names[a], names[b]) for a, b in arcs]}, arrow="listens_to")
+    network = Network.from_arcs(
+        {"mode_1 & {2}": [(names[a], names[b]) for a, b in arcs]}, arrow="listens_to"
+    )
     problem = problem_with(name=r"\input{x} 100% & _", network=network, gains={clean[0]: 1})
     changes = {"reason": " ".join(HOSTILE), "gain_source": "\\input{x} {", "version": "9}%"}
     return latex_report(certificate_of(problem, **changes))
 
 
-def test_every_brace_environment_and_table_row_closes(files: dict[str, str], hostile_files: dict[str, str]):
+def test_every_brace_environment_and_table_row_closes(
+    files: dict[str, str], hostile_files: dict[str, str]
+):
     for found in (files, hostile_files):
-        assert {"verdict.tex", "model.tex", "condition.tex", "matrices.tex", "checks.tex", "main.tex"} <= set(found)
+        assert {
+            "verdict.tex",
+            "model.tex",
+            "condition.tex",
+            "matrices.tex",
+            "checks.tex",
+            "main.tex",
+        } <= set(found)
         for name, text in found.items():
             if name.endswith(".tex"):
                 check_balance(text)
 
 
-def test_no_command_comes_from_what_a_user_wrote(files: dict[str, str], hostile_files: dict[str, str]):
+def test_no_command_comes_from_what_a_user_wrote(
+    files: dict[str, str], hostile_files: dict[str, str]
+):
     own = {word for text in files.values() for word in re.findall(r"\\[A-Za-z]+", text)}
-    escaped = r"\textbackslash \textasciicircum \textasciitilde \textbar \textquotedbl \allowbreak \dobcunicode"
-    escapes = {*escaped.split(), r"\ensuremath", r"\texttt", r"\infty", r"\lambda", r"\checkmark", r"\le"}
+    escaped = (
+        r"\textbackslash \textasciicircum \textasciitilde \textbar \textquotedbl \allowbreak "
+        r"\dobcunicode"
+    )
+    escapes = {
+        *escaped.split(),
+        r"\ensuremath",
+        r"\texttt",
+        r"\infty",
+        r"\lambda",
+        r"\checkmark",
+        r"\le",
+    }
     for name, text in hostile_files.items():
         assert set(re.findall(r"\\[A-Za-z]+", text)) <= own | escapes, name
-        assert re.findall(r"\\input\{[^}]*\}", text) == ([] if name != MAIN else re.findall(r"\\input\{\w+\}", text))
+        assert re.findall(r"\\input\{[^}]*\}", text) == (
+            [] if name != MAIN else re.findall(r"\\input\{\w+\}", text)
+        )
 
 
 @pytest.mark.parametrize(
@@ -104,7 +134,9 @@ def test_text_is_escaped_letter_by_letter(text: str, shown: str):
 
 
 def test_matrices_are_those_of_the_certificate(certificate, files: dict[str, str]):
-    entries = re.search(r"\{W = \\begin\{pmatrix\} (.*?) \\end\{pmatrix\}", files["matrices.tex"])[1]
+    entries = re.search(r"\{W = \\begin\{pmatrix\} (.*?) \\end\{pmatrix\}", files["matrices.tex"])[
+        1
+    ]
     numbers = [Fraction(row) for row in entries.split(r" \\ ")]
     assert numbers == [row[0] for row in certificate.claims.W] == [Fraction(16, 5), Fraction(12, 5)]
     assert r"\setcounter{MaxMatrixCols}{12}" in files["matrices.tex"]
@@ -120,7 +152,9 @@ def test_groups_of_agents_are_told_in_latex_and_in_the_pdf(problem_with, certifi
         assert "group of agent 3" in text
 
 
-def test_the_bibliography_guesses_nothing_about_the_paper(files: dict[str, str], hostile_files: dict[str, str]):
+def test_the_bibliography_guesses_nothing_about_the_paper(
+    files: dict[str, str], hostile_files: dict[str, str]
+):
     entries = re.split(r"\n(?=@)", files["references.bib"])
     paper = next(each for each in entries if each.startswith("@misc{consensus-dobc"))
     assert "author" not in re.findall(r"^  (\w+) *=", paper, re.MULTILINE)
@@ -132,7 +166,9 @@ def test_the_bibliography_guesses_nothing_about_the_paper(files: dict[str, str],
     assert "Version 9\n" in hostile_files["references.bib"].replace("}", "\n")
 
 
-def test_the_same_certificate_gives_the_same_bytes_and_main_names_every_fragment(certificate, files: dict[str, str]):
+def test_the_same_certificate_gives_the_same_bytes_and_main_names_every_fragment(
+    certificate, files: dict[str, str]
+):
     assert latex_report(certificate) == latex_report(certificate)
     wanted = {name.removesuffix(".tex") for name in files if name.endswith(".tex") and name != MAIN}
     assert set(re.findall(r"\\input\{(\w+)\}", files[MAIN])) == wanted
@@ -142,12 +178,23 @@ def test_the_same_certificate_gives_the_same_bytes_and_main_names_every_fragment
 @pytest.mark.slow
 @pytest.mark.skipif(PDFLATEX is None, reason="needs pdflatex (texlive-latex-recommended)")
 @pytest.mark.parametrize("which", ["files", "hostile_files"])
-def test_pdflatex_compiles_all_fragments(which: str, request: pytest.FixtureRequest, tmp_path: Path):
+def test_pdflatex_compiles_all_fragments(
+    which: str, request: pytest.FixtureRequest, tmp_path: Path
+):
     for name, text in request.getfixturevalue(which).items():
         (tmp_path / name).write_text(text, "utf-8")
-    command = [str(PDFLATEX), "-interaction=nonstopmode", "-halt-on-error", "-no-shell-escape", MAIN]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    command = [
+        str(PDFLATEX),
+        "-interaction=nonstopmode",
+        "-halt-on-error",
+        "-no-shell-escape",
+        MAIN,
+    ]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stdout[-2000:]
     assert (tmp_path / "main.pdf").read_bytes().startswith(b"%PDF")
     log = (tmp_path / "main.log").read_text("utf-8", errors="replace")
-    assert which == "hostile_files" or "Overfull \\hbox" not in log  # no margin holds everything one can type
+    # no margin holds everything one can type
+    assert which == "hostile_files" or "Overfull \\hbox" not in log

@@ -24,14 +24,25 @@ def test_rows_of_a_table_have_as_many_cells_as_its_head(everything: dict[str, An
 
 @pytest.mark.parametrize(
     ("text", "escaped"),
-    [("- x", "\\- x"), ("12. x", "12\\. x"), ("-9/8", "-9/8"), ("0.5 s", "0.5 s"), ("a\nb", "a b"), ("\\|", "\\\\\\|")],
+    [
+        ("- x", "\\- x"),
+        ("12. x", "12\\. x"),
+        ("-9/8", "-9/8"),
+        ("0.5 s", "0.5 s"),
+        ("a\nb", "a b"),
+        ("\\|", "\\\\\\|"),
+    ],
 )
 def test_escape(text: str, escaped: str):
     assert escape(text) == escaped
 
 
-def test_the_main_cure_stands_above_the_table_and_cannot_break_out_of_its_place(certificate_of, certificate):
-    fix = Fix(kind="x", set={"pinning.gains": {"a\nb": 1}, "<b>\n# x": None}, text="Pin <b>agent</b> 3.")
+def test_the_main_cure_stands_above_the_table_and_cannot_break_out_of_its_place(
+    certificate_of, certificate
+):
+    fix = Fix(
+        kind="x", set={"pinning.gains": {"a\nb": 1}, "<b>\n# x": None}, text="Pin <b>agent</b> 3."
+    )
     checks = tuple(dataclasses.replace(check, fix=fix) for check in certificate.checks)
     text = markdown_report(certificate_of(checks=checks))
     section = text[text.index("## Optional") : text.index("## Checks")]

@@ -1,4 +1,5 @@
-"""The PDF: user text stays text, numbers stay exact, nothing leaves the page, the same input gives the same bytes."""
+"""The PDF: user text stays text, numbers stay exact, nothing leaves the page, the same input gives
+the same bytes."""
 
 import json
 import re
@@ -42,15 +43,33 @@ def squeezed(text: str) -> str:
 
 
 def content(*blocks: dict[str, Any], **changes: Any) -> dict[str, Any]:
-    texts = {"title": "t", "name": "n", "footer": "f", "verdict": "proved", "word": "Proved", "reason": "r"}
-    return {**texts, "identity": [["Problem", "n"]], "facts": [["Agents", "1"]], "blocks": list(blocks), **changes}
+    texts = {
+        "title": "t",
+        "name": "n",
+        "footer": "f",
+        "verdict": "proved",
+        "word": "Proved",
+        "reason": "r",
+    }
+    return {
+        **texts,
+        "identity": [["Problem", "n"]],
+        "facts": [["Agents", "1"]],
+        "blocks": list(blocks),
+        **changes,
+    }
 
 
 @needs_typst
 @needs_poppler
 def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: Path):
     items = list(HOSTILE[:5])
-    table = {"kind": "table", "heads": items[:2], "rows": [[[each], [each]] for each in items], "widths": [0, 1]}
+    table = {
+        "kind": "table",
+        "heads": items[:2],
+        "rows": [[[each], [each]] for each in items],
+        "widths": [0, 1],
+    }
     blocks = ({"kind": "list", "items": items}, {"kind": "code", "lines": items}, table)
     headings = ({"kind": "heading", "level": 1, "text": each} for each in items)
     whole = " ".join(items)
@@ -61,15 +80,20 @@ def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: P
 
 
 @needs_typst
-@pytest.mark.parametrize("text", ["時計 🕰 \ufffd", "private \ue000 \U0010fffd", "\u202eright to left", "\ufffe"])
+@pytest.mark.parametrize(
+    "text", ["時計 🕰 \ufffd", "private \ue000 \U0010fffd", "\u202eright to left", "\ufffe"]
+)
 def test_letters_that_fonts_or_the_standard_do_not_have_do_not_stop_it(text: str):
-    made = compile_pdf(content({"kind": "text", "text": text, "style": "plain"}, name=text, title=text))
+    made = compile_pdf(
+        content({"kind": "text", "text": text, "style": "plain"}, name=text, title=text)
+    )
     assert made.startswith(b"%PDF")
 
 
 @needs_typst
 def test_it_is_tagged_for_assistive_technology():
-    """PDF/UA-1 (ISO 14289): tags, language and a title; Typst refuses a figure or formula without words."""
+    """PDF/UA-1 (ISO 14289): tags, language and a title; Typst refuses a figure or formula without
+    words."""
     made = compile_pdf(content({"kind": "formula", "name": "psi", "label": "", "number": "(18)"}))
     assert b"/MarkInfo" in made
     assert b"pdfuaid:part>1<" in made
@@ -95,7 +119,12 @@ def test_the_same_content_gives_the_same_bytes_without_a_date():
     ],
 )
 def test_numbers(value: Fraction, negative: bool, digits: str, over: str | None, power: str | None):
-    assert number_parts(value) == {"negative": negative, "digits": digits, "over": over, "power": power}
+    assert number_parts(value) == {
+        "negative": negative,
+        "digits": digits,
+        "over": over,
+        "power": power,
+    }
 
 
 def test_long_words_may_be_broken_and_lose_no_letter():
@@ -117,7 +146,10 @@ def test_a_figure_keeps_its_colours_and_gets_its_alternative():
 def test_every_equation_of_the_loop_has_its_formula():
     template = (Path(of_report.__file__).parent / "templates" / "report.typ").read_text("utf-8")
     assert all(f'"{name}": (' in template for name, _, _ in of_report.words.TEXTS["loop"]["plain"])
-    assert all(f'"{name}, disturbed": (' in template for name, _, _ in of_report.words.TEXTS["loop"]["disturbed"])
+    assert all(
+        f'"{name}, disturbed": (' in template
+        for name, _, _ in of_report.words.TEXTS["loop"]["disturbed"]
+    )
 
 
 def test_without_typst_the_message_names_the_extra(certificate, monkeypatch):
@@ -130,15 +162,22 @@ def test_without_typst_the_message_names_the_extra(certificate, monkeypatch):
 @needs_poppler
 @pytest.mark.slow
 @pytest.mark.parametrize("which", ["everything", "wide", "asked_for"])
-def test_pages_are_a4_and_nothing_is_cut_off(which: str, request: pytest.FixtureRequest, tmp_path: Path):
+def test_pages_are_a4_and_nothing_is_cut_off(
+    which: str, request: pytest.FixtureRequest, tmp_path: Path
+):
     arguments = request.getfixturevalue(which)
     boxes = texts(pdf_page(report_document(**arguments)), tmp_path, "-bbox")
     pages = re.findall(r'<page width="([\d.]+)" height="([\d.]+)">', boxes)
     assert len(pages) >= 3
     assert {(round(float(w)), round(float(h))) for w, h in pages} == {(595, 842)}
-    words = re.findall(r'<word xMin="(-?[\d.]+)" yMin="(-?[\d.]+)" xMax="([\d.]+)" yMax="([\d.]+)">(.*?)</word>', boxes)
+    words = re.findall(
+        r'<word xMin="(-?[\d.]+)" yMin="(-?[\d.]+)" xMax="([\d.]+)" yMax="([\d.]+)">(.*?)</word>',
+        boxes,
+    )
     assert len(words) > 500
-    outside = [word for *box, word in words if float(box[0]) < MARGIN or float(box[2]) > 595.3 - MARGIN]
+    outside = [
+        word for *box, word in words if float(box[0]) < MARGIN or float(box[2]) > 595.3 - MARGIN
+    ]
     assert outside == []
 
 
@@ -150,25 +189,47 @@ def test_the_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: P
     certificate = everything["certificate"]
     for check in certificate.checks:
         assert squeezed(check.reason[1:]) in text
-    for words in ("Traceability", "Signatures", "Approved by", "0.2618 1/s", "0.5822", "9.9.9", "dobc verify"):
+    for words in (
+        "Traceability",
+        "Signatures",
+        "Approved by",
+        "0.2618 1/s",
+        "0.5822",
+        "9.9.9",
+        "dobc verify",
+    ):
         assert squeezed(words) in text
     assert "0.5823" not in text  # cut towards the weaker claim
 
 
 def test_matrices_reach_the_template(certificate):
     whole = json.loads(json.dumps(pdf_content(certificate)))
-    matrices = {block["name"]: block["rows"] for block in whole["blocks"] if block["kind"] == "matrix"}
+    matrices = {
+        block["name"]: block["rows"] for block in whole["blocks"] if block["kind"] == "matrix"
+    }
 
     def value(part: dict[str, Any]) -> Fraction:
         return Fraction(part["digits"]) * (-1 if part["negative"] else 1)
 
-    assert [[value(x) for x in row] for row in matrices["P"]] == [[3, Fraction(-1, 4)], [Fraction(-1, 4), 2]]
-    assert [[value(x) for x in row] for row in matrices["W"]] == [[Fraction(16, 5)], [Fraction(12, 5)]]
-    assert [[value(x) for x in row] for row in matrices["P given"]][1] == [Fraction(-1, 4), Fraction("0.33333")]
+    assert [[value(x) for x in row] for row in matrices["P"]] == [
+        [3, Fraction(-1, 4)],
+        [Fraction(-1, 4), 2],
+    ]
+    assert [[value(x) for x in row] for row in matrices["W"]] == [
+        [Fraction(16, 5)],
+        [Fraction(12, 5)],
+    ]
+    assert [[value(x) for x in row] for row in matrices["P given"]][1] == [
+        Fraction(-1, 4),
+        Fraction("0.33333"),
+    ]
 
 
 def test_agents_with_different_exosystems_get_the_condition_with_a_disturbance():
-    groups = [Group(agents=[i], exosystem=Exosystem(A=[[-i]], C=[[1]]), observer=Observer(W=[[1]])) for i in (1, 2)]
+    groups = [
+        Group(agents=[i], exosystem=Exosystem(A=[[-i]], C=[[1]]), observer=Observer(W=[[1]]))
+        for i in (1, 2)
+    ]
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
     certificate = certify(Problem(network=network, coupling="y", gains=1, groups=groups))
     whole = json.loads(json.dumps(pdf_content(certificate)))

@@ -1,4 +1,5 @@
-"""Model error, noise and input limits in a report: bounds, inputs, tolerance; nothing where nothing is asked."""
+"""Model error, noise and input limits in a report: bounds, inputs, tolerance; nothing where nothing
+is asked."""
 
 import re
 from dataclasses import replace
@@ -14,11 +15,18 @@ from dobc_design.report.plant import MOST_ROWS, plant_numbers, plant_section
 from dobc_design.report.write import render_report
 
 BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
-TABLES = {"uncertainty": {"disturbance": "1/10", "weights": "1/50"}, "actuators": {"limit": {"1": 30}}}
+TABLES = {
+    "uncertainty": {"disturbance": "1/10", "weights": "1/50"},
+    "actuators": {"limit": {"1": 30}},
+}
 
 
-def checked(id: str, verdict: Verdict = Verdict.PROVED, reason: str = "why.", **exact: Any) -> Check:
-    return Check(id=id, verdict=verdict, domain=BOX, reason=reason, claim=Values(exact) if exact else None)
+def checked(
+    id: str, verdict: Verdict = Verdict.PROVED, reason: str = "why.", **exact: Any
+) -> Check:
+    return Check(
+        id=id, verdict=verdict, domain=BOX, reason=reason, claim=Values(exact) if exact else None
+    )
 
 
 def parts(certificate: Any) -> dict[str, Section]:
@@ -31,7 +39,9 @@ def rows(section: Section) -> list[tuple[Any, ...]]:
     return [row for block in section.blocks if isinstance(block, Table) for row in block.rows]
 
 
-def test_assumptions_are_a_table_and_agents_with_the_same_bound_share_a_row(problem_with, certificate_of):
+def test_assumptions_are_a_table_and_agents_with_the_same_bound_share_a_row(
+    problem_with, certificate_of
+):
     """A bound is never shown smaller than it is: 0.250001 is 0.2501."""
     bounds = {str(i): "0.250001" if i % 2 else "1/2" for i in range(1, 11)}
     found = certificate_of(problem_with(**TABLES), checks=(checked("accuracy", bounds=bounds),))
@@ -49,23 +59,34 @@ def test_assumptions_are_a_table_and_agents_with_the_same_bound_share_a_row(prob
 
 def test_of_many_agents_the_worst_are_shown_and_the_others_counted(problem_with, certificate_of):
     bounds = {str(i): str(Fraction(i, 10)) for i in range(1, 31)}
-    found = parts(certificate_of(problem_with(n=30, **TABLES), checks=(checked("accuracy", bounds=bounds),)))
+    found = parts(
+        certificate_of(problem_with(n=30, **TABLES), checks=(checked("accuracy", bounds=bounds),))
+    )
     assert [row[0] for row in rows(found["Accuracy"])] == [str(30 - k) for k in range(MOST_ROWS)]
     assert found["Accuracy"].blocks[-1].words.startswith("And 22 more")
 
 
-def test_inputs_come_by_their_share_of_the_limit_and_those_without_one_last(problem_with, certificate_of):
+def test_inputs_come_by_their_share_of_the_limit_and_those_without_one_last(
+    problem_with, certificate_of
+):
     limits = {"uncertainty": None, "actuators": {"limit": {"1": 30, "2": 10}}}
     inputs = {"1": "20", "2": "9", **{str(i): "25" for i in range(3, 11)}}
     check = checked("actuators", rho="1", inputs=inputs)
     shown = parts(certificate_of(problem_with(**limits), checks=(check,)))["Inputs"]
-    assert rows(shown) == [("2", "9", "10"), ("1", "20", "30"), ("3, 4, 5, 6, 7, 8 and 2 more", "25", "–")]
+    assert rows(shown) == [
+        ("2", "9", "10"),
+        ("1", "20", "30"),
+        ("3, 4, 5, 6, 7, 8 and 2 more", "25", "–"),
+    ]
 
 
 @pytest.mark.parametrize(
-    ("verdict", "head"), [(Verdict.PROVED, "Proved for starts"), (Verdict.UNDECIDED, "Undecided. Why.")]
+    ("verdict", "head"),
+    [(Verdict.PROVED, "Proved for starts"), (Verdict.UNDECIDED, "Undecided. Why.")],
 )
-def test_a_tolerance_is_told_in_a_sentence(verdict: Verdict, head: str, problem_with, certificate_of):
+def test_a_tolerance_is_told_in_a_sentence(
+    verdict: Verdict, head: str, problem_with, certificate_of
+):
     found = parts(certificate_of(problem_with(**TABLES), checks=(checked("tolerance", verdict),)))
     (text,) = found["Tolerance"].blocks
     assert isinstance(text, Text)
@@ -95,11 +116,15 @@ def test_an_empty_table_of_actuators_asks_for_the_inputs_alone(problem_with, cer
 
 @pytest.mark.slow
 def test_a_certified_problem_has_the_block_on_its_first_page():
-    problem = load_problem("paper-fixed").replace(uncertainty={"disturbance": "1/10"}, actuators={"limit": 30})
+    problem = load_problem("paper-fixed").replace(
+        uncertainty={"disturbance": "1/10"}, actuators={"limit": 30}
+    )
     files = render_report(certify(problem))
     text = files["report.md"].decode()
     assert (
-        text.index("## Model error, noise and input limits") < text.index("## The loop") < text.index("## The problem")
+        text.index("## Model error, noise and input limits")
+        < text.index("## The loop")
+        < text.index("## The problem")
     )
     assert re.search(r"\| 1 and 6 \| 2\d\.\d\d \| 30 \|", text)
     page = files["report.html"].decode()

@@ -1,4 +1,5 @@
-"""The report's section on regions: what is drawn is what is proved, and nothing is rounded to the better side."""
+"""The report's section on regions: what is drawn is what is proved, and nothing is rounded to the
+better side."""
 
 import dataclasses
 from pathlib import Path
@@ -14,20 +15,57 @@ from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regi
 from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.plotting.look import Sheet
 from dobc_design.plotting.regions import plot_regions, plot_starts, region_sheet
-from dobc_design.report.region_words import asked_sentence, regions_table, rest_sentence, timing_sentences, upper
+from dobc_design.report.region_words import (
+    asked_sentence,
+    regions_table,
+    rest_sentence,
+    timing_sentences,
+    upper,
+)
 
 BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
 
 
 def claim(id: str = "max-separable", **changes: Any) -> RegionClaim:
-    settings: dict[str, Any] = {"id": id, "variant": "", "verdict": Verdict.PROVED, "kind": "box", "covers": True}
+    settings: dict[str, Any] = {
+        "id": id,
+        "variant": "",
+        "verdict": Verdict.PROVED,
+        "kind": "box",
+        "covers": True,
+    }
     sizes = {"box": 4.0, "ball": 4.0, "disturbance": 0.5, "rate": 0.20408, "time": 25.6001}
     return RegionClaim(**settings | sizes | changes)
 
 
-BALL = claim("lure", variant="P_e full", kind="ball", box=0.35987, ball=1.13899, covers=False, limit="no P_e is found.")
-NEAR = claim("theorem1", kind="near", box=None, ball=None, disturbance=None, time=None, covers=False, limit="local.")
-NONE = claim(verdict=Verdict.UNDECIDED, kind="none", box=None, ball=None, disturbance=None, rate=None, time=None)
+BALL = claim(
+    "lure",
+    variant="P_e full",
+    kind="ball",
+    box=0.35987,
+    ball=1.13899,
+    covers=False,
+    limit="no P_e is found.",
+)
+NEAR = claim(
+    "theorem1",
+    kind="near",
+    box=None,
+    ball=None,
+    disturbance=None,
+    time=None,
+    covers=False,
+    limit="local.",
+)
+NONE = claim(
+    verdict=Verdict.UNDECIDED,
+    kind="none",
+    box=None,
+    ball=None,
+    disturbance=None,
+    rate=None,
+    time=None,
+)
 EVERYWHERE = claim(kind="everywhere", box=None, ball=None, disturbance=None)
 AGENTS = (
     AgentBound(label="a", bound=4.0, pinned=True, goal=1.0),
@@ -37,29 +75,45 @@ AGENTS = (
 
 def make(*claims: RegionClaim, **changes: Any) -> Regions:
     asked = Asked(box=4.0, ball=12.6491107, disturbance=0.5, interval=(0.0, 5.0))
-    settings: dict[str, Any] = {"name": "ring", "verdict": Verdict.PROVED, "reason": "Here is why.", "agents": AGENTS}
+    settings: dict[str, Any] = {
+        "name": "ring",
+        "verdict": Verdict.PROVED,
+        "reason": "Here is why.",
+        "agents": AGENTS,
+    }
     others = {"asked": asked, "tolerance": 0.04, "delay": None, "sampling": None}
     return Regions(claims=claims, **settings | others | changes)
 
 
 def check(id: str, **changes: Any) -> Check:
-    return Check(id=id, **{"verdict": Verdict.PROVED, "domain": BOX, "reason": "it is so.", **changes})
+    return Check(
+        id=id, **{"verdict": Verdict.PROVED, "domain": BOX, "reason": "it is so.", **changes}
+    )
 
 
 def rows(regions: Regions) -> list[dict[str, Any]]:
     """The table's cells by the heads of their columns, each once."""
     table = regions_table(regions, disturbed=True)
-    return [{column.head: cell for column, cell in zip(table.columns, row, strict=True)} for row in table.rows]
+    return [
+        {column.head: cell for column, cell in zip(table.columns, row, strict=True)}
+        for row in table.rows
+    ]
 
 
 def test_sizes_and_rates_are_cut_and_times_and_wishes_are_raised():
     shown = rows(make(BALL))[0]
-    assert [shown[head] for head in ("|e|∞ ≤", "|e|₂ ≤", "rate in 1/s")] == ["0.3598", "1.138", "0.204"]
+    assert [shown[head] for head in ("|e|∞ ≤", "|e|₂ ≤", "rate in 1/s")] == [
+        "0.3598",
+        "1.138",
+        "0.204",
+    ]
     assert shown["|e|∞ ≤ 0.04 after"] == "25.61 s"
     assert "at least 12.65." in asked_sentence(make(BALL))
 
 
-@pytest.mark.parametrize(("value", "shown"), [(25.6001, "25.61"), (25.61, "25.61"), (6925.01, "6926"), (0.5, "0.5")])
+@pytest.mark.parametrize(
+    ("value", "shown"), [(25.6001, "25.61"), (25.61, "25.61"), (6925.01, "6926"), (0.5, "0.5")]
+)
 def test_a_time_is_never_shown_shorter_than_it_is(value: float, shown: str):
     assert upper(value) == shown
 
@@ -71,20 +125,36 @@ def test_rows_say_what_covers_and_why_not():
     assert covering["certified starts"] == "box |e|∞ ≤ 4, every |εᵢ| ≤ 0.5"
     assert (str(ball["method"]), ball["covers it"]) == ("Lur’e, Pₑ full", "no")
     assert ball["why not further"] == "No P_e is found."
-    assert ball["certified starts"] == "ball |e|₂ ≤ 1.138, every |εᵢ| ≤ 0.5; it holds the box |e|∞ ≤ 0.3598"
+    assert (
+        ball["certified starts"]
+        == "ball |e|₂ ≤ 1.138, every |εᵢ| ≤ 0.5; it holds the box |e|∞ ≤ 0.3598"
+    )
     assert (near["certified"], near["|e|∞ ≤"]) == ("near the target, no radius", "–")
-    assert (none["verdict"].verdict, none["certified"], none["rate in 1/s"]) == ("undecided", "–", "–")
-    assert (everywhere["|e|∞ ≤"], everywhere["|e|₂ ≤"], everywhere["certified"]) == ("any", "any", "every start")
+    assert (none["verdict"].verdict, none["certified"], none["rate in 1/s"]) == (
+        "undecided",
+        "–",
+        "–",
+    )
+    assert (everywhere["|e|∞ ≤"], everywhere["|e|₂ ≤"], everywhere["certified"]) == (
+        "any",
+        "any",
+        "every start",
+    )
     assert rows(make(claim(covers=False), asked=None))[0]["covers it"] == "–"
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_where_nothing_is_asked_the_sentence_says_so_and_there_is_no_section(problem_with, certificate_of):
-    assert asked_sentence(make(claim(), asked=None)).endswith("the largest that was found is shown.")
+def test_where_nothing_is_asked_the_sentence_says_so_and_there_is_no_section(
+    problem_with, certificate_of
+):
+    assert asked_sentence(make(claim(), asked=None)).endswith(
+        "the largest that was found is shown."
+    )
     assert asked_sentence(make(NONE, asked=None)) == "No region was asked for."
     assert rows(make(NEAR, tolerance=None))[0]["settled after"] == "–"
     problem = problem_with(
-        network=Network.from_arcs({"G": [(1, 2), (2, 1)]}, arrow="listens_to", agents=2), gains={1: 1}
+        network=Network.from_arcs({"G": [(1, 2), (2, 1)]}, arrow="listens_to", agents=2),
+        gains={1: 1},
     )
     local = check("theorem1", domain="consensus")
     certificate = certificate_of(problem, checks=(local,))
@@ -100,13 +170,19 @@ def test_delays_and_sampling_have_a_sentence_each():
     assert "every bounded communication delay" in late
     assert "up to 0.02 s" in late
     assert "every rate below 0.1019 1/s" in late
-    assert held.startswith("With couplings and pinning measured and held every 0.021 s, the proof still holds")
+    assert held.startswith(
+        "With couplings and pinning measured and held every 0.021 s, the proof still holds"
+    )
     assert "at least 1 % a sample, up to what the estimation error adds." in held
 
 
 def test_a_sample_without_disturbance_has_nothing_added_and_only_a_very_short_one_is_explained():
     calm = {"domain": {**BOX, "disturbance": 0.0}}
-    for period, factor, more in (("1/2", "1/2", calm), ("1/1000000", "999/1000", {}), ("1/100", "999/1000", {})):
+    for period, factor, more in (
+        ("1/2", "1/2", calm),
+        ("1/1000000", "999/1000", {}),
+        ("1/100", "999/1000", {}),
+    ):
         sampling = check("sampling", claim=Values({"period": period, "factor": factor}), **more)
         (held,) = timing_sentences(make(claim(), sampling=sampling))
         assert held.endswith("at least 50 % a sample.") is bool(more)
@@ -114,14 +190,19 @@ def test_a_sample_without_disturbance_has_nothing_added_and_only_a_very_short_on
 
 
 def test_a_proved_settling_time_has_its_own_section_and_what_is_undecided_gives_its_reason():
-    settling = check("settling", reason="|e(t)|_inf <= 0.04 for all t >= 15.6 s, by a max-separable certificate.")
+    settling = check(
+        "settling", reason="|e(t)|_inf <= 0.04 for all t >= 15.6 s, by a max-separable certificate."
+    )
     assert timing_sentences(make(claim(), settling=settling)) == []
-    left = {id: check(id, verdict=Verdict.UNDECIDED, reason="left out.") for id in ("settling", "delay")}
+    left = {
+        id: check(id, verdict=Verdict.UNDECIDED, reason="left out.") for id in ("settling", "delay")
+    }
     assert timing_sentences(make(claim(), **left)) == ["Settling: left out.", "Delay: left out."]
 
 
 def test_bars_are_as_long_as_what_is_proved():
-    """Solid bars end at the box, thin lines at the ball, the dashed line stands at what is asked."""
+    """Solid bars end at the box, thin lines at the ball, the dashed line stands at what is
+    asked."""
     ax = plot_regions(Figure().add_subplot(), make(claim(), BALL, NEAR))
     assert [bar.get_width() for bar in ax.patches] == [4.0, 0.35987]
     ends = [tuple(line.get_xdata()) for line in ax.lines]

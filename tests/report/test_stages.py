@@ -1,4 +1,5 @@
-"""A settling time in the report: what proves it in rows, the envelope drawn, nothing rounded to the better side."""
+"""A settling time in the report: what proves it in rows, the envelope drawn, nothing rounded to the
+better side."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -22,9 +23,12 @@ F = Fraction
 
 @cache
 def settling() -> Settling:
-    """A box that moves until 1/2 s and a quadratic certificate, R = 1, |eps_i| <= 1/2; 0.01 from 4.6764 s on."""
+    """A box that moves until 1/2 s and a quadratic certificate, R = 1, |eps_i| <= 1/2; 0.01 from
+    4.6764 s on."""
     problem = problems()["observed, linear"]
-    return settling_of(problem, read_claim(check_from_json(STRETCHED), problem, problem.observer.W), "")
+    return settling_of(
+        problem, read_claim(check_from_json(STRETCHED), problem, problem.observer.W), ""
+    )
 
 
 def test_what_proves_the_time_are_two_rows_whose_bounds_are_raised_and_rates_cut():
@@ -62,10 +66,15 @@ def test_the_curve_drawn_is_the_certified_bound_and_said_in_words():
 
 def test_without_a_moving_box_one_certificate_covers_the_whole_time():
     whole, claim = settling(), settling().claim
-    at_once = replace(claim, tube=Tube.start(problems()["observed, linear"], F(1), claim.tube.error))
+    at_once = replace(
+        claim, tube=Tube.start(problems()["observed, linear"], F(1), claim.tube.error)
+    )
     only = replace(whole, claim=at_once)
     assert "by one certificate" in settling_sentence(only)
     assert [row[0] for row in stages_table(only).rows] == ["quadratic"]
-    for each, words in ((whole, "A box that moves with time"), (only, "One certificate covers the whole time")):
+    for each, words in (
+        (whole, "A box that moves with time"),
+        (only, "One certificate covers the whole time"),
+    ):
         (section,) = settling_section(each, ())
         assert words in str(section)

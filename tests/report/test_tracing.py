@@ -1,4 +1,5 @@
-"""Traceability and reproduction: every check has its source and its deciders, fingerprints are those of files."""
+"""Traceability and reproduction: every check has its source and its deciders, fingerprints are
+those of files."""
 
 import hashlib
 from pathlib import Path
@@ -43,12 +44,18 @@ def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp
 @pytest.mark.parametrize(
     ("exact", "verdict", "command"),
     [
-        ({"tolerance": "1/20"}, Verdict.PROVED, "dobc certify problem.json --settling 1/20 --out again"),
+        (
+            {"tolerance": "1/20"},
+            Verdict.PROVED,
+            "dobc certify problem.json --settling 1/20 --out again",
+        ),
         ({"tolerance": "1; rm"}, Verdict.PROVED, "dobc certify problem.json --out again"),
         ({"tolerance": "1/20"}, Verdict.UNDECIDED, "dobc certify problem.json --out again"),
     ],
 )
-def test_the_command_asks_for_the_settling_time_that_is_proved(certificate_of, exact, verdict, command: str):
+def test_the_command_asks_for_the_settling_time_that_is_proved(
+    certificate_of, exact, verdict, command: str
+):
     check = Check(id="settling", verdict=verdict, domain="global", reason="r", claim=Values(exact))
     assert certify_command(certificate_of(checks=(check,))) == command
 
@@ -58,13 +65,22 @@ def test_the_command_asks_for_the_settling_time_that_is_proved(certificate_of, e
     [
         (("--search", "--all"), "dobc certify problem.json --all --search --out again"),
         (("--settling 1/20",), "dobc certify problem.json --settling 1/20 --out again"),
-        (("--all; rm", "--settling 1 --force", "--force"), "dobc certify problem.json --settling 1/7 --out again"),
+        (
+            ("--all; rm", "--settling 1 --force", "--force"),
+            "dobc certify problem.json --settling 1/7 --out again",
+        ),
     ],
 )
-def test_the_command_has_the_options_of_the_certificate_that_are_known(certificate_of, options, command: str):
+def test_the_command_has_the_options_of_the_certificate_that_are_known(
+    certificate_of, options, command: str
+):
     """A file may say anything: only what can be an option is repeated."""
     proved = Check(
-        id="settling", verdict=Verdict.PROVED, domain="global", reason="r", claim=Values({"tolerance": "1/7"})
+        id="settling",
+        verdict=Verdict.PROVED,
+        domain="global",
+        reason="r",
+        claim=Values({"tolerance": "1/7"}),
     )
     certificate = certificate_of(checks=() if "--search" in options else (proved,), options=options)
     assert certify_command(certificate) == command
@@ -72,9 +88,21 @@ def test_the_command_has_the_options_of_the_certificate_that_are_known(certifica
 
 def test_both_reports_have_the_table_the_commands_and_lines_to_sign(certificate):
     for text in (html_report(certificate), markdown_report(certificate)):
-        for words in ("Traceability", "Signatures", "Prepared by", "Checked by", "Approved by", "Signature"):
+        for words in (
+            "Traceability",
+            "Signatures",
+            "Prepared by",
+            "Checked by",
+            "Approved by",
+            "Signature",
+        ):
             assert words in text
-        for words in (certify_command(certificate), VERIFY, ALONE, *dict(fingerprints(certificate)).values()):
+        for words in (
+            certify_command(certificate),
+            VERIFY,
+            ALONE,
+            *dict(fingerprints(certificate)).values(),
+        ):
             assert words in text
         plain = text.replace("\\", "").replace("<wbr>", "")
         for _, _, _, source, modules, *_ in rows_of(certificate.checks):

@@ -1,4 +1,5 @@
-"""Weights that move under a guarantee, drawn: what is proved, phase by phase, and which modes are on beneath."""
+"""Weights that move under a guarantee, drawn: what is proved, phase by phase, and which modes are
+on beneath."""
 
 from fractions import Fraction
 
@@ -18,7 +19,8 @@ from dobc_design.report.write import render_report
 
 ONE, LONG = Fraction(7, 10), Fraction(6, 5)
 STEEP = Weights(
-    times=(Fraction(0), ONE, LONG), v=((Fraction(1), Fraction(9)), (Fraction(1, 2), Fraction(4)), (ONE, ONE))
+    times=(Fraction(0), ONE, LONG),
+    v=((Fraction(1), Fraction(9)), (Fraction(1, 2), Fraction(4)), (ONE, ONE)),
 )
 LABELS = ("leader", "$x_2$")
 
@@ -46,7 +48,10 @@ def test_the_band_names_every_mode_once_and_names_are_no_mathematics():
     figure, _ = drawn("A", "B", "A")
     main, band = figure.axes
     assert [text.get_text() for text in band.get_legend().get_texts()] == ["A", "B"]
-    assert [text.get_text() for text in main.get_legend().get_texts()] == ["agent $x_2$", "agent leader"]
+    assert [text.get_text() for text in main.get_legend().get_texts()] == [
+        "agent $x_2$",
+        "agent leader",
+    ]
     assert band.get_xlabel().startswith("time t in s")
     assert (main.get_xlabel(), main.get_xlim()) == ("", (0, pytest.approx(3.6)))
     assert not any(text.get_parse_math() for text in main.get_legend().get_texts())
@@ -54,18 +59,26 @@ def test_the_band_names_every_mode_once_and_names_are_no_mathematics():
 
 @pytest.fixture(scope="module")
 def certificate() -> Certificate:
-    """Weights by hand: agents 2 and 3 hear the one before, each in one mode; a mode lasts for 1 s."""
+    """Weights by hand: agents 2 and 3 hear the one before, each in one mode; a mode lasts for 1
+    s."""
     made = Frames({"relay": (CHAIN, DWELL | {"longest": 1})}, ("reachability", "lemma1"))
     claims, problem = made.certificate("relay", CHAINED)
     return Certificate(problem=problem_from_canonical(problem), claims=read_claims(claims))
 
 
-def test_the_report_draws_weights_and_two_runs_below_the_bound(certificate: Certificate, drawn_only):
+def test_the_report_draws_weights_and_two_runs_below_the_bound(
+    certificate: Certificate, drawn_only
+):
     drawn_only("error")
     (picture,) = weight_pictures(certificate)
     assert "one round of 2 phases" in picture.alt
     page = render_report(certificate)["report.html"].decode()
-    for words in ("Weights of the agents that prove it", "|e|∞, drawn signal", "|e|∞, slow signal", "certified bound"):
+    for words in (
+        "Weights of the agents that prove it",
+        "|e|∞, drawn signal",
+        "|e|∞, slow signal",
+        "certified bound",
+    ):
         assert words in page
     assert "stays in one mode" not in page
     assert certificate.plot().file("svg").count(b"agent 3") == 1

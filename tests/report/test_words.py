@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from dobc_design import Exosystem, Group, Network, Problem, Switching, certify
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.report import words
-from dobc_design.report.words import agents_table, domain_words, mode_sentences, number, pin_sentence
+from dobc_design.report.words import (
+    agents_table,
+    domain_words,
+    mode_sentences,
+    number,
+    pin_sentence,
+)
 from dobc_design.report.write import render_report
 
 
@@ -22,7 +28,14 @@ def test_a_number_cut_towards_zero_is_never_larger_and_loses_less_than_a_thousan
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.58229999, "0.5822"), (None, "–"), (0.0, "0"), (Fraction(2, 3), "0.6666"), (1.99999e-9, "1.999e-09"), (5, "5")],
+    [
+        (0.58229999, "0.5822"),
+        (None, "–"),
+        (0.0, "0"),
+        (Fraction(2, 3), "0.6666"),
+        (1.99999e-9, "1.999e-09"),
+        (5, "5"),
+    ],
 )
 def test_cut_numbers(value: float | Fraction | None, text: str):
     assert significant_towards_zero(value) == text
@@ -31,10 +44,19 @@ def test_cut_numbers(value: float | Fraction | None, text: str):
 @pytest.mark.parametrize(
     ("reason", "shown"),
     [
-        ("Lambda(J) < 0, lambda_max <= -0.58: V = e'e falls", "Λ(J) < 0, λmax ≤ −0.58: V = e′e falls"),
+        (
+            "Lambda(J) < 0, lambda_max <= -0.58: V = e'e falls",
+            "Λ(J) < 0, λmax ≤ −0.58: V = e′e falls",
+        ),
         ("it is v'(Lambda + I (x) S)v >= 0: Psi is not", "It is v′(Λ + I ⊗ S)v ≥ 0: Ψ is not"),
-        ("from |e_i| <= 4 and |eps_i|_P: exp(-0.2 t), A - WC", "From |eᵢ| ≤ 4 and |εᵢ|ₚ: exp(−0.2 t), A − WC"),
-        ("agent Lambda's label, agent-3 and 1e-05 stay", "Agent Lambda's label, agent-3 and 1e-05 stay"),
+        (
+            "from |e_i| <= 4 and |eps_i|_P: exp(-0.2 t), A - WC",
+            "From |eᵢ| ≤ 4 and |εᵢ|ₚ: exp(−0.2 t), A − WC",
+        ),
+        (
+            "agent Lambda's label, agent-3 and 1e-05 stay",
+            "Agent Lambda's label, agent-3 and 1e-05 stay",
+        ),
     ],
 )
 def test_a_reason_is_shown_in_letters_and_signs_of_mathematics(reason: str, shown: str):
@@ -52,7 +74,10 @@ def test_domains_in_words():
     assert domain_words("global") == "every start"
     assert domain_words("consensus") == "near the target"
     assert domain_words({"kind": "ball", "radius": 1.5}) == "starts with |e|₂ ≤ 1.5"
-    assert domain_words({"kind": "box", "radius": "x", "disturbance": 0}) == "starts with |e|∞ ≤ ? and every |εᵢ| ≤ 0"
+    assert (
+        domain_words({"kind": "box", "radius": "x", "disturbance": 0})
+        == "starts with |e|∞ ≤ ? and every |εᵢ| ≤ 0"
+    )
 
 
 def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_with, certificate_of):
@@ -67,7 +92,9 @@ def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_wi
 
 def test_a_ring_is_said_in_words(problem_with):
     problem = problem_with()
-    assert mode_sentences(problem) == ["Ga: 10 arcs; every agent i listens to i + 1, counted around a circle of 10."]
+    assert mode_sentences(problem) == [
+        "Ga: 10 arcs; every agent i listens to i + 1, counted around a circle of 10."
+    ]
     assert pin_sentence(problem) == "2 of 10 agents are pinned: 1 and 6."
     assert agents_table(problem).rows[0] == ("1", "5", "1", "2")
 
@@ -75,14 +102,17 @@ def test_a_ring_is_said_in_words(problem_with):
 def test_weights_and_undirected_arcs_are_said_in_words(problem_with):
     network = Network.from_arcs([(1, 2, "1/3"), (2, 1), (3, 1), (1, 3)], arrow="sends_to", agents=4)
     problem = problem_with(network=network, gains=None)
-    assert mode_sentences(problem)[0].startswith("G: 4 arcs, with weights; whoever listens is also listened to")
+    assert mode_sentences(problem)[0].startswith(
+        "G: 4 arcs, with weights; whoever listens is also listened to"
+    )
     assert agents_table(problem).rows[1][3:] == ("1 (1/3×)",)
     assert agents_table(problem).rows[3][3:] == ("–",)
     assert pin_sentence(problem) == "No agent is pinned."
 
 
 def test_a_proof_under_a_guarantee_says_for_which_signals_it_holds(drawn_only):
-    """Two agents, the second hears the first every other second: nothing is said about arbitrary switching."""
+    """Two agents, the second hears the first every other second: nothing is said about arbitrary
+    switching."""
     network = Network.from_arcs({"A": [[2, 1]], "B": []}, arrow="listens_to", agents=2)
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
     certificate = certify(Problem(network=network, coupling="y", gains={1: 1}, switching=turns))

@@ -1,4 +1,5 @@
-"""Hostile files for ``--start`` and for saved trajectories, and numbers beyond all floats: one message, exit 2."""
+"""Hostile files for ``--start`` and for saved trajectories, and numbers beyond all floats: one
+message, exit 2."""
 
 import gzip
 import io
@@ -25,7 +26,9 @@ from dobc_design.sweeps.result import SweepResult, _cell, _is_line
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="memory limits and devices of Unix")
 WITHIN = "import resource, sys\nresource.setrlimit(resource.RLIMIT_AS, (3 << 30,) * 2)\n"
-START = f"{WITHIN}import dobc_design as dd\ndd.simulate('paper-fixed', t_final=1, start=sys.argv[1])"
+START = (
+    f"{WITHIN}import dobc_design as dd\ndd.simulate('paper-fixed', t_final=1, start=sys.argv[1])"
+)
 
 
 def npy(array: np.ndarray, *, said: tuple[int, ...] | None = None) -> bytes:
@@ -45,7 +48,10 @@ def zipped(path: Path, **members: bytes) -> Path:
 
 def bomb(path: Path) -> Path:
     """A GB of zeros in a MB."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("x.npy", "w") as stream:
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("x.npy", "w") as stream,
+    ):
         stream.write(npy(np.zeros(0), said=(12_500_000, 10, 1)))
         for _ in range(1000):
             stream.write(bytes(1_000_000))
@@ -67,7 +73,9 @@ HOSTILE = {
     "other shape": lambda folder: zipped(folder / "x.npz", x=npy(np.zeros((11, 1)))),
     "nan": lambda folder: zipped(folder / "x.npz", x=npy(np.full((10, 1), np.nan))),
     "nothing known": lambda folder: zipped(folder / "x.npz", y=npy(np.zeros((10, 1)))),
-    "deep head": lambda folder: zipped(folder / "x.npz", x=b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000),
+    "deep head": lambda folder: zipped(
+        folder / "x.npz", x=b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000
+    ),
     "cut": lambda folder: written(
         folder / "x.npz", zipped(folder / "y.npz", x=npy(np.zeros((10, 1)))).read_bytes()[:-30]
     ),
@@ -94,20 +102,30 @@ def test_a_hostile_start_is_refused_by_its_key(tmp_path, kind: str):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", [START, f"{WITHIN}import dobc_design as dd\ndd.load_trajectory(sys.argv[1])"])
+@pytest.mark.parametrize(
+    "code", [START, f"{WITHIN}import dobc_design as dd\ndd.load_trajectory(sys.argv[1])"]
+)
 def test_a_gigabyte_of_zeros_is_refused_before_it_is_unpacked(tmp_path, code: str):
     done = subprocess.run(
-        [sys.executable, "-c", code, str(bomb(tmp_path / "x.npz"))], capture_output=True, check=False, timeout=120
+        [sys.executable, "-c", code, str(bomb(tmp_path / "x.npz"))],
+        capture_output=True,
+        check=False,
+        timeout=120,
     )
     assert b"SpecError" in done.stderr and b"x.npz" in done.stderr
 
 
 @pytest.mark.parametrize("key", ["target", "pinning.gains.1", "coupling", "network.modes.G"])
 def test_a_number_beyond_floats_is_refused_by_its_key(key: str):
-    big = {name: "1e400" if name == key else 1 for name in ("target", "pinning.gains.1", "network.modes.G")}
+    big = {
+        name: "1e400" if name == key else 1
+        for name in ("target", "pinning.gains.1", "network.modes.G")
+    }
     network = dd.Network.from_arcs({"G": [[1, 2, big["network.modes.G"]]]}, arrow="listens_to")
     h = "1e400*y" if key == "coupling" else "y"
-    problem = dd.Problem(network=network, coupling=h, target=big["target"], gains={"1": big["pinning.gains.1"]})
+    problem = dd.Problem(
+        network=network, coupling=h, target=big["target"], gains={"1": big["pinning.gains.1"]}
+    )
     with pytest.raises(SpecError, match=key) as caught:
         dd.simulate(problem)
     assert caught.value.key == key
@@ -123,14 +141,34 @@ def test_a_billion_runs_are_refused_with_the_limit():
 @pytest.mark.parametrize("field", ["rate", "id", "seconds", "verdict", "error", "case", "values"])
 def test_a_line_of_a_journal_with_a_wrong_field_is_no_line(field: str):
     plan = make_plan("clock-sync", {"target": [0]}, task=Task(kind="certify"), samples=None, seed=0)
-    result = {name: None for name, _, _ in plan.task.columns} | {"verdict": "proved", "rate": 0.5, "starts": "box"}
-    line = {"case": 0, "id": "a" * 64, "values": list(plan.values(0)), "result": result, "error": None, "seconds": 1.0}
+    result = {name: None for name, _, _ in plan.task.columns} | {
+        "verdict": "proved",
+        "rate": 0.5,
+        "starts": "box",
+    }
+    line = {
+        "case": 0,
+        "id": "a" * 64,
+        "values": list(plan.values(0)),
+        "result": result,
+        "error": None,
+        "seconds": 1.0,
+    }
     assert _is_line(line, plan)
     assert len(SweepResult(plan=plan, lines=(line,))) == 1
-    wrong = {"rate": float("inf"), "id": "../x", "seconds": -1.0, "verdict": "surely", "error": {}, "case": True}
+    wrong = {
+        "rate": float("inf"),
+        "id": "../x",
+        "seconds": -1.0,
+        "verdict": "surely",
+        "error": {},
+        "case": True,
+    }
     inside = field in result
     value = wrong.get(field, [1])
-    assert not _is_line(line | ({"result": result | {field: value}} if inside else {field: value}), plan)
+    assert not _is_line(
+        line | ({"result": result | {field: value}} if inside else {field: value}), plan
+    )
 
 
 IMPORT = f"{WITHIN}resource.setrlimit(resource.RLIMIT_CPU, (60, 60))\nimport dobc_design as dd\n"
@@ -144,7 +182,10 @@ def test_many_labels_are_read_in_a_minute_and_3_gb(tmp_path, suffix: str):
         text = "\n".join(f"n{i},n{i + 1}" for i in range(count - 1))
     elif suffix == "graphml":
         nodes = "".join(f'<node id="n{i}"/>' for i in range(count))
-        text = f'<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph edgedefault="directed">{nodes}'
+        text = (
+            '<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph '
+            f'edgedefault="directed">{nodes}'
+        )
         text += '<edge source="n0" target="n1"/></graph></graphml>'
     else:
         labels = ",".join(f'"n{i}"' for i in range(count))
@@ -177,18 +218,40 @@ def test_help_shows_brackets_and_colons_as_they_are_typed(command_line, monkeypa
 def test_a_home_that_cannot_be_written_is_no_matter_for_standard_error(tmp_path, command: str):
     """Matplotlib would say where it keeps its fonts instead."""
     done = subprocess.run(
-        [sys.executable, "-m", "dobc_design", command, "clock-sync", "--out", str(tmp_path / "out")],
+        [
+            sys.executable,
+            "-m",
+            "dobc_design",
+            command,
+            "clock-sync",
+            "--out",
+            str(tmp_path / "out"),
+        ],
         capture_output=True,
         check=False,
         timeout=300,
-        env={name: text for name, text in os.environ.items() if name != "MPLCONFIGDIR"} | {"HOME": "/proc"},
+        env={name: text for name, text in os.environ.items() if name != "MPLCONFIGDIR"}
+        | {"HOME": "/proc"},
     )
     assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_a_cell_of_csv_is_no_formula_and_numbers_stay_numbers():
-    assert [_cell(x) for x in ("=1+1", "@a", "-y", "+a", "\t=1")] == ["'=1+1", "'@a", "'-y", "'+a", "'\t=1"]
-    assert [_cell(x) for x in ("-1.5", -1.5, "y", True, None, "+3")] == ["-1.5", -1.5, "y", "true", None, "+3"]
+    assert [_cell(x) for x in ("=1+1", "@a", "-y", "+a", "\t=1")] == [
+        "'=1+1",
+        "'@a",
+        "'-y",
+        "'+a",
+        "'\t=1",
+    ]
+    assert [_cell(x) for x in ("-1.5", -1.5, "y", True, None, "+3")] == [
+        "-1.5",
+        -1.5,
+        "y",
+        "true",
+        None,
+        "+3",
+    ]
 
 
 WIDE = {"initial_states": [-1, "1e400"]}
@@ -202,11 +265,16 @@ WIDE = {"initial_states": [-1, "1e400"]}
         pytest.param(1, WIDE, "undecided", 4, marks=pytest.mark.slow),
     ],
 )
-def test_numbers_beyond_floats_have_a_verdict_and_a_report(weight, region, verdict, stages: int, monkeypatch):
-    """``stages``: so many of those of the region, of which the first asks for a box, the second for an ellipsoid."""
+def test_numbers_beyond_floats_have_a_verdict_and_a_report(
+    weight, region, verdict, stages: int, monkeypatch
+):
+    """``stages``: so many of those of the region, of which the first asks for a box, the second for
+    an ellipsoid."""
     monkeypatch.setattr("dobc_design.certification.certify.STAGES", certification.STAGES[:stages])
     network = dd.Network.from_arcs({"G": [[1, 2, weight], [2, 1]]}, arrow="listens_to")
-    certificate = dd.certify(dd.Problem(network=network, coupling="y + tanh(y)", gains={"1": 1}, region=region))
+    certificate = dd.certify(
+        dd.Problem(network=network, coupling="y + tanh(y)", gains={"1": 1}, region=region)
+    )
     assert {"report.html", "report.md"} <= render_report(certificate).keys()
     assert certificate.verdict.value == verdict
 
@@ -215,8 +283,11 @@ def test_cliques_are_merged_with_their_parents_alone(monkeypatch):
     """The other way of Clarabel 0.11.1 takes all memory for some small programs."""
     told = []
     solver = clarabel.DefaultSolver
-    monkeypatch.setattr(clarabel, "DefaultSolver", lambda *given: told.append(given[-1]) or solver(*given))
-    square = Cone("semidefinite", np.array([[-1.0], [0.0], [-1.0]]), np.array([-2.0, 0.0, -2.0]))  # x I - 2 I >= 0
+    monkeypatch.setattr(
+        clarabel, "DefaultSolver", lambda *given: told.append(given[-1]) or solver(*given)
+    )
+    # x I - 2 I >= 0
+    square = Cone("semidefinite", np.array([[-1.0], [0.0], [-1.0]]), np.array([-2.0, 0.0, -2.0]))
     found = solve_cones(np.array([1.0]), [square])
     assert found.x == pytest.approx([2.0], abs=1e-6)
     assert [settings.chordal_decomposition_merge_method for settings in told] == ["parent_child"]
@@ -224,10 +295,16 @@ def test_cliques_are_merged_with_their_parents_alone(monkeypatch):
 
 @pytest.mark.slow
 def test_a_small_program_does_not_take_all_memory():
-    """Clarabel 0.11.1 merged cliques without an end for the pins of these five modes of 19 agents."""
+    """Clarabel 0.11.1 merged cliques without an end for the pins of these five modes of 19
+    agents."""
     tests = Path(__file__).resolve().parents[1]
     paths = [str(tests), str(tests / "support")]
-    child = f"{WITHIN}sys.path[:0] = {paths}\nfrom evidence.schedules import case\nimport dobc_design as dd\n"
+    child = (
+        f"{WITHIN}sys.path[:0] = {paths}\nfrom evidence.schedules import case\nimport "
+        "dobc_design as dd\n"
+    )
     child += "print(dd.certify(case(359).problem).verdict.value)"
-    ran = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True, timeout=100, check=False)
+    ran = subprocess.run(
+        [sys.executable, "-c", child], capture_output=True, text=True, timeout=100, check=False
+    )
     assert (ran.stdout, ran.returncode) == ("refuted\n", 0), ran.stderr[-2000:]

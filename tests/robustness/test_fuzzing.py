@@ -45,7 +45,8 @@ def test_a_defect_would_be_seen(target: Target):
 
 # What was found: in a seed of which target to replace what by what.
 FOUND = [
-    # The message about an unknown field quoted it, and with it what turns the writing direction round.
+    # The message about an unknown field quoted it, and with it what turns the writing direction
+    # round.
     ("certificate.json", b'"exact"', b'"exa\xe2\x80\xaect"'),
     ("certificate.json", b'"exact"', b'"\\u001b[2J"'),
     # An exponent beyond those of decimal.Decimal is no ValueError.

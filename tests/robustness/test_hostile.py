@@ -23,7 +23,8 @@ from dobc_design.exact.matrix import multiply
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.load import load_problem, read_problem_text
 
-LIMIT = 5 * ALONE  # other programs beside it slow a processor's caches too; what hangs takes minutes
+# other programs beside it slow a processor's caches too; what hangs takes minutes
+LIMIT = 5 * ALONE
 MB = 1_000_000
 SOME = 100_000  # characters of most: enough to see whether the time is linear in them
 TREES = {
@@ -52,7 +53,8 @@ BYTES = {
 
 
 def take(read: Callable[[bytes], Any], data: bytes, error: type[Exception]) -> Any:
-    """What the reader makes of it: a value, or None where it refuses; never long, never another exception."""
+    """What the reader makes of it: a value, or None where it refuses; never long, never another
+    exception."""
     with time_limit(ALONE):
         try:
             return read(data)
@@ -97,8 +99,14 @@ def test_a_hostile_document_is_refused(reader, name):
 
 @pytest.mark.parametrize("text", ["9" * (10 * MB), "1/" + "9" * (10 * MB), "0." + "9" * (10 * MB)])
 def test_a_rational_of_ten_megabytes_is_refused(valid, text):
-    for reader, place in (("certificate.json", "observer P 0 0"), ("problem.json", "exosystem A 0 0")):
-        assert take(READERS[reader][0], changed(valid[reader], place, f'"{text}"'), READERS[reader][1]) is None
+    for reader, place in (
+        ("certificate.json", "observer P 0 0"),
+        ("problem.json", "exosystem A 0 0"),
+    ):
+        assert (
+            take(READERS[reader][0], changed(valid[reader], place, f'"{text}"'), READERS[reader][1])
+            is None
+        )
 
 
 def changed(valid: dict[str, Any], place: str, text: str) -> bytes:
@@ -112,19 +120,27 @@ def changed(valid: dict[str, Any], place: str, text: str) -> bytes:
 
 
 PLACES = {
-    "certificate.json": "version, rate, reason, notes, checks, checks 0 margin, checks 0 exact, checks 0 domain,"
+    "certificate.json": "version, rate, reason, notes, checks, checks 0 "
+    "margin, checks 0 exact, checks 0 "
+    "domain,"
     " observer P, observer P 0, observer P 0 0, problem_sha256",
-    "problem.json": "version, name, labels, labels 0, dimension, modes 0 arcs, modes 0 arcs 0, modes 0 arcs 0 0,"
+    "problem.json": "version, name, labels, labels 0, dimension, modes "
+    "0 arcs, modes 0 arcs 0, modes 0 "
+    "arcs 0 0,"
     " modes 0 arcs 0 2, coupling h, gains 0 1, exosystem A 0 0, simulation seed",
 }
 
 
 @pytest.mark.parametrize("name", TREES)
 @pytest.mark.parametrize("reader", PLACES)
-def test_a_hostile_part_of_a_good_document_is_refused_or_changes_no_proof(reader, name, valid, problem):
+def test_a_hostile_part_of_a_good_document_is_refused_or_changes_no_proof(
+    reader, name, valid, problem
+):
     """Some parts are text that nobody judges, and may be anything."""
     for text in PLACES[reader].split(", "):
-        found = take(READERS[reader][0], changed(valid[reader], text, TREES[name]), READERS[reader][1])
+        found = take(
+            READERS[reader][0], changed(valid[reader], text, TREES[name]), READERS[reader][1]
+        )
         if found is not None and reader == "certificate.json":
             with time_limit(LIMIT):
                 assert recheck(found, problem).holds is (text == "reason")
@@ -142,7 +158,9 @@ def test_line_ends_and_a_byte_order_mark_are_taken_or_refused_as_a_whole(reader,
 TOML = {
     "thirty thousand keys": "\n".join(f"k{k} = 0" for k in range(30_000)),
     "ten thousand tables": "\n".join(f"[t{k}]" for k in range(10_000)),
-    "thousands of modes": VALID.replace("Gb =", "\n".join(f"M{k} = []" for k in range(4000)) + "\nGb ="),
+    "thousands of modes": VALID.replace(
+        "Gb =", "\n".join(f"M{k} = []" for k in range(4000)) + "\nGb ="
+    ),
     "a hundred thousand strings": "a = [" + '"",' * 100_000 + "]",
     "a long label": VALID.replace("agents = 4", f'agents = ["{"a" * MB}"]'),
     "towers of powers": VALID.replace('"2*y"', '"' + "(" * 40 + "y" + "**64)" * 40 + '"'),
@@ -159,13 +177,16 @@ def test_hostile_toml_is_refused_or_read_in_time(name):
 
 @pytest.mark.parametrize("name", ["paper-fixed", "paper-switching"])
 def test_a_pair_of_long_numbers_is_decided_in_time(name):
-    """P + tiny terms with huge, coprime denominators: elimination in exact arithmetic would take minutes."""
+    """P + tiny terms with huge, coprime denominators: elimination in exact arithmetic would take
+    minutes."""
     problem, digits = load_problem(name), 2000
     claims = certified(name).claims
     assert claims.P is not None
     assert claims.W is not None
     tail = Fraction(1, 10**digits + 7)
-    P = tuple(tuple(x + tail * (i + j + 1) for j, x in enumerate(row)) for i, row in enumerate(claims.P))
+    P = tuple(
+        tuple(x + tail * (i + j + 1) for j, x in enumerate(row)) for i, row in enumerate(claims.P)
+    )
     document = json.loads(certificate_bytes(claims))
     document["observer"] |= {"P": as_text(P), "Q": as_text(multiply(P, claims.W))}
     with time_limit(LIMIT):
@@ -174,7 +195,9 @@ def test_a_pair_of_long_numbers_is_decided_in_time(name):
 
 
 def as_text(matrix: Any) -> list[list[str]]:
-    return [[f"{fmpz(x.numerator).str()}/{fmpz(x.denominator).str()}" for x in row] for row in matrix]
+    return [
+        [f"{fmpz(x.numerator).str()}/{fmpz(x.denominator).str()}" for x in row] for row in matrix
+    ]
 
 
 def test_a_deep_fix_is_no_way_to_crash_the_checker(valid, problem):

@@ -1,4 +1,5 @@
-"""Killed, interrupted, terminated: at every moment each file is the old one or the new one, and whole."""
+"""Killed, interrupted, terminated: at every moment each file is the old one or the new one, and
+whole."""
 
 import json
 import os
@@ -20,15 +21,26 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_certify_says_so_and_leaves_a_whole_set(tmp_path, number):
-    """130 for Ctrl-C, 143 for SIGTERM; no traceback, also in the first moments, while everything is imported."""
+    """130 for Ctrl-C, 143 for SIGTERM; no traceback, also in the first moments, while everything is
+    imported."""
     outcome = interrupt_certify(2, 3, tmp_path, number=number)
     assert not outcome.wrong
     assert outcome.counts["interrupted"] == 2
 
 
 @pytest.mark.parametrize("milliseconds", [1, 15, 30, 50])
-def test_sigterm_in_the_first_moments_ends_at_once_without_a_word_of_python(tmp_path, milliseconds: int):
-    command = [sys.executable, "-m", "dobc_design", "certify", "paper-fixed", "--out", str(tmp_path / "out")]
+def test_sigterm_in_the_first_moments_ends_at_once_without_a_word_of_python(
+    tmp_path, milliseconds: int
+):
+    command = [
+        sys.executable,
+        "-m",
+        "dobc_design",
+        "certify",
+        "paper-fixed",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         time.sleep(milliseconds / 1000)
         process.send_signal(signal.SIGTERM)
@@ -89,9 +101,20 @@ def test_ctrl_c_of_a_group_reaches_everybody_and_nobody_hangs(tmp_path):
 @pytest.mark.slow
 def test_an_ignored_interrupt_stays_ignored(tmp_path):
     """A shell starts background jobs with Ctrl-C ignored, nohup does so with SIGHUP."""
-    command = [sys.executable, "-m", "dobc_design", "certify", "paper-fixed", "--no-report", "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-m",
+        "dobc_design",
+        "certify",
+        "paper-fixed",
+        "--no-report",
+        "--out",
+        str(tmp_path),
+    ]
     with subprocess.Popen(
-        ["sh", "-c", 'trap "" INT HUP; exec "$@"', "sh", *command], stdout=subprocess.PIPE, env=environment()
+        ["sh", "-c", 'trap "" INT HUP; exec "$@"', "sh", *command],
+        stdout=subprocess.PIPE,
+        env=environment(),
     ) as process:
         for _ in range(20):
             time.sleep(0.02)
@@ -103,15 +126,21 @@ def test_an_ignored_interrupt_stays_ignored(tmp_path):
 
 
 def test_what_killed_writers_left_is_removed_by_a_later_one(tmp_path):
-    """After an hour, when no writer can be at work on it any more; other files are never touched."""
-    left = [f".{name}.dobc-tmp" for name in ("certificate.json.0123", "certificate.json.4567", "other.json.0123")]
+    """After an hour, when no writer can be at work on it any more; other files are never
+    touched."""
+    left = [
+        f".{name}.dobc-tmp"
+        for name in ("certificate.json.0123", "certificate.json.4567", "other.json.0123")
+    ]
     names = [*left, ".certificate.json.mine", "certificate.json.dobc-tmp"]
     for name in names:
         (tmp_path / name).write_bytes(b"x")
         if name != ".certificate.json.4567.dobc-tmp":
             os.utime(tmp_path / name, (time.time() - STALE - 60,) * 2)
     write_atomically(tmp_path / "certificate.json", b"new")
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names[1:], "certificate.json"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        [*names[1:], "certificate.json"]
+    )
 
 
 def test_all_files_are_as_before_when_one_cannot_be_written(tmp_path):

@@ -1,7 +1,9 @@
-"""A machine that refuses: full disks, folders that may not be written, files of a wrong kind, closed streams.
+"""A machine that refuses: full disks, folders that may not be written, files of a wrong kind,
+closed streams.
 
-Every case starts a real process.  It has to leave with the exit code of the contract (2: what was handed in is
-wrong, 4: the machine failed), name the key and the cure, show no traceback, and leave every old file as it was.
+Every case starts a real process.  It has to leave with the exit code of the contract (2: what was
+handed in is wrong, 4: the machine failed), name the key and the cure, show no traceback, and leave
+every old file as it was.
 """
 
 import gzip
@@ -12,7 +14,7 @@ import shutil
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -24,17 +26,28 @@ from certified import certified
 import dobc_design as dd
 
 # About a hundred processes, one second each.
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="limits, pipes and permissions of Unix")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(os.name == "nt", reason="limits, pipes and permissions of Unix"),
+]
 
 DOBC = [sys.executable, "-m", "dobc_design"]
-# Root may write everywhere, whatever the permissions say; without these two capabilities it may not.
+# Root may write everywhere, whatever the permissions say; without these two capabilities it may
+# not.
 AS_ANYBODY = ["setpriv", "--bounding-set", "-dac_override,-dac_read_search"]
 
 
-def dobc(*arguments: object, before: list[str] = [], **options: Any) -> subprocess.CompletedProcess[str]:  # noqa: B006
+def dobc(
+    *arguments: object, before: Sequence[str] = (), **options: Any
+) -> subprocess.CompletedProcess[str]:
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
     ran = subprocess.run(
-        [*before, *DOBC, *map(str, arguments)], text=True, encoding="utf-8", timeout=60, check=False, **streams
+        [*before, *DOBC, *map(str, arguments)],
+        text=True,
+        encoding="utf-8",
+        timeout=60,
+        check=False,
+        **streams,
     )
     for text in (ran.stdout, ran.stderr):
         assert "Traceback" not in (text or "")
@@ -78,16 +91,23 @@ def contents(folder: Path) -> dict[str, bytes]:
 def unprivileged() -> list[str]:
     if os.geteuid() != 0:
         return []
-    if shutil.which("setpriv") is None or subprocess.run([*AS_ANYBODY, "true"], check=False).returncode:
+    if (
+        shutil.which("setpriv") is None
+        or subprocess.run([*AS_ANYBODY, "true"], check=False).returncode
+    ):
         pytest.skip("root may write everywhere, and setpriv is not there or may not take that away")
     return AS_ANYBODY
 
 
 @pytest.mark.parametrize("size", [0, 1, 1000])
 def test_no_room_for_a_file_leaves_the_old_ones(folder, size):
-    """A limit on the size of files does to a process what a full disk does; the write fails after ``size`` bytes."""
+    """A limit on the size of files does to a process what a full disk does; the write fails after
+    ``size`` bytes."""
     before = contents(folder)
-    error = refusal(certify(folder, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))), 4)
+    error = refusal(
+        certify(folder, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))),
+        4,
+    )
     assert ".json cannot be written: File too large" in error["message"]
     assert "--out" in error["cure"]
     assert contents(folder) == before
@@ -128,7 +148,8 @@ def test_a_link_in_place_of_a_file_is_replaced_and_its_target_left_alone(folder,
     for name, target in (("certificate.json", mine), ("problem.json", tmp_path / "nowhere")):
         (folder / name).unlink()
         (folder / name).symlink_to(target)
-    assert dobc("certify", "clock-sync", "--no-report", "--out", folder).returncode == 2  # whose results are these?
+    # whose results are these?
+    assert dobc("certify", "clock-sync", "--no-report", "--out", folder).returncode == 2
     assert dobc("certify", "clock-sync", "--no-report", "--out", folder, "--force").returncode == 0
     assert mine.read_text(encoding="utf-8") == "mine"
     assert not (folder / "certificate.json").is_symlink()
@@ -155,11 +176,14 @@ KINDS: dict[str, Callable[[Path], object]] = {
     "socket": bound_socket,
     "empty": lambda path: path.touch(),
     "noise": lambda path: path.write_bytes(bytes(range(256)) * 100),
-    "a gzip bomb": lambda path: path.write_bytes(gzip.compress(b"0" * 50_000_000)),  # nobody unpacks it
+    # nobody unpacks it
+    "a gzip bomb": lambda path: path.write_bytes(gzip.compress(b"0" * 50_000_000)),
 }
 
 
-@pytest.mark.parametrize(("suffix", "kind"), [*product(["toml"], KINDS), ("json", "pipe"), ("json", "endless")])
+@pytest.mark.parametrize(
+    ("suffix", "kind"), [*product(["toml"], KINDS), ("json", "pipe"), ("json", "endless")]
+)
 def test_what_is_no_problem_file_is_refused_at_once(tmp_path, kind, suffix):
     path = tmp_path / f"problem.{suffix}"
     KINDS[kind](path)
@@ -190,13 +214,23 @@ def test_files_that_may_not_be_read_are_mistakes(folder, tmp_path):
     assert "cannot be read: Permission denied" in error["message"]
 
 
-COMMANDS = [("problems",), ("check", "clock-sync"), ("check", "clock-sync", "--json"), ("schema",), ("--help",)]
+COMMANDS = [
+    ("problems",),
+    ("check", "clock-sync"),
+    ("check", "clock-sync", "--json"),
+    ("schema",),
+    ("--help",),
+]
 COMMANDS += [("explain", "theorem1"), ("--version",), ("certify", "clock-sync", "--no-report")]
-COMMANDS += [("certify", "clock-sync", "--no-report", "--json"), ("verify", "made", "--problem", "clock-sync")]
+COMMANDS += [
+    ("certify", "clock-sync", "--no-report", "--json"),
+    ("verify", "made", "--problem", "clock-sync"),
+]
 
 
 @pytest.mark.parametrize(
-    ("kind", "command"), [*product(["full"], COMMANDS), *product(["closed", "nobody reads"], COMMANDS[-3::2])]
+    ("kind", "command"),
+    [*product(["full"], COMMANDS), *product(["closed", "nobody reads"], COMMANDS[-3::2])],
 )
 def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made, command, kind):
     """Exit 1 and 3 are answers, so they must not come from a pipe that broke."""
@@ -207,7 +241,9 @@ def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made
         with Path("/dev/full").open("w", encoding="utf-8") as full:
             ran = dobc(*arguments, cwd=tmp_path, stdout=full)
     elif kind == "closed":
-        ran = dobc(*arguments, cwd=tmp_path, stdout=None, before=["sh", "-c", 'exec "$@" >&-', "sh"])
+        ran = dobc(
+            *arguments, cwd=tmp_path, stdout=None, before=["sh", "-c", 'exec "$@" >&-', "sh"]
+        )
     else:
         reading, writing = os.pipe()
         os.close(reading)
@@ -224,16 +260,23 @@ def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made
 
 def test_a_reader_that_takes_one_line_sees_no_traceback(tmp_path):
     ran = subprocess.run(
-        ["sh", "-c", '"$@" | head -1', "sh", *DOBC, "schema"], cwd=tmp_path, text=True, capture_output=True, check=False
+        ["sh", "-c", '"$@" | head -1', "sh", *DOBC, "schema"],
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        check=False,
     )
     assert (ran.stdout, ran.stderr) == ("{\n", "")
 
 
 @pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full", "<&- 2>&-"])
 @pytest.mark.parametrize(
-    ("command", "code"), [(("certify", "clock-sync", "--no-report"), 0), (("check", "nowhere"), 2), (("--wrong",), 2)]
+    ("command", "code"),
+    [(("certify", "clock-sync", "--no-report"), 0), (("check", "nowhere"), 2), (("--wrong",), 2)],
 )
-def test_nobody_listening_on_standard_error_changes_no_exit_code(tmp_path, redirection, command, code):
+def test_nobody_listening_on_standard_error_changes_no_exit_code(
+    tmp_path, redirection, command, code
+):
     ran = dobc(*command, cwd=tmp_path, before=["sh", "-c", f'exec "$@" {redirection}', "sh"])
     assert ran.returncode == code
     for path in tmp_path.glob("*/certificate.json"):

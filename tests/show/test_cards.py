@@ -1,4 +1,5 @@
-"""Every public noun and result shows itself: in Jupyter, at the prompt, small for large problems, text escaped."""
+"""Every public noun and result shows itself: in Jupyter, at the prompt, small for large problems,
+text escaped."""
 
 import ast
 import inspect
@@ -26,10 +27,16 @@ OTHERWISE = {"Designer": "_repr_mimebundle_", "Sheet": "_repr_png_", "ConsensusL
 
 def public() -> Iterator[object]:
     """All public names, those of the public modules included."""
-    yield from (getattr(dd, name) for name in sorted({*dd.__all__, *dd._HOMES}) if name != "Designer")
+    yield from (
+        getattr(dd, name) for name in sorted({*dd.__all__, *dd._HOMES}) if name != "Designer"
+    )
     yield from (getattr(dd.exact, name) for name in dd.exact.__all__)
     yield from (value for name, value in vars(dd.exosystems).items() if not name.startswith("_"))
-    yield from (getattr(getattr(dd, home), name) for name, home in dd._MOVED.items() if home != "Certificate")
+    yield from (
+        getattr(getattr(dd, home), name)
+        for name, home in dd._MOVED.items()
+        if home != "Certificate"
+    )
 
 
 def is_ours(each: type) -> bool:
@@ -39,12 +46,15 @@ def is_ours(each: type) -> bool:
 
 @cache
 def imported(module: str) -> dict[str, str]:
-    """Name -> module of everything of the package that a module imports, also where only annotations need it."""
+    """Name -> module of everything of the package that a module imports, also where only
+    annotations need it."""
     tree = ast.parse(Path(str(inspect.getfile(import_module(module)))).read_text("utf-8"))
     return {
         alias.name: node.module
         for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("dobc_design")
+        if isinstance(node, ast.ImportFrom)
+        and node.module is not None
+        and node.module.startswith("dobc_design")
         for alias in node.names
     }
 
@@ -65,7 +75,8 @@ def results_of(function: Any) -> Iterator[type]:
 
 @cache
 def shown_types() -> dict[str, type]:
-    """Public classes, what public functions return, and what methods and properties of public classes return."""
+    """Public classes, what public functions return, and what methods and properties of public
+    classes return."""
     found: dict[str, type] = {}
     for value in public():
         if inspect.isclass(value) and is_ours(value):
@@ -74,7 +85,9 @@ def shown_types() -> dict[str, type]:
             found |= {each.__name__: each for each in results_of(value)}
     for each in list(found.values()):
         for name, member in vars(each).items():
-            function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+            function = (
+                member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+            )
             if not name.startswith("_") and inspect.isfunction(function):
                 found |= {result.__name__: result for result in results_of(function)}
     return found
@@ -82,22 +95,37 @@ def shown_types() -> dict[str, type]:
 
 def test_every_public_noun_and_result_shows_itself_in_jupyter():
     types = shown_types()
-    assert {"Problem", "Certificate", "Recheck", "Searched", "Regions", "CCode", "RouthTable"} <= set(types)
+    assert {
+        "Problem",
+        "Certificate",
+        "Recheck",
+        "Searched",
+        "Regions",
+        "CCode",
+        "RouthTable",
+    } <= set(types)
     assert silent(types) == []
     assert silent({"New": type("New", (), {})}) == ["New"]
 
 
 def silent(types: dict[str, type]) -> list[str]:
     """Those that a notebook would show as plain text."""
-    return [name for name, each in types.items() if not hasattr(each, OTHERWISE.get(name, "_repr_html_"))]
+    return [
+        name
+        for name, each in types.items()
+        if not hasattr(each, OTHERWISE.get(name, "_repr_html_"))
+    ]
 
 
 @pytest.fixture(scope="module")
 def large() -> dd.Problem:
-    """A path of 1000 agents with hostile names in 2 modes, all pinned, with a disturbance of order 14."""
+    """A path of 1000 agents with hostile names in 2 modes, all pinned, with a disturbance of order
+    14."""
     names = [f"{HOSTILE}{i}" for i in range(1000)]
     arcs = [[names[i], names[i + 1]] for i in range(999)]
-    network = dd.Network.from_arcs({HOSTILE: arcs, "b": arcs[:-1]}, arrow="listens_to", agents=names)
+    network = dd.Network.from_arcs(
+        {HOSTILE: arcs, "b": arcs[:-1]}, arrow="listens_to", agents=names
+    )
     A = [[f"{i + 1}/{j + 7}" for j in range(14)] for i in range(14)]
     return dd.Problem(
         network=network,
@@ -116,7 +144,11 @@ def large() -> dd.Problem:
 def small() -> dd.Certificate:
     network = dd.Network.from_arcs({HOSTILE: [[HOSTILE, "b"]]}, arrow="listens_to")
     constant = dd.Exosystem(A=[[0]], C=[[1]])
-    return dd.certify(dd.Problem(network=network, coupling="2*y", gains={"b": 1}, name=HOSTILE, exosystem=constant))
+    return dd.certify(
+        dd.Problem(
+            network=network, coupling="2*y", gains={"b": 1}, name=HOSTILE, exosystem=constant
+        )
+    )
 
 
 def nouns(problem: dd.Problem) -> list[Any]:
@@ -153,14 +185,22 @@ def nouns(problem: dd.Problem) -> list[Any]:
     failures = [dd.Failure(agent=each) for each in problem.network.labels]
     return [
         *(problem, *(getattr(problem, part) for part in of_problem), problem.groups[0]),
-        *(*wanted, *signals, *exact, failures[0], dd.Stress(noise=0.1, failures=failures), dd.Verdict.PROVED),
+        *(
+            *wanted,
+            *signals,
+            *exact,
+            failures[0],
+            dd.Stress(noise=0.1, failures=failures),
+            dd.Verdict.PROVED,
+        ),
         dd.Observer(W=[["16/5"], ["12/5"]], P=[[1, 0], [0, "1/3"]]),
         dd.Coupling(components=problem.coupling.components, by_component=True, dimension=3),
     ]
 
 
 def checked(value: Any) -> str:
-    """The page of a value, which is small, balanced, and free of foreign tags; its texts are short."""
+    """The page of a value, which is small, balanced, and free of foreign tags; its texts are
+    short."""
     page: str = value._repr_html_()
     assert len(page) < LONGEST_HTML
     assert Page(page).wrong == []
@@ -181,7 +221,9 @@ def test_nouns_of_a_thousand_agents_are_shown_on_less_than_a_page(large: dd.Prob
     assert "14 × 14 matrix, too large to be shown" in page
     assert "and 988 more" in page
     rooms = ("dobc_design.problem", "dobc_design.coupling", "dobc_design.exact")
-    assert {name for name, each in shown_types().items() if each.__module__.startswith(rooms)} <= seen
+    assert {
+        name for name, each in shown_types().items() if each.__module__.startswith(rooms)
+    } <= seen
 
 
 def test_results_are_shown_with_their_verdict_and_without_foreign_tags(small: dd.Certificate):
@@ -227,7 +269,9 @@ def test_numbers_that_are_claims_are_not_rounded_up(small: dd.Certificate):
 def test_long_things_are_cut_and_say_how_much_is_left_out():
     assert listed(range(20)) == "0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 8 more"
     assert plain({"a": "x" * 500}).endswith("…'}")
-    card = Card(title="t", heads=("a",), rows=[(i,) for i in range(100)], hidden=7, lines=["s"] * 20)
+    card = Card(
+        title="t", heads=("a",), rows=[(i,) for i in range(100)], hidden=7, lines=["s"] * 20
+    )
     page = html_of(card)
     assert "and 67 more" in page
     assert "and 8 more" in page

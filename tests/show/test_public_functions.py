@@ -1,4 +1,5 @@
-"""What public functions take: numbers with a type, and ``progress=True``, a bar where somebody can see it."""
+"""What public functions take: numbers with a type, and ``progress=True``, a bar where somebody can
+see it."""
 
 import inspect
 import io
@@ -13,7 +14,8 @@ from dobc_design._show import progress
 REPORTING = sorted(
     name
     for name in dd.__all__
-    if inspect.isfunction(getattr(dd, name)) and "progress" in inspect.signature(getattr(dd, name)).parameters
+    if inspect.isfunction(getattr(dd, name))
+    and "progress" in inspect.signature(getattr(dd, name)).parameters
 )
 
 
@@ -21,7 +23,14 @@ def test_rates_pins_and_tolerances_have_types():
     """No argument that is a number, pins or labels is Any."""
     loose = {
         f"{name}({given.name})"
-        for name in ("certify", "certify_settling", "design", "design_observer", "design_pinning", "trade_off")
+        for name in (
+            "certify",
+            "certify_settling",
+            "design",
+            "design_observer",
+            "design_pinning",
+            "trade_off",
+        )
         for given in inspect.signature(getattr(dd, name)).parameters.values()
         if given.annotation == "Any"
     }
@@ -29,7 +38,9 @@ def test_rates_pins_and_tolerances_have_types():
 
 
 def test_every_function_that_reports_has_a_bar():
-    assert {"certify", "design", "simulate", "sweep", "trade_off", "what_breaks_first"} <= set(REPORTING)
+    assert {"certify", "design", "simulate", "sweep", "trade_off", "what_breaks_first"} <= set(
+        REPORTING
+    )
     assert all(hasattr(getattr(dd, name), "__wrapped__") for name in REPORTING)
 
 
@@ -55,12 +66,21 @@ def test_a_bar_shows_the_stage_and_the_time_left_on_a_terminal_and_nothing_elsew
     [
         (lambda how: dd.certify("clock-sync", progress=how), str),
         (lambda how: dd.simulate("clock-sync", runs=3, t_final=1, progress=how), float),
-        (lambda how: dd.sweep("clock-sync", {"pinning.gains.gateway": [2]}, jobs=1, progress=how), None),
+        (
+            lambda how: dd.sweep(
+                "clock-sync", {"pinning.gains.gateway": [2]}, jobs=1, progress=how
+            ),
+            None,
+        ),
     ],
 )
 def test_the_bar_is_told_what_a_function_would_be_told_and_is_closed(monkeypatch, run, last):
     told, seen = [], []
-    monkeypatch.setattr(progress.Bar, "__call__", lambda self, state: seen.append((state, self.moving.live.is_started)))
+    monkeypatch.setattr(
+        progress.Bar,
+        "__call__",
+        lambda self, state: seen.append((state, self.moving.live.is_started)),
+    )
     run(told.append)
     run(True)
     assert len(seen) == len(told) > 0

@@ -38,7 +38,9 @@ def test_numbers_are_rounded_for_display_and_bounds_to_the_safe_side():
 
 def test_a_matrix_larger_than_twelve_is_not_shown():
     assert latex_matrix(((Fraction(1),) * 13,)) is None
-    assert latex_matrix(((Fraction(1), Fraction(1, 2)),)) == r"\begin{pmatrix} 1 & 0.5 \end{pmatrix}"
+    assert (
+        latex_matrix(((Fraction(1), Fraction(1, 2)),)) == r"\begin{pmatrix} 1 & 0.5 \end{pmatrix}"
+    )
 
 
 def test_user_text_is_escaped_for_latex():

@@ -13,19 +13,23 @@ from dobc_design.simulation.breaking import OPTIONS, PeriodLimit, what_breaks_fi
 
 def ring(**settings) -> Problem:
     """Five agents in a directed ring, linear, all pinned with k = 3."""
-    network = Network.from_arcs([[i + 1, (i + 1) % 5 + 1] for i in range(5)], arrow="listens_to", agents=5)
+    network = Network.from_arcs(
+        [[i + 1, (i + 1) % 5 + 1] for i in range(5)], arrow="listens_to", agents=5
+    )
     return Problem(network=network, coupling="y", **({"gains": 3, "target": 1} | settings))
 
 
 @pytest.fixture
 def no_short_periods(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sampling periods from the fastest time constant on: shorter ones cost much and break nothing."""
+    """Sampling periods from the fastest time constant on: shorter ones cost much and break
+    nothing."""
     monkeypatch.setattr(breaking, "HALVINGS", 2)
 
 
 @pytest.mark.usefixtures("no_short_periods")
 def test_the_longest_period_is_that_of_the_spectral_radius():
-    """I + T (J - K) has the eigenvalues 1 + T (w - 4), w fifth roots of 1: all inside the circle up to T*."""
+    """I + T (J - K) has the eigenvalues 1 + T (w - 4), w fifth roots of 1: all inside the circle up
+    to T*."""
     roots = np.exp(2j * np.pi * np.arange(5) / 5) - 4
     border = float((-2 * roots.real / np.abs(roots) ** 2).min())
     found = what_breaks_first(ring(), options=["period"], t_final=30).period
@@ -37,7 +41,8 @@ def test_the_longest_period_is_that_of_the_spectral_radius():
 
 @pytest.mark.usefixtures("no_short_periods")
 def test_one_agent_with_its_observer_breaks_where_its_matrices_do():
-    """e+ = (1 - 2 T) e + ..., and for A = 0, C = 1, W = w: Ad - L Cd = exp(-w T), so T* = 1 for every w > 0."""
+    """e+ = (1 - 2 T) e + ..., and for A = 0, C = 1, W = w: Ad - L Cd = exp(-w T), so T* = 1 for
+    every w > 0."""
     problem = single(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[2]]))
     found = what_breaks_first(problem, options=["period"], t_final=60).period
     assert 0.96 < found.converges < 1
@@ -45,7 +50,8 @@ def test_one_agent_with_its_observer_breaks_where_its_matrices_do():
 
 
 def test_an_unmodelled_sine_breaks_one_agent_where_the_closed_form_says():
-    """x' = -2 x + a sin(t + p) from 1: the late error is at most a/sqrt(5) and grows with a; it breaks beyond 0.1."""
+    """x' = -2 x + a sin(t + p) from 1: the late error is at most a/sqrt(5) and grows with a; it
+    breaks beyond 0.1."""
     from loops import simulate
 
     from dobc_design.simulation.setting import Stress
@@ -61,7 +67,8 @@ def test_an_unmodelled_sine_breaks_one_agent_where_the_closed_form_says():
 
 
 def test_saturation_breaks_where_the_input_can_no_longer_reach_the_target_in_time():
-    """From 1 with |u| <= b the agent needs about 1/b s: with 10 s and 18/20 of them gone, b near 0.9/9."""
+    """From 1 with |u| <= b the agent needs about 1/b s: with 10 s and 18/20 of them gone, b near
+    0.9/9."""
     found = what_breaks_first(single(), options=["saturation"], start=[[1]], t_final=10)
     sweep = found.sweeps[0]
     assert sweep.breaks < 0.1 <= sweep.survives
@@ -69,7 +76,8 @@ def test_saturation_breaks_where_the_input_can_no_longer_reach_the_target_in_tim
 
 
 def test_failing_agents_break_a_ring_that_nobody_else_holds():
-    """One pin: those who heard it through a vanished agent are lost; agents that are all held stay."""
+    """One pin: those who heard it through a vanished agent are lost; agents that are all held
+    stay."""
     found = what_breaks_first(ring(gains={"1": 3}), options=["failures"], t_final=15, seed=1)
     assert found.sweeps[0].breaks is not None
     held = what_breaks_first(ring(), options=["failures"], t_final=15, seed=1)
@@ -105,7 +113,8 @@ def test_wrong_arguments_are_refused(arguments, message: str):
 
 @pytest.mark.slow
 def test_a_certified_period_stands_beside_and_below_the_observed_one():
-    """Linear ring, all k = 3: 1/(1 + 3) s at most, less what is kept in hand; the loop works up to 0.4 s."""
+    """Linear ring, all k = 3: 1/(1 + 3) s at most, less what is kept in hand; the loop works up to
+    0.4 s."""
     problem = ring(region={"initial_states": [0, 2]})
     certificate = dd.certify(problem, everything=True)
     found = dd.what_breaks_first(problem, options=["period"], t_final=60, certificate=certificate)

@@ -1,8 +1,17 @@
-"""Simulated agents with [dynamics] against SciPy's solution of the whole loop, written out with A and B."""
+"""Simulated agents with [dynamics] against SciPy's solution of the whole loop, written out with A
+and B."""
 
 import numpy as np
 import pytest
-from dynamic_agents import double_integrators, drift, felt, full_loop, matrices, pendulums, three_states
+from dynamic_agents import (
+    double_integrators,
+    drift,
+    felt,
+    full_loop,
+    matrices,
+    pendulums,
+    three_states,
+)
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -18,9 +27,13 @@ def reference(problem, start, times, limit=np.inf, rtol=1e-11):
     z = -x @ matrices(problem)["W"].T
     slope, control = full_loop(problem, limit)
     state = np.concatenate([x.ravel(), xi.ravel(), z.ravel()])
-    found = solve_ivp(slope, (0, times[-1]), state, t_eval=times, method="DOP853", rtol=rtol, atol=rtol / 10)
+    found = solve_ivp(
+        slope, (0, times[-1]), state, t_eval=times, method="DOP853", rtol=rtol, atol=rtol / 10
+    )
     assert found.success
-    return found.y.T[:, : x.size].reshape(-1, *x.shape), np.array([control(each) for each in found.y.T])
+    return found.y.T[:, : x.size].reshape(-1, *x.shape), np.array(
+        [control(each) for each in found.y.T]
+    )
 
 
 @pytest.mark.parametrize("observer", ["closed-form", "full-loop"])
@@ -45,20 +58,34 @@ def test_saturation_limits_the_true_input(problem):
 
 
 def test_agent_that_fails_moves_by_its_own_dynamics():
-    """Input 0, couplings go on: a lone agent x' = A x + B u with u0 = -B+ A x falls to e^(A t) x."""
+    """Input 0, couplings go on: a lone agent x' = A x + B u with u0 = -B+ A x falls to e^(A t)
+    x."""
     alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
     plant = Dynamics(A=[[0, 1], [-1, "-1/2"]], B=[[0], [1]])
-    problem = dd.Problem(network=alone, dynamics=plant, coupling="y1", target=[1, 0], gains={"a": [[1, 1]]})
+    problem = dd.Problem(
+        network=alone, dynamics=plant, coupling="y1", target=[1, 0], gains={"a": [[1, 1]]}
+    )
     run = dd.simulate(
-        problem, t_final=3, samples=31, start=[[1, 0]], stress=dd.Stress(failures=[dd.Failure(agent="a", time=1.0)])
+        problem,
+        t_final=3,
+        samples=31,
+        start=[[1, 0]],
+        stress=dd.Stress(failures=[dd.Failure(agent="a", time=1.0)]),
     )
     assert np.allclose(run.u[run.times < 1], 1.0) and not run.u[run.times >= 1].any()
     free = solve_ivp(
-        lambda t, x: [x[1], -x[0] - x[1] / 2], (1, 3), [1, 0], t_eval=run.times[10:], rtol=1e-10, atol=1e-12
+        lambda t, x: [x[1], -x[0] - x[1] / 2],
+        (1, 3),
+        [1, 0],
+        t_eval=run.times[10:],
+        rtol=1e-10,
+        atol=1e-12,
     )
     assert np.allclose(run.x[10:, 0], free.y.T, atol=1e-7)
     frozen = dd.Stress(failures=[dd.Failure(agent="a", time=1.0, kind="freeze")])
-    assert np.allclose(dd.simulate(problem, t_final=3, start=[[1, 0]], stress=frozen).x, [1, 0], atol=1e-9)
+    assert np.allclose(
+        dd.simulate(problem, t_final=3, start=[[1, 0]], stress=frozen).x, [1, 0], atol=1e-9
+    )
 
 
 def test_ensembles_are_their_single_runs():
@@ -73,27 +100,39 @@ def test_ensembles_are_their_single_runs():
 
 
 def test_observer_is_told_what_it_can_know():
-    """Noise acts on the A x of the observer, too; without it the estimation error is that of the closed form."""
+    """Noise acts on the A x of the observer, too; without it the estimation error is that of the
+    closed form."""
     problem = PROBLEMS[0]
     given = {"t_final": 1, "samples": 9}
-    calm, limited = dd.simulate(problem, **given), dd.simulate(problem, stress=dd.Stress(saturation=0.5), **given)
+    calm, limited = (
+        dd.simulate(problem, **given),
+        dd.simulate(problem, stress=dd.Stress(saturation=0.5), **given),
+    )
     assert np.allclose(calm.d - calm.dhat, limited.d - limited.dhat, atol=1e-7)
 
 
 def test_matched_disturbance_reaches_the_state_through_b():
-    """frequency 0: a constant w per input; near the goal x' = A e + B (-K e + w), so that B K e = B w at rest."""
+    """frequency 0: a constant w per input; near the goal x' = A e + B (-K e + w), so that B K e = B
+    w at rest."""
     plant = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [2]])
     alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
-    problem = dd.Problem(network=alone, dynamics=plant, coupling="y1", target=[0, 0], gains={"a": [[2, 2]]})
-    run = dd.simulate(problem, t_final=40, start=[[0, 0]], stress=dd.Stress(disturbance=0.5, frequency=0.0))
+    problem = dd.Problem(
+        network=alone, dynamics=plant, coupling="y1", target=[0, 0], gains={"a": [[2, 2]]}
+    )
+    run = dd.simulate(
+        problem, t_final=40, start=[[0, 0]], stress=dd.Stress(disturbance=0.5, frequency=0.0)
+    )
     assert run.x[-1, 0] == pytest.approx([run.d[-1, 0, 0] / 2, 0], abs=1e-7)
 
 
 def test_switching_runs_and_files(tmp_path):
-    """Two modes; a run is read back from its file with its p inputs; what is unknown is refused by its key."""
+    """Two modes; a run is read back from its file with its p inputs; what is unknown is refused by
+    its key."""
     modes = {"one": [["a", "b"], ["b", "c"], ["c", "a"]], "two": [["b", "a"], ["c", "b"]]}
     network = dd.Network.from_arcs(modes, arrow="listens_to", agents=["a", "b", "c"])
-    problem = PROBLEMS[0].replace(network=network, switching=dd.Switching(signal="random", dwell=0.5))
+    problem = PROBLEMS[0].replace(
+        network=network, switching=dd.Switching(signal="random", dwell=0.5)
+    )
     run = dd.simulate(problem, t_final=10, samples=21, tolerance=1e-6)
     assert len(run.switches) > 5 and run.final_error < 0.1 * run.error()[0]
     again = dd.load_trajectory(run.save(tmp_path / "run.npz"))
@@ -104,7 +143,8 @@ def test_switching_runs_and_files(tmp_path):
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
 def test_samples_between_the_instants_are_those_of_the_held_input(problem):
-    """x' = f(x) or A x + B (couplings + u + d) with what was held at the instant, and a disturbance besides d."""
+    """x' = f(x) or A x + B (couplings + u + d) with what was held at the instant, and a disturbance
+    besides d."""
     data, period = matrices(problem), 0.2
     stress = dd.Stress(period=period, disturbance=0.3, frequency=0.0)
     run = dd.simulate(problem, t_final=1, samples=11, stress=stress)
@@ -113,15 +153,20 @@ def test_samples_between_the_instants_are_those_of_the_held_input(problem):
 
         def slope(time, state, k=k):
             x, d = state.reshape(3, -1), run.xi[k] @ expm(data["S"] * time).T @ data["C"].T + other
-            return (own(x) + (felt(problem, run.x[k] - data["goals"]) + run.u[k] + d) @ data["B"].T).ravel()
+            return (
+                own(x) + (felt(problem, run.x[k] - data["goals"]) + run.u[k] + d) @ data["B"].T
+            ).ravel()
 
-        found = solve_ivp(slope, (0, period), run.x[k].ravel(), t_eval=[0.1, period], rtol=1e-10, atol=1e-12)
+        found = solve_ivp(
+            slope, (0, period), run.x[k].ravel(), t_eval=[0.1, period], rtol=1e-10, atol=1e-12
+        )
         np.testing.assert_allclose(run.x[k + 1 : k + 3].reshape(2, -1), found.y.T, atol=1e-7)
     assert np.abs(other).max() > 0.1
 
 
 def test_agents_that_leave_within_a_period_end_their_run_alone():
-    """x' = x^3 from x0: at infinity after 1/(2 x0^2) s, 0.617 s from 0.9; from starts near 0 not within 3 s."""
+    """x' = x^3 from x0: at infinity after 1/(2 x0^2) s, 0.617 s from 0.9; from starts near 0 not
+    within 3 s."""
     cubic = Dynamics(f=["x**3"])
     alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
     problem = dd.Problem(network=alone, dynamics=cubic, coupling="y")
@@ -134,12 +179,15 @@ def test_agents_that_leave_within_a_period_end_their_run_alone():
 
 
 def test_agents_that_are_too_stiff_between_samples_end_their_run(monkeypatch: pytest.MonkeyPatch):
-    """x' = -1e6 x^3 + 1 from 1: after a layer 1e6 x^3 = 1; 1e18 needs 250,000 explicit steps a period."""
+    """x' = -1e6 x^3 + 1 from 1: after a layer 1e6 x^3 = 1; 1e18 needs 250,000 explicit steps a
+    period."""
     alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
     monkeypatch.setattr("dobc_design.simulation.sampled.LEAST_STEPS", 200)
     stress = dd.Stress(period=0.5)
     for k, target, stiff in ((6, "1/100", False), (18, "1e-6", True)):
-        problem = dd.Problem(network=alone, dynamics=Dynamics(f=[f"-1e{k}*x**3 + 1"]), coupling="y", target=target)
+        problem = dd.Problem(
+            network=alone, dynamics=Dynamics(f=[f"-1e{k}*x**3 + 1"]), coupling="y", target=target
+        )
         run = dd.simulate(problem, t_final=1, samples=3, start=[[1]], stress=stress)
         assert run.diverged is stiff and ("too stiff for 200 steps" in run.reason) is stiff
         assert stiff or run.x[1:] == pytest.approx(0.01)
@@ -150,4 +198,7 @@ def test_agents_that_are_too_stiff_between_samples_end_their_run(monkeypatch: py
 def test_what_breaks_first_knows_the_period(monkeypatch: pytest.MonkeyPatch, problem):
     monkeypatch.setattr("dobc_design.simulation.breaking.OPTIONS", ("saturation", "period"))
     found = dd.what_breaks_first(problem, t_final=6)
-    assert [each.option for each in found.sweeps] == ["saturation", "period"] and found.period.converges > 0.05
+    assert [each.option for each in found.sweeps] == [
+        "saturation",
+        "period",
+    ] and found.period.converges > 0.05

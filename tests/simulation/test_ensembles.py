@@ -1,4 +1,5 @@
-"""Many runs side by side are the same runs one by one; one that goes wrong leaves the others in peace."""
+"""Many runs side by side are the same runs one by one; one that goes wrong leaves the others in
+peace."""
 
 import json
 import re
@@ -40,13 +41,17 @@ def test_runs_side_by_side_are_the_runs_one_by_one(name: str):
         one = simulate(problem, seed=3 + k, **given)
         np.testing.assert_allclose(many.error[k], one.error(), atol=1e-9)
         np.testing.assert_allclose(many.estimation_error[k], one.estimation_error(), atol=1e-12)
-        np.testing.assert_allclose(many.states[k : k + 1], one.x[None][: len(many.states[k : k + 1])], atol=1e-9)
+        np.testing.assert_allclose(
+            many.states[k : k + 1], one.x[None][: len(many.states[k : k + 1])], atol=1e-9
+        )
         assert many.switches[k] == len(one.switches) - 1
     assert many.method == "DOP853, side by side"
     assert len({tuple(row) for row in many.error.tolist()}) == 3
 
 
-@pytest.mark.parametrize("stress", [None, EVERYTHING, replace(EVERYTHING, exchange=None, period=0.05)])
+@pytest.mark.parametrize(
+    "stress", [None, EVERYTHING, replace(EVERYTHING, exchange=None, period=0.05)]
+)
 def test_chunks_do_not_change_the_runs(monkeypatch, stress: Stress | None):
     problem, signal = CASES["planar, random stays"]
     given = {"runs": 4, "signal": signal, "t_final": 0.6, "samples": 7, "stress": stress}
@@ -60,7 +65,8 @@ def test_chunks_do_not_change_the_runs(monkeypatch, stress: Stress | None):
 
 
 def unstable_beyond_one() -> Problem:
-    """Agent 1 with y**3 - y towards a standing agent 2 at 0: e1' = e1 - e1^3 ... turned round: e1' = -e1 + e1^3."""
+    """Agent 1 with y**3 - y towards a standing agent 2 at 0: e1' = e1 - e1^3 ... turned round: e1'
+    = -e1 + e1^3."""
     network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
     return Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
 
@@ -90,7 +96,9 @@ def test_a_run_that_escapes_counts_the_switches_until_then():
     """Two modes that are the same, every 0.03 s."""
     network = Network.from_arcs({"a": [[1, 2]], "b": [[1, 2]]}, arrow="listens_to", agents=2)
     problem = Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
-    many = simulate_many(problem, runs=12, signal=Periodic(dwell=0.03), t_final=1.0, samples=5, tolerance=1e-6)
+    many = simulate_many(
+        problem, runs=12, signal=Periodic(dwell=0.03), t_final=1.0, samples=5, tolerance=1e-6
+    )
     assert 0 < many.diverged.sum() < 12
     np.testing.assert_array_equal(many.switches, np.ceil(many.ended / 0.03 - 1e-9) - 1)
 
@@ -112,11 +120,17 @@ def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch, stress: Stres
     ("problem", "given", "reason"),
     [
         (drawn_planar(), {"signal": Mobile(radius=1.0)}, "every run has graphs of its own"),
-        (ring(n=3, exosystem=HARMONIC), {"gain": [[2e6], [1]]}, "too fast for its closed|the loop is stiff"),
+        (
+            ring(n=3, exosystem=HARMONIC),
+            {"gain": [[2e6], [1]]},
+            "too fast for its closed|the loop is stiff",
+        ),
         (ring("y", 2, gains=10**6), {}, "the loop is stiff"),
     ],
 )
-def test_what_cannot_be_stacked_is_made_one_by_one_and_said(problem, given, reason: str, stress: Stress | None):
+def test_what_cannot_be_stacked_is_made_one_by_one_and_said(
+    problem, given, reason: str, stress: Stress | None
+):
     given |= {"t_final": 0.06, "samples": 3, "stress": stress, "tolerance": 1e-4}
     many = simulate_many(problem, runs=2, **given)
     assert any(re.search(reason, note) for note in many.notes)
@@ -130,7 +144,11 @@ def test_quantiles_and_intervals_are_those_of_the_runs():
     assert (low < middle).all()
     assert (middle < high).all()
     intervals = many.intervals()
-    assert intervals["median_final_error"][0] < np.median(many.final_error) < intervals["median_final_error"][1]
+    assert (
+        intervals["median_final_error"][0]
+        < np.median(many.final_error)
+        < intervals["median_final_error"][1]
+    )
     assert intervals["probability_of_divergence"][0] == 0
 
 

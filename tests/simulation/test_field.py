@@ -1,4 +1,5 @@
-"""The right-hand sides: the symbolic closed loop, what agents feel, and C exp(F t) against mpmath at 60 digits."""
+"""The right-hand sides: the symbolic closed loop, what agents feel, and C exp(F t) against mpmath
+at 60 digits."""
 
 import re
 from functools import partial
@@ -44,7 +45,9 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
     setting = make_setting(problem, gain=None, mode=next(iter(problem.network.modes)))
     switches, starts = switches_for(setting, 0), [setting.starts.draw(0)]
     groups = partial(groups_for, setting, switches)
-    runs = StressedRuns(setting=setting, groups=groups, starts=starts, seeds=[0], switches=[switches])
+    runs = StressedRuns(
+        setting=setting, groups=groups, starts=starts, seeds=[0], switches=[switches]
+    )
     derivative, model = Loops(runs, 1.0).part(0, ALONE), build_model(problem)
     rng = np.random.default_rng(0)
     for _ in range(5):
@@ -68,9 +71,12 @@ def test_the_pattern_covers_the_jacobian_of_the_closed_loop(problem: Problem):
 
 EXPRESSIONS = re.split(
     r";\s",
-    """exp(y) - 1 + y; tanh(2*y); y + y**3; y**5 - y**7 + 3*y; 2*sin(y) + atan(y); clip(y, -1/2, 1/3) + y;
-max(y, 2*y, 0) + min(y, 0); abs(y) + y; sqrt(1 + y**2) - 1; log(1 + y**2)/(1 + y**2); -y/(2 + cos(y));
-sinh(y) - tan(y/9) + cosh(y) - 1; y*(3/(1 + y**4)); pi*y; y**12 + y*(1 + y**2)**-3; 0*y; y; -(-y); y**1 - 3*y;
+    """exp(y) - 1 + y; tanh(2*y); y + y**3; y**5 - y**7 + 3*y; 2*sin(y) + atan(y); clip(y, -1/2,
+    1/3) + y;
+max(y, 2*y, 0) + min(y, 0); abs(y) + y; sqrt(1 + y**2) - 1; log(1 + y**2)/(1 + y**2); -y/(2 +
+cos(y));
+sinh(y) - tan(y/9) + cosh(y) - 1; y*(3/(1 + y**4)); pi*y; y**12 + y*(1 + y**2)**-3; 0*y; y; -(-y);
+y**1 - 3*y;
 y**1 + y**2 - y; (y + y)*(y - 3*y) + y; exp(1)*y + log(2)*y; (2 - 1)*y""",
 )
 
@@ -80,7 +86,9 @@ def test_a_compiled_coupling_is_the_coupling(text: str):
     coupling = make_coupling(text, dimension=1)
     y = np.random.default_rng(0).normal(size=(200, 1))
     kept = y.copy()
-    np.testing.assert_allclose(fields.compile_coupling(coupling)(y), coupling.value(y), rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(
+        fields.compile_coupling(coupling)(y), coupling.value(y), rtol=1e-13, atol=1e-15
+    )
     assert np.array_equal(y, kept)
 
 
@@ -93,7 +101,9 @@ def test_a_sum_of_many_terms_is_compiled_without_recursion():
 def random_problem(n: int, arcs: int, *, m: int, seed: int) -> Problem:
     """Weights, agents without arcs, a hub, exceptions."""
     rng = np.random.default_rng(seed)
-    pairs = {(1, j) for j in range(2, n // 2)} | {tuple(p) for p in rng.integers(1, n - 2, size=(arcs, 2)).tolist()}
+    pairs = {(1, j) for j in range(2, n // 2)} | {
+        tuple(p) for p in rng.integers(1, n - 2, size=(arcs, 2)).tolist()
+    }
     rows = [(i, j, int(rng.integers(1, 9))) for i, j in sorted(pairs) if i != j]
     h = "exp(y) - 1 + y" if m == 1 else ["y1 + y1*y2", "sin(y2) - y1"]
     other = "2*y" if m == 1 else ["y2", "y1"]
@@ -131,7 +141,8 @@ def test_what_agents_feel_is_the_sum_over_their_arcs(n: int, arcs: int, m: int, 
 
 @pytest.mark.parametrize("size", [1, 7, 100, 10_000])
 def test_hubs_and_others_feel_the_same_in_blocks_of_any_size(size: int, monkeypatch):
-    """Agent 1 hears most of the others: far more arcs than a block has slots, or than a block has room for."""
+    """Agent 1 hears most of the others: far more arcs than a block has slots, or than a block has
+    room for."""
     monkeypatch.setattr(fields, "BLOCK", size)
     problem = random_problem(120, 300, m=1, seed=5)
     e = np.random.default_rng(1).normal(size=(120, 1))
@@ -142,7 +153,10 @@ def test_hubs_and_others_feel_the_same_in_blocks_of_any_size(size: int, monkeypa
 def precise(F, t: float):
     """exp(F t) from mpmath, rounded once."""
     with mpmath.workdps(60):
-        return np.array(mpmath.expm(mpmath.matrix(F.tolist()) * mpmath.mpf(t), method="taylor").tolist(), dtype=float)
+        return np.array(
+            mpmath.expm(mpmath.matrix(F.tolist()) * mpmath.mpf(t), method="taylor").tolist(),
+            dtype=float,
+        )
 
 
 CASES = {
@@ -189,4 +203,6 @@ def test_states_evolve_row_by_row():
 def test_states_evolve_also_beyond_the_table():
     """|F| times the horizon is 8e6: SciPy's expm takes over."""
     F = np.array([[-4e5, 0], [0, -1.0]])
-    np.testing.assert_allclose(fields.evolve(F, np.ones((1, 2)), np.array([0.0, 20]))[1], [[0, np.exp(-20)]], rtol=1e-7)
+    np.testing.assert_allclose(
+        fields.evolve(F, np.ones((1, 2)), np.array([0.0, 20]))[1], [[0, np.exp(-20)]], rtol=1e-7
+    )

@@ -1,4 +1,5 @@
-"""Graphs from positions: who is near, when a link is made and broken, and that no step crosses that instant."""
+"""Graphs from positions: who is near, when a link is made and broken, and that no step crosses that
+instant."""
 
 import numpy as np
 import pytest
@@ -27,7 +28,9 @@ def by_hand_within(positions, radius: float, hysteresis: float, before) -> set[t
     for i in range(n):
         for j in range(n):
             distance = np.linalg.norm(positions[i] - positions[j])
-            if i != j and (distance <= radius or ((i, j) in before and distance <= radius + hysteresis)):
+            if i != j and (
+                distance <= radius or ((i, j) in before and distance <= radius + hysteresis)
+            ):
                 found.add((i, j))
     return found
 
@@ -65,10 +68,15 @@ def test_a_neighbour_is_replaced_only_by_one_that_is_nearer_by_the_hysteresis():
 
 
 def test_links_are_broken_at_the_instant_of_the_closed_form():
-    """Agents 1 and 2 leave each other like cosh: h(y) = -y repels, e' = -h; |x1 - x2| = 0.5 exp(2 t) until 1.5."""
+    """Agents 1 and 2 leave each other like cosh: h(y) = -y repels, e' = -h; |x1 - x2| = 0.5 exp(2
+    t) until 1.5."""
     problem = alone(2, coupling="-y")
     run = simulate(
-        problem, signal=Mobile(radius=1, hysteresis=0.5), start=[[-0.25], [0.25]], t_final=2.0, tolerance=1e-12
+        problem,
+        signal=Mobile(radius=1, hysteresis=0.5),
+        start=[[-0.25], [0.25]],
+        t_final=2.0,
+        tolerance=1e-12,
     )
     instant = np.log(3) / 2
     assert len(run.switches) == 2
@@ -85,13 +93,21 @@ def test_without_hysteresis_a_graph_may_chatter_and_that_is_said():
     with pytest.raises(SpecError, match="it chatters") as caught:
         simulate(problem, signal=Mobile(radius=1), start=[[1], [-1]], t_final=2.0, tolerance=1e-6)
     assert "hysteresis" in caught.value.cure
-    calm = simulate(problem, signal=Mobile(radius=1, hysteresis=0.5), start=[[1], [-1]], t_final=5.0, tolerance=1e-6)
+    calm = simulate(
+        problem,
+        signal=Mobile(radius=1, hysteresis=0.5),
+        start=[[1], [-1]],
+        t_final=5.0,
+        tolerance=1e-6,
+    )
     assert 3 < len(calm.switches) < 100
 
 
 def crossing() -> Waypoints:
     """Agent 2 flies past agent 1: distance |2 t - 4| to t = 4; agent 3 stays away."""
-    return Waypoints(times=[0, 4], positions=[[[0, 0], [-4, 0], [50, 0]], [[0, 0], [4, 0], [50, 0]]])
+    return Waypoints(
+        times=[0, 4], positions=[[[0, 0], [-4, 0], [50, 0]], [[0, 0], [4, 0], [50, 0]]]
+    )
 
 
 def test_a_given_motion_switches_at_exact_instants():

@@ -1,5 +1,5 @@
-"""One run: against closed forms, matrix exponentials, Taylor series at 40 digits, python-control and CasADi's CVODES;
-what must hold for every loop; and what is said when a run goes wrong."""
+"""One run: against closed forms, matrix exponentials, Taylor series at 40 digits, python-control
+and CasADi's CVODES; what must hold for every loop; and what is said when a run goes wrong."""
 
 import re
 import warnings
@@ -31,7 +31,12 @@ def modes(order=range(N)) -> dict[str, list[list[int]]]:
 
 def loop(order=range(N), *, target=1, **settings) -> dd.Problem:
     gains = {str(order[0] + 1): 5, str(order[4] + 1): 2}
-    defaults = {"coupling": "exp(y) - 1 + y", "gains": gains, "exosystem": HARMONIC, "observer": PRINTED}
+    defaults = {
+        "coupling": "exp(y) - 1 + y",
+        "gains": gains,
+        "exosystem": HARMONIC,
+        "observer": PRINTED,
+    }
     network = dd.Network.from_arcs(modes(order), arrow="listens_to", agents=N)
     return dd.Problem(network=network, target=target, **(defaults | settings))
 
@@ -43,10 +48,14 @@ def starts():
 
 def error_system(problem: dd.Problem, mode: str):
     """The matrix of (22)."""
-    A, C, W = (np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
+    A, C, W = (
+        np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
+    )
     n, m, q = problem.n, problem.m, problem.q
     J = consensus_jacobian(problem, mode).toarray() - pinning_matrix(problem).toarray()
-    return np.block([[J, np.kron(np.eye(n), C)], [np.zeros((n * q, n * m)), np.kron(np.eye(n), A - W @ C)]])
+    return np.block(
+        [[J, np.kron(np.eye(n), C)], [np.zeros((n * q, n * m)), np.kron(np.eye(n), A - W @ C)]]
+    )
 
 
 def errors(trajectory, k: int):
@@ -58,7 +67,9 @@ def errors(trajectory, k: int):
 def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str):
     """Instants that no step of equal length would meet; a switch late by 1e-9 s would be seen."""
     problem = planar()
-    signal = dd.signals.Schedule(times=[0, 0.7390851, 1.6180339, 3.1415926], modes=["one", "two", "one", "two"])
+    signal = dd.signals.Schedule(
+        times=[0, 0.7390851, 1.6180339, 3.1415926], modes=["one", "two", "one", "two"]
+    )
     run = simulate(problem, signal=signal, samples=5, observer=observer, tolerance=1e-12)
     stays = np.diff([*signal.times, 4.0])
     product = np.eye(15)
@@ -66,12 +77,15 @@ def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str
         product = expm(error_system(problem, mode) * stay) @ product
     np.testing.assert_allclose(errors(run, -1), product @ errors(run, 0), atol=1e-9)
     assert run.switches.times.tolist() == list(signal.times)
-    late = np.linalg.norm((error_system(problem, "one") - error_system(problem, "two")) @ errors(run, 2))
+    late = np.linalg.norm(
+        (error_system(problem, "one") - error_system(problem, "two")) @ errors(run, 2)
+    )
     assert late > 0.1  # what a second of the wrong mode would change
 
 
 def test_no_step_crosses_a_switch(monkeypatch):
-    """Every step of the integrator lies between two neighbouring instants, and both ends are hit exactly."""
+    """Every step of the integrator lies between two neighbouring instants, and both ends are hit
+    exactly."""
     steps, original = [], integrate._stepped
 
     def spy(solver):
@@ -81,29 +95,39 @@ def test_no_step_crosses_a_switch(monkeypatch):
         return done
 
     monkeypatch.setattr(integrate, "_stepped", spy)
-    run = simulate(dd.load_problem("paper-switching"), signal=dd.signals.Periodic(dwell=0.3), t_final=5.0)
+    run = simulate(
+        dd.load_problem("paper-switching"), signal=dd.signals.Periodic(dwell=0.3), t_final=5.0
+    )
     instants = [*run.switches.times.tolist(), 5.0]
     assert len(instants) == 18
     assert set(instants[1:]) <= {end for _, end in steps}
     assert not any(begin < instant < end for begin, end in steps for instant in instants)
 
 
-def test_the_observer_error_in_closed_form_is_that_of_the_full_loop(monkeypatch: pytest.MonkeyPatch):
-    """(17), in closed form or integrated beside e, and what follows from it for x, d, dhat and u, on Example 2."""
+def test_the_observer_error_in_closed_form_is_that_of_the_full_loop(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """(17), in closed form or integrated beside e, and what follows from it for x, d, dhat and u,
+    on Example 2."""
     problem, signal = dd.load_problem("paper-switching"), dd.signals.Periodic(dwell=0.7)
     given = {"signal": signal, "tolerance": 1e-12, "t_final": 2, "samples": 41}
     fast, full = simulate(problem, **given), simulate(problem, observer="full-loop", **given)
     monkeypatch.setattr("dobc_design.simulation.field.MOST_ANCHORS", 1)
     along = simulate(problem, **given)
     for name in ("x", "xi", "xihat", "d", "dhat", "u"):
-        np.testing.assert_allclose(getattr(fast, name), getattr(full, name), atol=2e-10, err_msg=name)
-        np.testing.assert_allclose(getattr(along, name), getattr(full, name), atol=2e-10, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(fast, name), getattr(full, name), atol=2e-10, err_msg=name
+        )
+        np.testing.assert_allclose(
+            getattr(along, name), getattr(full, name), atol=2e-10, err_msg=name
+        )
     assert fast.method == full.method == along.method == "DOP853"
     assert "its error was integrated" in " ".join(along.notes)
 
 
 def test_a_long_run_takes_few_steps_once_both_errors_have_died_out():
-    """Horizon 10^4 s is beyond the closed form; the disturbance itself goes on, and cost 10^6 evaluations."""
+    """Horizon 10^4 s is beyond the closed form; the disturbance itself goes on, and cost 10^6
+    evaluations."""
     run = simulate(dd.load_problem("paper-fixed"), t_final=1e4, samples=101, tolerance=1e-6)
     assert run.evaluations < 20_000
     assert run.final_error < 1e-12
@@ -138,7 +162,9 @@ def exponential_series():
     def next_coefficient(value):
         k = len(y)
         y.append(value)
-        p.append(mpmath.exp(value) if k == 0 else sum(j * y[j] * p[k - j] for j in range(1, k + 1)) / k)
+        p.append(
+            mpmath.exp(value) if k == 0 else sum(j * y[j] * p[k - j] for j in range(1, k + 1)) / k
+        )
         return p[k] + value - (1 if k == 0 else 0)
 
     return next_coefficient
@@ -165,10 +191,15 @@ def test_example_2_with_switching_agrees_with_cvodes():
     problem = dd.load_problem("paper-switching")
     signal = dd.signals.Periodic(dwell=0.4)
     run = simulate(problem, signal=signal, t_final=2.0, samples=6)
-    state = np.concatenate([run.x[0].ravel(), run.xi[0].ravel(), -np.kron(run.x[0].ravel(), [3.2, 2.4])])
+    state = np.concatenate(
+        [run.x[0].ravel(), run.xi[0].ravel(), -np.kron(run.x[0].ravel(), [3.2, 2.4])]
+    )
     for k, mode in enumerate(["Ga", "Gb", "Gc", "Gd", "Ga"]):
         x, xi, z = (ca.SX.sym(name, size) for name, size in (("x", 10), ("xi", 20), ("z", 20)))
-        loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*dd.build_model(problem, mode=mode).closed_loop(x, xi, z))}
+        loop = {
+            "x": ca.vertcat(x, xi, z),
+            "ode": ca.vertcat(*dd.build_model(problem, mode=mode).closed_loop(x, xi, z)),
+        }
         step = ca.integrator("loop", "cvodes", loop, 0, 0.4, {"abstol": 1e-12, "reltol": 1e-12})
         state = step(x0=state)["xf"].full().ravel()
         np.testing.assert_allclose(run.x[k + 1].ravel(), state[:10], atol=1e-8)
@@ -188,24 +219,32 @@ def test_example_1_tracks_within_a_percent_after_three_seconds_and_reaches_the_t
 
 
 def test_example_1_without_its_observer_stays_away_from_the_target():
-    """The residual: about 0.3 for ever, with the amplitude 0.5 of the disturbance; nothing decays."""
+    """The residual: about 0.3 for ever, with the amplitude 0.5 of the disturbance; nothing
+    decays."""
     run = simulate(dd.load_problem("paper-fixed"), observer="off", t_final=30, tolerance=1e-6)
     assert not run.dhat.any()
     residual = run.error()[run.times >= 15]
     assert 0.25 < residual.max() < 0.35
-    first, second = (run.error()[(run.times >= a) & (run.times < a + 2 * np.pi)].max() for a in (15, 22))
+    first, second = (
+        run.error()[(run.times >= a) & (run.times < a + 2 * np.pi)].max() for a in (15, 22)
+    )
     assert second == pytest.approx(first, rel=1e-2)
     assert simulate(dd.load_problem("paper-fixed"), t_final=60).error()[-1] < 1e-9
 
 
 def test_starts_are_drawn_in_the_region_and_without_one_within_one_of_the_goal():
-    """The verdict is then about the consensus, so the picture starts near it: [0, 2] for xbar = 1."""
-    x = np.concatenate([simulate(ring(target=1), t_final=0.1, samples=2, seed=s).x[0].ravel() for s in range(40)])
+    """The verdict is then about the consensus, so the picture starts near it: [0, 2] for xbar =
+    1."""
+    x = np.concatenate(
+        [simulate(ring(target=1), t_final=0.1, samples=2, seed=s).x[0].ravel() for s in range(40)]
+    )
     assert x.min() >= 0
     assert x.max() <= 2
     assert x.min() < 0.05
     assert x.max() > 1.95
-    network = dd.Network.from_arcs([[i + 1, i] for i in range(1, 50)], arrow="listens_to", agents=50)
+    network = dd.Network.from_arcs(
+        [[i + 1, i] for i in range(1, 50)], arrow="listens_to", agents=50
+    )
     region = {"initial_states": [[10, 11], [-3, -2]]}
     problem = dd.Problem(network=network, coupling="y", target=[0, 0], region=region)
     x = simulate(problem, t_final=0.1, samples=2).x[0]
@@ -214,7 +253,11 @@ def test_starts_are_drawn_in_the_region_and_without_one_within_one_of_the_goal()
 
 def test_the_seed_decides_the_start_and_the_problem_where_the_disturbance_begins():
     problem = ring(gains=1, simulation={"seed": 7, "t_final": 1})
-    first, again, other = simulate(problem, samples=3), simulate(problem, seed=7, samples=3), simulate(problem, seed=8)
+    first, again, other = (
+        simulate(problem, samples=3),
+        simulate(problem, seed=7, samples=3),
+        simulate(problem, seed=8),
+    )
     assert np.array_equal(first.x, again.x)
     assert not np.array_equal(first.x[0], other.x[0])
     assert (first.seed, first.t_final) == (7, 1)
@@ -286,7 +329,12 @@ def test_permuting_the_agents_permutes_the_result():
 
 
 def test_the_active_mode_stands_at_every_sample():
-    run = simulate(loop(), signal=dd.signals.Periodic(dwell=0.5), t_final=2, samples=[0, 0.25, 0.5, 1.2, 1.75, 2])
+    run = simulate(
+        loop(),
+        signal=dd.signals.Periodic(dwell=0.5),
+        t_final=2,
+        samples=[0, 0.25, 0.5, 1.2, 1.75, 2],
+    )
     assert run.mode_index.tolist() == [0, 0, 1, 0, 1, 1]
     assert [sample.mode for sample in run] == ["a", "a", "b", "a", "b", "b"]
     assert run.mode == "a, b (periodic, 0.5 s each)"
@@ -298,7 +346,9 @@ def test_the_active_mode_stands_at_every_sample():
 def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
     """x1' = (x1 - x2)^3 with x2 = 0: x1 = x0 / sqrt(1 - 2 x0^2 t), at every sample that is left."""
     network = dd.Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
-    run = simulate(dd.Problem(network=network, coupling="-y**3"), start=[[1], [0]], t_final=10, samples=11)
+    run = simulate(
+        dd.Problem(network=network, coupling="-y**3"), start=[[1], [0]], t_final=10, samples=11
+    )
     assert run.diverged
     assert len(run) > 20
     assert (np.diff(run.times) > 0).all()
@@ -308,7 +358,8 @@ def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
 
 
 def test_a_loop_that_turns_stiff_is_taken_over_by_the_implicit_method():
-    """Agent 1 settles between two that stay far away: there its rate is 2 + 6 * 100 * 35^2 = 735 000 1/s.
+    """Agent 1 settles between two that stay far away: there its rate is 2 + 6 * 100 * 35^2 = 735
+    000 1/s.
 
     At rest it is in the middle, because h is odd.
     """
@@ -340,15 +391,46 @@ def test_large_networks_get_fewer_samples_unless_asked():
         (ring("-y", gains={"1": 1}), "exceeded 1e+09 times its start at t =", 5, 20),
         (ring("-y**3", gains={"1": 1}), "collapsed|exceeded", 0, 5),
         (ring("1 - exp(y)", gains={"1": 1}), "collapsed|exceeded", 0, 5),
-        (ring("log(1 + y)", gains={"1": 10**7}, region={"initial_states": [0, 2]}), "collapsed", -1, 5),
+        (
+            ring("log(1 + y)", gains={"1": 10**7}, region={"initial_states": [0, 2]}),
+            "collapsed",
+            -1,
+            5,
+        ),
         (ring(gains=1, exosystem=HARMONIC, observer=dd.Observer(W=[[-6], [0]])), "exceeded", 1, 20),
-        (ring("log(1 + y)", gains={"1": 1}, region={"initial_states": [0, 9]}), "undefined|collapsed", -1, 20),
-        (ring(gains={"1": 1}, region={"initial_states": [0, 2000]}), "overflows or is undefined", -1, 1),
-        (ring(gains={"1": 5}, region={"initial_states": [0, "1e308"]}), "overflows or is undefined", -1, 1),
+        (
+            ring("log(1 + y)", gains={"1": 1}, region={"initial_states": [0, 9]}),
+            "undefined|collapsed",
+            -1,
+            20,
+        ),
+        (
+            ring(gains={"1": 1}, region={"initial_states": [0, 2000]}),
+            "overflows or is undefined",
+            -1,
+            1,
+        ),
+        (
+            ring(gains={"1": 5}, region={"initial_states": [0, "1e308"]}),
+            "overflows or is undefined",
+            -1,
+            1,
+        ),
     ],
-    ids=["linear", "cubic", "exponential", "domain and stiff", "observer", "domain", "start", "far start"],
+    ids=[
+        "linear",
+        "cubic",
+        "exponential",
+        "domain and stiff",
+        "observer",
+        "domain",
+        "start",
+        "far start",
+    ],
 )
-def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(problem: dd.Problem, reason: str, earliest, latest):
+def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(
+    problem: dd.Problem, reason: str, earliest, latest
+):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         run = simulate(problem)

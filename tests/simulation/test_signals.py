@@ -26,7 +26,8 @@ SIGNALS = [
     dd.signals.Mobile(radius=2, hysteresis=0.1),
     dd.signals.Mobile(neighbours=3),
     dd.signals.Mobile(
-        radius=1, motion=dd.signals.Waypoints(times=[0, 1], positions=[[[0, 0], [1, 1]], [[0, 0], [3, 1.5]]])
+        radius=1,
+        motion=dd.signals.Waypoints(times=[0, 1], positions=[[[0, 0], [1, 1]], [[0, 0], [3, 1.5]]]),
     ),
 ]
 
@@ -43,7 +44,9 @@ def test_the_json_of_a_signal_holds_all_of_it(signal):
     assert str(signal)
 
 
-@pytest.mark.parametrize("signal", [s for s in SIGNALS if not isinstance(s, dd.signals.Mobile)], ids=str)
+@pytest.mark.parametrize(
+    "signal", [s for s in SIGNALS if not isinstance(s, dd.signals.Mobile)], ids=str
+)
 def test_the_seed_decides_the_switches(signal):
     first, again = (scheduled_switches(signal, NAMES, 30.0, 5) for _ in range(2))
     assert first.times.tolist() == again.times.tolist()
@@ -59,7 +62,8 @@ def test_the_seed_decides_the_switches(signal):
 
 
 def test_a_random_signal_draws_each_mode_equally_often():
-    """At multiples of the dwell time; three of 3000 draws' counts within four standard deviations."""
+    """At multiples of the dwell time; three of 3000 draws' counts within four standard
+    deviations."""
     found = scheduled_switches(dd.signals.RandomDwell(dwell=0.5), NAMES, 1500.0, 1)
     modes = found.at(0.5 * np.arange(3000) + 0.1)
     assert np.abs(np.bincount(modes) - 1000).max() < 4 * np.sqrt(3000 * 2 / 9)
@@ -68,7 +72,9 @@ def test_a_random_signal_draws_each_mode_equally_often():
 
 @pytest.mark.parametrize("seed", range(20))
 def test_with_a_longest_time_modes_differ_and_last_between_the_two_times(seed):
-    found = scheduled_switches(dd.signals.RandomDwell(dwell=0.3, longest=0.5), NAMES[: 2 + seed % 2], 100.0, seed)
+    found = scheduled_switches(
+        dd.signals.RandomDwell(dwell=0.3, longest=0.5), NAMES[: 2 + seed % 2], 100.0, seed
+    )
     stays = np.diff(found.times)
     assert stays.min() >= 0.3 - 1e-12
     assert stays.max() <= 0.5 + 1e-12
@@ -90,7 +96,9 @@ def test_a_markov_signal_stays_and_jumps_as_its_generator_says():
 
 
 def test_at_an_instant_of_switching_the_new_mode_is_active_and_one_never_left_ends_the_signal():
-    found = scheduled_switches(dd.signals.Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"]), NAMES, 5.0, 0)
+    found = scheduled_switches(
+        dd.signals.Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"]), NAMES, 5.0, 0
+    )
     assert found.at(np.array([0, 1.4, 1.5, 1.9, 2, 5])).tolist() == [0, 0, 2, 2, 0, 0]
     found = scheduled_switches(dd.signals.Markov(generator=[[-1, 1], [0, 0]]), ("a", "b"), 1e9, 0)
     assert found.modes.tolist() == [0, 1]
@@ -105,17 +113,29 @@ def test_at_an_instant_of_switching_the_new_mode_is_active_and_one_never_left_en
         (lambda: dd.signals.Periodic(dwell=[1, -1]), r"dwell\[1\] must be"),
         (lambda: dd.signals.RandomDwell(dwell=float("nan")), "got nan"),
         (lambda: dd.signals.RandomDwell(dwell=1, longest=0.5), "longest must be >= dwell"),
-        (lambda: dd.signals.Markov(generator=[[-1, 1], [1, 0]]), r"generator\[1\] must add up to 0"),
-        (lambda: dd.signals.Markov(generator=[[1, -1], [1, -1]]), r"generator\[0\]\[1\] must be a number >= 0"),
+        (
+            lambda: dd.signals.Markov(generator=[[-1, 1], [1, 0]]),
+            r"generator\[1\] must add up to 0",
+        ),
+        (
+            lambda: dd.signals.Markov(generator=[[1, -1], [1, -1]]),
+            r"generator\[0\]\[1\] must be a number >= 0",
+        ),
         (lambda: dd.signals.Markov(generator=[[0, 0]]), "generator must be a square matrix"),
-        (lambda: dd.signals.Schedule(times=[0, 2, 2], modes=["a", "b", "a"]), "must begin with 0 and increase"),
+        (
+            lambda: dd.signals.Schedule(times=[0, 2, 2], modes=["a", "b", "a"]),
+            "must begin with 0 and increase",
+        ),
         (lambda: dd.signals.Schedule(times=[0], modes=[]), "equally long"),
         (dd.signals.Mobile, "either radius or neighbours"),
         (lambda: dd.signals.Mobile(radius=1, neighbours=2), "and not both"),
         (lambda: dd.signals.Mobile(radius=1, hysteresis=-1), "hysteresis must be a number >= 0"),
         (lambda: dd.signals.Mobile(neighbours=0), "neighbours must be a whole number >= 1"),
         (lambda: dd.signals.Waypoints(times=[0, 1], positions=[[[0]]]), "with 2 times"),
-        (lambda: dd.signals.Waypoints(times=[1, 1], positions=[[[0]], [[1]]]), "times must increase"),
+        (
+            lambda: dd.signals.Waypoints(times=[1, 1], positions=[[[0]], [[1]]]),
+            "times must increase",
+        ),
     ],
 )
 def test_a_wrong_signal_is_refused(make, message: str):
@@ -147,7 +167,10 @@ def switched(section: dd.Switching | None, modes: str = "abc") -> dd.Problem:
 
 
 def test_sections_become_signals_and_what_was_chosen_or_is_not_used_is_said():
-    assert signal_of(switched(dd.Switching(signal="periodic", dwell=2))) == (dd.signals.Periodic(dwell=2), None)
+    assert signal_of(switched(dd.Switching(signal="periodic", dwell=2))) == (
+        dd.signals.Periodic(dwell=2),
+        None,
+    )
     signal, remark = signal_of(switched(dd.Switching(signal="random")))
     assert signal == dd.signals.RandomDwell(dwell=0.5)
     assert "switching.dwell is not given: 0.5 s" in remark
@@ -167,7 +190,10 @@ def test_sections_become_signals_and_what_was_chosen_or_is_not_used_is_said():
 @pytest.mark.parametrize(
     ("section", "signal"),
     [
-        (dd.Switching(signal="periodic", dwell=2, sequence=["c", "a"]), dd.signals.Periodic(dwell=2, order=("c", "a"))),
+        (
+            dd.Switching(signal="periodic", dwell=2, sequence=["c", "a"]),
+            dd.signals.Periodic(dwell=2, order=("c", "a")),
+        ),
         (dd.Switching(signal="periodic", period=3), dd.signals.Periodic(dwell=1)),
         (
             dd.Switching(signal="periodic", period=3, sequence=["b", "a"]),
@@ -178,14 +204,19 @@ def test_sections_become_signals_and_what_was_chosen_or_is_not_used_is_said():
             dd.signals.Periodic(dwell=(0.5, 1.5, 1.0), order=("b", "a", "b")),
         ),
         (
-            dd.Switching(signal="markov", generator=[[-1, 1, 0], [0, -2, 2], ["1/4", "1/4", "-1/2"]]),
+            dd.Switching(
+                signal="markov", generator=[[-1, 1, 0], [0, -2, 2], ["1/4", "1/4", "-1/2"]]
+            ),
             dd.signals.Markov(generator=((-1, 1, 0), (0, -2, 2), (0.25, 0.25, -0.5))),
         ),
         (
             dd.Switching(signal="schedule", schedule=[[0, "c"], ["5/2", "a"]]),
             dd.signals.Schedule(times=(0, 2.5), modes=("c", "a")),
         ),
-        (dd.Switching(signal="mobile", radius=2.5, hysteresis="1/4"), dd.signals.Mobile(radius=2.5, hysteresis=0.25)),
+        (
+            dd.Switching(signal="mobile", radius=2.5, hysteresis="1/4"),
+            dd.signals.Mobile(radius=2.5, hysteresis=0.25),
+        ),
         (dd.Switching(signal="mobile", neighbours=1), dd.signals.Mobile(neighbours=1)),
     ],
     ids=str,
@@ -198,9 +229,15 @@ def test_every_key_of_the_section_reaches_the_signal(section: dd.Switching, sign
     ("section", "key"),
     [
         (dd.Switching(signal="random", dwell="1e399"), "switching.dwell"),
-        (dd.Switching(signal="schedule", schedule=[[0, "a"], ["1e399", "b"]]), "switching.schedule[1][0]"),
+        (
+            dd.Switching(signal="schedule", schedule=[[0, "a"], ["1e399", "b"]]),
+            "switching.schedule[1][0]",
+        ),
         (dd.Switching(signal="mobile", radius="1e-399"), "switching.radius"),
-        (dd.Switching(signal="markov", generator=[["-1e399", "1e399"], [0, 0]]), "switching.generator"),
+        (
+            dd.Switching(signal="markov", generator=[["-1e399", "1e399"], [0, 0]]),
+            "switching.generator",
+        ),
     ],
 )
 def test_numbers_beyond_floats_are_refused_by_their_key(section: dd.Switching, key: str):

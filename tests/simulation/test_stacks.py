@@ -1,4 +1,5 @@
-"""Runs under stress side by side are the same runs one by one; and both are what a loop over agents gives."""
+"""Runs under stress side by side are the same runs one by one; and both are what a loop over agents
+gives."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -36,22 +37,35 @@ SAMPLED = {
 
 def agree(problem: dd.Problem, stress: Stress, **given) -> dd.Ensemble:
     """Sampled runs to rounding, others to what the steps of the two integrators are off."""
-    own = {"runs": 2, "close": 3e-8, "t_final": 0.7 if stress.failures else 0.35, "tolerance": 1e-10}
-    return require_the_same(problem, stress, **(({"runs": 4, "close": 1e-12} if stress.period else own) | given))
+    own = {
+        "runs": 2,
+        "close": 3e-8,
+        "t_final": 0.7 if stress.failures else 0.35,
+        "tolerance": 1e-10,
+    }
+    return require_the_same(
+        problem, stress, **(({"runs": 4, "close": 1e-12} if stress.period else own) | given)
+    )
 
 
-@pytest.mark.parametrize("stress", [*CONTINUOUS.values(), *SAMPLED.values()], ids=[*CONTINUOUS, *SAMPLED])
+@pytest.mark.parametrize(
+    "stress", [*CONTINUOUS.values(), *SAMPLED.values()], ids=[*CONTINUOUS, *SAMPLED]
+)
 def test_every_stress_gives_the_runs_that_single_ones_give(stress: Stress):
     """Modes change within the time between two exchanges."""
     agree(planar(), stress, signal=dd.signals.RandomDwell(dwell=0.13 if stress.period else 0.07))
 
 
-@pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"])
+@pytest.mark.parametrize(
+    "stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"]
+)
 def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress):
     agree(planar(), stress, signal=dd.signals.Periodic(dwell=0.3), observer="off")
 
 
-@pytest.mark.parametrize("stress", [CONTINUOUS["lost"], SAMPLED["lost"]], ids=["continuous", "sampled"])
+@pytest.mark.parametrize(
+    "stress", [CONTINUOUS["lost"], SAMPLED["lost"]], ids=["continuous", "sampled"]
+)
 def test_graphs_of_a_given_motion_are_shared(stress: Stress):
     motion = dd.signals.Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
     agree(planar(), stress, signal=dd.signals.Mobile(radius=1.5, motion=motion))
@@ -62,25 +76,37 @@ def test_a_gain_for_the_sampled_observer_takes_its_place():
 
 
 class ByHand:
-    """Three agents in a ring with h = sinh, one state each, under everything at once: agent by agent, arc by arc."""
+    """Three agents in a ring with h = sinh, one state each, under everything at once: agent by
+    agent, arc by arc."""
 
-    A, C, W, K = np.array([[0.0, 2.0], [-2.0, 0.0]]), np.array([1.0, 0.0]), np.array([3.2, 2.4]), (1.0, 0.0, 0.5)
+    A, C, W, K = (
+        np.array([[0.0, 2.0], [-2.0, 0.0]]),
+        np.array([1.0, 0.0]),
+        np.array([3.2, 2.4]),
+        (1.0, 0.0, 0.5),
+    )
     arcs = ((0, 1), (1, 2), (2, 0), (0, 2))
 
     def __init__(self, stress: Stress, seed: int) -> None:
         self.stress, self.bound = stress, stress.saturation
-        self.noise_rng, self.loss_rng = np.random.default_rng([seed, 2]), np.random.default_rng([seed, 3])
+        self.noise_rng, self.loss_rng = (
+            np.random.default_rng([seed, 2]),
+            np.random.default_rng([seed, 3]),
+        )
         self.phase = np.random.default_rng([seed, 4]).uniform(0, 2 * np.pi, size=(3, 1))[:, 0]
         self.noise, self.held, self.stopped = np.zeros(3), {}, {}
 
     @staticmethod
     def problem() -> dd.Problem:
-        network = dd.Network.from_arcs([[i + 1, j + 1] for i, j in ByHand.arcs], arrow="listens_to", agents=3)
+        network = dd.Network.from_arcs(
+            [[i + 1, j + 1] for i, j in ByHand.arcs], arrow="listens_to", agents=3
+        )
         given = {"gains": {"1": 1, "3": "1/2"}, "exosystem": HARMONIC, "observer": PRINTED}
         return dd.Problem(network=network, coupling="sinh(y)", **given)
 
     def meet(self, time: float, x: np.ndarray, estimate, *, due: bool) -> None:
-        """Draw and exchange where it is due, and fail; ``estimate`` gives dhat, once the new noise is there."""
+        """Draw and exchange where it is due, and fail; ``estimate`` gives dhat, once the new noise
+        is there."""
         if due:
             self.noise = self.stress.noise * self.noise_rng.standard_normal((3, 1))[:, 0]
         dhat = estimate()
@@ -88,9 +114,17 @@ class ByHand:
         for failure in self.stress.failures:
             i = int(failure.agent) - 1
             if failure.time <= time and i not in self.stopped:
-                self.stopped[i] = (commands[i], x[i] + self.noise[i]) if failure.kind == "freeze" else (0.0, None)
-        for arc, drawn in zip(self.arcs, self.loss_rng.random(len(self.arcs)) if due else (), strict=due):
-            said = self.stopped[arc[1]][1] if arc[1] in self.stopped else x[arc[1]] + self.noise[arc[1]]
+                self.stopped[i] = (
+                    (commands[i], x[i] + self.noise[i]) if failure.kind == "freeze" else (0.0, None)
+                )
+        for arc, drawn in zip(
+            self.arcs, self.loss_rng.random(len(self.arcs)) if due else (), strict=due
+        ):
+            said = (
+                self.stopped[arc[1]][1]
+                if arc[1] in self.stopped
+                else x[arc[1]] + self.noise[arc[1]]
+            )
             if drawn >= self.stress.loss or said is None:
                 self.held[arc] = said
 
@@ -126,7 +160,9 @@ class ByHand:
 
         for begin, until in pairwise(times):
             self.meet(begin, y[:3], lambda y=y: known(y) @ C, due=begin in due)
-            y = solve_ivp(rate, (begin, until), y, method="LSODA", rtol=1e-10, atol=1e-12, max_step=0.01).y[:, -1]
+            y = solve_ivp(
+                rate, (begin, until), y, method="LSODA", rtol=1e-10, atol=1e-12, max_step=0.01
+            ).y[:, -1]
         return y[:3]
 
     def sampled(self, x: np.ndarray, xi: np.ndarray, end: float) -> np.ndarray:
@@ -144,7 +180,9 @@ class ByHand:
                 nonlocal found
                 found = xihat
                 if k:
-                    found = xihat @ Ad.T + np.outer((x + self.noise - before) / period - held - xihat @ Cd, L)
+                    found = xihat @ Ad.T + np.outer(
+                        (x + self.noise - before) / period - held - xihat @ Cd, L
+                    )
                 return found @ Cd
 
             found = xihat
@@ -161,7 +199,12 @@ def test_everything_at_once_is_what_a_loop_over_agents_gives(kind: str):
     stress = EVERYTHING if kind == "continuous" else SAMPLED["all at once"]
     xi = np.array([[1.0, 0], [0, 1], [-1, 1]])
     run = simulate(
-        ByHand.problem(), start={"x": [[1], [-1], [0.5]], "xi": xi}, seed=3, t_final=1.5, samples=4, stress=stress
+        ByHand.problem(),
+        start={"x": [[1], [-1], [0.5]], "xi": xi},
+        seed=3,
+        t_final=1.5,
+        samples=4,
+        stress=stress,
     )
     wanted = getattr(ByHand(stress, 3), kind)(np.array([1, -1, 0.5]), xi, 1.5)
     np.testing.assert_allclose(run.x[-1, :, 0], wanted, atol=1e-7)
@@ -182,11 +225,18 @@ def test_runs_that_leave_the_floats_end_where_single_ones_do_and_the_others_go_o
 
 
 def test_the_noise_of_a_thousand_runs_spreads_as_its_recursion_says():
-    """x' = -k (x + held noise): x+ = a x - (1 - a) noise, a = exp(-k T); the variance goes to s^2 (1 - a)/(1 + a)."""
+    """x' = -k (x + held noise): x+ = a x - (1 - a) noise, a = exp(-k T); the variance goes to s^2
+    (1 - a)/(1 + a)."""
     network = dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=1)
     problem = dd.Problem(network=network, coupling="y", gains={"1": 20})
     many = simulate_many(
-        problem, runs=1000, start=[[0]], t_final=1.0, samples=2, stress=Stress(noise=0.3), tolerance=1e-6
+        problem,
+        runs=1000,
+        start=[[0]],
+        t_final=1.0,
+        samples=2,
+        stress=Stress(noise=0.3),
+        tolerance=1e-6,
     )
     a = np.exp(-20 * 0.05)
     spread = np.sqrt(np.square(many.error[:, -1]).mean())
@@ -205,6 +255,10 @@ def test_an_observer_of_a_growing_disturbance_is_followed_through_the_noise():
     """A has an eigenvalue 1: xi grows while eps decays, and every draw makes eps jump."""
     network = dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
     problem = dd.Problem(
-        network=network, coupling="y", gains=1, exosystem=dd.Exosystem(A=[[1]], C=[[1]]), observer=dd.Observer(W=[[5]])
+        network=network,
+        coupling="y",
+        gains=1,
+        exosystem=dd.Exosystem(A=[[1]], C=[[1]]),
+        observer=dd.Observer(W=[[5]]),
     )
     agree(problem, Stress(noise=0.1, saturation=3.0), t_final=1.0)

@@ -19,15 +19,20 @@ from dobc_design.simulation.stressed import Heard, StressedRuns
 from dobc_design.synthesis.observer.decide import sampled_matrix
 
 FAILURES = (Failure(agent="3", time=1.0), Failure(agent="7", time=2.0, kind="freeze"))
-SAMPLED = Stress(noise=0.01, disturbance=0.2, saturation=4.0, loss=0.3, period=0.04, failures=FAILURES)
+SAMPLED = Stress(
+    noise=0.01, disturbance=0.2, saturation=4.0, loss=0.3, period=0.04, failures=FAILURES
+)
 EVERYTHING = replace(SAMPLED, frequency=3.0, period=None, exchange=0.1)
 
 
 @pytest.mark.parametrize("name", ["paper-switching", "uav-swarm", "planar"])
 def test_a_stress_that_never_binds_leaves_the_loop_as_it_is(name: str):
-    """Under a stress the full loop is integrated, couplings arc by arc; without one e alone, eps in closed form."""
+    """Under a stress the full loop is integrated, couplings arc by arc; without one e alone, eps in
+    closed form."""
     problem = planar() if name == "planar" else dd.load_problem(name)
-    gain = None if problem.observer.W is not None else np.vstack([np.kron(np.eye(3), [[1.0], [0.2]])])
+    gain = (
+        None if problem.observer.W is not None else np.vstack([np.kron(np.eye(3), [[1.0], [0.2]])])
+    )
     given = {"t_final": 3, "samples": 31, "gain": gain, "tolerance": 1e-11}
     calm = simulate(problem, **given)
     stressed = simulate(problem, stress=Stress(saturation=1e9), **given)
@@ -38,7 +43,9 @@ def test_a_stress_that_never_binds_leaves_the_loop_as_it_is(name: str):
 
 def test_a_saturated_agent_falls_in_a_straight_line_until_its_input_is_small_enough():
     """x' = -min(1, 2 x) from 3: x = 3 - t down to 1/2, then exp(-2 t)/2."""
-    run = simulate(single(), start=[[3]], t_final=5, samples=101, stress=Stress(saturation=1), tolerance=1e-10)
+    run = simulate(
+        single(), start=[[3]], t_final=5, samples=101, stress=Stress(saturation=1), tolerance=1e-10
+    )
     t = run.times
     wanted = np.where(t <= 2.5, 3 - t, 0.5 * np.exp(-2 * np.maximum(0, t - 2.5)))
     np.testing.assert_allclose(run.x[:, 0, 0], wanted, atol=1e-7)
@@ -59,7 +66,10 @@ def test_the_discretised_observer_lies_in_its_exact_enclosure():
 def test_between_samples_a_held_loop_follows_its_integral():
     """At any time x = x_k + (t - t_k) v_k + int d: the speed less d is constant."""
     run = simulate(
-        dd.load_problem("paper-fixed"), t_final=0.5, samples=2001, stress=Stress(period=0.25, disturbance=0.3)
+        dd.load_problem("paper-fixed"),
+        t_final=0.5,
+        samples=2001,
+        stress=Stress(period=0.25, disturbance=0.3),
     )
     t, inside = run.times, slice(1001, 1999)  # within the second period
     speed = np.gradient(run.x[inside, 0, 0], t[inside])
@@ -69,7 +79,8 @@ def test_between_samples_a_held_loop_follows_its_integral():
 
 
 def test_a_gain_for_the_sampled_observer_can_be_given():
-    """Deadbeat for a constant disturbance: A = 0, Cd = 1, L = 1 makes eps vanish after one sample."""
+    """Deadbeat for a constant disturbance: A = 0, Cd = 1, L = 1 makes eps vanish after one
+    sample."""
     problem = single(exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[1]]))
     run = simulate(problem, t_final=1, samples=11, stress=Stress(period=0.1, sampled_gain=[[1]]))
     np.testing.assert_allclose(run.dhat[1:], run.d[1:], atol=1e-12)
@@ -81,15 +92,24 @@ def test_a_gain_for_the_sampled_observer_can_be_given():
 def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     modes = {"a": [[1, 2], [2, 3]], "b": [[3, 1], [2, 3]]}
     problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
-    setting = make_setting(problem, gain=None, stress=Stress(exchange=0.1), signal=dd.signals.Periodic(dwell=0.15))
+    setting = make_setting(
+        problem, gain=None, stress=Stress(exchange=0.1), signal=dd.signals.Periodic(dwell=0.15)
+    )
     switches, starts = switches_for(setting, 0), [setting.starts.draw(0)]
-    given = {"groups": partial(groups_for, setting, switches), "starts": starts, "seeds": [0], "switches": [switches]}
+    given = {
+        "groups": partial(groups_for, setting, switches),
+        "starts": starts,
+        "seeds": [0],
+        "switches": [switches],
+    }
     runs = StressedRuns(setting=setting, **given)
     heard = Heard(runs, np.array([0.0, 0.1]), keep=True)
     heard.exchange(0, np.array([[[10.0]], [[20.0]], [[30.0]]]))
     heard.tune(np.array([0]), np.array([1]))
     second, values = heard.links[1], heard.values[heard.places[1]]
-    held = dict(zip(zip(second.listeners, second.speakers, strict=True), values[:, 0, 0], strict=True))
+    held = dict(
+        zip(zip(second.listeners, second.speakers, strict=True), values[:, 0, 0], strict=True)
+    )
     assert held[1, 2] == 30
     assert np.isnan(held[2, 0])
     assert second.felt(np.zeros((3, 1, 1)), values).ravel().tolist() == [0, 30, 0]
@@ -97,41 +117,62 @@ def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
 
 @pytest.mark.parametrize("period", [None, 0.004])
 def test_a_vanished_agent_drifts_and_is_heard_by_nobody(period: float | None):
-    """Agent 2 is held at 0 by k = 2 until it vanishes at 1 s; then x_2' = d = 1, and agent 1, free, stays."""
-    problem = pair(gains={"2": 2}, exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[5]]))
+    """Agent 2 is held at 0 by k = 2 until it vanishes at 1 s; then x_2' = d = 1, and agent 1, free,
+    stays."""
+    problem = pair(
+        gains={"2": 2}, exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[5]])
+    )
     stress = Stress(period=period, failures=(Failure(agent="2", time=1.0),))
     start = {"x": [[4], [0]], "xi": [[0], [1]], "xihat": [[0], [1]]}
     run = simulate(problem, start=start, t_final=3, samples=31, stress=stress)
     after = run.times >= 1
-    np.testing.assert_allclose(run.x[:, 1, 0], np.where(after, run.times - 1, 0), atol=5e-3 if period else 1e-7)
+    np.testing.assert_allclose(
+        run.x[:, 1, 0], np.where(after, run.times - 1, 0), atol=5e-3 if period else 1e-7
+    )
     assert np.ptp(run.x[after, 0, 0]) < 1e-7
     assert run.x[10, 0, 0] == pytest.approx(4 * np.exp(-1), abs=1e-2 if period else 1e-6)
     assert not run.u[after, 1].any()
 
 
 def test_a_frozen_agent_keeps_its_input_and_what_others_hear_of_it():
-    """At 1 s agent 2 is at exp(-2) with u = -2 exp(-2): it falls on in a line; agent 1 goes to exp(-2)."""
+    """At 1 s agent 2 is at exp(-2) with u = -2 exp(-2): it falls on in a line; agent 1 goes to
+    exp(-2)."""
     stress = Stress(failures=(Failure(agent="2", time=1.0, kind="freeze"),))
     run = simulate(pair(gains={"2": 2}), start=[[4], [1]], t_final=20, samples=201, stress=stress)
     late, value = run.times >= 1, np.exp(-2)
-    np.testing.assert_allclose(run.x[late, 1, 0], value - 2 * value * (run.times[late] - 1), atol=1e-7)
+    np.testing.assert_allclose(
+        run.x[late, 1, 0], value - 2 * value * (run.times[late] - 1), atol=1e-7
+    )
     assert run.x[-1, 0, 0] == pytest.approx(value, abs=1e-6)
 
 
-@pytest.mark.parametrize("stress", [Stress(saturation=0.5), Stress(period=0.02, loss=0.2), Stress(loss=0.2)], ids=str)
+@pytest.mark.parametrize(
+    "stress", [Stress(saturation=0.5), Stress(period=0.02, loss=0.2), Stress(loss=0.2)], ids=str
+)
 def test_moving_agents_can_be_stressed(stress: Stress):
     network = dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=6)
-    problem = dd.Problem(network=network, coupling="y", target=[0, 0], gains={"1": 1})  # the others hear of it
+    # the others hear of it
+    problem = dd.Problem(network=network, coupling="y", target=[0, 0], gains={"1": 1})
     start = np.random.default_rng(2).uniform(-1, 1, size=(6, 2))
-    run = simulate(problem, signal=dd.signals.Mobile(radius=1.2, hysteresis=0.1), start=start, t_final=4, stress=stress)
+    run = simulate(
+        problem,
+        signal=dd.signals.Mobile(radius=1.2, hysteresis=0.1),
+        start=start,
+        t_final=4,
+        stress=stress,
+    )
     assert len(run.switches) > 1
     assert run.final_error < 0.25  # 0.89 if nobody hears anybody
 
 
-@pytest.mark.parametrize("stress", [Stress(period=0.4), Stress(saturation=0.01, disturbance=2.0, frequency=0)], ids=str)
+@pytest.mark.parametrize(
+    "stress", [Stress(period=0.4), Stress(saturation=0.01, disturbance=2.0, frequency=0)], ids=str
+)
 def test_a_stressed_run_that_fails_keeps_what_is_valid(stress: Stress):
     problem = dd.load_problem("paper-fixed")
-    region = simulate(problem, start=np.arange(10.0), stress=stress, t_final=20 if stress.period else 5)
+    region = simulate(
+        problem, start=np.arange(10.0), stress=stress, t_final=20 if stress.period else 5
+    )
     if stress.period:
         assert region.diverged
         assert "overflows" in region.reason or "exceeded" in region.reason
@@ -159,13 +200,25 @@ def test_the_json_of_a_stress_holds_all_of_it(stress: Stress):
         (lambda: Stress(period=0), "period must be"),
         (lambda: Stress(period=1, exchange=0.5), "exchange must be left out"),
         (lambda: Stress(sampled_gain=[[1]]), "sampled_gain needs a period"),
-        (lambda: Stress(period=1, sampled_gain=[[1], [2, 3]]), "sampled_gain must be an array of numbers"),
-        (lambda: Stress(period=1, sampled_gain=[[1], [float("nan")]]), "sampled_gain must be finite; row 2, column 1"),
+        (
+            lambda: Stress(period=1, sampled_gain=[[1], [2, 3]]),
+            "sampled_gain must be an array of numbers",
+        ),
+        (
+            lambda: Stress(period=1, sampled_gain=[[1], [float("nan")]]),
+            "sampled_gain must be finite; row 2, column 1",
+        ),
         (lambda: Failure(agent="1", kind="explode"), "failure.kind must be one of"),
         (lambda: Stress(failures=(Failure(agent="1"), Failure(agent="1"))), "fails twice"),
         (lambda: Stress(failures=("1",)), "failures must be a list of Failure"),
-        (lambda: simulate(single(), stress=Stress(failures=Failure(agent="9"))), "no agent has this label"),
-        (lambda: simulate(single(), t_final=10, stress=Stress(period=1e-9)), "samples are too many"),
+        (
+            lambda: simulate(single(), stress=Stress(failures=Failure(agent="9"))),
+            "no agent has this label",
+        ),
+        (
+            lambda: simulate(single(), t_final=10, stress=Stress(period=1e-9)),
+            "samples are too many",
+        ),
     ],
 )
 def test_a_wrong_stress_is_refused(make, message: str):
@@ -174,10 +227,15 @@ def test_a_wrong_stress_is_refused(make, message: str):
 
 
 def test_a_mode_that_switches_within_a_period_is_seen_at_the_next_sample():
-    """Modes "on" and "off" alternate every 0.15 s: samples at 0, 0.1 and 0.3 find "on", that at 0.2 finds "off"."""
+    """Modes "on" and "off" alternate every 0.15 s: samples at 0, 0.1 and 0.3 find "on", that at 0.2
+    finds "off"."""
     modes = {"on": [[1, 2]], "off": [[2, 3]]}
     problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
-    given = {"signal": dd.signals.Periodic(dwell=0.15), "start": [[1], [0], [0]], "stress": Stress(period=0.1)}
+    given = {
+        "signal": dd.signals.Periodic(dwell=0.15),
+        "start": [[1], [0], [0]],
+        "stress": Stress(period=0.1),
+    }
     run = simulate(problem, t_final=0.4, samples=5, **given)
     wanted, x = [1.0], 1.0
     on = [True, True, False, True]

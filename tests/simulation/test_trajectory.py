@@ -1,4 +1,5 @@
-"""What is asked of one run and of many, and their files; where runs start: drawn, given, or from a file."""
+"""What is asked of one run and of many, and their files; where runs start: drawn, given, or from a
+file."""
 
 import json
 from functools import cache
@@ -17,13 +18,28 @@ from dobc_design.simulation.trajectory import PLAIN, SAMPLED
 
 
 def made(errors, *, diverged: bool = False, times=None, name: str = "made") -> dd.Trajectory:
-    """Two agents; the first is off its goal by the given errors, the second by minus half of them."""
+    """Two agents; the first is off its goal by the given errors, the second by minus half of
+    them."""
     error, goal = np.asarray(errors, dtype=float), np.array([[1.0], [3.0]])
     x = goal + np.stack([error, -error / 2], axis=1)[:, :, None]
     empty, zero = np.zeros((len(error), 2, 0)), np.zeros_like(x)
     times = np.arange(len(error)) if times is None else times
-    samples = {"x": x, "xi": empty, "xihat": empty.copy(), "d": zero + 2, "dhat": zero + 1.5, "u": zero}
-    facts = {"name": name, "mode": "G", "labels": ("a", "b"), "t_final": 10.0, "seed": 0, "diverged": diverged}
+    samples = {
+        "x": x,
+        "xi": empty,
+        "xihat": empty.copy(),
+        "d": zero + 2,
+        "dhat": zero + 1.5,
+        "u": zero,
+    }
+    facts = {
+        "name": name,
+        "mode": "G",
+        "labels": ("a", "b"),
+        "t_final": 10.0,
+        "seed": 0,
+        "diverged": diverged,
+    }
     return dd.Trajectory(times=np.asarray(times, dtype=float), goal=goal, **samples, **facts)
 
 
@@ -71,12 +87,17 @@ def test_the_bounds_of_a_proportion_are_those_of_scipy():
     """Clopper and Pearson."""
     for successes, count in [(0, 10), (3, 10), (10, 10), (1, 1000), (997, 1000)]:
         exact = stats.binomtest(successes, count).proportion_ci(0.95, method="exact")
-        assert measures.proportion_interval(successes, count, 0.95) == pytest.approx((exact.low, exact.high), abs=1e-9)
+        assert measures.proportion_interval(successes, count, 0.95) == pytest.approx(
+            (exact.low, exact.high), abs=1e-9
+        )
 
 
 @pytest.mark.parametrize(("level", "count"), [(0.5, 6), (0.5, 40), (0.9, 200)])
-def test_order_statistics_hold_the_quantile_as_often_as_promised_and_tighter_ones_would_not(level: float, count: int):
-    """P(X_(a) <= quantile < X_(b)) by the binomial distribution; uniform values, so that the quantile is known."""
+def test_order_statistics_hold_the_quantile_as_often_as_promised_and_tighter_ones_would_not(
+    level: float, count: int
+):
+    """P(X_(a) <= quantile < X_(b)) by the binomial distribution; uniform values, so that the
+    quantile is known."""
     low, high = measures.quantile_interval(np.arange(count, dtype=float), level, 0.95)
     a, b = int(low) + 1, int(high) + 1
 
@@ -103,35 +124,59 @@ def test_the_summary_counts_and_says_never_where_a_run_does_not_settle():
     bad = np.where(times < 5, np.exp(times), np.nan)
     found = measures.summary(times, np.stack([good, slow, bad]), np.array([False, False, True]))
     assert (found["runs"], found["diverged"], found["diverged_runs"]) == (3, True, 1)
-    assert found["final_error"] == {"median": pytest.approx(np.exp(-1)), "max": pytest.approx(np.exp(4.9))}
+    assert found["final_error"] == {
+        "median": pytest.approx(np.exp(-1)),
+        "max": pytest.approx(np.exp(4.9)),
+    }
     assert found["settling_time"] == {"median": None, "max": None}
-    assert found["decay_rate"] == {"median": pytest.approx(0.1), "max": pytest.approx(1), "min": pytest.approx(-1)}
+    assert found["decay_rate"] == {
+        "median": pytest.approx(0.1),
+        "max": pytest.approx(1),
+        "min": pytest.approx(-1),
+    }
     found = measures.summary(times, np.stack([good, good, slow]), np.zeros(3, dtype=bool))
     assert found["settling_time"] == {"median": pytest.approx(4.7), "max": None}
 
 
 @cache
 def switching() -> dd.Trajectory:
-    return simulate(dd.load_problem("paper-switching"), signal=dd.signals.Periodic(dwell=0.3), t_final=2, samples=9)
+    return simulate(
+        dd.load_problem("paper-switching"),
+        signal=dd.signals.Periodic(dwell=0.3),
+        t_final=2,
+        samples=9,
+    )
 
 
 @cache
 def mobile() -> dd.Trajectory:
     network = dd.Network.from_arcs([["ä", "b c"]], arrow="listens_to", agents=["ä", "b c", "d"])
     problem = dd.Problem(network=network, coupling="-y", target=[0, 1], name="Ω")
-    return simulate(problem, signal=dd.signals.Mobile(radius=1, hysteresis=0.1), t_final=40, samples=11)
+    return simulate(
+        problem, signal=dd.signals.Mobile(radius=1, hysteresis=0.1), t_final=40, samples=11
+    )
 
 
 @cache
 def stressed() -> dd.Trajectory:
-    stress = dd.Stress(noise=0.1, period=0.25, failures=(dd.Failure(agent="3", time=1.0, kind="freeze"),))
+    stress = dd.Stress(
+        noise=0.1, period=0.25, failures=(dd.Failure(agent="3", time=1.0, kind="freeze"),)
+    )
     return simulate(
-        dd.load_problem("paper-switching"), signal=dd.signals.Periodic(dwell=0.3), t_final=2, samples=9, stress=stress
+        dd.load_problem("paper-switching"),
+        signal=dd.signals.Periodic(dwell=0.3),
+        t_final=2,
+        samples=9,
+        stress=stress,
     )
 
 
 STORE = "needs the extra: pip install dobc_design[store]"
-CASES = {"stressed": stressed, "switching": switching, "mobile, diverged, without disturbance": mobile}
+CASES = {
+    "stressed": stressed,
+    "switching": switching,
+    "mobile, diverged, without disturbance": mobile,
+}
 
 
 def same(one: dd.Trajectory, other: dd.Trajectory) -> None:
@@ -153,7 +198,8 @@ def test_an_npz_file_gives_the_trajectory_back(tmp_path, name: str):
 
 
 def test_a_pandas_table_can_be_grouped_by_what_it_names():
-    """Columns (quantity, agent, component): errors of all agents in one line, and the mode beside them."""
+    """Columns (quantity, agent, component): errors of all agents in one line, and the mode beside
+    them."""
     pytest.importorskip("pandas", reason=STORE)
     run = mobile()
     frame = run.to_pandas()
@@ -185,7 +231,9 @@ BROKEN = {
     "text": lambda path: path.write_text("words", encoding="utf-8"),
     "cut": lambda path: path.write_bytes(switching().save(path).read_bytes()[:-200]),
     "other arrays": lambda path: np.savez(path, x=np.zeros(3)),
-    "other format": lambda path: np.savez(path, about=np.array('{"format": "else"}'), times=np.zeros(2)),
+    "other format": lambda path: np.savez(
+        path, about=np.array('{"format": "else"}'), times=np.zeros(2)
+    ),
     "pickle": lambda path: np.savez(path, about=np.array([{"a": 1}], dtype=object)),
     "empty": lambda path: path.write_bytes(b""),
     "missing": lambda path: None,
@@ -203,7 +251,11 @@ def test_what_is_no_trajectory_is_refused(tmp_path, kind: str):
 def problem(**settings) -> dd.Problem:
     network = dd.Network.from_arcs([[1, 2], [2, 3]], arrow="listens_to")
     exosystem = dd.Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 0], [0, 0, 1]])
-    given = {"target": [0, 1], "gains": {"3": 1}, "observer": dd.Observer(W=[[1, 0], [0, 0], [0, 1]])}
+    given = {
+        "target": [0, 1],
+        "gains": {"3": 1},
+        "observer": dd.Observer(W=[[1, 0], [0, 0], [0, 1]]),
+    }
     return dd.Problem(network=network, coupling="y", exosystem=exosystem, **(given | settings))
 
 
@@ -215,7 +267,9 @@ def drawn(given=None, seed: int = 0, **settings):
 def test_the_disturbance_of_a_region_is_drawn_in_its_ball_and_fills_it():
     """region.initial_disturbance bounds |xi_i(0) - xihat_i(0)|, and xihat starts at 0."""
     region = {"initial_states": [0, 5], "initial_disturbance": "1/2"}
-    lengths = np.concatenate([np.linalg.norm(drawn(seed=s, region=region).xi, axis=1) for s in range(120)])
+    lengths = np.concatenate(
+        [np.linalg.norm(drawn(seed=s, region=region).xi, axis=1) for s in range(120)]
+    )
     assert lengths.max() <= 0.5
     assert lengths.max() > 0.48
     assert np.mean(lengths < 0.25) == pytest.approx(1 / 8, abs=0.06)  # the volume of the inner ball
@@ -245,7 +299,9 @@ def test_a_run_goes_on_where_a_saved_one_stopped(tmp_path):
     """Half a run, saved, then the other half: the same end as in one run."""
     whole = simulate(problem(), t_final=4, tolerance=1e-11)
     first = simulate(problem(), t_final=2, tolerance=1e-11)
-    second = simulate(problem(), t_final=2, tolerance=1e-11, start=first.save(tmp_path / "half.npz"))
+    second = simulate(
+        problem(), t_final=2, tolerance=1e-11, start=first.save(tmp_path / "half.npz")
+    )
     np.testing.assert_allclose(second.x[-1], whole.x[-1], atol=1e-9)
     np.testing.assert_allclose(second.xihat[-1], whole.xihat[-1], atol=1e-9)
 
@@ -304,7 +360,12 @@ def test_a_trajectory_whose_parts_do_not_fit_is_refused(tmp_path, changes, messa
     given = dict(changes)
     facts = given.pop("facts", None)
     with np.load(switching().save(tmp_path / "good.npz")) as stored:
-        given = {name: value(stored[name]) if callable(value) else value for name, value in given.items()}
+        given = {
+            name: value(stored[name]) if callable(value) else value for name, value in given.items()
+        }
     with pytest.raises(SpecError, match=rf"does not hold a trajectory \(.*{message}"):
         dd.load_trajectory(rewritten(tmp_path / "run.npz", facts, **given))
-    assert dd.load_trajectory(rewritten(tmp_path / "run.npz")).times.tolist() == switching().times.tolist()
+    assert (
+        dd.load_trajectory(rewritten(tmp_path / "run.npz")).times.tolist()
+        == switching().times.tolist()
+    )

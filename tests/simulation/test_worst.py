@@ -1,4 +1,5 @@
-"""Runs as bad as [uncertainty] and [actuators] allow: they attain the worst case of linear loops, and no more."""
+"""Runs as bad as [uncertainty] and [actuators] allow: they attain the worst case of linear loops,
+and no more."""
 
 import numpy as np
 import pytest
@@ -26,7 +27,8 @@ def pair(**changes: object) -> dd.Problem:
 
 
 def largest(agent: int) -> float:
-    """0.1 times the integral of |response of the agent to every residual|, by SciPy: [e; eps], w enters both."""
+    """0.1 times the integral of |response of the agent to every residual|, by SciPy: [e; eps], w
+    enters both."""
     ring, n = np.roll(np.eye(10), 1, axis=1), 10
     M = np.zeros((30, 30))
     M[:n, :n] = 2 * (ring - np.eye(n)) - np.diag([5.0 if i in (0, 5) else 0 for i in range(n)])
@@ -42,7 +44,13 @@ def largest(agent: int) -> float:
 
 @pytest.mark.parametrize("agent", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_the_worst_run_attains_what_the_linear_loop_allows_and_none_exceeds_the_bound(agent: int):
-    given = {"stress": "worst", "start": {"x": np.ones((10, 1))}, "t_final": 12, "samples": 31, "tolerance": 1e-6}
+    given = {
+        "stress": "worst",
+        "start": {"x": np.ones((10, 1))},
+        "t_final": 12,
+        "samples": 31,
+        "tolerance": 1e-6,
+    }
     run = dd.simulate(paper(), seed=10 + agent, **given)
     reached = np.abs(run.x - 1)[:, :, 0]
     assert (reached.max(axis=0) <= BOUND * np.array(SHARES)).all()
@@ -94,7 +102,8 @@ def links(modes: dict[str, list[list[int]]], n: int, **turns: object) -> dd.Prob
 
 
 def test_the_slowest_signal_of_three_agents_is_the_one_on_paper():
-    """Agent 3 hears in A for a s, agent 2 in B for b s: the rate is min (a, b) / (a + b), the least for 1 and 2 s."""
+    """Agent 3 hears in A for a s, agent 2 in B for b s: the rate is min (a, b) / (a + b), the least
+    for 1 and 2 s."""
     problem = links({"A": [[3, 2]], "B": [[2, 1]]}, 3, longest=2)
     assert sorted(worst_signal(problem).dwell) == [1, 2]
     given = {"start": {"x": [[1], [1], [1]]}, "t_final": 36, "samples": 13}
@@ -102,7 +111,9 @@ def test_the_slowest_signal_of_three_agents_is_the_one_on_paper():
     assert run.stress == ""
     assert "keep the guarantee" in run.notes[0]
     assert run.error()[-1] / run.error()[-5] == pytest.approx(np.exp(-12 / 3), rel=1e-3)
-    assert run.error()[-1] > 3 * max(dd.simulate(problem, seed=k, **given).error()[-1] for k in range(3))
+    assert run.error()[-1] > 3 * max(
+        dd.simulate(problem, seed=k, **given).error()[-1] for k in range(3)
+    )
 
 
 def test_without_a_longest_time_it_stays_in_the_slowest_mode():
@@ -115,7 +126,12 @@ def test_without_a_longest_time_it_stays_in_the_slowest_mode():
 
 
 @pytest.mark.parametrize(
-    "turns", [{"guarantee": "sequence"}, {"guarantee": "arbitrary"}, {"guarantee": None, "signal": "random"}]
+    "turns",
+    [
+        {"guarantee": "sequence"},
+        {"guarantee": "arbitrary"},
+        {"guarantee": None, "signal": "random"},
+    ],
 )
 def test_where_the_guarantee_leaves_no_choice_there_is_no_worst_signal(turns: dict[str, object]):
     problem = links({"A": [[2, 1]], "B": []}, 2, **turns)
@@ -125,7 +141,9 @@ def test_where_the_guarantee_leaves_no_choice_there_is_no_worst_signal(turns: di
 
 
 def test_signals_and_stress_are_at_their_worst_together():
-    problem = links({"A": [[2, 1]], "B": []}, 2, longest=2).replace(uncertainty={"disturbance": "0.1"})
+    problem = links({"A": [[2, 1]], "B": []}, 2, longest=2).replace(
+        uncertainty={"disturbance": "0.1"}
+    )
     run = dd.simulate(problem, stress="worst", t_final=3)
     assert "worst" in run.stress
     assert "periodic" in run.signal
@@ -140,17 +158,25 @@ def test_a_problem_that_bounds_nothing_is_refused():
     ("tables", "note"),
     [
         ({}, None),
-        ({"uncertainty": {"weights": "0.1"}}, "Not simulated: what [uncertainty] of the file states."),
+        (
+            {"uncertainty": {"weights": "0.1"}},
+            "Not simulated: what [uncertainty] of the file states.",
+        ),
         (
             {"uncertainty": {"disturbance": "0.1"}, "actuators": {"limit": 3}},
-            "Not simulated: what [uncertainty] and [actuators] of the file states; `dobc stress FILE --worst` applies "
+            "Not simulated: what [uncertainty] and [actuators] of the file states; `dobc "
+            "stress FILE --worst` applies "
             "the limits, disturbance and noise.",
         ),
     ],
 )
 def test_a_run_without_stress_says_which_tables_it_leaves_out(tables, note):
     problem = pair(**tables)
-    told = [each for each in dd.simulate(problem, t_final=1).notes if each.startswith("Not simulated")]
+    told = [
+        each for each in dd.simulate(problem, t_final=1).notes if each.startswith("Not simulated")
+    ]
     assert told == ([] if note is None else [note])
     if note is not None and "--worst" in note:
-        assert not any(each.startswith("Not") for each in dd.simulate(problem, t_final=1, stress="worst").notes)
+        assert not any(
+            each.startswith("Not") for each in dd.simulate(problem, t_final=1, stress="worst").notes
+        )

@@ -18,7 +18,8 @@ SHAPES = ("identity", "diagonal", "full")
 
 
 def programs(shape: str) -> list[tuple[Inequalities, np.ndarray]]:
-    """The three kinds of program, with a point inside each: three agents, four arcs, an observer's border."""
+    """The three kinds of program, with a point inside each: three agents, four arcs, an observer's
+    border."""
     problem = random_problem(3, coupling="y + y**3/10")
     gains = sample_gains(problem, 0.5)
     loop = float_loop(make_templates(problem), gains, radius=0.5, S=np.array([[0.3]]), rate=0.01)
@@ -30,7 +31,8 @@ def programs(shape: str) -> list[tuple[Inequalities, np.ndarray]]:
         "shifted": centring(loop, basis, shift=True),
         "covering": covering(loop, basis, disturbance=0.01, condition=100.0),
     }
-    # theta makes the first two feasible whatever the numbers are; the third is checked where it happens to be.
+    # theta makes the first two feasible whatever the numbers are; the third is checked where it
+    # happens to be.
     points = [(made[name], made[name].join(Y, [*t, *tails[name]])) for name in made]
     return [(program, point) for program, point in points if program.holds(point)]
 
@@ -43,7 +45,10 @@ def test_gradient_and_hessian_are_the_differences_of_the_barrier(shape):
         gradient, hessian = program.derivatives(point)
         step = 1e-6 * np.eye(len(point))
         slopes = [(program.barrier(point + e) - program.barrier(point - e)) / 2e-6 for e in step]
-        curves = [(program.derivatives(point + e)[0] - program.derivatives(point - e)[0]) / 2e-6 for e in step]
+        curves = [
+            (program.derivatives(point + e)[0] - program.derivatives(point - e)[0]) / 2e-6
+            for e in step
+        ]
         assert np.allclose(gradient, slopes, atol=1e-6 * np.max(np.abs(gradient)))
         assert np.allclose(hessian, curves, atol=1e-6 * np.max(np.abs(hessian)))
 

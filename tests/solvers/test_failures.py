@@ -1,4 +1,5 @@
-"""Solvers that fail in every way they can: no exception gets out, and certify decides without them."""
+"""Solvers that fail in every way they can: no exception gets out, and certify decides without
+them."""
 
 from __future__ import annotations
 
@@ -87,7 +88,11 @@ RING = [[1, 2], [2, 3], [3, 1]]
 def printed(modes: dict[str, list[list[int]]]) -> dd.Problem:
     """Three agents with the paper's coupling and its observer, P and Q."""
     network = dd.Network.from_arcs(modes, arrow="listens_to", agents=3)
-    given = {"gains": {1: 5}, "exosystem": HARMONIC, "observer": dd.load_problem("paper-switching").observer}
+    given = {
+        "gains": {1: 5},
+        "exosystem": HARMONIC,
+        "observer": dd.load_problem("paper-switching").observer,
+    }
     return dd.Problem(network=network, coupling="exp(y) - 1 + y", **given)
 
 
@@ -122,12 +127,17 @@ FEW = ("raises", "zeros", "huge")
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in FEW else pytest.mark.slow) for name in OUTCOMES | LIES]
+    "name",
+    [pytest.param(name, marks=() if name in FEW else pytest.mark.slow) for name in OUTCOMES | LIES],
 )
 def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
     """The last rung is an exact Lyapunov equation, scaled up: no solver is needed for a proof."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing((OUTCOMES | LIES)[name]))
-    for problem in (printed({"a": RING}), printed({"a": RING, "b": [arc[::-1] for arc in RING]}), cycle(4)):
+    for problem in (
+        printed({"a": RING}),
+        printed({"a": RING, "b": [arc[::-1] for arc in RING]}),
+        cycle(4),
+    ):
         decided(problem)
 
 
@@ -155,7 +165,8 @@ def test_a_problem_beyond_the_floats_is_still_decided(harmonic):
 
 @pytest.mark.parametrize("bound", [float("nan"), float("inf"), 0.0, 1.0, -1e-300, -1e300, -5e-324])
 def test_pairs_are_proposed_for_any_estimate(harmonic, bound):
-    """Estimates only steer: whatever they are, the ladder ends with pairs whose Omega0 is negative."""
+    """Estimates only steer: whatever they are, the ladder ends with pairs whose Omega0 is
+    negative."""
     W = ((Fraction(16, 5),), (Fraction(12, 5),))
     pairs = list(propose_pairs(harmonic, W, bound=bound, decay=1.6))
     assert len(pairs) >= len(propose.LADDER)
@@ -171,7 +182,9 @@ def without_solvers(monkeypatch):
     monkeypatch.setattr(conic, "solve_directly", nothing)
 
 
-def test_a_gain_is_found_without_a_solver_if_need_be_by_exact_poles(without_solvers, harmonic, monkeypatch):
+def test_a_gain_is_found_without_a_solver_if_need_be_by_exact_poles(
+    without_solvers, harmonic, monkeypatch
+):
     found = propose.design_gain(harmonic)
     assert found.W is not None
     assert "Kalman" in found.note
@@ -194,10 +207,14 @@ def test_the_usual_way_is_not_worth_a_note(cycle):
 def test_the_exact_steps_are_told_in_the_notes(without_solvers, monkeypatch, cycle):
     notes = notes_of(dd.certify(cycle(4)))
     assert "W was designed (Kalman gain)" in notes
-    exactly = "P solves a Lyapunov equation exactly, because no proposal of a solver could be proved"
+    exactly = (
+        "P solves a Lyapunov equation exactly, because no proposal of a solver could be proved"
+    )
     assert f"{exactly} (the last said: failed: nothing)." in notes
     monkeypatch.setattr(propose, "_kalman", lambda exosystem, shift=0.0: None)
-    monkeypatch.setattr("dobc_design.certification.certify.decay_rate", lambda exosystem, W: float("nan"))
+    monkeypatch.setattr(
+        "dobc_design.certification.certify.decay_rate", lambda exosystem, W: float("nan")
+    )
     notes = notes_of(decided(cycle(4)))
     assert "W was designed (exact pole placement)" in notes
     assert "because there was no estimate to start a solver from." in notes
@@ -226,7 +243,9 @@ def test_the_time_limit_reaches_the_solver(harmonic, monkeypatch):
     assert "Lyapunov" in list(propose_pairs(harmonic, W, bound=-0.5, decay=1.6))[-1][2]
 
 
-def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(without_solvers, monkeypatch, cycle):
+def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(
+    without_solvers, monkeypatch, cycle
+):
     monkeypatch.setattr(propose, "_kalman", lambda exosystem, shift=0.0: None)
     monkeypatch.setattr(propose, "placed_gains", lambda exosystem, rate: iter(()))
     certificate = decided(cycle(4), Verdict.UNDECIDED)
@@ -238,7 +257,9 @@ def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(without_solv
 
 def test_a_pair_that_nobody_finds_leaves_the_theorem_undecided(without_solvers, monkeypatch, cycle):
     monkeypatch.setattr(propose, "solve_lyapunov", lambda F, N: None)
-    problem = cycle(2).replace(observer=PRINTED, region={"initial_states": [-1, 1], "initial_disturbance": 0})
+    problem = cycle(2).replace(
+        observer=PRINTED, region={"initial_states": [-1, 1], "initial_disturbance": 0}
+    )
     certificate = dd.certify(problem)
     assert certificate.check("lemma1").verdict is Verdict.PROVED
     assert certificate.check("theorem1").verdict is Verdict.UNDECIDED

@@ -1,4 +1,5 @@
-"""The same Program through Clarabel, cvxpy and a second solver; the reduced form; rounding for readers."""
+"""The same Program through Clarabel, cvxpy and a second solver; the reduced form; rounding for
+readers."""
 
 from fractions import Fraction
 
@@ -50,7 +51,8 @@ def test_the_floor_is_kept(harmonic):
 
 
 def test_an_infeasible_program_gives_no_values(harmonic):
-    """Lambda = +I cannot be made negative by P and Q.  (SCS says "optimal_inaccurate": a status is an opinion.)"""
+    """Lambda = +I cannot be made negative by P and Q.  (SCS says "optimal_inaccurate": a status is
+    an opinion.)"""
     program = Program(pencils=(reduced(Fraction(1), harmonic),))
     for answer in (solve_directly(program), solve_dense(program)):
         assert not answer.found
@@ -60,7 +62,9 @@ def test_an_infeasible_program_gives_no_values(harmonic):
 
 def test_a_feasible_problem_can_have_a_positive_margin(harmonic):
     """Theory, section 2: +0.247 at |Q| <= 1, P <= 10 I, although a pair exists; it says nothing."""
-    program = Margin(pencils=(reduced(Fraction(-1, 10), harmonic),), ratio=Fraction(10), radius=Fraction(1))
+    program = Margin(
+        pencils=(reduced(Fraction(-1, 10), harmonic),), ratio=Fraction(10), radius=Fraction(1)
+    )
     assert solve_dense(program).objective > 0
     freer = Margin(pencils=program.pencils, ratio=Fraction(10**4), radius=Fraction(10**4))
     assert solve_dense(freer).objective < 0
@@ -80,7 +84,9 @@ def test_the_reduced_form_has_the_optimum_of_the_block_lmi(separable, modes, m, 
 
 
 def test_some_of_those_problems_have_an_optimum_and_some_have_none(separable):
-    problems = [separable(seed, modes=modes, m=m) for seed in range(4) for modes in (1, 4) for m in (1, 2)]
+    problems = [
+        separable(seed, modes=modes, m=m) for seed in range(4) for modes in (1, 4) for m in (1, 2)
+    ]
     found = [solve_reduced(problem).found for problem in problems]
     assert True in found
     assert False in found
@@ -89,7 +95,9 @@ def test_some_of_those_problems_have_an_optimum_and_some_have_none(separable):
 def test_in_general_the_reduced_form_is_the_stricter_one(cycle):
     """m = 2 with different slopes: lambda_max(Lambda) + lambda_max(S) < 0 is sufficient only."""
     exosystem = Exosystem(A=[[0, 0], [0, 0]], C=[[1, 0], [0, 2]])
-    problem = cycle(3, pins={1: [[2, 0], [0, 40]], 2: 3, 3: 3}, exosystem=exosystem, coupling=["y1", "9*y2"])
+    problem = cycle(
+        3, pins={1: [[2, 0], [0, 40]], 2: 3, 3: 3}, exosystem=exosystem, coupling=["y1", "9*y2"]
+    )
     dense = solve_dense(Program(pencils=state_theorems(problem).psi()))
     small = solve_reduced(problem)
     assert small.objective > dense.objective * 1.01
@@ -105,7 +113,8 @@ def test_a_second_solver_agrees(cycle, n):
 
 
 def test_the_optimum_of_the_constant_disturbance_is_known(cycle):
-    """A = 0, C = 1, |Lambda| = l: [[-l, 1], [1, -2Q]] <= 0 iff Q >= 1/(2 l), so P = 0 and the optimum is 1/(4 l^2)."""
+    """A = 0, C = 1, |Lambda| = l: [[-l, 1], [1, -2Q]] <= 0 iff Q >= 1/(2 l), so P = 0 and the
+    optimum is 1/(4 l^2)."""
     exosystem = Exosystem(A=[[0]], C=[[1]])
     for l in (Fraction(1, 2), Fraction(2), Fraction(5)):  # noqa: E741 - as in the formula
         answer = solve_directly(Program(pencils=(reduced(-l, exosystem),)))
@@ -147,7 +156,10 @@ def test_the_largest_entry_keeps_its_digits(size, digits):
 
 def test_rounding_is_decimal_and_keeps_symmetry_zero_and_nothing():
     array = np.array([[0.5, 1 / 3], [1 / 3, 2 / 3]])
-    assert round_matrix(array, 3) == ((Fraction(1, 2), Fraction(333, 1000)), (Fraction(333, 1000), Fraction(667, 1000)))
+    assert round_matrix(array, 3) == (
+        (Fraction(1, 2), Fraction(333, 1000)),
+        (Fraction(333, 1000), Fraction(667, 1000)),
+    )
     assert round_matrix(np.zeros((2, 1)), 3) == ((0,), (0,))
     assert round_matrix(np.zeros((0, 0)), 3) == ()
 

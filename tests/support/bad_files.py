@@ -1,12 +1,12 @@
 """Problem files with exactly one mistake each, and what a user must be told about it.
 
-Every case starts from VALID, a small file that uses every table, and makes one change.  The reader must
-refuse each with a SpecError, without a traceback, an import, a hang or a file left behind.
+Every case starts from VALID, a small file that uses every table, and makes one change.  The reader
+must refuse each with a SpecError, without a traceback, an import, a hang or a file left behind.
 
-``expect_key`` is the key path as the user would write it: tables dotted, places in a list as [0].  One of
-the errors must carry it; "" means that no key can be asked for (the text is not TOML, or not text).
-``expect_words`` must all occur in the lower-cased message (with its cure); they are few and tolerant on
-purpose.  VALID_BUT_NASTY looks like an attack or a slip and has to load.
+``expect_key`` is the key path as the user would write it: tables dotted, places in a list as [0].
+One of the errors must carry it; "" means that no key can be asked for (the text is not TOML, or not
+text). ``expect_words`` must all occur in the lower-cased message (with its cure); they are few and
+tolerant on purpose.  VALID_BUT_NASTY looks like an attack or a slip and has to load.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,8 +20,8 @@ Content = str | bytes | Callable[[], str | bytes]
 class BadFile:
     """One problem file, the files beside it, and what the reader must say.
 
-    ``files``: path below the problem file's folder -> bytes; a path with a folder in it makes the folder.
-    ``links``: path -> target of a symbolic link, where the system has them.
+    ``files``: path below the problem file's folder -> bytes; a path with a folder in it makes the
+    folder. ``links``: path -> target of a symbolic link, where the system has them.
     """
 
     id: str
@@ -102,7 +102,9 @@ CSV = b"from,to,weight\n1,2,1\n2,3,1\n3,4,1\n4,1,0.5\n"
 
 def swap(old: str, new: str) -> str:
     if VALID.count(old) != 1:
-        raise ValueError(f"{old!r} stands {VALID.count(old)} times in VALID; it must stand there once")
+        raise ValueError(
+            f"{old!r} stands {VALID.count(old)} times in VALID; it must stand there once"
+        )
     return VALID.replace(old, new)
 
 
@@ -200,7 +202,9 @@ TOML_AND_BYTES = [
     bad("duplicate-key", swap("seed = 0", "seed = 0\nseed = 1"), "", "toml"),
     bad("duplicate-gain-1-and-quoted-1", swap(GAINS, 'gains = { 1 = 5, "1" = 6 }'), "", "toml"),
     bad("truncated-in-a-matrix", VALID[: VALID.index("-2, 0]]")], "", "toml"),
-    bad("latin-1", VALID.replace("four-agents", "vier-Glühwürmchen").encode("latin-1"), "", "utf-8"),
+    bad(
+        "latin-1", VALID.replace("four-agents", "vier-Glühwürmchen").encode("latin-1"), "", "utf-8"
+    ),
     bad("nul-byte", VALID.encode().replace(b"four", b"fo\x00ur"), ""),
     bad("over-16-megabytes", lambda: VALID + "#" * (16 * 1024 * 1024), "", "large"),
     bad("over-16-megabytes-of-arcs", lambda: mode("[" + "[1, 2], " * 2_100_000 + "]"), "", "large"),
@@ -208,10 +212,20 @@ TOML_AND_BYTES = [
     bad("nested-inline-tables-60", top("deep = " + "{ a = " * 60 + "1" + " }" * 60), "", "nest"),
     bad("nested-dotted-key", top(".".join("a" * 20_000) + " = 1"), "", "nest"),
     bad("nested-table-header-of-a-megabyte", lambda: end("[" + "a." * 500_000 + "a]"), "", "nest"),
-    bad("nested-inline-key-of-a-megabyte", lambda: top("deep = { " + "a." * 500_000 + "a = 1 }"), "", "nest"),
+    bad(
+        "nested-inline-key-of-a-megabyte",
+        lambda: top("deep = { " + "a." * 500_000 + "a = 1 }"),
+        "",
+        "nest",
+    ),
     bad("megabytes-of-quotes", lambda: '\\"""\n' * 800_000, "", "toml"),
     bad("megabytes-in-triple-quotes", lambda: 'name = """' + 'a"\n' * 700_000, "", "toml"),
-    bad("many-unknown-keys", lambda: VALID + "".join(f"u{i} = 1\n" for i in range(20_000)), "simulation.u0", "unknown"),
+    bad(
+        "many-unknown-keys",
+        lambda: VALID + "".join(f"u{i} = 1\n" for i in range(20_000)),
+        "simulation.u0",
+        "unknown",
+    ),
 ]
 
 UNKNOWN_KEYS = [
@@ -221,7 +235,12 @@ UNKNOWN_KEYS = [
     ),
     bad("unknown-top", top("targett = 2"), "targett", "target"),
     bad("unknown-network", below("[network]", "agent = 4"), "network.agent", "agents"),
-    bad("unknown-exception", exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'), "coupling.exceptions[0].arc", "arcs"),
+    bad(
+        "unknown-exception",
+        exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'),
+        "coupling.exceptions[0].arc",
+        "arcs",
+    ),
     bad("unknown-exosystem", below("[exosystem]", "B = [[1]]"), "exosystem.B", "unknown"),
     bad("unknown-table", end("[noise]\nlevel = 1"), "noise", "unknown"),
     bad("unknown-key-with-markup", top('"<b>target</b>" = 1'), "<b>target</b>", "unknown"),
@@ -231,43 +250,114 @@ GROUPS_AND_KINDS = [
     bad("group-without-matrices", group('agents = ["1"]'), f"{GROUPS}[0].A", "required"),
     bad("group-without-agents", group("A = [[0]]\nC = [[1]]"), f"{GROUPS}[0].agents", "required"),
     bad("group-of-nobody", group(f"agents = []\n{ONE}"), f"{GROUPS}[0].agents", "labels"),
-    bad("group-of-a-stranger", group(f"agents = [1, 9]\n{ONE}"), f"{GROUPS}[0].agents[1]", "no agent"),
+    bad(
+        "group-of-a-stranger",
+        group(f"agents = [1, 9]\n{ONE}"),
+        f"{GROUPS}[0].agents[1]",
+        "no agent",
+    ),
     bad(
         "groups-share-an-agent",
         group(f"agents = [1]\n{ONE}", f"agents = [2, 1]\n{ONE}"),
         f"{GROUPS}[1].agents[1]",
         "exosystem.groups[0] already",
     ),
-    bad("group-of-everybody-beside-a-rest", group(f"agents = [1, 2, 3, 4]\n{ONE}"), "exosystem.A", "apply to no agent"),
-    bad("group-with-a-wrong-w", group(f"agents = [1]\n{ONE}\nW = [[1, 2]]"), f"{GROUPS}[0].W", "shape"),
-    bad("group-without-the-p-of-others", group(f"agents = [1]\n{ONE}\nW = [[1]]"), "exosystem.groups", "tested"),
-    bad("groups-as-a-table", end("[exosystem.groups]\nagents = [1]"), "exosystem.groups", "list of tables"),
-    bad("xi0-of-groups-in-one-row", group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"), "simulation.xi0", "row"),
-    bad("kind-beside-matrices", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", "only one of them"),
-    bad("kind-without-frequencies", kind('kind = "harmonics"'), "exosystem.frequencies", "required"),
-    bad("frequencies-alone", below("[exosystem]", "frequencies = [2]"), "exosystem.frequencies", "only one of them"),
+    bad(
+        "group-of-everybody-beside-a-rest",
+        group(f"agents = [1, 2, 3, 4]\n{ONE}"),
+        "exosystem.A",
+        "apply to no agent",
+    ),
+    bad(
+        "group-with-a-wrong-w",
+        group(f"agents = [1]\n{ONE}\nW = [[1, 2]]"),
+        f"{GROUPS}[0].W",
+        "shape",
+    ),
+    bad(
+        "group-without-the-p-of-others",
+        group(f"agents = [1]\n{ONE}\nW = [[1]]"),
+        "exosystem.groups",
+        "tested",
+    ),
+    bad(
+        "groups-as-a-table",
+        end("[exosystem.groups]\nagents = [1]"),
+        "exosystem.groups",
+        "list of tables",
+    ),
+    bad(
+        "xi0-of-groups-in-one-row",
+        group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"),
+        "simulation.xi0",
+        "row",
+    ),
+    bad(
+        "kind-beside-matrices",
+        below("[exosystem]", 'kind = "constant"'),
+        "exosystem.kind",
+        "only one of them",
+    ),
+    bad(
+        "kind-without-frequencies", kind('kind = "harmonics"'), "exosystem.frequencies", "required"
+    ),
+    bad(
+        "frequencies-alone",
+        below("[exosystem]", "frequencies = [2]"),
+        "exosystem.frequencies",
+        "only one of them",
+    ),
 ]
 
 MISSING_OR_OF_A_WRONG_KIND = [
-    bad("no-network", VALID[: VALID.index("[network]")] + VALID[VALID.index("[coupling]") :], "network"),
+    bad(
+        "no-network",
+        VALID[: VALID.index("[network]")] + VALID[VALID.index("[coupling]") :],
+        "network",
+    ),
     bad("no-modes", swap(f"[network.modes]\n{GA}\n{GB}\n", ""), "network.modes"),
     bad("no-h", without(H), "coupling.h"),
     bad("no-exosystem", swap(f"[exosystem]\n{A}\n{C}\n", ""), "observer", "exosystem"),
     bad("no-W-beside-P", without(W), "observer.P", "w"),
-    bad("no-initial-disturbance", without("initial_disturbance = 0.5"), "region.initial_disturbance"),
+    bad(
+        "no-initial-disturbance", without("initial_disturbance = 0.5"), "region.initial_disturbance"
+    ),
     bad("no-signal", without('signal = "random"'), "switching.signal"),
     bad("notes-of-2000-letters", top(f"notes = ['{'n' * 2000}']"), "notes[0]", "1000"),
     bad("network-is-text", 'network = "ring"\n[coupling]\nh = "y"\n', "network", "table"),
-    bad("coupling-is-text", 'coupling = "y"\n' + VALID[: VALID.index("[coupling]")], "coupling", "table"),
-    bad("exceptions-is-table", swap("[[coupling.exceptions]]", "[coupling.exceptions]"), "coupling.exceptions"),
-    bad("pinning-is-number", top("pinning = 5").replace(f"[pinning]\n{GAINS}\n", ""), "pinning", "table"),
-    bad("formation-is-list", swap(OFFSETS, "offsets = [0, 1.5, 0, -1.5]"), "formation.offsets", "table"),
+    bad(
+        "coupling-is-text",
+        'coupling = "y"\n' + VALID[: VALID.index("[coupling]")],
+        "coupling",
+        "table",
+    ),
+    bad(
+        "exceptions-is-table",
+        swap("[[coupling.exceptions]]", "[coupling.exceptions]"),
+        "coupling.exceptions",
+    ),
+    bad(
+        "pinning-is-number",
+        top("pinning = 5").replace(f"[pinning]\n{GAINS}\n", ""),
+        "pinning",
+        "table",
+    ),
+    bad(
+        "formation-is-list",
+        swap(OFFSETS, "offsets = [0, 1.5, 0, -1.5]"),
+        "formation.offsets",
+        "table",
+    ),
 ]
 
 NETWORK = [
     bad("agents-huge", agents("1000000000000"), "network.agents"),
     bad("labels-twice", agents("[1, 2, 3, 4, 2]"), "network.agents", "2"),
-    bad("modes-is-list", swap(f"[network.modes]\n{GA}\n{GB}\n", "modes = [[1, 2], [2, 3]]\n"), "network.modes"),
+    bad(
+        "modes-is-list",
+        swap(f"[network.modes]\n{GA}\n{GB}\n", "modes = [[1, 2], [2, 3]]\n"),
+        "network.modes",
+    ),
     bad("agents-of-5000-hexadecimal-digits", agents("0x" + "f" * 5000), "network.agents"),
     bad("arc-twice", mode("[[1, 2], [2, 3], [1, 2]]"), "network.modes.Ga[2]", "duplicate"),
     bad("arc-twice-mixed-labels", mode('[[1, 2], [2, 3], ["1", "2", 3]]'), "network.modes.Ga[2]"),
@@ -287,16 +377,34 @@ EXPRESSIONS = [
     expression("undefined-to-the-left", "sqrt(y)"),
     bad("h-number", swap(H, "h = 2"), "coupling.h"),
     bad("h-table", swap(H, 'h = { y = "y" }'), "coupling.h"),
-    bad("exception-h-does-not-vanish", swap('h = "2*y"', 'h = "2*y + 1"'), "coupling.exceptions[0].h", "vanish"),
+    bad(
+        "exception-h-does-not-vanish",
+        swap('h = "2*y"', 'h = "2*y + 1"'),
+        "coupling.exceptions[0].h",
+        "vanish",
+    ),
     bad(
         "exception-h-of-the-second-table",
         swap(EXCEPTION, f'{SECOND}arcs = [[3, 4]]\nh = "foo(y)"\n'),
         "coupling.exceptions[1].h",
         "foo",
     ),
-    bad("exception-wrong-way-round", exception('arcs = [[3, 1]]\nh = "2*y"'), "coupling.exceptions[0].arcs[0]"),
-    bad("exception-stranger", exception('arcs = [[1, 2], [2, 11]]\nh = "2*y"'), "coupling.exceptions[0].arcs[1]", "11"),
-    bad("exception-arc-twice", exception('arcs = [[1, 2], [1, 2]]\nh = "y"'), "coupling.exceptions[0].arcs[1]"),
+    bad(
+        "exception-wrong-way-round",
+        exception('arcs = [[3, 1]]\nh = "2*y"'),
+        "coupling.exceptions[0].arcs[0]",
+    ),
+    bad(
+        "exception-stranger",
+        exception('arcs = [[1, 2], [2, 11]]\nh = "2*y"'),
+        "coupling.exceptions[0].arcs[1]",
+        "11",
+    ),
+    bad(
+        "exception-arc-twice",
+        exception('arcs = [[1, 2], [1, 2]]\nh = "y"'),
+        "coupling.exceptions[0].arcs[1]",
+    ),
     bad(
         "exception-arc-in-two-tables",
         swap(EXCEPTION, f'{SECOND}arcs = [[3, 4], [2, 3]]\nh = "3*y"\n'),
@@ -312,33 +420,60 @@ NUMBERS = [
     bad("number-5000-digits", target("7" * 5000), ""),
     bad("number-leading-zero", target("007"), "", "toml"),
     bad("number-5000-hexadecimal-digits", target("0x" + "f" * 5000), "target", "200"),
-    bad("target-of-600", target(str([0] * 600)).replace(f"[exosystem]\n{A}\n{C}\n", ""), "target", "100"),
+    bad(
+        "target-of-600",
+        target(str([0] * 600)).replace(f"[exosystem]\n{A}\n{C}\n", ""),
+        "target",
+        "100",
+    ),
 ]
 
 MATRICES = [
     bad("A-not-square", swap(A, "A = [[0, 2, 0], [-2, 0, 0]]"), "exosystem.A", "square"),
     bad("A-empty-rows", swap(A, "A = [[], []]"), "exosystem.A[0]"),
-    bad("C-of-two-rows-and-W-of-one-column", swap(C, "C = [[1, 0], [0, 1]]"), "observer.W", "shape"),
+    bad(
+        "C-of-two-rows-and-W-of-one-column", swap(C, "C = [[1, 0], [0, 1]]"), "observer.W", "shape"
+    ),
     bad("W-lying", swap(W, 'W = [["16/5", "12/5"]]'), "observer.W", "shape"),
 ]
 
 PINS_AND_FORMATION = [
     bad("gain-negative", swap(GAINS, "gains = { 1 = 5, 3 = -1 }"), "pinning.gains.3", "-1"),
     bad("gain-matrix-negative", swap(GAINS, 'gains = { 1 = [["-1/9"]] }'), "pinning.gains.1"),
-    bad("gain-matrix-too-large", swap(GAINS, "gains = { 1 = [[1, 0], [0, 1]] }"), "pinning.gains.1", "shape"),
+    bad(
+        "gain-matrix-too-large",
+        swap(GAINS, "gains = { 1 = [[1, 0], [0, 1]] }"),
+        "pinning.gains.1",
+        "shape",
+    ),
     bad(
         "gain-of-a-megabyte",
         swap(GAINS, "gains = { " + "x" * 1_000_000 + " = 5 }"),
         f"pinning.gains.{'x' * 57}...",
         "agent",
     ),
-    bad("gain-of-escape-sequence", swap(GAINS, r'gains = { "\u001b[31m" = 5 }'), r"pinning.gains.\x1b[31m", "agent"),
+    bad(
+        "gain-of-escape-sequence",
+        swap(GAINS, r'gains = { "\u001b[31m" = 5 }'),
+        r"pinning.gains.\x1b[31m",
+        "agent",
+    ),
 ]
 
 REGION_AND_SETTINGS = [
-    bad("radius-twice", signal("mobile", "radius = 1", "neighbours = 2"), "switching.neighbours", "radius"),
+    bad(
+        "radius-twice",
+        signal("mobile", "radius = 1", "neighbours = 2"),
+        "switching.neighbours",
+        "radius",
+    ),
     bad("neighbours-fraction", signal("mobile", "neighbours = 1.5"), "switching.neighbours", "1.5"),
-    bad("hysteresis-negative", signal("mobile", "radius = 1", "hysteresis = -0.1"), "switching.hysteresis", "-1/10"),
+    bad(
+        "hysteresis-negative",
+        signal("mobile", "radius = 1", "hysteresis = -0.1"),
+        "switching.hysteresis",
+        "-1/10",
+    ),
     bad("schedule-missing", signal("schedule"), "switching.schedule", "missing"),
     bad(
         "schedule-backwards",
@@ -354,36 +489,86 @@ REGION_AND_SETTINGS = [
         "ga, gb",
     ),
     bad("sequence-empty", signal("periodic", "sequence = []"), "switching.sequence", "list"),
-    bad("period-and-dwell", signal("periodic", "period = 1", "dwell = 1"), "switching.period", "dwell"),
+    bad(
+        "period-and-dwell",
+        signal("periodic", "period = 1", "dwell = 1"),
+        "switching.period",
+        "dwell",
+    ),
     bad("period-too-short", signal("periodic", ROUND, "period = 2"), "switching.period", "> 2 s"),
     bad("round-without-end", signal("periodic", ROUND), "switching.period", "missing"),
-    bad("generator-of-three", signal("markov", f"generator = {[[0] * 3] * 3}"), "switching.generator", "2 rows"),
-    bad("generator-sum", signal("markov", "generator = [[-1, 0.9], [1, -1]]"), "switching.generator[0]", "-1/10"),
-    bad("generator-negative", signal("markov", "generator = [[1, -1], [1, -1]]"), "switching.generator[0][1]", ">= 0"),
+    bad(
+        "generator-of-three",
+        signal("markov", f"generator = {[[0] * 3] * 3}"),
+        "switching.generator",
+        "2 rows",
+    ),
+    bad(
+        "generator-sum",
+        signal("markov", "generator = [[-1, 0.9], [1, -1]]"),
+        "switching.generator[0]",
+        "-1/10",
+    ),
+    bad(
+        "generator-negative",
+        signal("markov", "generator = [[1, -1], [1, -1]]"),
+        "switching.generator[0][1]",
+        ">= 0",
+    ),
     bad(
         "generator-twice",
         signal("markov", "generator = [[-1, 1], [1, -1]]", "dwell = 1"),
         "switching.dwell",
         "generator",
     ),
-    bad("guarantee-unknown", guarantee("never", "dwell = 1"), "switching.guarantee", "arbitrary, dwell, sequence"),
+    bad(
+        "guarantee-unknown",
+        guarantee("never", "dwell = 1"),
+        "switching.guarantee",
+        "arbitrary, dwell, sequence",
+    ),
     bad("guarantee-number", signal("random", "guarantee = 1"), "switching.guarantee", "one of"),
     bad("guarantee-without-dwell", guarantee("dwell"), "switching.dwell", "missing"),
-    bad("longest-below-dwell", guarantee("dwell", "dwell = 2", "longest = 1"), "switching.longest", ">=", "2 s"),
+    bad(
+        "longest-below-dwell",
+        guarantee("dwell", "dwell = 2", "longest = 1"),
+        "switching.longest",
+        ">=",
+        "2 s",
+    ),
     bad("longest-zero", guarantee("dwell", "dwell = 2", "longest = 0"), "switching.longest", "> 0"),
-    bad("longest-of-any-signal", signal("random", "dwell = 1", "longest = 2"), "switching.longest", "dwell"),
+    bad(
+        "longest-of-any-signal",
+        signal("random", "dwell = 1", "longest = 2"),
+        "switching.longest",
+        "dwell",
+    ),
     sequence("longest-of-a-sequence", "dwell = 1; longest = 2", "longest", "no meaning"),
     bad("sequence-without-times", guarantee("sequence", TURNS), "switching.guarantee", "how long"),
-    bad("sequence-of-random", guarantee("sequence", 'signal = "random"', "dwell = 1"), "switching.guarantee", "order"),
+    bad(
+        "sequence-of-random",
+        guarantee("sequence", 'signal = "random"', "dwell = 1"),
+        "switching.guarantee",
+        "order",
+    ),
     sequence("dwell-of-three", "dwell = [1, 2, 3]", "dwell", "2 numbers", "3"),
     sequence("dwell-with-a-zero", "dwell = [1, 0]", "dwell[1]", "> 0"),
-    bad("dwell-list-of-nothing", guarantee("sequence", "dwell = [1, 2]"), "switching.sequence", "list of modes"),
+    bad(
+        "dwell-list-of-nothing",
+        guarantee("sequence", "dwell = [1, 2]"),
+        "switching.sequence",
+        "list of modes",
+    ),
     bad("dwell-list-of-random", guarantee("dwell", "dwell = [1, 2]"), "switching.dwell"),
     sequence("dwell-list-beside-a-period", "dwell = [1, 2]; period = 9", "period", "dwell"),
     bad("x0-of-three", below("[simulation]", "x0 = [1, 2, 3]"), "simulation.x0", "4 numbers", "3"),
     bad("x0-rows", below("[simulation]", "x0 = [[1], [2]]"), "simulation.x0", "4 rows"),
     bad("x0-text", below("[simulation]", 'x0 = [1, 2, "far", 4]'), "simulation.x0[2]", "far"),
-    bad("seed-of-5000-hexadecimal-digits", swap("seed = 0", "seed = 0x" + "f" * 5000), "simulation.seed"),
+    bad(
+        "seed-of-5000-hexadecimal-digits",
+        swap("seed = 0", "seed = 0x" + "f" * 5000),
+        "simulation.seed",
+    ),
     bad("xi0-too-few-rows", swap(XI0, "xi0 = [[1, 0], [1, 0], [1, 0]]"), "simulation.xi0", "4"),
     bad("xi0-row-too-short", swap(XI0, "xi0 = [[1, 0], [1], [1, 0], [1, 0]]"), "simulation.xi0[1]"),
 ]
@@ -393,11 +578,22 @@ ARC_FILES = [
     bad("arcs-file-no-folder", mode('{ file = "no/such/arcs.csv" }'), FILE, "no/such/arcs.csv"),
     bad("arcs-file-is-a-folder", mode('{ file = "data" }'), FILE, files=BELOW),
     bad("arcs-file-above", mode('{ file = "../x.csv" }'), FILE, "folder"),
-    bad("arcs-file-above-by-a-detour", mode('{ file = "data/../../x.csv" }'), FILE, "folder", files=BELOW),
+    bad(
+        "arcs-file-above-by-a-detour",
+        mode('{ file = "data/../../x.csv" }'),
+        FILE,
+        "folder",
+        files=BELOW,
+    ),
     bad("arcs-file-linked-outside", FROM_CSV, FILE, "arcs.csv", links={"arcs.csv": "/etc/passwd"}),
     bad("arcs-file-linked-to-itself", FROM_CSV, FILE, "arcs.csv", links={"arcs.csv": "arcs.csv"}),
     bad("arcs-file-with-nul", mode(r'{ file = "arcs.csv\u0000" }'), FILE),
-    bad("arcs-file-two-keys", mode('{ file = "arcs.csv", weight = 2 }'), "network.modes.Ga", files={"arcs.csv": CSV}),
+    bad(
+        "arcs-file-two-keys",
+        mode('{ file = "arcs.csv", weight = 2 }'),
+        "network.modes.Ga",
+        files={"arcs.csv": CSV},
+    ),
     arcs_file("of-unknown-kind", CSV, "arcs.xlsx", name="arcs.xlsx"),
     arcs_file("empty", b"", "arcs.csv"),
     arcs_file("one-column", b"1,2\n2\n3,4\n", "line 2"),
@@ -417,7 +613,8 @@ ARC_FILES = [
     ),
     arcs_file(
         "graphml-without-arcs",
-        b'<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph edgedefault="directed"/></graphml>',
+        b'<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph '
+        b'edgedefault="directed"/></graphml>',
         "arcs.graphml",
         name="arcs.graphml",
     ),
@@ -455,7 +652,10 @@ VALID_BUT_NASTY: list[BadFile] = [
     bad("mode-without-arcs", swap(GB, "Gb = []")),
     bad("name-markup", swap("four-agents", "<script>alert(1)</script>")),
     bad("switching-in-rounds", signal("periodic", 'sequence = ["Gb", "Ga", "Gb"]', "period = 1.5")),
-    bad("switching-in-uneven-rounds", signal("periodic", 'schedule = [[0, "Gb"], ["1/3", "Ga"]]', "period = 1")),
+    bad(
+        "switching-in-uneven-rounds",
+        signal("periodic", 'schedule = [[0, "Gb"], ["1/3", "Ga"]]', "period = 1"),
+    ),
     bad("switching-markov", signal("markov", 'generator = [["-1/3", "1/3"], [0, 0]]')),
     bad("switching-schedule", signal("schedule", 'schedule = [[0, "Ga"], [1e-3, "Gb"]]')),
     bad("switching-mobile", signal("mobile", "radius = 2.5", "hysteresis = 0")),
@@ -463,7 +663,10 @@ VALID_BUT_NASTY: list[BadFile] = [
     bad("guarantee-arbitrary", guarantee("arbitrary")),
     bad("guarantee-dwell", guarantee("dwell", "dwell = 0.5", 'longest = "1/2"')),
     bad("guarantee-dwell-of-a-chain", guarantee("dwell", 'signal = "markov"', "dwell = 0.5")),
-    bad("guarantee-sequence", guarantee("sequence", 'sequence = ["Gb", "Ga", "Gb"]', "dwell = [1, 2, 0.5]")),
+    bad(
+        "guarantee-sequence",
+        guarantee("sequence", 'sequence = ["Gb", "Ga", "Gb"]', "dwell = [1, 2, 0.5]"),
+    ),
     bad("guarantee-sequence-of-all", guarantee("sequence", "dwell = 0.5")),
     bad("x0-for-all", below("[simulation]", "x0 = [2]")),
     bad("x0-each-a-row", below("[simulation]", "x0 = [[1], [2], [3], [4]]")),
@@ -488,15 +691,28 @@ VALID_BUT_NASTY: list[BadFile] = [
     bad("P-not-definite", swap(P, "P = [[1, 2], [2, 1]]")),
     bad("rate-beside-W", swap(P, "rate = 1")),
     bad("arcs-file-below", mode('{ file = "data/arcs.csv" }'), files=BELOW),
-    bad("arcs-file-detour", mode('{ file = "data/../arcs.csv" }'), files={"arcs.csv": CSV, "data/other.csv": CSV}),
-    bad("arcs-file-of-windows", FROM_CSV, files={"arcs.csv": b"\xef\xbb\xbf" + CSV.replace(b"\n", b"\r\n")}),
+    bad(
+        "arcs-file-detour",
+        mode('{ file = "data/../arcs.csv" }'),
+        files={"arcs.csv": CSV, "data/other.csv": CSV},
+    ),
+    bad(
+        "arcs-file-of-windows",
+        FROM_CSV,
+        files={"arcs.csv": b"\xef\xbb\xbf" + CSV.replace(b"\n", b"\r\n")},
+    ),
     bad("arcs-file-quoted", FROM_CSV, files={"arcs.csv": b'"1","2"\n\n"2","3"\n3 , 4\n4,1\n'}),
-    bad("arcs-file-exact-weights", FROM_CSV, files={"arcs.csv": b"1,2,9/16\n2,3,1e-3\n3,4,0.1\n4,1,2\n"}),
+    bad(
+        "arcs-file-exact-weights",
+        FROM_CSV,
+        files={"arcs.csv": b"1,2,9/16\n2,3,1e-3\n3,4,0.1\n4,1,2\n"},
+    ),
 ]
 
 
 def write_case(case: BadFile, folder: Path) -> Path:
-    """Write a case and the files beside it.  Raises OSError where links cannot be made (Windows)."""
+    """Write a case and the files beside it.  Raises OSError where links cannot be made
+    (Windows)."""
     for name, content in case.files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,5 @@
-"""The block LMI of the paper solved through cvxpy, the oracle of the reduced form; and its program for a margin."""
+"""The block LMI of the paper solved through cvxpy, the oracle of the reduced form; and its program
+for a margin."""
 
 from __future__ import annotations
 
@@ -16,8 +17,8 @@ from dobc_design.solvers.program import Program, Solution, as_sparse, assemble
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Margin(Program):
-    """Minimise t subject to F(P, Q) <= t I, I <= P <= ratio I, |Q| <= radius, the normalisation of theory, section 2:
-    t < 0 proposes a pair; t >= 0 says nothing."""
+    """Minimise t subject to F(P, Q) <= t I, I <= P <= ratio I, |Q| <= radius, the normalisation of
+    theory, section 2: t < 0 proposes a pair; t >= 0 says nothing."""
 
     ratio: Fraction = Fraction(100)
     radius: Fraction = Fraction(100)
@@ -34,7 +35,11 @@ def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
     unknowns = program.pencils[0].unknowns
     if any(variables[unknown.name].value is None for unknown in unknowns):
         return Solution(status=str(problem.status))
-    numbers = [float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()]
+    numbers = [
+        float(variables[unknown.name].value[i, j])
+        for unknown in unknowns
+        for _, i, j in unknown.places()
+    ]
     values = assemble(program.pencils[0], numbers)
     return Solution(status=str(problem.status), objective=float(problem.value), values=values)
 

@@ -1,4 +1,5 @@
-"""Exported C code compiled and driven from Python: all agents in one library, the plant integrated exactly outside."""
+"""Exported C code compiled and driven from Python: all agents in one library, the plant integrated
+exactly outside."""
 
 import ctypes
 import os
@@ -13,12 +14,15 @@ import pytest
 from dobc_design import Exosystem, Network, Observer, Problem
 
 _WARNINGS = (
-    "-std=c99 -O2 -Wall -Wextra -Werror -pedantic -Wshadow -Wconversion -Wdouble-promotion -Wstrict-prototypes"
+    "-std=c99 -O2 -Wall -Wextra -Werror -pedantic -Wshadow -Wconversion -Wdouble-promotion "
+    "-Wstrict-prototypes"
     " -Wmissing-prototypes"
 )
 STRICT = _WARNINGS.split(" ")
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed (Debian: apt install gcc)")
+needs_gcc = pytest.mark.skipif(
+    shutil.which("gcc") is None, reason="gcc is not installed (Debian: apt install gcc)"
+)
 
 HARNESS = r"""
 #include <string.h>
@@ -27,7 +31,8 @@ HARNESS = r"""
 static dobc_agent agents[DOBC_AGENTS];
 
 void start(void);
-void settle(int mode, const double *x, const unsigned char *arrived, double limit, double *u, double *v, double *dhat);
+void settle(int mode, const double *x, const unsigned char *arrived, double limit, double *u,
+double *v, double *dhat);
 
 void start(void)
 {
@@ -48,8 +53,10 @@ static int find(const char *label)
     return -1;
 }
 
-/* arrived[i * DOBC_AGENTS + j]: whether i gets the packet of j now; limit: bound on the components of u. */
-void settle(int mode, const double *x, const unsigned char *arrived, double limit, double *u, double *v, double *dhat)
+/* arrived[i * DOBC_AGENTS + j]: whether i gets the packet of j now; limit: bound on the components
+   of u. */
+void settle(int mode, const double *x, const unsigned char *arrived, double limit, double *u,
+double *v, double *dhat)
 {
     dobc_real own[DOBC_AGENTS][DOBC_COMPONENTS], y[DOBC_AGENTS][DOBC_COMPONENTS];
     dobc_output output;
@@ -89,11 +96,15 @@ void settle(int mode, const double *x, const unsigned char *arrived, double limi
 
 SMOOTH = "exp(y1) + log(y2**2 + 2) + sin(y1)*cos(y1) + atan(y2) + cosh(y1) + asinh(y2)"
 EVERY = f"2*tanh(y1) + min(y2, 0, y1) + y2/3 + 0*({SMOOTH})"
-OTHER = "y2**3 + clip(y2, -1, 1) - y1/3 - abs(0.25*y1) + sqrt(4 + y1**2) - 2 + max(y1, y2)*0 + tan(y1/9) - sinh(0*y1)"
+OTHER = (
+    "y2**3 + clip(y2, -1, 1) - y1/3 - abs(0.25*y1) + sqrt(4 + y1**2) - 2 + max(y1, y2)*0 + "
+    "tan(y1/9) - sinh(0*y1)"
+)
 
 
 def planar() -> Problem:
-    """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that need care."""
+    """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that
+    need care."""
     return Problem(
         network=Network.from_arcs(
             {
@@ -121,13 +132,27 @@ def write_all(files: Mapping[str, bytes], folder: Path) -> Path:
     return folder
 
 
-def compile_and_test(folder: Path, *, library: bool = True, level: str = "-O0") -> subprocess.CompletedProcess[str]:
-    """Compile the folder of an export under strict warnings and run its self-test, all accesses watched."""
+def compile_and_test(
+    folder: Path, *, library: bool = True, level: str = "-O0"
+) -> subprocess.CompletedProcess[str]:
+    """Compile the folder of an export under strict warnings and run its self-test, all accesses
+    watched."""
     options = [*STRICT, level, *SANITIZED]
-    command = ["gcc", *options, "dobc_agent.c", "main.c", "-o", "selftest", *(["-lm"] if library else [])]
-    done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=120)
+    command = [
+        "gcc",
+        *options,
+        "dobc_agent.c",
+        "main.c",
+        "-o",
+        "selftest",
+        *(["-lm"] if library else []),
+    ]
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, check=False, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stderr
-    quiet = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}  # looking for leaks needs ptrace, and there is no heap
+    # looking for leaks needs ptrace, and there is no heap
+    quiet = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
     how = {"cwd": folder, "capture_output": True, "text": True, "timeout": 60, "env": quiet}
     return subprocess.run(["./selftest"], check=False, **how)
 
@@ -135,11 +160,25 @@ def compile_and_test(folder: Path, *, library: bool = True, level: str = "-O0") 
 class CompiledAgents:
     """All agents of an export behind one call a sample."""
 
-    def __init__(self, files: Mapping[str, bytes], folder: Path, *, n: int, m: int, p: int | None = None) -> None:
+    def __init__(
+        self, files: Mapping[str, bytes], folder: Path, *, n: int, m: int, p: int | None = None
+    ) -> None:
         write_all(files, folder)
         (folder / "harness.c").write_text(HARNESS)
-        command = ["gcc", *STRICT, "-shared", "-fPIC", "dobc_agent.c", "harness.c", "-o", "agents.so", "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=120)
+        command = [
+            "gcc",
+            *STRICT,
+            "-shared",
+            "-fPIC",
+            "dobc_agent.c",
+            "harness.c",
+            "-o",
+            "agents.so",
+            "-lm",
+        ]
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, check=False, text=True, timeout=120
+        )
         assert done.returncode == 0, done.stderr
         self.library = ctypes.CDLL(str(folder / "agents.so"))
         self.n, self.p = n, p or m
@@ -149,7 +188,11 @@ class CompiledAgents:
         self, mode: int, x: np.ndarray, *, arrived: np.ndarray | None = None, limit: float = 0.0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """u, v and dhat (n, p) for measured states x (n, m)."""
-        flags = np.ones((self.n, self.n), dtype=np.uint8) if arrived is None else arrived.astype(np.uint8)
+        flags = (
+            np.ones((self.n, self.n), dtype=np.uint8)
+            if arrived is None
+            else arrived.astype(np.uint8)
+        )
         out = [np.zeros((self.n, self.p)) for _ in range(3)]
         double = ctypes.POINTER(ctypes.c_double)
         given = np.ascontiguousarray(x, dtype=float)

@@ -1,7 +1,8 @@
-"""Counts over many random problems: the fast tests call these with few seeds, the evidence with many.
+"""Counts over many random problems: the fast tests call these with few seeds, the evidence with
+many.
 
-Each function returns a Counter of outcomes; the key "wrong" (absent or 0) counts what must not happen, and
-``wrong`` lists what it was.
+Each function returns a Counter of outcomes; the key "wrong" (absent or 0) counts what must not
+happen, and ``wrong`` lists what it was.
 """
 
 import json
@@ -58,7 +59,9 @@ def recheck_campaign(
         tally.counts[certificate.verdict.value] += 1
         outcome, oracle = verify(data, problem), know(problem)
         tally.wrong += [f"{seed}: {failure}" for failure in outcome.failures]
-        tally.wrong += [f"{seed}: not true: {what}" for what in oracle.false_claims(json.loads(data))]
+        tally.wrong += [
+            f"{seed}: not true: {what}" for what in oracle.false_claims(json.loads(data))
+        ]
         W = None if certificate.claims.W is None else [list(row) for row in certificate.claims.W]
         if certificate.verdict is Verdict.UNDECIDED and oracle.verdicts(W) != {"undecided"}:
             tally.wrong.append(f"{seed}: undecided, though {oracle.verdicts(W)}")
@@ -68,14 +71,21 @@ def recheck_campaign(
 def lone_checker(data: bytes, problem: Problem) -> tuple[bool, str]:
     """Whether the lone checker accepts, and why not."""
     try:
-        refusals = [text for holds, text in checker.examine(data, canonical_bytes(problem)) if not holds]
+        refusals = [
+            text for holds, text in checker.examine(data, canonical_bytes(problem)) if not holds
+        ]
     except checker.Refused as error:
         refusals = [f"unreadable: {error}"]
     return not refusals, "; ".join(refusals)
 
 
 def judge_mutant(
-    tally: Tally, label: str, changed: Document, document: Document, problem: Problem, oracle: Oracle
+    tally: Tally,
+    label: str,
+    changed: Document,
+    document: Document,
+    problem: Problem,
+    oracle: Oracle,
 ) -> None:
     """Both checkers agree about a changed certificate; what they accept is true."""
     data = json.dumps(changed).encode()
@@ -87,30 +97,42 @@ def judge_mutant(
         tally.wrong += [f"{label}: unreadable, but the lone checker accepts"] if alone else []
         return
     if alone is not accepted:
-        tally.wrong.append(f"{label}: the package says {accepted}, the lone checker {alone}: {said}")
+        tally.wrong.append(
+            f"{label}: the package says {accepted}, the lone checker {alone}: {said}"
+        )
     tally.counts["same" if changed == document else "accepted" if accepted else "refused"] += 1
     if accepted and changed != document:
-        tally.wrong += [f"{label}: accepted, not true: {what}" for what in oracle.false_claims(changed)]
+        tally.wrong += [
+            f"{label}: accepted, not true: {what}" for what in oracle.false_claims(changed)
+        ]
 
 
 def mutant_campaign(
-    seeds: Iterable[int], *, each: int, make: Callable[[int], Problem] = a_problem, know: type[Oracle] = Oracle
+    seeds: Iterable[int],
+    *,
+    each: int,
+    make: Callable[[int], Problem] = a_problem,
+    know: type[Oracle] = Oracle,
 ) -> Tally:
-    """Changed certificates: refused, or unreadable, or everything in them is still true; two checkers always agree."""
+    """Changed certificates: refused, or unreadable, or everything in them is still true; two
+    checkers always agree."""
     tally, other = Tally(), json.loads(certificate_bytes(certified("paper-fixed").claims))
     for seed in seeds:
         problem = make(seed)
         document, oracle = json.loads(certificate_bytes(certify(problem).claims)), know(problem)
         for k in range(each):
             number = seed * 100_000 + k
-            changed = claim(document, number) if k % 3 == 0 else mutate(document, number, other=other)
+            changed = (
+                claim(document, number) if k % 3 == 0 else mutate(document, number, other=other)
+            )
             judge_mutant(tally, f"{seed}, {k}", changed, document, problem, oracle)
         other = document
     return tally
 
 
 def reduction_campaign(seeds: Iterable[int]) -> Tally:
-    """Psi < 0 through the Reduction and by elimination of the whole matrix (18): always the same answer."""
+    """Psi < 0 through the Reduction and by elimination of the whole matrix (18): always the same
+    answer."""
     tally = Tally()
     for seed in seeds:
         problem = _reducible(seed)
@@ -120,17 +142,21 @@ def reduction_campaign(seeds: Iterable[int]) -> Tally:
         P, Q = ([list(row) for row in M] for M in (pair.P, pair.Q))
         for rate in (Fraction(0), Fraction(1, 20)):
             whole = positive_definite(P) and all(
-                negative_definite(oracle.psi(mode, P, Q, margin=Fraction(0), rate=rate)) for mode in oracle.modes
+                negative_definite(oracle.psi(mode, P, Q, margin=Fraction(0), rate=rate))
+                for mode in oracle.modes
             )
             reduced = psi_is_negative(statements, exosystem, pair, rate=rate)
             tally.counts["negative" if whole else "not negative"] += 1
             if whole is not reduced:
-                tally.wrong.append(f"{seed}, rate {rate}: the whole matrix says {whole}, the Reduction {reduced}")
+                tally.wrong.append(
+                    f"{seed}, rate {rate}: the whole matrix says {whole}, the Reduction {reduced}"
+                )
     return tally
 
 
 def _reducible(seed: int) -> Problem:
-    """The next random problem with an exosystem, rational slopes, no kinks, m <= 2 and n (m + q) <= 20."""
+    """The next random problem with an exosystem, rational slopes, no kinks, m <= 2 and n (m + q) <=
+    20."""
     for k in range(1000):
         problem = a_problem(seed * 1000 + k)
         if problem.q and problem.m <= 2 and problem.n * (problem.m + problem.q) <= 20:
@@ -141,19 +167,24 @@ def _reducible(seed: int) -> Problem:
 
 
 def _near_boundary_pair(problem: Problem, r: Random, oracle: Oracle) -> Pair:
-    """A pair scaled to lie a little on this or that side of where Psi < 0 begins to hold; sometimes any pair."""
+    """A pair scaled to lie a little on this or that side of where Psi < 0 begins to hold; sometimes
+    any pair."""
     own = consensus_claims(problem)
     if own.P is None or own.Q is None or r.random() < 0.15:
         q, m = problem.q, problem.m
         P = [[Fraction(r.randint(-2, 4)) for _ in range(q)] for _ in range(q)]
         P = [[P[min(i, j)][max(i, j)] + (6 if i == j else 0) for j in range(q)] for i in range(q)]
-        W = problem.observer.W or tuple(tuple(Fraction(r.randint(-2, 2)) for _ in range(m)) for _ in range(q))
+        W = problem.observer.W or tuple(
+            tuple(Fraction(r.randint(-2, 2)) for _ in range(m)) for _ in range(q)
+        )
         return Pair(P=tuple(map(tuple, P)), Q=multiply(tuple(map(tuple, P)), W))
     P, Q = ([list(row) for row in M] for M in (own.P, own.Q))
 
     def holds(a: Fraction) -> bool:
         return all(
-            negative_definite(oracle.psi(mode, times(a, P), times(a, Q), margin=Fraction(0), rate=Fraction(0)))
+            negative_definite(
+                oracle.psi(mode, times(a, P), times(a, Q), margin=Fraction(0), rate=Fraction(0))
+            )
             for mode in oracle.modes
         )
 
@@ -166,7 +197,8 @@ def _near_boundary_pair(problem: Problem, r: Random, oracle: Oracle) -> Pair:
 
 
 def decision_campaign(seeds: Iterable[int]) -> Tally:
-    """Where Lambda < 0 and (A, C) is detectable, the theorem is proved: the Decision theorem leaves no gap."""
+    """Where Lambda < 0 and (A, C) is detectable, the theorem is proved: the Decision theorem leaves
+    no gap."""
     tally = Tally()
     for seed in seeds:
         problem = badly_scaled_problem(seed)
@@ -176,13 +208,16 @@ def decision_campaign(seeds: Iterable[int]) -> Tally:
         detectable = decide_detectable(problem.exosystem.A, problem.exosystem.C).verdict
         tally.counts[f"{detectable.value}: {theorem.verdict.value}"] += 1
         if theorem.verdict is not detectable:
-            tally.wrong.append(f"{seed}: detectable {detectable.value}, theorem {theorem.verdict.value}")
+            tally.wrong.append(
+                f"{seed}: detectable {detectable.value}, theorem {theorem.verdict.value}"
+            )
         tally.wrong += [f"{seed}: {failure}" for failure in verify(certificate, problem).failures]
     return tally
 
 
 def outside_campaign(seeds: Iterable[int]) -> Tally:
-    """Linear problems: verdicts and rates against eigenvalues and matrix exponentials of the closed loop."""
+    """Linear problems: verdicts and rates against eigenvalues and matrix exponentials of the closed
+    loop."""
     tally = Tally()
     for seed in seeds:
         problem = random_linear_problem(seed)
@@ -235,8 +270,11 @@ def _weight(problem: Problem, certificate: object, oracle: Oracle) -> np.ndarray
     return linalg.block_diag(network, np.kron(np.eye(oracle.n), np.array(P, dtype=float)))
 
 
-def _slower_than(rate: float, loops: dict[str, np.ndarray], weight: np.ndarray, *, seed: int) -> list[str]:
-    """Starts from which sqrt(V) falls more slowly than exp(-rate t), the modes switching at random."""
+def _slower_than(
+    rate: float, loops: dict[str, np.ndarray], weight: np.ndarray, *, seed: int
+) -> list[str]:
+    """Starts from which sqrt(V) falls more slowly than exp(-rate t), the modes switching at
+    random."""
     rng, r = np.random.default_rng(seed), Random(seed)
     state = rng.standard_normal((len(weight), 20))
     wrong = []

@@ -1,6 +1,7 @@
 """Certificates made once in a run, for tests that look at them and not at how they come about.
 
-The workers of a run share them through a folder that lives as long as the run: what one has made the other reads.
+The workers of a run share them through a folder that lives as long as the run: what one has made
+the other reads.
 """
 
 import copyreg
@@ -47,7 +48,8 @@ def made_once(key: str, make: Callable[[], Any]) -> Any:
     while not path.exists():
         try:
             lock.touch(exist_ok=False)
-        except FileExistsError:  # another worker makes it; one that is gone is not waited for for ever
+        # another worker makes it; one that is gone is not waited for for ever
+        except FileExistsError:
             if time.monotonic() > end:
                 lock.unlink(missing_ok=True)
             time.sleep(0.01)
@@ -63,7 +65,9 @@ def made_once(key: str, make: Callable[[], Any]) -> Any:
     return pickle.loads(path.read_bytes())
 
 
-def certified(problem: Problem | str, *, everything: bool = False, settling: object = None) -> Certificate:
+def certified(
+    problem: Problem | str, *, everything: bool = False, settling: object = None
+) -> Certificate:
     """What ``certify`` gives, of a built-in problem or another one."""
     problem = load_problem(problem)
     make = partial(certify, problem, everything=everything, settling=settling)
@@ -76,7 +80,9 @@ def certified(problem: Problem | str, *, everything: bool = False, settling: obj
     return MADE[key]
 
 
-def certify_once(problem: Any, *, time_limit: object = None, progress: object = None, **options: Any) -> Certificate:
+def certify_once(
+    problem: Any, *, time_limit: object = None, progress: object = None, **options: Any
+) -> Certificate:
     """``certify``, to be put in its place."""
     rate = options.pop("rate", None)
     if time_limit is not None or rate is not None:
@@ -85,17 +91,25 @@ def certify_once(problem: Any, *, time_limit: object = None, progress: object = 
 
 
 def consensus_claims(problem: Problem) -> Claims:
-    """What ``certify`` claims of network, observer, theorems and linearisation alone: nothing is searched for, and
-    no factors are stated, so that the largest rate counts."""
+    """What ``certify`` claims of network, observer, theorems and linearisation alone: nothing is
+    searched for, and no factors are stated, so that the largest rate counts."""
     return claimed_afresh(problem) if FRESH in os.environ else _claimed(problem)
 
 
 def claimed_afresh(problem: Problem) -> Claims:
     """The same, made anew."""
     with pytest.MonkeyPatch.context() as patch:
-        for stage in ("region_checks", "safety_stage", "accuracy_stage", "inputs_stage", "other_equilibria"):
+        for stage in (
+            "region_checks",
+            "safety_stage",
+            "accuracy_stage",
+            "inputs_stage",
+            "other_equilibria",
+        ):
             patch.setattr(certification, stage, lambda *arguments, **options: [])
-        patch.setattr(certification, "with_cures", lambda problem, checks, *arguments, **options: checks)
+        patch.setattr(
+            certification, "with_cures", lambda problem, checks, *arguments, **options: checks
+        )
         patch.setattr(certification, "agreed", lambda claims, problem: claims)
         patch.setattr(certification, "with_factors", lambda problem, checks, W: checks)
         return certify(problem).claims

@@ -1,7 +1,8 @@
-"""Certificates and problems for the lone checker: good ones, and bad ones that are wrong in one place each.
+"""Certificates and problems for the lone checker: good ones, and bad ones that are wrong in one
+place each.
 
-Every bad one is as consistent as a forger could make it: but for that one place nothing in it is wrong, so that it is
-accepted by a checker that leaves the check of this place out.
+Every bad one is as consistent as a forger could make it: but for that one place nothing in it is
+wrong, so that it is accepted by a checker that leaves the check of this place out.
 """
 
 import base64
@@ -33,7 +34,13 @@ Document = dict[str, Any]
 HOLDS, FAILS, UNREADABLE = 0, 1, 2
 GONE = object()
 EACH_OTHER = [[1, 2], [2, 1]]
-NOTHING: Document = {"verdict": "undecided", "margin": None, "rate": None, "exact": GONE, "witness": GONE}
+NOTHING: Document = {
+    "verdict": "undecided",
+    "margin": None,
+    "rate": None,
+    "exact": GONE,
+    "witness": GONE,
+}
 NOTHING |= {"factor": GONE}
 OPEN: Document = {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
 LEFT_OPEN = ("", OPEN)
@@ -85,12 +92,17 @@ def misjudged(cases: list[Case]) -> list[str]:
 
 
 def alone(folder: Path, certificate: bytes, problem: bytes) -> subprocess.CompletedProcess[str]:
-    """Run a copy of the checker's folder by another name, without site packages and without the package."""
-    shutil.copytree(Path(checker.__file__).parent, folder / "lone", ignore=shutil.ignore_patterns("__pycache__"))
+    """Run a copy of the checker's folder by another name, without site packages and without the
+    package."""
+    shutil.copytree(
+        Path(checker.__file__).parent, folder / "lone", ignore=shutil.ignore_patterns("__pycache__")
+    )
     (folder / "certificate.json").write_bytes(certificate)
     (folder / "problem.json").write_bytes(problem)
     command = [sys.executable, "-I", "-S", "lone", "certificate.json", "problem.json"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, timeout=120
+    )
 
 
 def network(arcs: Any = EACH_OTHER, agents: Any = None) -> Network:
@@ -125,7 +137,9 @@ def problems() -> dict[str, Problem]:
         "good P": observed([[2]], [[1]]),
         "small P": observed([[2]], [["1/100"]]),
         "negative P": observed([[2]], [[-1]]),
-        "wrong P": observed([["16/5"], ["12/5"]], [[1, 0], [0, 100]], Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])),
+        "wrong P": observed(
+            [["16/5"], ["12/5"]], [[1, 0], [0, 100]], Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+        ),
         "bad W": observed([[-1]]),
         "hidden": observed([[1]], exosystem=scalar(0, 0)),
         "faint": held(exosystem=Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, 1]], C=[[0, 1, 0]])),
@@ -152,7 +166,10 @@ def problems() -> dict[str, Problem]:
         "kinked": held("abs(y)"),
         "regional": held("tanh(y)", region={"initial_states": [-1, 1]}),
         "two modes": held(gains={1: 4}, network=network({"A": EACH_OTHER, "B": [[2, 1]]})),
-        "ring": held(gains={1: 1}, network=network([[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)])),
+        "ring": held(
+            gains={1: 1},
+            network=network([[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)]),
+        ),
         "large": held("sqrt(2)*y", dict.fromkeys(range(1, 26), 5), network(chain)),
         "long": held("y", dict.fromkeys(range(1, 26), 1), network(chain)),
     }
@@ -197,14 +214,30 @@ def bend(holder: Document, changes: Document) -> None:
 
 def bare(document: Document) -> Document:
     """Without the optional checks, each of which would fail, or decide, by itself."""
-    return document | {"checks": [each for each in document["checks"] if each["id"] not in OPTIONAL]}
+    return document | {
+        "checks": [each for each in document["checks"] if each["id"] not in OPTIONAL]
+    }
 
 
-def bent(name: str, *changes: tuple[str, Document], code: int = FAILS, what: str = "", optional: bool = True) -> Case:
-    """The certificate of a problem with changes: of a check by its id, of "observer", or of the whole ("")."""
+def bent(
+    name: str,
+    *changes: tuple[str, Document],
+    code: int = FAILS,
+    what: str = "",
+    optional: bool = True,
+) -> Case:
+    """The certificate of a problem with changes: of a check by its id, of "observer", or of the
+    whole ("")."""
     copied = document(name) if optional else bare(document(name))
     for place, values in changes:
-        bend(copied if place == "" else copied["observer"] if place == "observer" else check(copied, place), values)
+        bend(
+            copied
+            if place == ""
+            else copied["observer"]
+            if place == "observer"
+            else check(copied, place),
+            values,
+        )
     title = what or " and ".join(f"{place}: {', '.join(values)}" for place, values in changes)
     return Case(f"{name}: {title}", json.dumps(copied).encode(), _originals()[name][1], code)
 
@@ -218,17 +251,32 @@ def _doubles(*numbers: float) -> Document:
 
 
 def _bent_claims() -> Iterator[Case]:
-    proof: Document = {"verdict": "proved", "margin": 0, "rate": None, "exact": GONE, "witness": GONE}
+    proof: Document = {
+        "verdict": "proved",
+        "margin": 0,
+        "rate": None,
+        "exact": GONE,
+        "witness": GONE,
+    }
     # Facts.
     yield bent("paper", ("observability", {"exact": {"rank": "1"}}))
     yield bent("paper", ("observability", {"margin": 0}))
     yield bent("paper", ("observability", {"rate": 1}))
     yield bent("paper", ("observability", {"domain": "consensus"}))
     yield bent("paper", ("observability", {"witness": {"kind": "vector", "values": ["1", "0"]}}))
-    for changes in ({"rate": 1.7}, {"rate": -1}, {"rate": 0}, {"exact": {"routh": ["1", "16/5"]}}, {"exact": GONE}):
+    for changes in (
+        {"rate": 1.7},
+        {"rate": -1},
+        {"rate": 0},
+        {"exact": {"routh": ["1", "16/5"]}},
+        {"exact": GONE},
+    ):
         yield bent("paper", ("hurwitz", changes))
     yield bent("paper", ("detectability", {"exact": {"unobservable_polynomial": "1.0"}}))
-    yield bent("paper", ("reachability", {"verdict": "refuted", "witness": {"kind": "agents", "labels": []}}))
+    yield bent(
+        "paper",
+        ("reachability", {"verdict": "refuted", "witness": {"kind": "agents", "labels": []}}),
+    )
     yield bent("hidden", ("observability", {"verdict": "proved"}))
     yield bent("hidden", ("observability", {"witness": {"kind": "vector", "values": ["0"]}}))
     yield bent("hidden", ("detectability", {"witness": GONE}))
@@ -240,7 +288,9 @@ def _bent_claims() -> Iterator[Case]:
     open_theorem = ("theorem1", NOTHING)
     left = (open_theorem, LEFT_OPEN, NO_GAIN)
     yield bent("designed", *left, what="hurwitz without W", optional=False)
-    yield bent("given", ("hurwitz", NOTHING), *left, what="no W where the problem has one", optional=False)
+    yield bent(
+        "given", ("hurwitz", NOTHING), *left, what="no W where the problem has one", optional=False
+    )
     # Proofs.
     yield bent("plain", ("lemma1", {"exact": {}}))
     yield bent("plain", ("lemma1", _vector(["1"], ["1", "0"])))
@@ -249,15 +299,34 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("plain", ("lemma1", {"rate": -1}), ("", {"rate": -1}), optional=False)
     yield bent("plain", ("lemma1", {"rate": 5}), ("", {"rate": 5}))
     yield bent("plain", ("lemma1", {"margin": 50}))
-    # The eigenvector of the least eigenvalue of -Lambda = [[10, -4], [-4, 4]] shows all of it; (1, 1) shows nothing.
-    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 2)}}), code=HOLDS, what="lemma1: its vector")
-    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 2)}, "margin": 2.1}), what="lemma1: too much for v")
+    # The eigenvector of the least eigenvalue of -Lambda = [[10, -4], [-4, 4]] shows all of it; (1,
+    # 1) shows nothing.
+    yield bent(
+        "plain", ("lemma1", {"exact": {"v": _doubles(1, 2)}}), code=HOLDS, what="lemma1: its vector"
+    )
+    yield bent(
+        "plain",
+        ("lemma1", {"exact": {"v": _doubles(1, 2)}, "margin": 2.1}),
+        what="lemma1: too much for v",
+    )
     yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 1)}}), what="lemma1: another vector")
-    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(-1, -2)}}), what="lemma1: a negative vector")
-    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 2, 3)}}), what="lemma1: a long vector")
+    yield bent(
+        "plain", ("lemma1", {"exact": {"v": _doubles(-1, -2)}}), what="lemma1: a negative vector"
+    )
+    yield bent(
+        "plain", ("lemma1", {"exact": {"v": _doubles(1, 2, 3)}}), what="lemma1: a long vector"
+    )
     yield bent("plain", ("lemma1", {"exact": {"v": ["1", "2"]}}), what="lemma1: a vector of texts")
-    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 2), "w": "1"}}), what="lemma1: another value")
-    yield bent("paper", ("lemma1", {"exact": {"v": _doubles(*[1] * 10)}}), what="lemma1: a vector for theorem1 too")
+    yield bent(
+        "plain",
+        ("lemma1", {"exact": {"v": _doubles(1, 2), "w": "1"}}),
+        what="lemma1: another value",
+    )
+    yield bent(
+        "paper",
+        ("lemma1", {"exact": {"v": _doubles(*[1] * 10)}}),
+        what="lemma1: a vector for theorem1 too",
+    )
     yield bent("plain", ("lemma1", {"domain": "consensus"}))
     yield bent("curved", ("lemma1", {"domain": "global"}))
     yield bent("large", ("lemma1", {"margin": 10.1}))
@@ -271,14 +340,27 @@ def _bent_claims() -> Iterator[Case]:
         exact = check(document("paper"), "theorem1")["exact"]
         yield bent("paper", ("theorem1", {"exact": exact | {key: "1"}}), what=f"another {key}")
         less = {name: value for name, value in exact.items() if name != key}
-        yield bent("paper", ("theorem1", {"exact": GONE if key == "block" else less}), what=f"no {key}")
+        yield bent(
+            "paper", ("theorem1", {"exact": GONE if key == "block" else less}), what=f"no {key}"
+        )
     own = check(document("good P"), "theorem1-printed")["exact"]
     yield bent("good P", ("theorem1-printed", {"exact": own | {"P": "1"}}), what="P is text")
-    yield bent("paper", ("theorem1", {"exact": exact | {"P": [*exact["P"], ["0", "0"]]}}), what="P has three rows")
+    yield bent(
+        "paper",
+        ("theorem1", {"exact": exact | {"P": [*exact["P"], ["0", "0"]]}}),
+        what="P has three rows",
+    )
     yield bent("paper", ("observer", {"Q": [["0"], ["0"]]}))
     yield bent("paper", ("observer", {"Q": None}))
-    yield bent("paper", ("theorem1", NOTHING), LEFT_OPEN, what="a pair without a proof", optional=False)
-    yield bent("designed", ("hurwitz", NOTHING), ("observer", {"W": None, "source": None}), what="a pair without W")
+    yield bent(
+        "paper", ("theorem1", NOTHING), LEFT_OPEN, what="a pair without a proof", optional=False
+    )
+    yield bent(
+        "designed",
+        ("hurwitz", NOTHING),
+        ("observer", {"W": None, "source": None}),
+        what="a pair without W",
+    )
     yield bent("given", ("observer", {"source": "designed"}))
     yield bent("designed", ("observer", {"source": "given"}))
     yield from _forged_pairs()
@@ -287,11 +369,25 @@ def _bent_claims() -> Iterator[Case]:
     pair = {"verdict": "proved", "exact": listed, "margin": 0, "rate": None, "witness": GONE}
     vector = ("lemma1", {"exact": {"v": _doubles(1, 1)}})
     yield bent("small P", vector, code=HOLDS, what="lemma1: its vector")
-    yield bent("small P", vector, ("theorem1-printed", pair), what="a pair with too large an S beside a vector")
+    yield bent(
+        "small P",
+        vector,
+        ("theorem1-printed", pair),
+        what="a pair with too large an S beside a vector",
+    )
     # Refutations.
     for changes in (
-        *({"rate": 1}, {"margin": 0.5}, {"witness": GONE}, {"exact": GONE}, {"exact": {"unstable_roots": "1"}}),
-        *({"exact": {"unstable_roots": "0", "value": "1/1000"}}, {"exact": {"unstable_roots": "-1"}}),
+        *(
+            {"rate": 1},
+            {"margin": 0.5},
+            {"witness": GONE},
+            {"exact": GONE},
+            {"exact": {"unstable_roots": "1"}},
+        ),
+        *(
+            {"exact": {"unstable_roots": "0", "value": "1/1000"}},
+            {"exact": {"unstable_roots": "-1"}},
+        ),
         {"exact": {"unstable_roots": "1/2"}},
     ):
         yield bent("loose", ("lemma1", changes))
@@ -302,18 +398,29 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1", "0"])))
     yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1"]) | {"margin": -1}))
     yield bent("unstable", ("lemma1", {"margin": -9, "exact": {"unstable_roots": "1"}}))
-    yield bent("unstable, irrational", ("lemma1", {"exact": {"unstable_roots": "1"}}), ("", {"verdict": "refuted"}))
-    yield bent("not normal", ("lemma1", {"exact": {"unstable_roots": "1"}}), ("", {"verdict": "refuted"}))
+    yield bent(
+        "unstable, irrational",
+        ("lemma1", {"exact": {"unstable_roots": "1"}}),
+        ("", {"verdict": "refuted"}),
+    )
+    yield bent(
+        "not normal", ("lemma1", {"exact": {"unstable_roots": "1"}}), ("", {"verdict": "refuted"})
+    )
     yield bent("not normal", ("", {"verdict": "refuted"}))
-    # Symmetric J - K of 61 rows: a vector with v'Lambda v > 0 shows one unstable root, one with 0 shows none.
+    # Symmetric J - K of 61 rows: a vector with v'Lambda v > 0 shows one unstable root, one with 0
+    # shows none.
     assert check(document("repelled, large"), "lemma1")["exact"]["unstable_roots"] == "1"
     yield bent("repelled, large", ("lemma1", {"exact": {"unstable_roots": "2"}}))
     yield bent("unstable, large", ("lemma1", {"exact": {"unstable_roots": "1"}}))
-    yield bent("not normal", ("lemma1", {"exact": {"unstable_roots": "1/2"}}), ("", {"verdict": "refuted"}))
+    yield bent(
+        "not normal", ("lemma1", {"exact": {"unstable_roots": "1/2"}}), ("", {"verdict": "refuted"})
+    )
     long_w = f"1/{_decimal(10**5000 + 7)}"
     long = ("observer", NO_PAIR | {"W": [[long_w]]})
     what = "W with a long denominator"
-    yield bent("designed", ("hurwitz", NOTHING), open_theorem, LEFT_OPEN, long, code=UNREADABLE, what=what)
+    yield bent(
+        "designed", ("hurwitz", NOTHING), open_theorem, LEFT_OPEN, long, code=UNREADABLE, what=what
+    )
     yield _too_large_to_count()
     yield _long_denominators()
     yield from _bent_refutations_of_theorems()
@@ -332,13 +439,24 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
     row = {"kind": "routh_row", "values": ["1", "-1"]}
     lambda_ = refuted | _vector(["1", "2"], ["1", "1"])
     for what, claim in (
-        ("detectable", {"exact": {"block": "detectability"}, "witness": {"kind": "polynomial", "values": ["1"]}}),
+        (
+            "detectable",
+            {
+                "exact": {"block": "detectability"},
+                "witness": {"kind": "polynomial", "values": ["1"]},
+            },
+        ),
         ("Lambda", lambda_ | {"exact": {"block": "Lambda", "mode": "G"}}),
         ("Lambda of no mode", lambda_ | {"exact": {"block": "Lambda", "mode": "Gx"}}),
     ):
-        yield bent("given", ("theorem1", refuted | claim), without, LEFT_OPEN, what=what, optional=False)
+        yield bent(
+            "given", ("theorem1", refuted | claim), without, LEFT_OPEN, what=what, optional=False
+        )
     unstable = refuted | {"witness": row}
-    bad = ("hurwitz", unstable | {"exact": GONE}), ("theorem1", unstable | {"exact": {"block": "hurwitz"}})
+    bad = (
+        ("hurwitz", unstable | {"exact": GONE}),
+        ("theorem1", unstable | {"exact": {"block": "hurwitz"}}),
+    )
     pushing = ("observer", NO_PAIR | {"W": [["-1"]]})
     yield bent("designed", *bad, pushing, LEFT_OPEN, what="a designed W refutes", optional=False)
     printed = check(document("small P"), "theorem1-printed")
@@ -356,21 +474,36 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
         values = own["witness"]["values"]
         yield bent(name, ("theorem1-printed", {"margin": -1}))
         yield bent(name, ("theorem1-printed", {"witness": {"kind": "agents", "values": values}}))
-        yield bent(name, ("theorem1-printed", {"witness": {"kind": "vector", "values": ["0"] * len(values)}}))
+        yield bent(
+            name,
+            ("theorem1-printed", {"witness": {"kind": "vector", "values": ["0"] * len(values)}}),
+        )
         yield bent(name, ("theorem1-printed", {"exact": {"block": "Q"}}))
-    yield bent("wrong P", ("theorem1-printed", {"witness": {"kind": "vector", "values": ["1", "0"]}}))
+    yield bent(
+        "wrong P", ("theorem1-printed", {"witness": {"kind": "vector", "values": ["1", "0"]}})
+    )
     witness = {"kind": "vector", "values": ["1"]}
     claim = refuted | {"exact": {"block": "P"}, "witness": witness}
     yield bent("good P", ("theorem1-printed", claim), what="P > 0 is refuted")
 
 
 def _forged_pairs() -> Iterator[Case]:
-    """q = 1, A - W C = 1: for P = -1 Omega = -2 < 0, and for P = 1 S = -1/2; both make Lambda + S < 0."""
+    """q = 1, A - W C = 1: for P = -1 Omega = -2 < 0, and for P = 1 S = -1/2; both make Lambda + S <
+    0."""
     proof: Document = {"verdict": "proved", "margin": 0, "rate": None, "witness": GONE}
     for P, S in (("-1", "1/2"), ("1", "-1/2")):
         exact = {"P": [[P]], "Q": [[str(-int(P))]], "S": [[S]], "bound": str(-Fraction(S))}
-        claim, pair = ("theorem1", proof | {"exact": exact}), ("observer", {"P": [[P]], "Q": exact["Q"]})
-        yield bent("bad W", claim, pair, ("", {"verdict": "proved", "covered_by": "theorem1"}), what=f"P = {P}")
+        claim, pair = (
+            ("theorem1", proof | {"exact": exact}),
+            ("observer", {"P": [[P]], "Q": exact["Q"]}),
+        )
+        yield bent(
+            "bad W",
+            claim,
+            pair,
+            ("", {"verdict": "proved", "covered_by": "theorem1"}),
+            what=f"P = {P}",
+        )
     given = document("given")
     proofs = [(id, {"witness": GONE} | check(given, id)) for id in ("hurwitz", "theorem1")]
     overall = ("", {key: given[key] for key in OPEN})
@@ -386,7 +519,10 @@ def _asymmetric_pair() -> Case:
     P = [list(row) for row in claims.P]
     P[0][1] += Fraction(1, 1000)
     F = [[A[i][j] - W[i][0] * C[0][j] for j in range(2)] for i in range(2)]
-    half = [[sum((P[i][k] * F[k][j] for k in range(2)), Fraction(0)) for j in range(2)] for i in range(2)]
+    half = [
+        [sum((P[i][k] * F[k][j] for k in range(2)), Fraction(0)) for j in range(2)]
+        for i in range(2)
+    ]
     (a, b), (_, d) = [[-half[i][j] - half[j][i] for j in range(2)] for i in range(2)]
     S = d / (a * d - b * b)  # C = (1, 0)
     rows = [[str(x) for x in row] for row in P]
@@ -394,12 +530,19 @@ def _asymmetric_pair() -> Case:
     exact = {"P": rows, "Q": Q, "S": [[str(S)]], "bound": str(-S)}
     claim = ("theorem1", {"exact": exact, "margin": 0.1, "rate": None})
     whole = ("", {"rate": None, "covered_by": "theorem1"})
-    return bent("paper", claim, ("observer", {"P": rows, "Q": Q}), whole, what="P is not symmetric", optional=False)
+    return bent(
+        "paper",
+        claim,
+        ("observer", {"P": rows, "Q": Q}),
+        whole,
+        what="P is not symmetric",
+        optional=False,
+    )
 
 
 def _too_large_to_count() -> Case:
-    """61 agents with one arc and one pin: with k = -1 J - K has an unstable root, which nobody counts; it is not
-    symmetric, and so v'Lambda v > 0 alone shows none."""
+    """61 agents with one arc and one pin: with k = -1 J - K has an unstable root, which nobody
+    counts; it is not symmetric, and so v'Lambda v > 0 alone shows none."""
     name = "unstable, large"
     problem = json.loads(_originals()[name][1])
     problem["gains"] = [[0, [["-1"]]]]
@@ -462,7 +605,12 @@ def _bent_frames() -> Iterator[Case]:
     yield bent("unstable, elsewhere", ("", {"verdict": "refuted"}))
     for name in ("beside", "only 0", "empty box", "point box"):
         yield bent(name, ("", OPEN | {"verdict": "refuted"}))
-    lure = {"id": "lure", "domain": "global", "reason": "", **{k: v for k, v in NOTHING.items() if v is not GONE}}
+    lure = {
+        "id": "lure",
+        "domain": "global",
+        "reason": "",
+        **{k: v for k, v in NOTHING.items() if v is not GONE},
+    }
     copied = document("paper")
     for name, checks in (
         ("no checks", []),
@@ -477,7 +625,9 @@ def _bent_frames() -> Iterator[Case]:
     assert len(lemmas) == 2
     swapped = [each | {"mode": "B"} if each["id"] == "lemma1" else each for each in two["checks"]]
     yield bent("two modes", ("", {"checks": swapped}), what="one mode twice")
-    yield bent("two modes", ("", {"rate": max(each["rate"] for each in lemmas)}), what="the larger rate")
+    yield bent(
+        "two modes", ("", {"rate": max(each["rate"] for each in lemmas)}), what="the larger rate"
+    )
     # What cannot be read.
     for changes in ({"extra": 1}, {"reason": GONE}, {"reason": 5}):
         yield bent("plain", ("", changes), code=UNREADABLE)
@@ -488,17 +638,42 @@ def _bent_frames() -> Iterator[Case]:
         yield bent("plain", ("", {"version": version}), code=UNREADABLE, what=f"version {version}")
     for changes in ({"mode": None}, {"exact": "text"}, {"fix": {"kind": "x"}}):
         yield bent("plain", ("lemma1", changes), code=UNREADABLE)
-    for number in (1, "0x1", "1/0", "nan", "Infinity", "1e401", "1." + "0" * 10_000, " 2", "1_0", "\u0662"):
-        yield bent("given", ("observer", {"W": [[number]]}), code=UNREADABLE, what=f"W = {str(number)[:10]}")
+    for number in (
+        1,
+        "0x1",
+        "1/0",
+        "nan",
+        "Infinity",
+        "1e401",
+        "1." + "0" * 10_000,
+        " 2",
+        "1_0",
+        "\u0662",
+    ):
+        yield bent(
+            "given",
+            ("observer", {"W": [[number]]}),
+            code=UNREADABLE,
+            what=f"W = {str(number)[:10]}",
+        )
     yield bent("given", ("observer", {"W": [["2", "0"]]}), code=UNREADABLE)
 
 
 def _bent_problems() -> Iterator[Case]:
     texts = "y + 1; y/(1 - 1); foo(y); max(y); sin(y, y); y # + 1; z; y**99; y**65; y**y; y**-1"
-    texts += "; ((9**64)**64)**64*y; exp(16385)*y; log(0)*y; log(-1)*y; sqrt(-1)*y; sin(1e300)*y; sqrt(y); cos(y)"
+    texts += (
+        "; ((9**64)**64)**64*y; exp(16385)*y; log(0)*y; log(-1)*y; sqrt(-1)*y; sin(1e300)*y; "
+        "sqrt(y); cos(y)"
+    )
     texts += "; y if y else y; y or y; +y; y.real; (); y); 1.*y; 1e401*y; ...; exp(y=y); max(*y)"
     texts += "; exp(y + 1) - exp(1); tan(pi/2)*y; 1/pi(y); exp; E; y // 1"
-    for h in (*texts.split("; "), "", "(" * 300 + "y" + ")" * 300, "y" * 2001, "y" + " + 0*y" * 400):
+    for h in (
+        *texts.split("; "),
+        "",
+        "(" * 300 + "y" + ")" * 300,
+        "y" * 2001,
+        "y" + " + 0*y" * 400,
+    ):
         yield _with("plain", ("coupling", "h"), h, what=f"h = {h[:20]}")
     yield _with("plain", ("coupling", "h"), ["y1", "y2"])
     yield _with("plain", ("labels",), ["1", "1"])
@@ -511,7 +686,11 @@ def _bent_problems() -> Iterator[Case]:
     yield _with("good P", ("observer", "W"), None)
     yield _with("plain", ("dimension",), 0)
     yield _with("plain", ("dimension",), "1")
-    wide = json.loads(_originals()["plain"][1]) | {"dimension": 101, "target": ["0"] * 101, "gains": []}
+    wide = json.loads(_originals()["plain"][1]) | {
+        "dimension": 101,
+        "target": ["0"] * 101,
+        "gains": [],
+    }
     yield about(wide, document("plain"), name="101 components", code=UNREADABLE)
     yield _with("plain", ("extra",), 1)
     yield _with("plain", ("version",), True)
@@ -520,23 +699,37 @@ def _bent_problems() -> Iterator[Case]:
     long["exosystem"]["A"] = [["-" + "9" * 5000]]
     yield about(long, document("hidden"), name="hidden: a long polynomial", code=FAILS)
     # An agent that is pushed away: -Lambda < 0.
-    pushed = json.loads(_originals()["plain"][1]) | {"gains": [[0, [["-1"]]], [1, [["-1"]]]], "notes": []}
+    pushed = json.loads(_originals()["plain"][1]) | {
+        "gains": [[0, [["-1"]]], [1, [["-1"]]]],
+        "notes": [],
+    }
     pushed["modes"][0]["arcs"] = []
     claims = document("plain")
     bend(check(claims, "lemma1"), {"margin": 0, "rate": None})
     bend(claims, {"rate": None})
     yield about(pushed, claims, name="pushed away", code=FAILS)
-    # One agent of a large network is pushed away: the vector that is found fails in a row, or is none. Where all
-    # repel each other, M = circ(2, 2, 0, ..., 0, 2) has M 1 = 6 > 0, but its other entries are not <= 0: it has
-    # the eigenvalue 2 + 4 cos(24 pi/25) < 0.
+    # One agent of a large network is pushed away: the vector that is found fails in a row, or is
+    # none. Where all repel each other, M = circ(2, 2, 0, ..., 0, 2) has M 1 = 6 > 0, but its other
+    # entries are not <= 0: it has the eigenvalue 2 + 4 cos(24 pi/25) < 0.
     apart = {"coupling": {"h": "-y", "exceptions": []}, "gains": [[i, [["3"]]] for i in range(25)]}
-    for name, gain in (("long", "-1"), ("long", "-20"), ("ring", "-1/5"), ("ring", "-1/2"), ("ring", "3")):
+    for name, gain in (
+        ("long", "-1"),
+        ("long", "-20"),
+        ("ring", "-1/5"),
+        ("ring", "-1/2"),
+        ("ring", "3"),
+    ):
         line = json.loads(_originals()[name][1])
         line["gains"] = [[i, k] for i, k in line["gains"] if i != 12] + [[12, [[gain]]]]
         claims = bare(document(name))
         bend(check(claims, "lemma1"), {"margin": 0, "rate": None, "exact": GONE})
         bend(claims, {"rate": None, "covered_by": "lemma1"})
-        yield about(line | (apart if gain == "3" else {}), claims, name=f"{name}: agent 13 has k = {gain}", code=FAILS)
+        yield about(
+            line | (apart if gain == "3" else {}),
+            claims,
+            name=f"{name}: agent 13 has k = {gain}",
+            code=FAILS,
+        )
 
 
 def _with(name: str, path: tuple[str, ...], value: Any, *, what: str = "") -> Case:
@@ -570,9 +763,21 @@ def _other_bytes() -> Iterator[Case]:
     for name, other, code in (
         ("other blanks", json.dumps(source, indent=2).encode(), HOLDS),
         ("keys in another order", json.dumps(backwards).encode(), HOLDS),
-        ("escapes", problem.replace(b"plain", b"pl\\u0061in").replace(b'"name"', b'"n\\u0061me"'), HOLDS),
-        ("another spelling of a number", problem.replace(b'"target":["0"]', b'"target":["0.0"]'), FAILS),
-        ("a number that is no text", problem.replace(b'"t_final":"20"', b'"t_final":20.0'), UNREADABLE),
+        (
+            "escapes",
+            problem.replace(b"plain", b"pl\\u0061in").replace(b'"name"', b'"n\\u0061me"'),
+            HOLDS,
+        ),
+        (
+            "another spelling of a number",
+            problem.replace(b'"target":["0"]', b'"target":["0.0"]'),
+            FAILS,
+        ),
+        (
+            "a number that is no text",
+            problem.replace(b'"t_final":"20"', b'"t_final":20.0'),
+            UNREADABLE,
+        ),
     ):
         assert other != problem
         yield Case(f"problem: {name}", data, other, code)

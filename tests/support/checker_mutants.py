@@ -1,7 +1,8 @@
-"""The lone checker with one of its checks taken away: every condition is forced to the accepting value.
+"""The lone checker with one of its checks taken away: every condition is forced to the accepting
+value.
 
-A check is the condition of ``need``, each part of it that ``and`` joins, the condition of an ``if`` that returns
-False, and each part of a returned conjunction.
+A check is the condition of ``need``, each part of it that ``and`` joins, the condition of an ``if``
+that returns False, and each part of a returned conjunction.
 """
 
 import ast
@@ -43,7 +44,8 @@ Condition = tuple[ast.expr, bool, Callable[[ast.expr], None]]
 
 @dataclass(frozen=True)
 class Removal:
-    """``line`` and ``text`` of the condition in ``file``; ``place`` is its number in ``_conditions``."""
+    """``line`` and ``text`` of the condition in ``file``; ``place`` is its number in
+    ``_conditions``."""
 
     file: str
     place: int
@@ -57,7 +59,9 @@ class Removal:
 def removals(file: str) -> list[Removal]:
     """Every check of one of the files."""
     conditions = enumerate(_conditions(ast.parse(SOURCES[file])))
-    return [Removal(file, place, node.lineno, ast.unparse(node)) for place, (node, *_) in conditions]
+    return [
+        Removal(file, place, node.lineno, ast.unparse(node)) for place, (node, *_) in conditions
+    ]
 
 
 def without(removal: Removal) -> ModuleType:
@@ -70,7 +74,8 @@ def without(removal: Removal) -> ModuleType:
 
 
 def with_slip(file: str, text: str, slip: str) -> ModuleType:
-    """The module that examines, in a package of its own, with a text that stands once in a file replaced."""
+    """The module that examines, in a package of its own, with a text that stands once in a file
+    replaced."""
     source = SOURCES[file]
     if source.count(text) != 1:
         raise ValueError(f"{text!r} stands {source.count(text)} times in {file}.py")
@@ -79,7 +84,8 @@ def with_slip(file: str, text: str, slip: str) -> ModuleType:
 
 
 class Watched:
-    """The module that examines, and which of its checks have not passed: not true, or ended by an exception."""
+    """The module that examines, and which of its checks have not passed: not true, or ended by an
+    exception."""
 
     def __init__(self) -> None:
         changed = {}
@@ -87,10 +93,14 @@ class Watched:
             tree = ast.parse(SOURCES[file])
             for place, (node, accepting, replace) in enumerate(list(_conditions(tree))):
                 here = f"({file!r}, {place})"
-                watched = ast.parse(f"_seen({here}, {accepting}, _asked({here}), 0)", mode="eval").body
+                watched = ast.parse(
+                    f"_seen({here}, {accepting}, _asked({here}), 0)", mode="eval"
+                ).body
                 watched.args[-1] = node  # type: ignore[attr-defined]
                 replace(watched)
-            changed[file] = compile(ast.fix_missing_locations(tree), str(FOLDER / f"{file}.py"), "exec")
+            changed[file] = compile(
+                ast.fix_missing_locations(tree), str(FOLDER / f"{file}.py"), "exec"
+            )
         self._open: Counter[tuple[str, int]] = Counter()
         self._rejected: set[tuple[str, int]] = set()
         self.module = _examiner("watched", changed, _asked=self._asked, _seen=self._seen)
@@ -125,7 +135,8 @@ def _unchanged() -> ModuleType:
 
 
 def _examiner(package: str, changed: dict[str, CodeType], **names: object) -> ModuleType:
-    """The module that examines, in a package of this name with some files changed and some names in each."""
+    """The module that examines, in a package of this name with some files changed and some names in
+    each."""
     modules = {"": ModuleType(package)}
     modules[""].__path__, sys.modules[package] = [], modules[""]
     first = min(map(FILES.index, changed), default=0)
@@ -134,8 +145,11 @@ def _examiner(package: str, changed: dict[str, CodeType], **names: object) -> Mo
         if place < first:
             modules[file] = sys.modules[name] = getattr(_unchanged(), file)
         else:
-            modules[file] = sys.modules[name] = ModuleType(name)  # where dataclasses and relative imports look them up
-            modules[file].__dict__.update(__package__=package, __file__=str(FOLDER / f"{file}.py"), **names)
+            # where dataclasses and relative imports look them up
+            modules[file] = sys.modules[name] = ModuleType(name)
+            modules[file].__dict__.update(
+                __package__=package, __file__=str(FOLDER / f"{file}.py"), **names
+            )
             exec(changed.get(file) or _compiled(file), modules[file].__dict__)  # noqa: S102 - our own source
         setattr(modules[""], file, modules[file])
     return modules["examine"]
@@ -143,7 +157,11 @@ def _examiner(package: str, changed: dict[str, CodeType], **names: object) -> Mo
 
 def _conditions(tree: ast.Module) -> Iterator[Condition]:
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "need":
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id == "need"
+        ):
             yield node.args[0], True, partial(setitem, node.args, 0)
             yield from _parts(node.args[0])
         elif isinstance(node, ast.If) and _returns_false(node.body):
@@ -164,4 +182,8 @@ def _parts(condition: ast.expr) -> Iterator[Condition]:
 
 def _returns_false(body: list[ast.stmt]) -> bool:
     only = body[0] if len(body) == 1 else None
-    return isinstance(only, ast.Return) and isinstance(only.value, ast.Constant) and only.value.value is False
+    return (
+        isinstance(only, ast.Return)
+        and isinstance(only.value, ast.Constant)
+        and only.value.value is False
+    )

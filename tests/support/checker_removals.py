@@ -17,7 +17,16 @@ from tube_cases import tube_cases
 from weighted_cases import weighted_cases
 
 EVERY = (
-    *(cases, region_cases, quadratic_cases, groups_cases, tube_cases, weighted_cases, margins_cases, accuracy_cases),
+    *(
+        cases,
+        region_cases,
+        quadratic_cases,
+        groups_cases,
+        tube_cases,
+        weighted_cases,
+        margins_cases,
+        accuracy_cases,
+    ),
     *(cycles_cases, graphs_cases, dynamics_cases),
 )
 #: The cases to try first.
@@ -36,28 +45,39 @@ FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {
 }
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT = {
-    "min(whole) > 0": "conjugate gradients stop at the first direction of curvature <= 0; as long as they run, M is"
-    " positive on all they have seen, so that a v with M v > 0 comes out positive but for rounding errors.",
+    "min(whole) > 0": "conjugate gradients stop at the first direction of "
+    "curvature <= 0; as long as they "
+    "run, M is"
+    " positive on all they have seen, so that a v with M v > 0 comes out positive but for "
+    "rounding errors.",
     "len(M) > 20": "it chooses which proof is tried first; by_vector is one for every size.",
-    "math.isfinite(found)": "every operation on intervals refuses a result that is not below LARGEST, so that no slope"
+    "math.isfinite(found)": "every operation on intervals refuses a result that "
+    "is not below LARGEST, so that no "
+    "slope"
     " is infinite.",
-    "done > PIECES or b - a <= rho * SHORTEST or (not a < middle < b)": "it ends the search: without it a row that is"
+    "done > PIECES or b - a <= rho * SHORTEST "
+    "or (not a < middle < b)": "it ends the search: without it a row that is"
     " not shown is cut for ever.",
     "size <= EQUATIONS": "it bounds the work; what is shown beyond it is true.",
     "size <= ROWS": "it bounds the work.",
     "len(X) <= 20": "it bounds the work.",
     "p.n <= AGENTS": "it bounds the work.",
     "m <= MOST": "it bounds the work.",
-    "pivots == [*range(m)]": "the rows of a singular T are dependent, so that no T X S dominates on its diagonal.",
+    "pivots == [*range(m)]": "the rows of a singular T are dependent, so that no "
+    "T X S dominates on its diagonal.",
     "0 < len(turns) <= ROUND and p.n * p.m <= ROWS": "it bounds the work.",
     "p.n * p.m <= ROWS": "it bounds the work.",
     "reach <= GROWTH": "it bounds the work.",
     "len(G) <= MODES": "it bounds the work.",
     "not halvings": "it ends the search: without it a part that is not shown is halved for ever.",
     "halvings > 0": "it ends the search: without it a box that is not shown is cut for ever.",
-    "rate * each.times[-1] <= LONGEST": "it bounds the work: the weights would have to fall as far.",
+    "rate * each.times[-1] <= LONGEST": (
+        "it bounds the work: the weights would have to fall as far."
+    ),
     "len(free) <= 12": "it bounds the work.",
-    "value[0] == value[1]": "f less an end of an interval is not shown to vanish at the target, which the reader asks.",
+    "value[0] == value[1]": "f less an end of an interval is not shown to vanish "
+    "at the target, which the reader "
+    "asks.",
 }
 
 
@@ -81,8 +101,8 @@ _SEEN: dict[Callable[[], list[Case]], list[set[tuple[str, int]]]] = {}
 
 
 def _failing(cases: Callable[[], list[Case]], place: tuple[str, int]) -> Iterator[Case]:
-    """The cases in which this check does not pass: no other case can notice that it is gone.  Each is watched once,
-    and not before it is asked for."""
+    """The cases in which this check does not pass: no other case can notice that it is gone.  Each
+    is watched once, and not before it is asked for."""
     seen = _SEEN.setdefault(cases, [])
     for k, case in enumerate(cases()):
         if k == len(seen):
@@ -93,7 +113,8 @@ def _failing(cases: Callable[[], list[Case]], place: tuple[str, int]) -> Iterato
 
 
 def noticed_by(removal: Removal) -> str | None:
-    """The first case that comes out differently: accepted, with another exit code, or with a traceback."""
+    """The first case that comes out differently: accepted, with another exit code, or with a
+    traceback."""
     module = without(removal)
     for some in dict.fromkeys((*FIRST.get(removal.file, ()), *EVERY)):
         for case in _failing(some, (removal.file, removal.place)):
@@ -103,7 +124,8 @@ def noticed_by(removal: Removal) -> str | None:
 
 
 def unnoticed(count: int) -> tuple[int, list[str]]:
-    """How many removals were tried, evenly spread over the files (at most ``count``), and which no case notices."""
+    """How many removals were tried, evenly spread over the files (at most ``count``), and which no
+    case notices."""
     every = [each for file in FILES for each in removals(file) if each.text not in EQUIVALENT]
     tried = every[:: max(1, len(every) // max(1, count))]
     return len(tried), [str(each) for each in tried if noticed_by(each) is None]

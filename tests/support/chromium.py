@@ -14,20 +14,30 @@ from urllib.request import urlopen
 
 import pytest
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 PATIENCE = 240  # s
 AXE = os.environ.get("AXE_SCRIPT", "")  # axe-core is not shipped
 RULES = '["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]'
-AUDIT = f"""axe.run({{part}}, {{{{runOnly: {{{{type: "tag", values: {RULES}}}}}}}}}).then(found => ({{{{
+AUDIT = f"""axe.run({{part}}, {{{{runOnly: {{{{type: "tag", values: {RULES}}}}}}}}}).then(found =>
+({{{{
   rules: found.passes.length,
-  wrong: found.violations.map(each => each.id + ": " + each.nodes.map(node => node.target.join(" ")).join(", ")),
+  wrong: found.violations.map(each => each.id + ": " + each.nodes.map(node => node.target.join("
+  ")).join(", ")),
 }}}}))"""
 
 
 def alone(*options: str) -> list[str]:
     """The command for one page without a screen, whose console is on standard error."""
     usual = "--headless --no-sandbox --disable-gpu --disable-background-networking --no-first-run"
-    return [str(CHROMIUM), *usual.split(), "--disable-dev-shm-usage", "--enable-logging=stderr", *options]
+    return [
+        str(CHROMIUM),
+        *usual.split(),
+        "--disable-dev-shm-usage",
+        "--enable-logging=stderr",
+        *options,
+    ]
 
 
 def until(what: str, look: Callable[[], Any], *, seconds: float = PATIENCE) -> Any:
@@ -44,7 +54,9 @@ class Page:
     """One page of the browser."""
 
     def __init__(self, address: str) -> None:
-        websocket = pytest.importorskip("websocket", reason="needs websocket-client, of the extra `notebook`")
+        websocket = pytest.importorskip(
+            "websocket", reason="needs websocket-client, of the extra `notebook`"
+        )
         self.socket = websocket.create_connection(address, timeout=PATIENCE, suppress_origin=True)
         self.count = 0
         self.events: list[dict[str, Any]] = []
@@ -62,7 +74,9 @@ class Page:
 
     def run(self, script: str) -> Any:
         """The value of an expression; None while there is no page that could say it."""
-        answer = self.ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        answer = self.ask(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
         return answer["result"].get("value")
 
     def audit(self, part: str = "document") -> dict[str, Any]:
@@ -76,7 +90,9 @@ class Page:
 
 
 @contextmanager
-def browser(folder: Path, address: str, *, wanted: str, window: str = "1400,1100") -> Iterator[Page]:
+def browser(
+    folder: Path, address: str, *, wanted: str, window: str = "1400,1100"
+) -> Iterator[Page]:
     """A browser that shows ``address``; gives the page whose address contains ``wanted``."""
     profile = folder / "profile"
     process = subprocess.Popen(
@@ -94,11 +110,17 @@ def browser(folder: Path, address: str, *, wanted: str, window: str = "1400,1100
         stderr=subprocess.DEVNULL,
     )
     try:
-        port = until("the browser", lambda: (p := profile / "DevToolsActivePort").exists() and p.read_text().split()[0])
+        port = until(
+            "the browser",
+            lambda: (p := profile / "DevToolsActivePort").exists() and p.read_text().split()[0],
+        )
 
         def tab() -> str | None:
             with urlopen(f"http://127.0.0.1:{port}/json") as answer:
-                return next((t["webSocketDebuggerUrl"] for t in json.load(answer) if wanted in t["url"]), None)
+                return next(
+                    (t["webSocketDebuggerUrl"] for t in json.load(answer) if wanted in t["url"]),
+                    None,
+                )
 
         yield Page(until("the page", tab))
     finally:

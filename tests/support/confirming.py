@@ -22,10 +22,15 @@ def confirmed(
     domain: str = "consensus",
     beside: Check | None = None,
 ) -> str | None:
-    """None, or what is wrong with a regional check; errors count as refusals.  ``beside``: the max-separable check."""
+    """None, or what is wrong with a regional check; errors count as refusals.  ``beside``: the
+    max-separable check."""
     read = through_json(check)
-    statements = Statements(problem=problem, domain=domain, jacobians=None, lambdas={}, inapplicable=None)
-    trusted = Trusted(problem=problem, statements=statements, W=W, pair=None, separable=beside or read)
+    statements = Statements(
+        problem=problem, domain=domain, jacobians=None, lambdas={}, inapplicable=None
+    )
+    trusted = Trusted(
+        problem=problem, statements=statements, W=W, pair=None, separable=beside or read
+    )
     try:
         return confirm(read, trusted)
     except (ValueError, TypeError, KeyError, ArithmeticError) as error:

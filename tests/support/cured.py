@@ -1,4 +1,5 @@
-"""Cures over many random problems: offered, confirmed by the oracle, and proved once they are written and read."""
+"""Cures over many random problems: offered, confirmed by the oracle, and proved once they are
+written and read."""
 
 import json
 from collections.abc import Iterable
@@ -37,22 +38,29 @@ def with_cures(problem: Problem, *, progress: Any = None) -> Certificate:
 
 
 def theorem_holds(problem: Problem) -> bool:
-    """Theorem 1 or 2, with weights or without, or Lemma 1 without an exosystem, proved for the problem as it stands."""
+    """Theorem 1 or 2, with weights or without, or Lemma 1 without an exosystem, proved for the
+    problem as it stands."""
     claims = consensus_claims(problem)
     if _by_weights(claims):
         return verify(claims, problem).holds
     ids = ("lemma1",) if problem.exosystem is None else ("theorem1", "theorem2")
     own = [check.verdict for check in claims.checks if check.id in ids]
-    return bool(own) and all(verdict is Verdict.PROVED for verdict in own) and verify(claims, problem).holds
+    return (
+        bool(own)
+        and all(verdict is Verdict.PROVED for verdict in own)
+        and verify(claims, problem).holds
+    )
 
 
 def _by_weights(certificate: Any) -> bool:
-    return any(c.id.endswith("-weighted") and c.verdict is Verdict.PROVED for c in certificate.checks)
+    return any(
+        c.id.endswith("-weighted") and c.verdict is Verdict.PROVED for c in certificate.checks
+    )
 
 
 def cure_campaign(seeds: Iterable[int]) -> Tally:
-    """For every refuted Lemma 1 or theorem: the witness is true, a cure is offered unless weights of V prove the
-    theorem, and applied it proves."""
+    """For every refuted Lemma 1 or theorem: the witness is true, a cure is offered unless weights
+    of V prove the theorem, and applied it proves."""
     tally = Tally()
     for seed in seeds:
         problem = a_problem(seed)
@@ -66,7 +74,10 @@ def cure_campaign(seeds: Iterable[int]) -> Tally:
         for check in refuted:
             tally.counts[f"{check.id} refuted"] += 1
             missing = ["no cure"] if check.fix is None and not _by_weights(certificate) else []
-            tally.wrong += [f"{seed}: {check.title}: {what}" for what in (*_false_witness(check, oracle), *missing)]
+            tally.wrong += [
+                f"{seed}: {check.title}: {what}"
+                for what in (*_false_witness(check, oracle), *missing)
+            ]
         cure = main_cure(certificate.checks)
         fix = None if cure is None else cure.fix
         if refuted and fix is not None:
@@ -92,10 +103,12 @@ def _false_witness(check: Any, oracle: Oracle) -> list[str]:
 
 
 def decided_campaign(seeds: Iterable[int]) -> Tally:
-    """Conditions with a truth known from outside and a margin of 1e-6 or more: decided or not, and never wrongly.
+    """Conditions with a truth known from outside and a margin of 1e-6 or more: decided or not, and
+    never wrongly.
 
-    Lemma 1: the eigenvalues of Lambda.  The theorem: these, and the singular values of [A - s I; C] (Decision
-    theorem).  The overall verdict of linear problems of one mode: the eigenvalues of the closed loop.
+    Lemma 1: the eigenvalues of Lambda.  The theorem: these, and the singular values of [A - s I; C]
+    (Decision theorem).  The overall verdict of linear problems of one mode: the eigenvalues of the
+    closed loop.
     """
     tally = Tally()
     for seed in seeds:
@@ -104,16 +117,25 @@ def decided_campaign(seeds: Iterable[int]) -> Tally:
         if not oracle.smooth:
             continue
         tops = {
-            mode: float(np.linalg.eigvalsh(np.array(oracle.lambda_(mode), dtype=float))[-1]) for mode in oracle.modes
+            mode: float(np.linalg.eigvalsh(np.array(oracle.lambda_(mode), dtype=float))[-1])
+            for mode in oracle.modes
         }
         for mode, top in tops.items():
             _count(tally, "lemma1", certificate.check("lemma1", mode).verdict, -top, seed)
         own = [c for c in certificate.checks if c.id in ("theorem1", "theorem2")]
         W = certificate.claims.W
         if own and problem.observer.W is None:
-            _count(tally, "theorem", own[0].verdict, min(-max(tops.values()), _detectable(problem)), seed)
+            _count(
+                tally,
+                "theorem",
+                own[0].verdict,
+                min(-max(tops.values()), _detectable(problem)),
+                seed,
+            )
         if oracle.linear and len(oracle.modes) == 1 and problem.region is None:
-            loop = closed_loop(oracle, next(iter(oracle.modes)), None if W is None else [list(row) for row in W])
+            loop = closed_loop(
+                oracle, next(iter(oracle.modes)), None if W is None else [list(row) for row in W]
+            )
             if problem.exosystem is None or W is not None:
                 slowest = -float(np.max(np.linalg.eigvals(loop).real))
                 _count(tally, "linear loop", certificate.verdict, slowest, seed)
@@ -121,7 +143,8 @@ def decided_campaign(seeds: Iterable[int]) -> Tally:
 
 
 def undirected_campaign(seeds: Iterable[int]) -> Tally:
-    """Undirected graphs, one increasing odd h, gains that are numbers: consensus iff every component holds a pin.
+    """Undirected graphs, one increasing odd h, gains that are numbers: consensus iff every
+    component holds a pin.
 
     With an exosystem that is seen and a designed W (theory, section 2: V = e'e).
     """
@@ -131,10 +154,20 @@ def undirected_campaign(seeds: Iterable[int]) -> Tally:
         n = r.randint(2, 9)
         pairs = [(i, j) for i in range(n) for j in range(i) if r.random() < 2.2 / n]
         weights = {pair: Fraction(r.randint(1, 9), r.randint(1, 4)) for pair in pairs}
-        arcs = [[i + 1, j + 1, weights[max(i, j), min(i, j)]] for a, b in pairs for i, j in ((a, b), (b, a))]
+        arcs = [
+            [i + 1, j + 1, weights[max(i, j), min(i, j)]]
+            for a, b in pairs
+            for i, j in ((a, b), (b, a))
+        ]
         gains = {i + 1: Fraction(r.randint(1, 9), 2) for i in range(n) if r.random() < 0.5}
         exosystem = r.choice((None, Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])))
-        problem = linked(arcs, n, gains=gains, exosystem=exosystem, coupling=r.choice(("y", "tanh(y)", "y + y**3")))
+        problem = linked(
+            arcs,
+            n,
+            gains=gains,
+            exosystem=exosystem,
+            coupling=r.choice(("y", "tanh(y)", "y + y**3")),
+        )
         graph = nx.empty_graph(n)
         graph.add_edges_from(pairs)
         held = all(any(i + 1 in gains for i in part) for part in nx.connected_components(graph))
@@ -143,7 +176,8 @@ def undirected_campaign(seeds: Iterable[int]) -> Tally:
 
 
 def _detectable(problem: Problem) -> float:
-    """> 0 iff every eigenvalue s of A with Re s >= 0 is seen: the least singular value of [A - s I; C]; near 0: 0."""
+    """> 0 iff every eigenvalue s of A with Re s >= 0 is seen: the least singular value of [A - s I;
+    C]; near 0: 0."""
     A, C = (np.array(M, dtype=float) for M in (problem.exosystem.A, problem.exosystem.C))
     lasting = [s for s in np.linalg.eigvals(A) if s.real > -1e-6]
     least = [float(np.linalg.svd(np.vstack([A - s * np.eye(len(A)), C]))[1][-1]) for s in lasting]

@@ -14,7 +14,12 @@ from dobc_design.exact.cholesky import (
     proves_by_integers,
     scaled,
 )
-from dobc_design.exact.definite import decide_positive_definite, decide_quickly, first_refuting, roundings
+from dobc_design.exact.definite import (
+    decide_positive_definite,
+    decide_quickly,
+    first_refuting,
+    roundings,
+)
 from dobc_design.exact.symmetric import IntegerSymmetric
 from dobc_design.exact.zmatrix import search
 from dobc_design.verdict import Verdict

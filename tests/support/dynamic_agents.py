@@ -1,4 +1,5 @@
-"""Problems with [dynamics], and their loop written out from theory, section 13, without the package's arithmetic."""
+"""Problems with [dynamics], and their loop written out from theory, section 13, without the
+package's arithmetic."""
 
 from collections.abc import Callable
 from typing import Any
@@ -28,11 +29,14 @@ def double_integrators() -> dd.Problem:
 
 
 def three_states() -> dd.Problem:
-    """m = 3, p = 2: u0 and offsets are not 0, couplings saturate, B is no part of the identity, W acts on x."""
+    """m = 3, p = 2: u0 and offsets are not 0, couplings saturate, B is no part of the identity, W
+    acts on x."""
     return dd.Problem(
         name="plants",
         network=RING,
-        dynamics=Dynamics(A=[[0, 1, 0], [-1, "-1/2", "1/4"], [0, "1/2", -1]], B=[[0, 0], [2, 0], [1, 1]]),
+        dynamics=Dynamics(
+            A=[[0, 1, 0], [-1, "-1/2", "1/4"], [0, "1/2", -1]], B=[[0, 0], [2, 0], [1, 1]]
+        ),
         coupling=["tanh(y1 + y2)", "y3 + y2*y3**2"],
         target=[1, 0, 2],
         gains={"a": [[1, 2, 0], [0, 0, 1]]},
@@ -50,10 +54,16 @@ def pendulums() -> dd.Problem:
 
 
 def resonators() -> dd.Problem:
-    """m = 2, p = 1: f has the smooth functions of the grammar, no component of it is a state, B is no part of the
-    identity, and W acts on x."""
-    smooth = "exp(x1)*cos(x2) + cosh(x1) - 2/(1 + x2**2) + x1*atan(x2) + x1**2*asinh(x2) + sqrt(1 + x1**2) - 1"
-    nodes = Dynamics(f=["x2 - tanh(x1)/2", f"-2*sin(x1) - x2 - log(1 + x1**2)*sinh(x2) - ({smooth})/4"], B=[[1], [2]])
+    """m = 2, p = 1: f has the smooth functions of the grammar, no component of it is a state, B is
+    no part of the identity, and W acts on x."""
+    smooth = (
+        "exp(x1)*cos(x2) + cosh(x1) - 2/(1 + x2**2) + x1*atan(x2) + x1**2*asinh(x2) + sqrt(1 + "
+        "x1**2) - 1"
+    )
+    nodes = Dynamics(
+        f=["x2 - tanh(x1)/2", f"-2*sin(x1) - x2 - log(1 + x1**2)*sinh(x2) - ({smooth})/4"],
+        B=[[1], [2]],
+    )
     other = {"target": [0, 0], "observer": dd.Observer(W=[[0, "8/5"], [1, "1/5"]])}
     return pendulums().replace(name="resonators", dynamics=nodes, **other)
 
@@ -68,7 +78,8 @@ def felt(problem: dd.Problem, e: Any) -> Any:
 
 
 def matrices(problem: dd.Problem) -> dict[str, Any]:
-    """A, B, B+, the exosystem's S and C, W on x (q, m), gains (n, p, m), goals (n, m) and u0 (n, p)."""
+    """A, B, B+, the exosystem's S and C, W on x (q, m), gains (n, p, m), goals (n, m) and u0 (n,
+    p)."""
 
     def floats(rows: Any) -> Any:
         return np.array([[float(x) for x in row] for row in rows])
@@ -99,14 +110,23 @@ def drift(problem: dd.Problem) -> Callable[..., Any]:
 def resonance(x: Any) -> Any:
     """f of ``resonators``."""
     a, b = x[..., 0], x[..., 1]
-    smooth = np.exp(a) * np.cos(b) + np.cosh(a) - 2 / (1 + b**2) + a * np.arctan(b) + a**2 * np.arcsinh(b)
+    smooth = (
+        np.exp(a) * np.cos(b)
+        + np.cosh(a)
+        - 2 / (1 + b**2)
+        + a * np.arctan(b)
+        + a**2 * np.arcsinh(b)
+    )
     smooth = smooth + np.sqrt(1 + a**2) - 1
     pull = -2 * np.sin(a) - b - np.log1p(a**2) * np.sinh(b) - smooth / 4
     return np.stack([b - np.tanh(a) / 2, pull], axis=-1)
 
 
-def full_loop(problem: dd.Problem, limit: float = np.inf) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """(1), (12), (13), (19) for x (n, m), xi, z (n, q) in one vector: the slope at (t, state), and u (n, p) there."""
+def full_loop(
+    problem: dd.Problem, limit: float = np.inf
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """(1), (12), (13), (19) for x (n, m), xi, z (n, q) in one vector: the slope at (t, state), and
+    u (n, p) there."""
     data, n = matrices(problem), problem.n
     B, S, C, W = (data[name] for name in ("B", "S", "C", "W"))
     own, m, q = drift(problem), len(B), len(S)

@@ -1,17 +1,21 @@
-"""Agents with dynamics for the lone checker: claims and problem files written by hand, and twins wrong in one place.
+"""Agents with dynamics for the lone checker: claims and problem files written by hand, and twins
+wrong in one place.
 
-Two double integrators, 2 hears 1, h(y) = y1 + 2 y2, agent 1 has the gain 1: G = [[0, 0], [1, 2]] and
-M = [[1, 0], [-1, 1]].  With D = (4, 1) and c = 1/2 N = D M + M'D - 2 c D = [[4, -1], [-1, 1]], N (1, 2) = (2, 1); with
-c = 3/4 N is singular.  R = [[2, 1], [1, 2]] > 0 has R G = [[1, 2], [2, 4]] >= 0 and for c = 1/2
-A'R + R A - 2 c R G + 2 b R = [[4 b - 1, 2 b], [2 b, 4 b - 2]], < 0 for b = 1/8 and not for b = 1/4.
+Two double integrators, 2 hears 1, h(y) = y1 + 2 y2, agent 1 has the gain 1: G = [[0, 0], [1, 2]]
+and M = [[1, 0], [-1, 1]].  With D = (4, 1) and c = 1/2 N = D M + M'D - 2 c D = [[4, -1], [-1, 1]],
+N (1, 2) = (2, 1); with c = 3/4 N is singular.  R = [[2, 1], [1, 2]] > 0 has R G = [[1, 2], [2, 4]]
+>= 0 and for c = 1/2 A'R + R A - 2 c R G + 2 b R = [[4 b - 1, 2 b], [2 b, 4 b - 2]], < 0 for b = 1/8
+and not for b = 1/4.
 
-In coordinates: p'' = h(p_1 - p_2) - 3 p', z = (p, p + p'/2) has z_1' = 2 (z_2 - z_1), and with gains g of the arc and
-k of the pin z_2' = -z_2 + (1 - (g + k)/2) z_1 + g/2 z_1j.  For g = 1, k = 1 at agent 1 and v = (4, 3), (8, 7) the rows
-allow 1/2, 1/3, 1/4 and 1/7; for g >= 3/4 the last one 1/14: tanh(r)/r is 0.7616 at r = 1 and 0.6947 at 1.2, where r =
-12 rho.  |e|_inf <= R has N <= R/2.  With d = xi seen by W = 2, T B C = (0, 1/2)'.  Pendulums without pins, v = (4, 3):
-1/2 and, for gains >= 3/4 of the sine, 1/6; sin(r)/r is 0.7767 at r = 1.2 and 0.7412 at 1.3, where r = 4 rho.  For
-h = (y1 y2 + y1, y2), K = I and v = 1 the worst row allows 1 - 2 r, r = 2 rho.  |w| <= 1/10 adds 1/20 to z_2': with
-alpha = 1/14 the row of agent 2 asks 1/20 <= level/2, and the box ends with |e| <= level (4, 14) and level (8, 30).
+In coordinates: p'' = h(p_1 - p_2) - 3 p', z = (p, p + p'/2) has z_1' = 2 (z_2 - z_1), and with
+gains g of the arc and k of the pin z_2' = -z_2 + (1 - (g + k)/2) z_1 + g/2 z_1j.  For g = 1, k = 1
+at agent 1 and v = (4, 3), (8, 7) the rows allow 1/2, 1/3, 1/4 and 1/7; for g >= 3/4 the last one
+1/14: tanh(r)/r is 0.7616 at r = 1 and 0.6947 at 1.2, where r = 12 rho.  |e|_inf <= R has N <= R/2.
+With d = xi seen by W = 2, T B C = (0, 1/2)'.  Pendulums without pins, v = (4, 3): 1/2 and, for
+gains >= 3/4 of the sine, 1/6; sin(r)/r is 0.7767 at r = 1.2 and 0.7412 at 1.3, where r = 4 rho.
+For h = (y1 y2 + y1, y2), K = I and v = 1 the worst row allows 1 - 2 r, r = 2 rho.  |w| <= 1/10 adds
+1/20 to z_2': with alpha = 1/14 the row of agent 2 asks 1/20 <= level/2, and the box ends with |e|
+<= level (4, 14) and level (8, 30).
 """
 
 import json
@@ -20,7 +24,18 @@ from functools import cache
 from typing import Any
 
 from certified import consensus_claims
-from checker_cases import FAILS, GONE, HOLDS, UNREADABLE, Case, Document, about, bend, network, scalar
+from checker_cases import (
+    FAILS,
+    GONE,
+    HOLDS,
+    UNREADABLE,
+    Case,
+    Document,
+    about,
+    bend,
+    network,
+    scalar,
+)
 from region_cases import claim, second_box
 
 from dobc_design import Exosystem, Network, Observer, Problem
@@ -30,7 +45,10 @@ from dobc_design.problem.dynamics import Dynamics
 
 LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
 BOTH_WAYS, WIDE = network([[1, 2], [2, 1]], agents=2), {"initial_states": [-5, 5]}
-DOUBLE: dict[str, Any] = {"dynamics": Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]), "coupling": "y1 + 2*y2"}
+DOUBLE: dict[str, Any] = {
+    "dynamics": Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]),
+    "coupling": "y1 + 2*y2",
+}
 OWN = (
     "theorem1-weighted",
     "theorem2-weighted",
@@ -72,7 +90,9 @@ def problems() -> dict[str, Problem]:
         "line": line(),
         "two modes": line(network=BOTH),
         "comes and goes": line(
-            network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2, "1/4"]], agents=2)
+            network=Network.from_arcs(
+                [[2, 1]], arrow="listens_to", optional=[[1, 2, "1/4"]], agents=2
+            )
         ),
         "two inputs a unit": alone("1/2", "-y", 1).replace(dynamics=Dynamics(A=[["1/2"]], B=[[2]])),
         "seen": line(**watched),
@@ -95,17 +115,33 @@ def problems() -> dict[str, Problem]:
         "bent": alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"])),
         "cubic pull": alone(0).replace(dynamics=Dynamics(f=["-x**3"])),
         "cubic push": alone(0, gain=1).replace(dynamics=Dynamics(f=["x**3"])),
-        "second": line(network=BOTH_WAYS, coupling="sin(y)", dynamics=Dynamics(f=["-x**3"]), gains="1/10", region=WIDE),
+        "second": line(
+            network=BOTH_WAYS,
+            coupling="sin(y)",
+            dynamics=Dynamics(f=["-x**3"]),
+            gains="1/10",
+            region=WIDE,
+        ),
         "led": line(**cubic),
         "led near": line(**cubic | {"leader": near, "region": {"initial_states": ["-1/4", "1/4"]}}),
         "led, unstable": alone("1/2", "y", 4, leader={"initial": [-1, 1]}),
-        "second, still": line(network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE),
-        "second, led": line(network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE, **at_0),
+        "second, still": line(
+            network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE
+        ),
+        "second, led": line(
+            network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE, **at_0
+        ),
         "pushed off": alone(1, leader={"initial": [0, 3]}, region={"initial_states": [1, 2]}),
         "pushed elsewhere": alone(1, leader={"initial": [3, 4]}, region={"initial_states": [1, 2]}),
-        "apart": alone(0, network=BOTH_WAYS, leader={"initial": [0, 5]}, region={"initial_states": [0, 1]}),
+        "apart": alone(
+            0, network=BOTH_WAYS, leader={"initial": [0, 5]}, region={"initial_states": [0, 1]}
+        ),
         "apart elsewhere": alone(
-            0, network=BOTH_WAYS, leader={"initial": [-5, 5]}, region={"initial_states": [0, 1]}, offsets={1: 3}
+            0,
+            network=BOTH_WAYS,
+            leader={"initial": [-5, 5]},
+            region={"initial_states": [0, 1]},
+            offsets={1: 3},
         ),
         "drag": line(coupling="y1", **drag),
         "drag, seen": line(coupling="y1", **drag, **watched),
@@ -130,31 +166,46 @@ def certified(problem: str) -> bytes:
     return certificate_bytes(consensus_claims(problems()[problem]))
 
 
-def case(name: str, problem: str, check: Document | None, code: int, *more: tuple[str, Document]) -> Case:
-    """The certificate of a small problem with this one claim of the topic, and the verdict that follows; ``more``:
-    changes of the check with an id."""
+def case(
+    name: str, problem: str, check: Document | None, code: int, *more: tuple[str, Document]
+) -> Case:
+    """The certificate of a small problem with this one claim of the topic, and the verdict that
+    follows; ``more``: changes of the check with an id."""
     document = json.loads(certified(problem))
-    document["checks"] = [each for each in document["checks"] if each["id"] not in OWN] + [check] * (check is not None)
+    document["checks"] = [each for each in document["checks"] if each["id"] not in OWN] + [
+        check
+    ] * (check is not None)
     for id, changes in more:
         bend(next(each for each in document["checks"] if each["id"] == id), changes)
     ids = (*OWN[:4], "lure", "theorem1" if document["observer"]["W"] else "lemma1")
-    covering = [each for each in document["checks"] if each["id"] in ids and each["verdict"] == "proved"]
+    covering = [
+        each for each in document["checks"] if each["id"] in ids and each["verdict"] == "proved"
+    ]
     best = max(covering, key=lambda each: each["rate"] or 0, default=None)
-    if best is not None and check is not None and check["id"] == "accuracy":  # the verdict is about [uncertainty]
+    # the verdict is about [uncertainty]
+    if best is not None and check is not None and check["id"] == "accuracy":
         best = check
     failed = any("unstable_roots" in (each.get("exact") or {}) for each in document["checks"])
-    failed = failed and any((each.get("exact") or {}).get("unstable_roots", "0") != "0" for each in document["checks"])
+    failed = failed and any(
+        (each.get("exact") or {}).get("unstable_roots", "0") != "0" for each in document["checks"]
+    )
     if check is not None and check["verdict"] == "refuted":
         best, failed = None, True
     document["verdict"] = "proved" if best else "refuted" if failed else "undecided"
     document["rate"], document["covered_by"] = (best["rate"], best["id"]) if best else (None, None)
     if best is check:
         document.pop("factor", None)
-    return Case(f"{problem}: {name}", json.dumps(document).encode(), canonical_bytes(problems()[problem]), code)
+    return Case(
+        f"{problem}: {name}",
+        json.dumps(document).encode(),
+        canonical_bytes(problems()[problem]),
+        code,
+    )
 
 
 def changed(name: str, problem: str, code: int = UNREADABLE, **changes: Any) -> Case:
-    """The certificate of a problem beside its file with changes; "observer.W" is W of the observer."""
+    """The certificate of a problem beside its file with changes; "observer.W" is W of the
+    observer."""
     plain = case("", problem, None, HOLDS)
     file, certificate = json.loads(plain.problem), json.loads(plain.certificate)
     for path, value in changes.items():
@@ -168,7 +219,10 @@ def changed(name: str, problem: str, code: int = UNREADABLE, **changes: Any) -> 
 
 @cache
 def dynamics_cases() -> list[Case]:
-    one, negative = {"R": [["1"]]}, {"D": ["1", "1"], "w": {"G": ["2", "1"]}, "c": "-1/2", "R": [["1"]]}
+    one, negative = (
+        {"R": [["1"]]},
+        {"D": ["1", "1"], "w": {"G": ["2", "1"]}, "c": "-1/2", "R": [["1"]]},
+    )
     both = {"A": V, "B": V}
     lines = [
         ("by hand", alike(), HOLDS),
@@ -195,13 +249,20 @@ def dynamics_cases() -> list[Case]:
     found = [case(name, "line", check, code) for name, check, code in lines]
     # With w = (1, 3) N w = (1, 2), and the arc adds 4 g (2 - 3, -1); g = 1/4 leaves 0.
     for name, w, code in (("by hand", ["8", "17"], HOLDS), ("the arc pulls", ["1", "3"], FAILS)):
-        found.append(case(name, "comes and goes", alike(None, "theorem2-weighted", w={"G": w}), code))
+        found.append(
+            case(name, "comes and goes", alike(None, "theorem2-weighted", w={"G": w}), code)
+        )
     # Agent 2 has the slope 2 of B h and no gain: e_2' = (1/2 + 2) e_2, and 3/2 if B is left out.
     found.append(case("twice h", "two inputs a unit", None, HOLDS))
     found += [
         case("by hand", "two modes", alike(id="theorem2-weighted", w=both), HOLDS),
         case("one mode is missing", "two modes", alike(id="theorem2-weighted", w={"A": V}), FAILS),
-        case("fails in the second", "two modes", alike(id="theorem2-weighted", w=both | {"B": ["1", "4"]}), FAILS),
+        case(
+            "fails in the second",
+            "two modes",
+            alike(id="theorem2-weighted", w=both | {"B": ["1", "4"]}),
+            FAILS,
+        ),
         case("by hand", "seen", alike(), HOLDS),
         case("by hand", "seen by both", alike(), HOLDS),
         case("faster than the observer", "seen slowly", alike(), FAILS),
@@ -223,17 +284,27 @@ def dynamics_cases() -> list[Case]:
             claim("theorem1-weighted", "global", None, ALL_ONE | {"w": {"G": ["1", "2"]}}),
             HOLDS,
         ),
-        case("reached without a pin", "calm", None, FAILS, ("reachability", {"verdict": "proved", "witness": GONE})),
+        case(
+            "reached without a pin",
+            "calm",
+            None,
+            FAILS,
+            ("reachability", {"verdict": "proved", "witness": GONE}),
+        ),
         case("without a pin", "calm", None, HOLDS),
     ]
     box = {"kind": "box", "radius": 1, "disturbance": 0}
     rows = claim("max-separable", box, 0.25, {"v": ["1", "1"], "alpha": "1/4", "rho": "1"})
     found.append(case("rows do not know what is left of f", "bent", rows, FAILS))
     found.append(case("an equilibrium that f moves", "second", second_box(), FAILS))
-    # Nobody is pinned, and x' = -x^3 comes to rest at the target; x' = x^3 - x leaves the box |e| <= 10.
+    # Nobody is pinned, and x' = -x^3 comes to rest at the target; x' = x^3 - x leaves the box |e|
+    # <= 10.
     pulled = case("undecided", "cubic pull", None, HOLDS)
     refuted = json.loads(pulled.certificate) | {"verdict": "refuted"}
-    found += [pulled, Case("cubic pull: refuted", json.dumps(refuted).encode(), pulled.problem, FAILS)]
+    found += [
+        pulled,
+        Case("cubic pull: refuted", json.dumps(refuted).encode(), pulled.problem, FAILS),
+    ]
     held = claim("safety", box | {"radius": 10}, None, {"rho": "10", "rate": None})
     found.append(case("safe", "cubic push", held, FAILS))
     return [*found, *_coordinates(), *_held(), *_files(), *_led()]
@@ -243,15 +314,27 @@ def rows(low: str = "1", domain: Any = "global", rate: Any = 0.142, **exact: Any
     """Max-separable in coordinates, for gains of the arc between ``low`` and 1."""
     T, gains = [["1", "0"], ["1", "1/2"]], [[["0", "0"], ["0", "0"]], [[low, "1"], ["0", "0"]]]
     own: Document = {"T": T, "v": ["4", "3", "8", "7"], "alpha": "1/7", "rho": None}
-    return claim("max-separable", domain, rate, own | {"ranges": [{"coupling": 0, "gains": gains}]} | exact)
+    return claim(
+        "max-separable", domain, rate, own | {"ranges": [{"coupling": 0, "gains": gains}]} | exact
+    )
 
 
-def ends(level: str = "1/10", *bounds: Any, domain: Any = "global", alpha: str = "1/14", **more: Any) -> Document:
+def ends(
+    level: str = "1/10", *bounds: Any, domain: Any = "global", alpha: str = "1/14", **more: Any
+) -> Document:
     """Final bounds in these coordinates."""
     exact = rows("1")["exact"]
-    stage = {"v": exact["v"], "alpha": alpha, "level": level, "rho": None, "ranges": exact["ranges"]}
+    stage = {
+        "v": exact["v"],
+        "alpha": alpha,
+        "level": level,
+        "rho": None,
+        "ranges": exact["ranges"],
+    }
     told = {"1": ["2/5", "7/5"], "2": ["4/5", "3"]} | dict(zip("12", bounds, strict=False))
-    return claim("accuracy", domain, None, {"stages": [stage], "bounds": told, "T": exact["T"]} | more)
+    return claim(
+        "accuracy", domain, None, {"stages": [stage], "bounds": told, "T": exact["T"]} | more
+    )
 
 
 def _coordinates() -> list[Case]:
@@ -259,11 +342,18 @@ def _coordinates() -> list[Case]:
         return {"kind": "box", "radius": radius, "disturbance": disturbance}
 
     def bent(
-        radius: Any = 0.166, s: Any = 0, rho: str = "1/12", rate: Any = 0.071, low: str = "3/4", **exact: Any
+        radius: Any = 0.166,
+        s: Any = 0,
+        rho: str = "1/12",
+        rate: Any = 0.071,
+        low: str = "3/4",
+        **exact: Any,
     ) -> Document:
         return rows(low, box(radius, s), rate, **{"alpha": "1/14", "rho": rho} | exact)
 
-    def swings(rho: str = "3/10", alpha: str = "3/20", low: str = "-3/4", one: str = "1", **exact: Any) -> Document:
+    def swings(
+        rho: str = "3/10", alpha: str = "3/20", low: str = "-3/4", one: str = "1", **exact: Any
+    ) -> Document:
         found = rows("1", box(0.6), 0.15, v=["4", "3"] * 2, alpha=alpha, rho=rho, **exact)
         own = [[["0", "0"], [one, one]], [["-1", low], ["-3", "-3"]]]
         found["exact"]["ranges"] = [*found["exact"]["ranges"], {"coupling": 1, "gains": own}]
@@ -275,7 +365,12 @@ def _coordinates() -> list[Case]:
         return rows("1", box(0.125), 0.48, **one, ranges=[{"coupling": 0, "gains": gains}])
 
     nothing, error = [["0", "0"]] * 3, {"P": [["1/4"]], "beta": "2", "kappa": "1/4", "size": "1/4"}
-    free = [{"coupling": 0, "gains": [[["0", "1"], *nothing[:2]], [nothing[0], ["0", "1"], nothing[0]], nothing]}]
+    free = [
+        {
+            "coupling": 0,
+            "gains": [[["0", "1"], *nothing[:2]], [nothing[0], ["0", "1"], nothing[0]], nothing],
+        }
+    ]
     many = [
         {
             "coupling": 0,
@@ -287,7 +382,12 @@ def _coordinates() -> list[Case]:
         }
     ]
     unit = [["1" if a == b else "0" for b in range(3)] for a in range(3)]
-    straight = [{"coupling": 0, "gains": [[["1", "1"], *nothing[:2]], [nothing[0], ["1", "1"], nothing[0]], nothing]}]
+    straight = [
+        {
+            "coupling": 0,
+            "gains": [[["1", "1"], *nothing[:2]], [nothing[0], ["1", "1"], nothing[0]], nothing],
+        }
+    ]
 
     farther = swings()  # agent 2 reaches 1.32, where sin(r)/r is 0.7338
     farther["exact"]["v"] = ["4", "3", "22/5", "33/10"]
@@ -296,7 +396,12 @@ def _coordinates() -> list[Case]:
         v = ["1", second, "1"]
         stage = {"v": v * 2, "alpha": "1/4", "level": "1/5", "rho": None, "ranges": straight}
         ends = [str(Fraction(x) / 5) for x in v]
-        return claim("accuracy", "global", None, {"stages": [stage], "bounds": {"1": ends, "2": ends}, "T": unit})
+        return claim(
+            "accuracy",
+            "global",
+            None,
+            {"stages": [stage], "bounds": {"1": ends, "2": ends}, "T": unit},
+        )
 
     found = {
         "drag": [
@@ -354,7 +459,11 @@ def _coordinates() -> list[Case]:
         "drag, pushed": [
             ("by hand", ends(), HOLDS),
             ("a level below what the rows bear", ends("99/1000"), FAILS),
-            ("a level above", ends("101/1000", ["404/1000", "1414/1000"], ["808/1000", "303/100"]), HOLDS),
+            (
+                "a level above",
+                ends("101/1000", ["404/1000", "1414/1000"], ["808/1000", "303/100"]),
+                HOLDS,
+            ),
             ("bounds of a lower level", ends("101/1000"), FAILS),
             ("alpha that leaves no room", ends(alpha="1/13"), FAILS),
             ("a bound too small", ends("1/10", ["2/5", "139/100"]), FAILS),
@@ -364,7 +473,11 @@ def _coordinates() -> list[Case]:
         ],
         "three": [
             ("by hand", rows(T=unit, v=["1"] * 6, alpha="1", rate=1, ranges=free), HOLDS),
-            ("too many gains vary", rows(T=unit, v=["1"] * 6, alpha="1/2", rate=0.5, ranges=many), FAILS),
+            (
+                "too many gains vary",
+                rows(T=unit, v=["1"] * 6, alpha="1/2", rate=0.5, ranges=many),
+                FAILS,
+            ),
         ],
         # e_ic' = -e_ic + w_c for c = 1, 2 of agent 1, and w_3 = 0: level v_c > 1/10 there.
         "three, pushed": [
@@ -375,15 +488,24 @@ def _coordinates() -> list[Case]:
             ("by hand", mixed(), HOLDS),
             ("slopes that it does not have", mixed("7/8", "9/8"), FAILS),
             ("gains that hold nearer only", mixed(rho="1/7"), FAILS),
-            ("no coordinates", claim("max-separable", box(1), 1, {"v": ["1", "1"], "alpha": "1", "rho": "1"}), FAILS),
+            (
+                "no coordinates",
+                claim("max-separable", box(1), 1, {"v": ["1", "1"], "alpha": "1", "rho": "1"}),
+                FAILS,
+            ),
         ],
     }
-    return [case(name, problem, check, code) for problem, some in found.items() for name, check, code in some]
+    return [
+        case(name, problem, check, code)
+        for problem, some in found.items()
+        for name, check, code in some
+    ]
 
 
 def _held() -> list[Case]:
-    """What would be true of integrators: values that are held, gains that are wrong by a part.  2 hears 1, k = 5/2,
-    A = 1/2: the rows hold for v = (1, 2) and alpha = 1/4, and so would those of a period of 1/4."""
+    """What would be true of integrators: values that are held, gains that are wrong by a part.  2
+    hears 1, k = 5/2, A = 1/2: the rows hold for v = (1, 2) and alpha = 1/4, and so would those of a
+    period of 1/4."""
     plain = case(
         "rows",
         "unstable",
@@ -399,15 +521,24 @@ def _held() -> list[Case]:
         document = json.loads(plain.certificate)
         document["checks"].append(more)
         code = HOLDS if more["id"] == "delay" else FAILS
-        found.append(Case(f"unstable: {more['id']}", json.dumps(document).encode(), plain.problem, code))
+        found.append(
+            Case(f"unstable: {more['id']}", json.dumps(document).encode(), plain.problem, code)
+        )
     return found
 
 
 def cubic(low: str = "-12", high: str = "11/10", **more: Any) -> Document:
-    """Of "led": f' = 1 - 3 x^2 is in [-11, 1] for s in [-1, 1] and |e| <= 1.  With A = 1 and gains between -12
-    and 11/10 g0 = -6.45, D = 6.55, and with tau = 1/(2 D) the inequality has [[-5.8, 3], [3, -3.8]] + 2 rate I."""
+    """Of "led": f' = 1 - 3 x^2 is in [-11, 1] for s in [-1, 1] and |e| <= 1.  With A = 1 and gains
+    between -12 and 11/10 g0 = -6.45, D = 6.55, and with tau = 1/(2 D) the inequality has [[-5.8,
+    3], [3, -3.8]] + 2 rate I."""
     ranges = [{"coupling": 0, "gains": [[["3", "3"]]]}, {"coupling": 1, "gains": [[[low, high]]]}]
-    form = {"method": "lure", "P_e": [[0, 0, "1"], [1, 1, "1"]], "level": "1", "radius": "1", "ranges": ranges}
+    form = {
+        "method": "lure",
+        "P_e": [[0, 0, "1"], [1, 1, "1"]],
+        "level": "1",
+        "radius": "1",
+        "ranges": ranges,
+    }
     taus = {"multipliers": {"G": ["0", "10/131", "10/131"]}, "rate": "1/4"}
     return claim("lure", {"kind": "ball", "radius": 1, "disturbance": 0}, 0.25, form | taus | more)
 
@@ -435,8 +566,19 @@ def _led() -> list[Case]:
         case("no common start", "apart elsewhere", None, HOLDS),
         # Slopes at 0 alone: J - K = [[-3, 0], [3, -2]].
         case("at one point", "led", claim("linearisation", "consensus", 0.5, None), FAILS),
-        case("at one point", "led", claim("theorem1-weighted", "consensus", None, ALL_ONE | {"w": {"G": V}}), FAILS),
-        case("at one point", "led", cubic(), FAILS, ("lemma1", {"verdict": "proved", "margin": 0.1, "reason": ""})),
+        case(
+            "at one point",
+            "led",
+            claim("theorem1-weighted", "consensus", None, ALL_ONE | {"w": {"G": V}}),
+            FAILS,
+        ),
+        case(
+            "at one point",
+            "led",
+            cubic(),
+            FAILS,
+            ("lemma1", {"verdict": "proved", "margin": 0.1, "reason": ""}),
+        ),
     ]
     late = json.loads(found[6].certificate)
     late["checks"].append(claim("delay", "global", 0.125, {"delay": "1/8", "rate": "1/8"}))
@@ -452,7 +594,9 @@ def _led() -> list[Case]:
         plain = case("", problem, cubic(), HOLDS)
         file = json.loads(plain.problem)
         bend(file["leader"], changes)
-        found.append(about(file, json.loads(plain.certificate), name=f"{problem}: {name}", code=FAILS))
+        found.append(
+            about(file, json.loads(plain.certificate), name=f"{problem}: {name}", code=FAILS)
+        )
     return found
 
 
@@ -474,15 +618,25 @@ def _files() -> list[Case]:
         changed("f is not rational at the target", "pendulum", target=["1", "0"]),
         changed("f has a kink", "pendulum", dynamics__f=["x2", "1 - abs(x1 - 1) - x2"]),
         changed("f has an irrational slope", "pendulum", dynamics__f=["x2", "-exp(1)*x1 - x2"]),
-        changed("f does not rest at the target", "pendulum", dynamics__f=["x2 + 1", "-sin(x1) - x2"]),
+        changed(
+            "f does not rest at the target", "pendulum", dynamics__f=["x2 + 1", "-sin(x1) - x2"]
+        ),
         changed("a formation of pendulums", "pendulum", offsets=[[1, ["1", "0"]]]),
-        changed("a leader of integrators", "integrators", leader={"initial": [["0", "0"], ["0", "0"]]}),
+        changed(
+            "a leader of integrators", "integrators", leader={"initial": [["0", "0"], ["0", "0"]]}
+        ),
         changed("a leader and a target", "led", target=["1"]),
         changed("a leader is null", "led", leader=None),
         changed("a leader without a start", "led", leader__initial=GONE),
         changed("a leader between wrong ends", "led", leader__initial=[["1/2", "-1/2"]]),
         changed("a key too many of a leader", "led", leader__box=[["-1", "1"]]),
-        changed("no inputs beside a leader", "led", dynamics={"f": ["x - x**3"], "B": [[]]}, coupling__h=[], gains=[]),
+        changed(
+            "no inputs beside a leader",
+            "led",
+            dynamics={"f": ["x - x**3"], "B": [[]]},
+            coupling__h=[],
+            gains=[],
+        ),
         changed("A is not square", "line", dynamics__A=[["0", "1"]]),
         changed("a key too many", "line", dynamics__C=[["1"]]),
         changed("no inputs", "planar", dynamics=flat | {"B": [[], []]}, coupling__h=[], gains=[]),

@@ -1,7 +1,9 @@
-"""Matrices whose definiteness is known and hard to see: H diag(eigenvalues) H / n, H a Hadamard matrix.
+"""Matrices whose definiteness is known and hard to see: H diag(eigenvalues) H / n, H a Hadamard
+matrix.
 
-H H = n I, so these are the eigenvalues. One is tiny or 0, the others are 1/4, 1/2 or 1. Only matrices whose
-entries are exact as doubles are given, so that floating point is asked the same question.
+H H = n I, so these are the eigenvalues. One is tiny or 0, the others are 1/4, 1/2 or 1. Only
+matrices whose entries are exact as doubles are given, so that floating point is asked the same
+question.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +25,8 @@ def hadamard(size: int) -> np.ndarray:
 
 
 def edge_matrix(size: int, small: Fraction, r: Random) -> np.ndarray | None:
-    """One matrix with the eigenvalue ``small`` in a random place; None if an entry is not exact as a double."""
+    """One matrix with the eigenvalue ``small`` in a random place; None if an entry is not exact as
+    a double."""
     eigenvalues = [Fraction(1, r.choice((1, 2, 4, 4))) for _ in range(size)]
     eigenvalues[r.randrange(size)] = small
     return with_eigenvalues(eigenvalues)
@@ -50,7 +53,8 @@ def with_eigenvalues(eigenvalues: list[Fraction]) -> np.ndarray | None:
 def edge_matrices(
     sizes: tuple[int, ...], *, seed: int, repeats: int, powers: Sequence[int] = POWERS
 ) -> Iterator[tuple[Fraction, np.ndarray]]:
-    """The tiny eigenvalue and the matrix: 0 and +-2^-28 to +-2^-47 in turn, ``repeats`` times for every size."""
+    """The tiny eigenvalue and the matrix: 0 and +-2^-28 to +-2^-47 in turn, ``repeats`` times for
+    every size."""
     r = Random(seed)
     for size in sizes:
         for power in powers:

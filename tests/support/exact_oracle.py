@@ -1,9 +1,10 @@
 """An oracle for certificates that shares no code with the package's theorems, verify or exact.
 
-It reads problem.json and certificate.json as JSON.  Slopes come from SymPy's diff, matrices from Kronecker
-products, definiteness from plain elimination over Fractions, "Hurwitz" from Lyapunov's equation, root counts
-from SymPy's factors, and Psi is decided as the whole matrix (18), not through the Reduction.  Irrational
-slopes are taken to 80 digits, with a slack of 1e-60 where a strict inequality is claimed.
+It reads problem.json and certificate.json as JSON.  Slopes come from SymPy's diff, matrices from
+Kronecker products, definiteness from plain elimination over Fractions, "Hurwitz" from Lyapunov's
+equation, root counts from SymPy's factors, and Psi is decided as the whole matrix (18), not through
+the Reduction.  Irrational slopes are taken to 80 digits, with a slack of 1e-60 where a strict
+inequality is claimed.
 """
 
 import hashlib
@@ -26,7 +27,19 @@ from dobc_design.problem.problem import Problem
 
 Rows = list[list[Fraction]]
 SLACK = Fraction(1, 10**60)
-FIELDS = {"id", "mode", "verdict", "domain", "margin", "rate", "factor", "reason", "exact", "witness", "fix"}
+FIELDS = {
+    "id",
+    "mode",
+    "verdict",
+    "domain",
+    "margin",
+    "rate",
+    "factor",
+    "reason",
+    "exact",
+    "witness",
+    "fix",
+}
 PLAIN = ("observability", "detectability", "hurwitz", "reachability")
 
 
@@ -42,7 +55,10 @@ def eye(size: int) -> Rows:
 
 
 def plus(*terms: Rows) -> Rows:
-    return [[sum(xs, Fraction(0)) for xs in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
+    return [
+        [sum(xs, Fraction(0)) for xs in zip(*rows, strict=True)]
+        for rows in zip(*terms, strict=True)
+    ]
 
 
 def times(factor: Fraction | int, M: Rows) -> Rows:
@@ -50,7 +66,10 @@ def times(factor: Fraction | int, M: Rows) -> Rows:
 
 
 def dot(M: Rows, N: Rows) -> Rows:
-    return [[sum((x * N[k][j] for k, x in enumerate(row)), Fraction(0)) for j in range(len(N[0]))] for row in M]
+    return [
+        [sum((x * N[k][j] for k, x in enumerate(row)), Fraction(0)) for j in range(len(N[0]))]
+        for row in M
+    ]
 
 
 def turned(M: Rows) -> Rows:
@@ -109,7 +128,9 @@ def hurwitz(A: Rows) -> bool:
         return True
     operator = plus(kron(turned(A), eye(q)), kron(eye(q), turned(A)))
     solution = solve(operator, [-x for row in eye(q) for x in row])
-    return solution is not None and positive_definite([solution[i * q : (i + 1) * q] for i in range(q)])
+    return solution is not None and positive_definite(
+        [solution[i * q : (i + 1) * q] for i in range(q)]
+    )
 
 
 # the problem, read from problem.json
@@ -131,9 +152,13 @@ class Oracle:
         self.P: Rows | None = None if d["observer"]["P"] is None else numbers(d["observer"]["P"])
         default = d["coupling"]["h"]
         special = {tuple(item["arc"]): item["h"] for item in d["coupling"]["exceptions"]}
-        self.h = {(i, j): special.get((i, j), default) for arcs in self.modes.values() for i, j, _ in arcs}
+        self.h = {
+            (i, j): special.get((i, j), default) for arcs in self.modes.values() for i, j, _ in arcs
+        }
         texts = [default, *special.values()]
-        self.smooth = not any(word in str(h) for h in texts for word in ("abs", "min", "max", "clip"))
+        self.smooth = not any(
+            word in str(h) for h in texts for word in ("abs", "min", "max", "clip")
+        )
         self.linear = self.smooth and all(slope(key(h), self.m)[1] for h in texts)
         self.K = zeros(self.n * self.m, self.n * self.m)
         self.pinned = [i for i, _ in d["gains"]]
@@ -145,7 +170,9 @@ class Oracle:
 
     def exact_in(self, mode: str) -> bool:
         """Whether every slope of the mode is rational."""
-        return self.smooth and all(slope(key(self.h[i, j]), self.m)[2] for i, j, _ in self.modes[mode])
+        return self.smooth and all(
+            slope(key(self.h[i, j]), self.m)[2] for i, j, _ in self.modes[mode]
+        )
 
     @property
     def domain(self) -> str:
@@ -172,7 +199,9 @@ class Oracle:
         omega = plus(half, turned(half))
         corner = plus(self.lambda_(mode), times(margin + 2 * rate, eye(self.n * self.m)))
         border = kron(eye(self.n), self.C)
-        return block([[corner, border], [turned(border), kron(eye(self.n), plus(omega, times(2 * rate, P)))]])
+        return block(
+            [[corner, border], [turned(border), kron(eye(self.n), plus(omega, times(2 * rate, P)))]]
+        )
 
     def slack(self) -> Fraction:
         return Fraction(0) if self.exact else SLACK
@@ -184,7 +213,8 @@ class Oracle:
         return [i for i in range(self.n) if i not in reached]
 
     def listened_to_from(self, agent: int) -> set[int]:
-        """The agent, whom it listens to in any mode, whom those listen to, and so on: closed by construction."""
+        """The agent, whom it listens to in any mode, whom those listen to, and so on: closed by
+        construction."""
         found = {agent}
         for _ in range(self.n):
             found |= {j for arcs in self.modes.values() for i, j, _ in arcs if i in found}
@@ -207,7 +237,8 @@ class Oracle:
         return hurwitz(fractions(self.hidden()))
 
     def seen_error_decays(self, W: Rows) -> bool:
-        """The spectrum of A - WC on the quotient by what C never sees: its characteristic polynomial divides."""
+        """The spectrum of A - WC on the quotient by what C never sees: its characteristic
+        polynomial divides."""
         s = sp.Symbol("s")
         whole = sp.Matrix(self.error(W)).charpoly(s).as_expr()
         rest = sp.Poly(sp.cancel(whole / self.hidden().charpoly(s).as_expr()), s)
@@ -217,21 +248,30 @@ class Oracle:
         if mode not in self.counted and self.lemma(mode):
             self.counted[mode] = 0  # e'e decreases
         if mode not in self.counted:
-            self.counted[mode] = right_half_plane(sp.Matrix(self.loop(mode)).charpoly(sp.Symbol("s")))
+            self.counted[mode] = right_half_plane(
+                sp.Matrix(self.loop(mode)).charpoly(sp.Symbol("s"))
+            )
         return self.counted[mode]
 
     def lemma(self, mode: str) -> bool:
-        return negative_definite(plus(self.lambda_(mode), times(self.slack(), eye(self.n * self.m))))
+        return negative_definite(
+            plus(self.lambda_(mode), times(self.slack(), eye(self.n * self.m)))
+        )
 
     def verdicts(self, W: Rows | None) -> set[str]:
-        """What may be said overall: "undecided" always, "proved" or "refuted" where the rules give it."""
+        """What may be said overall: "undecided" always, "proved" or "refuted" where the rules give
+        it."""
         found = {"undecided"}
         region = self.document["region"]
         held = self.smooth and all(self.lemma(mode) for mode in self.modes)
         heard = self.error_decays(W)
         if held and heard and (region is None or self.linear):
             found.add("proved")
-        one = len(self.modes) == 1 and self.exact and all(hurwitz(self.loop(mode)) for mode in self.modes)
+        one = (
+            len(self.modes) == 1
+            and self.exact
+            and all(hurwitz(self.loop(mode)) for mode in self.modes)
+        )
         if one and heard and (region is None or self.linear):
             found.add("proved")
         if self._fails(region):
@@ -246,7 +286,11 @@ class Oracle:
         pairs = [] if region is None else numbers(region["initial_states"])
         for agent in range(self.n):
             alone = self.listened_to_from(agent)
-            gains = [self.K[i * self.m + c][i * self.m : (i + 1) * self.m] for i in alone for c in range(self.m)]
+            gains = [
+                self.K[i * self.m + c][i * self.m : (i + 1) * self.m]
+                for i in alone
+                for c in range(self.m)
+            ]
             common = [
                 (max(lo - goals[i][c] for i in alone), min(hi - goals[i][c] for i in alone))
                 for c, (lo, hi) in enumerate(pairs)
@@ -254,33 +298,51 @@ class Oracle:
             if moves_within(sp.Matrix(gains).nullspace(), common, whole=region is None):
                 return True
         quiet = region is not None and not Fraction(region["initial_disturbance"] or 0)
-        if self.A is not None and self.W is not None and not quiet and not self.seen_error_decays(self.W):
+        if (
+            self.A is not None
+            and self.W is not None
+            and not quiet
+            and not self.seen_error_decays(self.W)
+        ):
             return True
-        inside = all(lo < goal[c] < hi for c, (lo, hi) in enumerate(pairs) for goal in goals.values())
-        return inside and any(self.exact_in(mode) and self.unstable_roots(mode) for mode in self.modes)
+        inside = all(
+            lo < goal[c] < hi for c, (lo, hi) in enumerate(pairs) for goal in goals.values()
+        )
+        return inside and any(
+            self.exact_in(mode) and self.unstable_roots(mode) for mode in self.modes
+        )
 
     # certificates
 
     def false_claims(self, document: dict[str, Any]) -> list[str]:
-        """Every claim of a certificate that is not true, in words; sentences and advice are not read."""
+        """Every claim of a certificate that is not true, in words; sentences and advice are not
+        read."""
         false = []
         if document["problem"] != self.document["name"]:
             false.append("name")
         if document["problem_sha256"] != hashlib.sha256(self.bytes).hexdigest():
             false.append("hash")
         observer = document["observer"]
-        W, P, Q = (None if observer[name] is None else numbers(observer[name]) for name in ("W", "P", "Q"))
+        W, P, Q = (
+            None if observer[name] is None else numbers(observer[name]) for name in ("W", "P", "Q")
+        )
         if self.W is not None and W != self.W:
             false.append("W")
-        if observer["source"] != (None if W is None else "given" if self.W is not None else "designed"):
+        if observer["source"] != (
+            None if W is None else "given" if self.W is not None else "designed"
+        ):
             false.append("source of W")
-        if (P is None) != (Q is None) or (P is not None and (turned(P) != P or dot(P, W or []) != Q)):
+        if (P is None) != (Q is None) or (
+            P is not None and (turned(P) != P or dot(P, W or []) != Q)
+        ):
             false.append("P, Q")
         for check in document["checks"]:
             title = f"{check['id']} {check.get('mode')}"
             if check["id"] in IDS:
                 regions = Regions(self.document, observer["W"])
-                false += [f"{title}: {what}" for what in regions.false(check, document, self.domain)]
+                false += [
+                    f"{title}: {what}" for what in regions.false(check, document, self.domain)
+                ]
             else:
                 false += [f"{title}: {what}" for what in self._false_in(check, W, P, Q)]
             false += [f"{title}: {what}" for what in false_factor(check, document["checks"])]
@@ -289,33 +351,53 @@ class Oracle:
     def _false_overall(self, document: dict[str, Any], W: Rows | None) -> list[str]:
         verdict, checks = document["verdict"], document["checks"]
         regions = Regions(self.document, document["observer"]["W"])
-        covering = [c for c in checks if c["id"] in IDS and c["verdict"] == "proved" and regions.covers(c)]
-        carrying = [c for c in covering if c["id"] == document["covered_by"] and c["id"] in COVERING]
+        covering = [
+            c for c in checks if c["id"] in IDS and c["verdict"] == "proved" and regions.covers(c)
+        ]
+        carrying = [
+            c for c in covering if c["id"] == document["covered_by"] and c["id"] in COVERING
+        ]
         if verdict == "proved" and carrying:
             return [] if document["rate"] == carrying[0]["rate"] else ["rate"]
         own = [
-            c for c in checks if c["id"] == document["covered_by"] and c["id"].endswith(("weighted", "linearisation"))
+            c
+            for c in checks
+            if c["id"] == document["covered_by"] and c["id"].endswith(("weighted", "linearisation"))
         ]
         if verdict == "proved" and own and (self.document["region"] is None or self.linear):
             said = (document["rate"], own[0]["verdict"]) == (own[0]["rate"], "proved")
-            return [] if said and self.error_decays(W) else ["rate or the check of a proved verdict"]
+            return (
+                [] if said and self.error_decays(W) else ["rate or the check of a proved verdict"]
+            )
         beside = self.document["region"] is not None and any(
             c["id"] == "equilibrium" and c["verdict"] == "refuted" for c in checks
         )
         if verdict == "refuted" and beside:
-            return [] if document["rate"] is None and document["covered_by"] is None else ["a rate without proof"]
+            return (
+                []
+                if document["rate"] is None and document["covered_by"] is None
+                else ["a rate without proof"]
+            )
         if verdict not in self.verdicts(W):
             return [f"verdict {verdict}"]
         if verdict != "proved":
-            return [] if document["rate"] is None and document["covered_by"] is None else ["a rate without proof"]
-        carrying = [c for c in checks if c["id"] == document["covered_by"] and c["verdict"] == "proved"]
+            return (
+                []
+                if document["rate"] is None and document["covered_by"] is None
+                else ["a rate without proof"]
+            )
+        carrying = [
+            c for c in checks if c["id"] == document["covered_by"] and c["verdict"] == "proved"
+        ]
         theorem = "lemma1" if self.A is None else f"theorem{min(2, len(self.modes))}"
         if not carrying or document["covered_by"] not in (theorem, f"{theorem}-printed"):
             return ["covered_by"]
         rates = [c["rate"] for c in carrying]
         return [] if document["rate"] in ((None,) if None in rates else (min(rates),)) else ["rate"]
 
-    def _false_in(self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None) -> list[str]:
+    def _false_in(
+        self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
+    ) -> list[str]:
         if not set(check) <= FIELDS:
             return ["unknown fields"]
         id, verdict = check["id"], check["verdict"]
@@ -338,7 +420,9 @@ class Oracle:
             if self.P is None or self.W is None:
                 return ["no printed pair"]
             P, Q = self.P, dot(self.P, self.W)
-        return (self._false_proof if verdict == "proved" else self._false_refutation)(check, W, P, Q)
+        return (self._false_proof if verdict == "proved" else self._false_refutation)(
+            check, W, P, Q
+        )
 
     def _false_plain(self, check: dict[str, Any], W: Rows | None) -> list[str]:
         id, exact = check["id"], check.get("exact")
@@ -351,10 +435,20 @@ class Oracle:
             true, said = not alone, exact is None and check.get("witness") == witness
         elif id == "observability":
             rank = len(self.A or []) - self.hidden().rows
-            true, said = rank == len(self.A or []), set(exact) == {"rank"} and number(exact["rank"]) == rank
+            true, said = (
+                rank == len(self.A or []),
+                set(exact) == {"rank"} and number(exact["rank"]) == rank,
+            )
         elif id == "detectability":
-            polynomial = sp.Poly(self.hidden().charpoly(s).as_expr(), s) if self.hidden().rows else sp.Poly(1, s)
-            true, said = self.detectable(), sp.Poly(read(exact["unobservable_polynomial"]), s) == polynomial
+            polynomial = (
+                sp.Poly(self.hidden().charpoly(s).as_expr(), s)
+                if self.hidden().rows
+                else sp.Poly(1, s)
+            )
+            true, said = (
+                self.detectable(),
+                sp.Poly(read(exact["unobservable_polynomial"]), s) == polynomial,
+            )
         else:
             if W is None:
                 return ["no W"]
@@ -364,19 +458,25 @@ class Oracle:
                 said = check["rate"] > 0 and hurwitz(shifted)
         return ["verdict"] if true != (check["verdict"] == "proved") else [] if said else ["exact"]
 
-    def _false_proof(self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None) -> list[str]:
+    def _false_proof(
+        self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
+    ) -> list[str]:
         margin, rate = (Fraction(repr(check[name] or 0.0)) for name in ("margin", "rate"))
         if check["margin"] is None or margin < 0 or rate < 0 or check.get("witness") is not None:
             return ["margin, rate or witness of a proof"]
         if check["id"] == "lemma1":
             shift = times(max(margin, 2 * rate) + self.slack(), eye(self.n * self.m))
-            true = check.get("exact") is None and negative_definite(plus(self.lambda_(check["mode"]), shift))
+            true = check.get("exact") is None and negative_definite(
+                plus(self.lambda_(check["mode"]), shift)
+            )
             return [] if true else ["Lambda < 0"]
         if P is None or Q is None or not positive_definite(P):
             return ["P"]
         for mode in self.modes:
             for extra, pace in ((margin, Fraction(0)), (Fraction(0), rate)):
-                if not negative_definite(self.psi(mode, P, Q, margin=extra + self.slack(), rate=pace)):
+                if not negative_definite(
+                    self.psi(mode, P, Q, margin=extra + self.slack(), rate=pace)
+                ):
                     return [f"Psi < 0 in {mode}"]
         return self._false_exact(check["exact"], P, Q)
 
@@ -384,11 +484,20 @@ class Oracle:
         """V = e'De + sum eps_i' P eps_i along (22), as one matrix."""
         rate, exact = Fraction(repr(check["rate"] or 0.0)), check.get("exact") or {}
         positive = check["rate"] is None or rate > 0
-        if check["verdict"] != "proved" or not positive or check["margin"] is not None or check.get("witness"):
+        if (
+            check["verdict"] != "proved"
+            or not positive
+            or check["margin"] is not None
+            or check.get("witness")
+        ):
             return ["margin, rate or witness"]
         D = [number(x) for x in exact["D"]]
         P = numbers(exact["P"]) if self.A is not None else []
-        if min(D) <= 0 or (P and (turned(P) != P or not positive_definite(P))) or (self.A is not None and W is None):
+        if (
+            min(D) <= 0
+            or (P and (turned(P) != P or not positive_definite(P)))
+            or (self.A is not None and W is None)
+        ):
             return ["D or P"]
         V = [[D[i] if i == j else Fraction(0) for j in range(len(D))] for i in range(len(D))]
         corner = zeros(len(D), self.n * len(P))
@@ -409,9 +518,16 @@ class Oracle:
             return ["margin or witness"]
         if check["verdict"] == "refuted":
             roots = number((check.get("exact") or {})["unstable_roots"])
-            return [] if check["rate"] is None and 0 < roots <= self.unstable_roots(mode) else ["unstable_roots"]
+            return (
+                []
+                if check["rate"] is None and 0 < roots <= self.unstable_roots(mode)
+                else ["unstable_roots"]
+            )
         rate = Fraction(repr(check["rate"] or 0.0))
-        loops = [self.loop(mode), *([self.error(W)] if self.A is not None and W is not None else [])]
+        loops = [
+            self.loop(mode),
+            *([self.error(W)] if self.A is not None and W is not None else []),
+        ]
         shifted = [plus(x, times(rate, eye(len(x)))) for x in loops]
         decays = (check["rate"] is None or rate > 0) and all(map(hurwitz, shifted))
         return [] if decays and (self.A is None or W is not None) else ["rate"]
@@ -435,7 +551,9 @@ class Oracle:
         A, C, P_, Q_ = (sp.Matrix(x) for x in (self.A, self.C, P, Q))
         return fractions(P_ * A + A.T * P_ - Q_ * C - C.T * Q_.T)
 
-    def _false_refutation(self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None) -> list[str]:
+    def _false_refutation(
+        self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
+    ) -> list[str]:
         id, exact, mode = check["id"], check.get("exact") or {}, check.get("mode")
         if check["rate"] is not None or (check["margin"] is not None and check["margin"] > 0):
             return ["number"]
@@ -451,7 +569,9 @@ class Oracle:
             return ["witness"]
         if id == "lemma1" or part == "Lambda":
             mode = mode or exact["mode"]
-            labels = [self.labels[i] for i in range(self.n) if any(v[i * self.m : (i + 1) * self.m])]
+            labels = [
+                self.labels[i] for i in range(self.n) if any(v[i * self.m : (i + 1) * self.m])
+            ]
             if check["witness"].get("labels") != labels:
                 return ["labels"]
             value = form(self.lambda_(mode), v)
@@ -469,7 +589,11 @@ class Oracle:
             return ["one pair refutes nothing"]
         if part in ("P", "Omega0"):
             matrix = times(-1, P) if part == "P" else self._omega(P, Q)
-            alone = check["margin"] is None and len(exact) == 1 and check["witness"].get("labels") is None
+            alone = (
+                check["margin"] is None
+                and len(exact) == 1
+                and check["witness"].get("labels") is None
+            )
             return [] if form(matrix, v) >= 0 and alone else [part]
         # With eps_i = (-Omega)^-1 C' e_i the whole Psi takes the value that the Reduction gives.
         tails = sp.Matrix(self._omega(P, Q)).inv() * -sp.Matrix(self.C).T
@@ -487,14 +611,19 @@ class Oracle:
         return -Fraction(repr(check["margin"])) * square <= value + self.slack() * square
 
 
-def moves_within(free: list[sp.Matrix], box: list[tuple[Fraction, Fraction]], *, whole: bool) -> bool:
-    """Whether some c != 0 spanned by ``free`` lies in the box: c = F t, one linear program for each end of each c_k."""
+def moves_within(
+    free: list[sp.Matrix], box: list[tuple[Fraction, Fraction]], *, whole: bool
+) -> bool:
+    """Whether some c != 0 spanned by ``free`` lies in the box: c = F t, one linear program for each
+    end of each c_k."""
     if whole or not free:
         return bool(free)
     F = np.array(sp.Matrix.hstack(*free).tolist(), dtype=float)
     limits = [float(hi) for _, hi in box] + [-float(lo) for lo, _ in box]
     ends = [
-        linprog(sign * row, A_ub=np.vstack([F, -F]), b_ub=limits, bounds=(None, None)) for row in F for sign in (1, -1)
+        linprog(sign * row, A_ub=np.vstack([F, -F]), b_ub=limits, bounds=(None, None))
+        for row in F
+        for sign in (1, -1)
     ]
     return any(end.status == 0 and abs(end.fun) > 1e-9 for end in ends)
 
@@ -510,7 +639,8 @@ def read(text: str) -> sp.Expr:
 
 @cache
 def slope(h: tuple[str, ...], m: int) -> tuple[Rows, bool, bool]:
-    """dh/dy at 0 by SymPy (m x m, to 80 digits), whether h is linear, whether the slopes are rational."""
+    """dh/dy at 0 by SymPy (m x m, to 80 digits), whether h is linear, whether the slopes are
+    rational."""
     y = sp.symbols(f"y1:{m + 1}")
     names = {f"y{i + 1}": symbol for i, symbol in enumerate(y)}
     if len(h) == 1:
@@ -546,20 +676,29 @@ def fractions(M: sp.Matrix) -> Rows:
 
 
 def right_half_plane(polynomial: sp.Poly) -> int:
-    """Roots with positive real part, counted on irreducible factors: their roots are simple, hence accurate."""
+    """Roots with positive real part, counted on irreducible factors: their roots are simple, hence
+    accurate."""
     axis = mpmath.mpf(10) ** -25
-    return sum(multiplicity * sum(root.real > axis for root in roots) for roots, multiplicity in _roots(polynomial))
+    return sum(
+        multiplicity * sum(root.real > axis for root in roots)
+        for roots, multiplicity in _roots(polynomial)
+    )
 
 
 def on_axis(polynomial: sp.Poly) -> bool:
-    return any(abs(root.real) <= mpmath.mpf(10) ** -25 for roots, _ in _roots(polynomial) for root in roots)
+    return any(
+        abs(root.real) <= mpmath.mpf(10) ** -25 for roots, _ in _roots(polynomial) for root in roots
+    )
 
 
 def _roots(polynomial: sp.Poly) -> list[tuple[list[Any], int]]:
     found = []
     with mpmath.workdps(60):
         for factor, multiplicity in sp.factor_list(polynomial.as_expr(), sp.Symbol("s"))[1]:
-            coefficients = [mpmath.mpf(int(c.p)) / int(c.q) for c in sp.Poly(factor, sp.Symbol("s")).all_coeffs()]
+            coefficients = [
+                mpmath.mpf(int(c.p)) / int(c.q)
+                for c in sp.Poly(factor, sp.Symbol("s")).all_coeffs()
+            ]
             roots = mpmath.polyroots(coefficients, maxsteps=500, extraprec=400)
             found.append(([mpmath.mpc(root) for root in roots], multiplicity))
     return found

@@ -46,7 +46,8 @@ def of_weights(exact: dict[str, Any]) -> float:
 
 
 def of_phases(exact: dict[str, Any], first: list[int]) -> float:
-    """Of max |e_i| / v_i(t), without T: v(0) of a first phase, and the largest v(t) exp(rate t) on a fine grid."""
+    """Of max |e_i| / v_i(t), without T: v(0) of a first phase, and the largest v(t) exp(rate t) on
+    a fine grid."""
     rate, begun, highest = _number(exact["rate"]), math.inf, 0.0
     for place, phase in enumerate(exact["phases"]):
         times, v = numbers(phase["times"]), numbers(phase["v"])
@@ -67,7 +68,8 @@ def of_entries(entries: list[list[Any]], size: int) -> float:
 
 
 def least_factor(check: dict[str, Any], checks: list[dict[str, Any]]) -> float | None:
-    """The factor that follows; None where none does (and for a schedule, which needs the phases)."""
+    """The factor that follows; None where none does (and for a schedule, which needs the
+    phases)."""
     id, exact = check["id"], check.get("exact") or {}
     if id in OF_THE_PAPER:
         return 1.0
@@ -94,5 +96,9 @@ def false_factor(check: dict[str, Any], checks: list[dict[str, Any]]) -> list[st
     factor = check.get("factor")
     if factor is None:
         return []
-    least = least_factor(check, checks) if check["verdict"] == "proved" and check["rate"] is not None else None
+    least = (
+        least_factor(check, checks)
+        if check["verdict"] == "proved" and check["rate"] is not None
+        else None
+    )
     return [] if least is not None and factor >= max(1.0, least * (1 - CLOSE)) else ["factor"]

@@ -1,4 +1,5 @@
-"""Small problems with a [switching], and certificates of them with one claim more, written by hand."""
+"""Small problems with a [switching], and certificates of them with one claim more, written by
+hand."""
 
 import hashlib
 import json
@@ -35,9 +36,12 @@ def _unweighted(problem: Problem) -> Claims:
 
 
 class Frames:
-    """``settings``: by name a problem and its [switching]; ``known``: ids of what is kept of the rest."""
+    """``settings``: by name a problem and its [switching]; ``known``: ids of what is kept of the
+    rest."""
 
-    def __init__(self, settings: dict[str, tuple[Document, Document]], known: tuple[str, ...]) -> None:
+    def __init__(
+        self, settings: dict[str, tuple[Document, Document]], known: tuple[str, ...]
+    ) -> None:
         self._settings, self._known = settings, known
         self.frame, self.problem = cache(self._frame), cache(self._problem)
 
@@ -45,7 +49,9 @@ class Frames:
         """What is found without the [switching], less what it says of regions."""
         problem = Problem(**self._settings[name][0])
         weighted = any(each.endswith("weighted") for each in self._known)
-        document = json.loads(certificate_bytes((consensus_claims if weighted else _unweighted)(problem)))
+        document = json.loads(
+            certificate_bytes((consensus_claims if weighted else _unweighted)(problem))
+        )
         document["checks"] = [each for each in document["checks"] if each["id"] in self._known]
         if document["verdict"] == "proved" and document["covered_by"] not in self._known:
             document |= {"verdict": "undecided", "rate": None, "covered_by": None}
@@ -58,18 +64,29 @@ class Frames:
     def certificate(
         self, name: str, check: Document | None, data: bytes | None = None, **overall: Any
     ) -> tuple[bytes, bytes]:
-        """With that check, which decides where it is a faster proof of consensus; and the problem file."""
+        """With that check, which decides where it is a faster proof of consensus; and the problem
+        file."""
         document, data = json.loads(self.frame(name)), data or self.problem(name)
         document["problem_sha256"] = hashlib.sha256(data).hexdigest()
         if check is not None:
             document["checks"].append(check)
-            decides = check["verdict"] == "proved" and (check["id"] != "safety" or check["rate"] is not None)
-            if decides and (document["verdict"] != "proved" or (check["rate"] or 0) > (document["rate"] or 0)):
+            decides = check["verdict"] == "proved" and (
+                check["id"] != "safety" or check["rate"] is not None
+            )
+            if decides and (
+                document["verdict"] != "proved" or (check["rate"] or 0) > (document["rate"] or 0)
+            ):
                 document |= {"verdict": "proved", "rate": check["rate"], "covered_by": check["id"]}
         return json.dumps(document | overall).encode(), data
 
     def case(
-        self, name: str, code: int, check: Document | None, what: str, data: bytes | None = None, **overall: Any
+        self,
+        name: str,
+        code: int,
+        check: Document | None,
+        what: str,
+        data: bytes | None = None,
+        **overall: Any,
     ) -> Case:
         return Case(f"{name}: {what}", *self.certificate(name, check, data, **overall), code)
 

@@ -1,8 +1,9 @@
 """Broken input for every reader, and what each reader may do with it.
 
-A target takes bytes and returns normally, whether it accepted them or refused them in the one way it may;
-anything else (another exception, a wrong round trip, more than LIMIT seconds of CPU time) is a defect.
-``seeds`` are valid inputs, ``mutate`` breaks them; the same seed breaks them in the same way.
+A target takes bytes and returns normally, whether it accepted them or refused them in the one way
+it may; anything else (another exception, a wrong round trip, more than LIMIT seconds of CPU time)
+is a defect. ``seeds`` are valid inputs, ``mutate`` breaks them; the same seed breaks them in the
+same way.
 """
 
 import json
@@ -27,7 +28,12 @@ from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.coupling.coupling import make_coupling
-from dobc_design.coupling.expression import Expression, numpy_function, parse_expression, polynomial_degree
+from dobc_design.coupling.expression import (
+    Expression,
+    numpy_function,
+    parse_expression,
+    polynomial_degree,
+)
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate, variable_names
 from dobc_design.errors import CertificateError, ExpressionError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -40,11 +46,15 @@ LIMIT = 2.0  # seconds of CPU time for one input
 LARGEST = 200_000  # bytes of a mutant
 
 _WORDS = r"""
-0 1 -1 1e400 1e-400 1e401 1e999999999 0.1 1/0 1/3 -9/8 nan inf NaN Infinity true false null 1_000 0x1F
+0 1 -1 1e400 1e-400 1e401 1e999999999 0.1 1/0 1/3 -9/8 nan inf NaN Infinity true false null 1_000
+0x1F
 1e5 ٣ +1 --1 1. .5
-" ' \ \u0000 \ud800 \uD83D # , : = . ; [ ] { } [[ ]] ( ) < > & a.b.c.d [1,2] [1,2,3] [] {} [[]] "" "\n"
-y y1 y2 y3 pi exp( log( sqrt( tan( abs( min( max( clip( sinh( ** **64 **-64 **0.5 **2 * / + - 1e300 1e-300
-exp(exp(exp(y))) y**64**2 1970-01-01 12:00:00 1970-01-01T00:00:00Z __import__ proved refuted undecided theorem1 vector
+" ' \ \u0000 \ud800 \uD83D # , : = . ; [ ] { } [[ ]] ( ) < > & a.b.c.d [1,2] [1,2,3] [] {} [[]] ""
+"\n"
+y y1 y2 y3 pi exp( log( sqrt( tan( abs( min( max( clip( sinh( ** **64 **-64 **0.5 **2 * / + - 1e300
+1e-300
+exp(exp(exp(y))) y**64**2 1970-01-01 12:00:00 1970-01-01T00:00:00Z __import__ proved refuted
+undecided theorem1 vector
 global dobc-problem version 1,2,1 from,to,weight
 """
 _QUOTES = ('"""', "'''", "\r\n", "\x1b[31m", "<edge source='1'/>")
@@ -54,8 +64,10 @@ _BYTES = (b"\xff", b"\xc0\x80", b"\xed\xa0\x80", b"\x1f\x8b\x08\x00", b"\xef\xbb
 TOKENS = (*(text.encode("utf-8", "surrogatepass") for text in _TEXTS), *_BYTES)
 
 _EXPRESSIONS = """
-y; exp(y) - 1 + y; tanh(y); 2*y - y**3; sin(y)/2 + 1e-3*y; clip(y, -1, 1) + y/3; y*abs(y); log(1 + y/9)
-sinh(y)*exp(-y**2); (1 + y**2)**(1/2) - 1; min(y, 1/2, 3*y); max(-3/4, y); tan(y/4); atan(y) - y**5/7; cosh(y) - 1 + 2*y
+y; exp(y) - 1 + y; tanh(y); 2*y - y**3; sin(y)/2 + 1e-3*y; clip(y, -1, 1) + y/3; y*abs(y); log(1 +
+y/9)
+sinh(y)*exp(-y**2); (1 + y**2)**(1/2) - 1; min(y, 1/2, 3*y); max(-3/4, y); tan(y/4); atan(y) -
+y**5/7; cosh(y) - 1 + 2*y
 y/(2 + y**2); sqrt(4 + y) - 2; sin(pi*y); ((((y))))**-2*y**3; 1e-400*y; -y - -y; y1*cos(y2)
 log(1 + y2/9) + abs(y1 - 1) - 1; max(y1, y2/2 - 1) - y2/2"""
 EXPRESSIONS = [text for line in _EXPRESSIONS.strip().splitlines() for text in line.split("; ")]
@@ -64,13 +76,19 @@ GRAPHML = b"""<graphml><key id="w" for="edge" attr.name="weight"><default>2</def
 <graph edgedefault="directed"><edge source="1" target="2"><data key="w">1/2</data></edge>
 <edge source="2" target="3" directed="false"/></graph></graphml>"""
 
-GML = b'graph [ directed 1 node [ id 1 label "1" ] node [ id 2 label "2" ] edge [ source 1 target 2 weight 0.5 ] ]'
+GML = (
+    b'graph [ directed 1 node [ id 1 label "1" ] node [ id 2 label "2" ] edge [ source 1 '
+    b"target 2 weight 0.5 ] ]"
+)
 PAJEK = b'*Vertices 3\n1 "1" 0.1 0.2\n2 "2"\n*Arcs\n1 2 0.5\n*Edges\n2 3 1\n'
 MATRIX = b"%%MatrixMarket matrix coordinate real symmetric\n% x\n3 3 2\n2 1 0.5\n3 2 1e0\n"
 
 # The first byte says which kind of file it is, see read_arcs.
 ARCS = (
-    *(b"5" + text for text in (CSV, b"from,to\n1,2\n", b"Source;Target;Type;Weight\n1;2;Undirected;0.5\n")),
+    *(
+        b"5" + text
+        for text in (CSV, b"from,to\n1,2\n", b"Source;Target;Type;Weight\n1;2;Undirected;0.5\n")
+    ),
     *(b"1" + text for text in (b"1 2 0.5 # x\n2 3\n", b"1 2 {'weight': 2.0}\n", b"a, b\n1, 2\n")),
     b"0" + GRAPHML,
     b"2" + GML,
@@ -80,7 +98,14 @@ ARCS = (
 
 BOXES = tuple(
     Interval(Fraction(lo), Fraction(hi))
-    for lo, hi in (("0", "0"), ("-1e-9", "1e-9"), ("-1/2", "2"), ("1", "1"), ("-40", "300"), ("1e30", "1e31"))
+    for lo, hi in (
+        ("0", "0"),
+        ("-1e-9", "1e-9"),
+        ("-1/2", "2"),
+        ("1", "1"),
+        ("-40", "300"),
+        ("1e30", "1e31"),
+    )
 )
 
 
@@ -127,7 +152,8 @@ def defect(target: Target, data: bytes) -> str:
 
 
 def mutate(data: bytes, r: Random, *, others: tuple[bytes, ...] = ()) -> bytes:
-    """A copy with one to six random changes: bytes, tokens, pieces moved, repeated, dropped, borrowed."""
+    """A copy with one to six random changes: bytes, tokens, pieces moved, repeated, dropped,
+    borrowed."""
     for _ in range(r.choice((1, 1, 1, 2, 3, 6))):
         data = _changed(data, r, others)[:LARGEST]
     return data
@@ -160,7 +186,9 @@ def _changed(data: bytes, r: Random, others: tuple[bytes, ...]) -> bytes:
 
 
 def _number_changed(data: bytes, r: Random) -> bytes:
-    places = [k for k in range(len(data)) if data[k : k + 1].isdigit() and not data[k - 1 : k].isdigit()]
+    places = [
+        k for k in range(len(data)) if data[k : k + 1].isdigit() and not data[k - 1 : k].isdigit()
+    ]
     if not places:
         return data
     a = b = r.choice(places)
@@ -214,7 +242,9 @@ def read_expression(data: bytes) -> bool:
     return True
 
 
-def _check_enclosure(expression: Expression, box: Interval, function: Callable[..., np.ndarray]) -> None:
+def _check_enclosure(
+    expression: Expression, box: Interval, function: Callable[..., np.ndarray]
+) -> None:
     node, dimension = expression.node, expression.dimension
     try:
         enclosed = evaluate(node, (box,) * dimension, IntervalAlgebra())
@@ -242,14 +272,21 @@ def read_arcs(data: bytes) -> bool:
         Path(folder, f"arcs{suffix}").write_bytes(data[1:])
         index = {str(i + 1): i for i in range(4)}
         try:
-            read_arcs_file(f"arcs{suffix}", folder=Path(folder), index=index, arrow="listens_to", key="network.modes.G")
+            read_arcs_file(
+                f"arcs{suffix}",
+                folder=Path(folder),
+                index=index,
+                arrow="listens_to",
+                key="network.modes.G",
+            )
         except SpecError as error:
             return _refused(error)
     return True
 
 
 def read_certificate(data: bytes) -> bool:
-    """Read; what can be read is checked against the problem it names, and never crashes the checker."""
+    """Read; what can be read is checked against the problem it names, and never crashes the
+    checker."""
     try:
         claims = read_claims(data)
     except CertificateError as error:
@@ -290,20 +327,27 @@ def _refused(error: SpecError | CertificateError) -> bool:
 
 @cache
 def _problems() -> tuple[dd.Problem, ...]:
-    names = [name for name in builtin_names() if load_problem(name).n <= 20 and name != "neurons"]  # that takes 7 s
+    # that takes 7 s
+    names = [name for name in builtin_names() if load_problem(name).n <= 20 and name != "neurons"]
     # A mutant has 2 s; the regions of some problems take longer than that to check as they are.
     return tuple(without_region(name) if name in LONG else load_problem(name) for name in names)
 
 
 def _toml_seeds() -> tuple[bytes, ...]:
     short = [case.data() for case in BAD_FILES[::50] if not callable(case.content)]
-    return (*(builtin_text(name).encode() for name in builtin_names()), *[VALID.encode()] * 6, *short)
+    return (
+        *(builtin_text(name).encode() for name in builtin_names()),
+        *[VALID.encode()] * 6,
+        *short,
+    )
 
 
 @cache
 def _certificates() -> tuple[bytes, ...]:
     names = {load_problem(name): name for name in builtin_names()}
-    return tuple(certificate_bytes(certified(names.get(problem, problem)).claims) for problem in _problems())
+    return tuple(
+        certificate_bytes(certified(names.get(problem, problem)).claims) for problem in _problems()
+    )
 
 
 TARGETS = (
@@ -314,7 +358,11 @@ TARGETS = (
         seeds=cache(lambda: tuple(canonical_bytes(p) for p in _problems())),
         is_json=True,
     ),
-    Target(name="expression", run=read_expression, seeds=lambda: tuple(text.encode() for text in EXPRESSIONS)),
+    Target(
+        name="expression",
+        run=read_expression,
+        seeds=lambda: tuple(text.encode() for text in EXPRESSIONS),
+    ),
     Target(name="arcs file", run=read_arcs, seeds=lambda: ARCS),
     Target(name="certificate.json", run=read_certificate, seeds=_certificates, is_json=True),
     Target(name="checker, certificate", run=check_certificate, seeds=_certificates, is_json=True),

@@ -18,4 +18,6 @@ def tables(**changes: tuple[list[str], list[list[object]]]) -> bytes:
         "ext_grid": frame(["bus", "in_service"], [[0, True]]),
         **{name: frame(*value) for name, value in changes.items()},
     }
-    return json.dumps({"_module": "pandapower.auxiliary", "_class": "pandapowerNet", "_object": inside}).encode()
+    return json.dumps(
+        {"_module": "pandapower.auxiliary", "_class": "pandapowerNet", "_object": inside}
+    ).encode()

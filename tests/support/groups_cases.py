@@ -1,4 +1,5 @@
-"""Problems with groups of agents for the lone checker: good certificates, and bad ones wrong in one place each."""
+"""Problems with groups of agents for the lone checker: good certificates, and bad ones wrong in one
+place each."""
 
 import json
 from collections.abc import Iterator
@@ -8,7 +9,20 @@ from typing import Any
 
 import sympy as sp
 from certified import certified, consensus_claims
-from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, Document, about, bare, bend, network, scalar
+from checker_cases import (
+    FAILS,
+    HOLDS,
+    NOTHING,
+    OPEN,
+    UNREADABLE,
+    Case,
+    Document,
+    about,
+    bare,
+    bend,
+    network,
+    scalar,
+)
 from linked import linked
 from quadratic_cases import quadratic
 from region_cases import claim
@@ -33,16 +47,29 @@ def _one(agent: int, exosystem: Exosystem, observer: Observer | None = None) -> 
 @cache
 def problems() -> dict[str, Problem]:
     """One for every rule about groups."""
-    given, slow, bad = _one(1, scalar(0), Observer(W=[[2]])), _one(2, scalar(-1), SLOW), _one(2, scalar(0), GROWING)
+    given, slow, bad = (
+        _one(1, scalar(0), Observer(W=[[2]])),
+        _one(2, scalar(-1), SLOW),
+        _one(2, scalar(0), GROWING),
+    )
     printed = _one(1, scalar(0), Observer(W=[[2]], P=[[1]]))
     pairs = {"printed": 1, "small P": "1/100", "negative P": -1}
     calm, noisy = ({"initial_states": [-1, 1], "initial_disturbance": s} for s in (0, "1/10"))
-    line, turned = Exosystem(A=[[0]], C=[[1], [2]]), Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0], [0, 1]])
-    three = [Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]])), _one(3, scalar(-1), SLOW)]
+    line, turned = (
+        Exosystem(A=[[0]], C=[[1], [2]]),
+        Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0], [0, 1]]),
+    )
+    three = [
+        Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]])),
+        _one(3, scalar(-1), SLOW),
+    ]
     return {
         "given": _pair(given, slow),
         "mixed": _pair(given, _one(2, RAMP)),
-        **{name: _pair(printed, _one(2, scalar(-1), Observer(W=[[1]], P=[[P]]))) for name, P in pairs.items()},
+        **{
+            name: _pair(printed, _one(2, scalar(-1), Observer(W=[[1]], P=[[P]])))
+            for name, P in pairs.items()
+        },
         "hidden": _pair(given, _one(2, scalar(0, 0))),
         "bad W": _pair(given, bad),
         "bad W, calm": _pair(given, bad, coupling="tanh(y)", region=calm),
@@ -69,7 +96,11 @@ def _originals() -> dict[str, tuple[bytes, bytes]]:
     """What `certify` says of the region, and of the others about the consensus alone."""
     found = {}
     for name, problem in problems().items():
-        claims = certified(problem).claims if problem.region and name != "bad W, calm" else consensus_claims(problem)
+        claims = (
+            certified(problem).claims
+            if problem.region and name != "bad W, calm"
+            else consensus_claims(problem)
+        )
         found[name] = certificate_bytes(claims), canonical_bytes(problem)
     return found
 
@@ -77,8 +108,18 @@ def _originals() -> dict[str, tuple[bytes, bytes]]:
 @cache
 def groups_cases() -> list[Case]:
     """All of them, the good ones first."""
-    good = [Case(f"groups: {name}", data, problem, HOLDS) for name, (data, problem) in _originals().items()]
-    return [*good, *_bent_claims(), *_undisturbed(), *_bent_matrices(), *_bent_obstacles(), *_bent_problems()]
+    good = [
+        Case(f"groups: {name}", data, problem, HOLDS)
+        for name, (data, problem) in _originals().items()
+    ]
+    return [
+        *good,
+        *_bent_claims(),
+        *_undisturbed(),
+        *_bent_matrices(),
+        *_bent_obstacles(),
+        *_bent_problems(),
+    ]
 
 
 def document(name: str) -> Document:
@@ -87,10 +128,14 @@ def document(name: str) -> Document:
 
 def check(document: Document, id: str, group: str | None = None) -> Document:
     """The check of that id and group."""
-    return next(each for each in document["checks"] if each["id"] == id and each.get("group") == group)
+    return next(
+        each for each in document["checks"] if each["id"] == id and each.get("group") == group
+    )
 
 
-def bent(name: str, *changes: tuple[str, str | None, Document], what: str, code: int = FAILS) -> Case:
+def bent(
+    name: str, *changes: tuple[str, str | None, Document], what: str, code: int = FAILS
+) -> Case:
     """A certificate with changes of checks by id and group, or of the whole ("")."""
     copied = document(name)
     for id, group, values in changes:
@@ -125,38 +170,60 @@ def _bent_claims() -> Iterator[Case]:
     ):
         yield bent(name, ("theorem1-printed", None, values), what=what, code=code)
     yield bent("region", ("max-separable", None, {"rate": 3}), what="a rate that does not follow")
-    # At the rate b = 1/10, S = diag(1/38, 1/(3.8 p)) for P = diag(10, p), and [[-4, 2], [2, -4]] + 2 b I + S < 0
-    # iff (3.8 - 1/38) (3.8 - 1/(3.8 p)) > 4, that is p > 0.09603: each agent has its own S.
+    # At the rate b = 1/10, S = diag(1/38, 1/(3.8 p)) for P = diag(10, p), and [[-4, 2], [2, -4]] +
+    # 2 b I + S < 0 iff (3.8 - 1/38) (3.8 - 1/(3.8 p)) > 4, that is p > 0.09603: each agent has its
+    # own S.
     for p, code in (("0.0961", HOLDS), ("0.0959", FAILS)):
         copied, P = document("given"), [["10", "0"], ["0", p]]
-        copied["checks"].append(claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=P)))
+        copied["checks"].append(
+            claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=P))
+        )
         name = f"groups: a quadratic certificate with p = {p}"
         yield Case(name, json.dumps(copied).encode(), _originals()["given"][1], code)
 
 
 def _undisturbed() -> Iterator[Case]:
-    """Agent 2 of "one" has no disturbance: S = diag(1/(3.8 p), 0) and, with the above, p > 0.09579 is needed; with the
-    block of agent 1 for both p > 0.1462.  S = diag(1/4, 0) leaves Lambda + S the margin 1.871098."""
+    """Agent 2 of "one" has no disturbance: S = diag(1/(3.8 p), 0) and, with the above, p > 0.09579
+    is needed; with the block of agent 1 for both p > 0.1462.  S = diag(1/4, 0) leaves Lambda + S
+    the margin 1.871098."""
     for p, code in (("0.0958", HOLDS), ("0.0957", FAILS)):
         copied = document("one")
-        copied["checks"].append(claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=[[p]])))
+        copied["checks"].append(
+            claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=[[p]]))
+        )
         name = f"groups: one: a quadratic certificate with p = {p}"
         yield Case(name, json.dumps(copied).encode(), _originals()["one"][1], code)
     for margin, code in ((1.871, HOLDS), (1.8711, FAILS)):
-        yield bent("one, printed", ("theorem1-printed", None, {"margin": margin}), what=f"margin {margin}", code=code)
+        yield bent(
+            "one, printed",
+            ("theorem1-printed", None, {"margin": margin}),
+            what=f"margin {margin}",
+            code=code,
+        )
     inputs = dict(check(document("one, limited"), "actuators")["exact"]["inputs"])
     for label, less in (("1", "1/20"), ("2", "1/1000")):  # of |d_1| = 1/20 and d_2 = 0
         exact = check(document("one, limited"), "actuators")["exact"]
         exact = exact | {"inputs": inputs | {label: str(Fraction(inputs[label]) - Fraction(less))}}
-        yield bent("one, limited", ("actuators", None, {"exact": exact}), what=f"a smaller input of agent {label}")
+        yield bent(
+            "one, limited",
+            ("actuators", None, {"exact": exact}),
+            what=f"a smaller input of agent {label}",
+        )
     for id in ("observability", "hurwitz"):
         copied = document("one")
         copied["checks"].append(check(copied, id, "1") | {"group": "2"})
-        yield Case(f"groups: one: {id} of agent 2", json.dumps(copied).encode(), _originals()["one"][1], FAILS)
+        yield Case(
+            f"groups: one: {id} of agent 2",
+            json.dumps(copied).encode(),
+            _originals()["one"][1],
+            FAILS,
+        )
     copied = document("one")
     for each in copied["checks"]:
         each.pop("group", None)
-    yield Case("groups: one: no group named", json.dumps(copied).encode(), _originals()["one"][1], FAILS)
+    yield Case(
+        "groups: one: no group named", json.dumps(copied).encode(), _originals()["one"][1], FAILS
+    )
 
 
 def _texts(M: sp.Matrix) -> list[list[str]]:
@@ -167,7 +234,9 @@ def _rational(rows: list[list[str]]) -> sp.Matrix:
     return sp.Matrix([[sp.Rational(x) for x in row] for row in rows])
 
 
-def _with_matrices(name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, str, Document], what: str) -> Case:
+def _with_matrices(
+    name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, str, Document], what: str
+) -> Case:
     """The certificate with these W and P, and everything that follows from them."""
     copied, parts = bare(document(name)), json.loads(_originals()[name][1])["exosystem"]["groups"]
     A, C = (sp.diag(*(_rational(part[key]) for part in parts)) for key in "AC")
@@ -180,7 +249,9 @@ def _with_matrices(name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, s
     bend(copied, {"rate": None, "covered_by": "theorem1"})
     for id, group, values in changes:
         bend(check(copied, id, group), values)
-    return Case(f"groups: {name}: {what}", json.dumps(copied).encode(), _originals()[name][1], FAILS)
+    return Case(
+        f"groups: {name}: {what}", json.dumps(copied).encode(), _originals()[name][1], FAILS
+    )
 
 
 def _bent_matrices() -> Iterator[Case]:
@@ -209,8 +280,12 @@ def _bent_obstacles() -> Iterator[Case]:
     ):
         yield bent(name, ("theorem1", None, {"exact": exact}), what=what)
     yield bent("bad W", ("", None, OPEN), what="refuted, and it says undecided")
-    yield bent("bad W, calm", ("", None, {"verdict": "refuted"}), what="undecided, and it says refuted")
-    yield bent("bad W beside a designed one", ("", None, OPEN), what="refuted, and it says undecided")
+    yield bent(
+        "bad W, calm", ("", None, {"verdict": "refuted"}), what="undecided, and it says refuted"
+    )
+    yield bent(
+        "bad W beside a designed one", ("", None, OPEN), what="refuted, and it says undecided"
+    )
     yield bent("bad W", ("theorem1", None, NOTHING), what="the theorem left open", code=HOLDS)
 
 
@@ -218,7 +293,12 @@ def _bent_problems() -> Iterator[Case]:
     def changed(name: str, certificate: Document, code: int, *, what: str, **parts: Any) -> Case:
         problem = json.loads(_originals()[name][1])
         for place, values in parts.items():
-            bend(problem[place] if place == "observer" else problem["exosystem"]["groups"][int(place[1:])], values)
+            bend(
+                problem[place]
+                if place == "observer"
+                else problem["exosystem"]["groups"][int(place[1:])],
+                values,
+            )
         return about(problem, certificate, name=f"groups: {name}: {what}", code=code)
 
     plain = document("given")
@@ -239,30 +319,50 @@ def _bent_problems() -> Iterator[Case]:
     yield changed("three", turned, UNREADABLE, what="agents out of order", g0={"agents": [1, 0]})
     backwards, problem = document("given"), json.loads(_originals()["given"][1])
     problem["exosystem"]["groups"].reverse()
-    for holder, names in ((backwards["observer"], "WPQ"), (check(backwards, "theorem1")["exact"], "PQS")):
+    for holder, names in (
+        (backwards["observer"], "WPQ"),
+        (check(backwards, "theorem1")["exact"], "PQS"),
+    ):
         holder |= {name: [row[::-1] for row in holder[name][::-1]] for name in names}
     yield about(problem, backwards, name="groups: given: groups out of order", code=UNREADABLE)
     for what, parts in {
         "version 1": {"version": 1},
         "no group": {"exosystem": {"groups": []}},
         "all agents": {
-            "exosystem": {"groups": [json.loads(_originals()["one"][1])["exosystem"]["groups"][0] | {"agents": [0, 1]}]}
+            "exosystem": {
+                "groups": [
+                    json.loads(_originals()["one"][1])["exosystem"]["groups"][0]
+                    | {"agents": [0, 1]}
+                ]
+            }
         },
     }.items():
         file = json.loads(_originals()["one"][1]) | parts
         yield about(file, document("one"), name=f"groups: one: {what}", code=UNREADABLE)
     crowded = json.loads(_originals()["given"][1])
-    crowded["exosystem"]["groups"].append({"agents": [], "A": [["0"]], "C": [["1"]], "W": [["1"]], "P": None})
+    crowded["exosystem"]["groups"].append(
+        {"agents": [], "A": [["0"]], "C": [["1"]], "W": [["1"]], "P": None}
+    )
     yield about(crowded, plain, name="groups: given: a group of nobody", code=UNREADABLE)
     yield _alone()
 
 
 def _alone() -> Case:
-    """One group of all agents: a certificate of the plain problem with the group's name on its checks."""
-    same = Problem(network=network(), coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]]))
-    certificate, problem = json.loads(certificate_bytes(consensus_claims(same))), json.loads(canonical_bytes(same))
+    """One group of all agents: a certificate of the plain problem with the group's name on its
+    checks."""
+    same = Problem(
+        network=network(), coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]])
+    )
+    certificate, problem = (
+        json.loads(certificate_bytes(consensus_claims(same))),
+        json.loads(canonical_bytes(same)),
+    )
     for each in certificate["checks"]:
-        each.update({"group": "1"} if each["id"] in ("observability", "detectability", "hurwitz") else {})
-    problem["exosystem"] = {"groups": [problem["exosystem"] | {"agents": [0, 1], "W": [["2"]], "P": None}]}
+        each.update(
+            {"group": "1"} if each["id"] in ("observability", "detectability", "hurwitz") else {}
+        )
+    problem["exosystem"] = {
+        "groups": [problem["exosystem"] | {"agents": [0, 1], "W": [["2"]], "P": None}]
+    }
     problem["observer"] = {"W": None, "P": None, "rate": None}
     return about(problem, certificate, name="groups: one group of all", code=UNREADABLE)

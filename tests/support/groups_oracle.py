@@ -1,8 +1,9 @@
-"""The oracle for problems in which agents have different exosystems, and random problems of that kind.
+"""The oracle for problems in which agents have different exosystems, and random problems of that
+kind.
 
-What is true of one group is asked of the oracle for a problem in which all agents have that group's exosystem.  Psi is
-written out as one matrix with every agent's own C and Omega0 in its place, from the agents' lists in problem.json; the
-Reduction does not enter.
+What is true of one group is asked of the oracle for a problem in which all agents have that group's
+exosystem.  Psi is written out as one matrix with every agent's own C and Omega0 in its place, from
+the agents' lists in problem.json; the Reduction does not enter.
 """
 
 import json
@@ -11,7 +12,21 @@ from random import Random
 from typing import Any
 
 import sympy as sp
-from exact_oracle import PLAIN, Oracle, Rows, dot, eye, form, fractions, number, numbers, plus, times, turned, zeros
+from exact_oracle import (
+    PLAIN,
+    Oracle,
+    Rows,
+    dot,
+    eye,
+    form,
+    fractions,
+    number,
+    numbers,
+    plus,
+    times,
+    turned,
+    zeros,
+)
 from random_problems import _exosystem, _observer, random_linear_problem, random_problem
 
 from dobc_design import Exosystem, Group, Observer, Problem, Verdict
@@ -20,7 +35,8 @@ from dobc_design.problem.canonical import canonical_bytes
 
 
 def random_grouped_problem(seed: int) -> Problem:
-    """The next random problem of two agents or more, divided into two or three groups; W and P given or not."""
+    """The next random problem of two agents or more, divided into two or three groups; W and P
+    given or not."""
     r = Random(f"groups {seed}")
     make = random_linear_problem if r.random() < 0.4 else random_problem
     friendly = r.random() < 0.6  # all pinned, nothing hidden, W designed: most of these are proved
@@ -31,7 +47,9 @@ def random_grouped_problem(seed: int) -> Problem:
     own[labels[0]], own[labels[-1]] = 0, 1
     chosen = {g: [label for label in labels if own[label] == g] for g in sorted(set(own.values()))}
     systems = {g: _exosystem(r, base.m) for g in chosen}
-    while friendly and {decide_observable(each.A, each.C).verdict for each in systems.values()} != {Verdict.PROVED}:
+    while friendly and {decide_observable(each.A, each.C).verdict for each in systems.values()} != {
+        Verdict.PROVED
+    }:
         systems = {g: _exosystem(r, base.m) for g in chosen}
     observers = {g: _observer(r, systems[g]) for g in chosen}
     if friendly and r.random() < 0.7:
@@ -47,7 +65,10 @@ def with_groups(base: Problem, groups: list[Group], *, disturbance: Any = 0.5) -
     given = dict(base.__reduce__()[0].keywords)
     given |= {"exosystem": None, "observer": None, "groups": groups}
     if base.region is not None:
-        given["region"] = {"initial_states": base.region.initial_states, "initial_disturbance": disturbance}
+        given["region"] = {
+            "initial_states": base.region.initial_states,
+            "initial_disturbance": disturbance,
+        }
     return Problem(**given)
 
 
@@ -64,9 +85,20 @@ class GroupsOracle(Oracle):
         self.bytes, self.document = canonical_bytes(problem), document
         self.members = [part["agents"] for part in given]
         self.systems = [(numbers(part["A"]), numbers(part["C"])) for part in given]
-        self.A, self.C = diagonal([A for A, _ in self.systems]), diagonal([C for _, C in self.systems])
-        self.W = diagonal([numbers(part["W"]) for part in given]) if all(part["W"] for part in given) else None
-        self.P = diagonal([numbers(part["P"]) for part in given]) if all(part["P"] for part in given) else None
+        self.A, self.C = (
+            diagonal([A for A, _ in self.systems]),
+            diagonal([C for _, C in self.systems]),
+        )
+        self.W = (
+            diagonal([numbers(part["W"]) for part in given])
+            if all(part["W"] for part in given)
+            else None
+        )
+        self.P = (
+            diagonal([numbers(part["P"]) for part in given])
+            if all(part["P"] for part in given)
+            else None
+        )
         # What regions are asked about: the rows of all C, with the joint A.
         own, before = {}, 0
         for g, (agents, (A, _)) in enumerate(zip(self.members, self.systems, strict=True)):
@@ -117,13 +149,17 @@ class GroupsOracle(Oracle):
             false += ["W of a group" for part, block in pairs if part.W not in (None, block)]
         return false + super().false_claims(document)
 
-    def _false_in(self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None) -> list[str]:
+    def _false_in(
+        self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
+    ) -> list[str]:
         group = check.get("group")
         if (group is not None) != (check["id"] in PLAIN[:3]):
             return ["group"]
         if group is not None:
             part, own = self._part(group, W)
-            return part._false_in({key: x for key, x in check.items() if key != "group"}, own, None, None)
+            return part._false_in(
+                {key: x for key, x in check.items() if key != "group"}, own, None, None
+            )
         return super()._false_in(check, W, P, Q)
 
     def _part(self, group: str, W: Rows | None) -> tuple[Oracle, Rows | None]:
@@ -131,7 +167,9 @@ class GroupsOracle(Oracle):
         own = None if W is None else self.blocks(W, [self.m] * len(self.systems))[place]
         return self.parts[group], own
 
-    def _false_refutation(self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None) -> list[str]:
+    def _false_refutation(
+        self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
+    ) -> list[str]:
         exact = check.get("exact") or {}
         if exact.get("block") in ("detectability", "hurwitz"):
             if exact.get("group") not in self.parts:
@@ -148,7 +186,10 @@ class GroupsOracle(Oracle):
         assert P is not None and Q is not None
         v = [number(text) for text in check["witness"]["values"]]
         m, own = self.m, {i: g for g, agents in enumerate(self.members) for i in agents}
-        Ps, Qs = self.blocks(P, [len(A) for A, _ in self.systems]), self.blocks(Q, [m] * len(self.systems))
+        Ps, Qs = (
+            self.blocks(P, [len(A) for A, _ in self.systems]),
+            self.blocks(Q, [m] * len(self.systems)),
+        )
         tails = []
         for (A, C), one, other in zip(self.systems, Ps, Qs, strict=True):
             half = plus(dot(one, A), times(-1, dot(other, C)))
@@ -163,7 +204,10 @@ class GroupsOracle(Oracle):
 
     def _fails(self, region: Any) -> bool:
         quiet = region is not None and not Fraction(region["initial_disturbance"] or 0)
-        lasting = (part.W is not None and not part.seen_error_decays(part.W) for part in self.parts.values())
+        lasting = (
+            part.W is not None and not part.seen_error_decays(part.W)
+            for part in self.parts.values()
+        )
         return super()._fails(region) or (not quiet and any(lasting))
 
 

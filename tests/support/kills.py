@@ -1,7 +1,8 @@
-"""Real processes that are killed or interrupted at random moments, and what has to be true of their folders.
+"""Real processes that are killed or interrupted at random moments, and what has to be true of their
+folders.
 
-A folder always holds the complete files of a first run before a second run, of another problem, begins to
-replace them.  So every file can be compared with the two it may be.
+A folder always holds the complete files of a first run before a second run, of another problem,
+begins to replace them.  So every file can be compared with the two it may be.
 """
 
 import hashlib
@@ -35,7 +36,8 @@ print(flush=True)
 k = 0
 while True:
     k += 1
-    write_together({folder / name: content(name, k) for name in ("problem.json", "certificate.json", "report.html")})
+    names = ("problem.json", "certificate.json", "report.html")
+    write_together({folder / name: content(name, k) for name in names})
 """
 
 NAMES = ("problem.json", "certificate.json", "report.html", "report.md")
@@ -52,15 +54,19 @@ class Outcome:
 
 def environment() -> dict[str, str]:
     """One thread for linear algebra: many processes run at once."""
-    return os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    return os.environ | dict.fromkeys(
+        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+    )
 
 
 def kill_writers(count: int, seed: int, folder: Path) -> Outcome:
-    """kill -9 a process that does nothing but replace three files, at a random moment, ``count`` times."""
+    """kill -9 a process that does nothing but replace three files, at a random moment, ``count``
+    times."""
     outcome, r = Outcome(), Random(seed)
     for k in range(count):
         with subprocess.Popen(
-            [sys.executable, "-c", LOOP, str(folder), str(r.choice((10, 1000, 50_000)))], stdout=subprocess.PIPE
+            [sys.executable, "-c", LOOP, str(folder), str(r.choice((10, 1000, 50_000)))],
+            stdout=subprocess.PIPE,
         ) as process:
             process.stdout.readline()  # its imports are done
             time.sleep(r.uniform(0.002, 0.06))
@@ -88,7 +94,8 @@ def leftovers(folder: Path) -> list[str]:
 
 
 class Runs:
-    """Two problems with other answers, the files a whole run writes for each, and how long a run takes."""
+    """Two problems with other answers, the files a whole run writes for each, and how long a run
+    takes."""
 
     def __init__(self, folder: Path, *, report: bool) -> None:
         self.folder, self.options = folder, () if report else ("--no-report",)
@@ -134,9 +141,12 @@ class Runs:
         return found
 
     def judge(self, out: Path, outcome: Outcome, label: str) -> None:
-        """Every file is old or new and complete; the certificate holds for its own problem and for no other."""
+        """Every file is old or new and complete; the certificate holds for its own problem and for
+        no other."""
         found = self.which(out)
-        outcome.wrong += [f"{label}: {name} is broken" for name, k in zip(self.names, found, strict=True) if k < 0]
+        outcome.wrong += [
+            f"{label}: {name} is broken" for name, k in zip(self.names, found, strict=True) if k < 0
+        ]
         if -1 in found:
             return
         certificate = (out / "certificate.json").read_bytes()
@@ -155,7 +165,8 @@ class Runs:
 
 
 def kill_certify(count: int, seed: int, folder: Path, *, report: bool) -> Outcome:
-    """kill -9 a certify that replaces the files of another problem; half of the kills aim at its writing.
+    """kill -9 a certify that replaces the files of another problem; half of the kills aim at its
+    writing.
 
     Two at a time: most of the time is the programs' own.
     """
@@ -194,7 +205,8 @@ def _kill_one(runs: Runs, k: int, r: Random) -> Outcome:
 def interrupt_certify(
     count: int, seed: int, folder: Path, *, number: int = signal.SIGINT, report: bool = False
 ) -> Outcome:
-    """Interrupt certify at random moments after its first line, until it was ``count`` times before its end.
+    """Interrupt certify at random moments after its first line, until it was ``count`` times before
+    its end.
 
     A third of the moments lie in the first 0.1 s, while everything is imported.
     """
@@ -218,9 +230,12 @@ def interrupt_certify(
                 outcome.wrong.append(f"signal {k}: it hangs")
         if process.returncode == 128 + number:
             outcome.counts["interrupted"] += 1
-            if b"Interrupted; no file was left half written." not in (printed if options and printed else said):
+            if b"Interrupted; no file was left half written." not in (
+                printed if options and printed else said
+            ):
                 outcome.wrong.append(f"signal {k}: it does not say so")
-        elif process.returncode in (0, 1, -number):  # it came after the answer; other loads, other times
+        # it came after the answer; other loads, other times
+        elif process.returncode in (0, 1, -number):
             outcome.counts["had ended"] += 1
             longest *= 0.8
         else:

@@ -1,4 +1,5 @@
-"""Agents with linear dynamics: known answers, random ones, and the matrix of the whole loop written out by hand."""
+"""Agents with linear dynamics: known answers, random ones, and the matrix of the whole loop written
+out by hand."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -15,8 +16,8 @@ from dobc_design.errors import SpecError
 
 EDGE = 1e-6  # of the largest real part, within which a verdict may be undecided
 DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
-#: p'' = -a M p - b M p' on the directed 10-cycle: pins, the gain of the arcs, and b^2/a at which the loop is stable
-#: (Yu, Chen, Cao 2010; theory, section 13).
+#: p'' = -a M p - b M p' on the directed 10-cycle: pins, the gain of the arcs, and b^2/a at which
+#: the loop is stable (Yu, Chen, Cao 2010; theory, section 13).
 THRESHOLDS = (({1: 3}, 2, 1.399166), ({1: 5, 6: 5}, 2, 0.637488), ({1: 1}, 1, 3.148023))
 
 
@@ -29,18 +30,24 @@ def second_order(pins: dict[int, int], gain: int, ratio: float, n: int = 10) -> 
 
 
 def random_agents(r: Random) -> Problem:
-    """2 to 12 agents with 2 to 4 states and 1 or 2 inputs, with or without a disturbance, one mode."""
+    """2 to 12 agents with 2 to 4 states and 1 or 2 inputs, with or without a disturbance, one
+    mode."""
     while True:
         n, m, p = r.randint(2, 12), r.randint(2, 4), r.randint(1, 2)
 
         def table(rows: int, columns: int, most: int = 4) -> list[list[Fraction]]:
-            return [[Fraction(r.randint(-most, most), 2) for _ in range(columns)] for _ in range(rows)]
+            return [
+                [Fraction(r.randint(-most, most), 2) for _ in range(columns)] for _ in range(rows)
+            ]
 
         A, shift = table(m, m), Fraction(r.randint(0, 24), 2)
         A = [[x - shift * (i == j) for j, x in enumerate(row)] for i, row in enumerate(A)]
         texts = [" + ".join(f"({x})*y{c + 1}" for c, x in enumerate(row)) for row in table(p, m, 2)]
         arcs = [
-            [i, j, r.randint(1, 3)] for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.3
+            [i, j, r.randint(1, 3)]
+            for i in range(1, n + 1)
+            for j in range(1, n + 1)
+            if i != j and r.random() < 0.3
         ]
         gains = {i: table(p, m) for i in range(1, n + 1) if r.random() < 0.4}
         more: dict[str, Any] = {}
@@ -57,10 +64,12 @@ def random_agents(r: Random) -> Problem:
 
 
 def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
-    """The matrix of (e, eps) of one mode, from the equations of (x, xi, z) with the gain W (q, m), target 0.
+    """The matrix of (e, eps) of one mode, from the equations of (x, xi, z) with the gain W (q, m),
+    target 0.
 
-    x_i' = A x_i + B (sum_j w H (x_j - x_i) - K_i x_i - C xihat_i + C xi_i), xi_i' = Ax xi_i, xihat_i = z_i + W x_i,
-    z_i' = Ax xihat_i - W (A x_i + B (sum_j w H (x_j - x_i) - K_i x_i)): the observer knows all but d.
+    x_i' = A x_i + B (sum_j w H (x_j - x_i) - K_i x_i - C xihat_i + C xi_i), xi_i' = Ax xi_i,
+    xihat_i = z_i + W x_i, z_i' = Ax xihat_i - W (A x_i + B (sum_j w H (x_j - x_i) - K_i x_i)): the
+    observer knows all but d.
     """
     assert problem.dynamics is not None
     n, m, q = problem.n, problem.m, problem.q
@@ -80,7 +89,13 @@ def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
     BC, own = np.kron(every, B @ C), np.kron(every, gain)
     zeros = np.zeros((n * q, n * m))
     flow, eye, none = np.kron(every, Ax), np.eye(n * q), np.zeros((n * m, n * q))
-    whole = np.block([[known - BC @ own, BC, -BC], [zeros, flow, 0 * eye], [flow @ own - own @ known, 0 * eye, flow]])
+    whole = np.block(
+        [
+            [known - BC @ own, BC, -BC],
+            [zeros, flow, 0 * eye],
+            [flow @ own - own @ known, 0 * eye, flow],
+        ]
+    )
     turn = np.block([[np.eye(n * m), none, none], [-own, eye, -eye], [zeros, eye, 0 * eye]])
     turned = turn @ whole @ np.linalg.inv(turn)  # of (e, eps, xi)
     size = n * (m + q)
@@ -92,12 +107,15 @@ def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
 class Tally:
     """What was found of random problems: the verdicts, and what is wrong."""
 
-    verdicts: dict[str, int] = field(default_factory=lambda: {"proved": 0, "refuted": 0, "at the edge": 0})
+    verdicts: dict[str, int] = field(
+        default_factory=lambda: {"proved": 0, "refuted": 0, "at the edge": 0}
+    )
     failures: list[str] = field(default_factory=list)
 
 
 def judged(seeds: range) -> Tally:
-    """Certify random agents: proved iff the loop is stable, refuted iff it is unstable; both programs agree."""
+    """Certify random agents: proved iff the loop is stable, refuted iff it is unstable; both
+    programs agree."""
     tally = Tally()
     for seed in seeds:
         problem = random_agents(Random(f"linear agents {seed}"))
@@ -107,7 +125,9 @@ def judged(seeds: range) -> Tally:
         found = certificate.verdict.value
         tally.verdicts[wanted] += 1
         if wanted not in ("at the edge", found):
-            tally.failures.append(f"{seed}: {found}, largest real part {worst:.3g}: {certificate.reason[:80]}")
+            tally.failures.append(
+                f"{seed}: {found}, largest real part {worst:.3g}: {certificate.reason[:80]}"
+            )
         if (certificate.rate or 0) > max(0, -worst) * (1 + 1e-9):
             tally.failures.append(f"{seed}: rate {certificate.rate}, true {-worst:.6g}")
         again = dd.verify(certificate, problem)
@@ -117,15 +137,18 @@ def judged(seeds: range) -> Tally:
 
 
 def riccati_agents(seeds: Iterable[int], *, part: float | None = None) -> Iterator[Problem]:
-    """Trees with couplings kappa B'R of unstable agents, from A'R + R A - R B B'R + I = 0.  The eigenvalues of M are
-    whole numbers >= 1, so that the bound of theory, 2 kappa c > 1 for some c < 1, holds for kappa = 11/20.  ``part``:
-    of the least kappa for which every A - mu kappa B B'R is stable from there on."""
+    """Trees with couplings kappa B'R of unstable agents, from A'R + R A - R B B'R + I = 0.  The
+    eigenvalues of M are whole numbers >= 1, so that the bound of theory, 2 kappa c > 1 for some c <
+    1, holds for kappa = 11/20.  ``part``: of the least kappa for which every A - mu kappa B B'R is
+    stable from there on."""
     for seed in seeds:
         r = Random(f"riccati {seed}")
         n, m = r.randint(3, 12 if part else 60), r.randint(2, 4)
         A = np.array([[r.randint(-2, 2) for _ in range(m)] for _ in range(m)], dtype=float)
         B = np.array([[r.randint(-2, 2)] for _ in range(m)], dtype=float)
-        reach = np.linalg.matrix_rank(np.hstack([np.linalg.matrix_power(A, k) @ B for k in range(m)]))
+        reach = np.linalg.matrix_rank(
+            np.hstack([np.linalg.matrix_power(A, k) @ B for k in range(m)])
+        )
         if reach < m or np.linalg.eigvals(A).real.max() < EDGE:
             continue
         arcs = [[i, r.randint(1, i - 1)] for i in range(2, n + 1)]
@@ -144,4 +167,6 @@ def riccati_agents(seeds: Iterable[int], *, part: float | None = None) -> Iterat
         text = " + ".join(f"({kappa * x})*y{c + 1}" for c, x in enumerate(rows))
         dynamics = Dynamics(A=A.astype(int).tolist(), B=B.astype(int).tolist())
         network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-        yield Problem(network=network, coupling=text, gains={1: 1}, dynamics=dynamics, name=f"riccati-{seed}")
+        yield Problem(
+            network=network, coupling=text, gains={1: 1}, dynamics=dynamics, name=f"riccati-{seed}"
+        )

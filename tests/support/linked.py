@@ -9,7 +9,10 @@ from dobc_design import Network, Problem
 
 def linked(arcs: Any, n: int | None = None, **given: Any) -> Problem:
     """[i, j] is agent i listening to agent j; h = y unless another ``coupling`` is given."""
-    return Problem(**{"network": Network.from_arcs(arcs, arrow="listens_to", agents=n), "coupling": "y"} | given)
+    return Problem(
+        **{"network": Network.from_arcs(arcs, arrow="listens_to", agents=n), "coupling": "y"}
+        | given
+    )
 
 
 def loop_by_hand(problem: Problem, mode: str | None = None, *, slope: float = 1.0) -> np.ndarray:

@@ -13,7 +13,9 @@ PRINTED = Observer(W=[["16/5"], ["12/5"]])
 
 def ring(coupling: str = "exp(y) - 1 + y", n: int = 10, **settings) -> Problem:
     """The paper's directed cycle of n agents."""
-    network = Network.from_arcs([[i + 1, (i + 1) % n + 1] for i in range(n)], arrow="listens_to", agents=n)
+    network = Network.from_arcs(
+        [[i + 1, (i + 1) % n + 1] for i in range(n)], arrow="listens_to", agents=n
+    )
     return Problem(network=network, coupling=coupling, **settings)
 
 
@@ -47,11 +49,15 @@ def planar(**settings) -> Problem:
     )
 
 
-def simulate(problem: Problem, *, gain: Gain | None = None, progress: Any = None, **given: Any) -> Trajectory:
+def simulate(
+    problem: Problem, *, gain: Gain | None = None, progress: Any = None, **given: Any
+) -> Trajectory:
     """One run with this gain; nothing is designed, and [switching] is not looked at."""
     return run_once(make_setting(problem, gain=gain, **given), progress=progress)
 
 
-def simulate_many(problem: Problem, *, runs: int, gain: Gain | None = None, progress: Any = None, **given) -> Ensemble:
+def simulate_many(
+    problem: Problem, *, runs: int, gain: Gain | None = None, progress: Any = None, **given
+) -> Ensemble:
     """The same for many runs."""
     return run_many(make_setting(problem, gain=gain, **given), runs, progress=progress)

@@ -1,4 +1,5 @@
-"""Problems of the regional certificates, and their derivatives written out in NumPy, independent of the package."""
+"""Problems of the regional certificates, and their derivatives written out in NumPy, independent of
+the package."""
 
 from fractions import Fraction
 from random import Random
@@ -18,7 +19,9 @@ HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 PAPER_GAIN = ((Fraction(16, 5),), (Fraction(12, 5),))
 
 
-def cycle(n: int, gains: Any, *, coupling: str = PAPER, exosystem: Exosystem | None = None) -> Problem:
+def cycle(
+    n: int, gains: Any, *, coupling: str = PAPER, exosystem: Exosystem | None = None
+) -> Problem:
     """Agent i listens to agent i + 1."""
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     return Problem(
@@ -29,7 +32,9 @@ def cycle(n: int, gains: Any, *, coupling: str = PAPER, exosystem: Exosystem | N
     )
 
 
-def random_problem(seed: int, *, m: int = 1, coupling: Any = "tanh(y)", modes: int = 1, pin: float = 0.7) -> Problem:
+def random_problem(
+    seed: int, *, m: int = 1, coupling: Any = "tanh(y)", modes: int = 1, pin: float = 0.7
+) -> Problem:
     """A few agents, random arcs with weights, random pins."""
     r = Random(f"lure {seed} {m} {modes}")
     n = r.randint(2, 4)
@@ -44,7 +49,10 @@ def random_problem(seed: int, *, m: int = 1, coupling: Any = "tanh(y)", modes: i
     }
     gains = {i: r.choice((1, 2, "9/2")) for i in range(1, n + 1) if r.random() < pin}
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=coupling, gains=gains, target=[0] * m
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        coupling=coupling,
+        gains=gains,
+        target=[0] * m,
     )
 
 
@@ -76,7 +84,8 @@ def field(problem: Problem, mode: str, e: np.ndarray) -> np.ndarray:
 
 
 def values_along(problem: Problem, lure: Lure, level: Fraction, times: np.ndarray) -> np.ndarray:
-    """V at the times of 50 runs of (22) from random starts with V = level, (runs, times); ten of them with eps = 0.
+    """V at the times of 50 runs of (22) from random starts with V = level, (runs, times); ten of
+    them with eps = 0.
 
     All runs in one integration by SciPy, with the gain of the certificate.
     """
@@ -97,9 +106,19 @@ def values_along(problem: Problem, lure: Lure, level: Fraction, times: np.ndarra
         state = flat.reshape(starts.shape)
         e, eps = state[:, :size], state[:, size:].reshape(len(starts), problem.n, q)
         e_dot = field(problem, "G", e) + (eps @ C.T).reshape(e.shape)
-        return np.concatenate([e_dot, (eps @ F.T).reshape(len(starts), problem.n * q)], axis=1).ravel()
+        return np.concatenate(
+            [e_dot, (eps @ F.T).reshape(len(starts), problem.n * q)], axis=1
+        ).ravel()
 
     with np.errstate(all="ignore"):  # trial steps of the integrator may overflow
-        run = solve_ivp(slope, (0, times[-1]), starts.ravel(), t_eval=times, rtol=1e-9, atol=1e-11, method="DOP853")
+        run = solve_ivp(
+            slope,
+            (0, times[-1]),
+            starts.ravel(),
+            t_eval=times,
+            rtol=1e-9,
+            atol=1e-11,
+            method="DOP853",
+        )
     states = run.y.reshape(*starts.shape, len(times))
     return np.einsum("rit,ij,rjt->rt", states, metric, states)

@@ -1,4 +1,5 @@
-"""What a run of the tests depends on: versions of packages, and which kernels of linear algebra are in force."""
+"""What a run of the tests depends on: versions of packages, and which kernels of linear algebra are
+in force."""
 
 from collections import Counter
 from importlib.metadata import version
@@ -12,13 +13,17 @@ def versions() -> str:
 
 
 def kernels() -> str:
-    """For example "OpenBLAS of numpy Haswell, of scipy Haswell, 1 thread; loops of NumPy X86_V3"."""
+    """For example "OpenBLAS of numpy Haswell, of scipy Haswell, 1 thread; loops of NumPy
+    X86_V3"."""
     import scipy.linalg  # noqa: F401 - so that its library is loaded
     from numpy.lib.introspect import opt_func_info
     from threadpoolctl import threadpool_info
 
     pools = [each for each in threadpool_info() if each["internal_api"] == "openblas"]
-    named = [f"of {Path(each['filepath']).parent.name.partition('.')[0]} {each['architecture']}" for each in pools]
+    named = [
+        f"of {Path(each['filepath']).parent.name.partition('.')[0]} {each['architecture']}"
+        for each in pools
+    ]
     threads = Counter(each["num_threads"] for each in pools).most_common(1)
     count = f"{threads[0][0]} thread{'s' * (threads[0][0] > 1)}" if threads else "no threads known"
     loops = opt_func_info(func_name="^add$")["add"]["ddd"]["current"]

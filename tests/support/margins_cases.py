@@ -1,4 +1,5 @@
-"""Tolerances and inputs for the lone checker: certificates that `certify` makes, and just-false twins."""
+"""Tolerances and inputs for the lone checker: certificates that `certify` makes, and just-false
+twins."""
 
 import hashlib
 import json
@@ -18,13 +19,21 @@ REGION = {"initial_states": [-1, 1]}
 SEEN = {"exosystem": harmonics([2]), "observer": Observer(W=[["16/5"], ["12/5"]])}
 WIDE = {"actuators": {"amplitude": 9}, "region": REGION | {"initial_disturbance": "1/2"}}
 #: Observers with two poles at -1; A^2 is diag(-2, -1) and more, and 0.
-SWELLING = {"exosystem": Exosystem(A=[[0, 2], [-1, 1]], C=[[1, 0]]), "observer": Observer(W=[[3], [1]])}
-RISING = {"exosystem": Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]]), "observer": Observer(W=[[2], [1]])}
+SWELLING = {
+    "exosystem": Exosystem(A=[[0, 2], [-1, 1]], C=[[1, 0]]),
+    "observer": Observer(W=[[3], [1]]),
+}
+RISING = {
+    "exosystem": Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]]),
+    "observer": Observer(W=[[2], [1]]),
+}
 
 
 def one(**more: Any) -> Problem:
     network = Network.from_arcs([], arrow="listens_to", agents=1)
-    return Problem(**{"network": network, "coupling": "sinh(y)", "gains": {1: 3}, "target": 0} | more)
+    return Problem(
+        **{"network": network, "coupling": "sinh(y)", "gains": {1: 3}, "target": 0} | more
+    )
 
 
 @cache
@@ -40,18 +49,31 @@ def _inputs(problem: Problem) -> dict[str, str]:
 
 
 def _slower(problem: Problem, part: str) -> dict[str, Any]:
-    """alpha = kappa eta + r/2 of a tolerance, r the rate that max-separable gives, and this part of r as the rate: at
-    most 1/2 follows."""
+    """alpha = kappa eta + r/2 of a tolerance, r the rate that max-separable gives, and this part of
+    r as the rate: at most 1/2 follows."""
     checks = {each["id"]: each for each in json.loads(_made(problem)[1])["checks"]}
     exact, beside = checks["tolerance"]["exact"], checks["max-separable"]["exact"]
     beta, kappa = Fraction(beside["beta"]), Fraction(beside["kappa"])
     rate = min(Fraction(beside["alpha"]), beta - 1 / (kappa * min(map(Fraction, beside["v"]))))
     alpha = kappa * Fraction(exact["eta"]) + rate / 2
-    return {"alpha": str(alpha), "rate": float(f"{float(rate * Fraction(part)):.6g}"), "factor": None}
+    return {
+        "alpha": str(alpha),
+        "rate": float(f"{float(rate * Fraction(part)):.6g}"),
+        "factor": None,
+    }
 
 
-def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, without: str = "", **changes: Any) -> Case:
-    """The certificate with other parts of a check or of ``exact``; ``limit``, ``table``: other [actuators] and xi0."""
+def bent(
+    problem: Problem,
+    id: str,
+    *,
+    table: Any = None,
+    code: int = FAILS,
+    without: str = "",
+    **changes: Any,
+) -> Case:
+    """The certificate with other parts of a check or of ``exact``; ``limit``, ``table``: other
+    [actuators] and xi0."""
     document, claims = map(json.loads, _made(problem))
     check = next(each for each in claims["checks"] if each["id"] == id)
     for key, value in changes.items():
@@ -65,7 +87,8 @@ def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, wit
         place[key] = value
     if check["rate"] is None:
         check["factor"] = None
-    if changes.get("domain") == "consensus" and document["region"] is not None:  # which covers no region
+    # which covers no region
+    if changes.get("domain") == "consensus" and document["region"] is not None:
         claims |= {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
     elif claims["covered_by"] == id:
         claims |= {"rate": check["rate"], "factor": check["factor"]}
@@ -80,11 +103,14 @@ def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, wit
     text = json.dumps(document, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
     data = f"{text}\n".encode()
     claims["problem_sha256"] = hashlib.sha256(data).hexdigest()
-    return Case(f"margins {id} {sorted(changes)} {table} {without}", json.dumps(claims).encode(), data, code)
+    return Case(
+        f"margins {id} {sorted(changes)} {table} {without}", json.dumps(claims).encode(), data, code
+    )
 
 
 def blindfolded(problem: Problem) -> Case:
-    """The same inputs, but of observers that do not know the weights; without the tolerance, which would fail, too."""
+    """The same inputs, but of observers that do not know the weights; without the tolerance, which
+    would fail, too."""
     document, claims = map(json.loads, _made(problem))
     document["uncertainty"]["known_to_agents"] = False
     claims["checks"] = [each for each in claims["checks"] if each["id"] != "tolerance"]
@@ -102,21 +128,41 @@ def margins_cases() -> list[Case]:
     near, seen = one(uncertainty=table, region=REGION), one(uncertainty=table, **SEEN)
     fast = {"exosystem": scalar(0), "observer": Observer(W=[[4]]), "gains": 3}
     loose = {"weights": "1/1000", "known_to_agents": False}
-    unknown = two(uncertainty=loose, coupling="y + y**3/9", **fast, region=REGION | {"initial_disturbance": "1/10"})
+    unknown = two(
+        uncertainty=loose,
+        coupling="y + y**3/9",
+        **fast,
+        region=REGION | {"initial_disturbance": "1/10"},
+    )
     kinked = one(uncertainty=table, region=REGION, coupling="y + abs(y)/2")
     limited = one(region=REGION, actuators={"limit": 9})
     start = [["1/2", "1/2"]]
     sine = one(**SEEN, **WIDE)
-    led = two(**SEEN, **WIDE, coupling="tanh(y)")  # agent 2 has no gain: its input is the estimate alone
-    # What the errors need, and sqrt(1/2) of the sine that starts at (1/2, 1/2): |C xi0|^2 + |C A xi0|^2 / 4.
+    # agent 2 has no gain: its input is the estimate alone
+    led = two(**SEEN, **WIDE, coupling="tanh(y)")
+    # What the errors need, and sqrt(1/2) of the sine that starts at (1/2, 1/2): |C xi0|^2 + |C A
+    # xi0|^2 / 4.
     beside = Fraction(_inputs(sine)["1"]) - 9
-    acts = {"disturbance": "1/10", "drift": "1/10", "measurement": "1/50", "weights": "1/20", "gains": "1/20"}
+    acts = {
+        "disturbance": "1/10",
+        "drift": "1/10",
+        "measurement": "1/50",
+        "weights": "1/20",
+        "gains": "1/20",
+    }
     heavy = one(region=REGION, uncertainty=acts, actuators={"limit": 9})
     straight = heavy.replace(coupling="y")
     drifts = one(**SEEN, **WIDE, uncertainty=acts)
-    blind = two(**fast, coupling="y + y**3/9", uncertainty=acts | {"known_to_agents": False}, **WIDE)
+    blind = two(
+        **fast, coupling="y + y**3/9", uncertainty=acts | {"known_to_agents": False}, **WIDE
+    )
     ring = Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
-    tight = {"network": ring, "coupling": "y + y**3/9", "gains": {1: 3, 2: 2}, "uncertainty": {"weights": "1/100"}}
+    tight = {
+        "network": ring,
+        "coupling": "y + y**3/9",
+        "gains": {1: 3, 2: 2},
+        "uncertainty": {"weights": "1/100"},
+    }
     own_box = one(**fast | tight, region=WIDE["region"], actuators={"limit": 8, "amplitude": 2})
     return [
         bent(own_box, "actuators", code=HOLDS),
@@ -136,11 +182,21 @@ def margins_cases() -> list[Case]:
         *(bent(each, "tolerance", code=HOLDS) for each in (near, seen, unknown)),
         bent(limited, "actuators", code=HOLDS),
         bent(sine, "actuators", code=HOLDS, table=start, inputs={"1": "90"}),
-        bent(sine, "actuators", code=HOLDS, table=start, inputs={"1": str(beside + Fraction("0.7072"))}),
+        bent(
+            sine,
+            "actuators",
+            code=HOLDS,
+            table=start,
+            inputs={"1": str(beside + Fraction("0.7072"))},
+        ),
         bent(sine, "actuators", table=start, inputs={"1": str(beside + Fraction("0.7"))}),
         bent(sine, "actuators", table=start, inputs={"1": str(beside)}),
         bent(led, "actuators", code=HOLDS),
-        bent(led, "actuators", inputs=_inputs(led) | {"2": str(Fraction(_inputs(led)["2"]) - Fraction(1, 100))}),
+        bent(
+            led,
+            "actuators",
+            inputs=_inputs(led) | {"2": str(Fraction(_inputs(led)["2"]) - Fraction(1, 100))},
+        ),
         bent(near, "tolerance", weights="1/20"),
         bent(near, "tolerance", gains="1/20"),
         bent(near, "tolerance", weights="2"),

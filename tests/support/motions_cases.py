@@ -1,7 +1,9 @@
-"""Proofs about motions for Coq: problems, coqc, and certificates and files that are wrong in one place each.
+"""Proofs about motions for Coq: problems, coqc, and certificates and files that are wrong in one
+place each.
 
-A forged certificate is as consistent as a forger could make it: the file is made from it by the package's own template,
-with the pieces of the honest file where none can be found, so that Coq refuses what is false in it and nothing else.
+A forged certificate is as consistent as a forger could make it: the file is made from it by the
+package's own template, with the pieces of the honest file where none can be found, so that Coq
+refuses what is false in it and nothing else.
 """
 
 import os
@@ -31,7 +33,10 @@ from dobc_design.problem.canonical import problem_sha256
 
 COQC = shutil.which("coqc")
 SINE = Exosystem(A=((0, 1), (-1, 0)), C=((1, 0),))
-AXIOMS = r"ClassicalDedekindReals\.\w+|FunctionalExtensionality\.functional_extensionality_dep|Classical_Prop\.classic"
+AXIOMS = (
+    r"ClassicalDedekindReals\.\w+|FunctionalExtensionality\.functional_extensionality_dep"
+    r"|Classical_Prop\.classic"
+)
 PART_2 = "(* ==== 2. This network"
 #: What stands before part 2 where part 1 is compiled once, as Base.v.
 AFTER_BASE = """From Coquelicot Require Import Coquelicot.
@@ -71,7 +76,8 @@ def problems() -> dict[str, Problem]:
             groups=[Group(agents=[1, 3], exosystem=plane), Group(agents=[2], exosystem=line)],
             region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
         ),
-        "turning": Problem(  # no exosystem; arcs that rise, fall, have a peak and are bounded on a piece
+        # no exosystem; arcs that rise, fall, have a peak and are bounded on a piece
+        "turning": Problem(
             network=listens(pair, 2),
             coupling="y/(1 + y**2/9)",
             exceptions={(0, 1): "-tanh(y)/4"},
@@ -101,13 +107,22 @@ def certified(name: str) -> Certificate:
 
 
 def certify_motions(problem: Problem, **options: Any) -> Certificate:
-    """What ``certify`` claims that a file about motions is made of: the box, and no delay, sampling, margin or cure."""
+    """What ``certify`` claims that a file about motions is made of: the box, and no delay,
+    sampling, margin or cure."""
     with pytest.MonkeyPatch.context() as own:
-        for stage in ("weighted_stage", "linearisation_stage", "margins_stage", "accuracy_stage", "inputs_stage"):
+        for stage in (
+            "weighted_stage",
+            "linearisation_stage",
+            "margins_stage",
+            "accuracy_stage",
+            "inputs_stage",
+        ):
             own.setattr(certification, stage, lambda *arguments, **options: [])
         own.setattr(certification, "STAGES", (separable_room.separable_stage,))
         own.setattr(separable_room, "_timing", lambda *arguments: [])
-        own.setattr(certification, "with_cures", lambda problem, checks, *arguments, **options: checks)
+        own.setattr(
+            certification, "with_cures", lambda problem, checks, *arguments, **options: checks
+        )
         own.setattr(certification, "agreed", lambda claims, problem: claims)
         return certify(problem, **options)
 
@@ -136,7 +151,9 @@ class Ran:
     @property
     def axioms(self) -> list[str]:
         """Those that ``Print Assumptions`` lists."""
-        found = re.findall(r"^(\S+)\s*:?(?:\s.*)?$", self.out.split("Axioms:\n", 1)[1], flags=re.MULTILINE)
+        found = re.findall(
+            r"^(\S+)\s*:?(?:\s.*)?$", self.out.split("Axioms:\n", 1)[1], flags=re.MULTILINE
+        )
         return [each for each in found if each != "Axioms:"]
 
 
@@ -145,7 +162,9 @@ def coqc(folder: Path, name: str, text: str, *options: str) -> Ran:
     (folder / f"{name}.v").write_text(text, encoding="ascii")
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         began = time.perf_counter()
-        process = subprocess.Popen([COQC or "coqc", "-q", *options, f"{name}.v"], cwd=folder, stdout=out, stderr=err)
+        process = subprocess.Popen(
+            [COQC or "coqc", "-q", *options, f"{name}.v"], cwd=folder, stdout=out, stderr=err
+        )
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         seconds = time.perf_counter() - began
@@ -177,15 +196,22 @@ def base(folder: Path) -> Path:
 
 
 def parts_2_to_4(text: str, *, assumptions: bool = False) -> str:
-    """The text for a folder that has a Base; to print assumptions takes as long as to check a small file."""
+    """The text for a folder that has a Base; to print assumptions takes as long as to check a small
+    file."""
     rest = AFTER_BASE + PART_2 + text.split(PART_2)[1]
     return rest if assumptions else rest.replace("Print Assumptions", "Check")
 
 
 def refused_in(ran: Ran, text: str) -> str:
     """The lemma, theorem or definition in which coqc stopped."""
-    lines = text.splitlines()[: int(re.findall(r"line (\d+), characters.*\n(?=Error)", ran.err)[-1])]
-    named = [found[1] for line in lines if (found := re.match(r"(?:Lemma|Theorem|Definition) (\w+'?)", line))]
+    lines = text.splitlines()[
+        : int(re.findall(r"line (\d+), characters.*\n(?=Error)", ran.err)[-1])
+    ]
+    named = [
+        found[1]
+        for line in lines
+        if (found := re.match(r"(?:Lemma|Theorem|Definition) (\w+'?)", line))
+    ]
     return named[-1]
 
 
@@ -196,7 +222,10 @@ def refused_in(ran: Ran, text: str) -> str:
 def honest_parts() -> dict[tuple[int, int], tuple[Part, ...]]:
     certificate = boxed("small")
     claim = separable(certificate).claim
-    return {(row.agent, row.face): row.parts for row in Rows(certificate.problem, claim, claim.rho).all()}
+    return {
+        (row.agent, row.face): row.parts
+        for row in Rows(certificate.problem, claim, claim.rho).all()
+    }
 
 
 def separable(certificate: Certificate) -> Any:
@@ -211,7 +240,9 @@ def forged_proof(certificate: Certificate) -> str:
     def parts(self: Rows, arcs: Any, agent: int, face: int, room: Fraction) -> list[Part]:
         scale = self.rho / honest
         ends = ((each.low * scale, each.high * scale) for each in found[agent, face])
-        return searched(self, arcs, agent, face, room) or [self._part(arcs, agent, face, *each) for each in ends]
+        return searched(self, arcs, agent, face, room) or [
+            self._part(arcs, agent, face, *each) for each in ends
+        ]
 
     def any_squares(M: Any) -> list[str]:
         try:
@@ -227,12 +258,15 @@ Forgery = Callable[[Certificate], Certificate]
 
 
 def claims(certificate: Certificate, **values: Any) -> Certificate:
-    """With other values in the max-separable check: of the check itself, its claim, or its observer's part."""
+    """With other values in the max-separable check: of the check itself, its claim, or its
+    observer's part."""
     check = separable(certificate)
     claim = check.claim
     own = {name: values.pop(name) for name in ("rate", "domain") if name in values}
     observed = {name: values.pop(name) for name in ("P", "beta", "kappa", "size") if name in values}
-    new = replace(check, **own, claim=replace(claim, **values, error=replace(claim.error, **observed)))
+    new = replace(
+        check, **own, claim=replace(claim, **values, error=replace(claim.error, **observed))
+    )
     checks = tuple(new if each is check else each for each in certificate.claims.checks)
     return replace(certificate, claims=replace(certificate.claims, checks=checks))
 
@@ -245,7 +279,9 @@ def about(certificate: Certificate, **values: Any) -> Certificate:
     """The same claims about a problem that differs."""
     problem = certificate.problem.replace(**values)
     return replace(
-        certificate, problem=problem, claims=replace(certificate.claims, problem_sha256=problem_sha256(problem))
+        certificate,
+        problem=problem,
+        claims=replace(certificate.claims, problem_sha256=problem_sha256(problem)),
     )
 
 
@@ -254,7 +290,9 @@ def with_gain(certificate: Certificate, W: Any) -> Certificate:
     return replace(certificate, claims=replace(certificate.claims, W=rows))
 
 
-def arcs(a: Sequence[Any] = ((2, 1), (3, 2)), b: Sequence[Any] = ((2, 1, 2), (3, 1)), **more: Any) -> Network:
+def arcs(
+    a: Sequence[Any] = ((2, 1), (3, 2)), b: Sequence[Any] = ((2, 1, 2), (3, 1)), **more: Any
+) -> Network:
     return listens({"a": [list(x) for x in a], "b": [list(x) for x in b], **more}, 3)
 
 
@@ -369,21 +407,39 @@ EDITS: dict[str, tuple[str, str]] = {
     "file: who is heard": (r"\[Heard 1 1 h1", "[Heard 0 1 h1"),
     "file: the weight of what is heard": (r"\[Heard 1 1 h1", "[Heard 1 2 h1"),
     "file: a coupling that is heard not": (r"^    \[Heard 1 1 h1 .*\]\)\.", "    [])."),
-    "file: the bound of what is heard": (r"(\[Heard 1 1 h1 \(fun s => )(.*)\)\]\)\.", r"\1\2 - s / 100)])."),
+    "file: the bound of what is heard": (
+        r"(\[Heard 1 1 h1 \(fun s => )(.*)\)\]\)\.",
+        r"\1\2 - s / 100)]).",
+    ),
     "file: the step of a term": (r"Term 1 h1 h1' \(- \(", "Term 1 h1 h1' (- (1 + "),
     "file: the end of a piece": (r"^(Lemma upper_0_2_1 .* 0 )(\(.*\))\.$", r"\1(2 * \2)."),
-    "file: a gap between pieces": (r"^(Lemma upper_0_2_2 .*alpha 0 2 )(\([^)]*\))", r"\1(1 / 100 + \2)"),
+    "file: a gap between pieces": (
+        r"^(Lemma upper_0_2_2 .*alpha 0 2 )(\([^)]*\))",
+        r"\1(1 / 100 + \2)",
+    ),
     "file: the room of a row": (r"(\(k 2 - alpha\) \* s \* v 2\) with \(\()(- )", r"\1"),
-    "file: a row of another agent": (r"exact upper_0_1\|exact upper_0_2", "exact upper_0_2|exact upper_0_1"),
+    "file: a row of another agent": (
+        r"exact upper_0_1\|exact upper_0_2",
+        "exact upper_0_2|exact upper_0_1",
+    ),
     "file: a square": (
         r"(assert \(S1 : 0 <= \(\d+ / \d+\) \* \(a 0%nat \+ )\(- (\(\d+ / \d+\))\)",
         r"\1\2",
     ),
     "file: what the observer injects": (r"(kappa size )(\(.*\))$", r"\1(\2 / 2)"),
     "file: the radius of the theorem": (r"^  converges network 1 ", "  converges network 2 "),
-    "file: the rate of the theorem": (r"^(  converges network .*v i\) )(\(.*\))\.$", r"\1(1 / 100 + \2)."),
-    "file: the bound of the theorem": (r"^(  converges network .*\(fun i => )(.*) \* v i", r"\1\2 / 2 * v i"),
-    "file: the estimates of the theorem": (r"^  converges network 1 \(1 / 2\)", "  converges network 1 1"),
+    "file: the rate of the theorem": (
+        r"^(  converges network .*v i\) )(\(.*\))\.$",
+        r"\1(1 / 100 + \2).",
+    ),
+    "file: the bound of the theorem": (
+        r"^(  converges network .*\(fun i => )(.*) \* v i",
+        r"\1\2 / 2 * v i",
+    ),
+    "file: the estimates of the theorem": (
+        r"^  converges network 1 \(1 / 2\)",
+        "  converges network 1 1",
+    ),
     "file: the states of the theorem": (
         r"converges_from_states network \(- \(1\)\) 1",
         "converges_from_states network (- (2)) 1",

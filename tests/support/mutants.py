@@ -5,8 +5,10 @@ from fractions import Fraction
 from random import Random
 from typing import Any
 
-NAMES = """proved refuted undecided global consensus lemma1 theorem1 theorem2 theorem1-printed theorem2-printed hurwitz
-observability detectability reachability lure max-separable ball interval vertices vector agents Lambda P
+NAMES = """proved refuted undecided global consensus lemma1 theorem1 theorem2 theorem1-printed
+theorem2-printed hurwitz
+observability detectability reachability lure max-separable ball interval vertices vector agents
+Lambda P
 Omega0 given designed G0 G1 NaN Infinity"""
 WORDS = (*NAMES.split(), "", "0", "1", "-1")
 FIELDS = ("evidence", "extra", "margin", "rate", "exact", "witness", "mode", "labels", "bound")
@@ -17,7 +19,9 @@ def mutate(document: dict[str, Any], seed: int, *, other: dict[str, Any]) -> dic
     """A copy with one random change; ``other`` is another certificate, to borrow parts from."""
     r = Random(seed)
     copy = json.loads(json.dumps(document))
-    holder, name = r.choice([place for place in _places(copy) if place[1] != "reason" or r.random() < 0.1])
+    holder, name = r.choice(
+        [place for place in _places(copy) if place[1] != "reason" or r.random() < 0.1]
+    )
     value = holder[name]
     change = r.random()
     if change < 0.08:
@@ -40,7 +44,8 @@ def mutate(document: dict[str, Any], seed: int, *, other: dict[str, Any]) -> dic
 
 
 def claim(document: dict[str, Any], seed: int) -> dict[str, Any]:
-    """Several changes that belong together: another overall verdict, and checks bent to support it."""
+    """Several changes that belong together: another overall verdict, and checks bent to support
+    it."""
     r = Random(seed)
     copy = json.loads(json.dumps(document))
     copy["verdict"] = r.choice(("proved", "refuted", "undecided"))
@@ -56,7 +61,9 @@ def claim(document: dict[str, Any], seed: int) -> dict[str, Any]:
         if check["id"] == "lemma1" and r.random() < 0.5:
             check["exact"] = {"unstable_roots": "1"}
     if copy["observer"]["source"] == "designed" and r.random() < 0.5:
-        copy["observer"]["W"] = [[str(r.randint(-3, 3)) for _ in row] for row in copy["observer"]["W"]]
+        copy["observer"]["W"] = [
+            [str(r.randint(-3, 3)) for _ in row] for row in copy["observer"]["W"]
+        ]
         if r.random() < 0.5:
             copy["observer"]["P"] = copy["observer"]["Q"] = None
     return copy
@@ -64,7 +71,9 @@ def claim(document: dict[str, Any], seed: int) -> dict[str, Any]:
 
 def _places(tree: Any) -> list[tuple[Any, Any]]:
     found: list[tuple[Any, Any]] = []
-    keys = list(tree) if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) else []
+    keys = (
+        list(tree) if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) else []
+    )
     for name in keys:
         found.append((tree, name))
         found += _places(tree[name])
@@ -82,7 +91,16 @@ def _changed(value: Any, r: Random) -> Any:
         return r.choice(NUMBERS)
     if isinstance(value, (int, float)):
         return r.choice(
-            (value * 1.001, value * 0.999, value / 2, -value, value * 2, value + 1, value * (1 + 1e-12), *NUMBERS)
+            (
+                value * 1.001,
+                value * 0.999,
+                value / 2,
+                -value,
+                value * 2,
+                value + 1,
+                value * (1 + 1e-12),
+                *NUMBERS,
+            )
         )
     if isinstance(value, str):
         return _changed_text(value, r)
@@ -96,6 +114,13 @@ def _changed_text(value: str, r: Random) -> Any:
         number = Fraction(value)
     except (ValueError, ZeroDivisionError):
         return r.choice(WORDS)
-    near = (-number, number + 1, number * Fraction(1001, 1000), number + Fraction(1, 10**30), number / 2, Fraction(0))
+    near = (
+        -number,
+        number + 1,
+        number * Fraction(1001, 1000),
+        number + Fraction(1, 10**30),
+        number / 2,
+        Fraction(0),
+    )
     spelt = (value + "0", "+" + value, " " + value, "1/0", float(min(number, 10**300)))
     return r.choice((*map(str, near), *spelt, *WORDS))

@@ -15,11 +15,14 @@ def sampled_in_floats(exosystem, gain, period):
 
 
 def control_norm(system: StateSpace, kind) -> float:
-    """python-control's norm; it wants as many inputs as outputs, so zeros are added, which change no norm."""
+    """python-control's norm; it wants as many inputs as outputs, so zeros are added, which change
+    no norm."""
     import control
 
     F, B, C, D = (to_float(x) for x in (system.F, system.B, system.C, system.D))
     size = max(B.shape[1], C.shape[0])
     wide, tall, both = np.zeros((len(F), size)), np.zeros((size, len(F))), np.zeros((size, size))
     wide[:, : B.shape[1]], tall[: C.shape[0]], both[: D.shape[0], : D.shape[1]] = B, C, D
-    return float(control.norm(control.ss(F, wide, tall, both, remove_useless_states=False), kind, tol=1e-10))
+    return float(
+        control.norm(control.ss(F, wide, tall, both, remove_useless_states=False), kind, tol=1e-10)
+    )

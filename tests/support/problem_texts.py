@@ -34,7 +34,8 @@ initial_states = [-REACH, REACH]
 
 
 def listening_pair_text(reach: int) -> str:
-    """Two agents coupled by sines, k = 1/10, from [-reach, reach]; from 5 a second equilibrium is among the starts."""
+    """Two agents coupled by sines, k = 1/10, from [-reach, reach]; from 5 a second equilibrium is
+    among the starts."""
     return _PAIR.replace("REACH", str(reach))
 
 

@@ -15,9 +15,17 @@ CYCLE10, PENDULUM = 1.399166, Dynamics(f=["x2", "-sin(x1) - x2/2"], B=[[0], [1]]
 CUBIC_CHUA = Dynamics(f=["10*(x2 - (2*x1**3 - x1)/7)", "x1 - x2 + x3", "-100/7*x2"])
 LORENZ = Dynamics(f=["10*(x2 - x1)", "28*x1 - x2 - x1*x3", "x1*x2 - 8/3*x3"])
 DAMPED = Dynamics(A=[[0, 1], [0, -1]], B=[[0], [1]])
-#: The three generators of MATPOWER's case9: K_ij/M_i in 1/s^2 and the angles in rad, x_d' = 0.0608, 0.1198, 0.1813
-#: and H = 23.64, 6.4, 3.01 s (P. M. Anderson and A. A. Fouad), loads as impedances, transfer conductances left out.
-IEEE9_WEIGHTS = {(1, 2): "12.5", (1, 3): "9.84", (2, 1): "46.18", (2, 3): "33.01", (3, 1): "77.28", (3, 2): "70.2"}
+#: The three generators of MATPOWER's case9: K_ij/M_i in 1/s^2 and the angles in rad, x_d' = 0.0608,
+#: 0.1198, 0.1813 and H = 23.64, 6.4, 3.01 s (P. M. Anderson and A. A. Fouad), loads as impedances,
+#: transfer conductances left out.
+IEEE9_WEIGHTS = {
+    (1, 2): "12.5",
+    (1, 3): "9.84",
+    (2, 1): "46.18",
+    (2, 3): "33.01",
+    (3, 1): "77.28",
+    (3, 2): "70.2",
+}
 IEEE9_ANGLES = (0.0431, 0.3584, 0.2372)
 
 
@@ -32,23 +40,32 @@ class Published:
 
 
 def ring(n: int) -> Network:
-    return Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
+    return Network.from_arcs(
+        [[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n
+    )
 
 
 def swing9(reach: str, speed: str) -> Problem:
     """IEEE 9 buses about its operating point, generator 1 controlled; damping 1/s is assumed."""
-    network = Network.from_arcs([[i, j, w] for (i, j), w in IEEE9_WEIGHTS.items()], arrow="listens_to", agents=3)
+    network = Network.from_arcs(
+        [[i, j, w] for (i, j), w in IEEE9_WEIGHTS.items()], arrow="listens_to", agents=3
+    )
     texts = {}
     for i, j in IEEE9_WEIGHTS:
         x = IEEE9_ANGLES[j - 1] - IEEE9_ANGLES[i - 1]
         texts[i - 1, j - 1] = f"{math.cos(x):.4f}*sin(y1) + ({math.sin(x):.4f})*(cos(y1) - 1)"
     states = [[f"-{reach}", reach], [f"-{speed}", speed]]
-    given: dict[str, Any] = {"exceptions": texts, "gains": {1: [[10, 5]]}, "region": {"initial_states": states}}
+    given: dict[str, Any] = {
+        "exceptions": texts,
+        "gains": {1: [[10, 5]]},
+        "region": {"initial_states": states},
+    }
     return Problem(network=network, coupling="sin(y1)", dynamics=DAMPED, target=[0, 0], **given)
 
 
 def oscillators(*, reached: bool) -> Problem:
-    """x'' = -x + sum (v_j - v_i), a path that hears a leader at one end; or the same with the last agent left out."""
+    """x'' = -x + sum (v_j - v_i), a path that hears a leader at one end; or the same with the last
+    agent left out."""
     arcs = [[i + 1, i] for i in range(1, 5 if reached else 4)]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=5)
     dynamics = Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])
@@ -58,12 +75,18 @@ def oscillators(*, reached: bool) -> Problem:
 def nodes(dynamics: Dynamics, gain: Any, reach: str, **given: Any) -> Problem:
     """A ring of three whose agents all are pinned."""
     states = {"initial_states": [f"-{reach}", reach]}
-    parts = {"coupling": "20*y", "gains": gain, "region": states, "target": [0] * dynamics.dimension} | given
+    parts = {
+        "coupling": "20*y",
+        "gains": gain,
+        "region": states,
+        "target": [0] * dynamics.dimension,
+    } | given
     return Problem(network=ring(3), dynamics=dynamics, **parts)
 
 
 def kuramoto(reach: str) -> Problem:
-    """theta_i' = omega_i + 3 sum sin(theta_j - theta_i) + u_i: omega_i is a constant that nobody knows."""
+    """theta_i' = omega_i + 3 sum sin(theta_j - theta_i) + u_i: omega_i is a constant that nobody
+    knows."""
     region = {"initial_states": [f"-{reach}", reach], "initial_disturbance": "1/10"}
     observed = {"exosystem": exosystems.constant(), "observer": Observer(rate=2), "region": region}
     return Problem(network=ring(6), coupling="3*sin(y)", gains={1: 2, 4: 2}, **observed)
@@ -84,20 +107,36 @@ PUBLISHED = (
         "stable iff b^2/a > 1.3992",
         lambda: second_order({1: 3}, 2, 1.01 * CYCLE10),
     ),
-    Published("the same, 1 % below", "unstable", lambda: second_order({1: 3}, 2, 0.99 * CYCLE10), "refuted"),
+    Published(
+        "the same, 1 % below",
+        "unstable",
+        lambda: second_order({1: 3}, 2, 0.99 * CYCLE10),
+        "refuted",
+    ),
     # Ren, Automatica 44 (2008)
     Published(
-        "coupled harmonic oscillators, a path", "agree iff the leader reaches all", lambda: oscillators(reached=True)
+        "coupled harmonic oscillators, a path",
+        "agree iff the leader reaches all",
+        lambda: oscillators(reached=True),
     ),
-    Published("the same, one agent hears nobody", "does not agree", lambda: oscillators(reached=False), "refuted"),
+    Published(
+        "the same, one agent hears nobody",
+        "does not agree",
+        lambda: oscillators(reached=False),
+        "refuted",
+    ),
     # built-in `platoon`; double integrators as in Ren and Atkins (2007)
     Published("trucks in formation, gusts", "-", lambda: load_problem("platoon")),
     # Lorenz (1963); pinning as in Chen, Liu and Lu (2007)
     Published(
-        "Lorenz nodes, k = 12 on each", "origin: k > (sqrt(1201) - 11)/2 = 11.83", lambda: nodes(LORENZ, 12, "1/10")
+        "Lorenz nodes, k = 12 on each",
+        "origin: k > (sqrt(1201) - 11)/2 = 11.83",
+        lambda: nodes(LORENZ, 12, "1/10"),
     ),
     # Lorenz (1963)
-    Published("Lorenz nodes, k = 11.7", "unstable", lambda: nodes(LORENZ, "11.7", "1/10"), "refuted"),
+    Published(
+        "Lorenz nodes, k = 11.7", "unstable", lambda: nodes(LORENZ, "11.7", "1/10"), "refuted"
+    ),
     # Hartley (1989)
     Published("Chua nodes with a cubic, k = 10", "-", lambda: nodes(CUBIC_CHUA, 10, "1/5")),
     # built-in `neurons`; FitzHugh (1961)
@@ -110,7 +149,9 @@ PUBLISHED = (
     Published("Kuramoto, unknown frequencies", "angles within pi/2", lambda: kuramoto("0.6")),
     # built-in `microgrid-ieee14`; Simpson-Porco, Doerfler and Bullo (2013)
     Published(
-        "droop-controlled microgrid, IEEE 14 buses", "angles within pi/2", lambda: load_problem("microgrid-ieee14")
+        "droop-controlled microgrid, IEEE 14 buses",
+        "angles within pi/2",
+        lambda: load_problem("microgrid-ieee14"),
     ),
     # Jadbabaie, Lin and Morse, IEEE TAC 48 (2003)
     Published("joint connectivity, period 2 s", "agree, no rate", jointly_connected),
@@ -120,7 +161,8 @@ PUBLISHED = (
 
 
 def regional(number: int) -> Problem:
-    """One of twenty problems of agents with nonlinear dynamics or couplings that ask for a region."""
+    """One of twenty problems of agents with nonlinear dynamics or couplings that ask for a
+    region."""
     k, kind = number // 5, number % 5
     if kind == 0:
         return nodes(PENDULUM, {i: [[2 + k, 2]] for i in (1, 2, 3)}, "1/4", coupling="2*y1 + 3*y2")

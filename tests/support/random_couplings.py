@@ -1,6 +1,8 @@
-"""Random coupling functions of y as text, every function of the grammar and compositions, and their true values.
+"""Random coupling functions of y as text, every function of the grammar and compositions, and their
+true values.
 
-The oracle is SymPy for the derivative and mpmath at 200 bits for the values; nothing of the package takes part.
+The oracle is SymPy for the derivative and mpmath at 200 bits for the values; nothing of the package
+takes part.
 """
 
 from collections.abc import Callable
@@ -55,7 +57,8 @@ JOINTS = ("{} + {}", "{} - {}", "({})*({})", "{} + y/3 - {}")
 
 
 def coupling_text(seed: int) -> str:
-    """h with h(0) = 0: one function of the grammar in turn, alone, composed or joined with another."""
+    """h with h(0) = 0: one function of the grammar in turn, alone, composed or joined with
+    another."""
     r = Random(seed)
     first = OUTER[seed % len(OUTER)].replace("#", f"({r.choice(INNER)})")
     if r.random() < 0.5:
@@ -65,13 +68,16 @@ def coupling_text(seed: int) -> str:
 
 
 class _Printer(MpmathPrinter):
-    """Integers as mpmath numbers: max(-1, min(1, y)) may be the integer 1, and 5**-2 would be a float."""
+    """Integers as mpmath numbers: max(-1, min(1, y)) may be the integer 1, and 5**-2 would be a
+    float."""
 
     def _print_Integer(self, number: Any) -> str:  # noqa: N802 - SymPy's name
         return f"{self._module_format('mpmath.mpf')}({int(number)})"
 
 
-PRINTER = _Printer({"fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True})
+PRINTER = _Printer(
+    {"fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True}
+)
 
 
 def names(variables: dict[str, Any]) -> dict[str, Any]:
@@ -85,7 +91,9 @@ def truth(text: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
     """h and h' as functions of mpmath numbers; to be called at BITS bits."""
     y = sympy.symbols("y", real=True)
     h = sympy.sympify(text, locals=names({"y": y}), rational=True)
-    return tuple(sympy.lambdify(y, each, "mpmath", printer=PRINTER) for each in (h, sympy.diff(h, y)))
+    return tuple(
+        sympy.lambdify(y, each, "mpmath", printer=PRINTER) for each in (h, sympy.diff(h, y))
+    )
 
 
 def true_values(text: str, y: Fraction) -> tuple[Fraction, Fraction, Fraction]:

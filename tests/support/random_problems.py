@@ -1,9 +1,10 @@
 """Random problems of every kind the specification allows, the same ones for the same seed.
 
-``random_problem(seed)``: m 1 to 3, q 0 to 4, 1 to 4 modes, weights, exceptions, formations, matrix gains
-(skew and singular ones too), W absent, good or bad, P given, undetectable pairs, nobody pinned, isolated
-agents, one agent, couplings with irrational slopes, with kinks, with negative slopes, regions.
-``random_linear_problem(seed)``: exactly linear couplings only.  No solver of the package is used.
+``random_problem(seed)``: m 1 to 3, q 0 to 4, 1 to 4 modes, weights, exceptions, formations, matrix
+gains (skew and singular ones too), W absent, good or bad, P given, undetectable pairs, nobody
+pinned, isolated agents, one agent, couplings with irrational slopes, with kinks, with negative
+slopes, regions. ``random_linear_problem(seed)``: exactly linear couplings only.  No solver of the
+package is used.
 """
 
 import warnings
@@ -17,10 +18,24 @@ from scipy import linalg
 from dobc_design import Exosystem, Network, Observer, Problem
 
 LINEAR = ("y", "2*y", "y/3", "5*y/2", "-y/8", "y*exp(1)", "pi*y/2")
-CURVED = ("tanh(y)", "exp(y) - 1 + y", "y + y**3", "sin(y)", "atan(y)/2", "sinh(y)", "y**3", "y - y**2")
+CURVED = (
+    "tanh(y)",
+    "exp(y) - 1 + y",
+    "y + y**3",
+    "sin(y)",
+    "atan(y)/2",
+    "sinh(y)",
+    "y**3",
+    "y - y**2",
+)
 IRRATIONAL = ("sin(pi*y)", "exp(1)*(exp(y) - 1)", "tanh(sqrt(2)*y)", "log(1 + y*pi)")
 KINKED = ("abs(y)", "clip(y, -1, 1)", "max(y, 2*y)")
-PLANE_LINEAR = (["y1 + y2/2", "y2 - y1/2"], ["y1", "y1 + y2"], ["2*y1 + y2", "y1 + y2"], ["y1*exp(1)", "y2 + y1/3"])
+PLANE_LINEAR = (
+    ["y1 + y2/2", "y2 - y1/2"],
+    ["y1", "y1 + y2"],
+    ["2*y1 + y2", "y1 + y2"],
+    ["y1*exp(1)", "y2 + y1/3"],
+)
 PLANE_CURVED = (["sin(y1) + y2**2", "3*y2"], ["y1 - y2/4", "tanh(y2) + sin(pi*y1)/5"])
 SPACE_LINEAR = (["y1 + y2/3", "y2 - y1/3", "y3"], ["2*y1", "y2 + y3/2", "y3 - y2/2"])
 WEIGHTS = ("1/2", 2, "1/3", 3.2, 5, "7/5")
@@ -88,7 +103,10 @@ def _arcs(r: Random, labels: list[str]) -> list[list[Any]]:
         if kind == "undirected":
             pairs = sorted({pair for i, j in pairs for pair in ((i, j), (j, i))})
     weighted = r.random() < 0.4
-    return [[labels[i], labels[j], r.choice(WEIGHTS)] if weighted else [labels[i], labels[j]] for i, j in pairs]
+    return [
+        [labels[i], labels[j], r.choice(WEIGHTS)] if weighted else [labels[i], labels[j]]
+        for i, j in pairs
+    ]
 
 
 def _gains(r: Random, labels: list[str], m: int) -> Any:
@@ -97,13 +115,19 @@ def _gains(r: Random, labels: list[str], m: int) -> Any:
         return None
     if kind == "number":
         return r.choice((1, "9/16", 3, 10))
-    chosen = labels if kind == "all" else r.sample(labels, 1 if kind == "one" else max(1, len(labels) // 2))
+    chosen = (
+        labels
+        if kind == "all"
+        else r.sample(labels, 1 if kind == "one" else max(1, len(labels) // 2))
+    )
     return {label: _gain(r, m) for label in chosen}
 
 
 def _gain(r: Random, m: int) -> Any:
     k = Fraction(r.choice((1, 2, 5, 10)), r.choice((1, 1, 2, 3)))
-    kind = r.choice(("number", "number", "turned", "skew", "singular", "full")) if m > 1 else "number"
+    kind = (
+        r.choice(("number", "number", "turned", "skew", "singular", "full")) if m > 1 else "number"
+    )
     if kind == "number":
         return k
     if kind == "singular":
@@ -112,7 +136,10 @@ def _gain(r: Random, m: int) -> Any:
     turn = [[s * ((j > i) - (j < i)) for j in range(m)] for i in range(m)]
     if kind == "full":  # a Gram matrix and a skew one: k + k' >= 0, not symmetric
         rows = [[r.randint(-2, 2) for _ in range(m)] for _ in range(m)]
-        return [[turn[i][j] + sum(rows[i][c] * rows[j][c] for c in range(m)) for j in range(m)] for i in range(m)]
+        return [
+            [turn[i][j] + sum(rows[i][c] * rows[j][c] for c in range(m)) for j in range(m)]
+            for i in range(m)
+        ]
     own = k if kind == "turned" else 0
     return [[turn[i][j] + (own if i == j else 0) for j in range(m)] for i in range(m)]
 
@@ -155,7 +182,8 @@ def _observer(r: Random, exosystem: Exosystem) -> Observer:
 
 
 def kalman_gain(exosystem: Exosystem) -> list[list[Fraction]] | None:
-    """W of the steady Kalman filter with unit weights, to three decimals; None where SciPy finds none."""
+    """W of the steady Kalman filter with unit weights, to three decimals; None where SciPy finds
+    none."""
     A = np.array([[float(x) for x in row] for row in exosystem.A])
     C = np.array([[float(x) for x in row] for row in exosystem.C])
     try:
@@ -166,7 +194,8 @@ def kalman_gain(exosystem: Exosystem) -> list[list[Fraction]] | None:
 
 
 def _lyapunov_guess(r: Random, exosystem: Exosystem, W: list[list[Any]]) -> list[list[Fraction]]:
-    """A P near a solution of the Lyapunov equation, at a random scale; sometimes any symmetric matrix."""
+    """A P near a solution of the Lyapunov equation, at a random scale; sometimes any symmetric
+    matrix."""
     q = exosystem.order
     A = np.array([[float(x) for x in row] for row in exosystem.A])
     error = A - np.array([[float(x) for x in row] for row in W]) @ np.array(
@@ -175,7 +204,8 @@ def _lyapunov_guess(r: Random, exosystem: Exosystem, W: list[list[Any]]) -> list
     P = np.eye(q)
     if r.random() < 0.8:
         try:
-            with warnings.catch_warnings(action="ignore"):  # nearly singular equations are welcome here
+            # nearly singular equations are welcome here
+            with warnings.catch_warnings(action="ignore"):
                 P = linalg.solve_continuous_lyapunov(error.T, -np.eye(q))
         except linalg.LinAlgError:
             P = np.diag([1.0, -1.0, 2.0, 1.0][:q])
@@ -184,13 +214,17 @@ def _lyapunov_guess(r: Random, exosystem: Exosystem, W: list[list[Any]]) -> list
 
 
 def badly_scaled_problem(seed: int) -> Problem:
-    """Held networks with tiny or huge gains, and exosystems that numerical methods dislike (q up to 8)."""
+    """Held networks with tiny or huge gains, and exosystems that numerical methods dislike (q up to
+    8)."""
     r = Random(seed)
     m, q = r.choice((1, 1, 2)), r.choice((1, 2, 3, 4, 5, 6, 8))
     kind = r.choice(("scaled", "defective", "hidden", "rotations", "integrators", "random"))
     A = [[Fraction(0)] * q for _ in range(q)]
     if kind == "scaled":
-        A = [[r.randint(-9, 9) * Fraction(10) ** r.randint(-6, 6) for _ in range(q)] for _ in range(q)]
+        A = [
+            [r.randint(-9, 9) * Fraction(10) ** r.randint(-6, 6) for _ in range(q)]
+            for _ in range(q)
+        ]
     elif kind in ("defective", "integrators"):
         for i in range(q):
             A[i][i] = Fraction(r.choice((0, 1, -1))) if kind == "defective" and not i else A[0][0]

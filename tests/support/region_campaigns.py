@@ -1,4 +1,5 @@
-"""Random problems that ask for a region, their certificates, and changes of what these say about regions."""
+"""Random problems that ask for a region, their certificates, and changes of what these say about
+regions."""
 
 import json
 from collections.abc import Iterable
@@ -17,15 +18,33 @@ from dobc_design import Exosystem, Observer, Problem, certify, verify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_document, problem_from_canonical
 
-COUPLINGS = (*separable_problems.MONOTONE, *separable_problems.TURNING, "clip(y, -1, 1)", "y + abs(y)/3")
+COUPLINGS = (
+    *separable_problems.MONOTONE,
+    *separable_problems.TURNING,
+    "clip(y, -1, 1)",
+    "y + abs(y)/3",
+)
 WIDE = ("", "-", "0", "1", "-1", "1/0", "NaN", None, [], {}, True, 0, -1, 1e308)
 NEAR = tuple(
-    Fraction(x) for x in ("1.001", "0.999", "1.000001", "0.999999", "1.0000000001", "2", "0.5", "-1", "0", "1.1")
+    Fraction(x)
+    for x in (
+        "1.001",
+        "0.999",
+        "1.000001",
+        "0.999999",
+        "1.0000000001",
+        "2",
+        "0.5",
+        "-1",
+        "0",
+        "1.1",
+    )
 )
 
 
 def region_problem(seed: int) -> Problem:
-    """Half of them held by their pins, with couplings that act by component; two agents; any kind."""
+    """Half of them held by their pins, with couplings that act by component; two agents; any
+    kind."""
     r = Random(f"regions {seed}")
     reach = r.choice(("1/4", "1/2", 1, 2, 4))
     if seed % 4 == 3:
@@ -60,7 +79,9 @@ def region_recheck_campaign(seeds: Iterable[int]) -> Tally:
         certificate = certify(problem)
         data = certificate_bytes(certificate.claims)
         tally.wrong += [f"{seed}: {failure}" for failure in verify(data, problem).failures]
-        tally.wrong += [f"{seed}: not true: {what}" for what in Oracle(problem).false_claims(json.loads(data))]
+        tally.wrong += [
+            f"{seed}: not true: {what}" for what in Oracle(problem).false_claims(json.loads(data))
+        ]
         tally.counts[f"region {certificate.verdict.value}"] += 1
         for check in certificate.checks:
             if check.id in IDS and check.verdict.value != "undecided":
@@ -69,13 +90,16 @@ def region_recheck_campaign(seeds: Iterable[int]) -> Tally:
 
 
 def region_mutant_campaign(seeds: Iterable[int], *, each: int) -> Tally:
-    """Changed regional claims: both checkers agree, and the oracle contradicts nothing that they accept."""
+    """Changed regional claims: both checkers agree, and the oracle contradicts nothing that they
+    accept."""
     tally = Tally()
     for seed in seeds:
         problem = region_problem(seed)
         certificate = certify(problem, everything=seed % 4 == 3)
         document, oracle = json.loads(certificate_bytes(certificate.claims)), Oracle(problem)
-        if not any(check["id"] in IDS and check["verdict"] != "undecided" for check in document["checks"]):
+        if not any(
+            check["id"] in IDS and check["verdict"] != "undecided" for check in document["checks"]
+        ):
             tally.counts["nothing to change"] += each
             continue
         for k in range(each):
@@ -85,12 +109,19 @@ def region_mutant_campaign(seeds: Iterable[int], *, each: int) -> Tally:
 
 
 def change_region(document: dict[str, Any], seed: int) -> dict[str, Any]:
-    """A copy in which one number (or text) of one regional check is another: a radius, a rate, an entry."""
+    """A copy in which one number (or text) of one regional check is another: a radius, a rate, an
+    entry."""
     r = Random(seed)
     copy: dict[str, Any] = json.loads(json.dumps(document))
-    checks = [check for check in copy["checks"] if check["id"] in IDS and check["verdict"] != "undecided"]
+    checks = [
+        check for check in copy["checks"] if check["id"] in IDS and check["verdict"] != "undecided"
+    ]
     check = r.choice(checks)
-    parts = [check["domain"]] if isinstance(check["domain"], dict) and r.random() < 0.25 else [check.get("exact") or {}]
+    parts = (
+        [check["domain"]]
+        if isinstance(check["domain"], dict) and r.random() < 0.25
+        else [check.get("exact") or {}]
+    )
     places = [place for part in parts for place in _leaves(part)] or [(check, "rate")]
     if r.random() < 0.1:
         places = [(check, "rate"), (check, "verdict"), (check, "domain")]
@@ -104,9 +135,16 @@ def change_region(document: dict[str, Any], seed: int) -> dict[str, Any]:
 
 
 def _leaves(tree: Any) -> list[tuple[Any, Any]]:
-    keys = list(tree) if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) else []
+    keys = (
+        list(tree) if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) else []
+    )
     below = [(tree, name) for name in keys if not isinstance(tree[name], (dict, list))]
-    return below + [place for name in keys if isinstance(tree[name], (dict, list)) for place in _leaves(tree[name])]
+    return below + [
+        place
+        for name in keys
+        if isinstance(tree[name], (dict, list))
+        for place in _leaves(tree[name])
+    ]
 
 
 def _other(value: Any, r: Random) -> Any:
@@ -118,4 +156,13 @@ def _other(value: Any, r: Random) -> Any:
         number = Fraction(value)
     except (TypeError, ValueError, ZeroDivisionError):
         return r.choice(WIDE)
-    return str(r.choice((number * r.choice(NEAR), number * r.choice(NEAR), number + Fraction(1, 10**30), -number)))
+    return str(
+        r.choice(
+            (
+                number * r.choice(NEAR),
+                number * r.choice(NEAR),
+                number + Fraction(1, 10**30),
+                -number,
+            )
+        )
+    )

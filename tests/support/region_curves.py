@@ -1,7 +1,8 @@
-"""Couplings for the oracle of regional checks: read by SymPy, evaluated by NumPy and by mpmath at 200 bits.
+"""Couplings for the oracle of regional checks: read by SymPy, evaluated by NumPy and by mpmath at
+200 bits.
 
-Suprema over intervals are taken at end points and turning points; each of these is a point of the interval, so that
-what they contradict is false whatever was missed in between.
+Suprema over intervals are taken at end points and turning points; each of these is a point of the
+interval, so that what they contradict is false whatever was missed in between.
 """
 
 from fractions import Fraction
@@ -40,11 +41,14 @@ def fmpq(x: Fraction) -> Any:
 
 def diagonal(values: Any) -> Any:
     values = list(values)
-    return flint.fmpq_mat([[x if i == j else flint.fmpq(0) for j in range(len(values))] for i, x in enumerate(values)])
+    return flint.fmpq_mat(
+        [[x if i == j else flint.fmpq(0) for j in range(len(values))] for i, x in enumerate(values)]
+    )
 
 
 def positive(M: Any, *, strict: bool = True) -> bool:
-    """A symmetric matrix is definite (semidefinite) iff the signs in its characteristic polynomial alternate."""
+    """A symmetric matrix is definite (semidefinite) iff the signs in its characteristic polynomial
+    alternate."""
     if M.transpose() != M:
         return False
     signs = [(-1) ** (M.nrows() - k) * c for k, c in enumerate(M.charpoly().coeffs())]
@@ -73,13 +77,18 @@ class Curve:
         """Where h (or h(y)/y) has local extremes on [-reach, reach], as floats."""
         key = (reach, quotient)
         if key not in self._turns:
-            half = np.union1d(np.linspace(0, reach, GRID), reach * np.geomspace(1e-5, 1, GRID // 4))[1:]
+            half = np.union1d(
+                np.linspace(0, reach, GRID), reach * np.geomspace(1e-5, 1, GRID // 4)
+            )[1:]
             grid = np.concatenate([-half[::-1], half])
-            self._turns[key] = _extremes((lambda x: self.fast(x) / x) if quotient else self.fast, grid)
+            self._turns[key] = _extremes(
+                (lambda x: self.fast(x) / x) if quotient else self.fast, grid
+            )
         return self._turns[key]
 
     def highest(self, lo: Any, hi: Any, face: int, turns: Any) -> Any:
-        """sup of face h(face y) over lo <= y <= hi, for arrays lo and hi; infinite where h is undefined."""
+        """sup of face h(face y) over lo <= y <= hi, for arrays lo and hi; infinite where h is
+        undefined."""
         inner = np.clip((face * turns)[:, None], lo[None], hi[None])
         values = face * self.fast(face * np.concatenate([lo[None], hi[None], inner]))
         return np.where(np.isfinite(values), values, np.inf).max(axis=0)
@@ -90,13 +99,20 @@ class Curve:
         return max(face * self.true(face * y) for y in (lo, hi, *inner))
 
     def gains_within(self, lo: Fraction, hi: Fraction, radius: Fraction) -> bool:
-        """Whether h(y)/y lies in [lo, hi] at every sample of 0 < |y| <= radius; kinks and extremes are among them."""
+        """Whether h(y)/y lies in [lo, hi] at every sample of 0 < |y| <= radius; kinks and extremes
+        are among them."""
         reach = float(radius)
-        spots = np.concatenate([self.turns(reach, quotient=True), self.turns(reach), [-1e-12 * reach, 1e-12 * reach]])
+        spots = np.concatenate(
+            [self.turns(reach, quotient=True), self.turns(reach), [-1e-12 * reach, 1e-12 * reach]]
+        )
         grid = reach * np.linspace(-1, 1, 41)
         edge = mp(radius)
         slack = mp(FINE) * (1 + max(abs(mp(lo)), abs(mp(hi))))
-        points = [*(mpmath.mpf(float(y)) for y in (*spots, *grid) if 0 < abs(y) < reach), edge, -edge]
+        points = [
+            *(mpmath.mpf(float(y)) for y in (*spots, *grid) if 0 < abs(y) < reach),
+            edge,
+            -edge,
+        ]
         return all(mp(lo) - slack <= self.true(y) / y <= mp(hi) + slack for y in points)
 
 

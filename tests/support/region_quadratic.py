@@ -1,7 +1,7 @@
 """The oracle's part for the quadratic check, lure: the page's conditions and samples of the field.
 
-Matrix inequalities are decided over flint's rationals, gains at the extremes of h(y)/y, and V' is looked at besides at
-random points of the level set: the page itself is tested with it.
+Matrix inequalities are decided over flint's rationals, gains at the extremes of h(y)/y, and V' is
+looked at besides at random points of the level set: the page itself is tested with it.
 """
 
 from collections.abc import Iterable, Iterator
@@ -11,7 +11,18 @@ from typing import Any
 
 import flint
 import numpy as np
-from region_curves import FINE, curve, diagonal, exact, field_part, fmpq, mp, positive, rational, top
+from region_curves import (
+    FINE,
+    curve,
+    diagonal,
+    exact,
+    field_part,
+    fmpq,
+    mp,
+    positive,
+    rational,
+    top,
+)
 
 POINTS = 2000
 NEAR = 1e-9
@@ -35,7 +46,9 @@ class Quadratic:
         for a, b, value in e["P_e"]:
             self.P_e[a, b] = self.P_e[b, a] = fmpq(exact(value))
         self.rate = exact(e["rate"])
-        self.level, self.radius = (None if e[name] is None else exact(e[name]) for name in ("level", "radius"))
+        self.level, self.radius = (
+            None if e[name] is None else exact(e[name]) for name in ("level", "radius")
+        )
         self.P = None if regions.A is None else rational(e["P"])
 
     def false(self, check: dict[str, Any], domain: str) -> list[str]:
@@ -50,14 +63,18 @@ class Quadratic:
         if level is None or check["domain"]["kind"] != "ball":
             return ["domain"]
         R, s = (Fraction(repr(check["domain"][name])) for name in ("radius", "disturbance"))
-        taken = mp(R) ** 2 * top(self.P_e) + (0 if self.P is None else self.r.n * mp(s) ** 2 * top(self.P))
+        taken = mp(R) ** 2 * top(self.P_e) + (
+            0 if self.P is None else self.r.n * mp(s) ** 2 * top(self.P)
+        )
         return [] if taken <= mp(level) * (1 + mp(FINE)) else ["the ball"]
 
     def false_certificate(self, domain: str) -> list[str]:
         """All of lure but what is said of the domain."""
         if not positive(self.P_e) or self.rate < 0:
             return ["P_e or rate"]
-        if (self.level is None) != (self.radius is None) or (self.level is None and domain != "global"):
+        if (self.level is None) != (self.radius is None) or (
+            self.level is None and domain != "global"
+        ):
             return ["level and radius"]
         if self.level is not None and min(self.level, self.radius) <= 0:
             return ["level and radius"]
@@ -79,7 +96,8 @@ class Quadratic:
         return F.transpose() * self.P + self.P * F + 2 * fmpq(self.rate) * self.P
 
     def relied(self) -> list[Any]:
-        """The difference e_jd - e_id of every arc whose coupling is not linear, for the d that it is about."""
+        """The difference e_jd - e_id of every arc whose coupling is not linear, for the d that it
+        is about."""
         found = {}
         for arcs in self.r.modes.values():
             for i, j, _ in arcs:
@@ -105,7 +123,11 @@ class Quadratic:
 
     def _number_of(self, h: Any) -> int:
         others = [each for k, each in enumerate(self.r.special) if each not in self.r.special[:k]]
-        return 0 if h == self.r.default else 1 + [each for each in others if each != self.r.default].index(h)
+        return (
+            0
+            if h == self.r.default
+            else 1 + [each for each in others if each != self.r.default].index(h)
+        )
 
     def _gains_hold(self) -> bool:
         tables = self._tables()
@@ -115,7 +137,12 @@ class Quadratic:
                 return False
             if isinstance(h, str):
                 reach = Fraction(1) if self.radius is None else self.radius
-                if not all(lo <= 0 <= hi for c, row in enumerate(table) for d, (lo, hi) in enumerate(row) if c != d):
+                if not all(
+                    lo <= 0 <= hi
+                    for c, row in enumerate(table)
+                    for d, (lo, hi) in enumerate(row)
+                    if c != d
+                ):
                     return False
                 if not all(curve(h).gains_within(*table[c][c], reach) for c in range(self.r.m)):
                     return False
@@ -124,12 +151,17 @@ class Quadratic:
         return True
 
     def _mean_slopes_hold(self, h: tuple[str, ...], table: Any) -> bool:
-        """The mean of the Jacobian between 0 and y, by Gauss's rule, at random y, faces and corners of the box."""
+        """The mean of the Jacobian between 0 and y, by Gauss's rule, at random y, faces and corners
+        of the box."""
         nodes, weights = np.polynomial.legendre.leggauss(24)
         r = np.random.default_rng(0)
         y = np.clip(r.uniform(-1.3, 1.3, size=(len(h), POINTS)), -1, 1) * float(self.radius or 1)
-        mean = sum(w / 2 * field_part(h)[1](y * (x + 1) / 2) for x, w in zip(nodes, weights, strict=True))
-        lo, hi = (np.array([[float(pair[k]) for pair in row] for row in table])[..., None] for k in (0, 1))
+        mean = sum(
+            w / 2 * field_part(h)[1](y * (x + 1) / 2) for x, w in zip(nodes, weights, strict=True)
+        )
+        lo, hi = (
+            np.array([[float(pair[k]) for pair in row] for row in table])[..., None] for k in (0, 1)
+        )
         slack = NEAR * (1 + np.abs(lo) + np.abs(hi))
         return bool(np.all((mean >= lo - slack) & (mean <= hi + slack)))
 
@@ -142,15 +174,24 @@ class Quadratic:
             for c, row in enumerate(tables[self._number_of(self.r.h[i, j])]):
                 for d, (lo, hi) in enumerate(row):
                     if (lo, hi) != (0, 0):
-                        yield self._unit(i, c), self._unit(j, d) - self._unit(i, d), fmpq(w * lo), fmpq(w * hi)
+                        yield (
+                            self._unit(i, c),
+                            self._unit(j, d) - self._unit(i, d),
+                            fmpq(w * lo),
+                            fmpq(w * hi),
+                        )
 
     def _negative(self, mode: str) -> bool:
         method, channels = self.e["method"], list(self._channels(mode))
         base = self._base()
         if method == "vertices":
             wide = [k for k, (_, _, lo, hi) in enumerate(channels) if lo < hi]
-            choices = (dict(zip(wide, ends, strict=True)) for ends in product((0, 1), repeat=len(wide)))
-            return len(wide) <= 12 and all(positive(-self._closed(base, channels, choice)) for choice in choices)
+            choices = (
+                dict(zip(wide, ends, strict=True)) for ends in product((0, 1), repeat=len(wide))
+            )
+            return len(wide) <= 12 and all(
+                positive(-self._closed(base, channels, choice)) for choice in choices
+            )
         M = self._closed(base, channels, {})
         if method == "lure":
             multipliers = [exact(x) for x in self.e["multipliers"][mode]]
@@ -160,7 +201,11 @@ class Quadratic:
                         return False
                     t, D = fmpq(tau), (hi - lo) / 2
                     Pb = self.P_e * b
-                    M = M + Pb * Pb.transpose() * (1 / (2 * t)) + z * z.transpose() * (2 * t * D * D)
+                    M = (
+                        M
+                        + Pb * Pb.transpose() * (1 / (2 * t))
+                        + z * z.transpose() * (2 * t * D * D)
+                    )
             return positive(-M)
         if method != "interval" or self.e["multipliers"] != {}:
             return False
@@ -180,11 +225,18 @@ class Quadratic:
                 K[i * m + c, i * m + d] = fmpq(k[c][d])
         if self.P is not None:
             for i, (first, states) in enumerate(self.r.own):
-                C, N = part(self.r.C, range(first, first + m), states), part(-self._omega(), states, states)
+                C, N = (
+                    part(self.r.C, range(first, first + m), states),
+                    part(-self._omega(), states, states),
+                )
                 border = C * N.inv() * C.transpose()
                 for c, d in product(range(m), repeat=2):
                     S[i * m + c, i * m + d] = border[c, d]
-        return -(self.P_e * K + K.transpose() * self.P_e) + 2 * fmpq(self.rate) * self.P_e + self.P_e * S * self.P_e
+        return (
+            -(self.P_e * K + K.transpose() * self.P_e)
+            + 2 * fmpq(self.rate) * self.P_e
+            + self.P_e * S * self.P_e
+        )
 
     def _closed(self, base: Any, channels: Any, choice: dict[int, int]) -> Any:
         """The base with every channel at its middle gain, or at the chosen end."""
@@ -197,22 +249,27 @@ class Quadratic:
     # samples
 
     def _grows(self, high: Fraction, low: Fraction) -> bool:
-        """Whether V' > -2 rate V at a random point with low <= V <= high; eps takes part in some of them."""
+        """Whether V' > -2 rate V at a random point with low <= V <= high; eps takes part in some of
+        them."""
         rng, r = np.random.default_rng(0), self.r
         P_e = in_floats(self.P_e)
         e = rng.normal(size=(self.size, POINTS))
-        e[:, : POINTS // 2] *= rng.integers(0, 2, size=(self.size, POINTS // 2))  # few agents away from the target
+        # few agents away from the target
+        e[:, : POINTS // 2] *= rng.integers(0, 2, size=(self.size, POINTS // 2))
         eps = np.zeros((r.n, 0, POINTS))
         value = np.einsum("ap,ab,bp->p", e, P_e, e)
         if self.P is not None:
             P, F, C = map(in_floats, (self.P, r.F, r.C))
-            C = C.reshape(-1, r.m, len(P)).sum(axis=0)  # of every group; what is not an agent's own is 0
+            # of every group; what is not an agent's own is 0
+            C = C.reshape(-1, r.m, len(P)).sum(axis=0)
             eps = rng.normal(size=(r.n, len(P), POINTS)) * rng.choice([0, 0, 1e-3, 1], size=POINTS)
             for i, (_, states) in enumerate(r.own):
                 eps[i, [k for k in range(len(P)) if k not in states]] = 0
             value = value + np.einsum("iap,ab,ibp->p", eps, P, eps)
         ok = value > 0
-        wanted = float(low) + (float(high) - float(low)) * rng.choice([1e-3, 0.1, 0.3, 0.6, 0.9, 1.0], size=POINTS)
+        wanted = float(low) + (float(high) - float(low)) * rng.choice(
+            [1e-3, 0.1, 0.3, 0.6, 0.9, 1.0], size=POINTS
+        )
         scale = np.where(ok, np.sqrt(wanted / np.where(ok, value, 1)), 0)
         e, eps = e * scale, eps * scale
         for mode in r.modes:
@@ -222,7 +279,10 @@ class Quadratic:
                 d = d + np.einsum("ca,iap->icp", C, eps)
                 change = 2 * np.einsum("iap,ab,ibp->p", eps, P @ F, eps)
             terms = 2 * np.einsum("ap,ab,bp->p", e, P_e, d.reshape(self.size, -1))
-            if np.any(change + terms + 2 * float(self.rate) * wanted * ok > NEAR * (np.abs(change) + np.abs(terms))):
+            if np.any(
+                change + terms + 2 * float(self.rate) * wanted * ok
+                > NEAR * (np.abs(change) + np.abs(terms))
+            ):
                 return True
         return False
 

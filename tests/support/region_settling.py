@@ -1,7 +1,8 @@
-"""The oracle's part for the check ``settling``: the tube row by row, and what takes over, as the page states them.
+"""The oracle's part for the check ``settling``: the tube row by row, and what takes over, as the
+page states them.
 
-Rows are sampled on every segment, in floats; certificates are looked at by the rows and by the quadratic part;
-exponentials by mpmath at 200 bits.
+Rows are sampled on every segment, in floats; certificates are looked at by the rows and by the
+quadratic part; exponentials by mpmath at 200 bits.
 """
 
 from fractions import Fraction
@@ -26,11 +27,21 @@ class Tube:
         self.faces = [[[exact(x) for x in box] for box in own[face]] for face in ("upper", "lower")]
         sizes = {len(box) for face in self.faces for box in face}
         counts = {len(self.times), *map(len, self.faces)}
-        if sizes != {regions.n} or len(counts) != 1 or not 1 <= len(self.times) <= 2000 or self.times[0] != 0:
+        if (
+            sizes != {regions.n}
+            or len(counts) != 1
+            or not 1 <= len(self.times) <= 2000
+            or self.times[0] != 0
+        ):
             raise ValueError("times or boxes")
-        if any(b <= a for a, b in pairwise(self.times)) or min(min(box) for face in self.faces for box in face) <= 0:
+        if (
+            any(b <= a for a, b in pairwise(self.times))
+            or min(min(box) for face in self.faces for box in face) <= 0
+        ):
             raise ValueError("times or boxes")
-        self.size = mpmath.mpf(0) if regions.A is None else mpmath.sqrt(mp(exact(own["size"]))) * mp(s)
+        self.size = (
+            mpmath.mpf(0) if regions.A is None else mpmath.sqrt(mp(exact(own["size"]))) * mp(s)
+        )
         self.beta = mpmath.mpf(0) if regions.A is None else mp(exact(own["beta"]))
 
     def noise(self, t: Fraction) -> Any:
@@ -43,12 +54,22 @@ class Tube:
     def false_rows(self) -> bool:
         """Whether some sample of a row pushes a face outward faster than it moves."""
         r, (upper, lower) = self.regions, (np.array(face, dtype=float) for face in self.faces)
-        held, times = np.array([float(r.held(i)) for i in range(r.n)]), np.array(self.times, dtype=float)
+        held, times = (
+            np.array([float(r.held(i)) for i in range(r.n)]),
+            np.array(self.times, dtype=float),
+        )
         for k in range(len(times) - 1):
-            c = float(self.noise(self.times[k])) * np.exp(-float(self.beta) * PARTS * (times[k + 1] - times[k]))
+            c = float(self.noise(self.times[k])) * np.exp(
+                -float(self.beta) * PARTS * (times[k + 1] - times[k])
+            )
             for face, own, other in ((1, upper, lower), (-1, lower, upper)):
-                speed = [float((b - a) / (self.times[k + 1] - self.times[k])) for a, b in self._ends(k, face)]
-                u, low = ((1 - PARTS) * x[k][:, None] + PARTS * x[k + 1][:, None] for x in (own, other))
+                speed = [
+                    float((b - a) / (self.times[k + 1] - self.times[k]))
+                    for a, b in self._ends(k, face)
+                ]
+                u, low = (
+                    (1 - PARTS) * x[k][:, None] + PARTS * x[k + 1][:, None] for x in (own, other)
+                )
                 for arcs in r.modes.values():
                     total = c - held[:, None] * u - np.array(speed)[:, None]
                     size = np.abs(c) + held[:, None] * u + np.abs(np.array(speed))[:, None]
@@ -76,7 +97,13 @@ def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
     tube, last = Tube(regions, e["tube"], s), e["last"]
     if min(x for face in tube.faces for x in face[0]) < R:
         return ["the first box"]
-    mixes = any(x for k in regions.gains.values() for c, row in enumerate(k) for d, x in enumerate(row) if c != d)
+    mixes = any(
+        x
+        for k in regions.gains.values()
+        for c, row in enumerate(k)
+        for d, x in enumerate(row)
+        if c != d
+    )
     if mixes and tube.faces[0] != tube.faces[1]:
         return ["faces"]
     if regions.A is not None and (wrong := regions.false_observer(e["tube"])):
@@ -94,10 +121,16 @@ def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
     if wrong or rate <= 0 or last["kind"] not in ("max-separable", "quadratic"):
         return [wrong or "rate or kind"]
     left = mp(height * level) * mpmath.exp(-mp(rate * (time - tube.times[-1])))
-    return [] if time >= tube.times[-1] and left <= mp(tolerance) * (1 + mp(FINE)) else ["the tolerance"]
+    return (
+        []
+        if time >= tube.times[-1] and left <= mp(tolerance) * (1 + mp(FINE))
+        else ["the tolerance"]
+    )
 
 
-def _separable(regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fraction, ...]) -> tuple[Fraction, str]:
+def _separable(
+    regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fraction, ...]
+) -> tuple[Fraction, str]:
     (level, height, stretch), v = sizes, regions.vector(own["v"])
     rate = regions.rate_of(own, v)
     most = mp(max(x / y for x, y in zip(tube.widths(), v, strict=True)))
@@ -113,7 +146,9 @@ def _separable(regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fract
     return rate, "" if most <= mp(level) * (1 + mp(FINE)) else "the level"
 
 
-def _quadratic(regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fraction, ...]) -> tuple[Fraction, str]:
+def _quadratic(
+    regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fraction, ...]
+) -> tuple[Fraction, str]:
     (level, height, stretch), claim, n = sizes, Quadratic(regions, own), regions.n
     wrong = claim.false_certificate("global" if regions.all_linear() else "consensus")
     inverse, rows = claim.P_e.inv(), range(n * regions.m)
@@ -126,7 +161,10 @@ def _quadratic(regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fract
             return claim.rate, "stretch"
         most += n * (mp(stretch) * tube.noise(tube.times[-1])) ** 2
     if claim.radius is not None:
-        spread = max((fraction((z.transpose() * inverse * z)[0, 0]) for z in claim.relied()), default=Fraction(0))
+        spread = max(
+            (fraction((z.transpose() * inverse * z)[0, 0]) for z in claim.relied()),
+            default=Fraction(0),
+        )
         if level**2 * spread > claim.radius**2:
             return claim.rate, "the radius"
     return claim.rate, "" if most <= mp(level) ** 2 * (1 + mp(FINE)) else "the level"

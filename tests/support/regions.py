@@ -1,4 +1,5 @@
-"""Problems and certificates with what is asked of regions taken away, for tests of the consensus alone."""
+"""Problems and certificates with what is asked of regions taken away, for tests of the consensus
+alone."""
 
 import json
 from collections.abc import Iterable

@@ -1,4 +1,5 @@
-"""Searches that look less far than `certify` does, for tests that ask what is found and not how close it comes."""
+"""Searches that look less far than `certify` does, for tests that ask what is found and not how
+close it comes."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,7 +13,8 @@ from dobc_design.conditions.separable import propose_coordinates
 
 #: Of weights that move: half the rate of the fastest ones, in chords that may bend.
 HALF_AS_FAST = ((0.5, 0.005, 0.005), (0.25, 0.02, 0.02), (0.04, 0.2, 0.2))
-#: Of boxes that move: the first three are for signals with a guarantee, the last one for all others.
+#: Of boxes that move: the first three are for signals with a guarantee, the last one for all
+#: others.
 BENT_BOXES = ((0.02, 0.02), (0.05, 0.1), (0.05, 0.1), (0.05, 0.1))
 
 
@@ -25,7 +27,8 @@ def _in_place(*changes: tuple[Any, str, object]) -> Iterator[None]:
 
 
 def coarse_tables() -> Any:
-    """Tables of couplings, in rows that move, have an eighth of their cells.  A context, or a decorator of a test."""
+    """Tables of couplings, in rows that move, have an eighth of their cells.  A context, or a
+    decorator of a test."""
     return _in_place((rows, "CELLS", 256))
 
 
@@ -40,8 +43,11 @@ def few_coordinates() -> Any:
 
 
 def rough_settling() -> Any:
-    """Few chords and coarse tables, and quadratic certificates of one radius.  A context, or a decorator of a test."""
-    return _in_place((rows, "CELLS", 256), (propose, "TRIED", BENT_BOXES), (propose, "RADII", propose.RADII[:1]))
+    """Few chords and coarse tables, and quadratic certificates of one radius.  A context, or a
+    decorator of a test."""
+    return _in_place(
+        (rows, "CELLS", 256), (propose, "TRIED", BENT_BOXES), (propose, "RADII", propose.RADII[:1])
+    )
 
 
 def only(*stages: Callable[..., Any]) -> Any:

@@ -1,4 +1,5 @@
-"""Networks that the tests of the max-separable certificate share, and a slow oracle for its rows."""
+"""Networks that the tests of the max-separable certificate share, and a slow oracle for its
+rows."""
 
 from fractions import Fraction
 from random import Random
@@ -21,7 +22,9 @@ def cycle(n: int = 10, *, gains: Any = None, h: str = PAPER, **more: Any) -> Pro
 
 def listening(arcs: Any, h: Any, *, n: int | None = None, **more: Any) -> Problem:
     """The first of each arc hears the second."""
-    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=h, **more)
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=h, **more
+    )
 
 
 def pair(h: str, *, k: Any = 5, weight: Any = 1) -> Problem:
@@ -29,7 +32,9 @@ def pair(h: str, *, k: Any = 5, weight: Any = 1) -> Problem:
     return listening([[2, 1, weight]], h, n=2, gains={1: k}, target=0)
 
 
-def random_network(r: Random, *, n: int, modes: int, density: float = 0.4, weights: Any = (1,)) -> Network:
+def random_network(
+    r: Random, *, n: int, modes: int, density: float = 0.4, weights: Any = (1,)
+) -> Network:
     """Every agent but the first may listen to every other."""
     arcs = {
         f"G{k}": [
@@ -44,7 +49,13 @@ def random_network(r: Random, *, n: int, modes: int, density: float = 0.4, weigh
 
 
 def random_problem(
-    seed: int, *, couplings: Any = MONOTONE, modes: int = 2, n: int | None = None, held: bool = False, **more: Any
+    seed: int,
+    *,
+    couplings: Any = MONOTONE,
+    modes: int = 2,
+    n: int | None = None,
+    held: bool = False,
+    **more: Any,
 ) -> Problem:
     """Some agents pinned, weights, and an arc with a coupling of its own where there are several.
 
@@ -76,7 +87,8 @@ def float_gains(problem: Problem) -> np.ndarray:
 
 
 def sampled_rows(problem: Problem, v: Any, *, s: float, alpha: float, samples: int = 2001) -> float:
-    """The largest row at one s, divided by s: sup over samples of every interval; all modes and both faces."""
+    """The largest row at one s, divided by s: sup over samples of every interval; all modes and
+    both faces."""
     worst = -np.inf
     height = np.array([float(x) for x in v])
     gains = float_gains(problem)

@@ -1,4 +1,5 @@
-"""A certified envelope against simulated runs: random starts, corners of the box, and the switching of the problem."""
+"""A certified envelope against simulated runs: random starts, corners of the box, and the switching
+of the problem."""
 
 from dataclasses import dataclass
 
@@ -14,7 +15,8 @@ INTEGRATION = 1e-7  # relative, and absolute in the unit of x: what the integrat
 
 @dataclass(frozen=True, kw_only=True)
 class Compared:
-    """``crossings``: texts of runs that rose above the envelope; ``settled``: the latest settling time (s) seen."""
+    """``crossings``: texts of runs that rose above the envelope; ``settled``: the latest settling
+    time (s) seen."""
 
     runs: int
     crossings: tuple[str, ...]
@@ -23,7 +25,8 @@ class Compared:
 
 
 def compare(problem: Problem, settling: Settling, *, runs: int, seed: int = 0) -> Compared:
-    """Simulate ``runs`` random starts and some corners; the starts have to lie in what the settling time is about."""
+    """Simulate ``runs`` random starts and some corners; the starts have to lie in what the settling
+    time is about."""
     times = np.linspace(0.0, 1.1 * settling.time, SAMPLES)
     bounds = settling.envelope(times)
     errors = [
@@ -36,21 +39,34 @@ def compare(problem: Problem, settling: Settling, *, runs: int, seed: int = 0) -
         above = np.flatnonzero(error > bounds * (1 + INTEGRATION) + INTEGRATION)
         if len(above):
             at = above[0]
-            crossings.append(f"run {number}: |e| = {error[at]:.6g} above {bounds[at]:.6g} at {times[at]:.4g} s")
+            crossings.append(
+                f"run {number}: |e| = {error[at]:.6g} above {bounds[at]:.6g} at {times[at]:.4g} s"
+            )
         settled = max(settled, float(np.max(times[error > float(settling.tolerance)], initial=0.0)))
         closest = max(closest, float(np.max(error / bounds)))
     return Compared(runs=len(errors), crossings=tuple(crossings), settled=settled, closest=closest)
 
 
 def _corner(problem: Problem, settling: Settling, times: np.ndarray, seed: int) -> np.ndarray:
-    """All agents at the edge of the box, the first two runs on one side, with the largest observer error."""
+    """All agents at the edge of the box, the first two runs on one side, with the largest observer
+    error."""
     rng = np.random.default_rng(seed)
     n, m = problem.n, problem.m
     goal = np.array([[float(x) for x in problem.goal_of(i)] for i in range(n)])
-    signs = np.full((n, m), (1.0, -1.0)[seed % 2]) if seed % CORNERS < 2 else rng.choice([-1.0, 1.0], (n, m))
+    signs = (
+        np.full((n, m), (1.0, -1.0)[seed % 2])
+        if seed % CORNERS < 2
+        else rng.choice([-1.0, 1.0], (n, m))
+    )
     start = {"x": goal + float(settling.radius) * signs}
     if problem.exosystem is not None:
         q = len(to_float(problem.exosystem.A))
         directions = rng.standard_normal((n, q))
-        start["xi"] = float(settling.disturbance) * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return simulate(problem, start=start, seed=seed, t_final=float(times[-1]), samples=times.tolist()).error()
+        start["xi"] = (
+            float(settling.disturbance)
+            * directions
+            / np.linalg.norm(directions, axis=1, keepdims=True)
+        )
+    return simulate(
+        problem, start=start, seed=seed, t_final=float(times[-1]), samples=times.tolist()
+    ).error()

@@ -10,7 +10,8 @@ from dobc_design.report.latex import latex_fragments
 from dobc_design.report.pages import html_page, markdown_page
 from dobc_design.report.pdf import content
 
-#: What a user may write that means something to HTML, Markdown, Typst or LaTeX, or that a font does not have.
+#: What a user may write that means something to HTML, Markdown, Typst or LaTeX, or that a font does
+#: not have.
 HOSTILE = (
     r"\input{/etc/passwd} \write18{x} \end{document} \\ ^^41",
     "#panic(1) #1 <label> @reference // no comment /* none */ = heading",
@@ -41,7 +42,10 @@ def pdf_content(certificate: Certificate, **shown: Any) -> dict[str, Any]:
 def latex_report(certificate: Certificate, **shown: Any) -> dict[str, str]:
     """The fragments as text, by file name."""
     document = report_document(certificate, **shown)
-    return {name: data.decode("utf-8") for name, data in latex_fragments(document, certificate.claims.version).items()}
+    return {
+        name: data.decode("utf-8")
+        for name, data in latex_fragments(document, certificate.claims.version).items()
+    }
 
 
 def compare_html(first: Certificate, second: Certificate) -> str:

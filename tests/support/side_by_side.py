@@ -9,11 +9,20 @@ from loops import simulate, simulate_many
 from dobc_design import Ensemble, Failure, Problem, Stress
 
 FAILING = (Failure(agent="3", time=0.4, kind="freeze"), Failure(agent="2", time=0.5))
-EVERYTHING = Stress(noise=0.05, disturbance=0.3, frequency=2, saturation=2.0, loss=0.3, exchange=0.1, failures=FAILING)
+EVERYTHING = Stress(
+    noise=0.05,
+    disturbance=0.3,
+    frequency=2,
+    saturation=2.0,
+    loss=0.3,
+    exchange=0.1,
+    failures=FAILING,
+)
 
 
 def planar() -> Problem:
-    """m = 2, q = 3, two modes, a coupling of vectors, a formation, gains that are matrices, drawn disturbances."""
+    """m = 2, q = 3, two modes, a coupling of vectors, a formation, gains that are matrices, drawn
+    disturbances."""
     return loops.planar(
         exceptions={(0, 2): ["3*y1", "y2"]},
         coupling=["tanh(y1) + y2/4", "y2 + y2**3/9"],
@@ -22,8 +31,11 @@ def planar() -> Problem:
     )
 
 
-def require_the_same(problem: Problem, stress: Stress, *, runs: int, close: float, **given: Any) -> Ensemble:
-    """Errors, estimates, switches, starts and early ends of runs 5, 6, ... to ``close`` times their size.
+def require_the_same(
+    problem: Problem, stress: Stress, *, runs: int, close: float, **given: Any
+) -> Ensemble:
+    """Errors, estimates, switches, starts and early ends of runs 5, 6, ... to ``close`` times their
+    size.
 
     Returns: the runs side by side.
     """
@@ -33,14 +45,17 @@ def require_the_same(problem: Problem, stress: Stress, *, runs: int, close: floa
         one = simulate(problem, seed=5 + k, **given)
         count = int(np.searchsorted(many.times, one.times[-1], side="right"))
         scale = close * (1 + np.abs(one.x).max())
-        np.testing.assert_allclose(many.estimation_error[k, :count], one.estimation_error()[:count], atol=10 * scale)
+        np.testing.assert_allclose(
+            many.estimation_error[k, :count], one.estimation_error()[:count], atol=10 * scale
+        )
         np.testing.assert_allclose(many.error[k, :count], one.error()[:count], atol=scale)
         assert np.isnan(many.error[k, count:]).all()
         assert many.diverged[k] == one.diverged == (k in many.reasons)
         np.testing.assert_allclose(many.ended[k], one.times[-1], rtol=1e-6)
         assert many.switches[k] == len(one.switches) - 1
         sizes = (many.error[k, 0], many.lengths[k], many.disturbances[k])
-        jumped = bool(stress.noise) and stress.period is None  # an ensemble's starts are those before the first noise
+        # an ensemble's starts are those before the first noise
+        jumped = bool(stress.noise) and stress.period is None
         np.testing.assert_allclose(sizes[: 3 - jumped], one.start_size()[: 3 - jumped])
     assert "side by side" in many.method
     return many

@@ -8,7 +8,8 @@ import numpy as np
 from dobc_design import Exosystem, Network, Problem
 
 CONSTANT = Exosystem(A=[[0]], C=[[1]])
-HIDDEN = Exosystem(A=[[0, 0], [0, 0]], C=[[1, 0]])  # C never sees the second state, which does not decay
+# C never sees the second state, which does not decay
+HIDDEN = Exosystem(A=[[0, 0], [0, 0]], C=[[1, 0]])
 
 
 def problem_of(arcs: Any, n: int | None = None, coupling: Any = "y", **changes: Any) -> Problem:
@@ -16,16 +17,22 @@ def problem_of(arcs: Any, n: int | None = None, coupling: Any = "y", **changes: 
     return Problem(**{"network": network, "coupling": coupling} | changes)
 
 
-def digraph(r: Random, n: int, *, density: float = 0.3, cycle: bool = True, **changes: Any) -> Problem:
+def digraph(
+    r: Random, n: int, *, density: float = 0.3, cycle: bool = True, **changes: Any
+) -> Problem:
     """Random arcs with random gains, on top of a cycle."""
     pairs = {(i, i % n + 1) for i in range(1, n + 1)} if cycle else set()
-    pairs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < density}
+    pairs |= {
+        (i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < density
+    }
     return problem_of([[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)], n, **changes)
 
 
 def ring(n: int = 4, *, coupling: str = "y", **changes: Any) -> Problem:
     """Agent i listens to i + 1, the last one to the first."""
-    return problem_of([[i, i % n + 1] for i in range(1, n + 1)], n, coupling, **{"name": "ring"} | changes)
+    return problem_of(
+        [[i, i % n + 1] for i in range(1, n + 1)], n, coupling, **{"name": "ring"} | changes
+    )
 
 
 def star(n: int = 4, **changes: Any) -> Problem:

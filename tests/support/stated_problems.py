@@ -1,4 +1,5 @@
-"""Random problems with stated tables: those that cannot be kept, for a reason in closed form, and those that can."""
+"""Random problems with stated tables: those that cannot be kept, for a reason in closed form, and
+those that can."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +27,8 @@ class Stated:
 
 
 def network(r: Random, *, saturating: bool = False) -> dict[str, Any]:
-    """Three to five agents in a tree, the first pinned, in every second case another one as well."""
+    """Three to five agents in a tree, the first pinned, in every second case another one as
+    well."""
     n = r.randint(3, 5)
     arcs = [[i, r.randint(1, i - 1), F(r.randint(2, 6), 2)] for i in range(2, n + 1)]
     gains = {1: F(r.randint(4, 8), 2)} | ({n: F(r.randint(4, 8), 2)} if r.random() < 0.5 else {})
@@ -36,7 +38,8 @@ def network(r: Random, *, saturating: bool = False) -> dict[str, Any]:
 
 
 def seen(r: Random) -> dict[str, Any]:
-    """A constant and a sine of 2 rad/s, or the sine alone, with an observer, and the region with its errors."""
+    """A constant and a sine of 2 rad/s, or the sine alone, with an observer, and the region with
+    its errors."""
     exosystem, W = (harmonics([2]), ["16/5", "12/5"]) if r.random() < 0.5 else (constant(), ["3"])
     errors = F(r.randint(1, 4), 20)
     region = {"initial_states": [-R, R], "initial_disturbance": errors}
@@ -61,7 +64,8 @@ def limit_below_the_start(r: Random, more: dict[str, Any]) -> Stated:
 
 
 def limit_between(r: Random, more: dict[str, Any]) -> Stated:
-    """Each of the two tables can be kept alone: k R fits into the limit, and any error of gains is tolerated."""
+    """Each of the two tables can be kept alone: k R fits into the limit, and any error of gains is
+    tolerated."""
     parts = network(r) | BOX
     error = F(r.randint(10, 30), 100)
     limit = {"limit": {"1": parts["gains"][1] * R * (1 + error * r.randint(1, 19) / 20)}}
@@ -71,8 +75,8 @@ def limit_between(r: Random, more: dict[str, Any]) -> Stated:
 
 
 def repelling(r: Random, more: dict[str, Any]) -> Stated:
-    """e_1 - e_2 grows where 2 w (1 + error) > k (1 - error); with noise, where the claim is about where agents end,
-    without a bound only if the coupling has none."""
+    """e_1 - e_2 grows where 2 w (1 + error) > k (1 - error); with noise, where the claim is about
+    where agents end, without a bound only if the coupling has none."""
     k, w = F(r.randint(8, 16), 2), F(r.randint(2, 6), 4)
     largest = (k - 2 * w) / (k + 2 * w)
     error = largest + (1 - largest) * r.randint(2, 30) / 100
@@ -80,7 +84,16 @@ def repelling(r: Random, more: dict[str, Any]) -> Stated:
     h = "-y" if more else r.choice(["-y", "-tanh(y)"])
     where = {} if r.random() < 0.5 else BOX
     table = more.pop("uncertainty", {}) | {"weights": error, "gains": error}
-    problem = Problem(network=pair, coupling=h, gains=k, target=0, name="stated", uncertainty=table, **where, **more)
+    problem = Problem(
+        network=pair,
+        coupling=h,
+        gains=k,
+        target=0,
+        name="stated",
+        uncertainty=table,
+        **where,
+        **more,
+    )
     return Stated(problem, "weights, gains", f"two agents come apart from {float(largest):.3g} on")
 
 
@@ -88,10 +101,20 @@ def entries_of_a_gain(r: Random, more: dict[str, Any]) -> Stated:
     """[[1, c], [c, 1]] is indefinite where 1 - d < c (1 + d)."""
     c = F(r.randint(3, 7), 10)
     largest = (1 - c) / (1 + c)
-    table = more.pop("uncertainty", {}) | {"gains": largest + (1 - largest) * r.randint(2, 30) / 100}
+    table = more.pop("uncertainty", {}) | {
+        "gains": largest + (1 - largest) * r.randint(2, 30) / 100
+    }
     one = Network.from_arcs([], arrow="listens_to", agents=1)
     gains = {1: [[1, c], [c, 1]]}
-    problem = Problem(network=one, coupling="y", gains=gains, target=[0, 0], name="stated", uncertainty=table, **more)
+    problem = Problem(
+        network=one,
+        coupling="y",
+        gains=gains,
+        target=[0, 0],
+        name="stated",
+        uncertainty=table,
+        **more,
+    )
     return Stated(problem, "gains", f"the gain is indefinite from {float(largest):.3g} on")
 
 
@@ -101,28 +124,53 @@ def more_than_a_coupling(r: Random, more: dict[str, Any]) -> Stated:
     chain = Network.from_arcs([[2, 1, w]], arrow="listens_to", agents=2)
     table = more.pop("uncertainty", {}) | {"disturbance": w * r.randint(101, 150) / 100}
     problem = Problem(
-        network=chain, coupling="tanh(y)", gains={1: 20}, target=0, name="stated", uncertainty=table, **BOX, **more
+        network=chain,
+        coupling="tanh(y)",
+        gains={1: 20},
+        target=0,
+        name="stated",
+        uncertainty=table,
+        **BOX,
+        **more,
     )
     return Stated(problem, "disturbance", "the coupling gives less than what acts")
 
 
 def weaker_than_stated(r: Random, more: dict[str, Any]) -> Stated:
-    """Each alone can be kept: w tanh holds against 3/4 w, and any error of its weight is tolerated."""
+    """Each alone can be kept: w tanh holds against 3/4 w, and any error of its weight is
+    tolerated."""
     w = F(r.randint(2, 8), 4)
     chain = Network.from_arcs([[2, 1, w]], arrow="listens_to", agents=2)
-    table = more.pop("uncertainty", {}) | {"disturbance": w * 3 / 4, "weights": F(r.randint(26, 40), 100)}
+    table = more.pop("uncertainty", {}) | {
+        "disturbance": w * 3 / 4,
+        "weights": F(r.randint(26, 40), 100),
+    }
     problem = Problem(
-        network=chain, coupling="tanh(y)", gains={1: 20}, target=0, name="stated", uncertainty=table, **BOX, **more
+        network=chain,
+        coupling="tanh(y)",
+        gains={1: 20},
+        target=0,
+        name="stated",
+        uncertainty=table,
+        **BOX,
+        **more,
     )
     return Stated(problem, "disturbance, weights", "the weakest coupling gives less than what acts")
 
 
-ALONE = (limit_below_the_disturbance, limit_below_the_start, repelling, entries_of_a_gain, more_than_a_coupling)
+ALONE = (
+    limit_below_the_disturbance,
+    limit_below_the_start,
+    repelling,
+    entries_of_a_gain,
+    more_than_a_coupling,
+)
 TOGETHER = (limit_between, weaker_than_stated)
 
 
 def broken(seed: int) -> Stated:
-    """Tables that cannot be kept; in every third problem two or three, one of them or all together too much."""
+    """Tables that cannot be kept; in every third problem two or three, one of them or all together
+    too much."""
     r = Random(f"stated tables {seed}")
     if seed % 3:
         return r.choice(ALONE)(r, {})
@@ -137,7 +185,8 @@ def broken(seed: int) -> Stated:
 
 
 def kept(seed: int) -> Stated:
-    """Tables with room: limits of three times what starts and disturbance need, small errors, weak inputs."""
+    """Tables with room: limits of three times what starts and disturbance need, small errors, weak
+    inputs."""
     r = Random(f"tables that are kept {seed}")
     parts, watched = network(r), r.random() < 0.5
     parts |= seen(r) if watched else BOX

@@ -9,11 +9,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-LONGEST = 1800.0  # s that anything here may take, on a machine that is busy, before it counts as hanging
+# s that anything here may take, on a machine that is busy, before it counts as hanging
+LONGEST = 1800.0
 
 
 def axes(count: int) -> list[str]:
-    """A grid with draws of about ``count`` cases: proved, refuted, undecided and failing ones among them."""
+    """A grid with draws of about ``count`` cases: proved, refuted, undecided and failing ones among
+    them."""
     samples = max(1, count // 20)
     return [
         "pinning.gains.3=0:4:5",
@@ -27,7 +29,17 @@ def axes(count: int) -> list[str]:
 
 
 def command(file: Path, out: Path, *options: str, count: int) -> list[str]:
-    return [sys.executable, "-m", "dobc_design", "sweep", str(file), *axes(count), "--out", str(out), *options]
+    return [
+        sys.executable,
+        "-m",
+        "dobc_design",
+        "sweep",
+        str(file),
+        *axes(count),
+        "--out",
+        str(out),
+        *options,
+    ]
 
 
 def start(file: Path, out: Path, *options: str, count: int) -> subprocess.Popen[bytes]:
@@ -88,11 +100,16 @@ def children(pid: int) -> list[int]:
 def words_of(pid: int) -> str:
     """The command line of a process."""
     try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        return (
+            Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        )
     except OSError:
         return ""
 
 
 def without_times(given: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Lines in the order of the cases, without how long they took."""
-    return [{key: x for key, x in line.items() if key != "seconds"} for line in sorted(given, key=lambda x: x["case"])]
+    return [
+        {key: x for key, x in line.items() if key != "seconds"}
+        for line in sorted(given, key=lambda x: x["case"])
+    ]

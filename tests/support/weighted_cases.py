@@ -1,4 +1,5 @@
-"""Weighted theorems and linearisations for the lone checker: claims written by hand, and just-false twins."""
+"""Weighted theorems and linearisations for the lone checker: claims written by hand, and just-false
+twins."""
 
 import json
 from functools import cache
@@ -15,8 +16,9 @@ from dobc_design.problem.canonical import canonical_bytes
 LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
 WATCHED: dict[str, Any] = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
 
-# Agent 2 hears agent 1, which is pinned with 1; h' = 1.  M = [[1, 0], [-1, 1]], mu = 1.  With D = (4, 1) and rate 1/2
-# N = [[4, -1], [-1, 1]], N (1, 2) = (2, 1); with rate 3/4 N = [[2, -1], [-1, 1/2]] is singular.
+# Agent 2 hears agent 1, which is pinned with 1; h' = 1.  M = [[1, 0], [-1, 1]], mu = 1.  With D =
+# (4, 1) and rate 1/2 N = [[4, -1], [-1, 1]], N (1, 2) = (2, 1); with rate 3/4 N = [[2, -1], [-1,
+# 1/2]] is singular.
 D, V, RATE = ["4", "1"], ["1", "2"], 0.5
 
 
@@ -34,7 +36,8 @@ def straight(verdict: str = "proved", rate: Any = 0.75, exact: Any = None, **mor
     return claim("linearisation", "global", rate, exact, verdict=verdict, **more)
 
 
-# P of the paper gives S = 9/8 at rate 0, where N = s [[8, -1], [-1, 2]] - s^2 diag(18, 9/8) for s D.
+# P of the paper gives S = 9/8 at rate 0, where N = s [[8, -1], [-1, 2]] - s^2 diag(18, 9/8) for s
+# D.
 HARMONIC: dict[str, Any] = {
     "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
     "observer": Observer(W=[["16/5"], ["12/5"]]),
@@ -62,24 +65,39 @@ def problems() -> dict[str, Problem]:
         "bad W": line(**WATCHED | {"observer": Observer(W=[[-1]])}),
         "harmonic": line(**HARMONIC),
         "irrational": line("exp(1)*y"),
-        "comes and goes": line(network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2]], agents=2)),
+        "comes and goes": line(
+            network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2]], agents=2)
+        ),
     }
 
 
 def case(name: str, problem: str, check: Document, code: int, **changes: Any) -> Case:
-    """The certificate of a small problem with this one claim of the topic; the verdict follows, but for ``changes``."""
+    """The certificate of a small problem with this one claim of the topic; the verdict follows, but
+    for ``changes``."""
     document = json.loads(certificate_bytes(consensus_claims(problems()[problem])))
     topics = ("theorem1-weighted", "theorem2-weighted", "linearisation")
     document["checks"] = [each for each in document["checks"] if each["id"] not in topics] + [check]
-    ids = (*topics, *(("theorem1", "theorem2") if document["observer"]["W"] else ("lemma1",)), "max-separable", "lure")
-    covering = [each for each in document["checks"] if each["id"] in ids and each["verdict"] == "proved"]
+    ids = (
+        *topics,
+        *(("theorem1", "theorem2") if document["observer"]["W"] else ("lemma1",)),
+        "max-separable",
+        "lure",
+    )
+    covering = [
+        each for each in document["checks"] if each["id"] in ids and each["verdict"] == "proved"
+    ]
     best = max(covering, key=lambda each: each["rate"] or 0, default=None)
     failed = check["verdict"] == "refuted" or "unstable_roots" in json.dumps(document["checks"])
     document["verdict"] = "proved" if best else "refuted" if failed else "undecided"
     document["rate"], document["covered_by"] = (best["rate"], best["id"]) if best else (None, None)
     for path, value in changes.items():
         document = bend(document, path, value)
-    return Case(f"{problem}: {name}", json.dumps(document).encode(), canonical_bytes(problems()[problem]), code)
+    return Case(
+        f"{problem}: {name}",
+        json.dumps(document).encode(),
+        canonical_bytes(problems()[problem]),
+        code,
+    )
 
 
 @cache
@@ -113,8 +131,12 @@ def weighted_cases() -> list[Case]:
         ("for several modes", weighted(id="theorem2-weighted"), FAILS),
     ]
     found = [case(name, "line", check, code) for name, check, code in lines]
-    # With D = (1/2, 1) N w = (w_1 - w_2, 2 w_2 - w_1), and the arc adds (w_1 - w_2/2, -w_1/2) or nothing.
-    for name, w, code in (("by hand", ["5", "4"], HOLDS), ("the arc is not always there", ["1/2", "1/2"], FAILS)):
+    # With D = (1/2, 1) N w = (w_1 - w_2, 2 w_2 - w_1), and the arc adds (w_1 - w_2/2, -w_1/2) or
+    # nothing.
+    for name, w, code in (
+        ("by hand", ["5", "4"], HOLDS),
+        ("the arc is not always there", ["1/2", "1/2"], FAILS),
+    ):
         check = weighted(None, "theorem2-weighted", D=["1/2", "1"], w={"G": w})
         found.append(case(name, "comes and goes", check, code))
     found += [
@@ -144,8 +166,15 @@ def weighted_cases() -> list[Case]:
         case("no P", "seen", weighted(D=["1", "1/4"]), FAILS),
         case("a gain mixes components", "mixed", weighted(None, **mixed), FAILS),
         case("a coupling mixes components", "crossed", weighted(None, **mixed), FAILS),
-        case("a falling slope", "falling", weighted(None, D=["1", "1"], w={"G": ["1", "1"]}), FAILS),
-        case("a kink", "kinked", weighted(D=["1", "1"], w={"G": ["1", "1"]}) | {"domain": "consensus"}, FAILS),
+        case(
+            "a falling slope", "falling", weighted(None, D=["1", "1"], w={"G": ["1", "1"]}), FAILS
+        ),
+        case(
+            "a kink",
+            "kinked",
+            weighted(D=["1", "1"], w={"G": ["1", "1"]}) | {"domain": "consensus"},
+            FAILS,
+        ),
     ]
     found += [
         case(name, problem, check, code)
@@ -157,7 +186,12 @@ def weighted_cases() -> list[Case]:
             ("a margin", "falling", straight(margin=1), FAILS),
             ("a witness", "falling", straight(witness={"kind": "vector"}), FAILS),
             ("exact values", "falling", straight(exact={"unstable_roots": "0"}), FAILS),
-            ("refuted, and stable", "falling", straight("refuted", None, {"unstable_roots": "1"}), FAILS),
+            (
+                "refuted, and stable",
+                "falling",
+                straight("refuted", None, {"unstable_roots": "1"}),
+                FAILS,
+            ),
             ("several modes", "two modes", straight(), FAILS),
             ("with the observer", "seen", straight(), HOLDS),
             ("faster than the observer", "slow", straight(), FAILS),
@@ -168,8 +202,18 @@ def weighted_cases() -> list[Case]:
             ("refuted", "unstable", straight("refuted", None, {"unstable_roots": "1"}), HOLDS),
             ("two roots", "unstable", straight("refuted", None, {"unstable_roots": "2"}), FAILS),
             ("no root", "unstable", straight("refuted", None, {"unstable_roots": "0"}), FAILS),
-            ("half a root", "unstable", straight("refuted", None, {"unstable_roots": "1/2"}), FAILS),
-            ("refuted at a rate", "unstable", straight("refuted", 1, {"unstable_roots": "1"}), FAILS),
+            (
+                "half a root",
+                "unstable",
+                straight("refuted", None, {"unstable_roots": "1/2"}),
+                FAILS,
+            ),
+            (
+                "refuted at a rate",
+                "unstable",
+                straight("refuted", 1, {"unstable_roots": "1"}),
+                FAILS,
+            ),
         )
     ]
     return found

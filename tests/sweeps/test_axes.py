@@ -1,4 +1,5 @@
-"""Values as they are typed: exact ranges, lists that respect brackets, draws that can be repeated."""
+"""Values as they are typed: exact ranges, lists that respect brackets, draws that can be
+repeated."""
 
 import itertools
 import re
@@ -43,7 +44,8 @@ def test_ranges_are_evenly_spaced_and_exact_or_have_even_ratios_and_keep_their_e
 
 
 NONSENSE = """
-    1:5:1 1:1:3 0:5:3:log 1:5:9999999 1,,2 1, f(y y) "a 1,1 ~uniform(1) ~uniform(2,1) ~weird(1,2) ~normal(0,0)
+    1:5:1 1:1:3 0:5:3:log 1:5:9999999 1,,2 1, f(y y) "a 1,1 ~uniform(1) ~uniform(2,1) ~weird(1,2)
+    ~normal(0,0)
     ~integers(0.5,2) ~loguniform(0,1) ~choice() ~x
 """
 
@@ -56,7 +58,11 @@ def test_values_that_mean_nothing_are_refused_with_the_key(text):
 
 
 def test_a_list_is_split_outside_brackets_and_quotes_only():
-    assert values("exp(y)-1+y,clip(y, -1, 1),tanh(y)") == ("exp(y)-1+y", "clip(y, -1, 1)", "tanh(y)")
+    assert values("exp(y)-1+y,clip(y, -1, 1),tanh(y)") == (
+        "exp(y)-1+y",
+        "clip(y, -1, 1)",
+        "tanh(y)",
+    )
     assert values("[[1],[2]],[[16/5],[12/5]]") == ("[[1],[2]]", "[[16/5],[12/5]]")
     assert split('"a,b",c') == ['"a,b"', "c"]
 
@@ -96,7 +102,9 @@ def test_the_text_of_a_value_reads_back_as_the_value(value):
 
     def same(read, given):
         if isinstance(given, list):
-            return isinstance(read, list) and all(same(a, b) for a, b in zip(read, given, strict=True))
+            return isinstance(read, list) and all(
+                same(a, b) for a, b in zip(read, given, strict=True)
+            )
         if isinstance(given, str):
             return read == given
         return parse_number(read, key="x") == parse_number(given, key="x")
@@ -136,7 +144,8 @@ def test_draws_depend_on_seed_axis_and_number_and_choices_come_equally_often():
     ],
 )
 def test_draws_have_the_distribution_they_are_named_after(text, low, high, middle):
-    """Bounds and the median, of 2000 draws; the median's standard error is below a twentieth of each spread."""
+    """Bounds and the median, of 2000 draws; the median's standard error is below a twentieth of
+    each spread."""
     (axis,) = read_axes([f"a={text}"])
     drawn = [float(Fraction(axis.draw.value(1, "a", k))) for k in range(2000)]
     assert low <= min(drawn) < max(drawn) <= high
@@ -159,7 +168,10 @@ def test_axes_that_undo_each_other_are_refused_and_those_that_go_together_are_no
         ("pinning.gains.1", [("pinning", "gains", "1")]),
         ("exosystem.A[0][12]", [("exosystem", "A", 0, 12)]),
         ('pinning.gains."s 1, north"', [("pinning", "gains", "s 1, north")]),
-        ("pinning.gains.1, pinning.gains.6", [("pinning", "gains", "1"), ("pinning", "gains", "6")]),
+        (
+            "pinning.gains.1, pinning.gains.6",
+            [("pinning", "gains", "1"), ("pinning", "gains", "6")],
+        ),
         ("coupling.exceptions[0].h", [("coupling", "exceptions", 0, "h")]),
         ("target", [("target",)]),
     ],
@@ -169,7 +181,9 @@ def test_a_path_is_names_between_dots_and_places_in_brackets(text, paths):
     assert list(read_keys(",".join(path_text(path) for path in paths))) == paths
 
 
-@pytest.mark.parametrize("text", ["", ".", "a..b", "[0]", "a.", "a b", "a[x]", "a[-1]", ",a", "a,", 'a."b', "a" * 600])
+@pytest.mark.parametrize(
+    "text", ["", ".", "a..b", "[0]", "a.", "a b", "a[x]", "a[-1]", ",a", "a,", 'a."b', "a" * 600]
+)
 def test_what_is_no_path_is_refused_with_an_example(text):
     with pytest.raises(SpecError, match=r"is no (key of a problem file|quoted name)") as caught:
         read_keys(text)
@@ -185,11 +199,17 @@ def test_the_first_equals_sign_outside_quotes_divides_key_and_values():
         split_axis("coupling.h")
 
 
-DOCUMENT = {"network": {"modes": {"G": [[1, 2], [2, 3]]}}, "pinning": {"gains": 5}, "coupling": {"h": "y"}}
+DOCUMENT = {
+    "network": {"modes": {"G": [[1, 2], [2, 3]]}},
+    "pinning": {"gains": 5},
+    "coupling": {"h": "y"},
+}
 
 
 def test_a_change_copies_and_leaves_the_document_as_it_was():
-    changed = with_changes(DOCUMENT, {("coupling", "h"): "tanh(y)", ("network", "modes", "G", 1): [3, 1]})
+    changed = with_changes(
+        DOCUMENT, {("coupling", "h"): "tanh(y)", ("network", "modes", "G", 1): [3, 1]}
+    )
     assert changed["coupling"]["h"] == "tanh(y)"
     assert changed["network"]["modes"]["G"] == [[1, 2], [3, 1]]
     assert DOCUMENT["coupling"]["h"] == "y"
@@ -198,7 +218,8 @@ def test_a_change_copies_and_leaves_the_document_as_it_was():
 
 def test_tables_on_the_way_are_made_the_next_place_of_a_list_is_filled_and_none_removes():
     changed = with_changes(
-        DOCUMENT, {("observer", "rate"): 2, ("network", "modes", "G", 0, 2): 0.5, ("pinning", "gains"): None}
+        DOCUMENT,
+        {("observer", "rate"): 2, ("network", "modes", "G", 0, 2): 0.5, ("pinning", "gains"): None},
     )
     assert changed["observer"] == {"rate": 2}
     assert changed["network"]["modes"]["G"][0] == [1, 2, 0.5]
@@ -209,7 +230,10 @@ def test_tables_on_the_way_are_made_the_next_place_of_a_list_is_filled_and_none_
 @pytest.mark.parametrize(
     ("path", "words"),
     [
-        (("pinning", "gains", "1"), r"pinning.gains is 5, which has no '1'. Vary pinning.gains itself"),
+        (
+            ("pinning", "gains", "1"),
+            r"pinning.gains is 5, which has no '1'. Vary pinning.gains itself",
+        ),
         (("network", "modes", "G", 7, 0), r"G has 2 entries, counted from 0; got index 7"),
         (("network", "modes", "G", 3), r"G has 2 entries"),
         (("network", "modes", "G", "1"), r"is a list, which has no '1'. Give an index"),

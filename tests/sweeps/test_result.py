@@ -15,18 +15,36 @@ from dobc_design.sweeps.result import SweepResult
 
 
 def made(over, tmp_path: Path, *, task: str = "certify", samples=None, missing=()) -> SweepResult:
-    """A result whose numbers are made up: rate = number of the case / 10, every third undecided, some failed."""
+    """A result whose numbers are made up: rate = number of the case / 10, every third undecided,
+    some failed."""
     (tmp_path / "c.toml").write_text(CHAIN, encoding="utf-8")
     plan = make_plan(tmp_path / "c.toml", over, task=Task(kind=task), samples=samples)
     lines = []
     for number in range(len(plan)):
         found = dict.fromkeys(name for name, _, _ in plan.task.columns)
         if task == "certify":
-            found |= {"verdict": "undecided" if number % 3 == 2 else "proved", "rate": number / 10, "reason": 'r, "q"'}
+            found |= {
+                "verdict": "undecided" if number % 3 == 2 else "proved",
+                "rate": number / 10,
+                "reason": 'r, "q"',
+            }
         else:
-            found |= {"diverged": number % 2 == 1, "diverged_runs": number % 2, "settling_time": None}
-        error = {"kind": "k", "key": None, "message": "it broke", "cure": "mend it"} if number in missing else None
-        about = {"case": number, "id": f"{number:064x}", "values": list(plan.values(number)), "seconds": 0.5}
+            found |= {
+                "diverged": number % 2 == 1,
+                "diverged_runs": number % 2,
+                "settling_time": None,
+            }
+        error = (
+            {"kind": "k", "key": None, "message": "it broke", "cure": "mend it"}
+            if number in missing
+            else None
+        )
+        about = {
+            "case": number,
+            "id": f"{number:064x}",
+            "values": list(plan.values(number)),
+            "seconds": 0.5,
+        }
         lines.append(about | {"result": None if error else found, "error": error})
     return SweepResult(plan=plan, lines=tuple(lines))
 
@@ -37,10 +55,17 @@ GRID = {"pinning.gains.3": "1:3:3", "coupling.h": "y,tanh(y),sin(y),atan(y)"}
 def test_csv_and_json_lines_hold_every_row(tmp_path):
     result = made(GRID, tmp_path, missing=(4,))
     rows = list(csv.DictReader(result.save(tmp_path / "r.csv").open(encoding="utf-8", newline="")))
-    again = [json.loads(line) for line in result.save(tmp_path / "r.jsonl").read_text("utf-8").splitlines()]
+    again = [
+        json.loads(line)
+        for line in result.save(tmp_path / "r.jsonl").read_text("utf-8").splitlines()
+    ]
     assert again == result.rows
     assert len(rows) == 12
-    assert (rows[5]["pinning.gains.3"], rows[5]["coupling.h"], rows[5]["rate"]) == ("2.0", "tanh(y)", "0.5")
+    assert (rows[5]["pinning.gains.3"], rows[5]["coupling.h"], rows[5]["rate"]) == (
+        "2.0",
+        "tanh(y)",
+        "0.5",
+    )
     assert (rows[4]["rate"], rows[4]["error"], rows[3]["error"]) == ("", "it broke", "")
     assert rows[0]["reason"] == 'r, "q"'
 
@@ -93,10 +118,20 @@ RATE = "certified rate in 1/s"
     [
         (GRID, None, {}, ("pinning.gains.3", "coupling.h")),
         (GRID, None, {"x": "coupling.h"}, ("coupling.h", RATE)),
-        ({"pinning.gains.3": "1:3:3", "coupling.h": "y,tanh(y)"}, None, {}, ("pinning.gains.3", RATE)),
+        (
+            {"pinning.gains.3": "1:3:3", "coupling.h": "y,tanh(y)"},
+            None,
+            {},
+            ("pinning.gains.3", RATE),
+        ),
         ({"coupling.h": "y,tanh(y)", "target": "~uniform(0,1)"}, 6, {}, ("target", RATE)),
         ({"target": "~loguniform(1,1000)"}, 6, {"value": "rate"}, ("target", RATE)),
-        ({"target": "~uniform(0,1)", "coupling.h": "~choice(y,sin(y))"}, 6, {"x": "coupling.h"}, ("coupling.h", None)),
+        (
+            {"target": "~uniform(0,1)", "coupling.h": "~choice(y,sin(y))"},
+            6,
+            {"x": "coupling.h"},
+            ("coupling.h", None),
+        ),
     ],
 )
 def test_a_figure_names_what_it_shows(tmp_path, over, samples, options, axes):

@@ -1,4 +1,5 @@
-"""Sweeps: every case once, failures among them, stopped and resumed; the same whoever computes it."""
+"""Sweeps: every case once, failures among them, stopped and resumed; the same whoever computes
+it."""
 
 import json
 import os
@@ -21,7 +22,11 @@ from dobc_design.sweeps.plan import Plan, Task, make_plan
 from dobc_design.sweeps.result import Journal
 from dobc_design.sweeps.running import LOKY, State, TooLong, outcomes, run_case, sweep, within
 
-OVER = {"pinning.gains.3": "0,4", "coupling.h": "y,-y,y+1", "network.modes.G[0][2]": "~uniform(0.5,2)"}
+OVER = {
+    "pinning.gains.3": "0,4",
+    "coupling.h": "y,-y,y+1",
+    "network.modes.G[0][2]": "~uniform(0.5,2)",
+}
 
 
 @pytest.fixture
@@ -52,7 +57,10 @@ def test_a_sweep_says_of_every_case_what_certify_says_of_the_same_file(chain, re
     """The oracle is certify on a text in which the values were put by hand."""
     assert len(result) == 2 * 3 * 2
     for row in result.rows[::5]:
-        gain, weight = Fraction(str(row["pinning.gains.3"])), Fraction(str(row["network.modes.G[0][2]"]))
+        gain, weight = (
+            Fraction(str(row["pinning.gains.3"])),
+            Fraction(str(row["network.modes.G[0][2]"])),
+        )
         text = CHAIN.replace("3 = 5", f'3 = "{gain}"').replace('"y"', f'"{row["coupling.h"]}"')
         chain.write_text(text.replace("[1, 2]", f'[1, 2, "{weight}"]'), encoding="utf-8")
         if row["coupling.h"] == "y+1":
@@ -61,7 +69,11 @@ def test_a_sweep_says_of_every_case_what_certify_says_of_the_same_file(chain, re
             assert "must vanish" in row["error"]
             continue
         certificate = dd.certify(chain)
-        wanted = {"verdict": certificate.verdict.value, "rate": certificate.rate, "reason": certificate.reason}
+        wanted = {
+            "verdict": certificate.verdict.value,
+            "rate": certificate.rate,
+            "reason": certificate.reason,
+        }
         assert {name: row[name] for name in wanted} == wanted
 
 
@@ -102,13 +114,17 @@ def test_arcs_from_a_file_are_read_once_and_travel_with_the_cases(tmp_path):
         ({"coupling.h": "~choice(y)"}, {"samples": 0}, "samples must be a whole number >= 1"),
     ],
 )
-def test_a_sweep_that_cannot_be_meant_is_refused_before_anything_is_written(chain, tmp_path, over, options, words):
+def test_a_sweep_that_cannot_be_meant_is_refused_before_anything_is_written(
+    chain, tmp_path, over, options, words
+):
     with pytest.raises(SpecError, match=words):
         sweep(chain, over, out=tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_sweep_that_was_stopped_goes_on_and_ends_like_one_that_was_not(chain, tmp_path, result, monkeypatch):
+def test_a_sweep_that_was_stopped_goes_on_and_ends_like_one_that_was_not(
+    chain, tmp_path, result, monkeypatch
+):
     out, seen = tmp_path / "out", []
 
     def stop(state: State) -> None:
@@ -123,7 +139,9 @@ def test_a_sweep_that_was_stopped_goes_on_and_ends_like_one_that_was_not(chain, 
     count = len((out / "results.jsonl").read_bytes().split(b"\n")) - 1
     assert count == 7
     seen.clear()
-    found = sweep(chain, OVER, samples=2, jobs=1, out=out, progress=lambda state: seen.append(state.done))
+    found = sweep(
+        chain, OVER, samples=2, jobs=1, out=out, progress=lambda state: seen.append(state.done)
+    )
     assert seen == list(range(7, 13)), "nothing is done twice"
     assert without_times(list(found.lines)) == without_times(list(result.lines))
     written = [json.loads(line) for line in (out / "results.jsonl").read_bytes().splitlines()]
@@ -141,7 +159,9 @@ def test_lines_that_are_broken_or_belong_to_no_case_are_done_again(chain, tmp_pa
     lines[2:5] = [b"\xff garbage", b"[1, 2]", json.dumps(other).encode()]
     (out / "results.jsonl").write_bytes(b"\n".join(lines) + b"\n")
     done: list[int] = []
-    found = sweep(chain, OVER, samples=2, jobs=1, out=out, progress=lambda state: done.append(state.done))
+    found = sweep(
+        chain, OVER, samples=2, jobs=1, out=out, progress=lambda state: done.append(state.done)
+    )
     assert done[0] == 9
     assert without_times(list(found.lines)) == without_times(list(result.lines))
 
@@ -149,11 +169,16 @@ def test_lines_that_are_broken_or_belong_to_no_case_are_done_again(chain, tmp_pa
 @pytest.mark.parametrize("change", ["values", "problem", "seed", "task", "samples"])
 def test_a_folder_of_another_sweep_is_refused_and_left_alone_unless_forced(chain, tmp_path, change):
     out = tmp_path / "out"
-    over, options = {"coupling.h": "y", "target": "~uniform(0,1)"}, {"samples": 2, "seed": 0, "task": "certify"}
+    over, options = (
+        {"coupling.h": "y", "target": "~uniform(0,1)"},
+        {"samples": 2, "seed": 0, "task": "certify"},
+    )
     sweep(chain, over, out=out, jobs=1, **options)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     if change == "samples":  # by hand, in the file that says what is swept
-        (out / "sweep.json").write_bytes(before["sweep.json"].replace(b'"samples": 2', b'"samples": 3'))
+        (out / "sweep.json").write_bytes(
+            before["sweep.json"].replace(b'"samples": 2', b'"samples": 3')
+        )
         before["sweep.json"] = (out / "sweep.json").read_bytes()
     elif change == "values":
         over["coupling.h"] = "y,tanh(y)"
@@ -164,13 +189,18 @@ def test_a_folder_of_another_sweep_is_refused_and_left_alone_unless_forced(chain
     with pytest.raises(SpecError, match=f"was made for another sweep, with another .*{change}"):
         sweep(chain, over, out=out, jobs=1, **options)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
-    assert len(sweep(chain, over, out=out, jobs=1, force=True, **options)) == (4 if change == "values" else 2)
+    assert len(sweep(chain, over, out=out, jobs=1, force=True, **options)) == (
+        4 if change == "values" else 2
+    )
 
 
 @pytest.mark.skipif(os.name == "nt", reason="files are not locked there")
 def test_two_at_a_time_in_one_folder_are_refused(chain, tmp_path):
     plan = make_plan(chain, {"coupling.h": "y"}, task=Task())
-    with Journal(tmp_path / "out", plan), pytest.raises(SpecError, match="another process is at work"):
+    with (
+        Journal(tmp_path / "out", plan),
+        pytest.raises(SpecError, match="another process is at work"),
+    ):
         sweep(chain, {"coupling.h": "y"}, out=tmp_path / "out", jobs=1)
     assert len(sweep(chain, {"coupling.h": "y"}, out=tmp_path / "out", jobs=1)) == 1
 
@@ -201,16 +231,22 @@ def test_a_case_over_its_time_is_recorded_and_done_again_only_with_more_time(cha
     with Journal(out, plan) as journal:
         journal.append(run_case(plan, 0))
         journal.append(late)
-    assert sweep(chain, ["target=1,2"], out=out, time_limit=0.05).outcomes == {"proved": 1, "failed": 1}
+    assert sweep(chain, ["target=1,2"], out=out, time_limit=0.05).outcomes == {
+        "proved": 1,
+        "failed": 1,
+    }
     done: list[int] = []
-    found = sweep(chain, ["target=1,2"], out=out, jobs=1, progress=lambda state: done.append(state.done))
+    found = sweep(
+        chain, ["target=1,2"], out=out, jobs=1, progress=lambda state: done.append(state.done)
+    )
     assert done == [1, 2]
     assert found.outcomes == {"proved": 2}
     assert sweep(chain, ["target=1,2"], out=out, jobs=1).outcomes == {"proved": 2}
 
 
 def deadly(chain: Path) -> Plan:
-    """Five cases, of which the third kills its worker, the fourth never ends, and the fifth never leaves a library."""
+    """Five cases, of which the third kills its worker, the fourth never ends, and the fifth never
+    leaves a library."""
 
     class Deadly:  # not importable in the workers, so it is sent to them as it is
         def prepare(self) -> None: ...
@@ -243,5 +279,8 @@ def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain,
 
 
 def test_a_state_says_itself_in_words():
-    assert str(State(total=20, done=8, resumed=3, failed=1)) == "8 of 20 cases, 3 of them from before, 1 failed"
+    assert (
+        str(State(total=20, done=8, resumed=3, failed=1))
+        == "8 of 20 cases, 3 of them from before, 1 failed"
+    )
     assert str(State(total=20, done=20, resumed=0, failed=0)) == "20 of 20 cases"

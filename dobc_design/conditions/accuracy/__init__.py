@@ -1,1 +1,2 @@
-"""How close to the target the agents end under what the model leaves out: disturbances, drift, noise."""
+"""How close to the target the agents end under what the model leaves out: disturbances, drift,
+noise."""

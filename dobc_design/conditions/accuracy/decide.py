@@ -1,28 +1,34 @@
-"""Final bounds of the error under [uncertainty]: what a proved ``accuracy`` claims (theory, section 12).
+"""Final bounds of the error under [uncertainty]: what a proved ``accuracy`` claims (theory, section
+12).
 
-The plant is x_i' = sum_j w h_ij(x_j - x_i) + u_i + d_i + w_i with |w_i| <= omega, xi_i' = A xi_i + g_i with |g_i| <=
-gamma, and every measured state may be off by nubar (by component, all).  Each weight w may be off by the part dw and
-each entry of a gain by the part dk.  Then every start of the domain ends with |e_i| <= bounds_i, for arbitrary
-switching, and no start of it leaves the box |e_i| <= rho v_i of the first stage.
+The plant is x_i' = sum_j w h_ij(x_j - x_i) + u_i + d_i + w_i with |w_i| <= omega, xi_i' = A xi_i +
+g_i with |g_i| <= gamma, and every measured state may be off by nubar (by component, all).  Each
+weight w may be off by the part dw and each entry of a gain by the part dk.  Then every start of the
+domain ends with |e_i| <= bounds_i, for arbitrary switching, and no start of it leaves the box |e_i|
+<= rho v_i of the first stage.
 
-With F = A - WC, H_i = sum_j w sup |h'| and Hmax_i the largest H_i of all modes, what acts on agent i besides its row
-(in which weights and gains take their worse ends) and a part of the estimation error that decays by itself is at most
-b_i + eta_i s while N was at most s (theory, What the model leaves out),
+With F = A - WC, H_i = sum_j w sup |h'| and Hmax_i the largest H_i of all modes, what acts on agent
+i besides its row (in which weights and gains take their worse ends) and a part of the estimation
+error that decays by itself is at most b_i + eta_i s while N was at most s (theory, What the model
+leaves out),
 
     b_i = omega (1 + peak of W) + gamma (peak of I) + nubar ((1 + dk) |k_i| + |C W| + peak of F W)
           + 2 nubar (1 + dw) (H_i + (peak of W) Hmax_i)
     eta_i = dw (peak of W) max over modes of sum_j w (v_i + v_j) sup |h(y)/y|
 
-where eta_i is 0 if the observers know the weights: else they are fed sum w h and not what acts.  Where rows with b_i +
-eta_i s added stay <= -alpha s v_i for all s in [level, rho], N reaches the level in finite time and stays below it, if
-kappa beta min v > 1 for the part of V that is the observer's: when V = N + kappa E is larger than ever before, so is N
-(E falls), so that the history counts with s = N; and the largest limit of N counts with itself, since observers forget.
+where eta_i is 0 if the observers know the weights: else they are fed sum w h and not what acts.
+Where rows with b_i + eta_i s added stay <= -alpha s v_i for all s in [level, rho], N reaches the
+level in finite time and stays below it, if kappa beta min v > 1 for the part of V that is the
+observer's: when V = N + kappa E is larger than ever before, so is N (E falls), so that the history
+counts with s = N; and the largest limit of N counts with itself, since observers forget.
 
-In coordinates z_i = T e_i (``separable.coordinates``; agents with dynamics, couplings of vectors) b = omega (1 + peak
-of W) + gamma (peak of I) acts through B: |T B| b is added to the rows, which are linear in s for gains of the stage.
+In coordinates z_i = T e_i (``separable.coordinates``; agents with dynamics, couplings of vectors) b
+= omega (1 + peak of W) + gamma (peak of I) acts through B: |T B| b is added to the rows, which are
+linear in s for gains of the stage.
 
-A linear loop in one mode, e' = M e + (I (x) B)(w + C eps) with M = J - K, needs neither stages nor coordinates: e_ic
-ends below b times the integral of row (i, c) of |exp(M t) (I (x) B)|, its peak gain, which some w attains without eps.
+A linear loop in one mode, e' = M e + (I (x) B)(w + C eps) with M = J - K, needs neither stages nor
+coordinates: e_ic ends below b times the integral of row (i, c) of |exp(M t) (I (x) B)|, its peak
+gain, which some w attains without eps.
 """
 
 from __future__ import annotations
@@ -35,7 +41,13 @@ from typing import Any, Final
 
 from dobc_design.conditions.check import Check, Domain, read_domain, read_object, undecided_check
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
-from dobc_design.conditions.numbers import form_from_json, read_rational, rounded_up, vector_from_json, vector_to_json
+from dobc_design.conditions.numbers import (
+    form_from_json,
+    read_rational,
+    rounded_up,
+    vector_from_json,
+    vector_to_json,
+)
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json, ranges_to_json
 from dobc_design.conditions.separable import claim as separable
@@ -78,9 +90,10 @@ MOST_STAGES: Final = 30
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Level:
-    """One stage: for all s in [level, rho] the box |e_i| <= s v_i shrinks, N = max |e_i|/v_i falling at least at the
-    rate alpha.  ``rho`` None: for all s >= level (linear couplings).  All numbers > 0.  In coordinates v has an entry
-    for each component of z, and ``ranges`` are the gains where N <= rho."""
+    """One stage: for all s in [level, rho] the box |e_i| <= s v_i shrinks, N = max |e_i|/v_i
+    falling at least at the rate alpha.  ``rho`` None: for all s >= level (linear couplings).  All
+    numbers > 0.  In coordinates v has an entry for each component of z, and ``ranges`` are the
+    gains where N <= rho."""
 
     v: Vector | Doubles
     alpha: Fraction
@@ -92,14 +105,20 @@ class Level:
         """The exact values as text."""
         numbers = {name: number_text(getattr(self, name)) for name in ("alpha", "level")}
         gains = {"ranges": ranges_to_json(self.ranges)} if self.ranges else {}
-        return {"v": vector_to_json(self.v), **numbers, "rho": self.rho and number_text(self.rho), **gains}
+        return {
+            "v": vector_to_json(self.v),
+            **numbers,
+            "rho": self.rho and number_text(self.rho),
+            **gains,
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peaks:
-    """How far the observer passes on what the model leaves out, F = A - WC: upper bounds of the integrals of
-    |C exp(F t) W| (``disturbance``), |C exp(F t)| (``drift``), and of |C exp(F t) F W|, plus |C W| (``measurement``),
-    row sums, in every group of agents.  Shown in ``steps`` steps of ``step`` (s)."""
+    """How far the observer passes on what the model leaves out, F = A - WC: upper bounds of the
+    integrals of |C exp(F t) W| (``disturbance``), |C exp(F t)| (``drift``), and of |C exp(F t) F
+    W|, plus |C W| (``measurement``), row sums, in every group of agents.  Shown in ``steps`` steps
+    of ``step`` (s)."""
 
     disturbance: Fraction
     drift: Fraction
@@ -127,9 +146,10 @@ class Response:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accuracy:
-    """Stages from the outside inwards, or the ``response`` of a linear loop and no stage, and ``bounds``: label ->
-    final bound of |e_i|, in coordinates z = T e and with a response one for each component of e_i.  ``peaks``: with an
-    exosystem; ``error``: with one, where the couplings are not linear."""
+    """Stages from the outside inwards, or the ``response`` of a linear loop and no stage, and
+    ``bounds``: label -> final bound of |e_i|, in coordinates z = T e and with a response one for
+    each component of e_i.  ``peaks``: with an exosystem; ``error``: with one, where the couplings
+    are not linear."""
 
     stages: tuple[Level, ...]
     bounds: Mapping[str, Fraction | Vector]
@@ -157,7 +177,14 @@ class Accuracy:
 
     def in_stage(self, stage: Level) -> Separable:
         """The boxes of a stage as those of a max-separable claim."""
-        return Separable(v=stage.v, alpha=stage.alpha, rho=stage.rho, error=self.error, T=self.T, ranges=stage.ranges)
+        return Separable(
+            v=stage.v,
+            alpha=stage.alpha,
+            rho=stage.rho,
+            error=self.error,
+            T=self.T,
+            ranges=stage.ranges,
+        )
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
@@ -167,7 +194,9 @@ class Accuracy:
         else:
             values["response"] = self.response.to_json()
         texts = {label: [number_text(x) for x in each] for label, each in self.listed.items()}
-        values["bounds"] = {label: each[0] for label, each in texts.items()} if not self.by_component else texts
+        values["bounds"] = (
+            {label: each[0] for label, each in texts.items()} if not self.by_component else texts
+        )
         if self.T is not None:
             values["T"] = matrix_text(self.T)
         if self.peaks is not None:
@@ -191,7 +220,9 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Accuracy:
     read = {label: _read_bounds(bounds[label], entries) for label in problem.network.labels}
     peaks = None
     if problem.groups:
-        peaks = Peaks(**_read_steps(values["peaks"], ("disturbance", "drift", "measurement", "step")))
+        peaks = Peaks(
+            **_read_steps(values["peaks"], ("disturbance", "drift", "measurement", "step"))
+        )
     if linear:
         response = Response(**_read_steps(values["response"], ("step",)))
         return Accuracy(stages=(), bounds=read, peaks=peaks, response=response)
@@ -246,16 +277,19 @@ _SHOWN: Final = 6  # bounds told in the reason
 
 
 def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str | None:
-    """Why no final bounds can be shown for the loop with the gain W (q, m); None if they may be.  ``turned``: in
-    coordinates."""
+    """Why no final bounds can be shown for the loop with the gain W (q, m); None if they may be.
+    ``turned``: in coordinates."""
     if problem.n > MOST_AGENTS:
         return f"does not apply: final bounds are decided for at most {MOST_AGENTS} agents."
     plant = problem.uncertainty
     if turned and plant is not None and plant.measurement:
-        return "does not apply: measurement noise is known for couplings that act by component only."
+        return (
+            "does not apply: measurement noise is known for couplings that act by component only."
+        )
     if turned and plant is not None and (plant.weights or plant.gains):
         return (
-            "does not apply: with a disturbance, errors of weights and gains are known for couplings by component only."
+            "does not apply: with a disturbance, errors of weights and gains are known for "
+            "couplings by component only."
         )
     if not turned and problem.origin is not None:
         return "does not apply: bounds for agents with [dynamics] are made in coordinates."
@@ -266,11 +300,19 @@ def response_obstacle(problem: Problem) -> str | None:
     """Why the response of the whole loop bounds nothing here; None if it may."""
     plant, (mode, *others) = problem.uncertainty or Uncertainty(), problem.network.modes
     if not problem.is_linear or others or problem.network.modes[mode].optional:
-        return "the response of the whole loop is followed for linear couplings in one mode without optional arcs only."
+        return (
+            "the response of the whole loop is followed for linear couplings in one mode "
+            "without optional arcs only."
+        )
     if plant.measurement or plant.weights or plant.gains:
-        return "noise and errors of weights and gains are not known where the response of the whole loop is followed."
+        return (
+            "noise and errors of weights and gains are not known where the response of the "
+            "whole loop is followed."
+        )
     if problem.n * problem.m > MOST_ROWS:
-        return f"the response of the whole loop is followed for at most {MOST_ROWS} states of agents."
+        return (
+            f"the response of the whole loop is followed for at most {MOST_ROWS} states of agents."
+        )
     return None
 
 
@@ -279,7 +321,10 @@ def loop_matrix(problem: Problem) -> Matrix | None:
     (jacobian,) = jacobians_at_consensus(problem).modes
     if not jacobian.is_point:
         return None
-    entries, size = linearisation(jacobian, problem.pinning, problem.m), range(problem.n * problem.m)
+    entries, size = (
+        linearisation(jacobian, problem.pinning, problem.m),
+        range(problem.n * problem.m),
+    )
     return tuple(tuple(entries.get((a, b), Fraction(0)) for b in size) for a in size)
 
 
@@ -290,9 +335,11 @@ def most_steps(problem: Problem) -> int:
     return min(MOST_STEPS, MOST_PRODUCTS // (size**2 * columns))
 
 
-def response_bounds(problem: Problem, peaks: Peaks | None, response: Response) -> dict[str, Vector] | None:
-    """Label -> what is left of every |e_ic|: b times the peak gains of a linear loop in one mode; None where they are
-    not shown with these steps."""
+def response_bounds(
+    problem: Problem, peaks: Peaks | None, response: Response
+) -> dict[str, Vector] | None:
+    """Label -> what is left of every |e_ic|: b times the peak gains of a linear loop in one mode;
+    None where they are not shown with these steps."""
     M, own = loop_matrix(problem), dynamics_of(problem)
     if M is None or response.steps > most_steps(problem):
         return None
@@ -302,11 +349,14 @@ def response_bounds(problem: Problem, peaks: Peaks | None, response: Response) -
         return None
     b, m = input_of(problem, peaks), problem.m
     ends = [b * row[-1] for row in found]
-    return {label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(problem.network.labels)}
+    return {
+        label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(problem.network.labels)
+    }
 
 
 def observer_peaks(problem: Problem, W: Matrix, *, step: Fraction, steps: int) -> Peaks | None:
-    """The peak gains, the worst of all groups, for the gain W (q, m); None where they are not shown."""
+    """The peak gains, the worst of all groups, for the gain W (q, m); None where they are not
+    shown."""
     worst, own = dict.fromkeys(INPUTS, Fraction(0)), dynamics_of(problem)
     for group, gain in zip(problem.groups, gains_of(problem.groups, W), strict=True):
         F, C, W_own = error_matrix(group.exosystem, gain), group.exosystem.C, gain
@@ -323,21 +373,28 @@ def observer_peaks(problem: Problem, W: Matrix, *, step: Fraction, steps: int) -
 
 
 def input_of(problem: Problem, peaks: Peaks | None) -> Fraction:
-    """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in the end."""
+    """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in the
+    end."""
     plant = problem.uncertainty or Uncertainty()
-    return plant.disturbance + (plant.disturbance * peaks.disturbance + plant.drift * peaks.drift if peaks else 0)
+    return plant.disturbance + (
+        plant.disturbance * peaks.disturbance + plant.drift * peaks.drift if peaks else 0
+    )
 
 
 def load_in_coordinates(problem: Problem, peaks: Peaks | None, T: Matrix) -> Vector:
     """|T B| b by agent and component of z, (n m,): what acts on every agent."""
     own, b = dynamics_of(problem), input_of(problem, peaks)
-    return tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B))) * problem.n
+    return (
+        tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B)))
+        * problem.n
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """What acts on one agent in one mode besides its row: b_i, and eta_i s, what observers that do not know the errors
-    of the weights pass on while N is at most s.  ``by_input`` is the part of b_i that the agent's own input adds."""
+    """What acts on one agent in one mode besides its row: b_i, and eta_i s, what observers that do
+    not know the errors of the weights pass on while N is at most s.  ``by_input`` is the part of
+    b_i that the agent's own input adds."""
 
     mode: str
     agent: int
@@ -352,10 +409,12 @@ class Load:
         return replace(self.row, gain=self.row.gain - self.growing / self.row.own)
 
 
-def loads(problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)) -> Iterator[Load]:
-    """Every row of a stage with what acts besides, eta_i larger by the part ``room``.  What an observer passes on it
-    has seen in any mode: there the largest over the modes counts.  Raises: UndefinedError where a slope has no bound as
-    far out."""
+def loads(
+    problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)
+) -> Iterator[Load]:
+    """Every row of a stage with what acts besides, eta_i larger by the part ``room``.  What an
+    observer passes on it has seen in any mode: there the largest over the modes counts.  Raises:
+    UndefinedError where a slope has no bound as far out."""
     plant = problem.uncertainty or Uncertainty()
     errors, nubar = stated_errors(problem), plant.measurement
     curves = coupling_profiles(problem, stage.v, rho=stage.rho)
@@ -365,7 +424,11 @@ def loads(problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction
     @cache
     def steepest(coupling: int, reach: Fraction) -> Fraction:
         """A bound of |h'| as far as noise takes an argument."""
-        Y = ZERO if stage.rho is None else Interval(Fraction(-1), Fraction(1)) * (stage.rho * reach + 2 * nubar)
+        Y = (
+            ZERO
+            if stage.rho is None
+            else Interval(Fraction(-1), Fraction(1)) * (stage.rho * reach + 2 * nubar)
+        )
         return jet(curves[coupling].curve, Y).slope.magnitude
 
     @cache
@@ -373,7 +436,9 @@ def loads(problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction
         """A bound of |h(y)/y| in the box."""
         if stage.rho is None:
             return steepest(coupling, reach)
-        return secant_range(curves[coupling].curve, Interval(-stage.rho * reach, stage.rho * reach)).magnitude
+        return secant_range(
+            curves[coupling].curve, Interval(-stage.rho * reach, stage.rho * reach)
+        ).magnitude
 
     @cache
     def heard(mode: str, agent: int) -> tuple[Term, ...]:
@@ -383,11 +448,16 @@ def loads(problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction
 
     def slopes(mode: str, agent: int) -> Fraction:
         terms = heard(mode, agent) if nubar else ()
-        return sum((term.weight * steepest(term.coupling, term.reach) for term in terms), Fraction(0))
+        return sum(
+            (term.weight * steepest(term.coupling, term.reach) for term in terms), Fraction(0)
+        )
 
     def pull(mode: str, agent: int) -> Fraction:
         terms = heard(mode, agent) if unknown else ()
-        return sum((term.weight * term.reach * secant(term.coupling, term.reach) for term in terms), Fraction(0))
+        return sum(
+            (term.weight * term.reach * secant(term.coupling, term.reach) for term in terms),
+            Fraction(0),
+        )
 
     for agent in range(problem.n):
         H = {mode: slopes(mode, agent) for mode in problem.network.modes}
@@ -399,14 +469,18 @@ def loads(problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction
         pinned = Fraction(0) if k is None else (1 + errors.gains) * row_norm(k)
         b += nubar * pinned + 2 * nubar * (1 + errors.weights) * passed * max(H.values())
         for mode in problem.network.modes:
-            ((row, _),) = separable.rows(problem, stage.v, modes=[mode], agents=[agent], errors=errors)
+            ((row, _),) = separable.rows(
+                problem, stage.v, modes=[mode], agents=[agent], errors=errors
+            )
             own = b + plant.disturbance + 2 * nubar * (1 + errors.weights) * H[mode]
             yield Load(mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=b)
 
 
-def not_shrinking(problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)) -> str | None:
-    """Which row of a stage is not proved for all s in [level, rho], in words; None if all are.  ``room``: as in
-    ``loads``."""
+def not_shrinking(
+    problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)
+) -> str | None:
+    """Which row of a stage is not proved for all s in [level, rho], in words; None if all are.
+    ``room``: as in ``loads``."""
     try:
         profiles = coupling_profiles(problem, stage.v, rho=stage.rho)
         holds = cache(partial(_row_holds, profiles=profiles, stage=stage))
@@ -415,22 +489,41 @@ def not_shrinking(problem: Problem, peaks: Peaks | None, stage: Level, *, room: 
             face = next((face for face in FACES if not holds(row, load.constant, face)), None)
             if face is not None:
                 who = f"agent {problem.network.labels[load.agent]} in mode {load.mode}"
-                return f"the {FACES[face]} row of {who} is not shown for all s from {float(stage.level):.6g} on."
+                return (
+                    f"the {FACES[face]} row of {who} is not shown for all s from "
+                    f"{float(stage.level):.6g} on."
+                )
     except UndefinedError as error:
         return f"does not apply: {error}"
     return None
 
 
-def _row_holds(row: Row, load: Fraction, face: int, *, profiles: tuple[Profile, ...], stage: Level) -> bool:
+def _row_holds(
+    row: Row, load: Fraction, face: int, *, profiles: tuple[Profile, ...], stage: Level
+) -> bool:
     if stage.rho is None:
-        return linear_bound(row, face, profiles) + load / stage.level <= (row.gain - stage.alpha) * row.own
-    verdict, _ = decide_row(row, face, profiles, alpha=stage.alpha, rho=stage.rho, start=stage.level, load=load)
+        return (
+            linear_bound(row, face, profiles) + load / stage.level
+            <= (row.gain - stage.alpha) * row.own
+        )
+    verdict, _ = decide_row(
+        row, face, profiles, alpha=stage.alpha, rho=stage.rho, start=stage.level, load=load
+    )
     return verdict is Verdict.PROVED
 
 
-def accuracy_check(problem: Problem, W: Matrix | None, claim: Accuracy, *, domain: Domain, local: str) -> Check:
-    """Decide ``claim`` for the starts of ``domain``: PROVED or UNDECIDED; ``local`` is the domain of Lemma 1."""
-    check = Check(id=ID, verdict=Verdict.PROVED, domain=domain, claim=claim, reason=_told(problem, claim, domain))
+def accuracy_check(
+    problem: Problem, W: Matrix | None, claim: Accuracy, *, domain: Domain, local: str
+) -> Check:
+    """Decide ``claim`` for the starts of ``domain``: PROVED or UNDECIDED; ``local`` is the domain
+    of Lemma 1."""
+    check = Check(
+        id=ID,
+        verdict=Verdict.PROVED,
+        domain=domain,
+        claim=claim,
+        reason=_told(problem, claim, domain),
+    )
     wrong = confirm(check, problem, W, domain=local)
     return check if wrong is None else undecided_check(ID, local, wrong)
 
@@ -451,14 +544,20 @@ def _told(problem: Problem, claim: Accuracy, domain: Domain) -> str:
     if not isinstance(domain, str):
         starts += f" with |e_i| <= {domain['radius']:.6g}"
         starts += f" and |eps_i| <= {domain['disturbance']:.6g}" if problem.groups else ""
-    inputs = ", ".join(f"{name} {float(x):.6g}" for name in INPUTS if (x := getattr(problem.uncertainty, name)))
+    inputs = ", ".join(
+        f"{name} {float(x):.6g}" for name in INPUTS if (x := getattr(problem.uncertainty, name))
+    )
     listed = ", ".join(told).replace(", ..., ", " ... ")
     each = "|e_i|" if not claim.by_component else "the components of |e_i|"
-    return f"{starts} ends with {each} <= {listed}, whatever acts within the bounds of [uncertainty]: {inputs}."
+    return (
+        f"{starts} ends with {each} <= {listed}, whatever acts within the bounds of "
+        f"[uncertainty]: {inputs}."
+    )
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything that a proved check of this topic claims is confirmed, else what is not."""
+    """None if everything that a proved check of this topic claims is confirmed, else what is
+    not."""
     claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, problem, W)
     if (reason := obstacle(problem, W, turned=claim.by_component)) is not None:
         return reason
@@ -474,25 +573,43 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
             return "the peak gains of the observer are not shown with these steps."
         for name in INPUTS:
             if getattr(own, name) > getattr(claim.peaks, name):
-                return f"the peak gain of {name} is not shown to be at most {float(getattr(claim.peaks, name)):.6g}."
+                return (
+                    f"the peak gain of {name} is not shown to be at most "
+                    f"{float(getattr(claim.peaks, name)):.6g}."
+                )
     if claim.response is not None:
         return _wrong_response(check, problem, claim, claim.response, domain)
     if (wrong := _wrong_starts(check, problem, W, claim, domain)) is not None:
         return wrong
     for before, stage in zip(claim.stages, claim.stages[1:], strict=False):
-        if stage.rho is None or any(before.level * x >= stage.rho * y for x, y in zip(before.v, stage.v, strict=True)):
+        if stage.rho is None or any(
+            before.level * x >= stage.rho * y for x, y in zip(before.v, stage.v, strict=True)
+        ):
             return "a stage does not hold the box in which the one before ends."
-    pairs = (zip(*each, strict=True) for each in zip(claim.listed.values(), claim.ends, strict=True))
+    pairs = (
+        zip(*each, strict=True) for each in zip(claim.listed.values(), claim.ends, strict=True)
+    )
     if any(bound < end for each in pairs for bound, end in each):
         return "a bound is below that of the last stage."
     if claim.T is None:
-        return next((why for stage in claim.stages if (why := not_shrinking(problem, claim.peaks, stage))), None)
-    load, each = load_in_coordinates(problem, claim.peaks, claim.T), ((x, claim.in_stage(x)) for x in claim.stages)
-    found = (rows_obstacle(problem, own, load=tuple(b / stage.level for b in load)) for stage, own in each)
+        return next(
+            (why for stage in claim.stages if (why := not_shrinking(problem, claim.peaks, stage))),
+            None,
+        )
+    load, each = (
+        load_in_coordinates(problem, claim.peaks, claim.T),
+        ((x, claim.in_stage(x)) for x in claim.stages),
+    )
+    found = (
+        rows_obstacle(problem, own, load=tuple(b / stage.level for b in load))
+        for stage, own in each
+    )
     return next((why for why in found if why is not None), None)
 
 
-def _wrong_response(check: Check, problem: Problem, claim: Accuracy, response: Response, domain: str) -> str | None:
+def _wrong_response(
+    check: Check, problem: Problem, claim: Accuracy, response: Response, domain: str
+) -> str | None:
     """None if a linear loop is shown to pass on no more than the bounds."""
     if claim.stages or claim.T is not None or claim.error is not None:
         return "beside a response there are no stages and no coordinates."
@@ -509,14 +626,22 @@ def _wrong_response(check: Check, problem: Problem, claim: Accuracy, response: R
         return "the response of the loop is not shown to decay in these steps."
     pairs = ((label, zip(claim.listed[label], ends, strict=True)) for label, ends in found.items())
     low = next((label for label, each in pairs if any(bound < end for bound, end in each)), None)
-    return None if low is None else f"a bound of agent {low} is below what the response of the loop reaches."
+    return (
+        None
+        if low is None
+        else f"a bound of agent {low} is below what the response of the loop reaches."
+    )
 
 
-def _wrong_starts(check: Check, problem: Problem, W: Matrix | None, claim: Accuracy, domain: str) -> str | None:
+def _wrong_starts(
+    check: Check, problem: Problem, W: Matrix | None, claim: Accuracy, domain: str
+) -> str | None:
     """Whether the first stage holds all starts of the domain until their estimates are right."""
     first, error = claim.stages[0], claim.error
     if first.rho is None:
-        return None if check.domain == "global" == domain else "without rho the domain must be global"
+        return (
+            None if check.domain == "global" == domain else "without rho the domain must be global"
+        )
     radius, disturbance = read_domain(check.domain, problem, kind="box")
     as_separable, exosystem = claim.in_stage(first), problem.joint_exosystem
     if claim.T is not None:

@@ -31,7 +31,14 @@ from dobc_design.conditions.accuracy.decide import (
     response_bounds,
     response_obstacle,
 )
-from dobc_design.conditions.check import Check, Domain, limited, starts_in, surviving, undecided_check
+from dobc_design.conditions.check import (
+    Check,
+    Domain,
+    limited,
+    starts_in,
+    surviving,
+    undecided_check,
+)
 from dobc_design.conditions.coverage import Progress, read_region
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
 from dobc_design.conditions.observer.decide import error_matrix
@@ -45,7 +52,12 @@ from dobc_design.conditions.separable.claim import (
 )
 from dobc_design.conditions.separable.coordinates import enclosed_ranges, slowest_row
 from dobc_design.conditions.separable.propose import field_of, least_solution, linear_rate, solved
-from dobc_design.conditions.separable.propose_coordinates import Agents, Gains, candidates, in_floats
+from dobc_design.conditions.separable.propose_coordinates import (
+    Agents,
+    Gains,
+    candidates,
+    in_floats,
+)
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.separable.stage import largest_claim, separable_stage
 from dobc_design.coupling.expression import numpy_function
@@ -72,7 +84,8 @@ WORTH: Final = Fraction(998, 1000)  # what a stage has to leave of the largest b
 HALVINGS: Final = 10
 DEEPEST, HIGHEST = 1e-4, 0.98  # parts of rho between which the lowest level is looked for
 SLOW: Final = Fraction(1, 10**7)  # the rate of a stage, as a part of b_i/(level v_i)
-LEAST, NEAR = 1e-3, 1e-6  # the first guess of v, as a part of what b_i does to an agent alone; where slopes are taken
+# the first guess of v, as a part of what b_i does to an agent alone; where slopes are taken
+LEAST, NEAR = 1e-3, 1e-6
 V_DIGITS: Final = 12
 CHOICES, SETTLED = 30, 1e-9  # choices of rows at most; of v, when none of them changes any more
 SLACK: Final = 1e-5  # of the largest input, for rows in which nothing acts
@@ -96,12 +109,15 @@ def propose_peaks(problem: Problem, W: Matrix) -> Peaks | None:
     found = observer_peaks(problem, W, step=rounded_up(Fraction(h), digits=3), steps=steps)
     if found is None:
         return None
-    disturbance, drift, measurement = (rounded_up(getattr(found, x) * (1 + MORE), digits=7) for x in INPUTS)
+    disturbance, drift, measurement = (
+        rounded_up(getattr(found, x) * (1 + MORE), digits=7) for x in INPUTS
+    )
     return replace(found, disturbance=disturbance, drift=drift, measurement=measurement)
 
 
 def propose_stages(problem: Problem, peaks: Peaks | None, outer: Level) -> Iterator[Level]:
-    """Stages from the box of ``outer`` inwards, each decided already; for linear couplings one does."""
+    """Stages from the box of ``outer`` inwards, each decided already; for linear couplings one
+    does."""
     last = None if outer.rho is None else _lowest(problem, peaks, outer)
     if last is not None:
         yield last
@@ -115,7 +131,8 @@ def propose_stages(problem: Problem, peaks: Peaks | None, outer: Level) -> Itera
 
 
 def near_target(problem: Problem, peaks: Peaks | None) -> Iterator[Level]:
-    """Boxes |e_i| <= v_i around the target that shrink, larger ones first: v as the rows near the target want it."""
+    """Boxes |e_i| <= v_i around the target that shrink, larger ones first: v as the rows near the
+    target want it."""
     tiny = Level(v=(Fraction(1),) * problem.n, alpha=SLOW, level=SLOW, rho=Fraction(1, 1000))
     for v in reversed(list(_vectors(problem, peaks, tiny, SPREADS))):
         level = None if v is None else _lowest(problem, peaks, replace(tiny, v=v, rho=Fraction(1)))
@@ -143,8 +160,11 @@ def _inside(problem: Problem, peaks: Peaks | None, before: Level) -> Iterator[Le
             yield found
 
 
-def _vectors(problem: Problem, peaks: Peaks | None, within: Level, spreads: Sequence[float]) -> Iterator[Vector | None]:
-    """v for the rows with b_i at s = 1, b_i as in the box ``within``, and with multiples, which reach further."""
+def _vectors(
+    problem: Problem, peaks: Peaks | None, within: Level, spreads: Sequence[float]
+) -> Iterator[Vector | None]:
+    """v for the rows with b_i at s = 1, b_i as in the box ``within``, and with multiples, which
+    reach further."""
     b = _loads(problem, peaks, within)
     size = 1.0 if within.rho is None else float(max(within.v)) * float(within.rho)
     field = field_of(problem, rho=size, errors=stated_errors(problem))
@@ -154,22 +174,32 @@ def _vectors(problem: Problem, peaks: Peaks | None, within: Level, spreads: Sequ
             own = -field.rows(b * NEAR, alpha=0.0)[1].diagonal()
             lower = LEAST * spread * b / np.where(own > 0, own, 1.0)
             v = least_solution(replace(field, load=spread * b), alpha=0.0, start=lower, lower=lower)
-        yield None if v is None else tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
+        yield (
+            None
+            if v is None
+            else tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
+        )
 
 
 def _pulls(problem: Problem, peaks: Peaks | None, reach: float) -> Any:
-    """eta_i as a matrix (n, n) that acts on v, for |y| <= 2 reach; None where the observers know the weights."""
+    """eta_i as a matrix (n, n) that acts on v, for |y| <= 2 reach; None where the observers know
+    the weights."""
     plant = problem.uncertainty
     if plant is None or plant.known_to_agents or not plant.weights or peaks is None:
         return None
     y = np.linspace(0, 2 * reach, SAMPLES)[1:]
     functions = [numpy_function(each.components[0]) for each in problem.couplings]
-    steepest = np.array([max(np.max(np.abs(h(y) / y)), np.max(np.abs(h(-y) / y))) for h in functions])
+    steepest = np.array(
+        [max(np.max(np.abs(h(y) / y)), np.max(np.abs(h(-y) / y))) for h in functions]
+    )
     total = sparse.csr_array((problem.n, problem.n))
     for arcs in problem.network.modes.values():
         w = np.array([float(x) for x in arcs.weights]) * steepest[coupling_places(problem, arcs)]
         w *= float(plant.weights * peaks.disturbance * (1 + ROOM) * (1 + ABOVE))
-        places = np.concatenate([arcs.listeners] * 2), np.concatenate([arcs.listeners, arcs.speakers])
+        places = (
+            np.concatenate([arcs.listeners] * 2),
+            np.concatenate([arcs.listeners, arcs.speakers]),
+        )
         found = sparse.csr_array((np.concatenate([w, w]), places), shape=total.shape)
         total = total.maximum(found)
     return total
@@ -183,13 +213,15 @@ def covering_boxes(
     *,
     slowly: float = 0.0,
 ) -> Iterator[tuple[Level, ErrorBound | None]]:
-    """First stages that hold these starts, |e_i| <= R and |eps_i| <= s: the least v >= 1 whose rows hold from a part of
-    rho on although b_i acts on them; ``slowly``: at that part of the rate that linear couplings would have."""
+    """First stages that hold these starts, |e_i| <= R and |eps_i| <= s: the least v >= 1 whose rows
+    hold from a part of rho on although b_i acts on them; ``slowly``: at that part of the rate that
+    linear couplings would have."""
     radius, disturbance = starts
     if error is not None:
         error = replace(error, kappa=rounded_up(1 / error.beta * NEARLY, digits=9))
     rho = radius_needed(radius, error, disturbance)
-    inside = float(radius / rho)  # starts may be as near as that, with their errors of estimates beside
+    # starts may be as near as that, with their errors of estimates beside
+    inside = float(radius / rho)
     for part in sorted({min(part, inside) for part in FROM}, reverse=True):
         v: Vector = (Fraction(1),) * problem.n
         with surviving("no box that holds the starts", UndefinedError), np.errstate(all="ignore"):
@@ -198,7 +230,9 @@ def covering_boxes(
                 field = field_of(problem, rho=float(rho), errors=stated_errors(problem))
                 grid = float(rho) * np.linspace(part, 1, POINTS)
                 extra = _pulls(problem, peaks, float(rho) * float(max(v)))
-                field = replace(field, grid=grid, load=b * TIGHTER / (part * float(rho)), extra=extra)
+                field = replace(
+                    field, grid=grid, load=b * TIGHTER / (part * float(rho)), extra=extra
+                )
                 rate = slowly * max(0.0, linear_rate(replace(field, load=0.0))) if slowly else 0.0
                 found = least_solution(field, alpha=rate, start=np.ones(problem.n))
                 if found is None:
@@ -219,14 +253,17 @@ def _loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Array:
 
 
 def _lowest(problem: Problem, peaks: Peaks | None, stage: Level) -> Level | None:
-    """The stage with the lowest level for which its rows hold, about; None if they do not even hold near rho."""
+    """The stage with the lowest level for which its rows hold, about; None if they do not even hold
+    near rho."""
     if stage.rho is None:
         return None
     found, low, high = None, math.log(DEEPEST), math.log(HIGHEST)
     for _ in range(HALVINGS):
         at = high if found is None else (low + high) / 2
         tried = _with_rate(
-            problem, peaks, replace(stage, level=rounded_up(stage.rho * Fraction(math.exp(at)), digits=6))
+            problem,
+            peaks,
+            replace(stage, level=rounded_up(stage.rho * Fraction(math.exp(at)), digits=6)),
         )
         if _holds(problem, peaks, tried):
             found, high = tried, at
@@ -248,8 +285,16 @@ def _holds(problem: Problem, peaks: Peaks | None, stage: Level) -> bool:
     return not_shrinking(problem, peaks, stage, room=ROOM) is None
 
 
-#: Parts of the box that are tried one after the other: noise passes through a coupling that is steep far out.
-PARTS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 10), Fraction(1, 30), Fraction(1, 100))
+#: Parts of the box that are tried one after the other: noise passes through a coupling that is
+#: steep far out.
+PARTS = (
+    Fraction(1),
+    Fraction(1, 2),
+    Fraction(1, 4),
+    Fraction(1, 10),
+    Fraction(1, 30),
+    Fraction(1, 100),
+)
 DIGITS = 6  # of a bound, rounded up
 NEARLY = Fraction(100_001, 100_000)  # kappa beta min v, which has to exceed 1
 
@@ -257,9 +302,12 @@ NEARLY = Fraction(100_001, 100_000)  # kappa beta min v, which has to exceed 1
 def accuracy_stage(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, domain: str, report: Progress
 ) -> list[Check]:
-    """The check ``accuracy`` for the gain W (q, m), after ``checks``; none where [uncertainty] adds no input."""
+    """The check ``accuracy`` for the gain W (q, m), after ``checks``; none where [uncertainty] adds
+    no input."""
     plant = problem.uncertainty
-    if plant is None or not (plant.disturbance or plant.measurement or (plant.drift and problem.groups)):
+    if plant is None or not (
+        plant.disturbance or plant.measurement or (plant.drift and problem.groups)
+    ):
         return []
     report("bounding the final error")
     turned = problem.origin is not None or not acts_by_component(problem)
@@ -274,10 +322,15 @@ def accuracy_stage(
         with at_most(STAGE):
             peaks = None if W is None or not problem.groups else propose_peaks(problem, W)
         if problem.groups and peaks is None:
-            reason = "the peak gains of the observer are not bounded: its error does not decay, or too slowly."
+            reason = (
+                "the peak gains of the observer are not bounded: its error does not decay, or "
+                "too slowly."
+            )
             return [undecided_check(ID, domain, reason)]
         claims = _turned if turned else _claims
-        found = chain(claims(problem, W, peaks, checks, domain), _of_response(problem, W, peaks, domain))
+        found = chain(
+            claims(problem, W, peaks, checks, domain), _of_response(problem, W, peaks, domain)
+        )
         first = next(found, None)
     if first is None:
         return [undecided_check(ID, domain, _not_found(problem))]
@@ -285,11 +338,14 @@ def accuracy_stage(
 
 
 def _not_found(problem: Problem) -> str:
-    """What is said where the search found nothing: of linear couplings bounds scale with the inputs, so that these
-    cannot be too large."""
+    """What is said where the search found nothing: of linear couplings bounds scale with the
+    inputs, so that these cannot be too large."""
     what = "no box is found that shrinks under the inputs of [uncertainty]"
     if problem.is_linear:
-        return f"{what}: the search for its weights failed. The loop is linear, so that it is not their size."
+        return (
+            f"{what}: the search for its weights failed. The loop is linear, so that it is not "
+            "their size."
+        )
     return f"{what}: they may be too large for these gains, or the search may have missed it."
 
 
@@ -299,7 +355,12 @@ def _claims(
     """Proved checks, for the largest box of starts first."""
     if domain == "global":
         one = Level(v=(Fraction(1),) * problem.n, alpha=Fraction(1), level=Fraction(1), rho=None)
-        yield from _proved(problem, W, Accuracy(stages=_stages(problem, peaks, one), bounds={}, peaks=peaks), domain)
+        yield from _proved(
+            problem,
+            W,
+            Accuracy(stages=_stages(problem, peaks, one), bounds={}, peaks=peaks),
+            domain,
+        )
         return
     known, starts = _outer(problem, W, checks, domain)
     error = None if known is None else known.error
@@ -324,8 +385,8 @@ def _claims(
 def _turned(
     problem: Problem, W: Matrix | None, peaks: Peaks | None, checks: Sequence[Check], domain: str
 ) -> Iterator[Check]:
-    """The same in coordinates: of linear couplings those with the smallest bounds, else the boxes that max-separable
-    proves in its own."""
+    """The same in coordinates: of linear couplings those with the smallest bounds, else the boxes
+    that max-separable proves in its own."""
     if problem.is_linear:
         near = _near(problem, peaks)[:MOST_COORDINATES]
         for T, v in chain(near, _proved_weights(problem, W, checks, domain)):
@@ -339,7 +400,9 @@ def _turned(
         return
     T, v = _in_coordinates(base, problem.m)
     for part in PARTS:
-        radius, disturbance = (decimal_below(claimed(known.domain[x]) * part) for x in ("radius", "disturbance"))
+        radius, disturbance = (
+            decimal_below(claimed(known.domain[x]) * part) for x in ("radius", "disturbance")
+        )
         with at_most(STAGE), surviving("no final bounds in coordinates", UndefinedError):
             inwards = propose_turned(problem, peaks, T, v, base.rho * part)
             stages = tuple(islice(inwards, MOST_STAGES))
@@ -347,8 +410,11 @@ def _turned(
             yield from _proved(problem, W, claim, starts_in("box", radius, disturbance), domain)
 
 
-def _of_response(problem: Problem, W: Matrix | None, peaks: Peaks | None, domain: str) -> Iterator[Check]:
-    """The bounds of a linear loop in one mode by its peak gains, which need no coordinates, if they are proved."""
+def _of_response(
+    problem: Problem, W: Matrix | None, peaks: Peaks | None, domain: str
+) -> Iterator[Check]:
+    """The bounds of a linear loop in one mode by its peak gains, which need no coordinates, if they
+    are proved."""
     if response_obstacle(problem) is not None or out_of_time() is not None:
         return
     response = _followed(problem)
@@ -356,13 +422,16 @@ def _of_response(problem: Problem, W: Matrix | None, peaks: Peaks | None, domain
     if ends is not None:
         bounds = {label: _raised(x * (1 + MORE) for x in each) for label, each in ends.items()}
         claim = Accuracy(stages=(), bounds=bounds, peaks=peaks, response=response)
-        check = limited(ID, domain, lambda: accuracy_check(problem, W, claim, domain="global", local=domain))
+        check = limited(
+            ID, domain, lambda: accuracy_check(problem, W, claim, domain="global", local=domain)
+        )
         if check.verdict is Verdict.PROVED:
             yield check
 
 
 def _followed(problem: Problem) -> Response | None:
-    """Steps that follow a linear loop until little of its response is left; None where it does not decay, or slowly."""
+    """Steps that follow a linear loop until little of its response is left; None where it does not
+    decay, or slowly."""
     M = loop_matrix(problem)
     if M is None:
         return None
@@ -375,7 +444,8 @@ def _followed(problem: Problem) -> Response | None:
 
 
 def _decayed(M: Array, size: float) -> float | None:
-    """A time after which |exp(M t)| is small, about the first one, |M| = ``size``; None where that takes too long."""
+    """A time after which |exp(M t)| is small, about the first one, |M| = ``size``; None where that
+    takes too long."""
 
     def norm(matrix: Array) -> float:
         return float(np.max(np.sum(np.abs(matrix), axis=1)))
@@ -395,11 +465,14 @@ def _raised(values: Iterable[Fraction]) -> Vector:
 
 
 def _separable(problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str) -> Check:
-    """The check max-separable: that of ``checks`` where it is proved, else what is found for every start."""
+    """The check max-separable: that of ``checks`` where it is proved, else what is found for every
+    start."""
     known = next((check for check in checks if check.id == "max-separable"), None)
     if known is not None and known.verdict is Verdict.PROVED:
         return known
-    return separable_stage(read_region(problem, W, domain=domain, everything=True), lambda _: None)[0]
+    return separable_stage(read_region(problem, W, domain=domain, everything=True), lambda _: None)[
+        0
+    ]
 
 
 def _in_coordinates(base: Separable, m: int) -> tuple[Matrix, Vector]:
@@ -412,14 +485,16 @@ def _in_coordinates(base: Separable, m: int) -> tuple[Matrix, Vector]:
 def _proved_weights(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str
 ) -> Iterator[tuple[Matrix, Vector]]:
-    """Coordinates and weights of a max-separable proof, whose rows hold strictly: some multiple of them does."""
+    """Coordinates and weights of a max-separable proof, whose rows hold strictly: some multiple of
+    them does."""
     base = _separable(problem, W, checks, domain).claim
     if isinstance(base, Separable):
         yield _in_coordinates(base, problem.m)
 
 
 def _near(problem: Problem, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
-    """Coordinates and weights for linear couplings: those with the smallest bounds (in the geometric mean) first."""
+    """Coordinates and weights for linear couplings: those with the smallest bounds (in the
+    geometric mean) first."""
     agents, found = Agents.of(problem, most=problem.n), dict[Matrix, tuple[float, Vector]]()
     ones = np.ones((problem.n, problem.m))
     gains = agents.gains_at(np.eye(problem.m), ones, 1.0)
@@ -439,11 +514,14 @@ def _near(problem: Problem, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
 def _least_weights(agents: Agents, T: Array, gains: Gains, acts: Array) -> Array | None:
     """The v (n m,) at which the largest row of every component is -acts, or None.
 
-    Rows are chosen at the last v, and v solves the chosen ones: with optional arcs another row may be the largest
-    there.  It rises from step to step (policy iteration) where the first v makes all rows fall, as ones often do, and
-    as the v with the best rate does where there is one.
+    Rows are chosen at the last v, and v solves the chosen ones: with optional arcs another row may
+    be the largest there.  It rises from step to step (policy iteration) where the first v makes all
+    rows fall, as ones often do, and as the v with the best rate does where there is one.
     """
-    starts = [np.ones((agents.size, agents.problem.m)), *(v for _, v in agents.vectors(T, gains)[-1:])]
+    starts = [
+        np.ones((agents.size, agents.problem.m)),
+        *(v for _, v in agents.vectors(T, gains)[-1:]),
+    ]
     for start in starts:
         v = start
         for _ in range(CHOICES):
@@ -460,11 +538,18 @@ def _least_weights(agents: Agents, T: Array, gains: Gains, acts: Array) -> Array
 def propose_turned(
     problem: Problem, peaks: Peaks | None, T: Matrix, v: Sequence[Fraction], rho: Fraction | None
 ) -> Iterator[Level]:
-    """Stages in coordinates from the box N <= rho inwards, for linear couplings (without rho) one."""
-    load, agents, turned = load_in_coordinates(problem, peaks, T), Agents.of(problem, most=problem.n), to_float(T)
+    """Stages in coordinates from the box N <= rho inwards, for linear couplings (without rho)
+    one."""
+    load, agents, turned = (
+        load_in_coordinates(problem, peaks, T),
+        Agents.of(problem, most=problem.n),
+        to_float(T),
+    )
     acts, last = np.array([float(x) for x in load]), float("inf")
 
-    def stage(weights: Sequence[Fraction], rho: Fraction | None) -> tuple[Level | None, Array | None]:
+    def stage(
+        weights: Sequence[Fraction], rho: Fraction | None
+    ) -> tuple[Level | None, Array | None]:
         """The lowest level for these weights, and the weights that these gains ask for."""
         ranges = enclosed_ranges(problem, T, weights, rho)
         u = np.array([float(x) for x in weights])
@@ -478,7 +563,13 @@ def propose_turned(
         rate = slowest_row(problem, T, weights, ranges, load=tuple(x / level for x in load)).rate
         if rate <= 0:
             return None, better
-        return Level(v=tuple(weights), alpha=rounded_down(rate, digits=2), level=level, rho=rho, ranges=ranges), better
+        return Level(
+            v=tuple(weights),
+            alpha=rounded_down(rate, digits=2),
+            level=level,
+            rho=rho,
+            ranges=ranges,
+        ), better
 
     found, better = stage(v, rho)
     while found is not None:
@@ -495,23 +586,33 @@ def propose_turned(
         found, better = stage(u, rho)
 
 
-def _near_box(outer: Level, error: ErrorBound | None, disturbance: Fraction) -> tuple[Level, ErrorBound | None, Domain]:
-    """A stage |e_i| <= v_i with starts in it: half of what its level leaves is for the errors of the estimates."""
+def _near_box(
+    outer: Level, error: ErrorBound | None, disturbance: Fraction
+) -> tuple[Level, ErrorBound | None, Domain]:
+    """A stage |e_i| <= v_i with starts in it: half of what its level leaves is for the errors of
+    the estimates."""
     smallest, room = min(outer.v), (1 - outer.level) / 2
     if error is None:
         return outer, None, starts_in("box", decimal_below(smallest), 0.0)
     kappa = rounded_up(1 / (error.beta * smallest) * NEARLY, digits=9)
     most = min(disturbance, room / (kappa * root_above(error.size, unit=10**9)))
-    box = starts_in("box", decimal_below(smallest * (1 - room)), decimal_below(most) if most else 0.0)
+    box = starts_in(
+        "box", decimal_below(smallest * (1 - room)), decimal_below(most) if most else 0.0
+    )
     return outer, replace(error, kappa=kappa), box
 
 
 def _outer(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str
 ) -> tuple[Separable | None, tuple[Fraction, Fraction]]:
-    """A box that shrinks without the inputs, and its starts: that of ``checks``, else the largest one that is found."""
+    """A box that shrinks without the inputs, and its starts: that of ``checks``, else the largest
+    one that is found."""
     known = next((check for check in checks if check.id == "max-separable"), None)
-    if known is not None and isinstance(known.claim, Separable) and isinstance(known.domain, Mapping):
+    if (
+        known is not None
+        and isinstance(known.claim, Separable)
+        and isinstance(known.domain, Mapping)
+    ):
         return known.claim, (claimed(known.domain["radius"]), claimed(known.domain["disturbance"]))
     asked = read_region(problem, W, domain=domain, everything=True)
     found = None
@@ -545,7 +646,12 @@ def _proved(
         labels = problem.network.labels
         ends = zip(labels, claim.ends, strict=True)
         bounds = {label: _raised(each) for label, each in ends}
-        whole = replace(claim, bounds=bounds if claim.T is not None else {x: each[0] for x, each in bounds.items()})
-        check = limited(ID, local, lambda: accuracy_check(problem, W, whole, domain=starts, local=local))
+        whole = replace(
+            claim,
+            bounds=bounds if claim.T is not None else {x: each[0] for x, each in bounds.items()},
+        )
+        check = limited(
+            ID, local, lambda: accuracy_check(problem, W, whole, domain=starts, local=local)
+        )
         if check.verdict is Verdict.PROVED:
             yield check

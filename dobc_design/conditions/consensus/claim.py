@@ -7,11 +7,11 @@
 With a rate beta > 0, 2 beta diag(I, I (x) P) is added, and V' <= -2 beta V follows.  Unknowns are P
 (symmetric, q x q) and Q (q x m); W = P^-1 Q.  Lemma 1 is Lambda < 0 and has no unknowns.
 
-dh/de is enclosed arc by arc (11) at the consensus, where each gain is h'(0) of the arc: a point when it is rational,
-else a narrow outward interval; that of an optional arc lies between 0 and that.  Lambda of a large network is stated in
-arrays of integers: slopes are exact where a common denominator of 512 bits holds them all; others become the nearest
-float with a deviation that reaches over their
-whole enclosure.
+dh/de is enclosed arc by arc (11) at the consensus, where each gain is h'(0) of the arc: a point
+when it is rational, else a narrow outward interval; that of an optional arc lies between 0 and
+that.  Lambda of a large network is stated in arrays of integers: slopes are exact where a common
+denominator of 512 bits holds them all; others become the nearest float with a deviation that
+reaches over their whole enclosure.
 """
 
 from __future__ import annotations
@@ -58,8 +58,9 @@ LARGE_ENTRIES: Final = 20_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModeJacobian:
-    """dh/de of one mode: J has +gain at block (listener, speaker) and -gain at (listener, listener).
-    ``gains[kind[a]]`` is the m x m gain of arc a, weight included; arcs that are alike share it."""
+    """dh/de of one mode: J has +gain at block (listener, speaker) and -gain at (listener,
+    listener). ``gains[kind[a]]`` is the m x m gain of arc a, weight included; arcs that are alike
+    share it."""
 
     name: str
     arcs: Arcs
@@ -73,7 +74,8 @@ class ModeJacobian:
 
     @property
     def is_nonnegative_diagonal(self) -> bool:
-        """Whether every gain is diagonal and >= 0: then -Lambda is a Z-matrix and J - K cannot be unstable."""
+        """Whether every gain is diagonal and >= 0: then -Lambda is a Z-matrix and J - K cannot be
+        unstable."""
         return all(
             entry.lo >= 0 if i == j else entry.lo == entry.hi == 0
             for gain in self.gains
@@ -93,8 +95,8 @@ class Jacobians:
 
 
 def jacobians_at_consensus(problem: Problem) -> Jacobians:
-    """Enclose J(0) of every mode.  For linear couplings J does not depend on e, so the domain is "global". Raises:
-    exact.interval.UndefinedError if a coupling has no derivative at 0."""
+    """Enclose J(0) of every mode.  For linear couplings J does not depend on e, so the domain is
+    "global". Raises: exact.interval.UndefinedError if a coupling has no derivative at 0."""
     slopes = [coupling.jacobian_at_zero() for coupling in problem.couplings]
     modes = []
     for name, arcs in problem.network.modes.items():
@@ -103,7 +105,9 @@ def jacobians_at_consensus(problem: Problem) -> Jacobians:
         places = (table.coupling * width + table.weight) * 2 + arcs.uncertain
         pairs, kinds = np.unique(places, return_inverse=True)
         gains: list[Gain] = []
-        for (coupling, place), loose in ((divmod(pair // 2, width), pair % 2) for pair in pairs.tolist()):
+        for (coupling, place), loose in (
+            (divmod(pair // 2, width), pair % 2) for pair in pairs.tolist()
+        ):
             scale = Interval(ZERO if loose else table.weights[place], table.weights[place])
             gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
         kinds.setflags(write=False)
@@ -114,7 +118,8 @@ def jacobians_at_consensus(problem: Problem) -> Jacobians:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deviations(Sequence[Deviation]):
-    """Deviations of very many arcs: number a stands at rows[a], speakers[a], listeners[a] and has sizes[kinds[a]]."""
+    """Deviations of very many arcs: number a stands at rows[a], speakers[a], listeners[a] and has
+    sizes[kinds[a]]."""
 
     rows: Places
     speakers: Places
@@ -128,17 +133,25 @@ class Deviations(Sequence[Deviation]):
     def __getitem__(self, place: Any) -> Any:
         if isinstance(place, slice):
             return [self[k] for k in range(*place.indices(len(self)))]
-        row, speaker, listener = (int(each[place]) for each in (self.rows, self.speakers, self.listeners))
+        row, speaker, listener = (
+            int(each[place]) for each in (self.rows, self.speakers, self.listeners)
+        )
         return Deviation(row, speaker, listener, self.sizes[int(self.kinds[place])])
 
 
-def lemma1_in_arrays(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil | None:
-    """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512 bits."""
+def lemma1_in_arrays(
+    jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int
+) -> Pencil | None:
+    """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512
+    bits."""
     # agents often share one matrix
     held = {
-        id(k): [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)] for k in pinning.gains.values()
+        id(k): [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)]
+        for k in pinning.gains.values()
     }
-    below = common_denominator((x for rows in held.values() for row in rows for x in row), bits=sparse.DENOMINATOR_BITS)
+    below = common_denominator(
+        (x for rows in held.values() for row in rows for x in row), bits=sparse.DENOMINATOR_BITS
+    )
     if below is None:
         return None
     entries = [entry for gain in jacobian.gains for row in gain for entry in row]
@@ -149,8 +162,13 @@ def lemma1_in_arrays(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dim
     common = math.lcm(below, *{x.denominator for x in middles})
     whole = (middles * common).reshape(-1, dimension, dimension)
     nothing = np.zeros(0, dtype=np.int64)
-    parts = [*_pin_triplets(pinning, held, common, dimension), *_arc_triplets(jacobian, whole, dimension)]
-    rows, columns, values = (np.concatenate([part[k] for part in parts] or [nothing]) for k in range(3))
+    parts = [
+        *_pin_triplets(pinning, held, common, dimension),
+        *_arc_triplets(jacobian, whole, dimension),
+    ]
+    rows, columns, values = (
+        np.concatenate([part[k] for part in parts] or [nothing]) for k in range(3)
+    )
     return Pencil(
         name=f"lemma1 ({jacobian.name})",
         constant=sparse.IntegerSymmetric(
@@ -177,7 +195,9 @@ def _pin_triplets(
     """-(K + K'), on and above the diagonal."""
     agents = np.fromiter(pinning.gains, dtype=np.int64, count=len(pinning.gains)) * dimension
     kinds = {key: kind for kind, key in enumerate(held)}
-    kind = np.fromiter((kinds[id(k)] for k in pinning.gains.values()), dtype=np.int64, count=len(agents))
+    kind = np.fromiter(
+        (kinds[id(k)] for k in pinning.gains.values()), dtype=np.int64, count=len(agents)
+    )
     for c in range(dimension):
         for d in range(c, dimension):
             table = as_integers([int(-common * rows[c][d]) for rows in held.values()])
@@ -185,8 +205,11 @@ def _pin_triplets(
                 yield agents + c, agents + d, table[kind]
 
 
-def _arc_triplets(jacobian: ModeJacobian, whole: NDArray[Any], dimension: int) -> Iterable[Triplets]:
-    """J + J' of every arc, on and above the diagonal: the slope at (row, speaker), minus it at (row, listener)."""
+def _arc_triplets(
+    jacobian: ModeJacobian, whole: NDArray[Any], dimension: int
+) -> Iterable[Triplets]:
+    """J + J' of every arc, on and above the diagonal: the slope at (row, speaker), minus it at
+    (row, listener)."""
     listeners, speakers = jacobian.arcs.listeners * dimension, jacobian.arcs.speakers * dimension
     for c, d in np.ndindex(dimension, dimension):
         slopes = [int(x) for x in whole[:, c, d]]
@@ -197,18 +220,28 @@ def _arc_triplets(jacobian: ModeJacobian, whole: NDArray[Any], dimension: int) -
             yield np.minimum(row, own), np.maximum(row, own), twice[jacobian.kind]
 
 
-def _deviations(jacobian: ModeJacobian, spreads: Sequence[Fraction], dimension: int) -> Sequence[Deviation]:
+def _deviations(
+    jacobian: ModeJacobian, spreads: Sequence[Fraction], dimension: int
+) -> Sequence[Deviation]:
     columns: list[Sequence[Any]] = []
     for c, d in np.ndindex(dimension, dimension):
         place = c * dimension + d
-        chosen = np.array([bool(x) for x in spreads[place :: dimension**2]], dtype=bool)[jacobian.kind]
+        chosen = np.array([bool(x) for x in spreads[place :: dimension**2]], dtype=bool)[
+            jacobian.kind
+        ]
         listeners, speakers = jacobian.arcs.listeners[chosen], jacobian.arcs.speakers[chosen]
         kinds = jacobian.kind[chosen] * dimension**2 + place
-        columns.append((listeners * dimension + c, speakers * dimension + d, listeners * dimension + d, kinds))
-    rows, speakers, listeners, kinds = (np.concatenate(column) for column in zip(*columns, strict=True))
+        columns.append(
+            (listeners * dimension + c, speakers * dimension + d, listeners * dimension + d, kinds)
+        )
+    rows, speakers, listeners, kinds = (
+        np.concatenate(column) for column in zip(*columns, strict=True)
+    )
     if not len(rows):
         return ()
-    return Deviations(rows=rows, speakers=speakers, listeners=listeners, kinds=kinds, sizes=tuple(spreads))
+    return Deviations(
+        rows=rows, speakers=speakers, listeners=listeners, kinds=kinds, sizes=tuple(spreads)
+    )
 
 
 def linearisation(jacobian: ModeJacobian, pinning: Pinning, dimension: int) -> Entries:
@@ -234,7 +267,8 @@ def linearisation(jacobian: ModeJacobian, pinning: Pinning, dimension: int) -> E
 
 
 def lemma1(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil:
-    """Lambda(J) = J + J' - (K + K') < 0: Lemma 1, eq. (10) without its factor 1/2.  Size: n m.  No unknowns."""
+    """Lambda(J) = J + J' - (K + K') < 0: Lemma 1, eq. (10) without its factor 1/2.  Size: n m.  No
+    unknowns."""
     if size * dimension > LARGE_ROWS or len(jacobian.arcs) * dimension**2 > LARGE_ENTRIES:
         lean = lemma1_in_arrays(jacobian, pinning, size=size, dimension=dimension)
         if lean is not None:
@@ -259,11 +293,16 @@ def lemma1(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: in
 
 
 def theorem1(
-    lambda_: Pencil, systems: Mapping[str, Exosystem], numbers: Sequence[int], *, rate: Fraction = ZERO
+    lambda_: Pencil,
+    systems: Mapping[str, Exosystem],
+    numbers: Sequence[int],
+    *,
+    rate: Fraction = ZERO,
 ) -> Pencil:
-    """Psi of eq. (18), n m rows and a block per agent, from Lambda, the exosystems and each agent's number among them.
-    Unknowns: P and Q of each, by its name: "P[1]", "Q[1]".  ``rate`` (1/s) adds 2 rate diag(I, I (x) P).  An agent
-    without a disturbance has the number ``len(systems)``, and no block."""
+    """Psi of eq. (18), n m rows and a block per agent, from Lambda, the exosystems and each agent's
+    number among them. Unknowns: P and Q of each, by its name: "P[1]", "Q[1]".  ``rate`` (1/s) adds
+    2 rate diag(I, I (x) P).  An agent without a disturbance has the number ``len(systems)``, and no
+    block."""
     known = list(systems.values())
     m = known[0].outputs
     entries: Entries = dict(lambda_.constant.entries)
@@ -300,8 +339,9 @@ def theorem1(
 
 
 def reduced(bound: Fraction, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Pencil:
-    """The same for one agent with Lambda = bound I (theory, Reduction), bound = max lambda_max(Lambda) over the modes:
-    equivalent to Theorem 2 when m = 1 or Lambda = Lambda_n (x) I_m, sufficient in general.  Size: m + q."""
+    """The same for one agent with Lambda = bound I (theory, Reduction), bound = max
+    lambda_max(Lambda) over the modes: equivalent to Theorem 2 when m = 1 or Lambda = Lambda_n (x)
+    I_m, sufficient in general.  Size: m + q."""
     m = exosystem.outputs
     diagonal = SparseSymmetric(m, {(i, i): bound for i in range(m)})
     one = Pencil(name="reduced", constant=diagonal, unknowns=(), coefficients={})
@@ -309,10 +349,13 @@ def reduced(bound: Fraction, exosystem: Exosystem, *, rate: Fraction = ZERO) -> 
 
 
 def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction = ZERO) -> Entries:
-    """What one entry of P or Q contributes to Omega0 + 2 rate P = X + X' (upper triangle, q x q)."""
+    """What one entry of P or Q contributes to Omega0 + 2 rate P = X + X' (upper triangle, q x
+    q)."""
     name, k, l = place  # noqa: E741  k, l as in matrix entries
     if name == "P":  # X = E (A + rate I)
-        shifted = [[x + rate * (i == j) for j, x in enumerate(row)] for i, row in enumerate(exosystem.A)]
+        shifted = [
+            [x + rate * (i == j) for j, x in enumerate(row)] for i, row in enumerate(exosystem.A)
+        ]
         terms = [(r, j, x) for r, s in {(k, l), (l, k)} for j, x in enumerate(shifted[s])]
     else:  # X = -E C
         terms = [(k, j, -x) for j, x in enumerate(exosystem.C[l])]
@@ -365,8 +408,9 @@ class Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unstable:
-    """Of a refuted Lemma 1: a lower bound of the eigenvalues of J - K with positive real part, and perhaps v'Lambda
-    v.  ``value``: a lower bound of v'Lambda v for the vector v of the witness; None where it is not rational."""
+    """Of a refuted Lemma 1: a lower bound of the eigenvalues of J - K with positive real part, and
+    perhaps v'Lambda v.  ``value``: a lower bound of v'Lambda v for the vector v of the witness;
+    None where it is not rational."""
 
     roots: int
     value: Fraction | None = None
@@ -379,8 +423,9 @@ class Unstable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).  Where agents have different
-    exosystems, here and below: block diagonal, for the joint one (``problem.groups``)."""
+    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).  Where agents
+    have different exosystems, here and below: block diagonal, for the joint one
+    (``problem.groups``)."""
 
     P: Matrix
     Q: Matrix
@@ -388,7 +433,8 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairFacts:
-    """What a decided pair says exactly, with S = C (-Omega0)^-1 C' (m, m), and the ``mode`` in which it fails."""
+    """What a decided pair says exactly, with S = C (-Omega0)^-1 C' (m, m), and the ``mode`` in
+    which it fails."""
 
     pair: Pair
     S: Matrix
@@ -415,7 +461,9 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None
         roots = read_rational(exact["unstable_roots"])
         if roots.denominator != 1 or roots < 0 or not {"unstable_roots", "value"} >= set(exact):
             raise ValueError("unstable_roots must be a whole number >= 0, with a value or alone")
-        return Unstable(roots=int(roots), value=read_rational(exact["value"]) if "value" in exact else None)
+        return Unstable(
+            roots=int(roots), value=read_rational(exact["value"]) if "value" in exact else None
+        )
     if "P" in exact:
         P, Q, S = (matrix_from_json(exact[name]) for name in "PQS")
         return PairFacts(pair=Pair(P=P, Q=Q), S=S, mode=exact.get("mode"))
@@ -424,8 +472,9 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Statements:
-    """The conditions of one problem.  ``lambdas``: mode -> Lambda(J), without unknowns; empty where the couplings are
-    ``inapplicable``, not C1, for that reason.  ``shown``: what a vector has proved about Lambda of large networks."""
+    """The conditions of one problem.  ``lambdas``: mode -> Lambda(J), without unknowns; empty where
+    the couplings are ``inapplicable``, not C1, for that reason.  ``shown``: what a vector has
+    proved about Lambda of large networks."""
 
     problem: Problem
     domain: str
@@ -435,13 +484,18 @@ class Statements:
     shown: Mapping[str, Shown] = field(default_factory=dict)
 
     def psi(self, *, rate: Fraction = ZERO) -> tuple[Pencil, ...]:
-        """Psi of every mode, (28), with shared unknowns.  Raises: SpecError without an exosystem."""
+        """Psi of every mode, (28), with shared unknowns.  Raises: SpecError without an
+        exosystem."""
         groups, labels = self.problem.groups, self.problem.network.labels
         if not groups:
             raise SpecError(
-                "Psi of (18) needs an [exosystem].", key="exosystem", cure="Without one, Lemma 1 is the condition."
+                "Psi of (18) needs an [exosystem].",
+                key="exosystem",
+                cure="Without one, Lemma 1 is the condition.",
             )
-        systems = {group.name if self.problem.is_grouped else "": group.exosystem for group in groups}
+        systems = {
+            group.name if self.problem.is_grouped else "": group.exosystem for group in groups
+        }
         numbers = group_numbers(groups, labels)
         return tuple(theorem1(each, systems, numbers, rate=rate) for each in self.lambdas.values())
 
@@ -451,21 +505,38 @@ def state_theorems(problem: Problem) -> Statements:
     reason, jacobians = None, None
     kinked = next((coupling for coupling in problem.couplings if coupling.nonsmooth), None)
     if problem.slopes_move:
-        reason = "does not apply: the leader moves, and with it the slopes of f: those at one point prove nothing."
+        reason = (
+            "does not apply: the leader moves, and with it the slopes of f: those at one point "
+            "prove nothing."
+        )
     elif kinked is not None:
         reason = (
-            f'does not apply: h = "{kinked.texts[0]}" uses {", ".join(kinked.nonsmooth)}; Lemma 1 and both theorems are'
-            " for continuously differentiable couplings, and that is not shown here; use a smooth one, such as tanh for"
+            f'does not apply: h = "{kinked.texts[0]}" uses {", ".join(kinked.nonsmooth)}; '
+            "Lemma 1 and both theorems are"
+            " for continuously differentiable couplings, and that is not shown here; use a "
+            "smooth one, such as tanh for"
             " clip."
         )
     else:
         try:
             jacobians = jacobians_at_consensus(problem)
         except UndefinedError as error:
-            reason = f"does not apply: the coupling has no bounded derivative at the consensus ({error})."
+            reason = (
+                "does not apply: the coupling has no bounded derivative at the consensus "
+                f"({error})."
+            )
     if jacobians is None:
-        return Statements(problem=problem, domain="consensus", jacobians=None, lambdas={}, inapplicable=reason)
+        return Statements(
+            problem=problem, domain="consensus", jacobians=None, lambdas={}, inapplicable=reason
+        )
     lambdas = {
-        mode.name: lemma1(mode, problem.pinning, size=problem.n, dimension=problem.m) for mode in jacobians.modes
+        mode.name: lemma1(mode, problem.pinning, size=problem.n, dimension=problem.m)
+        for mode in jacobians.modes
     }
-    return Statements(problem=problem, domain=jacobians.domain, jacobians=jacobians, lambdas=lambdas, inapplicable=None)
+    return Statements(
+        problem=problem,
+        domain=jacobians.domain,
+        jacobians=jacobians,
+        lambdas=lambdas,
+        inapplicable=None,
+    )

@@ -1,7 +1,9 @@
-"""Cures for a network that is not held, as proposals: gains on the present pins, one more pin, several more.
+"""Cures for a network that is not held, as proposals: gains on the present pins, one more pin,
+several more.
 
-Gains on a set F can do iff S is positive on the other agents (theory, section 7).  Each cure is on the boundary of what
-is needed, in floating point; exact arithmetic decides whether the rounded one cures.
+Gains on a set F can do iff S is positive on the other agents (theory, section 7).  Each cure is on
+the boundary of what is needed, in floating point; exact arithmetic decides whether the rounded one
+cures.
 """
 
 from __future__ import annotations
@@ -18,7 +20,13 @@ from scipy import sparse
 
 from dobc_design.conditions import numbers
 from dobc_design.conditions.consensus import pinning
-from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, network_blocks, rough_rate, smallest_gains
+from dobc_design.conditions.consensus.pinning import (
+    Blocks,
+    fastest_rate,
+    network_blocks,
+    rough_rate,
+    smallest_gains,
+)
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import closed_groups
@@ -29,11 +37,13 @@ FEWEST = 10  # if it is not
 LARGE = 500  # agents from which every single try takes a noticeable time
 WORK = 10_000_000  # tries times squared size
 GREEDY_WORK = 500_000  # looks times squared size of a greedy step
-LOOKED_AT = 12  # agents of the slowest direction among which a greedy step chooses, if a look is cheap
+# agents of the slowest direction among which a greedy step chooses, if a look is cheap
+LOOKED_AT = 12
 NEARLY = 0.999  # of a rate that is aimed at
 NEARLY_ZERO = 1e-9  # relative to the entries of S
 ALIKE = 1e-6  # totals that differ by less (relatively) are a tie
-ENOUGH = Fraction(51, 50)  # two digits if they ask for at most this much more than is needed, else three
+# two digits if they ask for at most this much more than is needed, else three
+ENOUGH = Fraction(51, 50)
 STEPS = 80  # of a bisection
 
 Progress = Callable[[str], None]
@@ -41,9 +51,10 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinProposal:
-    """Gains by agent index, about; which agents are new; the ``rivals`` of a single new one.  ``keeps``: the present
-    gains stay.  ``smallest``: the least that can do; else the least for half of the fastest decay, or where V has
-    weights for the true ``rate`` (1/s), which is slower where that would take very large gains."""
+    """Gains by agent index, about; which agents are new; the ``rivals`` of a single new one.
+    ``keeps``: the present gains stay.  ``smallest``: the least that can do; else the least for half
+    of the fastest decay, or where V has weights for the true ``rate`` (1/s), which is slower where
+    that would take very large gains."""
 
     gains: Mapping[int, float]
     added: tuple[int, ...] = ()
@@ -54,18 +65,24 @@ class PinProposal:
 
     def rounded(self, *, factor: float = 1.0) -> dict[int, Fraction]:
         """The gains times ``factor``, rounded up to two or three digits."""
-        return {agent: rounded_up(gain * factor) for agent, gain in sorted(self.gains.items()) if gain > 0}
+        return {
+            agent: rounded_up(gain * factor)
+            for agent, gain in sorted(self.gains.items())
+            if gain > 0
+        }
 
 
 def rounded_up(value: float | Fraction) -> Fraction:
-    """The next number >= value > 0 with two significant digits, or three where two would ask for too much."""
+    """The next number >= value > 0 with two significant digits, or three where two would ask for
+    too much."""
     exact = Fraction(value)
     two, three = (numbers.rounded_up(exact, digits=digits) for digits in (2, 3))
     return two if two <= exact * ENOUGH else three
 
 
 def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> Iterator[PinProposal]:
-    """The smallest gains on these agents, then those for half of the fastest decay, as ``proposal`` says what for."""
+    """The smallest gains on these agents, then those for half of the fastest decay, as ``proposal``
+    says what for."""
     least = smallest_gains(blocks, agents)
     if least is None:
         return
@@ -86,7 +103,11 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
 @lru_cache(maxsize=2)
 def _blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
     """For the true rate where one mode has rising couplings, else for V = e'e."""
-    weighted = network_blocks(problem, pins=pins, weighted=True) if len(problem.network.modes) == 1 else None
+    weighted = (
+        network_blocks(problem, pins=pins, weighted=True)
+        if len(problem.network.modes) == 1
+        else None
+    )
     return weighted if weighted is not None and weighted.z else network_blocks(problem, pins=pins)
 
 
@@ -98,7 +119,8 @@ def on_present_pins(problem: Problem) -> Iterator[PinProposal]:
 
 
 def one_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[PinProposal]:
-    """The best agent to add: beside the present gains as they are, then with all gains chosen anew."""
+    """The best agent to add: beside the present gains as they are, then with all gains chosen
+    anew."""
     for blocks, pins in _grounds(problem):
         found = best_single(blocks, problem, pins=pins, progress=progress)
         if found:
@@ -113,8 +135,11 @@ def several_more(problem: Problem, *, progress: Progress | None = None) -> Itera
         return
     added = small_set(blocks, problem, progress=progress)
     for ground, pins in _grounds(problem):
-        yield from gains_on(ground, (*pins, *added), PinProposal(gains={}, added=added, keeps=not pins))
-    enough = 0.0  # by how much the entries off the diagonal outweigh it, in the worst row (Gershgorin)
+        yield from gains_on(
+            ground, (*pins, *added), PinProposal(gains={}, added=added, keeps=not pins)
+        )
+    # by how much the entries off the diagonal outweigh it, in the worst row (Gershgorin)
+    enough = 0.0
     for table in blocks.tables:
         diagonal = table.diagonal()
         rows = np.asarray(abs(table).sum(axis=1)).ravel() - np.abs(diagonal)
@@ -125,7 +150,8 @@ def several_more(problem: Problem, *, progress: Progress | None = None) -> Itera
 
 
 def _grounds(problem: Problem) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
-    """What to add to: the present gains as they are; the present pins with gains still to be chosen."""
+    """What to add to: the present gains as they are; the present pins with gains still to be
+    chosen."""
     kept = _blocks(problem, pins=True)
     if kept is not None:
         yield kept, ()
@@ -135,24 +161,35 @@ def _grounds(problem: Problem) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
 
 
 def groups_without_pin(problem: Problem) -> list[tuple[int, ...]]:
-    """The smallest sets that listen to nobody outside in one of the modes and hold no pin, each once."""
+    """The smallest sets that listen to nobody outside in one of the modes and hold no pin, each
+    once."""
     pinned = set(problem.pinning.agents)
-    found = (group for arcs in problem.network.modes.values() for group in closed_groups(problem, [arcs]))
+    found = (
+        group for arcs in problem.network.modes.values() for group in closed_groups(problem, [arcs])
+    )
     return list(dict.fromkeys(group for group in found if not pinned & set(group)))
 
 
 def best_single(
     blocks: Blocks, problem: Problem, *, pins: Sequence[int] = (), progress: Progress | None = None
 ) -> tuple[int, ...]:
-    """Agents that, beside ``pins`` with new gains, need the smallest total gain (or hold best); empty: none can."""
+    """Agents that, beside ``pins`` with new gains, need the smallest total gain (or hold best);
+    empty: none can."""
     totals: dict[int, float] = {}
     candidates = _candidates(blocks, problem)
     for place, agent in enumerate(candidates):
         if progress is not None and place % (1 if problem.n > LARGE else 10) == 0:
             progress(f"looking for the best agent to pin ({place} of {len(candidates)} tried)")
         chosen = np.isin(np.arange(blocks.agents), (*pins, agent))
-        valid = pinning.valid_gains(blocks, chosen, np.ones(blocks.agents)) if blocks.z else None  # quick
-        gains = valid.gains if valid is not None else None if blocks.z else smallest_gains(blocks, (*pins, agent))
+        # quick
+        valid = pinning.valid_gains(blocks, chosen, np.ones(blocks.agents)) if blocks.z else None
+        gains = (
+            valid.gains
+            if valid is not None
+            else None
+            if blocks.z
+            else smallest_gains(blocks, (*pins, agent))
+        )
         if gains is not None:
             totals[agent] = float(np.sum(gains))
     if not totals:
@@ -166,7 +203,8 @@ def best_single(
 
 
 def _candidates(blocks: Blocks, problem: Problem) -> list[int]:
-    """Agents in every closed group without a pin; of very many those that carry the slowest direction."""
+    """Agents in every closed group without a pin; of very many those that carry the slowest
+    direction."""
     pins = set(problem.pinning.agents)
     common = set(range(problem.n)) - pins
     for group in groups_without_pin(problem):
@@ -176,7 +214,9 @@ def _candidates(blocks: Blocks, problem: Problem) -> list[int]:
         return sorted(common)
     free = np.array(sorted(set(range(problem.n)) - pins))
     weights = pinning.slowest_on(blocks, free)
-    order = free[np.argsort(-np.round(weights / np.max(weights, initial=1e-300), 6), kind="stable")].tolist()
+    order = free[
+        np.argsort(-np.round(weights / np.max(weights, initial=1e-300), 6), kind="stable")
+    ].tolist()
     return [agent for agent in order if agent in common][:most]
 
 
@@ -185,8 +225,11 @@ def _affordable(size: int, *, times: int = 1) -> int:
     return max(FEWEST, min(CANDIDATES, WORK // (times * max(1, size) ** 2)))
 
 
-def small_set(blocks: Blocks, problem: Problem, *, progress: Progress | None = None) -> tuple[int, ...]:
-    """Agents to add to the pins so that some gains can do: one of each closed group, then greedily, none in vain."""
+def small_set(
+    blocks: Blocks, problem: Problem, *, progress: Progress | None = None
+) -> tuple[int, ...]:
+    """Agents to add to the pins so that some gains can do: one of each closed group, then greedily,
+    none in vain."""
     pins = problem.pinning.agents
     chosen = _one_of_each(blocks, groups_without_pin(problem))
     needed = list(chosen)
@@ -207,7 +250,8 @@ def small_set(blocks: Blocks, problem: Problem, *, progress: Progress | None = N
 
 
 def _one_of_each(blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> list[int]:
-    """Agents that hit every group: those in most groups first, among them the one that holds its group best."""
+    """Agents that hit every group: those in most groups first, among them the one that holds its
+    group best."""
     left = [set(group) for group in groups]
     chosen: list[int] = []
     while left:
@@ -215,21 +259,29 @@ def _one_of_each(blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> list[int]
         most = max(count.values())
         homes = [group for group in left if any(count[agent] == most for agent in group)]
         homes.sort(key=lambda group: (len(group), min(group)))
-        for home in homes if most == 1 else homes[:1]:  # groups without common agents do not bear on each other
+        # groups without common agents do not bear on each other
+        for home in homes if most == 1 else homes[:1]:
             held = np.array(sorted(home))
             rows = rows_of(held, blocks.width)
-            inner = replace(blocks, agents=len(held), tables=tuple(table[rows][:, rows] for table in blocks.tables))
+            inner = replace(
+                blocks,
+                agents=len(held),
+                tables=tuple(table[rows][:, rows] for table in blocks.tables),
+            )
             local = [place for place, agent in enumerate(held.tolist()) if count[agent] == most]
             local = local[: _affordable(len(held), times=len(left))]
             # Rounded, so that ties are ties.
-            best = min(local, key=lambda place: (float(f"{pinning.looseness(inner, [place]):.9g}"), place))
+            best = min(
+                local, key=lambda place: (float(f"{pinning.looseness(inner, [place]):.9g}"), place)
+            )
             chosen.append(int(held[best]))
         left = [group for group in left if group.isdisjoint(chosen)]
     return chosen
 
 
 def scale_needed(problem: Problem, S: Matrix) -> float | None:
-    """The factor a beyond which Lambda + I (x) S / a < 0 (theory, section 9), about; None if Lambda < 0 fails."""
+    """The factor a beyond which Lambda + I (x) S / a < 0 (theory, section 9), about; None if Lambda
+    < 0 fails."""
     block = to_float(S)
     weight = float(np.max(np.linalg.eigvalsh(block), initial=0.0))
     worst = 0.0
@@ -242,7 +294,10 @@ def scale_needed(problem: Problem, S: Matrix) -> float | None:
         border = sparse.kron(sparse.eye_array(problem.n), sparse.csr_array(block))
         for _ in range(STEPS if len(block) > 1 else 0):
             middle = (low + high) / 2
-            does = middle > 0 and largest_eigenvalue(sparse.coo_array(table + border / middle)).value < 0
+            does = (
+                middle > 0
+                and largest_eigenvalue(sparse.coo_array(table + border / middle)).value < 0
+            )
             low, high = (low, middle) if does else (middle, high)
         worst = max(worst, high)
     return worst

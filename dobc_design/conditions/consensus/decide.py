@@ -1,4 +1,5 @@
-"""Lemma 1 and Theorems 1 and 2, decided exactly, with the eigenvalues that prove the linearisation unstable.
+"""Lemma 1 and Theorems 1 and 2, decided exactly, with the eigenvalues that prove the linearisation
+unstable.
 
 A pair (P, Q) is a proposal; whether Psi < 0 holds for it is decided through the Reduction (theory,
 section 2): given Omega0 < 0 and S = C (-Omega0)^-1 C', Psi(J) < 0 iff Lambda(J) + I (x) S < 0.
@@ -27,7 +28,13 @@ from dobc_design.conditions.consensus.claim import (
     Unstable,
     omega,
 )
-from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, lowest_quotient, refutes
+from dobc_design.conditions.consensus.network import (
+    Enclosed,
+    find_witness,
+    is_negative,
+    lowest_quotient,
+    refutes,
+)
 from dobc_design.conditions.numbers import claimed, has_short_denominator, largest_proved, shorten
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.interval import Interval
@@ -43,13 +50,18 @@ from dobc_design.verdict import Verdict
 LARGEST_EXAMINED = 60  # rows; counting roots takes seconds there, minutes at twice the size
 MOST_SYMMETRIC = 100_000  # arcs of a mode whose J - K is compared with its transpose
 # How a claim is not confirmed.
-NO_NUMBER, OTHER_VALUES = "it claims a number that this check does not have", "exact values are not what they say"
-MOST_COUNTING = 2_000_000  # rows^2 times the bits of the common denominator: as long as 60 rows with about 550 bits
+NO_NUMBER, OTHER_VALUES = (
+    "it claims a number that this check does not have",
+    "exact values are not what they say",
+)
+# rows^2 times the bits of the common denominator: as long as 60 rows with about 550 bits
+MOST_COUNTING = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """Numbers from floating point, to be proved: a margin, a rate (1/s), vectors worth trying as witnesses."""
+    """Numbers from floating point, to be proved: a margin, a rate (1/s), vectors worth trying as
+    witnesses."""
 
     margin: float = 0.0
     rate: float = 0.0
@@ -57,8 +69,9 @@ class Proposal:
 
 
 def unstable_roots(statements: Statements, mode: str) -> int:
-    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity; 0 if not examined.
-    With diagonal slopes >= 0 and scalar gains >= 0 there are none (rows weakly dominated by a diagonal <= 0)."""
+    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity;
+    0 if not examined. With diagonal slopes >= 0 and scalar gains >= 0 there are none (rows weakly
+    dominated by a diagonal <= 0)."""
     nonnegative = (each.is_nonnegative_diagonal for each in _modes(statements, mode))
     pinning = statements.problem.pinning
     if all(nonnegative) and pinning.is_scalar and all(k[0][0] >= 0 for k in pinning.gains.values()):
@@ -68,15 +81,18 @@ def unstable_roots(statements: Statements, mode: str) -> int:
 
 
 def is_unstable_along(statements: Statements, mode: str, value: Interval) -> bool:
-    """Whether v'Lambda v = ``value`` > 0 shows an eigenvalue of J - K > 0, of any size: where J - K is symmetric,
-    Lambda = 2 (J - K), and its largest eigenvalue is at least v'(J - K)v / v'v."""
+    """Whether v'Lambda v = ``value`` > 0 shows an eigenvalue of J - K > 0, of any size: where J - K
+    is symmetric, Lambda = 2 (J - K), and its largest eigenvalue is at least v'(J - K)v / v'v."""
     return value.lo > 0 and _is_symmetric(statements, mode)
 
 
 def _is_symmetric(statements: Statements, mode: str) -> bool:
     """Whether J - K of one mode is known exactly, and symmetric: the same arcs both ways."""
     jacobians = statements.jacobians
-    if jacobians is None or sum(len(each.arcs) for each in _modes(statements, mode)) > MOST_SYMMETRIC:
+    if (
+        jacobians is None
+        or sum(len(each.arcs) for each in _modes(statements, mode)) > MOST_SYMMETRIC
+    ):
         return False
     (each,) = _modes(statements, mode)
     if not each.is_point:
@@ -86,7 +102,8 @@ def _is_symmetric(statements: Statements, mode: str) -> bool:
 
 
 def linear_part(statements: Statements, mode: str) -> Matrix | None:
-    """J - K of one mode (n m, n m); None for more than 60 rows, for slopes that are not rational or too long."""
+    """J - K of one mode (n m, n m); None for more than 60 rows, for slopes that are not rational or
+    too long."""
     jacobians, pinning = statements.jacobians, statements.problem.pinning
     size = 0 if jacobians is None else jacobians.size * jacobians.dimension
     if jacobians is None or size > LARGEST_EXAMINED:
@@ -101,25 +118,41 @@ def linear_part(statements: Statements, mode: str) -> Matrix | None:
 
 
 def _modes(statements: Statements, mode: str) -> list[ModeJacobian]:
-    return [] if statements.jacobians is None else [each for each in statements.jacobians.modes if each.name == mode]
+    return (
+        []
+        if statements.jacobians is None
+        else [each for each in statements.jacobians.modes if each.name == mode]
+    )
 
 
 def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
     """Lambda(J) of one mode, with what it may deviate by."""
     pencil, shown = statements.lambdas[mode], statements.shown.get(mode)
-    return Enclosed(middle=pencil.constant, deviations=pencil.deviations, bound=None if shown is None else shown.bound)
+    return Enclosed(
+        middle=pencil.constant,
+        deviations=pencil.deviations,
+        bound=None if shown is None else shown.bound,
+    )
 
 
 def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float64]]) -> Statements:
-    """The statements with the bounds below 0 of Lambda, by mode, that these vectors v > 0 (n m,) prove."""
-    bounds = {mode: network.shown_bound(enclosed_lambda(statements, mode), v) for mode, v in vectors.items()}
-    shown = {mode: Shown(vector=vectors[mode], bound=b) for mode, b in bounds.items() if b is not None and b < 0}
+    """The statements with the bounds below 0 of Lambda, by mode, that these vectors v > 0 (n m,)
+    prove."""
+    bounds = {
+        mode: network.shown_bound(enclosed_lambda(statements, mode), v)
+        for mode, v in vectors.items()
+    }
+    shown = {
+        mode: Shown(vector=vectors[mode], bound=b)
+        for mode, b in bounds.items()
+        if b is not None and b < 0
+    }
     return replace(statements, shown=shown)
 
 
 def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
-    """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its own block of S, and 0
-    without a disturbance."""
+    """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its
+    own block of S, and 0 without a disturbance."""
     problem = statements.problem
     groups, m = problem.groups, problem.m
     blocks, owners = group_blocks(S, len(groups)), group_numbers(groups, problem.network.labels)
@@ -130,7 +163,8 @@ def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
 
 
 def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check:
-    """Decide Lambda(J) < 0 for one mode.  PROVED: V = e'e decreases, V' <= -2 rate V near the target."""
+    """Decide Lambda(J) < 0 for one mode.  PROVED: V = e'e decreases, V' <= -2 rate V near the
+    target."""
     check = partial(Check, id="lemma1", mode=mode, domain=statements.domain)
     if statements.inapplicable is not None:
         return check(verdict=Verdict.UNDECIDED, reason=statements.inapplicable)
@@ -173,8 +207,9 @@ def theorem_check(
     obstacle: Check | None,
     printed: bool = False,
 ) -> Check:
-    """Decide Theorem 1 or 2 for the pair (``printed``: the user's own), or refute it for every pair: by the decided
-    Lemma 1 of a mode, or by an ``obstacle``, a refuted detectability or Hurwitz check."""
+    """Decide Theorem 1 or 2 for the pair (``printed``: the user's own), or refute it for every
+    pair: by the decided Lemma 1 of a mode, or by an ``obstacle``, a refuted detectability or
+    Hurwitz check."""
     undecided = partial(Check, id=id, verdict=Verdict.UNDECIDED, domain=statements.domain)
     if statements.inapplicable is not None:
         return undecided(reason=statements.inapplicable)
@@ -186,21 +221,37 @@ def theorem_check(
         reason = "no pair (P, Q) was found, and no proof that there is none; give W and P."
         return undecided(reason=reason)
     refuted = partial(Check, id=id, verdict=Verdict.REFUTED, domain=statements.domain)
-    not_p = "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function."
-    not_omega = "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can make V grow."
-    blocks = {"P": SparseSymmetric.from_dense(pair.P), "Omega0": omega(pair.P, pair.Q, exosystem).negated()}
+    not_p = (
+        "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function."
+    )
+    not_omega = (
+        "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can make V grow."
+    )
+    blocks = {
+        "P": SparseSymmetric.from_dense(pair.P),
+        "Omega0": omega(pair.P, pair.Q, exosystem).negated(),
+    }
     for (block, matrix), what in zip(blocks.items(), (not_p, not_omega), strict=True):
         vector = decide_positive_definite(matrix).witness
         if vector is not None:
             reason = f"{what} Another P may do."
-            return refuted(reason=reason, claim=Values({"block": block}), witness=vector_witness(vector))
+            return refuted(
+                reason=reason, claim=Values({"block": block}), witness=vector_witness(vector)
+            )
     S = schur_block(pair, exosystem)
-    modes = {} if S is None else {mode: lambda_with(statements, mode, S) for mode in statements.lambdas}
+    modes = (
+        {} if S is None else {mode: lambda_with(statements, mode, S) for mode in statements.lambdas}
+    )
     margin = largest_proved(
-        proposal.margin, lambda shift: bool(modes) and all(is_negative(each, shift=shift) for each in modes.values())
+        proposal.margin,
+        lambda shift: (
+            bool(modes) and all(is_negative(each, shift=shift) for each in modes.values())
+        ),
     )
     if S is not None and margin is not None:
-        rate = largest_proved(proposal.rate, lambda b: psi_is_negative(statements, exosystem, pair, rate=b))
+        rate = largest_proved(
+            proposal.rate, lambda b: psi_is_negative(statements, exosystem, pair, rate=b)
+        )
         name = "the P given" if printed else "a rational P"
         common = "" if len(modes) == 1 else f" with one P for all {len(modes)} modes"
         pace = f", V' <= -2 ({shorten(rate, digits=4):.4g}) V." if rate else "."
@@ -219,41 +270,58 @@ def theorem_check(
         if vector is None or S is None:
             continue
         facts = PairFacts(pair=pair, S=S, mode=mode)
-        bound = "" if facts.bound is None else f" It needs lambda_max(Lambda) < {number_text(facts.bound)}."
+        bound = (
+            ""
+            if facts.bound is None
+            else f" It needs lambda_max(Lambda) < {number_text(facts.bound)}."
+        )
         fix = " Another P may do: see the check for a new P." if printed else ""
         where = f" in mode {mode}" if len(modes) > 1 else ""
         return refuted(
             margin=network.refuted_margin(enclosed, vector),
-            reason=f"Psi is not negative definite for this P{where}: v'(Lambda + I (x) S)v >= 0 for the vector shown."
+            reason=f"Psi is not negative definite for this P{where}: v'(Lambda + I (x) S)v >= 0 "
+            "for the vector shown."
             f"{bound}{fix}",
             claim=facts,
             witness=lambda_witness(statements, vector),
         )
     matrices = [enclosed_lambda(statements, mode) for mode in statements.lambdas]
     widest = max(matrices, key=lambda each: len(each.deviations))
-    return undecided(reason=f"lambda_max of Lambda + I (x) S {network.why_undecided(statements.problem, widest)}")
+    return undecided(
+        reason=f"lambda_max of Lambda + I (x) S {network.why_undecided(statements.problem, widest)}"
+    )
 
 
 def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Matrix | None:
-    """S = C (-Omega0 - 2 rate P)^-1 C', m x m; None unless that block is proved negative definite."""
+    """S = C (-Omega0 - 2 rate P)^-1 C', m x m; None unless that block is proved negative
+    definite."""
     block = omega(pair.P, pair.Q, exosystem, rate=rate).negated()
     if decide_positive_definite(block).verdict is not Verdict.PROVED:
         return None
     C = exosystem.C
     if not C or not C[0]:
         return multiply(C, transpose(C))
-    return multiply(C, from_fmpq_mat(to_fmpq_mat(block.to_dense()).solve(to_fmpq_mat(transpose(C)))))
+    return multiply(
+        C, from_fmpq_mat(to_fmpq_mat(block.to_dense()).solve(to_fmpq_mat(transpose(C))))
+    )
 
 
 def psi_is_negative(
-    statements: Statements, exosystem: Exosystem, pair: Pair, *, margin: Fraction = ZERO, rate: Fraction = ZERO
+    statements: Statements,
+    exosystem: Exosystem,
+    pair: Pair,
+    *,
+    margin: Fraction = ZERO,
+    rate: Fraction = ZERO,
 ) -> bool:
-    """Whether P > 0 and Psi(J) + 2 rate diag(I, I (x) P) + margin diag(I, 0) < 0 is proved for every mode."""
+    """Whether P > 0 and Psi(J) + 2 rate diag(I, I (x) P) + margin diag(I, 0) < 0 is proved for
+    every mode."""
     if decide_positive_definite(SparseSymmetric.from_dense(pair.P)).verdict is not Verdict.PROVED:
         return False
     S = schur_block(pair, exosystem, rate=rate)
     return S is not None and all(
-        is_negative(lambda_with(statements, mode, S), shift=margin + 2 * rate) for mode in statements.lambdas
+        is_negative(lambda_with(statements, mode, S), shift=margin + 2 * rate)
+        for mode in statements.lambdas
     )
 
 
@@ -275,16 +343,20 @@ def _refuted_for_every_pair(
         if lemma.verdict is Verdict.REFUTED:
             return refuted(
                 margin=lemma.margin,
-                reason=f"no P and Q satisfy Psi < 0, because Lambda(J) is not negative definite in mode {lemma.mode}: "
-                + lemma.reason,
+                reason="no P and Q satisfy Psi < 0, because Lambda(J) is not negative definite "
+                f"in mode {lemma.mode}: " + lemma.reason,
                 claim=Values({"block": "Lambda", "mode": lemma.mode}),
                 witness=lemma.witness,
             )
     if obstacle is not None:
         who = "no P with Q = P W satisfies Psi < 0 for this W"
         return refuted(
-            reason=f"{who if obstacle.id == 'hurwitz' else 'no P and Q satisfy Psi < 0'}: {obstacle.reason}",
-            claim=Values({"block": obstacle.id} | ({} if obstacle.group is None else {"group": obstacle.group})),
+            reason=f"{who if obstacle.id == 'hurwitz' else 'no P and Q satisfy Psi < 0'}: "
+            f"{obstacle.reason}",
+            claim=Values(
+                {"block": obstacle.id}
+                | ({} if obstacle.group is None else {"group": obstacle.group})
+            ),
             witness=obstacle.witness,
             fix=obstacle.fix,
         )
@@ -296,11 +368,16 @@ def _refuted_for_every_pair(
 
 
 def _where(statements: Statements) -> str:
-    return " everywhere (the couplings are linear)" if statements.domain == "global" else " near the target"
+    return (
+        " everywhere (the couplings are linear)"
+        if statements.domain == "global"
+        else " near the target"
+    )
 
 
 def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | None:
-    """None if all that a check of this topic claims is confirmed; one refuted by the observer is not for here."""
+    """None if all that a check of this topic claims is confirmed; one refuted by the observer is
+    not for here."""
     problem = statements.problem
     if check.id == "reachability":
         if check.margin is not None or check.rate is not None:
@@ -324,7 +401,9 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
     if check.id == "lemma1":
         if check.exact is not None and str(check.mode) not in statements.shown:
             return "the vector does not show that Lambda < 0"
-        proved = is_negative(enclosed_lambda(statements, str(check.mode)), shift=max(margin, 2 * rate))
+        proved = is_negative(
+            enclosed_lambda(statements, str(check.mode)), shift=max(margin, 2 * rate)
+        )
         return None if proved else "Lambda < 0 is not true with that margin and rate"
     exosystem = _exosystem(statements)
     if pair is None:
@@ -334,7 +413,11 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
     if rate and not psi_is_negative(statements, exosystem, pair, rate=rate):
         return f"the rate {check.rate} is not reached"
     S = schur_block(pair, exosystem)
-    return None if S is not None and agrees(check.exact, PairFacts(pair=pair, S=S).to_json()) else OTHER_VALUES
+    return (
+        None
+        if S is not None and agrees(check.exact, PairFacts(pair=pair, S=S).to_json())
+        else OTHER_VALUES
+    )
 
 
 def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) -> str | None:
@@ -348,7 +431,10 @@ def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) ->
         vector = _vector(check)
         if not _has_roots(said.roots, statements, mode, vector):
             return OTHER_VALUES
-        if said.value is not None and said.value > enclosed_lambda(statements, mode).value(vector).lo:
+        if (
+            said.value is not None
+            and said.value > enclosed_lambda(statements, mode).value(vector).lo
+        ):
             return OTHER_VALUES
         return _confirm_lambda(check, statements, mode, vector)
     if check.kind.role == "given":
@@ -363,16 +449,23 @@ def _has_roots(count: int, statements: Statements, mode: str, vector: Vector) ->
     """Whether J - K is shown to have so many eigenvalues with positive real part."""
     if count <= unstable_roots(statements, mode):
         return True
-    return count == 1 and is_unstable_along(statements, mode, enclosed_lambda(statements, mode).value(vector))
+    return count == 1 and is_unstable_along(
+        statements, mode, enclosed_lambda(statements, mode).value(vector)
+    )
 
 
 def _confirm_lambda(
     check: Check, statements: Statements, mode: str, vector: Vector, *, S: Matrix | None = None
 ) -> str | None:
-    """The vector shows that Lambda, or Lambda + I (x) S, is not negative definite in that mode; so does the margin."""
+    """The vector shows that Lambda, or Lambda + I (x) S, is not negative definite in that mode; so
+    does the margin."""
     matrix = enclosed_lambda(statements, mode) if S is None else lambda_with(statements, mode, S)
     if not refutes(matrix, vector):
-        return "the vector does not refute Lambda < 0" if S is None else "the vector does not refute Psi < 0"
+        return (
+            "the vector does not refute Lambda < 0"
+            if S is None
+            else "the vector does not refute Psi < 0"
+        )
     if not same_witness(check.witness, lambda_witness(statements, vector)):
         return "the witness names other agents than the vector"
     if check.margin is not None and -claimed(check.margin) > lowest_quotient(matrix, vector):
@@ -380,8 +473,11 @@ def _confirm_lambda(
     return None
 
 
-def _confirm_printed(check: Check, statements: Statements, pair: Pair | None, vector: Vector) -> str | None:
-    """The given pair fails: P > 0, Omega0 < 0 or, in a named mode, Psi < 0 is refuted by the vector."""
+def _confirm_printed(
+    check: Check, statements: Statements, pair: Pair | None, vector: Vector
+) -> str | None:
+    """The given pair fails: P > 0, Omega0 < 0 or, in a named mode, Psi < 0 is refuted by the
+    vector."""
     exact, exosystem = check.exact or {}, _exosystem(statements)
     if pair is None:
         return "it needs the pair of the problem"
@@ -413,6 +509,9 @@ def _vector(check: Check) -> Vector:
     if check.witness is None or check.witness.kind != "vector" or check.witness.values is None:
         raise ValueError("a refuted condition must bring a vector")
     vector = tuple(numbers.read_rational(text) for text in check.witness.values)
-    if not has_short_denominator(vector, numbers.VECTOR_BITS):  # a forger's: evaluating it would take minutes
-        raise ValueError(f"the vector needs a common denominator of more than {numbers.VECTOR_BITS} bits")
+    # a forger's: evaluating it would take minutes
+    if not has_short_denominator(vector, numbers.VECTOR_BITS):
+        raise ValueError(
+            f"the vector needs a common denominator of more than {numbers.VECTOR_BITS} bits"
+        )
     return vector

@@ -1,7 +1,9 @@
-"""Lambda < 0 for an enclosed matrix: proved, refuted by a vector, or undecided; and what the graph alone decides.
+"""Lambda < 0 for an enclosed matrix: proved, refuted by a vector, or undecided; and what the graph
+alone decides.
 
-The matrix is known up to its irrational slopes (``exact.pencil.Deviation``).  If a set S of agents listens to nobody
-outside S and holds no pin, consensus fails, and v' Lambda v = 0 for the indicator v of S (theory, section 2).
+The matrix is known up to its irrational slopes (``exact.pencil.Deviation``).  If a set S of agents
+listens to nobody outside S and holds no pin, consensus fails, and v' Lambda v = 0 for the indicator
+v of S (theory, section 2).
 """
 
 from __future__ import annotations
@@ -43,8 +45,9 @@ Directions = Sequence[Sequence[float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Enclosed:
-    """middle + a block for each agent (one for all, or those that ``owners`` says) + deviations, each with any |t|
-    <= size. ``bound``: a number that is proved to be at least the largest eigenvalue of middle + deviations."""
+    """middle + a block for each agent (one for all, or those that ``owners`` says) + deviations,
+    each with any |t| <= size. ``bound``: a number that is proved to be at least the largest
+    eigenvalue of middle + deviations."""
 
     middle: Symmetric
     deviations: Sequence[Deviation] = ()
@@ -69,9 +72,11 @@ class Enclosed:
 
     @property
     def radius(self) -> Fraction:
-        """A bound of the spectral norm of all deviations together: their largest row sum of absolute values."""
+        """A bound of the spectral norm of all deviations together: their largest row sum of
+        absolute values."""
         given = self.deviations
-        if isinstance(given, Deviations):  # very many: in floats rounded up, unless these do not hold it
+        # very many: in floats rounded up, unless these do not hold it
+        if isinstance(given, Deviations):
             sizes = np.array([float_above(x) for x in given.sizes])[given.kinds]
             row_sums, counts = np.zeros(self.middle.size), np.zeros(self.middle.size)
             for rows in (given.rows, given.rows, given.speakers, given.listeners):
@@ -89,26 +94,36 @@ class Enclosed:
     def value(self, vector: Sequence[Fraction]) -> Interval:
         """Enclose v'Mv: a point where no irrational slope takes part."""
         v, middle = vector, self.total.quadratic_form(vector)
-        spread = sum((2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in self.deviations), ZERO)
+        spread = sum(
+            (2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in self.deviations),
+            ZERO,
+        )
         return Interval(middle - spread, middle + spread)
 
     def plus_blocks(self, blocks: Sequence[Matrix], owners: Sequence[int] = ()) -> Enclosed:
-        """Add the block of each agent, of its number in ``owners`` or one for all.  Raises: ValueError."""
+        """Add the block of each agent, of its number in ``owners`` or one for all.  Raises:
+        ValueError."""
         agents = len(owners) if owners else self.middle.size // len(blocks[0])
         if agents * len(blocks[0]) != self.middle.size or (len(blocks) > 1 and not owners):
-            raise ValueError(f"{agents} blocks of {len(blocks[0])} rows do not make {self.middle.size} rows")
+            raise ValueError(
+                f"{agents} blocks of {len(blocks[0])} rows do not make {self.middle.size} rows"
+            )
         return replace(self, blocks=tuple(blocks), owners=owners)
 
 
 def shown_bound(matrix: Enclosed, vector: NDArray[np.float64]) -> Fraction | None:
-    """A number that v > 0 (rows,) proves to be at least the largest eigenvalue of all but the blocks; None if none."""
-    middle = matrix.middle if isinstance(matrix.middle, IntegerSymmetric) else in_integers(matrix.middle)
+    """A number that v > 0 (rows,) proves to be at least the largest eigenvalue of all but the
+    blocks; None if none."""
+    middle = (
+        matrix.middle if isinstance(matrix.middle, IntegerSymmetric) else in_integers(matrix.middle)
+    )
     bound = math.inf if middle is None else row_bound(middle, vector)
     return Fraction(bound) + matrix.radius if math.isfinite(bound) else None
 
 
 def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
-    """Whether matrix + shift I < 0 is proved for everything enclosed; a matrix with a ``bound`` is decided by it."""
+    """Whether matrix + shift I < 0 is proved for everything enclosed; a matrix with a ``bound`` is
+    decided by it."""
     if matrix.bound is not None:
         room = -matrix.bound - shift
         blocks = [SparseSymmetric.from_dense(block) for block in matrix.blocks or (((ZERO,),),)]
@@ -117,13 +132,19 @@ def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
     whole = matrix.total.shifted(matrix.radius + shift).negated()
     short = None if isinstance(whole, IntegerSymmetric) else _shorter(whole)
     tried = [each for each in (short, whole) if each is not None]
-    return any(decide_positive_definite(each, most_work=MOST_WORK).verdict is Verdict.PROVED for each in tried)
+    return any(
+        decide_positive_definite(each, most_work=MOST_WORK).verdict is Verdict.PROVED
+        for each in tried
+    )
 
 
 def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
-    """A matrix below it (in the sense of <=) with short entries, where they are long, because elimination multiplies
-    digits; else None.  Rounding to multiples of u changes the matrix by at most u/2 times its longest row."""
-    sizes = [max(x.numerator.bit_length(), x.denominator.bit_length()) for x in matrix.entries.values()]
+    """A matrix below it (in the sense of <=) with short entries, where they are long, because
+    elimination multiplies digits; else None.  Rounding to multiples of u changes the matrix by at
+    most u/2 times its longest row."""
+    sizes = [
+        max(x.numerator.bit_length(), x.denominator.bit_length()) for x in matrix.entries.values()
+    ]
     if max(sizes, default=0) <= LONG:
         return None
     lengths: dict[int, int] = {}
@@ -131,7 +152,9 @@ def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
         for row in {i, j}:
             lengths[row] = lengths.get(row, 0) + 1
     largest = max(abs(x) for x in matrix.entries.values())
-    unit = Fraction(2) ** (largest.numerator.bit_length() - largest.denominator.bit_length() - SHORT)
+    unit = Fraction(2) ** (
+        largest.numerator.bit_length() - largest.denominator.bit_length() - SHORT
+    )
     rounded = {place: round(x / unit) * unit for place, x in matrix.entries.items()}
     return SparseSymmetric(matrix.size, rounded).shifted(-unit / 2 * max(lengths.values()))
 
@@ -139,17 +162,26 @@ def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
 def why_undecided(problem: Problem, matrix: Enclosed) -> str:
     """What to say where neither M < 0 nor a witness against it was found."""
     if problem.network.loose is not None:
-        return "is not shown to be < 0 where the gain of every optional arc is any number from 0 to w h'(0)."
+        return (
+            "is not shown to be < 0 where the gain of every optional arc is any number from 0 "
+            "to w h'(0)."
+        )
     if matrix.deviations:
-        return "is too close to 0 for the enclosures of the irrational slopes of h; change a gain a little."
+        return (
+            "is too close to 0 for the enclosures of the irrational slopes of h; change a gain "
+            "a little."
+        )
     return (
-        f"is not known to differ from 0: with {matrix.middle.size} rows exact elimination takes too long. Change a gain"
-        " a little, or use couplings that act by component with slopes >= 0, which need no elimination."
+        f"is not known to differ from 0: with {matrix.middle.size} rows exact elimination "
+        "takes too long. Change a gain"
+        " a little, or use couplings that act by component with slopes >= 0, which need no "
+        "elimination."
     )
 
 
 def refutes(matrix: Enclosed, vector: Sequence[Fraction]) -> bool:
-    """Whether v has as many entries as the matrix rows, is not 0, and v'Mv >= 0 for everything enclosed."""
+    """Whether v has as many entries as the matrix rows, is not 0, and v'Mv >= 0 for everything
+    enclosed."""
     return len(vector) == matrix.middle.size and any(vector) and matrix.value(vector).lo >= 0
 
 
@@ -159,16 +191,18 @@ def lowest_quotient(matrix: Enclosed, vector: Sequence[Fraction]) -> Fraction:
 
 
 def refuted_margin(matrix: Enclosed, vector: Sequence[Fraction]) -> float:
-    """Minus the lowest quotient, rounded towards 0: lambda_max is at least minus this number.  At most 0."""
+    """Minus the lowest quotient, rounded towards 0: lambda_max is at least minus this number.  At
+    most 0."""
     return 0.0 - shorten(lowest_quotient(matrix, vector))
 
 
 def find_witness(
     matrix: Enclosed, candidates: Iterable[Sequence[float]], *, rows: Sequence[int] | None = None
 ) -> Vector | None:
-    """A rational v != 0 with v'Mv >= 0 proved, or None if M < 0 (or the deviations hide the answer, or M is too large).
-    ``candidates`` come first, those with few entries before others, rounded to small integers, because they read
-    better; last comes the elimination of ``rows`` (None: all), which none may leave."""
+    """A rational v != 0 with v'Mv >= 0 proved, or None if M < 0 (or the deviations hide the answer,
+    or M is too large). ``candidates`` come first, those with few entries before others, rounded to
+    small integers, because they read better; last comes the elimination of ``rows`` (None: all),
+    which none may leave."""
     allowed = set(range(matrix.middle.size) if rows is None else rows)
     supports = [([row for row, x in enumerate(each) if x], each) for each in candidates]
     for support, candidate in sorted(supports, key=lambda pair: len(pair[0])):
@@ -197,7 +231,8 @@ def _eliminated(matrix: Enclosed, rows: Sequence[int]) -> Vector | None:
 
 
 def rounded(candidate: Sequence[float], *, finest: Sequence[int] = ()) -> Iterable[Vector]:
-    """A direction in small integers, the coarsest first; 0 is left out.  ``finest``: further largest entries."""
+    """A direction in small integers, the coarsest first; 0 is left out.  ``finest``: further
+    largest entries."""
     largest = max(map(abs, candidate), default=0.0)
     if 0 < largest < math.inf:
         for top in (*TOPS, *finest):
@@ -214,32 +249,46 @@ def reachability_check(problem: Problem, mode: str) -> Check:
     labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
     if not labels:
         return check(verdict=Verdict.PROVED, reason="every agent is reached from a pinned agent.")
-    pins = f"no pinned agent reaches {name_agents(labels)}" if problem.pinning.agents else "there is no pinned agent"
+    pins = (
+        f"no pinned agent reaches {name_agents(labels)}"
+        if problem.pinning.agents
+        else "there is no pinned agent"
+    )
     pins += " by arcs that are always there" if arcs[0].optional and problem.pinning.agents else ""
     reason = (
-        f"{pins}{', so that agents there have only their own dynamics' if own else ''}. {cure_in_words(problem, arcs)}"
+        f"{pins}{', so that agents there have only their own dynamics' if own else ''}. "
+        f"{cure_in_words(problem, arcs)}"
     )
-    return check(verdict=Verdict.REFUTED, reason=reason, witness=Witness(kind="agents", labels=labels))
+    return check(
+        verdict=Verdict.REFUTED, reason=reason, witness=Witness(kind="agents", labels=labels)
+    )
 
 
 def unheld_groups(
     problem: Problem, arcs: Iterable[Arcs] | None = None
 ) -> Iterator[tuple[tuple[int, ...], tuple[Vector, ...]]]:
-    """Smallest sets S of agents that listen to nobody outside, in ``arcs`` (None: all modes together), with directions
-    c != 0, k_i c = 0 on S: then e_S = c, eps = 0 is an equilibrium.  With scalar gains: S has no pin, c is any."""
+    """Smallest sets S of agents that listen to nobody outside, in ``arcs`` (None: all modes
+    together), with directions c != 0, k_i c = 0 on S: then e_S = c, eps = 0 is an equilibrium.
+    With scalar gains: S has no pin, c is any."""
     for group in closed_groups(problem, problem.network.modes.values() if arcs is None else arcs):
         gains = [problem.pinning.gains[i] for i in group if i in problem.pinning.gains]
-        free = nullspace(tuple(row for gain in gains for row in gain)) if gains else identity(problem.m)
+        free = (
+            nullspace(tuple(row for gain in gains for row in gain))
+            if gains
+            else identity(problem.m)
+        )
         if free:
             yield group, free
 
 
 def cure_in_words(problem: Problem, arcs: Sequence[Arcs]) -> str:
-    """Which agents have to be pinned so that everybody is reached: one of each closed group without a pin."""
+    """Which agents have to be pinned so that everybody is reached: one of each closed group without
+    a pin."""
     pinned = set(problem.pinning.agents)
     groups = [group for group in closed_groups(problem, arcs) if not pinned & set(group)]
     named = [
-        " or ".join(problem.network.labels[i] for i in group[:3]) + (" or another of theirs" if len(group) > 3 else "")
+        " or ".join(problem.network.labels[i] for i in group[:3])
+        + (" or another of theirs" if len(group) > 3 else "")
         for group in groups[:SHOWN]
     ]
     more = f", and one of each of {len(groups) - SHOWN} more groups" if len(groups) > SHOWN else ""
@@ -256,9 +305,9 @@ def name_agents(labels: Sequence[str]) -> str:
 
 
 def group_directions(problem: Problem, arcs: Arcs) -> list[list[float]]:
-    """For closed groups of one mode whose gains leave a direction c free, of few agents first: the group moved along c.
-    The group listens to nobody outside and k_i c = 0 in it, so J e = 0 and e'K e = 0: the value is exactly 0.  A few
-    are enough, some of them without pins."""
+    """For closed groups of one mode whose gains leave a direction c free, of few agents first: the
+    group moved along c. The group listens to nobody outside and k_i c = 0 in it, so J e = 0 and e'K
+    e = 0: the value is exactly 0.  A few are enough, some of them without pins."""
     groups, pinned = (
         sorted(unheld_groups(problem, [arcs.present]), key=lambda x: len(x[0])),
         set(problem.pinning.agents),
@@ -274,11 +323,15 @@ def group_directions(problem: Problem, arcs: Arcs) -> list[list[float]]:
 def unpinned_witness(
     problem: Problem, matrices: Mapping[str, Enclosed], directions: Mapping[str, Directions]
 ) -> tuple[str, Vector] | None:
-    """A mode and v, v' Lambda v >= 0, that moves no pinned agent: the present pins cannot do.  None: none is found."""
+    """A mode and v, v' Lambda v >= 0, that moves no pinned agent: the present pins cannot do.
+    None: none is found."""
     pinned = set(problem.pinning.agents)
     rows = [row for row in range(problem.n * problem.m) if row // problem.m not in pinned]
     for mode, matrix in matrices.items():
-        candidates = [*group_directions(problem, problem.network.modes[mode]), *directions.get(mode, ())]
+        candidates = [
+            *group_directions(problem, problem.network.modes[mode]),
+            *directions.get(mode, ()),
+        ]
         found = find_witness(matrix, candidates, rows=rows if len(rows) <= LARGEST else [])
         if found is not None:
             return mode, found
@@ -288,24 +341,41 @@ def unpinned_witness(
 def carriers(problem: Problem, vector: Sequence[Fraction]) -> tuple[str, ...]:
     """Labels of the agents that a direction moves."""
     m = problem.m
-    return tuple(label for i, label in enumerate(problem.network.labels) if any(vector[i * m : (i + 1) * m]))
+    return tuple(
+        label for i, label in enumerate(problem.network.labels) if any(vector[i * m : (i + 1) * m])
+    )
 
 
 def refutation(problem: Problem, vector: Vector, *, alone: Sequence[int], roots: int) -> str:
-    """Why Lambda < 0 fails, in words; ``alone`` are the agents that hear no pinned one in this mode."""
+    """Why Lambda < 0 fails, in words; ``alone`` are the agents that hear no pinned one in this
+    mode."""
     moved = carriers(problem, vector)
     labels = tuple(problem.network.labels[i] for i in alone)
     if labels and set(moved) <= set(labels):
         hears, them = ("hears", "it") if len(labels) == 1 else ("hear", "them")
         pulls = "nothing" if problem.origin is None else "no gain"
-        text = f"{name_agents(labels)} {hears} no pinned agent, so {pulls} pulls {them} to the target:"
-        moving = f"{them} alone" if len(moved) == len(labels) == 1 else them if moved == labels else name_agents(moved)
+        text = (
+            f"{name_agents(labels)} {hears} no pinned agent, so {pulls} pulls {them} to the target:"
+        )
+        moving = (
+            f"{them} alone"
+            if len(moved) == len(labels) == 1
+            else them
+            if moved == labels
+            else name_agents(moved)
+        )
         text += f" v' Lambda v >= 0 for the vector that moves {moving}."
     else:
-        text = f"for the error vector shown, which moves {name_agents(moved)}, V = e'e does not decrease."
+        text = (
+            f"for the error vector shown, which moves {name_agents(moved)}, V = e'e does not "
+            "decrease."
+        )
         pinned = {problem.network.labels[i] for i in problem.pinning.agents}
         if pinned and not pinned & set(moved):
             text += " No gain on the pinned agents changes that."
     if roots:
-        text += f" The linearisation has {roots} eigenvalue(s) with positive real part: the target is unstable."
+        text += (
+            f" The linearisation has {roots} eigenvalue(s) with positive real part: the target "
+            "is unstable."
+        )
     return text

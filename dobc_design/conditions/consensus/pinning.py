@@ -1,15 +1,16 @@
-"""The smallest pinning gains: minimise sum c_i k_i over k >= 0 subject to Lambda(K) <= -2 beta I (theory, section 7),
-or, with weights of V, subject to mu(M) >= beta (section 10), M = K - J, mu its least real part of an eigenvalue.
+"""The smallest pinning gains: minimise sum c_i k_i over k >= 0 subject to Lambda(K) <= -2 beta I
+(theory, section 7), or, with weights of V, subject to mu(M) >= beta (section 10), M = K - J, mu its
+least real part of an eigenvalue.
 
-Where J has no negative entry off its diagonal, mu(M) >= beta iff M v >= beta v for a v > 0, in each strongly connected
-part of the network by itself.  There k_i = beta - (M0 v)_i / v_i on the pins, the other rows are 0, and the sum is
-convex in log v: Newton's method.
+Where J has no negative entry off its diagonal, mu(M) >= beta iff M v >= beta v for a v > 0, in each
+strongly connected part of the network by itself.  There k_i = beta - (M0 v)_i / v_i on the pins,
+the other rows are 0, and the sum is convex in log v: Newton's method.
 
-Where -(J + J') is a Z-matrix the optimum has a closed form.  Gains that several Z-matrices share are a geometric
-program, solved through its dual: the cost of every pinned agent is shared, sum over r of v_r,i^2 <= c_i, and -1/2 sum
-of v_r' S_r v_r maximised, where the others follow by one solve; the gains are its prices.  Others go to a conic
-program, or get gains that are not the smallest.  All is floating point and on the boundary: round up, then decide
-exactly.
+Where -(J + J') is a Z-matrix the optimum has a closed form.  Gains that several Z-matrices share
+are a geometric program, solved through its dual: the cost of every pinned agent is shared, sum over
+r of v_r,i^2 <= c_i, and -1/2 sum of v_r' S_r v_r maximised, where the others follow by one solve;
+the gains are its prices.  Others go to a conic program, or get gains that are not the smallest.
+All is floating point and on the boundary: round up, then decide exactly.
 """
 
 from __future__ import annotations
@@ -50,24 +51,32 @@ FEW_ROWS = 15  # up to which a conic program is the quicker way to shared gains
 ROWS = 5000  # agents up to which factors of sparse networks stay small
 DUAL_STEPS = 1500
 NEGATIVE = 1e-10  # relative to the entries: what counts as a gain below 0 there
-DENSE_PARTS, MANY_PINS = 200, 2000  # rows up to which all eigenvalues are computed; pins from which v is not balanced
+# rows up to which all eigenvalues are computed; pins from which v is not balanced
+DENSE_PARTS, MANY_PINS = 200, 2000
 SHIFT = 1e-3  # of the largest entry: how far from the discs eigenvalues are looked for
-NEWTON, CLOSE = 200, 1e-10  # steps towards the smallest gains, and the relative imbalance where they end
+# steps towards the smallest gains, and the relative imbalance where they end
+NEWTON, CLOSE = 200, 1e-10
 UNUSED = 0.1  # the part of the cost that is nobody's at the beginning, to mode 1's
 # What the gains are raised by, relatively, until all matrices are definite.
 RISES = (0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 # Gains below this part of the largest are left out: noise of the conic solver, and of the dual.
 NOISE, SMALL = 1e-8, 1e-9
-# For the factors: an order that suits a symmetric pattern, and no exchange of rows.  A random graph of degree 8 with
-# 2000 agents takes a quarter of the time (0.09 s in place of 0.34 s), with 40 % of the entries in the factor.
-SYMMETRIC: Any = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+# For the factors: an order that suits a symmetric pattern, and no exchange of rows.  A random graph
+# of degree 8 with 2000 agents takes a quarter of the time (0.09 s in place of 0.34 s), with 40 % of
+# the entries in the factor.
+SYMMETRIC: Any = {
+    "permc_spec": "MMD_AT_PLUS_A",
+    "diag_pivot_thresh": 0.0,
+    "options": {"SymmetricMode": True},
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Blocks:
-    """S = -(J + J') - 2 beta I of every mode (by component with ``width`` 1), equal ones once: S + 2 k_i on the rows of
-    agent i is to be >= 0.  ``z``: no entry off the diagonal is > 0; ``sources``: the mode and component of each.
-    ``weighted``: S = -2 J - 2 beta I, not symmetric, is to have no eigenvalue with a negative real part."""
+    """S = -(J + J') - 2 beta I of every mode (by component with ``width`` 1), equal ones once: S +
+    2 k_i on the rows of agent i is to be >= 0.  ``z``: no entry off the diagonal is > 0;
+    ``sources``: the mode and component of each. ``weighted``: S = -2 J - 2 beta I, not symmetric,
+    is to have no eigenvalue with a negative real part."""
 
     agents: int
     width: int
@@ -80,20 +89,26 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shared:
-    """Gains k (n,) that serve all blocks, and the vectors v of every block that show how good they are: sum v v'/2 is
-    its multiplier (of one Z-matrix, v_i^2 >= c_i at a cap, <= c_i at 0); with the ``bound`` of the cost, if known."""
+    """Gains k (n,) that serve all blocks, and the vectors v of every block that show how good they
+    are: sum v v'/2 is its multiplier (of one Z-matrix, v_i^2 >= c_i at a cap, <= c_i at 0); with
+    the ``bound`` of the cost, if known."""
 
     gains: Array
     vectors: list[list[Array]]
     bound: float = 0.0
 
 
-def network_blocks(problem: Problem, *, pins: bool = False, weighted: bool = False) -> Blocks | None:
-    """The blocks, beta = 0; None beyond the floats.  ``pins``: the present gains stay.  ``weighted``: V has weights."""
+def network_blocks(
+    problem: Problem, *, pins: bool = False, weighted: bool = False
+) -> Blocks | None:
+    """The blocks, beta = 0; None beyond the floats.  ``pins``: the present gains stay.
+    ``weighted``: V has weights."""
     n, m = problem.n, problem.m
     tables: dict[bytes, Any] = {}
     sources: dict[bytes, tuple[str, int]] = {}
-    lambdas = [float_lambda(problem, mode, pins=pins, twice=weighted) for mode in problem.network.modes]
+    lambdas = [
+        float_lambda(problem, mode, pins=pins, twice=weighted) for mode in problem.network.modes
+    ]
     found = [sparse.coo_array(-table) for table in lambdas]
     for table in found:
         table.sum_duplicates()
@@ -110,25 +125,33 @@ def network_blocks(problem: Problem, *, pins: bool = False, weighted: bool = Fal
             tables.setdefault(key, each)
             sources.setdefault(key, (mode, component))
     scale = max((float(np.max(np.abs(t.data), initial=0.0)) for t in tables.values()), default=0.0)
-    z = width == 1 and all(np.all((t.data <= 0) | (t.row == t.col)) for t in map(sparse.coo_array, tables.values()))
+    z = width == 1 and all(
+        np.all((t.data <= 0) | (t.row == t.col)) for t in map(sparse.coo_array, tables.values())
+    )
     whole, places = tuple(tables.values()), tuple(sources.values())
-    return Blocks(agents=n, width=width, tables=whole, scale=scale, z=z, sources=places, weighted=weighted)
+    return Blocks(
+        agents=n, width=width, tables=whole, scale=scale, z=z, sources=places, weighted=weighted
+    )
 
 
 def for_rate(blocks: Blocks, rate: float) -> Blocks:
     """The same blocks for a rate beta (1/s): S - 2 beta I."""
-    tables = tuple(sparse.csr_array(t - 2 * rate * sparse.eye_array(t.shape[0])) for t in blocks.tables)
+    tables = tuple(
+        sparse.csr_array(t - 2 * rate * sparse.eye_array(t.shape[0])) for t in blocks.tables
+    )
     return replace(blocks, tables=tables, scale=max(blocks.scale, 2 * rate))
 
 
 def fastest_rate(blocks: Blocks, allowed: Collection[int]) -> float:
-    """The rate (1/s) that gains on the ``allowed`` agents approach as they grow; positive iff some gains can do."""
+    """The rate (1/s) that gains on the ``allowed`` agents approach as they grow; positive iff some
+    gains can do."""
     rows = rows_of(np.setdiff1d(np.arange(blocks.agents), list(allowed)), blocks.width)
     return min((lowest_on(table, rows)[0] / 2 for table in blocks.tables), default=0.0)
 
 
 def rough_rate(blocks: Blocks, allowed: Collection[int]) -> float:
-    """``fastest_rate``; of large symmetric Z-matrices a lower bound close to it, which takes fewer products."""
+    """``fastest_rate``; of large symmetric Z-matrices a lower bound close to it, which takes fewer
+    products."""
     others = np.setdiff1d(np.arange(blocks.agents), list(allowed))
     if not blocks.z or len(others) <= LARGE:
         return fastest_rate(blocks, allowed)
@@ -137,12 +160,17 @@ def rough_rate(blocks: Blocks, allowed: Collection[int]) -> float:
         block = table[others][:, others]
         found = dominating_vector(-block) if is_symmetric(block) else None
         shown = found is not None and found.least > 0
-        least = min(least, found.least if found is not None and shown else lowest_on(table, others)[0])
+        least = min(
+            least, found.least if found is not None and shown else lowest_on(table, others)[0]
+        )
     return least / 2
 
 
-def smallest_gains(blocks: Blocks, allowed: Collection[int], *, costs: Sequence[float] | None = None) -> Array | None:
-    """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None if none can do."""
+def smallest_gains(
+    blocks: Blocks, allowed: Collection[int], *, costs: Sequence[float] | None = None
+) -> Array | None:
+    """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None
+    if none can do."""
     weights = np.ones(blocks.agents) if costs is None else np.asarray(costs, dtype=np.float64)
     if not blocks.z and fastest_rate(blocks, allowed) <= 1e-9 * blocks.scale:
         return None
@@ -150,12 +178,19 @@ def smallest_gains(blocks: Blocks, allowed: Collection[int], *, costs: Sequence[
     return None if found is None else found.gains
 
 
-def cheapest_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
-    """The gains of least cost found on the ``chosen`` agents (n,), or gains that suffice; None if none can do."""
+def cheapest_gains(
+    blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None
+) -> Shared | None:
+    """The gains of least cost found on the ``chosen`` agents (n,), or gains that suffice; None if
+    none can do."""
     found = valid_gains(blocks, chosen, costs, caps) if blocks.z else None
     if blocks.z and (found is None or len(blocks.tables) == 1 or blocks.weighted):
         return found
-    shared = solve_shared(blocks.tables, chosen, costs, caps) if found and blocks.agents > FEW_ROWS else None
+    shared = (
+        solve_shared(blocks.tables, chosen, costs, caps)
+        if found and blocks.agents > FEW_ROWS
+        else None
+    )
     if shared is not None:
         found = _cheaper(found, shared, costs)
         cost = float(costs @ shared.gains)
@@ -172,14 +207,19 @@ def cheapest_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None
     return found
 
 
-def valid_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
-    """For Z-matrices: of each agent the largest gain of the closed forms; Lambda only falls when a gain rises."""
+def valid_gains(
+    blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None
+) -> Shared | None:
+    """For Z-matrices: of each agent the largest gain of the closed forms; Lambda only falls when a
+    gain rises."""
     found = [optimum(table, chosen, costs, caps) for table in blocks.tables]
     known = [each for each in found if each is not None]
     if len(known) < len(found):
         return None
     best = max(range(len(known)), key=lambda k: costs @ known[k].gains)
-    vectors = [each.vectors[0] if k == best and not blocks.weighted else [] for k, each in enumerate(known)]
+    vectors = [
+        each.vectors[0] if k == best and not blocks.weighted else [] for k, each in enumerate(known)
+    ]
     return Shared(gains=np.max([each.gains for each in known], axis=0), vectors=vectors)
 
 
@@ -187,44 +227,67 @@ def _cheaper(found: Shared | None, other: Shared, costs: Array) -> Shared:
     """The cheaper gains; where they cost about the same, the vectors of all blocks."""
     if found is None or costs @ other.gains < costs @ found.gains:
         return other
-    return replace(found, vectors=other.vectors) if costs @ other.gains < costs @ found.gains * 1.000001 else found
+    return (
+        replace(found, vectors=other.vectors)
+        if costs @ other.gains < costs @ found.gains * 1.000001
+        else found
+    )
 
 
 def _factors(Z: Array, *, z: bool) -> list[Array]:
-    """Vectors with sum v v'/2 = Z, about; of a Z-matrix the one with the same diagonal, which is no worse."""
+    """Vectors with sum v v'/2 = Z, about; of a Z-matrix the one with the same diagonal, which is no
+    worse."""
     if z:
         return [np.sqrt(np.maximum(2 * np.diag(Z), 0.0))]
     values, vectors = np.linalg.eigh((Z + Z.T) / 2)
     top = float(np.max(values, initial=0.0))
-    return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
+    return [
+        np.sqrt(2 * value) * vectors[:, k]
+        for k, value in enumerate(values)
+        if value > 1e-10 * top > 0
+    ]
 
 
 def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Shared | None:
-    """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do (theory, 7 and 10)."""
-    return _with_caps(_uncapped, [table if is_symmetric(table) else within_parts(table)], chosen, weights, caps)
+    """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do
+    (theory, 7 and 10)."""
+    return _with_caps(
+        _uncapped, [table if is_symmetric(table) else within_parts(table)], chosen, weights, caps
+    )
 
 
 def _with_caps(
-    solve: Callable[..., Shared | None], tables: Sequence[Any], chosen: Any, costs: Array, caps: Array | None
+    solve: Callable[..., Shared | None],
+    tables: Sequence[Any],
+    chosen: Any,
+    costs: Array,
+    caps: Array | None,
 ) -> Shared | None:
-    """An agent whose gain would exceed its cap (inf: none) is held at it, which only raises the gains of the others."""
+    """An agent whose gain would exceed its cap (inf: none) is held at it, which only raises the
+    gains of the others."""
     limits = np.full(len(costs), np.inf) if caps is None else caps
     full = np.zeros(len(costs), dtype=bool)
     for _ in range(int(np.sum(chosen)) + 1):
         extra = np.where(full, limits, 0.0)
-        held = [sparse.csr_array(table + sparse.diags_array(2 * extra)) if np.any(full) else table for table in tables]
+        held = [
+            sparse.csr_array(table + sparse.diags_array(2 * extra)) if np.any(full) else table
+            for table in tables
+        ]
         found = solve(held, chosen & ~full, costs)
         if found is None:
             return None
         over = found.gains > limits * (1 + CAP_EDGE)
         if not np.any(over):
-            return replace(found, gains=found.gains + extra, bound=found.bound + float(costs @ extra))
+            return replace(
+                found, gains=found.gains + extra, bound=found.bound + float(costs @ extra)
+            )
         full |= over
     return None
 
 
 def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Shared | None:
-    """v: (S v)_i = 0 off the chosen; k_i = -(S v)_i / (2 v_i).  An agent whose gain would be negative is set free."""
+    """v: (S v)_i = 0 off the chosen; k_i = -(S v)_i / (2 v_i).  An agent whose gain would be
+    negative is set free."""
     (table,), active = tables, np.array(chosen, dtype=bool)
     v, size = np.zeros(len(weights)), float(np.max(np.abs(table.data), initial=0.0))
     for _ in range(int(active.sum()) + 1):
@@ -247,15 +310,20 @@ def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Shared | No
 
 
 def within_parts(table: Any) -> Any:
-    """The entries within strongly connected parts of the pattern, which alone have the eigenvalues."""
-    owner, entries = csgraph.connected_components(table, connection="strong")[1], sparse.coo_array(table)
+    """The entries within strongly connected parts of the pattern, which alone have the
+    eigenvalues."""
+    owner, entries = (
+        csgraph.connected_components(table, connection="strong")[1],
+        sparse.coo_array(table),
+    )
     kept = owner[entries.row] == owner[entries.col]
     places = entries.row[kept], entries.col[kept]
     return sparse.csr_array((entries.data[kept], places), shape=table.shape)
 
 
 def _on_pins(table: Any, active: Any, weights: Array, *, size: float) -> Array:
-    """v on the ``active`` agents for which, with (S v)_i = 0 on the others, the sum of the gains is least."""
+    """v on the ``active`` agents for which, with (S v)_i = 0 on the others, the sum of the gains is
+    least."""
     pins, others = np.flatnonzero(active), np.flatnonzero(~active)
     if len(pins) > MANY_PINS or is_symmetric(table):
         return np.sqrt(weights[pins])
@@ -264,12 +332,15 @@ def _on_pins(table: Any, active: Any, weights: Array, *, size: float) -> Array:
         if _solve(table[others][:, others], np.ones(len(others)), size=size) is None:
             return np.sqrt(weights[pins])
         across = table[others][:, pins].toarray()
-        flows -= table[pins][:, others] @ factorised(table[others][:, others])(across).reshape(across.shape)
+        flows -= table[pins][:, others] @ factorised(table[others][:, others])(across).reshape(
+            across.shape
+        )
     return _balance(-flows * weights[pins][:, None])
 
 
 def _balance(flows: Array) -> Array:
-    """v > 0 with the least sum of flows_ij v_j / v_i, entries >= 0 off the diagonal: row sums equal column sums."""
+    """v > 0 with the least sum of flows_ij v_j / v_i, entries >= 0 off the diagonal: row sums equal
+    column sums."""
     logs = np.zeros(len(flows))
     for _ in range(NEWTON):
         moved = flows * np.exp(logs[None, :] - logs[:, None])
@@ -285,30 +356,45 @@ def _balance(flows: Array) -> Array:
 
 
 def _solve(matrix: Any, right: Array, *, size: float) -> Array | None:
-    """Solve M x = right for a Z-matrix M; None unless M is a nonsingular M-matrix (M w = 1 has a solution w > 0)."""
-    if len(right) > LARGE and is_symmetric(matrix) and (quick := _iterated(matrix, right)) is not None:
+    """Solve M x = right for a Z-matrix M; None unless M is a nonsingular M-matrix (M w = 1 has a
+    solution w > 0)."""
+    if (
+        len(right) > LARGE
+        and is_symmetric(matrix)
+        and (quick := _iterated(matrix, right)) is not None
+    ):
         return quick
     both = np.column_stack([right, np.ones(len(right))])
     dense = len(right) <= DENSE or matrix.nnz > FULL * len(right) ** 2
     try:
-        answer = np.linalg.solve(matrix.toarray(), both) if dense else factored(matrix, **SYMMETRIC).solve(both)
+        answer = (
+            np.linalg.solve(matrix.toarray(), both)
+            if dense
+            else factored(matrix, **SYMMETRIC).solve(both)
+        )
     except (np.linalg.LinAlgError, RuntimeError, ValueError):  # singular
         return None
     w = answer[:, 1]
-    if not np.all(np.isfinite(answer)) or not np.all(w > 0) or float(np.max(w)) * size * SINGULAR > 1:
+    if (
+        not np.all(np.isfinite(answer))
+        or not np.all(w > 0)
+        or float(np.max(w)) * size * SINGULAR > 1
+    ):
         return None
     x: Array = answer[:, 0]
     return x
 
 
 def factorised(matrix: Any) -> Callable[[Array], Array]:
-    """How to solve with a sparse matrix, again and again.  Raises: RuntimeError if it is singular."""
+    """How to solve with a sparse matrix, again and again.  Raises: RuntimeError if it is
+    singular."""
     solve: Callable[[Array], Array] = factored(matrix, **SYMMETRIC).solve
     return solve
 
 
 def _iterated(matrix: Any, right: Array) -> Array | None:
-    """The same by conjugate gradients where they are quick: random graphs fill up a factor, a long path does not."""
+    """The same by conjugate gradients where they are quick: random graphs fill up a factor, a long
+    path does not."""
     diagonal = matrix.diagonal()
     if not np.all(diagonal > 0):
         return None
@@ -324,8 +410,9 @@ def _iterated(matrix: Any, right: Array) -> Array | None:
 
 
 def looseness(blocks: Blocks, allowed: Collection[int]) -> float:
-    """How loosely gains on the ``allowed`` agents hold the others, however large they are; inf if they cannot:
-    1'M^-1 1 of a Z-matrix M = S on the others, which takes one solve; otherwise one over the smallest eigenvalue."""
+    """How loosely gains on the ``allowed`` agents hold the others, however large they are; inf if
+    they cannot: 1'M^-1 1 of a Z-matrix M = S on the others, which takes one solve; otherwise one
+    over the smallest eigenvalue."""
     others = np.setdiff1d(np.arange(blocks.agents), list(allowed))
     if not blocks.z:
         rate = fastest_rate(blocks, allowed)
@@ -338,7 +425,8 @@ def looseness(blocks: Blocks, allowed: Collection[int]) -> float:
 
 
 def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
-    """The least real part of an eigenvalue of a principal submatrix, and how much a gain on each row would raise it."""
+    """The least real part of an eigenvalue of a principal submatrix, and how much a gain on each
+    row would raise it."""
     if not len(rows):
         return float("inf"), np.zeros(0)
     if not is_symmetric(block := sparse.csr_array(table[rows][:, rows])):
@@ -348,7 +436,8 @@ def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
 
 
 def _lowest_of_parts(block: Any) -> tuple[float, Array]:
-    """The same for a Z-matrix without symmetry: the eigenvalue and u_i w_i of its left and right eigenvectors."""
+    """The same for a Z-matrix without symmetry: the eigenvalue and u_i w_i of its left and right
+    eigenvectors."""
     inner = sparse.csc_array(within_parts(block))
     if inner.shape[0] <= DENSE_PARTS:
         values, left, right = linalg.eig(inner.toarray(), left=True)
@@ -384,26 +473,38 @@ def _alike(blocks: Blocks, chosen: Any) -> Array | None:
         return None
     for _ in range(STEPS):
         middle = (low * high) ** 0.5 if low else high / 100
-        if middle <= low or middle >= high or high <= low * (1 + 1e-6) or high < blocks.scale * 1e-9:
+        if (
+            middle <= low
+            or middle >= high
+            or high <= low * (1 + 1e-6)
+            or high < blocks.scale * 1e-9
+        ):
             break
         low, high = (low, middle) if does(middle) else (middle, high)
     return np.asarray(high * chosen.astype(np.float64))
 
 
-def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None = None) -> Shared | None:
-    """Minimise c'k, S + 2 sum k_i E_i >= 0 for every block, 0 <= k <= ``caps`` (n,); None if none are found."""
+def solve_program(
+    blocks: Blocks, allowed: Any, costs: Array, caps: Array | None = None
+) -> Shared | None:
+    """Minimise c'k, S + 2 sum k_i E_i >= 0 for every block, 0 <= k <= ``caps`` (n,); None if none
+    are found."""
     count, size, width, scale = len(allowed), len(costs) * blocks.width, blocks.width, blocks.scale
     if not count or not scale > 0:
         return None
     # -2 svec(E_i), one column per allowed agent
     places = (svec_diagonal(size)[rows_of(allowed, width)], np.repeat(np.arange(count), width))
-    columns = sparse.csc_array((np.full(count * width, -2.0), places), shape=(size * (size + 1) // 2, count))
+    columns = sparse.csc_array(
+        (np.full(count * width, -2.0), places), shape=(size * (size + 1) // 2, count)
+    )
     cones = [Cone("semidefinite", columns, svec(table / scale)) for table in blocks.tables]
     cones.append(Cone("nonnegative", -sparse.eye_array(count), np.zeros(count)))
     own = np.full(count, np.inf) if caps is None else caps[allowed]
     capped = np.flatnonzero(np.isfinite(own))
     if len(capped):
-        cones.append(Cone("nonnegative", sparse.eye_array(count).tocsr()[capped], own[capped] / scale))
+        cones.append(
+            Cone("nonnegative", sparse.eye_array(count).tocsr()[capped], own[capped] / scale)
+        )
     answer = solve_cones(costs[allowed], cones, time_limit=20.0, accuracy=ACCURACY)
     if not answer.found:
         return None
@@ -417,7 +518,8 @@ def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if there are none."""
+    """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if
+    there are none."""
 
     own: Any
     across: Any
@@ -425,7 +527,11 @@ class _Block:
 
     def follow(self, v: Array) -> Array:
         """v on the other agents, where S v is 0."""
-        return np.zeros(0) if self.factor is None else np.asarray(-self.factor.solve(self.across.T @ v))
+        return (
+            np.zeros(0)
+            if self.factor is None
+            else np.asarray(-self.factor.solve(self.across.T @ v))
+        )
 
     def flow(self, v: Array) -> Array:
         """S v on the pinned agents."""
@@ -433,8 +539,11 @@ class _Block:
         return np.asarray(flow if self.factor is None else flow + self.across @ self.follow(v))
 
 
-def solve_shared(tables: Sequence[Any], chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
-    """Gains of least cost on the ``chosen`` agents (n,) for symmetric Z-matrices (n, n); None if none are found."""
+def solve_shared(
+    tables: Sequence[Any], chosen: Any, costs: Array, caps: Array | None = None
+) -> Shared | None:
+    """Gains of least cost on the ``chosen`` agents (n,) for symmetric Z-matrices (n, n); None if
+    none are found."""
     return _with_caps(_uncapped_shared, tables, chosen, costs, caps)
 
 
@@ -446,12 +555,16 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Shared
         blocks = [_split(table, pins, others) for table in tables]
     except RuntimeError:  # exactly singular
         return None
-    root, scale = np.sqrt(costs[pins]), max(float(np.max(np.abs(table.data), initial=0.0)) for table in tables)
+    root, scale = (
+        np.sqrt(costs[pins]),
+        max(float(np.max(np.abs(table.data), initial=0.0)) for table in tables),
+    )
     if not scale > 0:
         return None
 
     def on_spheres(x: Array) -> tuple[Array, Array]:
-        """The lengths of the columns of x, one per pin, and these: a part for every matrix and one that nobody uses."""
+        """The lengths of the columns of x, one per pin, and these: a part for every matrix and one
+        that nobody uses."""
         parts = x.reshape(len(tables) + 1, -1)
         norms = np.sqrt(np.sum(parts**2, axis=0))
         return norms, parts / norms
@@ -467,10 +580,17 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Shared
 
     start = np.ones((len(tables) + 1, len(pins)))
     start[-1] = UNUSED
-    options: Any = {"maxiter": DUAL_STEPS, "maxfun": 2 * DUAL_STEPS, "maxcor": 20, "ftol": 1e-15, "gtol": 1e-12}
+    options: Any = {
+        "maxiter": DUAL_STEPS,
+        "maxfun": 2 * DUAL_STEPS,
+        "maxcor": 20,
+        "ftol": 1e-15,
+        "gtol": 1e-12,
+    }
     answer = optimize.minimize(value, start.ravel(), jac=True, method="L-BFGS-B", options=options)
     shares = root * np.abs(on_spheres(answer.x)[1][:-1])
-    # Gains are the mean of what the matrices ask for, weighted by their shares, raised until all are definite.
+    # Gains are the mean of what the matrices ask for, weighted by their shares, raised until all
+    # are definite.
     flows = np.array([block.flow(v) for block, v in zip(blocks, shares, strict=True)])
     gains = np.zeros(len(costs))
     gains[pins] = np.maximum(0.0, -np.sum(shares * flows, axis=0) / (2 * costs[pins]))
@@ -484,7 +604,10 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Shared
     for rise in RISES:
         raised = gains * (1 + rise)
         try:  # a Z-matrix is positive definite if its inverse is >= 0
-            held = [factorised(table + sparse.diags_array(2 * raised))(np.ones(len(raised))) for table in tables]
+            held = [
+                factorised(table + sparse.diags_array(2 * raised))(np.ones(len(raised)))
+                for table in tables
+            ]
         except RuntimeError:  # exactly singular
             continue
         if all(np.all(np.isfinite(w)) and np.all(w > 0) for w in held):

@@ -1,7 +1,9 @@
-"""Floating-point proposals that the exact side then proves or not: eigenvalues, vectors, directions, rates.
+"""Floating-point proposals that the exact side then proves or not: eigenvalues, vectors,
+directions, rates.
 
-How far below 0 a large Lambda is, a vector v > 0 shows: with M = -Lambda and a minus sign beside the diagonal,
-lambda_min(M) >= the least (M v)_i / v_i (theory, section 8).  An estimate that cannot be had is nan or an infinity.
+How far below 0 a large Lambda is, a vector v > 0 shows: with M = -Lambda and a minus sign beside
+the diagonal, lambda_min(M) >= the least (M v)_i / v_i (theory, section 8).  An estimate that cannot
+be had is nan or an infinity.
 """
 
 from __future__ import annotations
@@ -28,16 +30,23 @@ from dobc_design.solvers.program import GIVEN_UP, Array, factored
 
 
 def float_lambda(problem: Problem, mode: str, *, pins: bool = True, twice: bool = False) -> Any:
-    """Lambda = J + J' - (K + K') of one mode, or ``twice`` J - K, as a SciPy array (n m, n m) in coordinate form,
-    entries not yet summed; inf beyond the floats; ``pins`` False leaves K out.  Raises: UndefinedError if a coupling
-    has no derivative at 0."""
+    """Lambda = J + J' - (K + K') of one mode, or ``twice`` J - K, as a SciPy array (n m, n m) in
+    coordinate form, entries not yet summed; inf beyond the floats; ``pins`` False leaves K out.
+    Raises: UndefinedError if a coupling has no derivative at 0."""
     n, m, arcs = problem.n, problem.m, arc_table(problem, mode)
     enclosed = [coupling.jacobian_at_zero() for coupling in problem.couplings]
-    slopes = np.array([[[nearest(entry.midpoint) for entry in row] for row in rows] for rows in enclosed])
+    slopes = np.array(
+        [[[nearest(entry.midpoint) for entry in row] for row in rows] for rows in enclosed]
+    )
     weights = np.array([nearest(x) for x in arcs.weights])[arcs.weight, None, None]
-    with np.errstate(over="ignore", invalid="ignore"):  # inf, which no estimate survives, and the exact side needs none
+    # inf, which no estimate survives, and the exact side needs none
+    with np.errstate(over="ignore", invalid="ignore"):
         gains = weights * slopes[arcs.coupling]
-    held = [[[nearest(x) for x in row] for row in gain] for gain in problem.pinning.gains.values()] if pins else []
+    held = (
+        [[[nearest(x) for x in row] for row in gain] for gain in problem.pinning.gains.values()]
+        if pins
+        else []
+    )
     agents = np.array(list(problem.pinning.gains) if pins else [], dtype=np.int64)
     rows = np.concatenate([arcs.listeners, arcs.listeners, agents])[:, None, None] * m
     columns = np.concatenate([arcs.speakers, arcs.listeners, agents])[:, None, None] * m
@@ -60,13 +69,14 @@ def rows_of(agents: Any, width: int) -> Any:
     return (np.asarray(agents)[:, None] * width + np.arange(width)).ravel()
 
 
-#: The bound is sharpened until it is this close to the least eigenvalue, or so many products are spent; in no case
-#: more than MOST_PRODUCTS, unless the first bound took as many.
+#: The bound is sharpened until it is this close to the least eigenvalue, or so many products are
+#: spent; in no case more than MOST_PRODUCTS, unless the first bound took as many.
 CLOSE: Final = 0.01
 ENOUGH: Final = 250
 MOST_PRODUCTS: Final = 450
 SHARPENINGS: Final = 6
-# Steps before a factorisation is tried where the network is little more than lines and rings; and in the end.
+# Steps before a factorisation is tried where the network is little more than lines and rings; and
+# in the end.
 PATIENCE: Final = 300
 MOST_STEPS: Final = 20_000
 FEW_ENTRIES: Final = 4
@@ -77,8 +87,9 @@ _FLAT: Final = 1e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Dominating:
-    """v > 0 (n m,) and about min (M v)_i / v_i; or a direction p with p'Mp about <= 0 (``least`` <= 0), or neither,
-    which says nothing unless M ``is_z``: minus signs beside its diagonal.  ``first``: products until M > 0 was seen."""
+    """v > 0 (n m,) and about min (M v)_i / v_i; or a direction p with p'Mp about <= 0 (``least`` <=
+    0), or neither, which says nothing unless M ``is_z``: minus signs beside its diagonal.
+    ``first``: products until M > 0 was seen."""
 
     vector: Array
     least: float
@@ -88,12 +99,14 @@ class Dominating:
 
 
 def dominating_vector(table: Any) -> Dominating | None:
-    """Look for v for a symmetric SciPy array (Lambda), its bound close to the best; None if floats do not hold it."""
+    """Look for v for a symmetric SciPy array (Lambda), its bound close to the best; None if floats
+    do not hold it."""
     work = _work(table)
     found = None if work is None else _answer_at(work, 0.0)
     if work is None or found is None or not found.least >= 0:
         return found
-    # Inverse iteration with a shift at the bound so far, until the bound is close or nothing is gained.
+    # Inverse iteration with a shift at the bound so far, until the bound is close or nothing is
+    # gained.
     v, least = found.vector, work.least(found.vector)
     for _ in range(SHARPENINGS):
         highest = float(v @ work.times(v)) / float(v @ v)
@@ -102,7 +115,9 @@ def dominating_vector(table: Any) -> Dominating | None:
         shift = least * (1 - 1e-3)
         right = np.maximum(v / np.max(v), FLOOR)
         start = right / max(highest - shift, 1e-3 * shift)
-        sharper, _ = _iterate(work, shift, right, start, min(PATIENCE, MOST_PRODUCTS - work.products))
+        sharper, _ = _iterate(
+            work, shift, right, start, min(PATIENCE, MOST_PRODUCTS - work.products)
+        )
         better = math.nan if sharper is None or not np.all(sharper > 0) else work.least(sharper)
         if sharper is None or not better > least:
             break
@@ -111,13 +126,19 @@ def dominating_vector(table: Any) -> Dominating | None:
 
 
 def _answer_at(work: _Work, shift: float) -> Dominating:
-    """Look for v with M v > shift v, one question: ``least`` is the shift, or -inf beside a direction."""
+    """Look for v with M v > shift v, one question: ``least`` is the shift, or -inf beside a
+    direction."""
     found = _solved(work, shift, np.ones(len(work.diagonal)))
     least = shift
     if found is None or not np.all(found > 0):
         direction = work.direction if found is None else np.maximum(-found, 0.0)
-        found, least = np.zeros(len(work.diagonal)) if direction is None else np.abs(direction), -math.inf
-    return Dominating(vector=found, least=least, first=work.products, products=work.products, is_z=work.is_z)
+        found, least = (
+            np.zeros(len(work.diagonal)) if direction is None else np.abs(direction),
+            -math.inf,
+        )
+    return Dominating(
+        vector=found, least=least, first=work.products, products=work.products, is_z=work.is_z
+    )
 
 
 def _work(table: Any) -> _Work | None:
@@ -138,7 +159,8 @@ def _work(table: Any) -> _Work | None:
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class _Work:
-    """M with minus signs beside the diagonal, the products so far, the last direction of curvature <= 0."""
+    """M with minus signs beside the diagonal, the products so far, the last direction of curvature
+    <= 0."""
 
     matrix: Any
     diagonal: Array
@@ -155,7 +177,8 @@ class _Work:
 
 
 def _solved(work: _Work, shift: float, right: Array) -> Array | None:
-    """(M - shift I) x = right until every row is met but for a part; None if M - shift I is not seen to be positive."""
+    """(M - shift I) x = right until every row is met but for a part; None if M - shift I is not
+    seen to be positive."""
     found, done = _iterate(work, shift, right, None, PATIENCE)
     if done or found is None:
         return found
@@ -164,14 +187,19 @@ def _solved(work: _Work, shift: float, right: Array) -> Array | None:
         return found if done else None
     work.products += 20  # about what the time of one sparse factorisation is worth
     try:
-        found = np.asarray(factored(work.matrix - shift * sparse.eye_array(len(right))).solve(right))
+        found = np.asarray(
+            factored(work.matrix - shift * sparse.eye_array(len(right))).solve(right)
+        )
     except GIVEN_UP:
         return None
     return found if np.all(np.isfinite(found)) else None
 
 
-def _iterate(work: _Work, shift: float, right: Array, start: Array | None, most: int) -> tuple[Array | None, bool]:
-    """Conjugate gradients with Jacobi scaling: x (None where a direction of curvature <= 0 was met), whether done."""
+def _iterate(
+    work: _Work, shift: float, right: Array, start: Array | None, most: int
+) -> tuple[Array | None, bool]:
+    """Conjugate gradients with Jacobi scaling: x (None where a direction of curvature <= 0 was
+    met), whether done."""
     scale = work.diagonal - shift
     if not np.all(scale > 0):
         work.direction = np.zeros(len(right))
@@ -208,11 +236,13 @@ RESTARTS = 300  # rings hold it up for ever: their eigenvalues crowd at the top
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Top:
-    """Largest eigenvalue of a symmetric matrix, about, and its direction; nan and zeros if it cannot be had."""
+    """Largest eigenvalue of a symmetric matrix, about, and its direction; nan and zeros if it
+    cannot be had."""
 
     value: float
     vector: Array
-    shows: Array | None = None  # v > 0 that is to prove it, of large matrices; ``value`` is then that bound
+    # v > 0 that is to prove it, of large matrices; ``value`` is then that bound
+    shows: Array | None = None
 
 
 def largest_eigenvalue(table: Any) -> Top:
@@ -224,20 +254,25 @@ def largest_eigenvalue(table: Any) -> Top:
     none = Top(value=math.nan, vector=np.zeros(size))
     if not math.isfinite(largest):
         return none
-    unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)  # entries of size 1: no square over- or underflows
-    # The start is fixed, so that answers can be reproduced, and irregular: one that has a symmetry of
-    # the network never sees a direction without it.
+    # entries of size 1: no square over- or underflows
+    unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)
+    # The start is fixed, so that answers can be reproduced, and irregular: one that has a symmetry
+    # of the network never sees a direction without it.
     start = 1.0 + 0.1 * np.random.default_rng(0).standard_normal(size)
     for ncv, tol in LANCZOS if size > DENSE else ():
         try:
             matrix = sparse.csr_array(table / unit)
-            values, vectors = sparse.linalg.eigsh(matrix, k=1, which="LA", v0=start, tol=tol, ncv=ncv, maxiter=RESTARTS)
+            values, vectors = sparse.linalg.eigsh(
+                matrix, k=1, which="LA", v0=start, tol=tol, ncv=ncv, maxiter=RESTARTS
+            )
             return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
         except GIVEN_UP:  # no convergence among them
             continue
     try:
         if size <= max(DENSE, LARGEST_DENSE):
-            values, vectors = linalg.eigh(table.toarray() / unit, subset_by_index=(size - 1, size - 1))
+            values, vectors = linalg.eigh(
+                table.toarray() / unit, subset_by_index=(size - 1, size - 1)
+            )
             return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
     except GIVEN_UP:
         return none
@@ -245,14 +280,16 @@ def largest_eigenvalue(table: Any) -> Top:
 
 
 def lambda_tops(statements: Statements) -> dict[str, Top]:
-    """lambda_max(Lambda) and its direction, for every mode to which the theorems apply, until time runs out."""
+    """lambda_max(Lambda) and its direction, for every mode to which the theorems apply, until time
+    runs out."""
     tops = {}
     for mode in statements.lambdas:
         if out_of_time() is not None:
             break
         table = float_lambda(statements.problem, mode)
         found = dominating_vector(table) if table.shape[0] > LARGEST_DENSE else None
-        if found is not None and found.least > 0:  # a vector v > 0 shows that the matrix is negative
+        # a vector v > 0 shows that the matrix is negative
+        if found is not None and found.least > 0:
             tops[mode] = Top(value=-found.least, vector=found.vector, shows=found.vector)
         elif found is not None and found.is_z and np.any(found.vector):
             tops[mode] = Top(value=math.nan, vector=found.vector)
@@ -262,7 +299,8 @@ def lambda_tops(statements: Statements) -> dict[str, Top]:
 
 
 def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
-    """-max Re of the spectrum of A - WC (1/s), about; negative when the error grows, nan if it cannot be had."""
+    """-max Re of the spectrum of A - WC (1/s), about; negative when the error grows, nan if it
+    cannot be had."""
     try:
         error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
         return float(-np.max(np.linalg.eigvals(error).real))
@@ -271,7 +309,8 @@ def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
 
 
 def pair_margin(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem) -> float:
-    """-(lambda_max(Lambda) + lambda_max(S)): how much Lambda may still rise.  -inf if Omega0 is not negative."""
+    """-(lambda_max(Lambda) + lambda_max(S)): how much Lambda may still rise.  -inf if Omega0 is not
+    negative."""
     return -(max(top.value for top in tops.values()) + _lambda_max_of_s(P, Q, exosystem, rate=0.0))
 
 
@@ -290,7 +329,8 @@ def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem)
 def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -> float:
     try:
         A, C = to_float(exosystem.A), to_float(exosystem.C)
-        with np.errstate(over="ignore", invalid="ignore"):  # the factorisation below refuses what is not finite
+        # the factorisation below refuses what is not finite
+        with np.errstate(over="ignore", invalid="ignore"):
             block = -(P @ A + A.T @ P - Q @ C - C.T @ Q.T) - 2 * rate * P
             block = (block + block.T) / 2
         factor = linalg.cho_factor(block)
@@ -307,7 +347,8 @@ EDGE = 1e-9  # relative: an eigenvalue above minus this may be 0
 
 
 def witness_directions(problem: Problem, mode: str) -> list[Sequence[float]]:
-    """Vectors (n m,) with v' Lambda v about >= 0 or more, fewest agents first, those without a pin among equals."""
+    """Vectors (n m,) with v' Lambda v about >= 0 or more, fewest agents first, those without a pin
+    among equals."""
     table = sparse.csr_array(float_lambda(problem, mode))
     if table.shape[0] > LARGEST_SEARCHED or not np.all(np.isfinite(table.data)):
         return []
@@ -361,7 +402,9 @@ class _Search:
         if single or self.needs_all(base):
             return single[:5] or [tuple(base)]
         order = self.by_weight(base)
-        fewest = bisect_left(range(len(order)), True, lo=1, key=lambda count: self.fails(order[:count]))
+        fewest = bisect_left(
+            range(len(order)), True, lo=1, key=lambda count: self.fails(order[:count])
+        )
         found = [self.cut(order[:fewest])]
         best = len(found[0])
         for seed in self.by_weight(base):
@@ -372,7 +415,8 @@ class _Search:
         return sorted(set(found), key=lambda s: (len(s), s))[:5]
 
     def needs_all(self, base: Sequence[int]) -> bool:
-        """Whether the submatrix is singular, connected and minus a Z-matrix: then no smaller one inside it fails."""
+        """Whether the submatrix is singular, connected and minus a Z-matrix: then no smaller one
+        inside it fails."""
         if abs(self.top(base)[0]) > self.edge or self.width > 1:
             return False
         rows = sorted(base)
@@ -398,7 +442,8 @@ class _Search:
         return tuple(sorted(kept))
 
     def grown(self, seed: int, base: Sequence[int], *, limit: int) -> list[int] | None:
-        """Add, one by one, the neighbour that raises the top eigenvalue most; None at ``limit`` agents."""
+        """Add, one by one, the neighbour that raises the top eigenvalue most; None at ``limit``
+        agents."""
         chosen, allowed = [seed], set(base)
         while not self.fails(chosen):
             if self.left <= 0:

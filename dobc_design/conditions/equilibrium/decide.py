@@ -1,9 +1,10 @@
 """Equilibria of one mode other than the target, claimed as boxes, and decided.
 
-With eps = 0 the error system (22) is e' = f(e) = h(e) - K e, whatever the gain W.  Krawczyk's test shows an e* != 0
-with f(e*) = 0 in a box X with the middle c: if c - Y f(c) + (I - Y F)(X - c) lies in the interior of X, where F
-encloses the slopes of f on X (Clarke's at kinks), x - Y f(x) maps X into itself and Y is invertible, so X holds exactly
-one zero.  A proved one inside the region asked for is the start of a motion that never reaches the target.
+With eps = 0 the error system (22) is e' = f(e) = h(e) - K e, whatever the gain W.  Krawczyk's test
+shows an e* != 0 with f(e*) = 0 in a box X with the middle c: if c - Y f(c) + (I - Y F)(X - c) lies
+in the interior of X, where F encloses the slopes of f on X (Clarke's at kinks), x - Y f(x) maps X
+into itself and Y is invertible, so X holds exactly one zero.  A proved one inside the region asked
+for is the start of a motion that never reaches the target.
 """
 
 from __future__ import annotations
@@ -37,8 +38,9 @@ LARGEST: Final = 60  # rows n m
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Equilibrium:
-    """A claim: the box, n m intervals for e, agent by agent, holds an equilibrium of h(e) - K e in ``mode`` and not 0.
-    A box of points is one itself: then others may lie beside it.  Raises: ShapeError or SpecError for no claim."""
+    """A claim: the box, n m intervals for e, agent by agent, holds an equilibrium of h(e) - K e in
+    ``mode`` and not 0. A box of points is one itself: then others may lie beside it.  Raises:
+    ShapeError or SpecError for no claim."""
 
     mode: str
     box: Box
@@ -58,7 +60,10 @@ class Equilibrium:
         return tuple(side.midpoint for side in self.box)
 
     def to_json(self) -> dict[str, Any]:
-        return {"mode": self.mode, "box": [[number_text(side.lo), number_text(side.hi)] for side in self.box]}
+        return {
+            "mode": self.mode,
+            "box": [[number_text(side.lo), number_text(side.hi)] for side in self.box],
+        }
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Equilibrium:
@@ -85,18 +90,27 @@ def field_at(problem: Problem, mode: str, point: Vector) -> Box:
     total = [_ZERO] * (problem.n * m)
     for listener, speaker, weight in problem.network.modes[mode]:
         h = problem.coupling_of(listener, speaker)
-        y = tuple(Interval.point(point[speaker * m + c] - point[listener * m + c]) for c in range(m))
+        y = tuple(
+            Interval.point(point[speaker * m + c] - point[listener * m + c]) for c in range(m)
+        )
         for c in range(m):
-            node, variables = (h.components[0].node, y[c : c + 1]) if h.by_component else (h.components[c].node, y)
+            node, variables = (
+                (h.components[0].node, y[c : c + 1])
+                if h.by_component
+                else (h.components[c].node, y)
+            )
             total[listener * m + c] += evaluate(node, variables, algebra) * weight
     for agent, gain in problem.pinning.gains.items():
         for c, row in enumerate(gain):
-            total[agent * m + c] -= sum((k * point[agent * m + d] for d, k in enumerate(row)), Fraction(0))
+            total[agent * m + c] -= sum(
+                (k * point[agent * m + d] for d, k in enumerate(row)), Fraction(0)
+            )
     return tuple(total)
 
 
 def slopes_on(problem: Problem, mode: str, box: Box) -> Slopes:
-    """Enclose the entries of df/de on a box; those that are not there are 0.  Raises: UndefinedError."""
+    """Enclose the entries of df/de on a box; those that are not there are 0.  Raises:
+    UndefinedError."""
     m = problem.m
     found: dict[tuple[int, int], Interval] = {}
 
@@ -106,10 +120,16 @@ def slopes_on(problem: Problem, mode: str, box: Box) -> Slopes:
     for listener, speaker, weight in problem.network.modes[mode]:
         h = problem.coupling_of(listener, speaker)
         y = tuple(box[speaker * m + c] - box[listener * m + c] for c in range(m))
-        parts = [((c,), h.components[0]) for c in range(m)] if h.by_component else [(range(m), g) for g in h.components]
+        parts = (
+            [((c,), h.components[0]) for c in range(m)]
+            if h.by_component
+            else [(range(m), g) for g in h.components]
+        )
         for c, (places, component) in enumerate(parts):
             algebra = GradientAlgebra(len(places))
-            partials = evaluate(component.node, algebra.variables([y[d] for d in places]), algebra).partials
+            partials = evaluate(
+                component.node, algebra.variables([y[d] for d in places]), algebra
+            ).partials
             for d, slope in zip(places, partials, strict=True):
                 add(listener * m + c, speaker * m + d, slope * weight)
                 add(listener * m + c, listener * m + d, -(slope * weight))
@@ -122,11 +142,13 @@ def slopes_on(problem: Problem, mode: str, box: Box) -> Slopes:
 
 Array = NDArray[np.float64]
 
-# Half widths tried, relative to the size of the equilibrium, and the digits of the middle beyond them.
+# Half widths tried, relative to the size of the equilibrium, and the digits of the middle beyond
+# them.
 HALF_WIDTHS: Final = (6, 8, 10, 4, 3)
 EXTRA_DIGITS: Final = 4
 BITS: Final = (0, 1, 2, 4, 8, 16)  # of the numbers of a point that is an equilibrium exactly
-IN_HAND: Final = Fraction(9, 10)  # of each half width is used by boxes made here: other enclosures may be wider
+# of each half width is used by boxes made here: other enclosures may be wider
+IN_HAND: Final = Fraction(9, 10)
 LEAST: Final = 1e-200  # of |e|_inf of an equilibrium that is looked at
 SHOWN: Final = 6  # components of an equilibrium that a sentence names
 
@@ -134,10 +156,14 @@ ONE: Final = Fraction(1)
 
 
 def why_not(problem: Problem, claim: Equilibrium, *, part: Fraction = ONE) -> str | None:
-    """None if the box is proved, by Krawczyk's test on a ``part`` of each half width, to hold an equilibrium other than
-    0; else why that is not shown.  Raises: ShapeError; SpecError for an unknown mode."""
+    """None if the box is proved, by Krawczyk's test on a ``part`` of each half width, to hold an
+    equilibrium other than 0; else why that is not shown.  Raises: ShapeError; SpecError for an
+    unknown mode."""
     if len(claim.box) != problem.n * problem.m:
-        many = f"box must have {problem.n * problem.m} sides, one per component of e; got {len(claim.box)}."
+        many = (
+            f"box must have {problem.n * problem.m} sides, one per component of e; got "
+            f"{len(claim.box)}."
+        )
         raise ShapeError(many, key="box")
     if claim.mode not in problem.network.modes:
         raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
@@ -161,7 +187,8 @@ def why_not(problem: Problem, claim: Equilibrium, *, part: Fraction = ONE) -> st
 
 
 def lies_in_region(problem: Problem, claim: Equilibrium) -> bool:
-    """Whether every x = e + goal in the box is a start that the region asks for; true without a region."""
+    """Whether every x = e + goal in the box is a start that the region asks for; true without a
+    region."""
     if problem.region is None:
         return True
     pairs = list(problem.region.initial_states) * problem.n
@@ -173,10 +200,14 @@ def lies_in_region(problem: Problem, claim: Equilibrium) -> bool:
 def enclose_equilibrium(
     problem: Problem, mode: str, point: Sequence[float], *, within_region: bool = False
 ) -> Equilibrium | None:
-    """A proved box, in the region asked for if ``within_region``, around an equilibrium that floating point sees at
-    ``point`` (n m,), or one of short numbers near it; None if none is proved.  Half widths are powers of ten, about
-    1e-6 of |e|_inf first."""
-    if len(point) != problem.n * problem.m or len(point) > LARGEST or not all(map(math.isfinite, point)):
+    """A proved box, in the region asked for if ``within_region``, around an equilibrium that
+    floating point sees at ``point`` (n m,), or one of short numbers near it; None if none is
+    proved.  Half widths are powers of ten, about 1e-6 of |e|_inf first."""
+    if (
+        len(point) != problem.n * problem.m
+        or len(point) > LARGEST
+        or not all(map(math.isfinite, point))
+    ):
         return None
     if max(map(abs, point)) < LEAST:
         return None
@@ -189,10 +220,15 @@ def enclose_equilibrium(
             continue
         if why_not(problem, claim, part=IN_HAND) is None:
             return claim
-    largest = max(map(abs, map(Fraction, point)))  # one of many, as in a dead zone: some short numbers may be one, too
+    # one of many, as in a dead zone: some short numbers may be one, too
+    largest = max(map(abs, map(Fraction, point)))
     for bits in BITS:
-        unit = Fraction(2) ** (largest.numerator.bit_length() - largest.denominator.bit_length() - bits)
-        claim = Equilibrium(mode=mode, box=tuple(Interval.point(round(Fraction(x) / unit) * unit) for x in point))
+        unit = Fraction(2) ** (
+            largest.numerator.bit_length() - largest.denominator.bit_length() - bits
+        )
+        claim = Equilibrium(
+            mode=mode, box=tuple(Interval.point(round(Fraction(x) / unit) * unit) for x in point)
+        )
         inside = not within_region or lies_in_region(problem, claim)
         if inside and why_not(problem, claim) is None:
             return claim
@@ -200,7 +236,8 @@ def enclose_equilibrium(
 
 
 def refuting_check(problem: Problem, claim: Equilibrium) -> Check | None:
-    """The check that consensus fails in the region; None unless the equilibrium is proved and lies there."""
+    """The check that consensus fails in the region; None unless the equilibrium is proved and lies
+    there."""
     inside = problem.region is not None and lies_in_region(problem, claim)
     if not inside or why_not(problem, claim) is not None:
         return None
@@ -215,13 +252,17 @@ def refuting_check(problem: Problem, claim: Equilibrium) -> Check | None:
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything that a refuted check of this topic claims is confirmed, else what is not."""
+    """None if everything that a refuted check of this topic claims is confirmed, else what is
+    not."""
     if check.verdict is not Verdict.REFUTED or check.domain != domain:
         return f"an equilibrium can only refute, with the domain {domain!r}"
     if problem.groups and W is None:
         return "without W there is no loop that could rest"
     if problem.node is not None or problem.leader is not None:
-        return "it is not known for agents whose own dynamics are curved, nor with a leader, beside which nobody rests"
+        return (
+            "it is not known for agents whose own dynamics are curved, nor with a leader, "
+            "beside which nobody rests"
+        )
     if check.margin is not None or check.rate is not None or check.mode is not None:
         return "it claims a number that this check does not have"
     witness = check.witness
@@ -236,7 +277,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
 
 
 def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:
-    """Any invertible rational Y would do; the inverse of the middle slopes, by floating point, makes the test sharp."""
+    """Any invertible rational Y would do; the inverse of the middle slopes, by floating point,
+    makes the test sharp."""
     middle = np.zeros((size, size))
     for place, slope in slopes.items():
         middle[place] = nearest(slope.midpoint)
@@ -250,8 +292,11 @@ def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:
     return tuple(tuple(map(Fraction, row)) for row in Y.tolist()) if np.isfinite(Y).all() else None
 
 
-def krawczyk_holds(claim: Equilibrium, value: Box, slopes: Slopes, Y: Matrix, part: Fraction) -> bool:
-    """Whether c - Y f(c) + (I - Y F)(X - c) lies inside X; F = M +- R adds |I - Y M| w + |Y| R w to half widths w."""
+def krawczyk_holds(
+    claim: Equilibrium, value: Box, slopes: Slopes, Y: Matrix, part: Fraction
+) -> bool:
+    """Whether c - Y f(c) + (I - Y F)(X - c) lies inside X; F = M +- R adds |I - Y M| w + |Y| R w to
+    half widths w."""
     size, zero = len(Y), Fraction(0)
     half = [side.width / 2 for side in claim.box]
     M = [[zero] * size for _ in range(size)]
@@ -280,5 +325,8 @@ def _reason(problem: Problem, claim: Equilibrium) -> str:
     advice = "Ask for a smaller region, or raise the gains until it is gone."
     if claim.is_point:
         advice = "Others may lie between it and the target: pin more agents."
-    where = f"in mode {claim.mode} the agents can rest away from the target, at x = ({', '.join(named)}{more})"
+    where = (
+        f"in mode {claim.mode} the agents can rest away from the target, at x = "
+        f"({', '.join(named)}{more})"
+    )
     return f"Consensus fails: {where}. This start lies in the region asked for. {advice}"

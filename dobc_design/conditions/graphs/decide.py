@@ -1,12 +1,16 @@
 """What `safety` and `markov` claim, its JSON, and whether it holds (theory, sections 5, 6 and 11).
 
-safety: V = max |e_ic| + kappa E never grows while V <= rho, for every graph, also one that moves; or decays at a rate.
-markov, of the Markov chain of [switching] and whatever its first mode; A_p = J_p - K, g its generator:
+safety: V = max |e_ic| + kappa E never grows while V <= rho, for every graph, also one that moves;
+or decays at a rate. markov, of the Markov chain of [switching] and whatever its first mode; A_p =
+J_p - K, g its generator:
 
-almost sure   V as above never grows, and modes that the chain does not leave reach every agent: all errors decay.
-mean          w_p > 0 for every mode, A_p'w_p + sum_q g_pq w_q <= -rate w_p, A_p with what the gains hold at least:
-              E[sum w_i |e_i|] decays at the rate (up to what the estimation error adds, which decays faster).
-mean square   P_p > 0 for every mode, A_p'P_p + P_p A_p + sum_q g_pq P_q + 2 rate P_p < 0: E[e'P e] at twice the rate.
+almost sure   V as above never grows, and modes that the chain does not leave reach every agent: all
+errors decay. mean          w_p > 0 for every mode, A_p'w_p + sum_q g_pq w_q <= -rate w_p, A_p with
+what the gains hold at least:
+              E[sum w_i |e_i|] decays at the rate (up to what the estimation error adds, which
+              decays faster).
+mean square   P_p > 0 for every mode, A_p'P_p + P_p A_p + sum_q g_pq P_q + 2 rate P_p < 0: E[e'P e]
+at twice the rate.
 """
 
 from __future__ import annotations
@@ -23,10 +27,21 @@ from dobc_design.conditions.check import Check, Values, Witness, differs, read_o
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.numbers import form_from_json, read_rational, vector_from_json, vector_to_json
+from dobc_design.conditions.numbers import (
+    form_from_json,
+    read_rational,
+    vector_from_json,
+    vector_to_json,
+)
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.conditions.schedule.checks import cycles_from_json, not_as_claimed
-from dobc_design.conditions.schedule.cycles import Cycles, first_unreached, guarantee_in_words, holds_observer, rises
+from dobc_design.conditions.schedule.cycles import (
+    Cycles,
+    first_unreached,
+    guarantee_in_words,
+    holds_observer,
+    rises,
+)
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains, observed_in
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite
@@ -48,7 +63,8 @@ HOW: Final = {SURE: "almost surely", MEAN: "in the mean", SQUARE: "in mean squar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kept:
-    """A claim as above: ``kind`` "" for safety; ``box`` has rho and the observer's part; ``w`` or ``P`` by mode."""
+    """A claim as above: ``kind`` "" for safety; ``box`` has rho and the observer's part; ``w`` or
+    ``P`` by mode."""
 
     kind: str = ""
     rate: Fraction | None = None
@@ -59,7 +75,11 @@ class Kept:
     def to_json(self) -> dict[str, Any]:
         values: dict[str, Any] = {"kind": self.kind} if self.kind else {}
         if self.box is not None:
-            values |= {name: value for name, value in self.box.to_json().items() if name not in ("phases", "rate")}
+            values |= {
+                name: value
+                for name, value in self.box.to_json().items()
+                if name not in ("phases", "rate")
+            }
         if self.kind != SURE:
             values["rate"] = None if self.rate is None else number_text(self.rate)
         if self.w is not None:
@@ -70,28 +90,40 @@ class Kept:
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Kept | Values:
-    """What a check of this topic claims, for this problem; a refutation: modes that are never left."""
+    """What a check of this topic claims, for this problem; a refutation: modes that are never
+    left."""
     exact = check.exact or {}
     if check.verdict is Verdict.REFUTED:
         return Values(exact)
     kind = "" if check.id == "safety" else exact["kind"]
     if kind in ("", SURE):
         values = read_object(exact, ("rho", "kind" if kind else "rate", *observed_in(problem)))
-        own = {name: value for name, value in values.items() if name != "kind"} | {"rate": None, "phases": []}
+        own = {name: value for name, value in values.items() if name != "kind"} | {
+            "rate": None,
+            "phases": [],
+        }
         rate = values.get("rate")
         box = cycles_from_json(own, problem)
         return Kept(kind=kind, rate=None if rate is None else read_rational(rate), box=box)
     name = {MEAN: "w", SQUARE: "P"}[kind]
     values = read_object(exact, ("kind", "rate", name))
     each = read_object(values[name], problem.network.modes.keys())
-    rate, ordered = read_rational(values["rate"]), {mode: each[mode] for mode in problem.network.modes}
+    rate, ordered = (
+        read_rational(values["rate"]),
+        {mode: each[mode] for mode in problem.network.modes},
+    )
     if kind == MEAN:
-        return Kept(kind=kind, rate=rate, w={mode: vector_from_json(v, problem.n) for mode, v in ordered.items()})
+        return Kept(
+            kind=kind,
+            rate=rate,
+            w={mode: vector_from_json(v, problem.n) for mode, v in ordered.items()},
+        )
     return Kept(kind=kind, rate=rate, P={mode: form_from_json(P) for mode, P in ordered.items()})
 
 
 def signals_in_words(problem: Problem, check: Check) -> str:
-    """For which signals a proof holds, and in which sense: "for ..."; nothing where there is one graph."""
+    """For which signals a proof holds, and in which sense: "for ..."; nothing where there is one
+    graph."""
     if check.id == "schedule":
         return f"for {guarantee_in_words(problem)}"
     if check.id == "markov":
@@ -106,7 +138,8 @@ ZERO = Fraction(0)
 
 
 def generator_of(problem: Problem) -> Matrix | None:
-    """The generator of the Markov chain that proofs may assume; None without one, and where one mode is always on."""
+    """The generator of the Markov chain that proofs may assume; None without one, and where one
+    mode is always on."""
     own = problem.switching
     several = own is not None and own.guarantee == "markov" and len(problem.network.modes) > 1
     return own.generator if own is not None and several else None
@@ -115,7 +148,9 @@ def generator_of(problem: Problem) -> Matrix | None:
 def closed_classes(generator: Matrix) -> list[tuple[int, ...]]:
     """The smallest sets of modes (places) that the chain does not leave; it ends in one of them."""
     size = len(generator)
-    leads = np.array([[p == q or rate > 0 for q, rate in enumerate(row)] for p, row in enumerate(generator)])
+    leads = np.array(
+        [[p == q or rate > 0 for q, rate in enumerate(row)] for p, row in enumerate(generator)]
+    )
     for _ in range(size.bit_length()):  # paths of twice the length; the numbers of paths are exact
         steps = leads.astype(np.float64)
         leads = steps @ steps > 0
@@ -124,7 +159,8 @@ def closed_classes(generator: Matrix) -> list[tuple[int, ...]]:
 
 
 def absorbing(problem: Problem) -> list[tuple[str, ...]]:
-    """The modes of each such set, where proofs may assume a Markov chain; none where there are more than MOST_MODES."""
+    """The modes of each such set, where proofs may assume a Markov chain; none where there are more
+    than MOST_MODES."""
     generator, names = generator_of(problem), list(problem.network.modes)
     if generator is None or len(names) > MOST_MODES:
         return []
@@ -140,18 +176,27 @@ def _needs(problem: Problem, W: Matrix | None, claim: Kept) -> Iterator[tuple[bo
     generator, exosystem = generator_of(problem), problem.joint_exosystem
     if claim.kind:
         yield generator is not None, 'there is no guarantee = "markov", or only one mode.'
-    yield acts_by_component(problem) or claim.P is not None, "couplings have to act on each component by itself."
+    yield (
+        acts_by_component(problem) or claim.P is not None,
+        "couplings have to act on each component by itself.",
+    )
     if claim.box is not None:
         yield not claim.box.phases and claim.box.rate is None, "it has no weights."
         yield from holds_observer(problem, W, claim.box, claim.rate)
         yield from rises(problem, claim.box.rho, strictly=claim.kind == SURE)
         least = min(holding_gains(problem))
-        yield claim.rate is None or claim.rate <= least, "not every agent is pinned as much as its rate."
+        yield (
+            claim.rate is None or claim.rate <= least,
+            "not every agent is pinned as much as its rate.",
+        )
         names = list(problem.network.modes)
         for each in closed_classes(generator or ()) if claim.kind else ():
             modes = [names[p] for p in each]
             missed = first_unreached(problem, modes)
-            yield missed is None, f"while modes {' and '.join(modes)} are on in turn, no pin reaches agent {missed}."
+            yield (
+                missed is None,
+                f"while modes {' and '.join(modes)} are on in turn, no pin reaches agent {missed}.",
+            )
         return
     yield problem.is_linear, "couplings have to be linear."
     rate = claim.rate or ZERO
@@ -164,7 +209,9 @@ def _needs(problem: Problem, W: Matrix | None, claim: Kept) -> Iterator[tuple[bo
         yield from _square(problem, claim, generator or (), rate)
 
 
-def _mean(problem: Problem, claim: Kept, generator: Matrix, rate: Fraction) -> Iterator[tuple[bool, str]]:
+def _mean(
+    problem: Problem, claim: Kept, generator: Matrix, rate: Fraction
+) -> Iterator[tuple[bool, str]]:
     """A_p'w_p + sum_q g_pq w_q <= -rate w_p, with slopes taken at their worse ends."""
     weights = {mode: tuple(v) for mode, v in (claim.w or {}).items()}
     yield list(weights) == list(problem.network.modes), "there must be weights for every mode."
@@ -187,7 +234,9 @@ def _mean(problem: Problem, claim: Kept, generator: Matrix, rate: Fraction) -> I
         yield max(rows) <= 0, f"a row does not hold in mode {mode}."
 
 
-def _square(problem: Problem, claim: Kept, generator: Matrix, rate: Fraction) -> Iterator[tuple[bool, str]]:
+def _square(
+    problem: Problem, claim: Kept, generator: Matrix, rate: Fraction
+) -> Iterator[tuple[bool, str]]:
     """P_p > 0 and A_p'P_p + P_p A_p + sum_q g_pq P_q + 2 rate P_p < 0."""
     forms, size, statements = claim.P or {}, problem.n * problem.m, state_theorems(problem)
     yield list(forms) == list(problem.network.modes), "there must be a P for every mode."
@@ -200,33 +249,46 @@ def _square(problem: Problem, claim: Kept, generator: Matrix, rate: Fraction) ->
         total = exact.add(exact.add(half, exact.transpose(half)), exact.scale(2 * rate, P))
         for g, other in zip(rates, forms.values(), strict=True):
             total = exact.add(total, exact.scale(g, other))
-        falls = (decide_positive_definite(M).verdict is Verdict.PROVED for M in (P, exact.scale(-1, total)))
+        falls = (
+            decide_positive_definite(M).verdict is Verdict.PROVED
+            for M in (P, exact.scale(-1, total))
+        )
         yield all(falls), f"P > 0 or its inequality fails in mode {mode}."
 
 
 def apart_check(problem: Problem, domain: str) -> Check | None:
-    """REFUTED, with the agents that hear no pin in modes that the chain never leaves; None if there are none."""
+    """REFUTED, with the agents that hear no pin in modes that the chain never leaves; None if there
+    are none."""
     for each in absorbing(problem):
         modes = list(each)
         arcs = [problem.network.modes[mode] for mode in modes]
         labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
         if labels:
-            reason = f"the Markov signal never leaves {', '.join(modes)}, and there no pinned agent reaches"
+            reason = (
+                f"the Markov signal never leaves {', '.join(modes)}, and there no pinned agent "
+                "reaches"
+            )
             sure = " by arcs that are always there" if any(each.optional for each in arcs) else ""
             reason += (
-                f" {name_agents(labels)}{sure}: starts in which all of these have the same error stay as they are."
+                f" {name_agents(labels)}{sure}: starts in which all of these have the same "
+                "error stay as they are."
             )
-            lost = partial(Check, claim=Values({"modes": modes}), witness=Witness(kind="agents", labels=labels))
+            lost = partial(
+                Check, claim=Values({"modes": modes}), witness=Witness(kind="agents", labels=labels)
+            )
             return lost(id="markov", verdict=Verdict.REFUTED, domain=domain, reason=reason)
     return None
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything that a proved or refuted check of this topic claims is confirmed, else what is not."""
+    """None if everything that a proved or refuted check of this topic claims is confirmed, else
+    what is not."""
     if check.verdict is Verdict.REFUTED:
         own = apart_check(problem, domain) if check.id == "markov" and check.rate is None else None
         return "the chain leaves no agents apart" if own is None else differs(check, own)
     claim = read_claim(check, problem, W)
     if not isinstance(claim, Kept) or check.witness is not None:
         return "a proof has no witness"
-    return not_as_claimed(check, problem, claim.rate, claim.box, domain) or why_not(problem, W, claim)
+    return not_as_claimed(check, problem, claim.rate, claim.box, domain) or why_not(
+        problem, W, claim
+    )

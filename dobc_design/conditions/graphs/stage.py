@@ -30,7 +30,14 @@ from dobc_design.conditions.graphs.decide import (
     generator_of,
     why_not,
 )
-from dobc_design.conditions.numbers import MANY_AGENTS, claimed, decimal_below, rounded_down, rounded_up, shorten
+from dobc_design.conditions.numbers import (
+    MANY_AGENTS,
+    claimed,
+    decimal_below,
+    rounded_down,
+    rounded_up,
+    shorten,
+)
 from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, acts_by_component, holding_gains
@@ -53,7 +60,8 @@ WEIGHT_DIGITS: Final = 15
 
 
 def mean_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | None:
-    """Weights of every mode and the rate that they give, about; None where the means do not decay."""
+    """Weights of every mode and the rate that they give, about; None where the means do not
+    decay."""
     modes, n = problem.network.modes, problem.n
     slopes = np.array([float(each.jacobian_at_zero()[0][0].midpoint) for each in problem.couplings])
     blocks = []
@@ -79,13 +87,18 @@ def mean_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | 
         return None
     each: list[Vector | Doubles] = []
     for part in w.reshape(len(modes), n):
-        texts = tuple(Fraction(f"{x:.{WEIGHT_DIGITS}g}") for x in part.tolist()) if n <= MANY_AGENTS else ()
+        texts = (
+            tuple(Fraction(f"{x:.{WEIGHT_DIGITS}g}") for x in part.tolist())
+            if n <= MANY_AGENTS
+            else ()
+        )
         each.append(texts or Doubles(part))
     return Kept(kind=MEAN, rate=rounded_down(rate), w=dict(zip(modes, each, strict=True)))
 
 
 def _weights(M: Any, rate: float) -> Any:
-    """(M - rate I)^-1 1, up to a factor; None where that is not positive: M does not have the rate."""
+    """(M - rate I)^-1 1, up to a factor; None where that is not positive: M does not have the
+    rate."""
     try:
         w = factored(M - rate * sparse.eye_array(M.shape[0])).solve(np.ones(M.shape[0]))
     except RuntimeError:  # singular
@@ -95,7 +108,8 @@ def _weights(M: Any, rate: float) -> Any:
 
 
 def square_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | None:
-    """Matrices of every mode for nearly the best rate; None for larger networks, and where none are found."""
+    """Matrices of every mode for nearly the best rate; None for larger networks, and where none are
+    found."""
     size, modes, statements = problem.n * problem.m, problem.network.modes, state_theorems(problem)
     if size > MOST_ROWS or len(modes) * size**2 > MOST_UNKNOWNS:
         return None
@@ -109,7 +123,9 @@ def square_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept 
     rate = _observed(problem, W, -float(np.max(np.linalg.eigvals(T).real)) / 2 * STEADY)
     if rate <= SMALLEST:
         return None
-    P = np.linalg.solve(T + 2 * rate * np.eye(len(T)), -np.tile(unit.ravel(), len(known))).reshape(-1, size, size)
+    P = np.linalg.solve(T + 2 * rate * np.eye(len(T)), -np.tile(unit.ravel(), len(known))).reshape(
+        -1, size, size
+    )
     forms = [round_matrix((each + each.T) / 2, 12) for each in P]
     return Kept(kind=SQUARE, rate=rounded_down(rate), P=dict(zip(modes, forms, strict=True)))
 
@@ -152,7 +168,9 @@ def _limited(id: str, asked: Asked, decide: Callable[[Asked], Check]) -> Check:
         return limited(id, asked.domain, partial(decide, asked))
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no %s: %s", id, error)
-        return undecided_check(id, asked.domain, "no proof is found: a numerical library broke down.")
+        return undecided_check(
+            id, asked.domain, "no proof is found: a numerical library broke down."
+        )
 
 
 def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Asked, Kept]]:
@@ -174,9 +192,15 @@ def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Ask
             rho = claimed(radius)
             if error is not None and disturbance:
                 noise = error.kappa * claimed(disturbance)
-                rho = rounded_up((rho + root_above(noise**2 * error.size, unit=10**12)) * (1 + EXTRA), digits=DIGITS)
+                rho = rounded_up(
+                    (rho + root_above(noise**2 * error.size, unit=10**12)) * (1 + EXTRA),
+                    digits=DIGITS,
+                )
         box = Cycles(phases=(), rate=None, rho=rho, error=error)
-        yield replace(asked, radius=radius, disturbance=disturbance), Kept(kind=kind, rate=rate, box=box)
+        yield (
+            replace(asked, radius=radius, disturbance=disturbance),
+            Kept(kind=kind, rate=rate, box=box),
+        )
 
 
 def _safe(asked: Asked) -> Check:
@@ -189,10 +213,17 @@ def _safe(asked: Asked) -> Check:
             size = "max |e(0)|" + (" and what the estimation error adds" if problem.groups else "")
             if claim.box is not None and claim.box.rho is not None:
                 size = f"{float(rounded_up(claim.box.rho, digits=6)):.6g}"
-            starts = "every start" if claim.box is None or claim.box.rho is None else f"|e(0)| <= {smaller.radius:.6g}"
+            starts = (
+                "every start"
+                if claim.box is None or claim.box.rho is None
+                else f"|e(0)| <= {smaller.radius:.6g}"
+            )
             if problem.groups and starts != "every start":
                 starts += f" and |eps_i(0)| <= {smaller.disturbance:.6g}"
-            reason = f"from {starts} no agent ever leaves the box |e| <= {size}, whatever the graph, its switching and"
+            reason = (
+                f"from {starts} no agent ever leaves the box |e| <= {size}, whatever the "
+                "graph, its switching and"
+            )
             reason += " the motion."
             if claim.rate is None:
                 who = f"not pinned, and may lose all neighbours: {name_agents(tuple(loose))}"
@@ -200,7 +231,10 @@ def _safe(asked: Asked) -> Check:
                 helps = "" if known else '; a guarantee on time would help (guarantee = "dwell")'
                 reason += f" There is no rate ({who}){helps}."
             else:
-                reason += " All agents are pinned, so from there all reach the target for every graph and every motion,"
+                reason += (
+                    " All agents are pinned, so from there all reach the target for every "
+                    "graph and every motion,"
+                )
                 reason += f" at least like exp(-{shorten(claim.rate, digits=4):.4g} t)."
             return _check("safety", smaller, claim, reason)
     return undecided_check("safety", asked.domain, str(wrong))
@@ -211,19 +245,27 @@ def _random(asked: Asked) -> Check:
     signal, wrong = "for the Markov signal, whatever its first mode, every error decays", ""
     if problem.is_linear:
         for how in (square_claim, mean_claim):
-            claim = None if how is mean_claim and not acts_by_component(problem) else how(problem, W, generator)
+            claim = (
+                None
+                if how is mean_claim and not acts_by_component(problem)
+                else how(problem, W, generator)
+            )
             if claim is not None and why_not(problem, W, claim) is None:
                 pace = f"at least like exp(-{shorten(claim.rate or Fraction(0), digits=4):.4g} t)"
                 return _check("markov", asked, claim, f"{signal} {HOW[claim.kind]}, {pace}.")
     if (found := apart_check(problem, asked.domain)) is not None:
         return found
     if not acts_by_component(problem):
-        return undecided_check("markov", asked.domain, "no matrices P are found, and couplings mix components.")
+        return undecided_check(
+            "markov", asked.domain, "no matrices P are found, and couplings mix components."
+        )
     for smaller, claim in _boxes(asked, SURE, None):
         wrong = why_not(problem, W, claim) or ""
         if not wrong:
             return _check("markov", smaller, claim, f"{signal} {HOW[SURE]}.")
-    return undecided_check("markov", asked.domain, wrong or "no bound of the estimation error is found.")
+    return undecided_check(
+        "markov", asked.domain, wrong or "no bound of the estimation error is found."
+    )
 
 
 def _check(id: str, asked: Asked, claim: Kept, reason: str) -> Check:

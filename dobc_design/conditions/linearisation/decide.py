@@ -1,7 +1,9 @@
-"""The linearised loop (22) at the target, decided exactly: its eigenvalues are those of J - K and of A - WC.
+"""The linearised loop (22) at the target, decided exactly: its eigenvalues are those of J - K and
+of A - WC.
 
-Both Hurwitz: all agents converge from close enough starts, whatever the signs of the slopes (theory, section 10).  An
-eigenvalue of J - K with positive real part: consensus fails in every neighbourhood.
+Both Hurwitz: all agents converge from close enough starts, whatever the signs of the slopes
+(theory, section 10).  An eigenvalue of J - K with positive real part: consensus fails in every
+neighbourhood.
 """
 
 from __future__ import annotations
@@ -20,13 +22,16 @@ ID = "linearisation"
 
 
 def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: float) -> Check:
-    """Decide whether J - K and A - WC, for the gain W (q, m), are Hurwitz; ``estimate`` (1/s) is a proposed rate."""
+    """Decide whether J - K and A - WC, for the gain W (q, m), are Hurwitz; ``estimate`` (1/s) is a
+    proposed rate."""
     check = partial(Check, id=ID, domain=statements.domain)
     undecided = partial(check, verdict=Verdict.UNDECIDED)
     if statements.inapplicable is not None:
         return undecided(reason=statements.inapplicable, applies=False)
     if len(statements.lambdas) > 1:
-        reason = "does not apply: several modes may be stable one by one and unstable under switching."
+        reason = (
+            "does not apply: several modes may be stable one by one and unstable under switching."
+        )
         return undecided(reason=reason, applies=False)
     (mode,) = statements.lambdas
     loop = linear_part(statements, mode)
@@ -39,14 +44,24 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
     rate = largest_proved(estimate, lambda b: all(hurwitz_with_rate(part, b) for part in parts))
     if rate is not None:
         pace = f", at every rate below {shorten(rate, digits=4):.4g} 1/s" if rate else ""
-        where = "everywhere (the couplings are linear)" if statements.domain == "global" else "near the target"
-        reason = f"every eigenvalue of the linearised loop has a negative real part: the errors decay {where}{pace}."
+        where = (
+            "everywhere (the couplings are linear)"
+            if statements.domain == "global"
+            else "near the target"
+        )
+        reason = (
+            "every eigenvalue of the linearised loop has a negative real part: the errors "
+            f"decay {where}{pace}."
+        )
         return check(verdict=Verdict.PROVED, rate=rate or None, reason=reason)
     roots = unstable_roots(statements, mode)
     if roots:
         reason = f"{roots} eigenvalue(s) of the linearised network have a positive real part."
         return check(verdict=Verdict.REFUTED, reason=reason, claim=Unstable(roots=roots))
-    return undecided(reason="no eigenvalue is proved to have a positive real part, and not all have a negative one.")
+    return undecided(
+        reason="no eigenvalue is proved to have a positive real part, and not all have a negative "
+        "one."
+    )
 
 
 def decaying_parts(statements: Statements, W: Matrix | None, loop: Matrix) -> list[Matrix] | None:
@@ -69,5 +84,7 @@ def confirm(check: Check, statements: Statements, W: Matrix | None) -> str | Non
     (mode,) = statements.lambdas
     loop = linear_part(statements, mode)
     parts = None if loop is None else decaying_parts(statements, W, loop)
-    proved = parts is not None and all(hurwitz_with_rate(part, claimed(check.rate)) for part in parts)
+    proved = parts is not None and all(
+        hurwitz_with_rate(part, claimed(check.rate)) for part in parts
+    )
     return None if proved and check.rate > 0 else f"the rate {check.rate} is not reached"

@@ -21,8 +21,11 @@ from dobc_design.problem.problem import Problem
 def linearisation_stage(
     problem: Problem, statements: Statements, checks: Sequence[Check], W: Matrix | None
 ) -> list[Check]:
-    """The check, where the question is local and open: one mode, all agents reached, nothing proved so far."""
-    if problem.network.switches or any(unreached(problem, [arcs]) for arcs in problem.network.modes.values()):
+    """The check, where the question is local and open: one mode, all agents reached, nothing proved
+    so far."""
+    if problem.network.switches or any(
+        unreached(problem, [arcs]) for arcs in problem.network.modes.values()
+    ):
         return []
     if (problem.region is not None and not problem.is_linear) or any(
         covers(problem, check, checks) for check in checks
@@ -30,11 +33,18 @@ def linearisation_stage(
         return []
 
     def decided() -> Check:
-        loop = linear_part(statements, *problem.network.modes) if statements.jacobians is not None else None
+        loop = (
+            linear_part(statements, *problem.network.modes)
+            if statements.jacobians is not None
+            else None
+        )
         parts = None if loop is None else decaying_parts(statements, W, loop)
         slowest = 0.0
         with suppress(SpecError, np.linalg.LinAlgError):  # beyond the floats there is no estimate
-            slowest = min((-float(np.linalg.eigvals(to_float(part)).real.max()) for part in parts or ()), default=0.0)
+            slowest = min(
+                (-float(np.linalg.eigvals(to_float(part)).real.max()) for part in parts or ()),
+                default=0.0,
+            )
         return linearisation_check(statements, W, estimate=slowest)
 
     found = limited(ID, statements.domain, decided)

@@ -1,19 +1,24 @@
-"""What the checks tolerance and actuators claim (theory, section 12), decided beside a proved max-separable check.
+"""What the checks tolerance and actuators claim (theory, section 12), decided beside a proved
+max-separable check.
 
-Tolerance.  For all weights and gains within relative errors the rows of the max-separable certificate beside it hold
-at a rate alpha > 0; each row takes the worse ends.  Observers whose model of the weights is off by as much add
+Tolerance.  For all weights and gains within relative errors the rows of the max-separable
+certificate beside it hold at a rate alpha > 0; each row takes the worse ends.  Observers whose
+model of the weights is off by as much add
 
-    eps' = (A - W C) eps - W sum_j dw h(y),   |dw| <= delta w,   so   D+ E <= -beta E + eta N,
-    eta = max |W|_P delta sum_j w (v_i + v_j) sup |h(y)/y|,   |W|_P = sum of sqrt(c'Pc) over the columns c of W,
+    eps' = (A - W C) eps - W sum_j dw h(y),   |dw| <= delta w,   so   D+ E <= -beta E + eta N, eta =
+    max |W|_P delta sum_j w (v_i + v_j) sup |h(y)/y|,   |W|_P = sum of sqrt(c'Pc) over the columns c
+    of W,
 
-and V = N + kappa E decreases where kappa eta < alpha.  A claim with a v of its own is about the slopes at the target.
+and V = N + kappa E decreases where kappa eta < alpha.  A claim with a v of its own is about the
+slopes at the target.
 
-Actuators.  u_i = -k_i e_i - d_i + C eps_i, so that on {N + kappa E <= rho}, where E never exceeds its start E0, every
-|u_ic| is at most rho |k_i|_1 v_i + max(0, 1 - kappa |k_i|_1 v_i) E0 + max |d_i|, where |k_i|_1 is the largest row sum
-of sizes with the errors of gains (and E0 is rho/kappa where errors of the weights act on eps).  What [uncertainty]
-states of disturbance, drift and noise acts on everything: then a stage of ``accuracy`` that holds the starts is
-claimed, with all errors and inputs in its rows, and to |u_ic| comes what these add by measurements and estimates.  Such
-a box of its own may stand there without them, too.
+Actuators.  u_i = -k_i e_i - d_i + C eps_i, so that on {N + kappa E <= rho}, where E never exceeds
+its start E0, every |u_ic| is at most rho |k_i|_1 v_i + max(0, 1 - kappa |k_i|_1 v_i) E0 + max
+|d_i|, where |k_i|_1 is the largest row sum of sizes with the errors of gains (and E0 is rho/kappa
+where errors of the weights act on eps).  What [uncertainty] states of disturbance, drift and noise
+acts on everything: then a stage of ``accuracy`` that holds the starts is claimed, with all errors
+and inputs in its rows, and to |u_ic| comes what these add by measurements and estimates.  Such a
+box of its own may stand there without them, too.
 """
 
 from __future__ import annotations
@@ -29,7 +34,13 @@ from dobc_design.conditions.accuracy.decide import read_claim as read_accuracy
 from dobc_design.conditions.check import Check, Claim, read_domain, read_object
 from dobc_design.conditions.numbers import follows, read_rational, vector_from_json, vector_to_json
 from dobc_design.conditions.separable import claim as claims
-from dobc_design.conditions.separable.claim import ErrorBound, Errors, Separable, error_from_json, observed_in
+from dobc_design.conditions.separable.claim import (
+    ErrorBound,
+    Errors,
+    Separable,
+    error_from_json,
+    observed_in,
+)
 from dobc_design.conditions.separable.decide import (
     NOT_BY_COMPONENT,
     composite_rate,
@@ -53,8 +64,9 @@ from dobc_design.verdict import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
-    """The rows hold at the rate ``alpha`` (1/s) for all ``errors``.  ``v``: one entry per agent, for the slopes at the
-    target; None for the rows of the certificate beside it.  ``eta`` (1/s): where observers do not know the errors."""
+    """The rows hold at the rate ``alpha`` (1/s) for all ``errors``.  ``v``: one entry per agent,
+    for the slopes at the target; None for the rows of the certificate beside it.  ``eta`` (1/s):
+    where observers do not know the errors."""
 
     errors: Errors
     alpha: Fraction
@@ -63,16 +75,24 @@ class Tolerance:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
-        numbers = {"weights": self.errors.weights, "gains": self.errors.gains, "alpha": self.alpha, "eta": self.eta}
-        values: dict[str, Any] = {name: number_text(x) for name, x in numbers.items() if x is not None}
+        numbers = {
+            "weights": self.errors.weights,
+            "gains": self.errors.gains,
+            "alpha": self.alpha,
+            "eta": self.eta,
+        }
+        values: dict[str, Any] = {
+            name: number_text(x) for name, x in numbers.items() if x is not None
+        }
         return values if self.v is None else {**values, "v": vector_to_json(self.v)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """On {V <= rho}, which holds all starts of the check, every component of u_i is at most ``inputs[label]``.
-    ``stage``: a box of its own that is not left, with ``error``, the observer's part of its V, which it has under a
-    disturbance, drift or noise of [uncertainty]; None: that of max-separable."""
+    """On {V <= rho}, which holds all starts of the check, every component of u_i is at most
+    ``inputs[label]``. ``stage``: a box of its own that is not left, with ``error``, the observer's
+    part of its V, which it has under a disturbance, drift or noise of [uncertainty]; None: that of
+    max-separable."""
 
     rho: Fraction
     inputs: Mapping[str, Fraction]
@@ -113,7 +133,10 @@ def _read_inputs(check: Check, problem: Problem) -> Inputs:
     rho = read_rational(values["rho"])
     if not has_own_box:
         return Inputs(rho=rho, inputs=inputs)
-    v, alpha, level = vector_from_json(values["v"], problem.n), *map(read_rational, (values["alpha"], values["level"]))
+    v, alpha, level = (
+        vector_from_json(values["v"], problem.n),
+        *map(read_rational, (values["alpha"], values["level"])),
+    )
     if min(alpha, level, least(v)) <= 0 or rho < level:
         raise ValueError("v, alpha and level must be > 0, and rho at least level")
     stage = Level(v=v, alpha=alpha, level=level, rho=None if problem.is_linear else rho)
@@ -133,8 +156,8 @@ def confirm(
     proof: Check | None,
     final: Check | None = None,
 ) -> str | None:
-    """None if everything that a proved check claims is confirmed; ``proof`` and ``final``: the checks max-separable and
-    accuracy beside it."""
+    """None if everything that a proved check claims is confirmed; ``proof`` and ``final``: the
+    checks max-separable and accuracy beside it."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
     if problem.origin is not None:
@@ -145,7 +168,11 @@ def confirm(
     if isinstance(claim, Inputs) and claim.stage is not None:
         return _not_held(check, problem, W, claim, claim.stage, final)
     if isinstance(claim, Inputs):
-        return "it needs a proved max-separable check" if base is None else _not_inputs(check, problem, base, claim)
+        return (
+            "it needs a proved max-separable check"
+            if base is None
+            else _not_inputs(check, problem, base, claim)
+        )
     if not isinstance(claim, Tolerance):
         return "it is not known here"
     table, errors = problem.uncertainty, claim.errors
@@ -155,17 +182,30 @@ def confirm(
         return "eta belongs to observers that do not know the weights, and to no others"
     if claim.v is not None:
         if check.domain != domain or (problem.groups and (W is None or check.rate is not None)):
-            return f"the domain must be {domain!r}; with an observer, which is needed, rows give no rate of the loop"
+            return (
+                f"the domain must be {domain!r}; with an observer, which is needed, rows give "
+                "no rate of the loop"
+            )
         wrong = _not_local(problem, claim, claim.v)
-        return wrong if wrong or problem.groups or follows(check.rate, claim.alpha) else "the rate does not follow"
+        return (
+            wrong
+            if wrong or problem.groups or follows(check.rate, claim.alpha)
+            else "the rate does not follow"
+        )
     if base is None or proof is None or proof.domain != check.domain:
         return "it needs a proved max-separable check with its domain"
     answer = verify_separable(problem, replace(base, alpha=claim.alpha), errors=errors)
     if answer.verdict is not Verdict.PROVED:
         return answer.reason
     if claim.eta is not None and errors.weights * observer_pull(problem, W, base) > claim.eta:
-        return "eta is not shown to bound what the errors of the weights add to the estimation error"
-    return None if follows(check.rate, tolerated_rate(base, claim)) else f"the rate {check.rate} does not follow"
+        return (
+            "eta is not shown to bound what the errors of the weights add to the estimation error"
+        )
+    return (
+        None
+        if follows(check.rate, tolerated_rate(base, claim))
+        else f"the rate {check.rate} does not follow"
+    )
 
 
 def agents_know(problem: Problem) -> bool:
@@ -181,19 +221,25 @@ def tolerated_rate(base: Separable, claim: Tolerance) -> Fraction:
 
 
 def observer_pull(problem: Problem, W: Matrix | None, base: Separable) -> Fraction:
-    """An upper bound of eta/delta for the gain W (q, m); 0 without an observer.  Raises: UndefinedError."""
+    """An upper bound of eta/delta for the gain W (q, m); 0 without an observer.  Raises:
+    UndefinedError."""
     if base.error is None or W is None:
         return _ZERO
     columns = transpose(W)
     squares = [multiply((c,), multiply(base.error.P, transpose((c,))))[0][0] for c in columns]
-    roots, m, rho = [root_above(square, unit=ROOTS) for square in squares], problem.m, base.rho or _ONE
+    roots, m, rho = (
+        [root_above(square, unit=ROOTS) for square in squares],
+        problem.m,
+        base.rho or _ONE,
+    )
     norm = max(sum(roots[k : k + m], _ZERO) for k in range(0, len(roots), m))  # of every group
     reaches = [rho * reach for reach in claims.largest_reach(problem, base.v)]
     curves = [Curve(coupling.components[0]) for coupling in problem.couplings]
     pairs = zip(curves, reaches, strict=True)
     steepest = [secant_range(curve, Interval(-y, y)).magnitude for curve, y in pairs]
     sums = (
-        sum(x.weight * x.reach * steepest[x.coupling] for x in row.terms) for row, _ in claims.rows(problem, base.v)
+        sum(x.weight * x.reach * steepest[x.coupling] for x in row.terms)
+        for row, _ in claims.rows(problem, base.v)
     )
     return norm * max(sums, default=_ZERO)
 
@@ -204,7 +250,10 @@ def why_not_local(problem: Problem) -> str | None:
         return NOT_BY_COMPONENT
     if any(coupling.nonsmooth for coupling in problem.couplings):
         return "does not apply: a coupling may have a kink at the target."
-    known = "does not apply: observers that do not know the weights need a max-separable certificate ([region])."
+    known = (
+        "does not apply: observers that do not know the weights need a max-separable "
+        "certificate ([region])."
+    )
     return None if agents_know(problem) else known
 
 
@@ -215,22 +264,31 @@ def _not_local(problem: Problem, claim: Tolerance, v: Vector | Doubles) -> str |
     reason, profiles = why_not_local(problem), coupling_profiles(problem, v, rho=None)
     for row, place in claims.rows(problem, v, errors=claim.errors) if reason is None else ():
         if linear_bound(row, 1, profiles) > (row.gain - claim.alpha) * row.own:
-            return f"the row of agent {problem.network.labels[place.agent]} in mode {place.mode} fails at the target"
+            return (
+                f"the row of agent {problem.network.labels[place.agent]} in mode {place.mode} "
+                "fails at the target"
+            )
     return reason
 
 
 def largest_disturbance(problem: Problem) -> tuple[Fraction, ...] | None:
-    """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor xi0 gives one, as
-    where amplitudes drift."""
+    """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor
+    xi0 gives one, as where amplitudes drift."""
     given, starts = problem.actuators and problem.actuators.amplitude, problem.simulation.xi0
     if given is not None or not problem.groups:
         return (given or _ZERO,) * problem.n
     if problem.uncertainty is not None and problem.uncertainty.drift:
         return None
     numbers = group_numbers(problem.groups, problem.network.labels)
-    pairs = list(zip(numbers, starts if len(starts) > 1 else starts * problem.n, strict=True)) if starts else []
+    pairs = (
+        list(zip(numbers, starts if len(starts) > 1 else starts * problem.n, strict=True))
+        if starts
+        else []
+    )
     known = {
-        pair: _ZERO if pair[0] == len(problem.groups) else _amplitude(problem.groups[pair[0]].exosystem, pair[1])
+        pair: _ZERO
+        if pair[0] == len(problem.groups)
+        else _amplitude(problem.groups[pair[0]].exosystem, pair[1])
         for pair in dict.fromkeys(pairs)
     }
     found = [known[pair] for pair in pairs]
@@ -238,10 +296,14 @@ def largest_disturbance(problem: Problem) -> tuple[Fraction, ...] | None:
 
 
 def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
-    """A bound of every component of C exp(A t) start.  If A^2 is diagonal, xi_i'' = -w_i^2 xi_i: what the components
-    with one w^2 add is a sine, or with w = 0 constant where its slope is 0.  None for others."""
+    """A bound of every component of C exp(A t) start.  If A^2 is diagonal, xi_i'' = -w_i^2 xi_i:
+    what the components with one w^2 add is a sine, or with w = 0 constant where its slope is 0.
+    None for others."""
     A, q = exosystem.A, exosystem.order
-    squares, slopes = multiply(A, A), tuple(row[0] for row in multiply(A, tuple((x,) for x in start)))
+    squares, slopes = (
+        multiply(A, A),
+        tuple(row[0] for row in multiply(A, tuple((x,) for x in start))),
+    )
     if any(squares[i][j] for i in range(q) for j in range(q) if i != j):
         return None
     sums = [_ZERO] * exosystem.outputs
@@ -251,20 +313,27 @@ def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
             value, slope = (sum((c[i] * x[i] for i in alike), _ZERO) for x in (start, slopes))
             if square < 0 or (square == 0 and slope):
                 return None
-            sums[row] += root_above(value**2 + slope**2 / square, unit=ROOTS) if square else abs(value)
+            sums[row] += (
+                root_above(value**2 + slope**2 / square, unit=ROOTS) if square else abs(value)
+            )
     return max(sums)
 
 
 def blind(problem: Problem) -> bool:
     """Whether errors of the weights act on the estimates."""
     plant = problem.uncertainty
-    return plant is not None and bool(problem.groups and plant.weights) and not plant.known_to_agents
+    return (
+        plant is not None and bool(problem.groups and plant.weights) and not plant.known_to_agents
+    )
 
 
 def pin_sizes(problem: Problem) -> tuple[Fraction, ...]:
     """|k_i|_1, the largest row sum of sizes, of each agent, with the errors of gains."""
     more = 1 + (problem.uncertainty.gains if problem.uncertainty is not None else _ZERO)
-    sizes = {i: more * max(sum(map(abs, row), _ZERO) for row in k) for i, k in problem.pinning.gains.items()}
+    sizes = {
+        i: more * max(sum(map(abs, row), _ZERO) for row in k)
+        for i, k in problem.pinning.gains.items()
+    }
     return tuple(sizes.get(i, _ZERO) for i in range(problem.n))
 
 
@@ -276,7 +345,8 @@ def input_parts(
     *,
     own_box: bool = False,
 ) -> tuple[tuple[Fraction, Fraction], ...]:
-    """For each agent a and b with |u_i - d_i| <= a rho + b on {V <= rho}, from |eps_i| <= ``disturbance``."""
+    """For each agent a and b with |u_i - d_i| <= a rho + b on {V <= rho}, from |eps_i| <=
+    ``disturbance``."""
     sizes = [k * x for k, x in zip(pin_sizes(problem), v, strict=True)]
     if error is None:
         return tuple((size, _ZERO) for size in sizes)
@@ -295,9 +365,13 @@ def loaded_inputs(
     *,
     room: Fraction = _ZERO,
 ) -> tuple[tuple[Fraction, Fraction], ...]:
-    """The same under a disturbance, drift and noise, in the box of a stage of ``accuracy``; ``room``: as in ``loads``.
+    """The same under a disturbance, drift and noise, in the box of a stage of ``accuracy``;
+    ``room``: as in ``loads``.
     Raises: UndefinedError."""
-    added = {load.agent: (load.growing, load.by_input) for load in loads(problem, peaks, stage, room=room)}
+    added = {
+        load.agent: (load.growing, load.by_input)
+        for load in loads(problem, peaks, stage, room=room)
+    }
     parts = enumerate(input_parts(problem, stage.v, error, disturbance, own_box=True))
     return tuple((a + added[agent][0], b + added[agent][1]) for agent, (a, b) in parts)
 
@@ -315,7 +389,10 @@ def _not_inputs(check: Check, problem: Problem, base: Separable, claim: Inputs) 
 
 
 def _too_small(
-    problem: Problem, claim: Inputs, parts: Sequence[tuple[Fraction, Fraction]], found: Sequence[Fraction]
+    problem: Problem,
+    claim: Inputs,
+    parts: Sequence[tuple[Fraction, Fraction]],
+    found: Sequence[Fraction],
 ) -> str | None:
     """None if no input is larger than ``claim`` says, nor a bound above its limit."""
     limits = problem.actuators
@@ -328,19 +405,30 @@ def _too_small(
 
 
 def _not_held(
-    check: Check, problem: Problem, W: Matrix | None, claim: Inputs, stage: Level, final: Check | None
+    check: Check,
+    problem: Problem,
+    W: Matrix | None,
+    claim: Inputs,
+    stage: Level,
+    final: Check | None,
 ) -> str | None:
-    """None if, under everything that [uncertainty] states, no start leaves the box and no input exceeds its bound."""
+    """None if, under everything that [uncertainty] states, no start leaves the box and no input
+    exceeds its bound."""
     found = largest_disturbance(problem)
     if problem.actuators is None or found is None or check.rate is not None:
-        return "it needs [actuators], a bound of the disturbance (with a drift: amplitude), and no rate"
+        return (
+            "it needs [actuators], a bound of the disturbance (with a drift: amplitude), and "
+            "no rate"
+        )
     if (reason := not_final(problem, W)) is not None:
         return reason
     peaks = None
     if stated_in(problem).absolute:
         if final is None or final.verdict is not Verdict.PROVED:
             return "it needs a proved check of accuracy"
-        peaks = (final.claim if isinstance(final.claim, Accuracy) else read_accuracy(final, problem, W)).peaks
+        peaks = (
+            final.claim if isinstance(final.claim, Accuracy) else read_accuracy(final, problem, W)
+        ).peaks
     elif blind(problem):
         return "observers that do not know the weights need the box of max-separable"
     radius, noise = read_domain(check.domain, problem, kind="box")
@@ -356,4 +444,6 @@ def _not_held(
         return "its box, or the level, is not inside {V <= rho}"
     if (why := not_shrinking(problem, peaks, stage)) is not None:
         return why
-    return _too_small(problem, claim, loaded_inputs(problem, peaks, stage, claim.error, noise), found)
+    return _too_small(
+        problem, claim, loaded_inputs(problem, peaks, stage, claim.error, noise), found
+    )

@@ -1,4 +1,5 @@
-"""The checks tolerance and actuators: when they are tried, how large an error is found, and what they report."""
+"""The checks tolerance and actuators: when they are tried, how large an error is found, and what
+they report."""
 
 from __future__ import annotations
 
@@ -43,14 +44,19 @@ ROUNDS, CLOSE = 100, 1e-9
 
 @np.errstate(all="ignore")
 def common_vector(problem: Problem, errors: Errors) -> Array | None:
-    """v > 0 (n,) with M v >= 1, M = L(w h'(0)) + K, in every mode and for all errors; None if none is seen.  Policy
-    iteration: given v every agent takes the mode and the ends of its weights that pull it out most.
+    """v > 0 (n,) with M v >= 1, M = L(w h'(0)) + K, in every mode and for all errors; None if none
+    is seen.  Policy iteration: given v every agent takes the mode and the ends of its weights that
+    pull it out most.
     Raises: OverflowError beyond the floats."""
     n, spread, v = problem.n, float(errors.weights), np.ones(problem.n)
-    slopes = np.array([float(coupling.jacobian_at_zero()[0][0].midpoint) for coupling in problem.couplings])
+    slopes = np.array(
+        [float(coupling.jacobian_at_zero()[0][0].midpoint) for coupling in problem.couplings]
+    )
     gains, modes = np.array([float(k) for k in holding_gains(problem, error=errors.gains)]), []
     for arcs in problem.network.modes.values():
-        weights = np.array([float(w) for w in arcs.weights]) * slopes[coupling_places(problem, arcs)]
+        weights = (
+            np.array([float(w) for w in arcs.weights]) * slopes[coupling_places(problem, arcs)]
+        )
         modes.append(sparse.csr_array((weights, (arcs.listeners, arcs.speakers)), shape=(n, n)))
     for _ in range(ROUNDS):
         tables = []
@@ -60,7 +66,9 @@ def common_vector(problem: Problem, errors: Errors) -> Array | None:
             table = sparse.csr_array((ends, mode.indices, mode.indptr), shape=(n, n))
             tables.append(sparse.csr_array(sparse.diags_array(gains + table.sum(axis=1)) - table))
         worst = np.argmin([table @ v for table in tables], axis=0)
-        M = sum(sparse.diags_array((worst == k).astype(float)) @ table for k, table in enumerate(tables))
+        M = sum(
+            sparse.diags_array((worst == k).astype(float)) @ table for k, table in enumerate(tables)
+        )
         try:
             found = factored(M).solve(np.ones(n))
         except RuntimeError:  # singular
@@ -79,7 +87,10 @@ LEAST_KEPT = Fraction(1, 10**6)  # the same, where the file states the errors
 WIDER = Fraction(21, 20)  # eta, for a second program with wider enclosures
 FAR = 1000  # times that v grows until the rows at the target count as lost
 MORE = 1 + Fraction(1, 10**9)  # inputs, for roots that another program rounds otherwise
-NOT_FINAL = "what [uncertainty] adds acts on the inputs, too, and no final bounds (accuracy) are proved under it."
+NOT_FINAL = (
+    "what [uncertainty] adds acts on the inputs, too, and no final bounds (accuracy) are "
+    "proved under it."
+)
 NO_BOX = "no box is found that holds the starts and is not left under what the file states."
 SLOWLY = (0.01, 0.1)  # parts of the largest rate that weights of their own are made for
 NO_PROOF = "there is no proved max-separable certificate that it could rest on."
@@ -96,8 +107,13 @@ def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> li
     """The tolerance beside ``checks``, where there is one."""
     if asked.problem.origin is not None:
         return []
-    known = (check for check in checks if isinstance(check.claim, Separable) and check.claim.T is None)
-    proof, found = next((check for check in known if check.verdict is Verdict.PROVED), None), list[Check]()
+    known = (
+        check for check in checks if isinstance(check.claim, Separable) and check.claim.T is None
+    )
+    proof, found = (
+        next((check for check in known if check.verdict is Verdict.PROVED), None),
+        list[Check](),
+    )
     report("deciding the tolerance")
     check = limited("tolerance", asked.domain, lambda: _tolerance(asked, proof))
     found += [check] if check.verdict is Verdict.PROVED or _given(asked) is not None else []
@@ -107,7 +123,11 @@ def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> li
 def _given(asked: Asked) -> Errors | None:
     """The errors of [uncertainty]; None without any."""
     table = asked.problem.uncertainty
-    return Errors(table.weights, table.gains) if table is not None and (table.weights or table.gains) else None
+    return (
+        Errors(table.weights, table.gains)
+        if table is not None and (table.weights or table.gains)
+        else None
+    )
 
 
 def _tolerance(asked: Asked, proof: Check | None) -> Check:
@@ -120,7 +140,8 @@ def _tolerance(asked: Asked, proof: Check | None) -> Check:
         return undecided_check("tolerance", asked.domain, apart)
     local = why is None and (not problem.groups or asked.W is not None)
     if (not asked.wanted or proof is None) and local:
-        proof = None  # without a region the question is about the target, not about the box that was found
+        # without a region the question is about the target, not about the box that was found
+        proof = None
         if asked.wanted and asked.domain != "global":
             return undecided_check("tolerance", asked.domain, NO_PROOF)
     elif proof is None:
@@ -129,17 +150,28 @@ def _tolerance(asked: Asked, proof: Check | None) -> Check:
     try:
         find = _at_target(asked) if base is None else _in_region(asked, base)
     except UndefinedError as error:
-        return undecided_check("tolerance", asked.domain, f"the slopes of the coupling are not bounded: {error}")
+        return undecided_check(
+            "tolerance", asked.domain, f"the slopes of the coupling are not bounded: {error}"
+        )
     claim, part = (find(given), _ZERO) if given is not None else (None, _ZERO)
     if claim is None and not large:
         direction = given or Errors(Fraction(1), Fraction(1))
         part, claim = _largest(lambda part: find(Errors(*(part * x for x in direction))))
     if claim is None or (given is not None and part):
-        less = f"; for {float(part):.3g} times these errors it is proved" if claim is not None else ""
-        return undecided_check("tolerance", asked.domain, f"the errors are too large for the certificate{less}.")
+        less = (
+            f"; for {float(part):.3g} times these errors it is proved" if claim is not None else ""
+        )
+        return undecided_check(
+            "tolerance", asked.domain, f"the errors are too large for the certificate{less}."
+        )
     w, k = (f"{float(rounded_down(100 * x, digits=4)):.4g} %" for x in claim.errors)
-    reason = f"the proof holds for all arc weights that are off by up to {w} and all gains by up to {k}, each on its"
-    reason += " own, constant or varying" + (", while A - WC is Hurwitz." if base is None and problem.groups else ".")
+    reason = (
+        f"the proof holds for all arc weights that are off by up to {w} and all gains by up to "
+        f"{k}, each on its"
+    )
+    reason += " own, constant or varying" + (
+        ", while A - WC is Hurwitz." if base is None and problem.groups else "."
+    )
     reason += " These are about the largest common errors that it allows." if part else ""
     rate = claim.alpha if base is None else decide.tolerated_rate(base, claim)
     check = Check(
@@ -173,7 +205,8 @@ def _largest(find: Callable[[Fraction], Tolerance | None]) -> tuple[Fraction, To
 
 
 def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | None]:
-    """The rows of ``base``: for the errors that are given at nearly the largest rate, else at a small part of its."""
+    """The rows of ``base``: for the errors that are given at nearly the largest rate, else at a
+    small part of its."""
     problem, kappa = asked.problem, _ZERO if base.error is None else base.error.kappa
     known = decide.agents_know(problem)
     pull = _ZERO if known else decide.observer_pull(problem, asked.W, base)
@@ -182,7 +215,10 @@ def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | 
         kept = base.alpha * (KEPT if _given(asked) is None else LEAST_KEPT)
         eta = None if known else rounded_up(errors.weights * pull * WIDER, digits=6)
         alpha = kappa * (eta or _ZERO) + kept
-        if verify_separable(problem, replace(base, alpha=alpha), errors=errors).verdict is not Verdict.PROVED:
+        if (
+            verify_separable(problem, replace(base, alpha=alpha), errors=errors).verdict
+            is not Verdict.PROVED
+        ):
             return None
         alpha -= kept / 2
         best = None
@@ -220,8 +256,8 @@ def inputs_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> lis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Plan:
-    """A box that is not left, {V <= rho} with room for ``starts``, and a, b of every agent: |u_i - d_i| <= a rho + b.
-    ``starts``: |e_i| and |eps_i| at most."""
+    """A box that is not left, {V <= rho} with room for ``starts``, and a, b of every agent: |u_i -
+    d_i| <= a rho + b. ``starts``: |e_i| and |eps_i| at most."""
 
     starts: tuple[float, float]
     rho: Fraction
@@ -237,8 +273,15 @@ class _Plan:
 
 
 def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
-    problem, beside = asked.problem, {check.id: check for check in checks if check.verdict is Verdict.PROVED}
-    found, proof, final = decide.largest_disturbance(problem), beside.get("max-separable"), beside.get("accuracy")
+    problem, beside = (
+        asked.problem,
+        {check.id: check for check in checks if check.verdict is Verdict.PROVED},
+    )
+    found, proof, final = (
+        decide.largest_disturbance(problem),
+        beside.get("max-separable"),
+        beside.get("accuracy"),
+    )
     if found is None:
         why = "simulation.xi0 gives no sum of constants and sines"
         if problem.uncertainty is not None and problem.uncertainty.drift:
@@ -264,7 +307,9 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
         plans = _box_of_proof(asked, proof, base, found)
     plan: _Plan | None = None
     for each in chain(plans, _boxes_of_their_own(asked, base, final)):
-        if plan is None or _worst(problem, each.inputs(found)) < _worst(problem, plan.inputs(found)):
+        if plan is None or _worst(problem, each.inputs(found)) < _worst(
+            problem, plan.inputs(found)
+        ):
             plan = each
         if _worst(problem, plan.inputs(found)) <= 1:
             break
@@ -275,9 +320,18 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     labels = problem.network.labels
     most = dict(zip(labels, plan.inputs(found), strict=True))
     worst = max(most, key=lambda label: most[label])
-    reason = f"from these starts no component of an input exceeds {float(most[worst]):.6g} (agent {worst})"
-    reason += "; no actuator with a limit saturates." if problem.actuators and problem.actuators.limit else "."
-    claim = Inputs(rho=plan.rho, inputs=most, stage=plan.stage, error=plan.error if plan.stage else None)
+    reason = (
+        f"from these starts no component of an input exceeds {float(most[worst]):.6g} (agent "
+        f"{worst})"
+    )
+    reason += (
+        "; no actuator with a limit saturates."
+        if problem.actuators and problem.actuators.limit
+        else "."
+    )
+    claim = Inputs(
+        rho=plan.rho, inputs=most, stage=plan.stage, error=plan.error if plan.stage else None
+    )
     domain = starts_in("box", *plan.starts)
     check = Check(id="actuators", verdict=Verdict.PROVED, domain=domain, claim=claim, reason=reason)
     wrong = decide.confirm(check, problem, asked.W, domain=asked.domain, proof=proof, final=final)
@@ -293,10 +347,17 @@ def _worst(problem: Problem, inputs: Sequence[Fraction]) -> Fraction:
 
 
 def _starts(asked: Asked, domain: Domain) -> tuple[float, float]:
-    """The starts asked for, if a domain holds them, else its own; without a region the largest that are tried."""
+    """The starts asked for, if a domain holds them, else its own; without a region the largest that
+    are tried."""
     if isinstance(domain, Mapping):
-        held = asked.wanted and domain["radius"] >= asked.radius and domain["disturbance"] >= asked.disturbance
-        return (asked.radius, asked.disturbance) if held else (domain["radius"], domain["disturbance"])
+        held = (
+            asked.wanted
+            and domain["radius"] >= asked.radius
+            and domain["disturbance"] >= asked.disturbance
+        )
+        return (
+            (asked.radius, asked.disturbance) if held else (domain["radius"], domain["disturbance"])
+        )
     return asked.radius, asked.disturbance
 
 
@@ -305,12 +366,17 @@ def _level_of(
 ) -> Fraction:
     """The least rho, about, with these starts and the level in {V <= rho}."""
     radius, disturbance = map(claimed, starts)
-    size = _ZERO if error is None else error.kappa * disturbance * root_above(error.size, unit=10**12)
+    size = (
+        _ZERO if error is None else error.kappa * disturbance * root_above(error.size, unit=10**12)
+    )
     return rounded_up(max(radius / min(v), level) + size, digits=9)
 
 
-def _box_of_proof(asked: Asked, proof: Check, base: Separable, found: Sequence[Fraction]) -> Iterator[_Plan]:
-    """The box of max-separable that holds the starts; without a region a smaller one, where a limit asks for it."""
+def _box_of_proof(
+    asked: Asked, proof: Check, base: Separable, found: Sequence[Fraction]
+) -> Iterator[_Plan]:
+    """The box of max-separable that holds the starts; without a region a smaller one, where a limit
+    asks for it."""
     problem, v = asked.problem, tuple(base.v)
     starts = _starts(asked, proof.domain)
     for _ in range(2):
@@ -334,12 +400,16 @@ def _smaller(
         if limit is not None and a * plan.rho + b > 0:
             part = min(part, (limit - d) / (a * plan.rho + b) / 2)
     part = max(part, Fraction(1, 10**9))
-    return decimal_below(claimed(starts[0]) * part), decimal_below(claimed(starts[1]) * part) if starts[1] else 0.0
+    return decimal_below(claimed(starts[0]) * part), decimal_below(
+        claimed(starts[1]) * part
+    ) if starts[1] else 0.0
 
 
-def _boxes_of_their_own(asked: Asked, base: Separable | None, final: Check | None) -> Iterator[_Plan]:
-    """Boxes that hold the starts under all that [uncertainty] states: that of ``accuracy``, and those with the least
-    weights, which want the least inputs."""
+def _boxes_of_their_own(
+    asked: Asked, base: Separable | None, final: Check | None
+) -> Iterator[_Plan]:
+    """Boxes that hold the starts under all that [uncertainty] states: that of ``accuracy``, and
+    those with the least weights, which want the least inputs."""
     problem, peaks, error = asked.problem, None, None if base is None else base.error
     levels: list[tuple[Level, ErrorBound | None]] = []
     domain: Domain = starts_in("box", asked.radius, asked.disturbance)
@@ -355,14 +425,20 @@ def _boxes_of_their_own(asked: Asked, base: Separable | None, final: Check | Non
         return
     starts = _starts(asked, domain) if asked.wanted else (NEAR, NEAR * bool(problem.groups))
     for part in SLOWLY:
-        held = covering_boxes(problem, peaks, error, (claimed(starts[0]), claimed(starts[1])), slowly=part)
+        held = covering_boxes(
+            problem, peaks, error, (claimed(starts[0]), claimed(starts[1])), slowly=part
+        )
         for level, own in chain(levels, held):
             levels = []
             yield from _plan_of(problem, peaks, level, own, starts)
 
 
 def _plan_of(
-    problem: Problem, peaks: Peaks | None, level: Level, error: ErrorBound | None, starts: tuple[float, float]
+    problem: Problem,
+    peaks: Peaks | None,
+    level: Level,
+    error: ErrorBound | None,
+    starts: tuple[float, float],
 ) -> Iterator[_Plan]:
     """The plan of a stage, if its rows hold in a box with these starts."""
     v, linear = tuple(level.v), problem.is_linear
@@ -387,22 +463,32 @@ def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
     """Which input may exceed its limit, and what would keep it below."""
     problem, limits = asked.problem, asked.problem.actuators
     over = list[tuple[Fraction, str, Fraction]]()
-    for label, (a, b), d, most in zip(problem.network.labels, plan.parts, found, plan.inputs(found), strict=True):
+    for label, (a, b), d, most in zip(
+        problem.network.labels, plan.parts, found, plan.inputs(found), strict=True
+    ):
         limit = None if limits is None else limits.limit_of(label)
         if limit is not None and most > limit:
             over.append(((limit - b - d) / a if a else _ZERO, label, limit - b - d))
     lower, label, room = min(over)
-    least = _level_of(plan.v, plan.error, (0.0, plan.starts[1]), plan.stage.level if plan.stage else _ZERO)
+    least = _level_of(
+        plan.v, plan.error, (0.0, plan.starts[1]), plan.stage.level if plan.stage else _ZERO
+    )
     place = problem.network.index[label]
     allowed = _ZERO if limits is None else limits.limit_of(label) or _ZERO
     most = plan.inputs(found)[place]
-    reason = f"the input of agent {label} may reach {float(most):.6g}, more than its limit of {float(allowed):.6g}."
+    reason = (
+        f"the input of agent {label} may reach {float(most):.6g}, more than its limit of "
+        f"{float(allowed):.6g}."
+    )
     if allowed <= found[place]:
         alone = float(found[place])
         return f"{reason} The disturbance alone may need {alone:.6g}, {NO_ROOM}"
     if room <= 0:
         rest = float(plan.parts[place][1])
-        return f"{reason} The disturbance may need {float(found[place]):.6g}, errors of estimates and noise {rest:.6g}."
+        return (
+            f"{reason} The disturbance may need {float(found[place]):.6g}, errors of estimates "
+            f"and noise {rest:.6g}."
+        )
     if plan.stage is not None and lower < least:  # no smaller box is known to be kept
         if not stated_in(problem).absolute:
             return reason
@@ -410,11 +496,16 @@ def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
         reason += f" From starts at the target its bound is still {alone:.6g}:"
         return f"{reason} what [uncertainty] states brings it there."
     box = (lower - _level_of(plan.v, plan.error, (0.0, plan.starts[1]), _ZERO)) * min(plan.v)
-    starts = f"from starts with |e_i| <= {_told(box)}" + (" and the same |eps_i|" if problem.groups else "")
+    starts = f"from starts with |e_i| <= {_told(box)}" + (
+        " and the same |eps_i|" if problem.groups else ""
+    )
     late = f"once V of the check max-separable is at most {_told(lower)}"
     reason += f" It never saturates {starts if box > 0 else late}."
     if plan.stage is None and asked.wanted and (pinned := decide.pin_sizes(problem)[place]):
-        reason += f" For the whole region it would need a gain of at most {_told(pinned * lower / plan.rho)} and a new"
+        reason += (
+            " For the whole region it would need a gain of at most "
+            f"{_told(pinned * lower / plan.rho)} and a new"
+        )
         reason += " proof."
     return reason
 

@@ -1,4 +1,5 @@
-"""The exosystem and the observer error (17), decided: observability, detectability, A - WC Hurwitz."""
+"""The exosystem and the observer error (17), decided: observability, detectability, A - WC
+Hurwitz."""
 
 from __future__ import annotations
 
@@ -11,7 +12,11 @@ from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
 from dobc_design.conditions.numbers import claimed, largest_proved, shorten
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
 from dobc_design.exact.number import number_text, root_above
-from dobc_design.exact.observability import decide_detectable, decide_observable, observable_reduction
+from dobc_design.exact.observability import (
+    decide_detectable,
+    decide_observable,
+    observable_reduction,
+)
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.problem.changes import typed_matrix, typed_number
 from dobc_design.problem.exosystems import Exosystem
@@ -20,12 +25,14 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 _check = partial(Check, domain="global")
-#: Seventh power of the order times squared bits up to which (A, C) is decided; plain Python takes about 10^-12 s each.
+#: Seventh power of the order times squared bits up to which (A, C) is decided; plain Python takes
+#: about 10^-12 s each.
 MOST_WORK = 5 * 10**13
 
 
 def too_large(exosystem: Exosystem) -> str | None:
-    """Why exact arithmetic with (A, C) is left out: its numbers would fill the memory; None where they do not."""
+    """Why exact arithmetic with (A, C) is left out: its numbers would fill the memory; None where
+    they do not."""
     rows = (*exosystem.A, *exosystem.C)
     common = math.lcm(*(x.denominator for row in rows for x in row))
     largest = max((abs(x) for row in rows for x in row), default=Fraction(0))
@@ -33,21 +40,29 @@ def too_large(exosystem: Exosystem) -> str | None:
     if exosystem.order**7 * bits**2 <= MOST_WORK:
         return None
     reason = (
-        f"left out, because exact arithmetic takes long with an exosystem of order {exosystem.order} and numbers of"
+        "left out, because exact arithmetic takes long with an exosystem of order "
+        f"{exosystem.order} and numbers of"
     )
-    return f"{reason} {bits} bits over a common denominator; fewer digits or a lower order would help."
+    return (
+        f"{reason} {bits} bits over a common denominator; fewer digits or a lower order would help."
+    )
 
 
 def observability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
-    """Decide whether (A, C) is observable.  Here and below ``problem`` lets the cure project what it says of states."""
+    """Decide whether (A, C) is observable.  Here and below ``problem`` lets the cure project what
+    it says of states."""
     found = decide_observable(exosystem.A, exosystem.C)
-    check, q = partial(_check, id="observability", claim=Values({"rank": str(found.rank)})), exosystem.order
+    check, q = (
+        partial(_check, id="observability", claim=Values({"rank": str(found.rank)})),
+        exosystem.order,
+    )
     if found.verdict is Verdict.PROVED:
         reason = f"(A, C) is observable: its observability matrix has rank {found.rank} of {q}."
         return check(verdict=Verdict.PROVED, reason=reason)
     return check(
         verdict=Verdict.REFUTED,
-        reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown do not appear in d.",
+        reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown do not "
+        "appear in d.",
         witness=Witness(kind="vector", values=tuple(number_text(x) for x in found.unobservable[0])),
         fix=_reduction(exosystem, problem),
     )
@@ -57,14 +72,22 @@ def detectability_check(exosystem: Exosystem, problem: Problem | None = None) ->
     """Decide whether (A, C) is detectable: what C never sees has to die out by itself."""
     found = decide_detectable(exosystem.A, exosystem.C)
     polynomial = found.unobservable_text
-    check = partial(_check, id="detectability", claim=Values({"unobservable_polynomial": polynomial}))
+    check = partial(
+        _check, id="detectability", claim=Values({"unobservable_polynomial": polynomial})
+    )
     if found.verdict is Verdict.PROVED:
-        hidden = "no part is unobservable" if polynomial == "1" else f"the unobservable part {polynomial} decays"
+        hidden = (
+            "no part is unobservable"
+            if polynomial == "1"
+            else f"the unobservable part {polynomial} decays"
+        )
         return check(verdict=Verdict.PROVED, reason=f"(A, C) is detectable: {hidden}.")
     return check(
         verdict=Verdict.REFUTED,
-        reason=f"(A, C) is not detectable: the part {polynomial} of the exosystem never reaches d = C xi and does"
-        " not decay, so no gain W can estimate it. It does not act on the agents either: leave it out.",
+        reason=f"(A, C) is not detectable: the part {polynomial} of the exosystem never reaches d "
+        "= C xi and does"
+        " not decay, so no gain W can estimate it. It does not act on the agents either: "
+        "leave it out.",
         witness=Witness(kind="polynomial", values=(polynomial,)),
         fix=_reduction(exosystem, problem),
     )
@@ -79,7 +102,8 @@ def hurwitz_check(
     problem: Problem | None = None,
     key: str = "observer.W",
 ) -> Check:
-    """Decide whether A - WC is Hurwitz (Routh), with a rate near ``estimate`` (1/s).  ``key``: where W is given."""
+    """Decide whether A - WC is Hurwitz (Routh), with a rate near ``estimate`` (1/s).  ``key``:
+    where W is given."""
     error = None if W is None else error_matrix(exosystem, W)
     table = None if error is None else decide_hurwitz(error)
     if error is not None and table is not None and table.verdict is Verdict.PROVED:
@@ -98,15 +122,24 @@ def hurwitz_check(
         none = f"was found; give one as {key}." if exists else "exists for this exosystem."
         reason = f"there is no observer gain W to test: none was given, and none {none}"
         return _check(id="hurwitz", verdict=Verdict.UNDECIDED, reason=reason, fix=fix)
-    advice = "Choose another W, or leave W out to have one designed." if exists else "No W does: see detectability."
+    advice = (
+        "Choose another W, or leave W out to have one designed."
+        if exists
+        else "No W does: see detectability."
+    )
     if fix is None:
         given_p = problem is not None and problem.observer.P is not None
         removal = {"observer.W": None} | ({"observer.P": None} if given_p else {})
-        fix = Fix(kind="gain", set=removal, text="Remove observer.W (and P, if given): a gain is then designed.")
+        fix = Fix(
+            kind="gain",
+            set=removal,
+            text="Remove observer.W (and P, if given): a gain is then designed.",
+        )
     return _check(
         id="hurwitz",
         verdict=Verdict.REFUTED,
-        reason=f"A - WC is not Hurwitz: entry {len(table.first_column)} of the first column of Routh's table is"
+        reason=f"A - WC is not Hurwitz: entry {len(table.first_column)} of the first column of "
+        "Routh's table is"
         f" not positive, so the estimation error does not decay. {advice}",
         witness=Witness(kind="routh_row", values=tuple(number_text(x) for x in table.first_column)),
         fix=fix,
@@ -114,7 +147,8 @@ def hurwitz_check(
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None) -> str | None:
-    """None if everything that a proved or refuted check of this topic claims is confirmed, else what is not."""
+    """None if everything that a proved or refuted check of this topic claims is confirmed, else
+    what is not."""
     exosystem, own_gain = group_of(check.group, problem, W)
     own = {"observability": observability_check, "detectability": detectability_check}.get(check.id)
     wrong = differs(check, hurwitz_check(exosystem, own_gain) if own is None else own(exosystem))
@@ -131,7 +165,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None) -> str | None:
 
 
 def group_of(name: object, problem: Problem, W: Matrix | None) -> tuple[Exosystem, Matrix | None]:
-    """Exosystem and gain of the group (None: the only one).  Raises: ValueError if there is none, or W mixes groups."""
+    """Exosystem and gain of the group (None: the only one).  Raises: ValueError if there is none,
+    or W mixes groups."""
     groups = problem.groups
     if not problem.is_grouped:
         if name is not None or not groups:
@@ -166,7 +201,8 @@ def observable_part_is_hurwitz(exosystem: Exosystem, W: Matrix) -> bool:
 
 
 def _reduction(exosystem: Exosystem, problem: Problem | None) -> Fix:
-    """The observable part in place of the exosystem; what the problem says of the old states is projected along."""
+    """The observable part in place of the exosystem; what the problem says of the old states is
+    projected along."""
     A_o, C_o, T = observable_reduction(exosystem.A, exosystem.C)
     change: dict[str, Any] = {}
     if not A_o:
@@ -194,9 +230,12 @@ def _reduction(exosystem: Exosystem, problem: Problem | None) -> Fix:
             rows = typed_matrix(tuple(tuple(row) for row in multiply(xi0, transpose(T))))
             change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
         if region is not None and region.initial_disturbance:
-            squares = sum((x * x for row in T for x in row), Fraction(0))  # |T| to six decimals, rounded up
+            # |T| to six decimals, rounded up
+            squares = sum((x * x for row in T for x in row), Fraction(0))
             norm = root_above(squares, unit=10**6)
             change["region.initial_disturbance"] = typed_number(region.initial_disturbance * norm)
     order = f"order {len(A_o)} instead of {exosystem.order}"
-    text = f"Use the observable part of the exosystem ({order}): it generates the same disturbances."
+    text = (
+        f"Use the observable part of the exosystem ({order}): it generates the same disturbances."
+    )
     return Fix(kind="exosystem", set=change, text=text)

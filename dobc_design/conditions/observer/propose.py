@@ -1,7 +1,9 @@
-"""Observer gains W for (17) and pairs (P, Q = P W) for (18) that are worth trying, and norms of the error system.
+"""Observer gains W for (17) and pairs (P, Q = P W) for (18) that are worth trying, and norms of the
+error system.
 
-Programs and Kalman gains come first, but feasible problems never depend on a solver: the last rung for W is Ackermann's
-formula over the rationals, that for P an exact Lyapunov equation, scaled up.  Nothing here is a proof.
+Programs and Kalman gains come first, but feasible problems never depend on a solver: the last rung
+for W is Ackermann's formula over the rationals, that for P an exact Lyapunov equation, scaled up.
+Nothing here is a proof.
 """
 
 from __future__ import annotations
@@ -43,20 +45,34 @@ from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
 
-# Of W: random choices (each fails with probability zero; small integers may need a few), digits, and how much more
-# than the rate is asked of a proposal.
-LARGEST_PROGRAM = 16  # order up to which semidefinite programs are solved: their unknowns grow with its square
+# Of W: random choices (each fails with probability zero; small integers may need a few), digits,
+# and how much more than the rate is asked of a proposal.
+# order up to which semidefinite programs are solved: their unknowns grow with its square
+LARGEST_PROGRAM = 16
 TRIES, DIGITS, SLACK = 20, (3, 4, 6, 9, 15), (Fraction(21, 20), Fraction(1001, 1000))
-# Of P: digits, parts of the rate, the work for an exact equation, and powers of ten (the last for an unknown bound).
-PAIR_DIGITS, PAIR_SLACK, MOST_WORK, LADDER = (3, 4, 6, 9, 14), (0.9, 0.5, 0.1), 300_000, (0, 2, 6, 15, 40, 400)
-# Of norms: steps to a relative accuracy, the least one (its square is still a float), points of t, and frequencies that
-# are tried, in parts of the size of each pole.
-STEPS, TOLERANCE, SMALLEST, SAMPLES, AROUND = 60, 1e-10, 1e-140, 400, (0.3, 0.7, 1.0, 1.4, 3.0, 10.0)
+# Of P: digits, parts of the rate, the work for an exact equation, and powers of ten (the last for
+# an unknown bound).
+PAIR_DIGITS, PAIR_SLACK, MOST_WORK, LADDER = (
+    (3, 4, 6, 9, 14),
+    (0.9, 0.5, 0.1),
+    300_000,
+    (0, 2, 6, 15, 40, 400),
+)
+# Of norms: steps to a relative accuracy, the least one (its square is still a float), points of t,
+# and frequencies that are tried, in parts of the size of each pole.
+STEPS, TOLERANCE, SMALLEST, SAMPLES, AROUND = (
+    60,
+    1e-10,
+    1e-140,
+    400,
+    (0.3, 0.7, 1.0, 1.4, 3.0, 10.0),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scaled:
-    """An exosystem in other units: ``time`` (1/s) is worth 1 there, and ``gain`` turns its W into the real one."""
+    """An exosystem in other units: ``time`` (1/s) is worth 1 there, and ``gain`` turns its W into
+    the real one."""
 
     exosystem: Exosystem
     time: Fraction
@@ -65,14 +81,19 @@ class Scaled:
 
 def natural_units(exosystem: Exosystem, *, rate: Fraction) -> tuple[Fraction, Fraction]:
     """Powers of ten near the largest of (A, rate) and of C."""
-    return _unit([*(x for row in exosystem.A for x in row), rate]), _unit([x for row in exosystem.C for x in row])
+    return _unit([*(x for row in exosystem.A for x in row), rate]), _unit(
+        [x for row in exosystem.C for x in row]
+    )
 
 
 def scaled_exosystem(exosystem: Exosystem, *, time: Fraction, output: Fraction) -> Scaled:
     """(A / time, C / output), rounded to floats; the exosystem itself where both are 1."""
     if not time == output == 1:
         units = {"A": (exosystem.A, time), "C": (exosystem.C, output)}
-        copies = {key: [[repr(float(x / unit)) for x in row] for row in M] for key, (M, unit) in units.items()}
+        copies = {
+            key: [[repr(float(x / unit)) for x in row] for row in M]
+            for key, (M, unit) in units.items()
+        }
         exosystem = Exosystem(**copies)
     return Scaled(exosystem=exosystem, time=time, gain=time / output)
 
@@ -89,7 +110,8 @@ def decimal_exponent(x: Fraction) -> int:
 
 
 def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
-    """W (q, m) with every observable pole of A - WC at -(rate + 1), in roundings and then exactly."""
+    """W (q, m) with every observable pole of A - WC at -(rate + 1), in roundings and then
+    exactly."""
     A, C, T = observability.observable_reduction(exosystem.A, exosystem.C)
     if not A:
         yield zeros(exosystem.order, exosystem.outputs)
@@ -101,7 +123,9 @@ def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
         mix = _small(random, 1, len(C), max(1, attempt))
         error, output = subtract(A, multiply(first, C)), multiply(mix, C)
         if observability.decide_observable(error, output).verdict is Verdict.PROVED:
-            gain = multiply(back, add(first, multiply(_ackermann(error, output, pole=rate + 1), mix)))
+            gain = multiply(
+                back, add(first, multiply(_ackermann(error, output, pole=rate + 1), mix))
+            )
             with suppress(*GIVEN_UP):  # beyond the floats; the exact one is still there
                 yield from (round_matrix(to_float(gain), digits) for digits in (6, 12))
             yield gain
@@ -125,7 +149,8 @@ def _small(random: Random, rows: int, columns: int, size: int) -> Matrix:
 
 
 def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = False) -> Array | None:
-    """The gain W (q, m) for process noise ``process`` I and measurement noise I, of the predictor where ``sampled``."""
+    """The gain W (q, m) for process noise ``process`` I and measurement noise I, of the predictor
+    where ``sampled``."""
     m, q = C.shape
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -139,7 +164,8 @@ def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = Fal
 
 
 def half_rate(A: Array, C: Array, gain: Array | None) -> Fraction:
-    """Half the decay rate of A - gain C, to three digits; 0 if that fails (any W that decays will do)."""
+    """Half the decay rate of A - gain C, to three digits; 0 if that fails (any W that decays will
+    do)."""
     try:
         decay = 0.0 if gain is None else float(-np.max(np.linalg.eigvals(A - gain @ C).real))
     except GIVEN_UP:
@@ -148,7 +174,8 @@ def half_rate(A: Array, C: Array, gain: Array | None) -> Fraction:
 
 
 def hinf_norm(F: Array, B: Array, C: Array, D: Array) -> float:
-    """The H-infinity norm of C (sI - F)^-1 B + D, the largest gain over the frequencies; inf if F is not Hurwitz."""
+    """The H-infinity norm of C (sI - F)^-1 B + D, the largest gain over the frequencies; inf if F
+    is not Hurwitz."""
     if not _hurwitz(F):
         return math.inf
     poles = np.linalg.eigvals(F)
@@ -161,8 +188,11 @@ def hinf_norm(F: Array, B: Array, C: Array, D: Array) -> float:
         crossings = _crossings(F, B, C, D, level)
         if not len(crossings):
             return low
-        # With D not 0 the gain may stay above the level up to infinity: look beyond the last crossing as well.
-        middles = np.array([*(crossings[1:] + crossings[:-1]) / 2, crossings[0] / 2, 2 * crossings[-1]])
+        # With D not 0 the gain may stay above the level up to infinity: look beyond the last
+        # crossing as well.
+        middles = np.array(
+            [*(crossings[1:] + crossings[:-1]) / 2, crossings[0] / 2, 2 * crossings[-1]]
+        )
         better = max(_gain(F, B, C, D, float(w)) for w in middles)
         if better <= level:
             return max(low, better)
@@ -171,7 +201,8 @@ def hinf_norm(F: Array, B: Array, C: Array, D: Array) -> float:
 
 
 def transient_peak(F: Array) -> float:
-    """The largest |exp(F t)| (spectral norm) over a grid of t >= 0: how far the error swings out; inf if it grows."""
+    """The largest |exp(F t)| (spectral norm) over a grid of t >= 0: how far the error swings out;
+    inf if it grows."""
     if not _hurwitz(F):
         return math.inf
     slowest = float(-np.max(np.linalg.eigvals(F).real))
@@ -193,11 +224,14 @@ def _gain(F: Array, B: Array, C: Array, D: Array, frequency: float) -> float:
 
 
 def _crossings(F: Array, B: Array, C: Array, D: Array, level: float) -> Array:
-    """Frequencies at which a singular value crosses the level: imaginary eigenvalues of the Hamiltonian matrix."""
+    """Frequencies at which a singular value crosses the level: imaginary eigenvalues of the
+    Hamiltonian matrix."""
     room = level**2 * np.eye(B.shape[1]) - D.T @ D
     R = np.linalg.inv(room)
     closed = F + B @ R @ D.T @ C
-    hamiltonian = np.block([[closed, B @ R @ B.T], [-C.T @ (np.eye(len(C)) + D @ R @ D.T) @ C, -closed.T]])
+    hamiltonian = np.block(
+        [[closed, B @ R @ B.T], [-C.T @ (np.eye(len(C)) + D @ R @ D.T) @ C, -closed.T]]
+    )
     values = np.linalg.eigvals(hamiltonian)
     scale = max(1.0, float(np.max(np.abs(values))))
     return np.sort(values.imag[(np.abs(values.real) < 1e-8 * scale) & (values.imag >= 0)])
@@ -206,8 +240,9 @@ def _crossings(F: Array, B: Array, C: Array, D: Array, level: float) -> Array:
 def propose_pairs(
     exosystem: Exosystem, W: Matrix, *, bound: float, decay: float
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
-    """Rational (P, P W) to be tried in turn, each with a sentence on how it came about ("" for the usual way).
-    ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about that of A - WC > 0 (1/s); the last need no solver."""
+    """Rational (P, P W) to be tried in turn, each with a sentence on how it came about ("" for the
+    usual way). ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about that of A - WC > 0
+    (1/s); the last need no solver."""
     why = "there was no estimate to start a solver from"
     small = exosystem.order <= LARGEST_PROGRAM
     if small and bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
@@ -228,11 +263,13 @@ def propose_pairs(
                 P = round_matrix(float(wanted * factor) * (near + near.T) / 2, digits)
                 yield P, multiply(P, W), f"P solves a Lyapunov equation about, because {why}."
     common = math.lcm(*(x.denominator for row in error for x in row))
-    # Beyond so much work the exact equation takes hours, and P has more digits than a certificate can hold in any case.
+    # Beyond so much work the exact equation takes hours, and P has more digits than a certificate
+    # can hold in any case.
     if len(error) * (len(error) + 1) // 2 * common.bit_length() > MOST_WORK:
         return
     exact = solve_lyapunov(error, identity(len(error)))
-    if exact is not None:  # a (P, P W) has Omega0 = -a I and S = C C' / a, so every a large enough will do
+    # a (P, P W) has Omega0 = -a I and S = C C' / a, so every a large enough will do
+    if exact is not None:
         start = max(0, decimal_exponent(wanted) + 2) if wanted else 0
         for step in LADDER:
             P = scale(Fraction(10) ** (start + step), exact)
@@ -240,7 +277,8 @@ def propose_pairs(
 
 
 def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[Program]:
-    # P is kept away from singular where C sees nothing, and the bound has a little slack for the rounding of P.
+    # P is kept away from singular where C sees nothing, and the bound has a little slack for the
+    # rounding of P.
     natural = _square(exosystem) / (Fraction(-bound) * Fraction(max(decay, -bound))) / 1000
     floor = natural.limit_denominator(10**12) or Fraction(1, 10**12)
     for part in PAIR_SLACK:
@@ -257,7 +295,8 @@ def _square(exosystem: Exosystem) -> Fraction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainDesign:
-    """A designed W (q, m), or None; the proved decay rate (1/s) it was designed for; and how it came about."""
+    """A designed W (q, m), or None; the proved decay rate (1/s) it was designed for; and how it
+    came about."""
 
     W: Matrix | None
     rate: Fraction | None
@@ -265,7 +304,8 @@ class GainDesign:
 
 
 def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDesign:
-    """Design W (q, m) so that A - WC decays at ``rate`` (1/s), by default half that of a Kalman gain."""
+    """Design W (q, m) so that A - WC decays at ``rate`` (1/s), by default half that of a Kalman
+    gain."""
     if (reason := too_large(exosystem)) is not None:
         return GainDesign(W=None, rate=None, note=f"no W is designed: it is {reason}")
     if observability.decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
@@ -280,25 +320,38 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
         kalman, wanted = _kalman(exosystem), Fraction(0)
         if kalman is not None:
             wanted = half_rate(to_float(exosystem.A), to_float(exosystem.C), kalman)
-        asked = "half that of the Kalman gain with unit weights" if wanted else "the least that can be asked"
+        asked = (
+            "half that of the Kalman gain with unit weights"
+            if wanted
+            else "the least that can be asked"
+        )
     for W, how in _candidates(exosystem, wanted, kalman):
         if hurwitz_with_rate(error_matrix(exosystem, W), wanted):
-            note = f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
+            note = (
+                f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
+            )
             return GainDesign(W=W, rate=wanted, note=note)
     cure = f"{'ask for a lower observer.rate, or ' if wanted else ''}give one as observer.W."
-    note = f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP nor as"
+    note = (
+        f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small "
+        "SDP nor as"
+    )
     note += f" a Kalman gain nor by exact pole placement; {cure}"
     return GainDesign(W=None, rate=wanted, note=note)
 
 
-def _candidates(exosystem: Exosystem, rate: Fraction, kalman: Array | None) -> Iterator[tuple[Matrix, str]]:
+def _candidates(
+    exosystem: Exosystem, rate: Fraction, kalman: Array | None
+) -> Iterator[tuple[Matrix, str]]:
     """Proposals W for a rate, each in several roundings, and how they came about."""
     time, output = natural_units(exosystem, rate=rate)
     # Large C alone would ask for a far faster observer than the rate does, hence max(1, output).
     units = scaled_exosystem(exosystem, time=time, output=output)
     systems = [units]
     with suppress(OverflowError):  # A is beyond the floats
-        systems.insert(0, scaled_exosystem(exosystem, time=Fraction(1), output=max(Fraction(1), output)))
+        systems.insert(
+            0, scaled_exosystem(exosystem, time=Fraction(1), output=max(Fraction(1), output))
+        )
     systems = systems if exosystem.order <= LARGEST_PROGRAM else []
     asked = list(product(systems, SLACK))
     answers = solve_in_turn(_program(each, rate / each.time * slack) for each, slack in asked)
@@ -320,7 +373,9 @@ def _gain_of(answer: Solution) -> Array | None:
     """P^-1 Q, or None."""
     with suppress(*GIVEN_UP):
         if answer.found:
-            return np.asarray(np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64)
+            return np.asarray(
+                np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64
+            )
     return None
 
 
@@ -330,9 +385,12 @@ def _roundings(gain: Array | None) -> Iterator[Matrix]:
 
 
 def _kalman(exosystem: Exosystem, *, shift: float = 0.0) -> Array | None:
-    """The Kalman gain of (A + shift I, C) with unit weights; A - WC then decays faster than ``shift``."""
+    """The Kalman gain of (A + shift I, C) with unit weights; A - WC then decays faster than
+    ``shift``."""
     with suppress(ValueError):  # beyond the floats
-        return kalman_gain(to_float(exosystem.A) + shift * np.eye(exosystem.order), to_float(exosystem.C))
+        return kalman_gain(
+            to_float(exosystem.A) + shift * np.eye(exosystem.order), to_float(exosystem.C)
+        )
     return None
 
 
@@ -345,16 +403,21 @@ def _short(rate: Fraction) -> str:
 def design_gains(problem: Problem) -> tuple[GainDesign | None, ...]:
     """A designed gain for every group of agents; None where W is given."""
     pairs = [(group.exosystem, group.observer) for group in problem.groups]
-    return tuple(None if own.W is not None else design_gain(system, rate=own.rate) for system, own in pairs)
+    return tuple(
+        None if own.W is not None else design_gain(system, rate=own.rate) for system, own in pairs
+    )
 
 
-def chosen_gains(problem: Problem, designs: Sequence[GainDesign | None]) -> tuple[Matrix | None, ...]:
+def chosen_gains(
+    problem: Problem, designs: Sequence[GainDesign | None]
+) -> tuple[Matrix | None, ...]:
     """The W of every group of agents, given or designed; None where there is none."""
     given = zip(problem.groups, designs, strict=True)
     return tuple(group.observer.W if design is None else design.W for group, design in given)
 
 
 def observer_gain(problem: Problem) -> Matrix | None:
-    """The W (q, m) that ``certify`` uses: the one given, else the designed one; None without either."""
+    """The W (q, m) that ``certify`` uses: the one given, else the designed one; None without
+    either."""
     problem = as_integrators(problem)
     return join(chosen_gains(problem, design_gains(problem)))

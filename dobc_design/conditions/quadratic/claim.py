@@ -1,14 +1,16 @@
-"""Theorems 1 and 2 over a region: V = e'P_e e + sum eps_i'P eps_i and the inequalities that make it decrease there.
+"""Theorems 1 and 2 over a region: V = e'P_e e + sum eps_i'P eps_i and the inequalities that make it
+decrease there.
 
-Theory, section 4 (circle criterion, S-procedure), after the Schur complements that leave n m rows.  For channels
-with gains in [low, high], g0 = (low + high)/2, d = (high - low)/2, A0 = -K + sum g0 b c', multipliers tau > 0 where
-d > 0, S = C (-Omega0 - 2 beta P)^-1 C', the inequality of one mode is
+Theory, section 4 (circle criterion, S-procedure), after the Schur complements that leave n m rows.
+For channels with gains in [low, high], g0 = (low + high)/2, d = (high - low)/2, A0 = -K + sum g0 b
+c', multipliers tau > 0 where d > 0, S = C (-Omega0 - 2 beta P)^-1 C', the inequality of one mode is
 
-    P_e A0 + A0'P_e + 2 beta P_e + P_e (I (x) S + sum b b'/(2 tau)) P_e + sum 2 tau d^2 c c' < 0             ("lure")
+    P_e A0 + A0'P_e + 2 beta P_e + P_e (I (x) S + sum b b'/(2 tau)) P_e + sum 2 tau d^2 c c' < 0
+    ("lure")
 
-which equals the block inequality of theory for any low, high, and takes linear channels (d = 0) as they are.  Two
-other sufficient conditions share the interface: g0 and row sums of the deviations ("interval"), and all corners of
-the box of gains ("vertices").
+which equals the block inequality of theory for any low, high, and takes linear channels (d = 0) as
+they are.  Two other sufficient conditions share the interface: g0 and row sums of the deviations
+("interval"), and all corners of the box of gains ("vertices").
 """
 
 from __future__ import annotations
@@ -40,11 +42,13 @@ ZERO: Final = Fraction(0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lure:
-    """A claim: {V <= level} is invariant and V' <= -2 rate V in it, V = e'P_e e + sum eps_i'P eps_i, in every mode.
+    """A claim: {V <= level} is invariant and V' <= -2 rate V in it, V = e'P_e e + sum eps_i'P
+    eps_i, in every mode.
 
-    P_e (n m, n m); ``radius`` bounds |e_j - e_i| by component, ``ranges`` are the gains there; level is rho^2 (both
-    None: all of space).  ``multipliers``: mode -> one tau per channel, 0 where it is linear; for "lure" only.  P, Q
-    (q, q), (q, m): the observer's pair; None without an exosystem, or for eps = 0.
+    P_e (n m, n m); ``radius`` bounds |e_j - e_i| by component, ``ranges`` are the gains there;
+    level is rho^2 (both None: all of space).  ``multipliers``: mode -> one tau per channel, 0 where
+    it is linear; for "lure" only.  P, Q (q, q), (q, m): the observer's pair; None without an
+    exosystem, or for eps = 0.
     """
 
     P_e: SparseSymmetric
@@ -60,9 +64,13 @@ class Lure:
     def __post_init__(self) -> None:
         object.__setattr__(self, "multipliers", MappingProxyType(dict(self.multipliers)))
         if self.method not in METHODS:
-            raise SpecError(f"method must be one of {', '.join(METHODS)}; got {self.method!r}.", key="method")
+            raise SpecError(
+                f"method must be one of {', '.join(METHODS)}; got {self.method!r}.", key="method"
+            )
         if self.rate < 0 or (self.level is not None and self.level <= 0):
-            raise SpecError("rate must be >= 0 and level > 0.", key="rate" if self.rate < 0 else "level")
+            raise SpecError(
+                "rate must be >= 0 and level > 0.", key="rate" if self.rate < 0 else "level"
+            )
         if (self.P is None) is not (self.Q is None):
             raise ShapeError("P and Q must both be given, or neither.", key="P")
 
@@ -77,11 +85,15 @@ class Lure:
     def to_json(self) -> dict[str, Any]:
         values: dict[str, Any] = {
             "method": self.method,
-            "P_e": [[i, j, number_text(value)] for (i, j), value in sorted(self.P_e.entries.items())],
+            "P_e": [
+                [i, j, number_text(value)] for (i, j), value in sorted(self.P_e.entries.items())
+            ],
             "level": None if self.level is None else number_text(self.level),
             "radius": None if self.radius is None else number_text(self.radius),
             "ranges": ranges_to_json(self.ranges),
-            "multipliers": {mode: [number_text(tau) for tau in taus] for mode, taus in self.multipliers.items()},
+            "multipliers": {
+                mode: [number_text(tau) for tau in taus] for mode, taus in self.multipliers.items()
+            },
             "rate": number_text(self.rate),
         }
         return values if self.P is None else values | {"P": matrix_text(self.P)}
@@ -96,8 +108,10 @@ def lure_matrix(
     rate: Fraction = ZERO,
     S: Matrix | None = None,
 ) -> SparseSymmetric:
-    """The left side of the Lur'e inequality of one mode, (n m, n m); S (m, m): the observer's (joint) border or None.
-    Raises: ShapeError unless there is one multiplier per channel, > 0 where its range is not a point."""
+    """The left side of the Lur'e inequality of one mode, (n m, n m); S (m, m): the observer's
+    (joint) border or None.
+    Raises: ShapeError unless there is one multiplier per channel, > 0 where its range is not a
+    point."""
     channels = sectors.modes[mode]
     if len(multipliers) != len(channels):
         many = f"{len(channels)} entries, one per channel; got {len(multipliers)}"
@@ -108,7 +122,10 @@ def lure_matrix(
         if not channel.spread:
             continue
         if tau <= 0:
-            raise ShapeError(f"mode {mode}: multipliers must be > 0 where the gain has a range.", key="multipliers")
+            raise ShapeError(
+                f"mode {mode}: multipliers must be > 0 where the gain has a range.",
+                key="multipliers",
+            )
         add(inner, channel.target, channel.target, 1 / (2 * tau))
         weight = 2 * tau * channel.spread**2
         add(added, channel.plus, channel.plus, weight)
@@ -116,13 +133,23 @@ def lure_matrix(
         add(added, channel.plus, channel.minus, -weight)
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
     added = _without_target(added, sectors.size)
-    return _derivative(P_e, linear, rate) + _sandwich(P_e, inner) + SparseSymmetric(sectors.size, added)
+    return (
+        _derivative(P_e, linear, rate)
+        + _sandwich(P_e, inner)
+        + SparseSymmetric(sectors.size, added)
+    )
 
 
 def interval_matrix(
-    sectors: Sectors, mode: str, P_e: SparseSymmetric, *, rate: Fraction = ZERO, S: Matrix | None = None
+    sectors: Sectors,
+    mode: str,
+    P_e: SparseSymmetric,
+    *,
+    rate: Fraction = ZERO,
+    S: Matrix | None = None,
 ) -> SparseSymmetric:
-    """An upper bound of the derivative for all gains: middle gains, and row sums of |deviation| on the diagonal."""
+    """An upper bound of the derivative for all gains: middle gains, and row sums of |deviation| on
+    the diagonal."""
     channels = sectors.modes[mode]
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
     rows, sums = P_e.rows(), [ZERO] * sectors.size
@@ -131,30 +158,50 @@ def interval_matrix(
             for row in {i, j}:
                 sums[row] += channel.spread * abs(value)
     bound = SparseSymmetric(sectors.size, {(i, i): value for i, value in enumerate(sums)})
-    return _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors.problem, S)) + bound
+    return (
+        _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors.problem, S)) + bound
+    )
 
 
 def vertex_matrices(
-    sectors: Sectors, mode: str, P_e: SparseSymmetric, *, rate: Fraction = ZERO, S: Matrix | None = None
+    sectors: Sectors,
+    mode: str,
+    P_e: SparseSymmetric,
+    *,
+    rate: Fraction = ZERO,
+    S: Matrix | None = None,
 ) -> Iterator[SparseSymmetric]:
-    """The derivative at every corner of the box of gains, which decide.  Raises: SpecError beyond MOST_VERTICES."""
+    """The derivative at every corner of the box of gains, which decide.  Raises: SpecError beyond
+    MOST_VERTICES."""
     channels = sectors.modes[mode]
     free = [channel for channel in channels if channel.spread]
     if len(free) > MOST_VERTICES:
-        many = f"mode {mode} has {len(free)} channels with a range of gains; corners are enumerated for at most"
+        many = (
+            f"mode {mode} has {len(free)} channels with a range of gains; corners are "
+            "enumerated for at most"
+        )
         raise SpecError(f"{many} {MOST_VERTICES}.", key="method", cure='Use the method "lure".')
     rows = P_e.rows()
-    fixed = _derivative(P_e, linear_part(sectors, mode, [channel.low for channel in channels]), rate)
+    fixed = _derivative(
+        P_e, linear_part(sectors, mode, [channel.low for channel in channels]), rate
+    )
     fixed = fixed + _sandwich(P_e, _observer_block(sectors.problem, S))
     size = sectors.size
-    steps = [SparseSymmetric(size, _rank_two(rows[c.target], c, size)).scaled(2 * c.spread) for c in free]
+    steps = [
+        SparseSymmetric(size, _rank_two(rows[c.target], c, size)).scaled(2 * c.spread) for c in free
+    ]
     for corner in itertools.product((False, True), repeat=len(free)):
         yield sum(itertools.compress(steps, corner), fixed)
 
 
-def linear_part(sectors: Sectors, mode: str, gains: Sequence[Fraction]) -> dict[int, dict[int, Fraction]]:
+def linear_part(
+    sectors: Sectors, mode: str, gains: Sequence[Fraction]
+) -> dict[int, dict[int, Fraction]]:
     """-K + sum of g b c' as rows: row -> column -> entry."""
-    m, rows = sectors.problem.m, dict[int, dict[int, Fraction]]((i, {}) for i in range(sectors.size))
+    m, rows = (
+        sectors.problem.m,
+        dict[int, dict[int, Fraction]]((i, {}) for i in range(sectors.size)),
+    )
     for agent, gain in sectors.problem.pinning.gains.items():
         for c, own in enumerate(gain):
             rows[agent * m + c] = {agent * m + d: -entry for d, entry in enumerate(own) if entry}
@@ -166,9 +213,13 @@ def linear_part(sectors: Sectors, mode: str, gains: Sequence[Fraction]) -> dict[
     return rows
 
 
-def _derivative(P_e: SparseSymmetric, linear: dict[int, dict[int, Fraction]], rate: Fraction) -> SparseSymmetric:
+def _derivative(
+    P_e: SparseSymmetric, linear: dict[int, dict[int, Fraction]], rate: Fraction
+) -> SparseSymmetric:
     """P_e A + A'P_e + 2 rate P_e."""
-    entries: Entries = {place: 2 * rate * value for place, value in P_e.entries.items()} if rate else {}
+    entries: Entries = (
+        {place: 2 * rate * value for place, value in P_e.entries.items()} if rate else {}
+    )
     for k, weights in enumerate(P_e.rows()):
         for j, a in linear[k].items():
             for i, p in weights.items():  # P_e[i, k] A[k, j], and its transpose
@@ -182,7 +233,9 @@ def _sandwich(P_e: SparseSymmetric, inner: Entries) -> SparseSymmetric:
     if len(P_e.entries) > 4 * size:
         dense = P_e.to_dense()
         product = multiply(multiply(dense, SparseSymmetric(size, inner).to_dense()), dense)
-        return SparseSymmetric(size, {(i, j): product[i][j] for i in range(size) for j in range(i, size)})
+        return SparseSymmetric(
+            size, {(i, j): product[i][j] for i in range(size) for j in range(i, size)}
+        )
     rows = P_e.rows()
     for (k, l), value in inner.items():  # noqa: E741  k, l as in matrix entries
         for left, right in {(k, l), (l, k)}:

@@ -1,8 +1,9 @@
-"""Decides the certificates of ``claim``, and the check ``lure``: from a claim to what a certificate holds, and back.
+"""Decides the certificates of ``claim``, and the check ``lure``: from a claim to what a certificate
+holds, and back.
 
-Theory, section 4: a ball in a sublevel set of V = e'P_e e + sum eps_i'P eps_i.  Every step is exact.  "Refuted" is
-about the certificate at hand, with a witness where a matrix fails; it never says that consensus fails.
-docs/certificate-claims.md, "Regions", fixes the form.
+Theory, section 4: a ball in a sublevel set of V = e'P_e e + sum eps_i'P eps_i.  Every step is
+exact.  "Refuted" is about the certificate at hand, with a witness where a matrix fails; it never
+says that consensus fails. docs/certificate-claims.md, "Regions", fixes the form.
 """
 
 from __future__ import annotations
@@ -21,10 +22,27 @@ from dobc_design.conditions.check import Check, read_domain, read_object, starts
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.numbers import claimed, has_short_denominator, read_rational, rounded_up, shorten
+from dobc_design.conditions.numbers import (
+    claimed,
+    has_short_denominator,
+    read_rational,
+    rounded_up,
+    shorten,
+)
 from dobc_design.conditions.quadratic import sectors as channels
-from dobc_design.conditions.quadratic.claim import METHODS, Lure, interval_matrix, lure_matrix, vertex_matrices
-from dobc_design.conditions.quadratic.sectors import Sectors, build_sectors, left_open, ranges_from_json
+from dobc_design.conditions.quadratic.claim import (
+    METHODS,
+    Lure,
+    interval_matrix,
+    lure_matrix,
+    vertex_matrices,
+)
+from dobc_design.conditions.quadratic.sectors import (
+    Sectors,
+    build_sectors,
+    left_open,
+    ranges_from_json,
+)
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
@@ -42,14 +60,19 @@ RISE = (Fraction(1, 10**9), Fraction(1, 10**6), Fraction(1, 1000), Fraction(1))
 IN_HAND: Final = 1e-6  # of a ball, for a second program with its own bounds of eigenvalues
 _DIGITS: Final = 6
 IN_WORDS: Final = {"identity": "P_e = I", "diagonal": "a diagonal P_e", "full": "a full P_e"}
-_DEVICES: Final = {"lure": "multipliers", "interval": "an interval bound", "vertices": "the corners of all gains"}
+_DEVICES: Final = {
+    "lure": "multipliers",
+    "interval": "an interval bound",
+    "vertices": "the corners of all gains",
+}
 _LURE: Final = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LureDecision:
-    """The verdict and, unless proved, the ``step`` that fails: "gains", "P_e", "observer", "inequality" (of ``mode``),
-    "region".  ``witness``: a direction in which a matrix of that step is not definite."""
+    """The verdict and, unless proved, the ``step`` that fails: "gains", "P_e", "observer",
+    "inequality" (of ``mode``), "region".  ``witness``: a direction in which a matrix of that step
+    is not definite."""
 
     verdict: Verdict
     step: str = ""
@@ -59,13 +82,20 @@ class LureDecision:
 
 
 def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
-    """Decide whether the certificate proves what it claims, for every switching.  Raises: ShapeError or SpecError."""
+    """Decide whether the certificate proves what it claims, for every switching.  Raises:
+    ShapeError or SpecError."""
     if lure.P_e.size != problem.n * problem.m:
-        what = f"P_e must have {problem.n * problem.m} rows, one per component of e; got {lure.P_e.size}."
+        what = (
+            f"P_e must have {problem.n * problem.m} rows, one per component of e; got "
+            f"{lure.P_e.size}."
+        )
         raise ShapeError(what, key="P_e")
     sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
     unsettled = partial(LureDecision, verdict=Verdict.UNDECIDED, step="gains")
-    if any(each.radius is None and not problem.couplings[each.coupling].is_linear for each in lure.ranges):
+    if any(
+        each.radius is None and not problem.couplings[each.coupling].is_linear
+        for each in lure.ranges
+    ):
         return unsettled(reason="a coupling is not linear, so its gains need a radius.")
     refuted = partial(LureDecision, verdict=Verdict.REFUTED)
     positive = decide_positive_definite(lure.P_e)
@@ -74,8 +104,13 @@ def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
     S = border_of(problem, lure, lure.rate)
     own = None if lure.P is None else decide_positive_definite(SparseSymmetric.from_dense(lure.P))
     if own is not None and (S is None or own.verdict is not Verdict.PROVED):
-        return refuted(step="observer", reason="P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).")
-    form: Any = {"lure": lure_matrix, "interval": interval_matrix, "vertices": vertex_matrices}[lure.method]
+        return refuted(
+            step="observer",
+            reason="P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).",
+        )
+    form: Any = {"lure": lure_matrix, "interval": interval_matrix, "vertices": vertex_matrices}[
+        lure.method
+    ]
     for mode in sectors.modes:
         given = [lure.multipliers.get(mode, ())] if lure.method == "lure" else []
         matrices = form(sectors, mode, lure.P_e, *given, rate=lure.rate, S=S)
@@ -83,9 +118,14 @@ def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
             decision = decide_positive_definite(matrix.negated())
             if decision.verdict is not Verdict.PROVED:
                 reason = f"the matrix inequality fails in mode {mode} for these multipliers."
-                return refuted(step="inequality", mode=mode, reason=reason, witness=decision.witness)
+                return refuted(
+                    step="inequality", mode=mode, reason=reason, witness=decision.witness
+                )
     if not region_holds(lure, sectors):
-        return refuted(step="region", reason="{V <= level} reaches beyond the radius on which the gains are bounded.")
+        return refuted(
+            step="region",
+            reason="{V <= level} reaches beyond the radius on which the gains are bounded.",
+        )
     gains = _gains_left_open(problem, lure)  # last, since it takes longest
     if gains is not None:
         return unsettled(reason=gains)
@@ -96,8 +136,8 @@ def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
 
 
 def region_holds(lure: Lure, sectors: Sectors) -> bool:
-    """Whether {e'P_e e <= level} keeps every |e_j - e_i| within the radius: level c'P_e^-1 c <= radius^2.  P_e > 0
-    has to be known.  Without a level no range may need a radius."""
+    """Whether {e'P_e e <= level} keeps every |e_j - e_i| within the radius: level c'P_e^-1 c <=
+    radius^2.  P_e > 0 has to be known.  Without a level no range may need a radius."""
     places = () if lure.radius is None else channels.relied_differences(sectors.problem)
     if lure.level is None or lure.radius is None or not places:
         return not places
@@ -105,8 +145,8 @@ def region_holds(lure: Lure, sectors: Sectors) -> bool:
 
 
 def differences(P_e: SparseSymmetric, places: Iterable[tuple[int, int]]) -> Iterator[Fraction]:
-    """c'P_e^-1 c for c = u_j - u_i, exactly: the square of the largest c'e on {e'P_e e <= 1}; c = -u_i for the target,
-    whose place is after the last.  P_e > 0."""
+    """c'P_e^-1 c for c = u_j - u_i, exactly: the square of the largest c'e on {e'P_e e <= 1}; c =
+    -u_i for the target, whose place is after the last.  P_e > 0."""
     diagonal, size = all(i == j for i, j in P_e.entries), P_e.size
     Y = () if diagonal else inverse(P_e.to_dense())
     own = diagonal_of_inverse(P_e) if diagonal else [Y[i][i] for i in range(size)]
@@ -128,7 +168,8 @@ def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
 
 
 def border_of(problem: Problem, lure: Lure, rate: Fraction) -> Matrix | None:
-    """S of the observer's pair at a rate (1/s), exactly; None without a pair, or unless Omega0 + 2 rate P < 0."""
+    """S of the observer's pair at a rate (1/s), exactly; None without a pair, or unless Omega0 + 2
+    rate P < 0."""
     if lure.P is None or lure.Q is None:
         return None
     if (exosystem := problem.joint_exosystem) is None:
@@ -137,14 +178,16 @@ def border_of(problem: Problem, lure: Lure, rate: Fraction) -> Matrix | None:
 
 
 def covers(problem: Problem, lure: Lure, *, radius: Fraction, disturbance: Fraction = ZERO) -> bool:
-    """Whether all starts |e| <= radius, |eps_i| <= disturbance lie in {V <= level}: proved, or not.  lambda_max(P_e)
-    radius^2 + n lambda_max(P) disturbance^2 <= level, with rational upper bounds of the eigenvalues."""
+    """Whether all starts |e| <= radius, |eps_i| <= disturbance lie in {V <= level}: proved, or
+    not.  lambda_max(P_e) radius^2 + n lambda_max(P) disturbance^2 <= level, with rational upper
+    bounds of the eigenvalues."""
     room = _room(problem, lure, disturbance)
     return room is None or (room >= 0 and eigenvalue_bound(lure.P_e) * radius**2 <= room)
 
 
 def covered_radius(problem: Problem, lure: Lure, *, disturbance: Fraction = ZERO) -> float:
-    """The largest R, rounded down, for which ``covers`` holds; inf for all of space, 0 if there is none."""
+    """The largest R, rounded down, for which ``covers`` holds; inf for all of space, 0 if there is
+    none."""
     room = _room(problem, lure, disturbance)
     if room is None:
         return math.inf
@@ -176,8 +219,8 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
 
 
 def condition_bound(M: SparseSymmetric) -> Fraction | None:
-    """An upper bound of lambda_max(M) / lambda_min(M) for M > 0, close; exact for diagonal M.  None where lambda_min is
-    lost among the digits of lambda_max."""
+    """An upper bound of lambda_max(M) / lambda_min(M) for M > 0, close; exact for diagonal M.  None
+    where lambda_min is lost among the digits of lambda_max."""
     if all(i == j for i, j in M.entries):
         diagonal = M.diagonal()
         return max(diagonal) / min(diagonal)
@@ -192,27 +235,39 @@ def condition_bound(M: SparseSymmetric) -> Fraction | None:
 def _gains_left_open(problem: Problem, lure: Lure) -> str | None:
     """Why the gains are not shown to lie in the ranges claimed; None if they are."""
     for each in lure.ranges:
-        reason = left_open(problem, each.coupling, each.entries, Fraction(1) if each.radius is None else each.radius)
+        reason = left_open(
+            problem,
+            each.coupling,
+            each.entries,
+            Fraction(1) if each.radius is None else each.radius,
+        )
         if reason is not None:
             return reason
     return None
 
 
 def _room(problem: Problem, lure: Lure, disturbance: Fraction) -> Fraction | None:
-    """What the observer errors leave of the level for e'P_e e; None: no limit.  Negative: nothing."""
+    """What the observer errors leave of the level for e'P_e e; None: no limit.  Negative:
+    nothing."""
     if disturbance and lure.P is None:
         return Fraction(-1)
     if lure.level is None:
         return None
     if not disturbance or lure.P is None:
         return lure.level
-    return lure.level - problem.n * eigenvalue_bound(SparseSymmetric.from_dense(lure.P)) * disturbance**2
+    return (
+        lure.level
+        - problem.n * eigenvalue_bound(SparseSymmetric.from_dense(lure.P)) * disturbance**2
+    )
 
 
 def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
     """Why no quadratic certificate applies to the loop with the gain W (q, m); None if one does."""
     if problem.groups and W is None:
-        return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
+        return (
+            "does not apply: there is no observer gain W, and without one the estimation error "
+            "is not bounded."
+        )
     if problem.slopes_move:
         try:
             leaders_box(problem)
@@ -221,42 +276,60 @@ def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
     for mode, arcs in problem.network.modes.items():
         if alone := unreached(problem, [arcs]):
             who = name_agents([problem.network.labels[i] for i in alone])
-            return f"does not apply: in mode {mode} no pin reaches {who}; a common error of theirs does not decay."
+            return (
+                f"does not apply: in mode {mode} no pin reaches {who}; a common error of "
+                "theirs does not decay."
+            )
     return None
 
 
 def certified_ball(problem: Problem, lure: Lure, *, disturbance: float) -> float:
-    """The largest |e| to be claimed for |eps_i| <= disturbance, a little in hand; inf for all of space, 0 for none."""
+    """The largest |e| to be claimed for |eps_i| <= disturbance, a little in hand; inf for all of
+    space, 0 for none."""
     radius = covered_radius(problem, lure, disturbance=claimed(disturbance))
     return radius if math.isinf(radius) else shorten(radius * (1 - IN_HAND), digits=_DIGITS)
 
 
 def lure_check(
-    problem: Problem, W: Matrix | None, lure: Lure, *, radius: float, disturbance: float, domain: str, remark: str = ""
+    problem: Problem,
+    W: Matrix | None,
+    lure: Lure,
+    *,
+    radius: float,
+    disturbance: float,
+    domain: str,
+    remark: str = "",
 ) -> Check:
-    """Decide ``lure`` as a proof for every start with |e| <= radius and |eps_i| <= disturbance (all starts without a
-    level): PROVED or UNDECIDED, with that ``domain``, because one claim that fails says nothing against the others."""
+    """Decide ``lure`` as a proof for every start with |e| <= radius and |eps_i| <= disturbance (all
+    starts without a level): PROVED or UNDECIDED, with that ``domain``, because one claim that fails
+    says nothing against the others."""
     reason = quadratic_obstacle(problem, W)
     if reason is not None:
         return undecided_check("lure", domain, reason, applies=False)
     decision = verify_lure(problem, lure)
     if decision.verdict is not Verdict.PROVED:
         return undecided_check("lure", domain, decision.reason)
-    if lure.level is not None and not covers(problem, lure, radius=claimed(radius), disturbance=claimed(disturbance)):
-        return undecided_check("lure", domain, "the ball asked for is not inside the invariant set.")
+    if lure.level is not None and not covers(
+        problem, lure, radius=claimed(radius), disturbance=claimed(disturbance)
+    ):
+        return undecided_check(
+            "lure", domain, "the ball asked for is not inside the invariant set."
+        )
     return Check(
         id="lure",
         verdict=Verdict.PROVED,
         rate=rate_of(lure),
         domain="global" if lure.level is None else starts_in("ball", radius, disturbance),
         claim=lure,
-        reason=f"{decrease_in_words(problem, lure, radius, disturbance)}, for all gains that the couplings have there"
+        reason=f"{decrease_in_words(problem, lure, radius, disturbance)}, for all gains that the "
+        "couplings have there"
         f" ({_DEVICES[lure.method]}, {IN_WORDS[lure.shape]}){in_every_mode(problem)}.{remark}",
     )
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything that a proved check of this topic claims is confirmed, else what is not."""
+    """None if everything that a proved check of this topic claims is confirmed, else what is
+    not."""
     reason = wrong_outside(check, problem, W)
     if reason is not None:
         return reason
@@ -284,7 +357,11 @@ def not_shown(check: Check, problem: Problem, lure: Lure, decision: LureDecision
     if decision.verdict is not Verdict.PROVED:
         return decision.reason
     modes = build_sectors(problem, lure.ranges, radius=lure.radius).modes
-    pairs = [pair for mode, taus in lure.multipliers.items() for pair in zip(modes[mode], taus, strict=True)]
+    pairs = [
+        pair
+        for mode, taus in lure.multipliers.items()
+        for pair in zip(modes[mode], taus, strict=True)
+    ]
     if any(tau and not channel.spread for channel, tau in pairs):
         return "a multiplier of a channel without a range is not 0"
     if check.rate is not None and not numbers.follows(check.rate, lure.rate):
@@ -293,7 +370,8 @@ def not_shown(check: Check, problem: Problem, lure: Lure, decision: LureDecision
 
 
 def ball_is_inside(problem: Problem, lure: Lure, domain: object) -> bool:
-    """Whether the domain is a ball of covered starts.  Raises: ValueError or TypeError if it is no ball."""
+    """Whether the domain is a ball of covered starts.  Raises: ValueError or TypeError if it is no
+    ball."""
     radius, disturbance = read_domain(domain, problem, kind="ball")
     return covers(problem, lure, radius=radius, disturbance=disturbance)
 
@@ -318,13 +396,18 @@ def in_every_mode(problem: Problem) -> str:
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Lure:
-    """What a proved check claims, for this problem and the gain W (q, m); raises as ``lure_from_json``."""
+    """What a proved check claims, for this problem and the gain W (q, m); raises as
+    ``lure_from_json``."""
     return lure_from_json(read_object(check.exact, names_of(problem)), problem, W)
 
 
 def lure_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None) -> Lure:
-    """Read them back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is no such claim."""
-    radius, level = (None if values[name] is None else read_rational(values[name]) for name in ("radius", "level"))
+    """Read them back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is
+    no such claim."""
+    radius, level = (
+        None if values[name] is None else read_rational(values[name])
+        for name in ("radius", "level")
+    )
     if (radius is None) is not (level is None):
         raise ValueError("radius and level must both be null, or neither")
     if radius is not None and radius <= 0:
@@ -365,7 +448,9 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
         if type(i) is not int or type(j) is not int or (i, j) in entries:
             raise ValueError("P_e must list each entry once, with two whole numbers")
         entries[i, j] = read_rational(text)
-    if not all(entries.values()) or not has_short_denominator(entries.values(), numbers.MATRIX_BITS):
+    if not all(entries.values()) or not has_short_denominator(
+        entries.values(), numbers.MATRIX_BITS
+    ):
         raise ValueError("an entry of P_e is 0, or they need too long a common denominator")
     return SparseSymmetric(size, entries)
 

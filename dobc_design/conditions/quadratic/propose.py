@@ -1,7 +1,8 @@
 """Finds quadratic certificates: P_e, multipliers and the observer's pair for the largest ball.
 
-At the analytic centre of the inequalities the radius is raised until they are about to fail, then the centre is found
-anew (method of centres).  What is found is rounded, and only what ``holds`` accepts, exactly, is returned.
+At the analytic centre of the inequalities the radius is raised until they are about to fail, then
+the centre is found anew (method of centres).  What is found is rounded, and only what ``holds``
+accepts, exactly, is returned.
 """
 
 from __future__ import annotations
@@ -18,11 +19,26 @@ import numpy as np
 from scipy import linalg, optimize
 
 from dobc_design.conditions.consensus.claim import omega
-from dobc_design.conditions.numbers import bisected, golden_section, rounded_down, time_to_one_percent
+from dobc_design.conditions.numbers import (
+    bisected,
+    golden_section,
+    rounded_down,
+    time_to_one_percent,
+)
 from dobc_design.conditions.quadratic import propose_program as programs
 from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
-from dobc_design.conditions.quadratic.propose_program import FloatLoop, Gains, float_loop, sample_gains
-from dobc_design.conditions.quadratic.sectors import GainRange, Sectors, build_sectors, enclose_ranges
+from dobc_design.conditions.quadratic.propose_program import (
+    FloatLoop,
+    Gains,
+    float_loop,
+    sample_gains,
+)
+from dobc_design.conditions.quadratic.sectors import (
+    GainRange,
+    Sectors,
+    build_sectors,
+    enclose_ranges,
+)
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
@@ -47,10 +63,12 @@ TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball 
 CONDITION: Final = 100.0
 ZERO: Final = Fraction(0)
 _EDGE: Final = 1e-3
-#: How far inside of a proved certificate the search for a flatter one begins, and how close it comes.
+#: How far inside of a proved certificate the search for a flatter one begins, and how close it
+#: comes.
 _INSIDE, _EVEN = 1e-4, 1e-2
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
-# Where no arc needs the radius every level will do: one that holds balls of a hundred times the radius, about.
+# Where no arc needs the radius every level will do: one that holds balls of a hundred times the
+# radius, about.
 _NOT_NEEDED: Final = 1e4
 
 
@@ -65,9 +83,10 @@ def design_lure(
     disturbance: Fraction = ZERO,
     largest: Fraction = Fraction(1000),
 ) -> Lure | None:
-    """The certificate with the largest covered ball |e| <= R, |eps_i| <= disturbance that ``holds`` accepts, or None.
-    A P_e of full ``shape`` has n m (n m + 1)/2 unknowns, which make a dense Newton system: for some 20 rows.  Without
-    the gain ``W`` (q, m) eps = 0 is meant.  No |e_j - e_i| beyond ``largest`` is looked at.  Raises: SpecError."""
+    """The certificate with the largest covered ball |e| <= R, |eps_i| <= disturbance that ``holds``
+    accepts, or None. A P_e of full ``shape`` has n m (n m + 1)/2 unknowns, which make a dense
+    Newton system: for some 20 rows.  Without the gain ``W`` (q, m) eps = 0 is meant.  No |e_j -
+    e_i| beyond ``largest`` is looked at.  Raises: SpecError."""
     search = _begun(problem, W, shape=shape, rate=rate, observer=rate, disturbance=disturbance)
     tried: Lure | None = None
     for tried in () if search is None else search.candidates(float(largest)):
@@ -80,10 +99,16 @@ def design_lure(
 
 
 def fast_lures(
-    problem: Problem, *, radius: float | None, W: Matrix | None, observer: Fraction, rates: tuple[float, float]
+    problem: Problem,
+    *,
+    radius: float | None,
+    W: Matrix | None,
+    observer: Fraction,
+    rates: tuple[float, float],
 ) -> Iterator[Lure]:
-    """Certificates at a radius (None: couplings are linear) with rates between two (1/s), the largest first.
-    ``observer``: a rate at which there is a pair for W; no certificate has a larger one."""
+    """Certificates at a radius (None: couplings are linear) with rates between two (1/s), the
+    largest first. ``observer``: a rate at which there is a pair for W; no certificate has a larger
+    one."""
     slowest = rounded_down(rates[0], digits=6)
     search = _begun(problem, W, shape="full", rate=slowest, observer=observer, disturbance=ZERO)
     found = () if search is None else search.faster(radius, rates[1])
@@ -102,15 +127,23 @@ def sooner_lures(
     steps: int,
     least: float = 0.0,
 ) -> Iterator[Lure]:
-    """Certificates that ``holds`` accepts with smaller rates and flatter P_e, which promise the least time to one
-    percent first; each covers |e| <= ball, |eps_i| <= disturbance.  ``lures`` do, with growing rates > 0: the search
-    begins at the next faster one.  ``steps``: rates that are tried, all of them at least ``least`` (1/s)."""
+    """Certificates that ``holds`` accepts with smaller rates and flatter P_e, which promise the
+    least time to one percent first; each covers |e| <= ball, |eps_i| <= disturbance.  ``lures`` do,
+    with growing rates > 0: the search begins at the next faster one.  ``steps``: rates that are
+    tried, all of them at least ``least`` (1/s)."""
     found: list[tuple[float, _Search, _Point]] = []
 
     def at(rate: float) -> float:
         exact = rounded_down(rate, digits=4)
         near = next((each for each in lures if each.rate >= exact), lures[-1])
-        begun = _begun(problem, W, shape=near.shape, rate=near.rate, observer=near.rate, disturbance=disturbance)
+        begun = _begun(
+            problem,
+            W,
+            shape=near.shape,
+            rate=near.rate,
+            observer=near.rate,
+            disturbance=disturbance,
+        )
         start = None if begun is None else begun.point_of(near)
         if begun is None or start is None:
             return math.inf
@@ -122,7 +155,9 @@ def sooner_lures(
         found.append((time, search, point))
         return time
 
-    first = min(time_to_one_percent(float(each.rate), math.sqrt(condition_of(each))) for each in lures)
+    first = min(
+        time_to_one_percent(float(each.rate), math.sqrt(condition_of(each))) for each in lures
+    )
     shortest, longest = max(math.log(100) / first, least), float(lures[-1].rate)
     if longest <= shortest:
         return
@@ -147,10 +182,13 @@ def bound_lure(
     Q: Matrix | None = None,
     largest: Fraction = Fraction(1000),
 ) -> Lure | None:
-    """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's pair (None: eps =
-    0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices" with too many arcs."""
+    """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's
+    pair (None: eps = 0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices"
+    with too many arcs."""
     size = problem.n * problem.m
-    metric = SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)}) if P_e is None else P_e
+    metric = (
+        SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)}) if P_e is None else P_e
+    )
 
     def at(radius: float) -> Lure | None:
         exact = rounded_down(radius, digits=6)
@@ -185,14 +223,22 @@ def _level(P_e: SparseSymmetric, problem: Problem, radius: Fraction) -> Fraction
 
 
 def raise_rate(problem: Problem, lure: Lure, *, holds: Holds) -> Lure:
-    """The same certificate with the largest rate that ``holds`` accepts, in steps below an estimate."""
+    """The same certificate with the largest rate that ``holds`` accepts, in steps below an
+    estimate."""
     estimate = rate_estimate(problem, lure)
-    rates = [rounded_down(estimate * (1 - part), digits=6) for part in (1e-6, 1e-3, 0.01, 0.1, 0.5) if estimate > 0]
-    return next(filter(holds, (replace(lure, rate=rate) for rate in rates if rate > lure.rate)), lure)
+    rates = [
+        rounded_down(estimate * (1 - part), digits=6)
+        for part in (1e-6, 1e-3, 0.01, 0.1, 0.5)
+        if estimate > 0
+    ]
+    return next(
+        filter(holds, (replace(lure, rate=rate) for rate in rates if rate > lure.rate)), lure
+    )
 
 
 def rate_estimate(problem: Problem, lure: Lure) -> float:
-    """The largest beta for which the Lur'e inequalities hold with these unknowns, about (1/s); 0 if there is none."""
+    """The largest beta for which the Lur'e inequalities hold with these unknowns, about (1/s); 0 if
+    there is none."""
     if lure.method != "lure":
         return 0.0
     sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
@@ -214,7 +260,8 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
 
 
 def linear_rate(problem: Problem, W: Matrix | None) -> float:
-    """The decay rate near the consensus (1/s), which no certificate can exceed, about; 0 where that does not decay."""
+    """The decay rate near the consensus (1/s), which no certificate can exceed, about; 0 where that
+    does not decay."""
     gains = sample_gains(problem, NEAR)
     if gains is None:
         return 0.0
@@ -228,7 +275,8 @@ def linear_rate(problem: Problem, W: Matrix | None) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScaledPair:
-    """The observer's P before scaling, S of all agents (n m, n m), and n lambda_max(P) s^2, for kappa = 1."""
+    """The observer's P before scaling, S of all agents (n m, n m), and n lambda_max(P) s^2, for
+    kappa = 1."""
 
     P: Matrix
     W: Matrix
@@ -236,8 +284,11 @@ class ScaledPair:
     disturbance: float
 
 
-def scaled_pair(problem: Problem, W: Matrix, *, rate: Fraction, disturbance: Fraction) -> ScaledPair | None:
-    """P with Omega(rate) = -(C'C + a little), the smallest whose border S is at most I; None if A - WC is too slow."""
+def scaled_pair(
+    problem: Problem, W: Matrix, *, rate: Fraction, disturbance: Fraction
+) -> ScaledPair | None:
+    """P with Omega(rate) = -(C'C + a little), the smallest whose border S is at most I; None if A -
+    WC is too slow."""
     exosystem = problem.joint_exosystem
     if exosystem is None:
         raise SpecError("W has no meaning without an [exosystem].", key="W", cure="Leave it out.")
@@ -253,12 +304,15 @@ def scaled_pair(problem: Problem, W: Matrix, *, rate: Fraction, disturbance: Fra
         S = _border(problem, P, multiply(P, W), rate=float(rate))
         if S is not None:
             largest = float(np.linalg.eigvalsh(to_float(P))[-1])
-            return ScaledPair(P=P, W=W, S=S, disturbance=problem.n * largest * float(disturbance) ** 2)
+            return ScaledPair(
+                P=P, W=W, S=S, disturbance=problem.n * largest * float(disturbance) ** 2
+            )
     return None
 
 
 def _border(problem: Problem, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
-    """S = C (-Omega)^-1 C' of every agent along the diagonal (n m, n m), in floats; None unless Omega < 0."""
+    """S = C (-Omega)^-1 C' of every agent along the diagonal (n m, n m), in floats; None unless
+    Omega < 0."""
     exosystem = problem.joint_exosystem
     if exosystem is None:
         return None
@@ -274,7 +328,8 @@ def _border(problem: Problem, P: Matrix, Q: Matrix, *, rate: float) -> Array | N
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Point:
-    """A point inside at a radius (None: couplings are linear); ``value``: the ball it covers, where that was sought."""
+    """A point inside at a radius (None: couplings are linear); ``value``: the ball it covers, where
+    that was sought."""
 
     radius: float | None
     Y: Array
@@ -289,7 +344,8 @@ class _Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Search:
-    """A design in progress: what stays the same over all radii.  ``sampled``: gains in floats, not enclosed."""
+    """A design in progress: what stays the same over all radii.  ``sampled``: gains in floats, not
+    enclosed."""
 
     problem: Problem
     templates: programs.Templates
@@ -320,7 +376,11 @@ class _Search:
         elif (ranges := self.ranges(exact)) is not None:
             gains = programs.range_gains(ranges, len(self.problem.couplings), self.problem.m)
         S = None if self.pair is None else self.pair.S
-        return None if gains is None else float_loop(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
+        return (
+            None
+            if gains is None
+            else float_loop(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
+        )
 
     def inside(self, point: _Point, radius: float | None) -> bool:
         """Whether the inequalities hold at another radius with the same unknowns."""
@@ -331,31 +391,49 @@ class _Search:
         return program.holds(program.join(point.Y, point.scalars))
 
     def centred(self, radius: float | None, start: _Point | None) -> _Point | None:
-        """The analytic centre at a radius, from a point inside; None if there is none, as far as can be seen."""
+        """The analytic centre at a radius, from a point inside; None if there is none, as far as
+        can be seen."""
         loop = self.loop(radius)
         if loop is None:
             return None
         program = programs.centring(loop, self.basis)
         guess = None if start is None else program.join(start.Y, start.scalars)
-        if guess is None or len(guess) != self.basis.size + program.count or not program.holds(guess):
+        if (
+            guess is None
+            or len(guess) != self.basis.size + program.count
+            or not program.holds(guess)
+        ):
             guess = self._phase_one(loop)
-        return None if guess is None else _point(loop, radius, *program.split(centre(program, guess)))
+        return (
+            None if guess is None else _point(loop, radius, *program.split(centre(program, guess)))
+        )
 
     def _phase_one(self, loop: FloatLoop) -> Array | None:
         """Minimise theta in F + theta I > 0 until it is negative."""
         program = programs.centring(loop, self.basis, shift=True)
         start = program.join(np.eye(loop.size) / 2, [*[1.0] * (program.count - 1), 0.0])
-        lowest = min(float(np.linalg.eigvalsh(block.value(*program.split(start)))[0]) for block in program.blocks)
+        lowest = min(
+            float(np.linalg.eigvalsh(block.value(*program.split(start)))[0])
+            for block in program.blocks
+        )
         start[-1] = max(1.0, -2 * lowest)
         if not program.holds(start):
             return None
         cost = np.zeros(len(start))
         cost[-1] = 1.0
-        found = minimise(program, start, cost, accuracy=1e-9, stop=lambda point: bool(point[-1] < 0), hopeless=0.0)
+        found = minimise(
+            program,
+            start,
+            cost,
+            accuracy=1e-9,
+            stop=lambda point: bool(point[-1] < 0),
+            hopeless=0.0,
+        )
         return found[:-1] if found[-1] < 0 else None
 
     def covering(self, start: _Point) -> _Point | None:
-        """The largest covered ball at the radius of ``start``, which is inside; None if nothing is covered."""
+        """The largest covered ball at the radius of ``start``, which is inside; None if nothing is
+        covered."""
         loop = self.loop(start.radius)
         if loop is None:
             return None
@@ -389,7 +467,8 @@ class _Search:
         return replace(_point(loop, start.radius, *program.split(point)), value=value)
 
     def _room_for(self, loop: FloatLoop, program: Inequalities, start: _Point) -> _Point | None:
-        """Raise kappa, within the radii, until the disturbance leaves room for e; None if it never does."""
+        """Raise kappa, within the radii, until the disturbance leaves room for e; None if it never
+        does."""
         needed = self.disturbance
         point = program.join(start.Y, [*start.scalars, 0.5 * float(np.linalg.eigvalsh(start.Y)[0])])
         if not program.holds(point):
@@ -397,11 +476,14 @@ class _Search:
         kappa = self.basis.size + loop.multipliers
         cost = np.zeros(len(point))
         cost[kappa] = -1.0
-        point = minimise(program, point, cost, stop=lambda p: bool(p[kappa] > 1.05 * needed), hopeless=-needed)
+        point = minimise(
+            program, point, cost, stop=lambda p: bool(p[kappa] > 1.05 * needed), hopeless=-needed
+        )
         return None if point[kappa] <= needed else _point(loop, start.radius, *program.split(point))
 
     def point_of(self, lure: Lure) -> _Point | None:
-        """The point from which ``roundings`` would make this certificate, about; None where it is of another search."""
+        """The point from which ``roundings`` would make this certificate, about; None where it is
+        of another search."""
         radius = None if lure.radius is None else float(lure.radius)
         loop, unit = self.loop(radius), 1.0 if lure.level is None else float(lure.level)
         if loop is None:
@@ -425,7 +507,8 @@ class _Search:
         return _Point(radius=radius, Y=(Y + Y.T) / 2, t=np.array(t), kappa=kappa)
 
     def flattest(self, start: _Point, ball: float) -> _Point | None:
-        """The point with the least largest eigenvalue of Y that covers the ball; None if ``start`` is not inside."""
+        """The point with the least largest eigenvalue of Y that covers the ball; None if ``start``
+        is not inside."""
         loop = self.loop(start.radius)
         if loop is None or loop.multipliers != len(start.t):
             return None
@@ -438,7 +521,10 @@ class _Search:
         kappa = None if start.kappa is None else size * start.kappa
         inner = _Point(radius=start.radius, Y=size * start.Y, t=size * start.t, kappa=kappa)
         program = programs.flattening(
-            loop, self.basis, ball=ball * (1 + _INSIDE), disturbance=self.disturbance if disturbed else 0.0
+            loop,
+            self.basis,
+            ball=ball * (1 + _INSIDE),
+            disturbance=self.disturbance if disturbed else 0.0,
         )
         values = np.linalg.eigvalsh(inner.Y)
         scalars = list(inner.scalars)
@@ -449,11 +535,17 @@ class _Search:
             return None
         cost = np.zeros(len(point))
         cost[-1] = 1.0
-        return _point(loop, start.radius, *program.split(minimise(program, point, cost, accuracy=_EVEN)))
+        return _point(
+            loop, start.radius, *program.split(minimise(program, point, cost, accuracy=_EVEN))
+        )
 
     def path(self, largest: float) -> list[_Point]:
-        """Centres at growing radii, up to the largest one that could be reached; empty if there is none."""
-        found = next((point for r in FIRST if (point := self.centred(min(r, largest), None)) is not None), None)
+        """Centres at growing radii, up to the largest one that could be reached; empty if there is
+        none."""
+        found = next(
+            (point for r in FIRST if (point := self.centred(min(r, largest), None)) is not None),
+            None,
+        )
         path: list[_Point] = []
         while found is not None and found.radius is not None:
             path.append(found)
@@ -465,7 +557,8 @@ class _Search:
         return path
 
     def faster(self, radius: float | None, fastest: float) -> Iterator[tuple[_Search, _Point]]:
-        """Centres at growing rates, at a radius, from this rate on; none if there is none at this rate."""
+        """Centres at growing rates, at a radius, from this rate on; none if there is none at this
+        rate."""
         search, point = self, self.centred(radius, None)
         while point is not None:
             yield search, point
@@ -494,7 +587,8 @@ class _Search:
         return low
 
     def largest_balls(self, path: list[_Point]) -> list[_Point]:
-        """Points with the covered ball of their radius, the largest ball first; empty if nothing is covered."""
+        """Points with the covered ball of their radius, the largest ball first; empty if nothing is
+        covered."""
         top = path[-1].radius or 0.0
         found: list[_Point] = []
 
@@ -509,7 +603,9 @@ class _Search:
 
         if any(lost(part * top) for part in TRIED):
             options = {"maxiter": 12, "xatol": 1e-3 * top}
-            optimize.minimize_scalar(lost, bounds=(0.5 * top, top), method="bounded", options=options)
+            optimize.minimize_scalar(
+                lost, bounds=(0.5 * top, top), method="bounded", options=options
+            )
         return sorted(found, key=lambda each: -each.value)
 
     def candidates(self, largest: float) -> Iterator[Lure]:
@@ -528,7 +624,8 @@ class _Search:
         problem, pair, loop = self.problem, self.pair, self.loop(point.radius)
         radius = None if point.radius is None else rounded_down(point.radius, digits=6)
         ranges = self.ranges(radius)
-        if loop is None or ranges is None:  # the samples have not met the place where it is not defined
+        # the samples have not met the place where it is not defined
+        if loop is None or ranges is None:
             return
         sectors = build_sectors(problem, ranges, radius=radius)
         unit = float(np.linalg.eigvalsh(point.Y)[0])
@@ -540,13 +637,19 @@ class _Search:
                 continue
             if radius is not None:  # a level and a radius belong together
                 reach = min(reach, _NOT_NEEDED * float(radius) ** 2)
-            a = Fraction(1) if pair is None or not point.kappa else rounded_down(unit / point.kappa, digits=digits)
+            a = (
+                Fraction(1)
+                if pair is None or not point.kappa
+                else rounded_down(unit / point.kappa, digits=digits)
+            )
             P = None if pair is None else scale(a, pair.P)
             yield Lure(
                 P_e=SparseSymmetric.from_dense(P_e),
                 ranges=ranges,
                 radius=radius,
-                level=None if math.isinf(reach) else rounded_down(reach * (1 - _SHORTFALL), digits=10),
+                level=None
+                if math.isinf(reach)
+                else rounded_down(reach * (1 - _SHORTFALL), digits=10),
                 multipliers=_multipliers(sectors, loop, point, unit, digits),
                 rate=self.rate,
                 P=P,
@@ -555,38 +658,54 @@ class _Search:
 
 
 def _begun(
-    problem: Problem, W: Matrix | None, *, shape: Shape, rate: Fraction, observer: Fraction, disturbance: Fraction
+    problem: Problem,
+    W: Matrix | None,
+    *,
+    shape: Shape,
+    rate: Fraction,
+    observer: Fraction,
+    disturbance: Fraction,
 ) -> _Search | None:
-    """A search at a rate, with gains in floats; None if A - WC is too slow for the rate ``observer`` of its pair."""
+    """A search at a rate, with gains in floats; None if A - WC is too slow for the rate
+    ``observer`` of its pair."""
     pair = None if W is None else scaled_pair(problem, W, rate=observer, disturbance=disturbance)
     if W is not None and pair is None:
         return None
     templates, basis = programs.make_templates(problem), make_basis(problem.n * problem.m, shape)
-    return _Search(problem=problem, templates=templates, basis=basis, pair=pair, rate=rate, sampled=True)
+    return _Search(
+        problem=problem, templates=templates, basis=basis, pair=pair, rate=rate, sampled=True
+    )
 
 
 def _point(loop: FloatLoop, radius: float | None, Y: Array, x: Array) -> _Point:
     """A point of any of the programs: t come first, then kappa, if there is an observer."""
     count = loop.multipliers
-    return _Point(radius=radius, Y=Y, t=x[:count], kappa=None if loop.S is None else float(x[count]))
+    return _Point(
+        radius=radius, Y=Y, t=x[:count], kappa=None if loop.S is None else float(x[count])
+    )
 
 
 def _reach(P_e: Array, loop: FloatLoop) -> float:
-    """The largest level within the radii, about; inf without radii, 0 if P_e is not positive definite."""
+    """The largest level within the radii, about; inf without radii, 0 if P_e is not positive
+    definite."""
     if not float(np.linalg.eigvalsh(P_e)[0]) > 0:
         return 0.0
     Y = np.asarray(np.linalg.inv(P_e), dtype=np.float64)
     return float(np.min(loop.reach**2 / np.maximum(loop.widths(Y), 1e-300), initial=math.inf))
 
 
-def _multipliers(sectors: Sectors, loop: FloatLoop, point: _Point, unit: float, digits: int) -> dict[str, Vector]:
+def _multipliers(
+    sectors: Sectors, loop: FloatLoop, point: _Point, unit: float, digits: int
+) -> dict[str, Vector]:
     """Tau = unit / (2 d t) of every channel with a range, 0 elsewhere."""
     result, start = {}, 0
     for mode in loop.modes:
         values = unit / (2 * mode.d * point.t[start : start + len(mode.d)])
         taus = dict(zip(map(tuple, mode.where.T.tolist()), values.tolist(), strict=True))
         result[mode.name] = tuple(
-            rounded_down(taus[channel.target, channel.plus, channel.minus], digits=digits) if channel.spread else ZERO
+            rounded_down(taus[channel.target, channel.plus, channel.minus], digits=digits)
+            if channel.spread
+            else ZERO
             for channel in sectors.modes[mode.name]
         )
         start += len(mode.d)

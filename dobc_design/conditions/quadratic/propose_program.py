@@ -1,12 +1,14 @@
-"""The Lur'e inequalities as programs in Y = P_e^-1, in floating point: gains, the loop, the blocks of a barrier.
+"""The Lur'e inequalities as programs in Y = P_e^-1, in floating point: gains, the loop, the blocks
+of a barrier.
 
-Everything is affine in Y (theory, section 4).  With t = 1/(2 tau d), d the half-width of a gain and g0 its middle, the
-inequality times Y on both sides is
+Everything is affine in Y (theory, section 4).  With t = 1/(2 tau d), d the half-width of a gain and
+g0 its middle, the inequality times Y on both sides is
 
     [[A0 Y + Y A0' + 2 beta Y + sum d t b b' + kappa I (x) S,  Y C' sqrt(d)], [., -diag(t)]] < 0
 
-{e'P_e e <= 1} lies in |c'e| <= r iff c'Y c <= r^2, and holds the ball of radius sqrt(lambda) iff Y >= lambda I.  With
-the observer's pair (P, Q)/kappa, |e| <= R, |eps_i| <= s are covered iff R^2/lambda + n lambda_max(P) s^2/kappa <= 1.
+{e'P_e e <= 1} lies in |c'e| <= r iff c'Y c <= r^2, and holds the ball of radius sqrt(lambda) iff Y
+>= lambda I.  With the observer's pair (P, Q)/kappa, |e| <= R, |eps_i| <= s are covered iff
+R^2/lambda + n lambda_max(P) s^2/kappa <= 1.
 """
 
 from __future__ import annotations
@@ -34,14 +36,16 @@ POINTS: Final = 401
 SCATTERED: Final = 600  # points in a box of several dimensions, besides its corners
 WIDER: Final = 2e-5  # about what enclosures are widened and rounded by
 _STEP: Final = 1e-6
-# Half-width of a range that is a point at this radius, relative to the gain, so that the unknowns stay the same.
+# Half-width of a range that is a point at this radius, relative to the gain, so that the unknowns
+# stay the same.
 _NARROW: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Template:
-    """What does not depend on the radius in one mode: (3, channels) ``place``, coupling, row and column of the gain,
-    and ``where``, target, plus and minus; ``curved``: whether it may have a width; ``known``: what of it K holds."""
+    """What does not depend on the radius in one mode: (3, channels) ``place``, coupling, row and
+    column of the gain, and ``where``, target, plus and minus; ``curved``: whether it may have a
+    width; ``known``: what of it K holds."""
 
     name: str
     place: Indices
@@ -62,7 +66,8 @@ class Templates:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FloatMode:
-    """One mode in floats: A0 (n m, n m); of every channel with a range its target, plus and minus (3, k), and d."""
+    """One mode in floats: A0 (n m, n m); of every channel with a range its target, plus and minus
+    (3, k), and d."""
 
     name: str
     A: Array
@@ -72,8 +77,8 @@ class FloatMode:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FloatLoop:
-    """All modes at one radius, the borders S (n m, n m) of the observers or None, and the rate beta.  ``ends``
-    (pairs, 2) and ``reach`` (pairs,): |e_i - e_j| <= reach, each pair once."""
+    """All modes at one radius, the borders S (n m, n m) of the observers or None, and the rate
+    beta.  ``ends`` (pairs, 2) and ``reach`` (pairs,): |e_i - e_j| <= reach, each pair once."""
 
     size: int
     modes: tuple[FloatMode, ...]
@@ -89,19 +94,24 @@ class FloatLoop:
 
     def widths(self, Y: Array) -> Array:
         """c'Y c of every pair of ends."""
-        i, j, Y = self.ends[:, 0], self.ends[:, 1], np.pad(Y, (0, 1))  # the target, whose error is 0, comes last
+        # the target, whose error is 0, comes last
+        i, j, Y = self.ends[:, 0], self.ends[:, 1], np.pad(Y, (0, 1))
         return np.asarray(Y[i, i] + Y[j, j] - 2 * Y[i, j])
 
 
 def sample_gains(problem: Problem, radius: float) -> Gains | None:
-    """Lowest and highest gains of every coupling on |y_c| <= radius, about, of nodes for every state of a leader; None
-    where one is not finite."""
+    """Lowest and highest gains of every coupling on |y_c| <= radius, about, of nodes for every
+    state of a leader; None where one is not finite."""
     known = problem.couplings[: problem.node if problem.slopes_move else None]
     found = [_sampled(each, radius) for each in known]
     if problem.slopes_move:
         box = leaders_box(problem)
         half = np.array([nearest(side.width / 2) for side in box])
-        found.append(_of_vectors(problem.couplings[-1], radius + half, np.array([nearest(x.midpoint) for x in box])))
+        found.append(
+            _of_vectors(
+                problem.couplings[-1], radius + half, np.array([nearest(x.midpoint) for x in box])
+            )
+        )
     low, high = (np.array(ends) for ends in zip(*found, strict=True))
     if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high))):
         return None
@@ -120,11 +130,16 @@ def range_gains(ranges: Sequence[GainRange], count: int, m: int) -> Gains:
 
 
 def _sampled(coupling: Coupling, radius: float) -> Gains:
-    """H_c(y)/y_d along the axes, and the slopes at 0, where H_c is a sum of functions of one variable each; elsewhere
-    slopes."""
+    """H_c(y)/y_d along the axes, and the slopes at 0, where H_c is a sum of functions of one
+    variable each; elsewhere slopes."""
     spend(0 if coupling.is_linear else coupling.dimension * _steps(coupling))
-    m, y = coupling.dimension, np.delete(np.linspace(-radius, radius, POINTS), POINTS // 2)  # without 0
-    summed = [c for c in range(m) if coupling.by_component or is_sum_of_curves(coupling.components[c].node)]
+    # without 0
+    m, y = coupling.dimension, np.delete(np.linspace(-radius, radius, POINTS), POINTS // 2)
+    summed = [
+        c
+        for c in range(m)
+        if coupling.by_component or is_sum_of_curves(coupling.components[c].node)
+    ]
     low, high = np.zeros((2, m, m)) if len(summed) == m else _of_vectors(coupling, radius)
     for c, d in itertools.product(summed, range(m)) if coupling.is_linear else ():
         low[c, d] = high[c, d] = nearest(coupling.jacobian_at_zero()[c][d].midpoint)
@@ -144,11 +159,16 @@ def _steps(coupling: Coupling) -> int:
 
 
 def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array = 0.0) -> Gains:
-    """Central differences at the corners, the centre and scattered points, for |y_c - about_c| <= radius, or its c."""
+    """Central differences at the corners, the centre and scattered points, for |y_c - about_c| <=
+    radius, or its c."""
     radius = np.broadcast_to(radius, coupling.dimension)
     m = coupling.dimension
     spend(2 * m * _steps(coupling))
-    corners = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=m))) if m <= 4 else np.zeros((1, m))
+    corners = (
+        np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=m)))
+        if m <= 4
+        else np.zeros((1, m))
+    )
     scattered = np.random.default_rng(0).uniform(-1, 1, (SCATTERED, m))
     points = about + radius * np.concatenate([corners, scattered]) * (1 - _STEP)
     low, high = np.zeros((m, m)), np.zeros((m, m))
@@ -163,7 +183,8 @@ def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array 
 
 
 def make_templates(problem: Problem) -> Templates:
-    """Lay out the channels of every mode once; ranges of the couplings are put in by ``float_loop``."""
+    """Lay out the channels of every mode once; ranges of the couplings are put in by
+    ``float_loop``."""
     m, size = problem.m, problem.n * problem.m
     K = np.zeros((size, size))
     for agent, gain in problem.pinning.gains.items():
@@ -187,31 +208,48 @@ def make_templates(problem: Problem) -> Templates:
         columns = np.array(table + nodes, dtype=float).reshape(-1, 9).T
         place, where = np.split(columns[:6].astype(np.intp), 2)
         modes.append(
-            _Template(name=name, place=place, where=where, curved=columns[6], weight=columns[7], known=columns[8])
+            _Template(
+                name=name,
+                place=place,
+                where=where,
+                curved=columns[6],
+                weight=columns[7],
+                known=columns[8],
+            )
         )
     return Templates(size=size, K=K, modes=tuple(modes))
 
 
 def _entries(coupling: Coupling) -> list[tuple[int, int, bool]]:
-    """Row and column of every gain that may not be 0, and whether it may have a range.  So may every gain of a
-    coupling that is not linear, and an irrational one, which is known by an enclosure only."""
+    """Row and column of every gain that may not be 0, and whether it may have a range.  So may
+    every gain of a coupling that is not linear, and an irrational one, which is known by an
+    enclosure only."""
     places = [(c, c) for c in range(coupling.dimension)]
     if not coupling.by_component:
-        places = [(c, d) for c, component in enumerate(coupling.components) for d in variables_used(component.node)]
+        places = [
+            (c, d)
+            for c, component in enumerate(coupling.components)
+            for d in variables_used(component.node)
+        ]
     if not coupling.is_linear:
         return [(c, d, True) for c, d in places]
     slopes = coupling.jacobian_at_zero()
     return [(c, d, not slopes[c][d].is_point) for c, d in places]
 
 
-def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: Array | None, rate: float) -> FloatLoop:
+def float_loop(
+    templates: Templates, gains: Gains, *, radius: float | None, S: Array | None, rate: float
+) -> FloatLoop:
     """The numbers at one radius, from the gains of the couplings there."""
     low, high = gains
     modes = []
     for mode in templates.modes:
         bottom, above = (mode.weight * end[tuple(mode.place)] - mode.known for end in (low, high))
         loose, curved = mode.curved > 1, mode.curved > 0
-        bottom, above = np.where(loose, np.minimum(bottom, 0), bottom), np.where(loose, np.maximum(above, 0), above)
+        bottom, above = (
+            np.where(loose, np.minimum(bottom, 0), bottom),
+            np.where(loose, np.maximum(above, 0), above),
+        )
         middle, A = (bottom + above) / 2, np.pad(-templates.K, (0, 1))
         target, plus, minus = mode.where
         np.add.at(A, (target, plus), middle)
@@ -220,17 +258,26 @@ def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: A
         d = np.maximum((above - bottom) / 2, _NARROW * np.maximum(np.abs(middle), 1e-300))[curved]
         modes.append(FloatMode(name=mode.name, A=A, where=mode.where[:, curved], d=d))
     pairs = [np.sort(mode.where[1:].T, axis=1) for mode in modes]
-    ends = np.unique(np.concatenate(pairs), axis=0) if radius is not None else np.zeros((0, 2), dtype=np.intp)
+    ends = (
+        np.unique(np.concatenate(pairs), axis=0)
+        if radius is not None
+        else np.zeros((0, 2), dtype=np.intp)
+    )
     reach = np.full(len(ends), radius or 0.0)
-    return FloatLoop(size=templates.size, modes=tuple(modes), S=S, rate=rate, ends=ends, reach=reach)
+    return FloatLoop(
+        size=templates.size, modes=tuple(modes), S=S, rate=rate, ends=ends, reach=reach
+    )
 
 
 def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
-    """The inequality of every mode over Y, t, and kappa > 0 with an observer; ``shift``: theta with F + theta I > 0."""
+    """The inequality of every mode over Y, t, and kappa > 0 with an observer; ``shift``: theta with
+    F + theta I > 0."""
     blocks, n, start = [], loop.size, 0
     for mode in loop.modes:
         k, root, (target, plus, minus) = len(mode.d), np.sqrt(mode.d), mode.where
-        left = np.pad(np.vstack([mode.A + loop.rate * np.eye(n), np.zeros((k, n))]), ((0, 0), (0, 1)))
+        left = np.pad(
+            np.vstack([mode.A + loop.rate * np.eye(n), np.zeros((k, n))]), ((0, 0), (0, 1))
+        )
         arcs = np.arange(k)
         left[n + arcs, plus] += root
         left[n + arcs, minus] -= root
@@ -248,7 +295,11 @@ def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
             Block(
                 constant=np.zeros((n + k, n + k)),
                 sides=(left, np.vstack([np.eye(n), np.zeros((k, n))])),
-                columns=(columns, np.repeat([-1.0, 1.0], k), np.concatenate([start + arcs, start + arcs])),
+                columns=(
+                    columns,
+                    np.repeat([-1.0, 1.0], k),
+                    np.concatenate([start + arcs, start + arcs]),
+                ),
                 dense=dense,
             )
         )
@@ -257,8 +308,8 @@ def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
 
 
 def centring(loop: FloatLoop, basis: Basis, *, shift: bool = False) -> Inequalities:
-    """Find Y, t, kappa with 0 < Y < I: the inequalities do not change when all are scaled.  Scalars: t, with an
-    observer kappa, and with ``shift`` theta."""
+    """Find Y, t, kappa with 0 < Y < I: the inequalities do not change when all are scaled.
+    Scalars: t, with an observer kappa, and with ``shift`` theta."""
     count = loop.multipliers + (loop.S is not None)
     blocks = _decrease(loop, shift=count if shift else None)
     blocks.append(Block(constant=np.eye(loop.size), plain=-1.0))
@@ -269,9 +320,12 @@ def centring(loop: FloatLoop, basis: Basis, *, shift: bool = False) -> Inequalit
     return Inequalities(basis=basis, blocks=tuple(blocks), count=count + shift, positive=positive)
 
 
-def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: float) -> Inequalities:
-    """Find Y, t, kappa, lambda with lambda I < Y < condition lambda I (what no radius limits stays tame) in the
-    radii, and with a ``disturbance`` n lambda_max(P) s^2 at kappa = 1 a radius R and its share b, in this order."""
+def covering(
+    loop: FloatLoop, basis: Basis, *, disturbance: float, condition: float
+) -> Inequalities:
+    """Find Y, t, kappa, lambda with lambda I < Y < condition lambda I (what no radius limits stays
+    tame) in the radii, and with a ``disturbance`` n lambda_max(P) s^2 at kappa = 1 a radius R and
+    its share b, in this order."""
     kappa = loop.multipliers
     lambda_ = kappa + (loop.S is not None)
     eye = np.eye(loop.size)
@@ -281,9 +335,15 @@ def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: fl
     disturbed = loop.S is not None and disturbance > 0
     if disturbed:
         R, share = lambda_ + 1, lambda_ + 2
-        corner, other, off = np.diag([1.0, 0.0]), np.diag([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
+        corner, other, off = (
+            np.diag([1.0, 0.0]),
+            np.diag([0.0, 1.0]),
+            np.array([[0.0, 1.0], [1.0, 0.0]]),
+        )
         blocks.append(Block(constant=other, dense={lambda_: corner, R: off, share: -other}))
-        blocks.append(Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other}))
+        blocks.append(
+            Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other})
+        )
     forms, limits = _radii(loop, basis)
     return Inequalities(
         basis=basis,
@@ -296,8 +356,9 @@ def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: fl
 
 
 def flattening(loop: FloatLoop, basis: Basis, *, ball: float, disturbance: float) -> Inequalities:
-    """Find Y, t, kappa and mu with ball^2 I < Y < mu I in the radii, so that mu bounds the condition of Y.  With a
-    ``disturbance`` n lambda_max(P) s^2 at kappa = 1: lambda I < Y and the share b of it, before mu."""
+    """Find Y, t, kappa and mu with ball^2 I < Y < mu I in the radii, so that mu bounds the
+    condition of Y.  With a ``disturbance`` n lambda_max(P) s^2 at kappa = 1: lambda I < Y and the
+    share b of it, before mu."""
     kappa = loop.multipliers
     first = kappa + (loop.S is not None)
     disturbed = loop.S is not None and disturbance > 0
@@ -305,15 +366,26 @@ def flattening(loop: FloatLoop, basis: Basis, *, ball: float, disturbance: float
     blocks = [*_decrease(loop), Block(constant=np.zeros_like(eye), plain=-1.0, dense={mu: eye})]
     if disturbed:
         share = first + 1
-        corner, other, off = np.diag([1.0, 0.0]), np.diag([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
+        corner, other, off = (
+            np.diag([1.0, 0.0]),
+            np.diag([0.0, 1.0]),
+            np.array([[0.0, 1.0], [1.0, 0.0]]),
+        )
         blocks.append(Block(constant=np.zeros_like(eye), plain=1.0, dense={first: -eye}))
         blocks.append(Block(constant=other + ball * off, dense={first: corner, share: -other}))
-        blocks.append(Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other}))
+        blocks.append(
+            Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other})
+        )
     else:
         blocks.append(Block(constant=-(ball**2) * eye, plain=1.0))
     forms, limits = _radii(loop, basis)
     return Inequalities(
-        basis=basis, blocks=tuple(blocks), count=mu + 1, positive=np.arange(kappa, mu + 1), forms=forms, limits=limits
+        basis=basis,
+        blocks=tuple(blocks),
+        count=mu + 1,
+        positive=np.arange(kappa, mu + 1),
+        forms=forms,
+        limits=limits,
     )
 
 

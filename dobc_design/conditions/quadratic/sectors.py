@@ -1,9 +1,10 @@
-"""Couplings on a region as bounded gains: h(e) = sum of g b c'e over channels, low <= g <= high while |c'e| <= radius.
+"""Couplings on a region as bounded gains: h(e) = sum of g b c'e over channels, low <= g <= high
+while |c'e| <= radius.
 
-Theory, sections 1 and 4.  A coupling by component has the secant gain g(y) = h(y)/y, one channel per component.  A
-coupling of vectors has Jbar(y) = int_0^1 J(s y) ds with h(y) = Jbar(y) y, one channel per entry of Jbar, which lies in
-the hull of J over the box.  Both hold with Clarke's slopes where h has a kink.  An arc that comes and goes has every
-gain from 0 to those.
+Theory, sections 1 and 4.  A coupling by component has the secant gain g(y) = h(y)/y, one channel
+per component.  A coupling of vectors has Jbar(y) = int_0^1 J(s y) ds with h(y) = Jbar(y) y, one
+channel per entry of Jbar, which lies in the hull of J over the box.  Both hold with Clarke's slopes
+where h has a kink.  An arc that comes and goes has every gain from 0 to those.
 """
 
 from __future__ import annotations
@@ -21,7 +22,12 @@ from dobc_design.conditions.check import read_object
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import TOLERANCE, Curve, secant_range, slope_bound
-from dobc_design.coupling.expression import Expression, parse_expression, polynomial_degree, variables_used
+from dobc_design.coupling.expression import (
+    Expression,
+    parse_expression,
+    polynomial_degree,
+    variables_used,
+)
 from dobc_design.coupling.tree import GradientAlgebra, Node, evaluate
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -34,8 +40,10 @@ Entries = tuple[tuple[Interval, ...], ...]  # m x m
 Box = tuple[Interval, ...]
 
 DIGITS: Final = 6
-ROOM: Final = Fraction(1, 10**5)  # gains are claimed this much wider, so that a second program can confirm them
-# A gain of a coupling of vectors may be this much too wide at each end; so many parts of the box are looked at.
+# gains are claimed this much wider, so that a second program can confirm them
+ROOM: Final = Fraction(1, 10**5)
+# A gain of a coupling of vectors may be this much too wide at each end; so many parts of the box
+# are looked at.
 _TOLERANCE: Final = Fraction(1, 1000)
 _MOST_PIECES: Final = 100
 _ANY: Final = Fraction(10**9)  # where a bound may be as wide as it is
@@ -44,8 +52,8 @@ _ZERO: Final = Interval.point(0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainRange:
-    """A claim about one coupling (its place in problem.couplings): its gains on |y_c| <= radius lie in ``entries``.
-    ``radius`` None: for every y.  The weight of an arc is not included."""
+    """A claim about one coupling (its place in problem.couplings): its gains on |y_c| <= radius lie
+    in ``entries``. ``radius`` None: for every y.  The weight of an arc is not included."""
 
     coupling: int
     radius: Fraction | None
@@ -54,8 +62,8 @@ class GainRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high, weight included; indices of stacked e, and
-    after the last the target, whose error is 0."""
+    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high, weight included;
+    indices of stacked e, and after the last the target, whose error is 0."""
 
     target: int
     plus: int
@@ -75,7 +83,8 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sectors:
-    """The channels of every mode, for ``size`` = n m rows; the pins of ``problem`` complete the loop."""
+    """The channels of every mode, for ``size`` = n m rows; the pins of ``problem`` complete the
+    loop."""
 
     problem: Problem
     modes: Mapping[str, tuple[Channel, ...]]
@@ -85,20 +94,27 @@ class Sectors:
         return self.problem.n * self.problem.m
 
 
-def gains_on(coupling: Coupling, radius: Fraction | Sequence[Fraction], *, tolerance: Fraction = TOLERANCE) -> Entries:
-    """Enclose the gains of a coupling on |y_c| <= radius, one for all components or one for each, (m, m); those of one
-    variable about ``tolerance`` too wide at most.  Raises: UndefinedError naming h and the interval."""
+def gains_on(
+    coupling: Coupling, radius: Fraction | Sequence[Fraction], *, tolerance: Fraction = TOLERANCE
+) -> Entries:
+    """Enclose the gains of a coupling on |y_c| <= radius, one for all components or one for each,
+    (m, m); those of one variable about ``tolerance`` too wide at most.  Raises: UndefinedError
+    naming h and the interval."""
     m = coupling.dimension
     box = tuple(Interval(-r, r) for r in (radius if isinstance(radius, Sequence) else [radius] * m))
     if coupling.by_component:
         curve, own = Curve(coupling.components[0]), dict[Interval, Interval]()
         for side in box:
             own[side] = own[side] if side in own else _secants(curve, side, tolerance)
-        return tuple(tuple(own[side] if c == d else _ZERO for d in range(m)) for c, side in enumerate(box))
+        return tuple(
+            tuple(own[side] if c == d else _ZERO for d in range(m)) for c, side in enumerate(box)
+        )
     rows, found = [], None
     for c, component in enumerate(coupling.components):
         if is_sum_of_curves(component.node):
-            rows.append(tuple(_secants_along(component, d, side, tolerance) for d, side in enumerate(box)))
+            rows.append(
+                tuple(_secants_along(component, d, side, tolerance) for d, side in enumerate(box))
+            )
         else:
             found = found or _jacobian_hull(coupling, box)
             rows.append(found[c])
@@ -107,19 +123,26 @@ def gains_on(coupling: Coupling, radius: Fraction | Sequence[Fraction], *, toler
 
 def _secants(curve: Curve, side: Interval, tolerance: Fraction) -> Interval:
     gain = secant_range(curve, side, tolerance=tolerance)
-    # sqrt has a secant gain as far as it is defined, but others may need its slope: some bound of it
+    # sqrt has a secant gain as far as it is defined, but others may need its slope: some bound of
+    # it
     slope_bound(curve, side, tolerance=_ANY)
     return gain
 
 
 def _secants_along(component: Expression, d: int, side: Interval, tolerance: Fraction) -> Interval:
     """The secant gain in y_d of a sum of functions of one variable each: the others are 0 there."""
-    return _secants(_along(component, d), side, tolerance) if d in variables_used(component.node) else _ZERO
+    return (
+        _secants(_along(component, d), side, tolerance)
+        if d in variables_used(component.node)
+        else _ZERO
+    )
 
 
 @lru_cache(maxsize=256)
 def _along(component: Expression, d: int) -> Curve:
-    text = re.sub(r"\by([0-9]+)\b", lambda name: "y" if int(name[1]) == d + 1 else "0", str(component))
+    text = re.sub(
+        r"\by([0-9]+)\b", lambda name: "y" if int(name[1]) == d + 1 else "0", str(component)
+    )
     return Curve(parse_expression(text))
 
 
@@ -134,9 +157,14 @@ def is_sum_of_curves(node: Node) -> bool:
 
 
 def gains_at(
-    problem: Problem, place: int, radius: Fraction | Sequence[Fraction], *, tolerance: Fraction = TOLERANCE
+    problem: Problem,
+    place: int,
+    radius: Fraction | Sequence[Fraction],
+    *,
+    tolerance: Fraction = TOLERANCE,
 ) -> Entries:
-    """The same by the place of the coupling; that of the nodes for every state of a leader.  Raises: UndefinedError."""
+    """The same by the place of the coupling; that of the nodes for every state of a leader.
+    Raises: UndefinedError."""
     if place == problem.node and problem.leader is not None:
         radii = radius if isinstance(radius, Sequence) else [radius] * problem.m
         return slopes_of_node(problem, tuple(Interval(-r, r) for r in radii))
@@ -144,8 +172,9 @@ def gains_at(
 
 
 def slopes_of_node(problem: Problem, errors: Box) -> Entries:
-    """Enclose the slopes of f at s + e for all e in a box of errors, (m, m), and all s in the box that a leader never
-    leaves: f(s + e) - f(s) = F e with F in their hull, where the errors hold 0.  Raises: UndefinedError."""
+    """Enclose the slopes of f at s + e for all e in a box of errors, (m, m), and all s in the box
+    that a leader never leaves: f(s + e) - f(s) = F e with F in their hull, where the errors hold
+    0.  Raises: UndefinedError."""
     if problem.node is None:
         A = slopes_of_nodes(problem)
         return tuple(tuple(map(Interval.point, row)) for row in A)
@@ -154,10 +183,13 @@ def slopes_of_node(problem: Problem, errors: Box) -> Entries:
 
 
 def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRange, ...]:
-    """Enclose every coupling that arcs use, widened by ROOM and to DIGITS digits where it is not linear.  Raises:
-    SpecError for a radius that is not > 0, or None for a coupling that is not linear; UndefinedError."""
+    """Enclose every coupling that arcs use, widened by ROOM and to DIGITS digits where it is not
+    linear.  Raises: SpecError for a radius that is not > 0, or None for a coupling that is not
+    linear; UndefinedError."""
     if radius is not None and radius <= 0:
-        raise SpecError(f"radius must be > 0; got {radius}.", key="radius", cure="Give a length, or None.")
+        raise SpecError(
+            f"radius must be > 0; got {radius}.", key="radius", cure="Give a length, or None."
+        )
     found = []
     for place in used_couplings(problem):
         coupling = problem.couplings[place]
@@ -170,31 +202,51 @@ def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRa
 
 
 def widened_gains(problem: Problem, place: int, radius: Fraction | Sequence[Fraction]) -> Entries:
-    """The gains as they are claimed: widened by ROOM and to DIGITS digits where the coupling is not linear."""
-    room, found = 0 if problem.couplings[place].is_linear else ROOM, gains_at(problem, place, radius)
+    """The gains as they are claimed: widened by ROOM and to DIGITS digits where the coupling is not
+    linear."""
+    room, found = (
+        0 if problem.couplings[place].is_linear else ROOM,
+        gains_at(problem, place, radius),
+    )
     return tuple(tuple(_widened(gain, room * gain.magnitude) for gain in row) for row in found)
 
 
-def left_open(problem: Problem, place: int, claimed: Entries, radius: Fraction | Sequence[Fraction]) -> str | None:
-    """Why the gains on |y_c| <= radius are not shown to lie in those that are claimed; None if they are."""
+def left_open(
+    problem: Problem, place: int, claimed: Entries, radius: Fraction | Sequence[Fraction]
+) -> str | None:
+    """Why the gains on |y_c| <= radius are not shown to lie in those that are claimed; None if they
+    are."""
     try:
         found = gains_at(problem, place, radius)
     except UndefinedError as error:
         return f"the gains cannot be enclosed: {error}"
     pairs = zip(claimed, found, strict=True)
-    if not all(mine.contains(gain) for row, own in pairs for mine, gain in zip(row, own, strict=True)):
-        return f'the gains of h = "{problem.couplings[place].texts[0]}" are not shown to lie in the range claimed.'
+    if not all(
+        mine.contains(gain) for row, own in pairs for mine, gain in zip(row, own, strict=True)
+    ):
+        return (
+            f'the gains of h = "{problem.couplings[place].texts[0]}" are not shown to lie in '
+            "the range claimed."
+        )
     return None
 
 
 def ranges_to_json(ranges: Sequence[GainRange]) -> list[dict[str, Any]]:
     """The gains of every coupling as text."""
-    texts = [[[[number_text(x.lo), number_text(x.hi)] for x in row] for row in each.entries] for each in ranges]
-    return [{"coupling": each.coupling, "gains": rows} for each, rows in zip(ranges, texts, strict=True)]
+    texts = [
+        [[[number_text(x.lo), number_text(x.hi)] for x in row] for row in each.entries]
+        for each in ranges
+    ]
+    return [
+        {"coupling": each.coupling, "gains": rows} for each, rows in zip(ranges, texts, strict=True)
+    ]
 
 
-def ranges_from_json(data: object, problem: Problem, radius: Fraction | None) -> tuple[GainRange, ...]:
-    """Read them back.  Raises: KeyError, TypeError or ValueError for what are no ranges of this problem."""
+def ranges_from_json(
+    data: object, problem: Problem, radius: Fraction | None
+) -> tuple[GainRange, ...]:
+    """Read them back.  Raises: KeyError, TypeError or ValueError for what are no ranges of this
+    problem."""
     if not isinstance(data, list):
         raise TypeError("ranges must be a list")
     found = []
@@ -205,22 +257,37 @@ def ranges_from_json(data: object, problem: Problem, radius: Fraction | None) ->
         rows = [[Interval(*map(read_rational, ends)) for ends in row] for row in values["gains"]]
         if [len(row) for row in rows] != [problem.m] * problem.m:
             raise ValueError("gains must have one row and one column per state component")
-        found.append(GainRange(coupling=values["coupling"], radius=radius, entries=tuple(map(tuple, rows))))
+        found.append(
+            GainRange(coupling=values["coupling"], radius=radius, entries=tuple(map(tuple, rows)))
+        )
     if sorted(each.coupling for each in found) != sorted(used_couplings(problem)):
         raise ValueError("ranges must name every coupling that an arc has, once")
     return tuple(found)
 
 
-def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Fraction | None) -> Sectors:
-    """Put claimed ranges at the arcs of every mode, weights multiplied in, exact zeros left out.  Raises: SpecError."""
+def build_sectors(
+    problem: Problem, ranges: Sequence[GainRange], *, radius: Fraction | None
+) -> Sectors:
+    """Put claimed ranges at the arcs of every mode, weights multiplied in, exact zeros left out.
+    Raises: SpecError."""
     m, size = problem.m, problem.n * problem.m
     table = {each.coupling: each.entries for each in ranges if each.radius == radius}
     nodes = () if problem.node is None else table.get(problem.node, ())
     if problem.node is not None and not nodes:
-        raise SpecError(f"f needs a range at the radius {radius}.", key="ranges", cure="Make them with enclose_ranges.")
+        raise SpecError(
+            f"f needs a range at the radius {radius}.",
+            key="ranges",
+            cure="Make them with enclose_ranges.",
+        )
     A = slopes_of_nodes(problem)  # which the gains of the problem hold already
     own = [
-        Channel(target=i * m + c, plus=i * m + d, minus=size, low=gain.lo - A[c][d], high=gain.hi - A[c][d])
+        Channel(
+            target=i * m + c,
+            plus=i * m + d,
+            minus=size,
+            low=gain.lo - A[c][d],
+            high=gain.hi - A[c][d],
+        )
         for i in range(problem.n)
         for c, row in enumerate(nodes)
         for d, gain in enumerate(row)
@@ -232,14 +299,23 @@ def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Frac
         for (listener, speaker, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
             entries = table.get(problem.coupling_place(listener, speaker))
             if entries is None or [len(row) for row in entries] != [m] * m:
-                what = f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m})"
+                what = (
+                    f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of "
+                    f"shape ({m}, {m})"
+                )
                 cure = "Make them with enclose_ranges, with the same radius."
                 raise SpecError(f"{what} at the radius {radius}.", key="ranges", cure=cure)
             if loose:
                 entries = tuple(tuple(gain.hull(_ZERO) for gain in row) for row in entries)
             first, other = listener * m, speaker * m
             channels += [
-                Channel(target=first + c, plus=other + d, minus=first + d, low=weight * gain.lo, high=weight * gain.hi)
+                Channel(
+                    target=first + c,
+                    plus=other + d,
+                    minus=first + d,
+                    low=weight * gain.lo,
+                    high=weight * gain.hi,
+                )
                 for c, row in enumerate(entries)
                 for d, gain in enumerate(row)
                 if gain.lo or gain.hi
@@ -249,9 +325,9 @@ def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Frac
 
 
 def relied_differences(problem: Problem) -> tuple[tuple[int, int], ...]:
-    """The differences |e[a] - e[b]|, a < b, that ranges with a radius rely on.  Those of every arc whose coupling is
-    not linear, also where its gain is one number as far as the radius goes: a kink may lie beyond.  For b = n m, the
-    target, it is |e[a]|."""
+    """The differences |e[a] - e[b]|, a < b, that ranges with a radius rely on.  Those of every arc
+    whose coupling is not linear, also where its gain is one number as far as the radius goes: a
+    kink may lie beyond.  For b = n m, the target, it is |e[a]|."""
     m = problem.m
     used = {coupling: _curved_variables(coupling) for coupling in problem.couplings}
     found = {
@@ -293,13 +369,19 @@ def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
     @cache
     def jacobian(part: Box) -> Entries:
         variables = algebra.variables(part)
-        return tuple(evaluate(each.node, variables, algebra).partials for each in coupling.components)
+        return tuple(
+            evaluate(each.node, variables, algebra).partials for each in coupling.components
+        )
 
     def highest(c: int, d: int, sign: int) -> Fraction:
         def bounds(part: Box) -> Interval:
             return jacobian(part)[c][d] * sign
 
-        ends = (tuple(side.lo for side in box), tuple(side.midpoint for side in box), tuple(side.hi for side in box))
+        ends = (
+            tuple(side.lo for side in box),
+            tuple(side.midpoint for side in box),
+            tuple(side.hi for side in box),
+        )
         attained = max(bounds(tuple(map(Interval.point, each))).lo for each in ends)
         heap = [(-bounds(box).hi, 0, box)]
         for count in range(1, _MOST_PIECES):
@@ -311,7 +393,9 @@ def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
             side = max(bending, key=lambda k: part[k].width)
             for number, half in enumerate(part[side].halves()):
                 piece = (*part[:side], half, *part[side + 1 :])
-                attained = max(attained, bounds(tuple(Interval.point(each.midpoint) for each in piece)).lo)
+                attained = max(
+                    attained, bounds(tuple(Interval.point(each.midpoint) for each in piece)).lo
+                )
                 heapq.heappush(heap, (-min(bounds(piece).hi, -top), 2 * count + number, piece))
         return -heap[0][0]
 

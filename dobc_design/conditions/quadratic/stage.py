@@ -1,6 +1,8 @@
-"""The quadratic certificates of the region asked for: the ball that V = e'P_e e + sum eps_i'P eps_i proves.
+"""The quadratic certificates of the region asked for: the ball that V = e'P_e e + sum eps_i'P eps_i
+proves.
 
-Theory, section 4.  ``propose`` proposes P_e = I, a diagonal and a full P_e, cheapest first; ``verify`` decides.
+Theory, section 4.  ``propose`` proposes P_e = I, a diagonal and a full P_e, cheapest first;
+``verify`` decides.
 """
 
 from __future__ import annotations
@@ -13,7 +15,13 @@ from fractions import Fraction
 from functools import partial
 from typing import Final
 
-from dobc_design.conditions.check import Check, cut_check, fastest_in_words, surviving, undecided_check
+from dobc_design.conditions.check import (
+    Check,
+    cut_check,
+    fastest_in_words,
+    surviving,
+    undecided_check,
+)
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down, time_to_one_percent
 from dobc_design.conditions.quadratic.claim import Lure, Shape
@@ -36,20 +44,23 @@ from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, ou
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with at most
-#: ``SMALL_ROWS`` a full one is found so soon that it is looked for beside other proofs.
+#: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with
+#: at most ``SMALL_ROWS`` a full one is found so soon that it is looked for beside other proofs.
 MOST_ROWS: Final = 60
 FULL_ROWS, SMALL_ROWS = 20, 15
 MOST_MODES: Final = 200  # up to which one V is looked for
-CORNER_CHANNELS: Final = 6  # of a mode, up to which the corners of all gains are tried with the P_e found
-#: Where the region is covered: parts of the rate near the consensus that are tried, by bisection; rows n m from which
-#: on fewer are.
+# of a mode, up to which the corners of all gains are tried with the P_e found
+CORNER_CHANNELS: Final = 6
+#: Where the region is covered: parts of the rate near the consensus that are tried, by bisection;
+#: rows n m from which on fewer are.
 FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11
 MODE: Final = 20  # steps of work for the inequality of a mode
-#: Rates that are tried for the least time to one percent; times are next to that of P_e = I below this part.
+#: Rates that are tried for the least time to one percent; times are next to that of P_e = I below
+#: this part.
 SOONER, FLAT = 5, 1.01
 KEPT = 0.002  # how much faster than wanted, for digits that are cut
-_LARGEST: Final = Fraction(400)  # no |e_j - e_i| beyond is looked at, unless the region asks for more
+# no |e_j - e_i| beyond is looked at, unless the region asks for more
+_LARGEST: Final = Fraction(400)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,18 +73,26 @@ class Found:
 
 
 def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
-    """The quadratic certificate: the first that covers the ball asked for, else the one with the largest ball."""
+    """The quadratic certificate: the first that covers the ball asked for, else the one with the
+    largest ball."""
     problem, rows = asked.problem, asked.problem.n * asked.problem.m
     reason = quadratic_obstacle(problem, asked.W)
     if reason is not None:
         return [undecided_check("lure", asked.domain, reason, applies=False)]
     if rows > MOST_ROWS:
-        reason = f"left out, because it takes long with {rows} rows n m; it is examined up to {MOST_ROWS}."
+        reason = (
+            f"left out, because it takes long with {rows} rows n m; it is examined up to "
+            f"{MOST_ROWS}."
+        )
         return [undecided_check("lure", asked.domain, reason)]
     if (modes := len(problem.network.modes)) > MOST_MODES:
-        reason = f"left out, because it takes long with {modes} modes; it is examined up to {MOST_MODES}."
+        reason = (
+            f"left out, because it takes long with {modes} modes; it is examined up to "
+            f"{MOST_MODES}."
+        )
         return [undecided_check("lure", asked.domain, reason)]
-    many = asked.everything or SMALL_ROWS < rows <= FULL_ROWS  # shapes and interval bounds; or a large full P_e
+    # shapes and interval bounds; or a large full P_e
+    many = asked.everything or SMALL_ROWS < rows <= FULL_ROWS
     work = 3 * STAGE if many else STAGE
     with at_most(work):
         found, cut = _ladder(asked, report), exhausted()
@@ -81,8 +100,14 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
         longer = not many and out_of_time() is None
         return [cut_check("lure", asked.domain, cut, longer=longer)]
     if not found:
-        ball = f"any ball together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help."
-        reason = f"no quadratic V is found{f' for {ball}' if asked.disturbance else ', not even close to the target.'}"
+        ball = (
+            f"any ball together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial "
+            "disturbance may help."
+        )
+        reason = (
+            "no quadratic V is "
+            f"found{f' for {ball}' if asked.disturbance else ', not even close to the target.'}"
+        )
         return [undecided_check("lure", asked.domain, reason)]
     enough = [each for each in found if each.radius >= asked.ball and each.lure.method == "lure"]
     best = max(enough or found, key=lambda each: each.radius)
@@ -91,19 +116,29 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
         report("deciding the region (quadratic, its rate)")
         with at_most(work):
             best, told = _timed(asked, best)
-    radius, remark = 0.0 if math.isinf(best.radius) else best.radius, told + _remark(asked, best, found)
+    radius, remark = (
+        0.0 if math.isinf(best.radius) else best.radius,
+        told + _remark(asked, best, found),
+    )
     starts = {"radius": radius, "disturbance": asked.disturbance}
     return [lure_check(problem, asked.W, best.lure, **starts, domain=asked.domain, remark=remark)]
 
 
-def propose(asked: Asked, shape: Shape, *, rate: Fraction = Fraction(0), accept: float = 0.0) -> Found | None:
-    """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than ``accept``."""
+def propose(
+    asked: Asked, shape: Shape, *, rate: Fraction = Fraction(0), accept: float = 0.0
+) -> Found | None:
+    """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than
+    ``accept``."""
     noise = claimed(asked.disturbance)
-    search = partial(design_lure, asked.problem, shape=shape, W=asked.W, rate=rate, disturbance=noise)
+    search = partial(
+        design_lure, asked.problem, shape=shape, W=asked.W, rate=rate, disturbance=noise
+    )
     return _found(asked, search, shape, IN_WORDS[shape], accept)
 
 
-def _found(asked: Asked, search: Callable[..., Lure | None], what: str, name: str, accept: float = 0.0) -> Found | None:
+def _found(
+    asked: Asked, search: Callable[..., Lure | None], what: str, name: str, accept: float = 0.0
+) -> Found | None:
     """What a search among proved certificates finds, if it is larger than ``accept``."""
     ball = claimed(asked.ball)
     largest = max(2 * ball, min(10 * ball, _LARGEST))
@@ -111,7 +146,9 @@ def _found(asked: Asked, search: Callable[..., Lure | None], what: str, name: st
     with surviving(f"no quadratic proposal ({what})", WorkLimitError):
         spend(_steps(asked.problem))
         lure = search(holds=partial(holds, asked.problem), largest=largest)
-    radius = 0.0 if lure is None else certified_ball(asked.problem, lure, disturbance=asked.disturbance)
+    radius = (
+        0.0 if lure is None else certified_ball(asked.problem, lure, disturbance=asked.disturbance)
+    )
     return None if lure is None or not radius > accept else Found(name, lure, radius)
 
 
@@ -122,13 +159,17 @@ def holds(problem: Problem, lure: Lure) -> bool:
 
 
 def _steps(problem: Problem) -> int:
-    """What an exact inverse of the order of the exosystems takes, 27 s for order 200, and a matrix for every mode."""
+    """What an exact inverse of the order of the exosystems takes, 27 s for order 200, and a matrix
+    for every mode."""
     modes = MODE * len(problem.network.modes)
-    return modes if problem.joint_exosystem is None else modes + problem.joint_exosystem.order**3 // 8
+    return (
+        modes if problem.joint_exosystem is None else modes + problem.joint_exosystem.order**3 // 8
+    )
 
 
 def _ladder(asked: Asked, report: Progress) -> list[Found]:
-    """What every shape of P_e covers, until the ball asked for is covered; all of them on request."""
+    """What every shape of P_e covers, until the ball asked for is covered; all of them on
+    request."""
     rows = asked.problem.n * asked.problem.m
     found: list[Found] = []
     shapes: tuple[Shape, ...] = ("identity", "diagonal", "full")
@@ -145,25 +186,31 @@ def _ladder(asked: Asked, report: Progress) -> list[Found]:
 
 
 def _bounds(asked: Asked, lure: Lure) -> list[Found]:
-    """Without multipliers: the corners of all gains where those are few; on request, as a baseline, interval bounds."""
+    """Without multipliers: the corners of all gains where those are few; on request, as a baseline,
+    interval bounds."""
     search = partial(bound_lure, asked.problem, P=lure.P, Q=lure.Q)
     found: list[Found | None] = []
     if max(sum(map(bool, taus)) for taus in lure.multipliers.values()) <= CORNER_CHANNELS:
         corners = partial(search, method="vertices", P_e=lure.P_e)
         found.append(_found(asked, corners, "vertices", "the corners of all gains"))
     if asked.everything:
-        found.append(_found(asked, partial(search, method="interval"), "interval", "interval bounds"))
+        found.append(
+            _found(asked, partial(search, method="interval"), "interval", "interval bounds")
+        )
     return [each for each in found if each is not None]
 
 
 def _timed(asked: Asked, first: Found) -> tuple[Found, str]:
-    """The same region with the least time to one percent that is found, and what the largest rate would be."""
+    """The same region with the least time to one percent that is found, and what the largest rate
+    would be."""
     seen = _faster(asked, first)
     fastest = seen[-1]
     fast = [each for each in seen if each.lure.rate >= asked.rate] or [fastest]
     best = min([*_flatter(asked, seen), *reversed(fast)], key=_time)
     with suppress(WorkLimitError):
-        best = replace(best, lure=raise_rate(asked.problem, best.lure, holds=partial(holds, asked.problem)))
+        best = replace(
+            best, lure=raise_rate(asked.problem, best.lure, holds=partial(holds, asked.problem))
+        )
     if best.lure.rate >= fastest.lure.rate:
         return best, ""
     return best, fastest_in_words(float(fastest.lure.rate), math.sqrt(condition_of(fastest.lure)))
@@ -175,10 +222,15 @@ def _time(found: Found) -> float:
 
 
 def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
-    """A certificate of the same region with a smaller rate and a flatter P_e than those seen with growing rates."""
+    """A certificate of the same region with a smaller rate and a flatter P_e than those seen with
+    growing rates."""
     timed = [each for each in seen if each.lure.rate]
     first = min(map(_time, timed), default=math.inf)
-    if not timed or not math.isfinite(first) or first * float(timed[-1].lure.rate) < FLAT * math.log(100):
+    if (
+        not timed
+        or not math.isfinite(first)
+        or first * float(timed[-1].lure.rate) < FLAT * math.log(100)
+    ):
         return []
     with surviving("no flatter quadratic proposal", WorkLimitError):
         spend(_steps(asked.problem))
@@ -208,7 +260,9 @@ def _faster(asked: Asked, best: Found) -> list[Found]:
     if best.lure.method == "lure":
         for _ in range(steps if top > 0 else 0):
             rate = rounded_down(Fraction(top * part), digits=4)
-            faster = propose(asked, best.lure.shape, rate=rate, accept=math.nextafter(asked.ball, 0.0))
+            faster = propose(
+                asked, best.lure.shape, rate=rate, accept=math.nextafter(asked.ball, 0.0)
+            )
             low, high = (low, part) if faster is None else (part, high)
             seen += [] if faster is None else [faster]
             part = (low + high) / 2 if low else high / 4
@@ -224,4 +278,7 @@ def _remark(asked: Asked, best: Found, found: Sequence[Found]) -> str:
     if asked.wanted and best.radius >= asked.ball:
         return reached
     wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"
-    return f" The ball reaches |e| <= {best.radius:.6g}, {wish}: beyond, no quadratic V is found.{reached}"
+    return (
+        f" The ball reaches |e| <= {best.radius:.6g}, {wish}: beyond, no quadratic V is "
+        f"found.{reached}"
+    )

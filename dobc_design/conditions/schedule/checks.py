@@ -1,4 +1,5 @@
-"""The checks `settling` and `schedule` as a certificate holds them, and back (docs/certificate-claims.md)."""
+"""The checks `settling` and `schedule` as a certificate holds them, and back
+(docs/certificate-claims.md)."""
 
 from __future__ import annotations
 
@@ -6,7 +7,14 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.conditions.check import Check, Values, read_domain, read_object, starts_in, undecided_check
+from dobc_design.conditions.check import (
+    Check,
+    Values,
+    read_domain,
+    read_object,
+    starts_in,
+    undecided_check,
+)
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.numbers import (
     claimed,
@@ -18,7 +26,14 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.conditions.quadratic.decide import lure_from_json, names_of
 from dobc_design.conditions.quadratic.sectors import ranges_from_json
-from dobc_design.conditions.schedule.claim import QUADRATIC, SCHEDULE, SEPARABLE, Descent, Last, Tube
+from dobc_design.conditions.schedule.claim import (
+    QUADRATIC,
+    SCHEDULE,
+    SEPARABLE,
+    Descent,
+    Last,
+    Tube,
+)
 from dobc_design.conditions.schedule.cycles import Cycles, Weights, guarantee_in_words, holds_starts
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling, guarantee_of, proved_reason, why_not
@@ -33,7 +48,8 @@ MOST_TIMES: Final = 2000
 
 
 def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, domain: str) -> Check:
-    """Decide a settling time once more, for the decimals that its box domain shows: PROVED or UNDECIDED."""
+    """Decide a settling time once more, for the decimals that its box domain shows: PROVED or
+    UNDECIDED."""
     if settling.claim is None:
         return undecided_check("settling", domain, settling.reason)
     radius, disturbance = decimal_below(settling.radius), decimal_below(settling.disturbance)
@@ -64,25 +80,31 @@ def cycles_check(problem: Problem, W: Matrix | None, claim: Cycles, asked: Regio
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything that a proved or refuted check of this topic claims is confirmed, else what is not."""
+    """None if everything that a proved or refuted check of this topic claims is confirmed, else
+    what is not."""
     if check.id == "schedule" and check.verdict is Verdict.REFUTED:
         return confirm_growth(check, problem, domain)
     claim = read_claim(check, problem, W)
-    if (reason := obstacle(problem, W, turned=isinstance(claim, Cycles) and claim.T is not None)) is not None:
+    if (
+        reason := obstacle(problem, W, turned=isinstance(claim, Cycles) and claim.T is not None)
+    ) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
     if isinstance(claim, Values):
         return "a settling time is never refuted"
     if isinstance(claim, Cycles):
-        return not_as_claimed(check, problem, claim.rate, claim, domain) or why_not_cycles(problem, W, claim)
+        return not_as_claimed(check, problem, claim.rate, claim, domain) or why_not_cycles(
+            problem, W, claim
+        )
     return "a settling time has no rate" if check.rate is not None else why_not(problem, W, claim)
 
 
 def not_as_claimed(
     check: Check, problem: Problem, rate: Fraction | None, claim: Cycles | None, domain: str
 ) -> str | None:
-    """What rate and domain of a check say beyond a rate and a claim (None: about every start); None if nothing."""
+    """What rate and domain of a check say beyond a rate and a claim (None: about every start); None
+    if nothing."""
     if rate is None if check.rate is not None else rate is not None:
         return "it has a rate iff its claim has one"
     if rate is not None and not follows(check.rate, rate):
@@ -110,7 +132,9 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cy
         raise ValueError(f"kind must be {SEPARABLE}, {QUADRATIC} or {SCHEDULE}")
     certificate: Last
     if last["kind"] == QUADRATIC:
-        certificate = lure_from_json(read_object(last["certificate"], names_of(problem)), problem, W)
+        certificate = lure_from_json(
+            read_object(last["certificate"], names_of(problem)), problem, W
+        )
     elif last["kind"] == SCHEDULE:
         certificate = cycles_from_json(last["certificate"], problem)
     else:
@@ -131,30 +155,37 @@ def tube_from_json(data: object, problem: Problem) -> Tube:
     observed = (name for name in observed_in(problem) if name != "kappa")
     values = read_object(data, ("times", "upper", "lower", *observed))
     if not all(
-        isinstance(values[name], list) and len(values[name]) <= MOST_TIMES for name in ("times", "upper", "lower")
+        isinstance(values[name], list) and len(values[name]) <= MOST_TIMES
+        for name in ("times", "upper", "lower")
     ):
         raise ValueError(f"times, upper and lower must be lists of at most {MOST_TIMES}")
     error = error_from_json({**values, "kappa": "1"}, problem)
     upper, lower = (
-        tuple(tuple(vector_from_json(box, problem.n)) for box in values[name]) for name in ("upper", "lower")
+        tuple(tuple(vector_from_json(box, problem.n)) for box in values[name])
+        for name in ("upper", "lower")
     )
     times = tuple(read_rational(x) for x in values["times"])
     return Tube(times=times, upper=upper, lower=lower, error=error)
 
 
 def cycles_from_json(data: object, problem: Problem, *, turned: bool = False) -> Cycles:
-    """Read ``Cycles.to_json`` back for this problem, ``turned`` with T; raises as ``read_claim``."""
+    """Read ``Cycles.to_json`` back for this problem, ``turned`` with T; raises as
+    ``read_claim``."""
     own = ("T", "ranges") if turned else ()
     values = read_object(data, ("rate", "rho", "phases", *own, *observed_in(problem)))
     phases = list[Weights]()
     for each in values["phases"]:
         one = read_object(each, ("times", "v"))
-        if not all(isinstance(one[name], list) and len(one[name]) <= MOST_TIMES for name in ("times", "v")):
+        if not all(
+            isinstance(one[name], list) and len(one[name]) <= MOST_TIMES for name in ("times", "v")
+        ):
             raise ValueError(f"times and v must be lists of at most {MOST_TIMES}")
         size = problem.n * (problem.m if turned else 1)
         v = tuple(tuple(vector_from_json(weights, size)) for weights in one["v"])
         phases.append(Weights(times=tuple(read_rational(x) for x in one["times"]), v=v))
-    rate, rho = (None if values[name] is None else read_rational(values[name]) for name in ("rate", "rho"))
+    rate, rho = (
+        None if values[name] is None else read_rational(values[name]) for name in ("rate", "rho")
+    )
     return Cycles(
         phases=tuple(phases),
         rate=rate,
@@ -166,7 +197,8 @@ def cycles_from_json(data: object, problem: Problem, *, turned: bool = False) ->
 
 
 def settling_of(problem: Problem, claim: Descent, reason: str) -> Settling:
-    """The settling time and the envelope of a proved claim, which is taken as it is; ``confirm`` decides it."""
+    """The settling time and the envelope of a proved claim, which is taken as it is; ``confirm``
+    decides it."""
     return Settling(
         verdict=Verdict.PROVED,
         reason=reason,

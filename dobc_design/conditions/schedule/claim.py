@@ -1,14 +1,17 @@
-"""Tubes: boxes that move with time and hold every run (theory, section 11), and the certificate that takes over.
+"""Tubes: boxes that move with time and hold every run (theory, section 11), and the certificate
+that takes over.
 
-Claim: -lower(t) <= e(t) <= upper(t) on [0, T], linear between the times, from every start |e|_inf <= radius and
-|eps_i| <= disturbance, whatever modes are on; |C eps_i(t)| <= sqrt(size) disturbance exp(-beta t).  At T the box lies
-in {W <= level} of a certificate near the target, whose size W decays from there on; |e|_inf <= height W.
-Where the guarantee of [switching] says which mode is on at a time, only that one is on.
+Claim: -lower(t) <= e(t) <= upper(t) on [0, T], linear between the times, from every start |e|_inf
+<= radius and |eps_i| <= disturbance, whatever modes are on; |C eps_i(t)| <= sqrt(size) disturbance
+exp(-beta t).  At T the box lies in {W <= level} of a certificate near the target, whose size W
+decays from there on; |e|_inf <= height W. Where the guarantee of [switching] says which mode is on
+at a time, only that one is on.
 
-Proof.  The box is subtangential: on a face that e_i touches, its derivative is no larger than that of the face, by the
-rows.  Where the certificate is max-separable, W = N + kappa E with the P of the tube; where it is quadratic, W^2 =
-e'P_e e + sum eps_i'P' eps_i <= sum |P_e|_kl b_k b_l + n stretch^2 E^2 for |e| <= b and P' <= stretch^2 P.  Weights that
-move under the guarantee (``cycles``) take over where a phase begins; without weights W = N + kappa E, v = 1, stays.
+Proof.  The box is subtangential: on a face that e_i touches, its derivative is no larger than that
+of the face, by the rows.  Where the certificate is max-separable, W = N + kappa E with the P of the
+tube; where it is quadratic, W^2 = e'P_e e + sum eps_i'P' eps_i <= sum |P_e|_kl b_k b_l + n
+stretch^2 E^2 for |e| <= b and P' <= stretch^2 P.  Weights that move under the guarantee
+(``cycles``) take over where a phase begins; without weights W = N + kappa E, v = 1, stays.
 """
 
 from __future__ import annotations
@@ -29,7 +32,8 @@ from dobc_design.problem.problem import Problem
 
 SEPARABLE, QUADRATIC, SCHEDULE = "max-separable", "quadratic", "schedule"
 ZERO, ONE = Fraction(0), Fraction(1)
-SETTLED = Fraction(1, 100)  # of the radius: below this every |e_ic| has settled, where no tolerance is named
+# of the radius: below this every |e_ic| has settled, where no tolerance is named
+SETTLED = Fraction(1, 100)
 
 
 Last = Separable | Lure | Cycles  # what may take over
@@ -37,8 +41,9 @@ Last = Separable | Lure | Cycles  # what may take over
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Tube(Shown):
-    """Boxes -lower <= e <= upper at ``times`` (s) from 0 on, linear in between; one entry > 0 per agent, for each of
-    its components.  ``error``: P, beta and size of the observer (kappa is not used); None without an exosystem.
+    """Boxes -lower <= e <= upper at ``times`` (s) from 0 on, linear in between; one entry > 0 per
+    agent, for each of its components.  ``error``: P, beta and size of the observer (kappa is not
+    used); None without an exosystem.
     Raises: SpecError unless times rise from 0 and boxes are as many as times and not empty."""
 
     times: Vector
@@ -47,7 +52,11 @@ class Tube(Shown):
     error: ErrorBound | None = None
 
     def __post_init__(self) -> None:
-        if not self.times or self.times[0] or any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
+        if (
+            not self.times
+            or self.times[0]
+            or any(b <= a for a, b in zip(self.times, self.times[1:], strict=False))
+        ):
             raise SpecError("times must rise from 0.", key="times")
         if not len(self.times) == len(self.upper) == len(self.lower):
             raise SpecError("there must be one box for each time.", key="upper")
@@ -71,21 +80,26 @@ class Tube(Shown):
 
     def _card(self) -> Card:
         return Card(
-            title="Tube", facts=[("until", f"{float(self.ends):.6g} s"), ("segments", str(len(self.times) - 1))]
+            title="Tube",
+            facts=[("until", f"{float(self.ends):.6g} s"), ("segments", str(len(self.times) - 1))],
         )
 
     def to_json(self) -> dict[str, Any]:
         values: dict[str, Any] = {"times": vector_to_json(self.times)}
-        values |= {name: [vector_to_json(box) for box in getattr(self, name)] for name in ("upper", "lower")}
+        values |= {
+            name: [vector_to_json(box) for box in getattr(self, name)]
+            for name in ("upper", "lower")
+        }
         observed = {} if self.error is None else self.error.to_json()
         return values | {name: x for name, x in observed.items() if name != "kappa"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Descent:
-    """A claim: from |e|_inf <= radius, |eps_i| <= disturbance, |e(t)|_inf <= tolerance for all t >= time (s): by a
-    tube, and from its end on by a ``certificate`` with ``level``, ``height`` and ``stretch`` as above (stretch 1 unless
-    it is quadratic).  Raises: SpecError unless all are > 0 (disturbance >= 0) and time is not before that end."""
+    """A claim: from |e|_inf <= radius, |eps_i| <= disturbance, |e(t)|_inf <= tolerance for all t >=
+    time (s): by a tube, and from its end on by a ``certificate`` with ``level``, ``height`` and
+    ``stretch`` as above (stretch 1 unless it is quadratic).  Raises: SpecError unless all are > 0
+    (disturbance >= 0) and time is not before that end."""
 
     tube: Tube
     certificate: Last

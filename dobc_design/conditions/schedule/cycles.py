@@ -1,16 +1,20 @@
-"""Signals that keep a guarantee, and weights that move with them (theory, section 11): claim and decision.
+"""Signals that keep a guarantee, and weights that move with them (theory, section 11): claim and
+decision.
 
-A signal passes through phases: phase p lasts between ``shortest`` and ``longest``, its mode is on, then a phase of its
-successors follows.  Claim: in phase p, N(t, e) = max_i |e_i| / v^p_i(t), t from its beginning, does not increase while
-N <= rho, up to max_i |C eps_i| / v_i; and for every t at which it may end, v^p(t) <= exp(-rate t) v^q(0) for every
-successor q.  With kappa (beta - rate) min v >= 1, V = N + kappa E falls at least by exp(-rate t) over each phase and
-never rises.  A phase without a longest time keeps its last weights, and there N falls at the rate.
+A signal passes through phases: phase p lasts between ``shortest`` and ``longest``, its mode is on,
+then a phase of its successors follows.  Claim: in phase p, N(t, e) = max_i |e_i| / v^p_i(t), t from
+its beginning, does not increase while N <= rho, up to max_i |C eps_i| / v_i; and for every t at
+which it may end, v^p(t) <= exp(-rate t) v^q(0) for every successor q.  With kappa (beta - rate) min
+v >= 1, V = N + kappa E falls at least by exp(-rate t) over each phase and never rises.  A phase
+without a longest time keeps its last weights, and there N falls at the rate.
 
-In coordinates z_i = T e_i (``separable.coordinates``) weights have an entry for each component of z; gains of fixed
-``ranges`` make rows that are convex in v, and hold on a segment where they hold at its ends.
+In coordinates z_i = T e_i (``separable.coordinates``) weights have an entry for each component of
+z; gains of fixed ``ranges`` make rows that are convex in v, and hold on a segment where they hold
+at its ends.
 
-Without weights the claim has no rate: couplings rise as far out as 2 rho, strictly at 0, every cycle of phases reaches
-every agent from a pin, and with v = 1 (kappa beta >= 1) V <= rho holds for ever; then every error decays.
+Without weights the claim has no rate: couplings rise as far out as 2 rho, strictly at 0, every
+cycle of phases reaches every agent from a pin, and with v = 1 (kappa beta >= 1) V <= rho holds for
+ever; then every error decays.
 """
 
 from __future__ import annotations
@@ -55,8 +59,9 @@ FARTHEST: Final = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Phase(Shown):
-    """A mode that is on for ``shortest`` to ``longest`` (s; None: as long as it likes); then one of ``successors``
-    (places in the list of phases) follows.  ``first``: whether a signal may begin with it."""
+    """A mode that is on for ``shortest`` to ``longest`` (s; None: as long as it likes); then one of
+    ``successors`` (places in the list of phases) follows.  ``first``: whether a signal may begin
+    with it."""
 
     mode: str
     shortest: Fraction
@@ -66,8 +71,8 @@ class Phase(Shown):
 
 
 def phases_of(problem: Problem) -> tuple[Phase, ...]:
-    """The phases of the guarantee of [switching]; empty without one, and where one mode is always on.  A sequence that
-    repeats a shorter one has the phases of the shorter one."""
+    """The phases of the guarantee of [switching]; empty without one, and where one mode is always
+    on.  A sequence that repeats a shorter one has the phases of the shorter one."""
     own, modes = problem.switching, tuple(problem.network.modes)
     if own is None or own.guarantee not in ("dwell", "sequence") or len(modes) == 1:
         return ()  # the generator of a Markov chain is not hashed over and over
@@ -91,14 +96,19 @@ def _phases(own: Switching, modes: tuple[str, ...]) -> tuple[Phase, ...]:
     if own.schedule is not None:
         begins = [*(time for time, _ in own.schedule), own.period or ZERO]
         order, lengths = [mode for _, mode in own.schedule], [b - a for a, b in pairwise(begins)]
-        lengths[-1] += begins[0]  # the last mode of a round stays on until the first instant of the next
+        # the last mode of a round stays on until the first instant of the next
+        lengths[-1] += begins[0]
     else:
         order = list(own.sequence or modes)
-        lengths = [own.dwell if own.dwell is not None else (own.period or ZERO) / len(order)] * len(order)
+        lengths = [own.dwell if own.dwell is not None else (own.period or ZERO) / len(order)] * len(
+            order
+        )
     turns = list(zip(order, lengths, strict=True))
     turns = turns[: shortest_period(turns)]
     return tuple(
-        Phase(mode=mode, shortest=time, longest=time, successors=((p + 1) % len(turns),), first=p == 0)
+        Phase(
+            mode=mode, shortest=time, longest=time, successors=((p + 1) % len(turns),), first=p == 0
+        )
         for p, (mode, time) in enumerate(turns)
     )
 
@@ -125,14 +135,16 @@ class Round:
         return cls(phases, tuple(accumulate((phase.shortest for phase in phases), initial=ZERO)))
 
     def at(self, time: Fraction) -> tuple[int, Fraction, Fraction]:
-        """The place of the phase that is on from ``time`` (s) on, when it began and when it ends."""
+        """The place of the phase that is on from ``time`` (s) on, when it began and when it
+        ends."""
         begun = time - time % self.starts[-1]
         place = bisect.bisect_right(self.starts, time - begun) - 1
         return place, begun + self.starts[place], begun + self.starts[place + 1]
 
 
 def modes_on(problem: Problem, times: Sequence[Fraction]) -> list[str | None]:
-    """The mode that is on from each time (s) to the next: "" where any may be, None where it changes in between."""
+    """The mode that is on from each time (s) to the next: "" where any may be, None where it
+    changes in between."""
     turns = Round.of(problem)
     if turns is None:
         return [""] * (len(times) - 1)
@@ -154,14 +166,16 @@ def guarantee_in_words(problem: Problem) -> str:
     if own is None or own.guarantee == "dwell":
         dwell, longest = (own.dwell, own.longest) if own is not None else (None, None)
         return f"every signal whose modes last {lasting(dwell or ZERO, longest)}"
-    turns = ", ".join(f"{phase.mode} for {float(phase.shortest):.6g} s" for phase in phases_of(problem)[:6])
+    turns = ", ".join(
+        f"{phase.mode} for {float(phase.shortest):.6g} s" for phase in phases_of(problem)[:6]
+    )
     return f"the signal {turns}{', ...' if len(phases_of(problem)) > 6 else ''}, over and over"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Weights(Shown):
-    """Weights of one phase at ``times`` (s) from its beginning, linear in between: one entry > 0 per agent, or per
-    component of z."""
+    """Weights of one phase at ``times`` (s) from its beginning, linear in between: one entry > 0
+    per agent, or per component of z."""
 
     times: Vector
     v: tuple[Vector, ...]
@@ -169,10 +183,10 @@ class Weights(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cycles:
-    """A claim as above: weights phase by phase, ``rate`` (1/s), ``rho`` (None: linear couplings, every rho), the
-    observer's ``error`` (None without an exosystem); by the graphs alone without phases and rate; in coordinates with
-    ``T`` and ``ranges``.  Raises: SpecError
-    unless weights, rate and rho are > 0, times rise from 0, and there are both phases and a rate, or neither."""
+    """A claim as above: weights phase by phase, ``rate`` (1/s), ``rho`` (None: linear couplings,
+    every rho), the observer's ``error`` (None without an exosystem); by the graphs alone without
+    phases and rate; in coordinates with ``T`` and ``ranges``.  Raises: SpecError unless weights,
+    rate and rho are > 0, times rise from 0, and there are both phases and a rate, or neither."""
 
     phases: tuple[Weights, ...]
     rate: Fraction | None
@@ -184,7 +198,9 @@ class Cycles:
     def __post_init__(self) -> None:
         require_coordinates(self.T)
         if (self.rate is None) is bool(self.phases) or (self.T is not None and not self.phases):
-            raise SpecError("a rate belongs to weights, weights to a rate, and T to weights.", key="rate")
+            raise SpecError(
+                "a rate belongs to weights, weights to a rate, and T to weights.", key="rate"
+            )
         if min(x for x in (self.rate, self.rho, ONE) if x is not None) <= 0:
             raise SpecError("rate and rho must be > 0.", key="rate")
         for each in self.phases:
@@ -211,8 +227,9 @@ class Cycles:
 
     @property
     def height(self) -> Fraction:
-        """The largest |e|_inf exp(rate t) at a time t of a phase, of errors with N = 1 when it begins: N does not rise
-        within a phase, and falls at the rate from one phase to the next; 1 without weights."""
+        """The largest |e|_inf exp(rate t) at a time t of a phase, of errors with N = 1 when it
+        begins: N does not rise within a phase, and falls at the rate from one phase to the next; 1
+        without weights."""
         rate = self.rate or ZERO
         heights = [ONE]
         for each in self.phases:
@@ -235,7 +252,8 @@ class Cycles:
             "rate": None if self.rate is None else number_text(self.rate),
             "rho": None if self.rho is None else number_text(self.rho),
             "phases": [
-                {"times": vector_to_json(each.times), "v": [vector_to_json(v) for v in each.v]} for each in self.phases
+                {"times": vector_to_json(each.times), "v": [vector_to_json(v) for v in each.v]}
+                for each in self.phases
             ],
         }
         if self.T is not None:
@@ -248,8 +266,11 @@ def why_not(problem: Problem, W: Matrix | None, claim: Cycles) -> str | None:
     return next((words for holds, words in _needs(problem, W, claim) if not holds), None)
 
 
-def holds_starts(problem: Problem, claim: Cycles, *, radius: Fraction, disturbance: Fraction) -> bool:
-    """Whether every start |e|_inf <= radius, |eps_i| <= disturbance has V <= rho, in every phase that may be first."""
+def holds_starts(
+    problem: Problem, claim: Cycles, *, radius: Fraction, disturbance: Fraction
+) -> bool:
+    """Whether every start |e|_inf <= radius, |eps_i| <= disturbance has V <= rho, in every phase
+    that may be first."""
     if claim.rho is None:
         return True
     room = claim.rho - radius * claim.spread(problem)
@@ -263,15 +284,25 @@ def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[
     yield bool(phases), "there is no guarantee, or only one mode."
     turned, size = claim.T is not None, problem.n * len(claim.T or (1,))
     yield not turned or len(claim.T or ()) == problem.m, "T needs one row per state component."
-    yield turned or acts_by_component(problem), "couplings have to act on each state component by itself."
+    yield (
+        turned or acts_by_component(problem),
+        "couplings have to act on each state component by itself.",
+    )
     yield len(claim.phases) in (0, len(phases)), "there must be weights for every phase."
-    yield all(len(v) == size for each in claim.phases for v in each.v), "weights must have an entry for each row."
+    yield (
+        all(len(v) == size for each in claim.phases for v in each.v),
+        "weights must have an entry for each row.",
+    )
     yield from holds_observer(problem, W, claim, claim.rate)
     if not claim.phases or claim.rate is None:
         yield from rises(problem, claim.rho)
         missed = next(unreached_cycles(problem, phases), None)
         if missed is not None:
-            yield False, f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
+            yield (
+                False,
+                f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches "
+                f"agent {missed[1]}.",
+            )
         return
     if claim.T is not None:
         wrong = gains_obstacle(problem, claim.T, claim.tallest, claim.rho, claim.ranges)
@@ -283,21 +314,34 @@ def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[
     for p, (phase, each) in enumerate(zip(phases, claim.phases, strict=True)):
         where = f"phase {p + 1} (mode {phase.mode})"
         yield phase.shortest in each.times, f"{where}: its shortest time has to be among the times."
-        yield phase.longest is None or each.times[-1] == phase.longest, f"{where}: times have to end with its longest."
+        yield (
+            phase.longest is None or each.times[-1] == phase.longest,
+            f"{where}: times have to end with its longest.",
+        )
         for q in phase.successors:
-            yield _fits(each, claim.phases[q], phase, claim.rate), f"{where}: its weights do not fall far enough."
-        yield not _open(problem, rows[phase.mode], phase, each, claim), f"{where}: a row does not hold."
+            yield (
+                _fits(each, claim.phases[q], phase, claim.rate),
+                f"{where}: its weights do not fall far enough.",
+            )
+        yield (
+            not _open(problem, rows[phase.mode], phase, each, claim),
+            f"{where}: a row does not hold.",
+        )
 
 
 def holds_observer(
     problem: Problem, W: Matrix | None, claim: Cycles, rate: Fraction | None
 ) -> Iterator[tuple[bool, str]]:
-    """Rho and the observer's part of a claim, at this rate: whether each condition holds, and what it is."""
+    """Rho and the observer's part of a claim, at this rate: whether each condition holds, and what
+    it is."""
     exosystem = problem.joint_exosystem
     if claim.T is not None:
         exosystem, W = seen_through(problem, claim.T, W)
     yield claim.rho is not None or problem.is_linear, "without rho couplings have to be linear."
-    yield (claim.error is not None) == (exosystem is not None), "P, beta, kappa and size belong to an [exosystem]."
+    yield (
+        (claim.error is not None) == (exosystem is not None),
+        "P, beta, kappa and size belong to an [exosystem].",
+    )
     if exosystem is not None and claim.error is not None:
         yield W is not None, "with an [exosystem] it needs an observer gain W."
         obstacle = None if W is None else error_bound_obstacle(exosystem, W, claim.error)
@@ -306,12 +350,20 @@ def holds_observer(
         yield claim.error.kappa > 0 and room >= 1, "kappa (beta - rate) min v must be at least 1."
 
 
-def rises(problem: Problem, rho: Fraction | None, *, strictly: bool = True) -> Iterator[tuple[bool, str]]:
+def rises(
+    problem: Problem, rho: Fraction | None, *, strictly: bool = True
+) -> Iterator[tuple[bool, str]]:
     """Couplings rise as far out as 2 rho, ``strictly`` at the target; gains hold."""
     try:
-        profiles = [profile(Curve(each.components[0]), 2 * (rho or ONE)) for each in problem.couplings]
-        slopes = [jet(each.curve, Interval.point(ZERO)).slope for each in profiles] if strictly else []
-        rising = all(each.is_nondecreasing for each in profiles) and all(slope.lo > 0 for slope in slopes)
+        profiles = [
+            profile(Curve(each.components[0]), 2 * (rho or ONE)) for each in problem.couplings
+        ]
+        slopes = (
+            [jet(each.curve, Interval.point(ZERO)).slope for each in profiles] if strictly else []
+        )
+        rising = all(each.is_nondecreasing for each in profiles) and all(
+            slope.lo > 0 for slope in slopes
+        )
     except UndefinedError:
         rising = False
     strict = ", strictly at the target" if strictly else ""
@@ -322,23 +374,27 @@ def rises(problem: Problem, rho: Fraction | None, *, strictly: bool = True) -> I
 def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
     """The smallest sets of modes that may be on over and over, and no other."""
     cycles: set[tuple[str, ...]] = {(phase.mode,) for phase in phases if phase.longest is None}
-    if len(phases) > 1 and all(phase.first for phase in phases):  # any other mode may follow: longer cycles hold two
+    # any other mode may follow: longer cycles hold two
+    if len(phases) > 1 and all(phase.first for phase in phases):
         cycles |= set(combinations((phase.mode for phase in phases), 2))
     elif phases:
         cycles.add(tuple(dict.fromkeys(phase.mode for phase in phases)))
     return sorted(cycles)
 
 
-def unreached_cycles(problem: Problem, phases: Sequence[Phase]) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Modes of a cycle, or a mode that may stay on for ever, and the label of an agent that they do not reach."""
+def unreached_cycles(
+    problem: Problem, phases: Sequence[Phase]
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Modes of a cycle, or a mode that may stay on for ever, and the label of an agent that they do
+    not reach."""
     for cycle in cycles_of(phases):
         if (missed := first_unreached(problem, cycle)) is not None:
             yield cycle, missed
 
 
 def first_unreached(problem: Problem, modes: Sequence[str]) -> str | None:
-    """The label of an agent that no pin which holds reaches in these modes together, by arcs that are always there;
-    None if there is none."""
+    """The label of an agent that no pin which holds reaches in these modes together, by arcs that
+    are always there; None if there is none."""
     heard: dict[int, set[int]] = {}
     for arcs in (problem.network.modes[mode].always for mode in modes):
         for i, j in zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True):
@@ -349,7 +405,11 @@ def first_unreached(problem: Problem, modes: Sequence[str]) -> str | None:
         new = heard.get(waiting.pop(), set()) - reached
         reached |= new
         waiting += new
-    return None if len(reached) == problem.n else problem.network.labels[min(set(range(problem.n)) - reached)]
+    return (
+        None
+        if len(reached) == problem.n
+        else problem.network.labels[min(set(range(problem.n)) - reached)]
+    )
 
 
 def may_stay(problem: Problem, mode: str) -> bool:
@@ -368,12 +428,16 @@ def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:
     places = [(first, first), *((k, k + 1) for k in range(first, len(old.times) - 1))]
     for a, b in places:
         factor = shrunk(ONE, rate, old.times[b]).lo
-        if any(max(x, y) > factor * z for x, y, z in zip(old.v[a], old.v[b], new.v[0], strict=True)):
+        if any(
+            max(x, y) > factor * z for x, y, z in zip(old.v[a], old.v[b], new.v[0], strict=True)
+        ):
             return False
     return True
 
 
-def _open(problem: Problem, rows: MovingRows | None, phase: Phase, each: Weights, claim: Cycles) -> bool:
+def _open(
+    problem: Problem, rows: MovingRows | None, phase: Phase, each: Weights, claim: Cycles
+) -> bool:
     """Whether a row of the phase is not proved."""
     if claim.T is not None:
         return _open_in_coordinates(problem, phase, each, claim, claim.T)
@@ -390,9 +454,15 @@ def _open(problem: Problem, rows: MovingRows | None, phase: Phase, each: Weights
     return bool(rows.open_for(last, falls, np.zeros(2), low=low, high=high))
 
 
-def _open_in_coordinates(problem: Problem, phase: Phase, each: Weights, claim: Cycles, T: Matrix) -> bool:
+def _open_in_coordinates(
+    problem: Problem, phase: Phase, each: Weights, claim: Cycles, T: Matrix
+) -> bool:
     """The same for rows in coordinates, at both ends of every segment."""
-    rests = [] if phase.longest is not None else [(each.v[-1], tuple(-(claim.rate or ZERO) * x for x in each.v[-1]))]
+    rests = (
+        []
+        if phase.longest is not None
+        else [(each.v[-1], tuple(-(claim.rate or ZERO) * x for x in each.v[-1]))]
+    )
     for (a, b), (v, w) in zip(pairwise(each.times), pairwise(each.v), strict=True):
         slopes = tuple((y - x) / (b - a) for x, y in zip(v, w, strict=True))
         rests += [(v, slopes), (w, slopes)]

@@ -1,7 +1,9 @@
-"""A tube and the certificate that takes over, decided: every row, the start, the hand-over and the tolerance.
+"""A tube and the certificate that takes over, decided: every row, the start, the hand-over and the
+tolerance.
 
-The statement and its proof are in ``claim``.  Rows are decided in floats with outward bounds, exponentials are
-enclosed, all else is rational.  Also the noun that ``certify_settling`` returns, which evaluates what was proved.
+The statement and its proof are in ``claim``.  Rows are decided in floats with outward bounds,
+exponentials are enclosed, all else is rational.  Also the noun that ``certify_settling`` returns,
+which evaluates what was proved.
 """
 
 from __future__ import annotations
@@ -21,12 +23,31 @@ from dobc_design._show.text import significant_away_from_zero, significant_towar
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
-from dobc_design.conditions.schedule.claim import ONE, QUADRATIC, SCHEDULE, SEPARABLE, ZERO, Descent, Last, Tube
-from dobc_design.conditions.schedule.cycles import Cycles, Round, guarantee_in_words, modes_on, shrunk
+from dobc_design.conditions.schedule.claim import (
+    ONE,
+    QUADRATIC,
+    SCHEDULE,
+    SEPARABLE,
+    ZERO,
+    Descent,
+    Last,
+    Tube,
+)
+from dobc_design.conditions.schedule.cycles import (
+    Cycles,
+    Round,
+    guarantee_in_words,
+    modes_on,
+    shrunk,
+)
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.rows import Box, MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle, verify_composite
+from dobc_design.conditions.separable.decide import (
+    composite_rate,
+    error_bound_obstacle,
+    verify_composite,
+)
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, sqrt
@@ -72,7 +93,8 @@ def open_segments(problem: Problem, tube: Tube, *, disturbance: Fraction) -> lis
 
 @dataclass(frozen=True, slots=True)
 class RowsBySize:
-    """Moving rows of a mode, or under "" of all modes, for boxes up to ``most``, in tables as wide as boxes need."""
+    """Moving rows of a mode, or under "" of all modes, for boxes up to ``most``, in tables as wide
+    as boxes need."""
 
     problem: Problem
     most: Fraction
@@ -101,11 +123,14 @@ def noise(tube: Tube, disturbance: Fraction, time: Fraction) -> Interval:
 
 
 def level_at_the_end(problem: Problem, claim: Descent) -> Interval:
-    """Enclose the largest size W that the certificate may have at the end of the tube; its square if quadratic."""
+    """Enclose the largest size W that the certificate may have at the end of the tube; its square
+    if quadratic."""
     tube, own = claim.tube, claim.certificate
     left, widths = noise(tube, claim.disturbance, tube.ends), tube.widths(-1)
     if not isinstance(own, Lure):
-        size = Interval.point(max(b / v for b, v in zip(widths, weights_then(problem, claim), strict=True)))
+        size = Interval.point(
+            max(b / v for b, v in zip(widths, weights_then(problem, claim), strict=True))
+        )
         return size if own.error is None else size + left * own.error.kappa
     b, P_e = [x for x in widths for _ in range(problem.m)], own.P_e.entries
     total = sum((abs(x) * b[i] * b[j] * (1 + (i != j)) for (i, j), x in P_e.items()), ZERO)
@@ -123,17 +148,26 @@ def weights_then(problem: Problem, claim: Descent) -> Sequence[Fraction]:
 
 
 def rate_near(certificate: Last) -> Fraction:
-    """The rate (1/s) at which the size of a certificate decays; 0 where it is only known to stay."""
-    return composite_rate(certificate) if isinstance(certificate, Separable) else certificate.rate or ZERO
+    """The rate (1/s) at which the size of a certificate decays; 0 where it is only known to
+    stay."""
+    return (
+        composite_rate(certificate)
+        if isinstance(certificate, Separable)
+        else certificate.rate or ZERO
+    )
 
 
 def bound_after(claim: Descent, time: Fraction) -> Interval:
     """Enclose a bound of |e|_inf from ``time`` (s) on, not before the end of the tube."""
-    return shrunk(claim.level, rate_near(claim.certificate), max(ZERO, time - counted_from(claim))) * claim.height
+    return (
+        shrunk(claim.level, rate_near(claim.certificate), max(ZERO, time - counted_from(claim)))
+        * claim.height
+    )
 
 
 def counted_from(claim: Descent) -> Fraction:
-    """When (s) the size begins to decay: weights that move fall phase by phase, and one may have begun just now."""
+    """When (s) the size begins to decay: weights that move fall phase by phase, and one may have
+    begun just now."""
     own = claim.certificate
     waits = [each.times[-1] for each in own.phases] if isinstance(own, Cycles) else []
     return claim.tube.ends + max(waits, default=ZERO)
@@ -143,24 +177,47 @@ def _needs(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple
     """What has to hold, in turn, and the words if it does not."""
     tube, exosystem = claim.tube, problem.joint_exosystem
     yield len(tube.upper[0]) == problem.n, f"a box must have {problem.n} entries, one per agent."
-    yield (tube.error is not None) == (exosystem is not None), "P, beta and size belong to an [exosystem]."
+    yield (
+        (tube.error is not None) == (exosystem is not None),
+        "P, beta and size belong to an [exosystem].",
+    )
     if exosystem is not None:
         yield W is not None, "with an [exosystem] it needs an observer gain W."
         if W is not None and tube.error is not None:
             obstacle = error_bound_obstacle(exosystem, W, tube.error)
-            yield obstacle is None and tube.error.beta > 0, f"the observer error of the tube: {obstacle}"
+            yield (
+                obstacle is None and tube.error.beta > 0,
+                f"the observer error of the tube: {obstacle}",
+            )
     else:
         yield claim.disturbance == 0, "without an [exosystem] there is no observer error."
-    yield min(tube.upper[0] + tube.lower[0]) >= claim.radius, "its first box does not hold all starts."
-    mixing = any(
-        x for k in problem.pinning.gains.values() for c, row in enumerate(k) for d, x in enumerate(row) if c != d
+    yield (
+        min(tube.upper[0] + tube.lower[0]) >= claim.radius,
+        "its first box does not hold all starts.",
     )
-    yield not mixing or tube.upper == tube.lower, "with gains that mix components its faces have to be alike."
+    mixing = any(
+        x
+        for k in problem.pinning.gains.values()
+        for c, row in enumerate(k)
+        for d, x in enumerate(row)
+        if c != d
+    )
+    yield (
+        not mixing or tube.upper == tube.lower,
+        "with gains that mix components its faces have to be alike.",
+    )
     if len(tube.times) > 1:
         left = open_segments(problem, tube, disturbance=claim.disturbance)
-        yield left is not None, "its rows cannot be decided: a coupling is not defined, or turns too often."
+        yield (
+            left is not None,
+            "its rows cannot be decided: a coupling is not defined, or turns too often.",
+        )
         if left:
-            yield False, f"a row does not hold between {float(tube.times[left[0]]):.6g} s and the next time."
+            yield (
+                False,
+                f"a row does not hold between {float(tube.times[left[0]]):.6g} s and the "
+                "next time.",
+            )
     yield from _last(problem, W, claim)
     yield (
         bound_after(claim, claim.time).hi <= claim.tolerance,
@@ -185,29 +242,50 @@ def _last(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple[
             begun = turns is not None and turns.at(claim.tube.ends)[1] == claim.tube.ends
             yield not own.phases or begun, "weights that move take over only where a phase begins."
         if own.error is not None and error is not None:
-            same = (own.error.P, own.error.beta, own.error.size) == (error.P, error.beta, error.size)
+            same = (own.error.P, own.error.beta, own.error.size) == (
+                error.P,
+                error.beta,
+                error.size,
+            )
             yield same, "the certificate and the tube have different P."
         yield claim.height >= tallest, "height must be at least max v."
-        yield own.rho is None or claim.level <= own.rho, "its level set reaches beyond the box of its rows."
+        yield (
+            own.rho is None or claim.level <= own.rho,
+            "its level set reaches beyond the box of its rows.",
+        )
         square = claim.level
     else:
         yield own.rate > 0, "its rate must be > 0."
         decision = verify_lure(problem, own)
         yield decision.verdict is Verdict.PROVED, decision.reason
-        yield (own.P is None) == (error is None), "with an [exosystem] the certificate needs a pair P, Q."
+        yield (
+            (own.P is None) == (error is None),
+            "with an [exosystem] the certificate needs a pair P, Q.",
+        )
         if own.P is not None and own.Q is not None and W is not None and error is not None:
-            yield multiply(own.P, W) == own.Q, "its pair (P, Q) belongs to another W: Q must equal P W."
+            yield (
+                multiply(own.P, W) == own.Q,
+                "its pair (P, Q) belongs to another W: Q must equal P W.",
+            )
             gap = SparseSymmetric.from_dense(error.P).scaled(claim.stretch**2)
             gap += SparseSymmetric.from_dense(own.P).negated()
             fits = decide_positive_semidefinite(gap).verdict is Verdict.PROVED
             yield fits, "stretch^2 P (of the tube) - P is not semidefinite."
         tallest = max(diagonal_of_inverse(own.P_e))
-        yield claim.height**2 >= tallest, "height^2 must be at least every diagonal entry of P_e^-1."
+        yield (
+            claim.height**2 >= tallest,
+            "height^2 must be at least every diagonal entry of P_e^-1.",
+        )
         square = claim.level**2
         places = () if own.radius is None else relied_differences(problem)
-        inside = all(square * width <= (own.radius or ZERO) ** 2 for width in differences(own.P_e, places))
+        inside = all(
+            square * width <= (own.radius or ZERO) ** 2 for width in differences(own.P_e, places)
+        )
         yield inside, "its level set reaches beyond its radius."
-    yield square >= level_at_the_end(problem, claim).hi, "the last box of the tube does not lie in its level set."
+    yield (
+        square >= level_at_the_end(problem, claim).hi,
+        "the last box of the tube does not lie in its level set.",
+    )
 
 
 def guarantee_of(problem: Problem, claim: Descent) -> str | None:
@@ -223,12 +301,16 @@ def proved_reason(problem: Problem, claim: Descent) -> str:
     if claim.tube.ends:
         how = f"by a box that moves until {float(claim.tube.ends):.6g} s and then {how[3:]}"
     about = "" if signals is None else f"for {signals}: "
-    return f"{about}|e(t)|_inf <= {float(claim.tolerance):.4g} for all t >= {float(claim.time):.6g} s, {how}"
+    return (
+        f"{about}|e(t)|_inf <= {float(claim.tolerance):.4g} for all t >= "
+        f"{float(claim.time):.6g} s, {how}"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Stage(Shown):
-    """A part of the way: its ``kind``, from ``start`` (s) on, the ``bound`` of |e|_inf there, its rate (1/s)."""
+    """A part of the way: its ``kind``, from ``start`` (s) on, the ``bound`` of |e|_inf there, its
+    rate (1/s)."""
 
     kind: str
     start: Fraction
@@ -238,10 +320,12 @@ class Stage(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Settling(Shown):
-    """A settling time: |e(t)|_inf <= tolerance for all t >= time, from |e(0)|_inf <= radius, |eps_i(0)| <= disturbance.
+    """A settling time: |e(t)|_inf <= tolerance for all t >= time, from |e(0)|_inf <= radius,
+    |eps_i(0)| <= disturbance.
 
-    PROVED with a ``claim``, for arbitrary switching among the modes or, in words, the signals of a ``guarantee``;
-    UNDECIDED without one.  ``single``: what one certificate for the whole box gives; None if none is proved.
+    PROVED with a ``claim``, for arbitrary switching among the modes or, in words, the signals of a
+    ``guarantee``; UNDECIDED without one.  ``single``: what one certificate for the whole box gives;
+    None if none is proved.
     """
 
     verdict: Verdict
@@ -266,7 +350,8 @@ class Settling(Shown):
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """The tube, if it has any length, and the certificate that takes over; empty if nothing is proved."""
+        """The tube, if it has any length, and the certificate that takes over; empty if nothing is
+        proved."""
         if self.claim is None:
             return ()
         claim, tube = self.claim, self.claim.tube
@@ -287,17 +372,21 @@ class Settling(Shown):
     def envelope(self, t: Sequence[float] | Array) -> Array: ...
 
     def envelope(self, t: float | Sequence[float] | Array) -> float | Array:
-        """A bound of |e(t)|_inf, rounded up, at t >= 0 in s: a number or an array of times.  It is that of the box
-        until the end of the tube, then that of the certificate, which may begin with more than the last box. Raises:
-        SpecError for a time that is negative or not finite, or if nothing is proved."""
+        """A bound of |e(t)|_inf, rounded up, at t >= 0 in s: a number or an array of times.  It is
+        that of the box until the end of the tube, then that of the certificate, which may begin
+        with more than the last box. Raises: SpecError for a time that is negative or not finite, or
+        if nothing is proved."""
         if self.claim is None:
-            raise SpecError("there is no envelope, because nothing is proved.", key="t", cure=self.reason)
+            raise SpecError(
+                "there is no envelope, because nothing is proved.", key="t", cure=self.reason
+            )
         if isinstance(t, (int, float)):
             return _bound(self.claim, float(t))
         return np.array([_bound(self.claim, float(each)) for each in t], dtype=np.float64)
 
     def curve(self, *, until: float | None = None, samples: int = 400) -> tuple[Array, Array]:
-        """Times (s) and bounds of |e|_inf, both (samples,), from 0 to ``until`` (the settling time), for plotting."""
+        """Times (s) and bounds of |e|_inf, both (samples,), from 0 to ``until`` (the settling
+        time), for plotting."""
         times = np.linspace(0.0, (self.time or 0.0) if until is None else until, samples)
         return times, self.envelope(times)
 
@@ -305,7 +394,10 @@ class Settling(Shown):
         """The stages as text: number, kind, start (s), bound of |e|_inf there, rate (1/s)."""
         found = []
         for k, stage in enumerate(self.stages):
-            start, bound = significant_away_from_zero(stage.start, 6), significant_away_from_zero(stage.bound)
+            start, bound = (
+                significant_away_from_zero(stage.start, 6),
+                significant_away_from_zero(stage.bound),
+            )
             rate = "" if stage.rate is None else significant_towards_zero(stage.rate)
             found.append((str(k + 1), stage.kind, start, bound, rate))
         return found
@@ -315,7 +407,10 @@ class Settling(Shown):
         if self.single_time is not None and self.time is not None:
             lines.append(f"One certificate for the whole box gives {self.single_time:.6g} s.")
         if self.stages:
-            lines += [f"{'stage':>5}  {'certificate':<13}  {'from (s)':>9}  {'|e| <=':>9}  {'rate (1/s)':>10}"]
+            lines += [
+                f"{'stage':>5}  {'certificate':<13}  {'from (s)':>9}  {'|e| <=':>9}  "
+                f"{'rate (1/s)':>10}"
+            ]
             lines += [f"{a:>5}  {b:<13}  {c:>9}  {d:>9}  {e:>10}" for a, b, c, d, e in self.rows()]
         return "\n".join(lines)
 
@@ -339,6 +434,10 @@ def _bound(claim: Descent, t: float) -> float:
         part = (when - tube.times[k]) / (tube.times[k + 1] - tube.times[k])
         faces = ((face[k], face[k + 1]) for face in (tube.upper, tube.lower))
         return float_above(
-            max(a + part * (b - a) for before, after in faces for a, b in zip(before, after, strict=True))
+            max(
+                a + part * (b - a)
+                for before, after in faces
+                for a, b in zip(before, after, strict=True)
+            )
         )
     return float_above(bound_after(claim, when).hi)

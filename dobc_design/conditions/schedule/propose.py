@@ -1,7 +1,9 @@
-"""Proposals for settling times: the box of all starts, followed in time, and certificates near the target (section 11).
+"""Proposals for settling times: the box of all starts, followed in time, and certificates near the
+target (section 11).
 
-Two trajectories, the faces of the box, obey the rows with equality and a little more; chords of them make the tube.
-Floating point; nothing here is a proof, but the certificates have been accepted by what decides them.
+Two trajectories, the faces of the box, obey the rows with equality and a little more; chords of
+them make the tube. Floating point; nothing here is a proof, but the certificates have been accepted
+by what decides them.
 """
 
 from __future__ import annotations
@@ -40,15 +42,18 @@ from dobc_design.verdict import Verdict
 
 LONGEST: Final = 10.0  # times what the rate near the target would take
 WIDER: Final = 1.25  # times what a box grows to where couplings rise; beyond it is given up
-LEVELS: Final = (1.0, 0.3, 0.1, 0.03, 0.01)  # parts of the radius for which certificates near the target are sought
+# parts of the radius for which certificates near the target are sought
+LEVELS: Final = (1.0, 0.3, 0.1, 0.03, 0.01)
 RADII: Final = (0.03, 0.08, 0.16, 0.25)  # of quadratic ones
 ROOM: Final = 0.999  # of a level
 SMALLEST: Final = 1e-300
-OBSERVER: Final = 0.9  # of the decay rate of A - WC: that of E; 0.7 for the observer's pair of quadratic certificates
+# of the decay rate of A - WC: that of E; 0.7 for the observer's pair of quadratic certificates
+OBSERVER: Final = 0.9
 PAIR: Final = 0.7
 SHARE: Final = Fraction(9, 10)  # of the rate of E that V = N + kappa E may use
 ABOVE: Final = 1e-7  # of numbers that have to be above a matrix, for rounding
-#: By which part of their speed and of the rate near the target faces fall more slowly, and how much a chord may bend.
+#: By which part of their speed and of the rate near the target faces fall more slowly, and how much
+#: a chord may bend.
 TRIED: Final = (
     (0.0005, 0.002),
     (0.001, 0.002),
@@ -60,14 +65,16 @@ TRIED: Final = (
 )
 FIRST_STEP: Final = 1e-4  # times 1 / rate
 MOST_TIMES: Final = 2000
-#: Rows n m, and rows and channels of one mode, up to which quadratic certificates are looked for: dense programs.
+#: Rows n m, and rows and channels of one mode, up to which quadratic certificates are looked for:
+#: dense programs.
 MOST_ROWS: Final = 24
 MOST_BLOCK: Final = 90
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """Starts |e|_inf <= radius, |eps_i| <= disturbance, and the tolerance to be kept from some time on."""
+    """Starts |e|_inf <= radius, |eps_i| <= disturbance, and the tolerance to be kept from some time
+    on."""
 
     radius: Fraction
     disturbance: Fraction
@@ -75,8 +82,8 @@ class Asked:
 
 
 def observed(problem: Problem, W: Matrix | None, T: Matrix | None = None) -> ErrorBound | None:
-    """P, beta, size of the observer, and a kappa for weights of at least 1 (of T e); None if none is found, or
-    needed."""
+    """P, beta, size of the observer, and a kappa for weights of at least 1 (of T e); None if none
+    is found, or needed."""
     exosystem, W = (problem.joint_exosystem, W) if T is None else seen_through(problem, T, W)
     if exosystem is None or W is None:
         return None
@@ -84,41 +91,63 @@ def observed(problem: Problem, W: Matrix | None, T: Matrix | None = None) -> Err
     return None if error is None else with_kappa(error)
 
 
-def approach(problem: Problem, W: Matrix | None, asked: Asked, *, limit: float | None) -> Iterator[tuple[Tube, Last]]:
-    """Tubes from the box asked for, tightest first, with the certificate that settles first, before ``limit`` (s)."""
+def approach(
+    problem: Problem, W: Matrix | None, asked: Asked, *, limit: float | None
+) -> Iterator[tuple[Tube, Last]]:
+    """Tubes from the box asked for, tightest first, with the certificate that settles first, before
+    ``limit`` (s)."""
     error = observed(problem, W)
     if error is None and problem.groups:
         return
     turns = Round.of(problem)
-    apart = turns is not None and any(unreached(problem, [arcs]) for arcs in problem.network.modes.values())
+    apart = turns is not None and any(
+        unreached(problem, [arcs]) for arcs in problem.network.modes.values()
+    )
     candidates = [] if apart else list[Last](_near(problem, W, asked, error))
     boxes = [each for each in candidates if isinstance(each, Separable)] or candidates
     fastest = max((float(decide.rate_near(each)) for each in boxes), default=0.0)
     if turns is not None:
         candidates += _kept(problem, W, asked, error)
         fastest = max(fastest, propose_cycles.late_rate(problem))
-    grown = asked.radius + (0 if error is None else asked.disturbance * root_above(error.size, unit=10**6) / error.beta)
+    grown = asked.radius + (
+        0 if error is None else asked.disturbance * root_above(error.size, unit=10**6) / error.beta
+    )
     rows = decide.RowsBySize(problem, grown * Fraction(WIDER))
     modes = {phase.mode for phase in turns.phases} if turns is not None else {""}
     if any(rows.get(mode) is None for mode in modes) or not candidates or not fastest > 0:
         return
-    kappas = [own.error.kappa if own.error else Fraction(0) for own in candidates if isinstance(own, Cycles)]
+    kappas = [
+        own.error.kappa if own.error else Fraction(0)
+        for own in candidates
+        if isinstance(own, Cycles)
+    ]
     rests = max(kappas, default=None)
     for slack, bend in TRIED[0 if turns else 3 :]:
         path = _Path(
-            rows=rows, turns=turns, error=error, asked=asked, slack=slack, bend=bend, fastest=fastest, rests=rests
+            rows=rows,
+            turns=turns,
+            error=error,
+            asked=asked,
+            slack=slack,
+            bend=bend,
+            fastest=fastest,
+            rests=rests,
         )
         whole = path.follow(limit)
-        choice = _choose(problem, path, candidates, asked) if whole or (slack, bend) == TRIED[-1] else None
+        choice = (
+            _choose(problem, path, candidates, asked)
+            if whole or (slack, bend) == TRIED[-1]
+            else None
+        )
         if choice is not None:
             yield path.tube(choice[0]), choice[1]
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class _Path:
-    """Boxes (upper, lower) (2 n,) at times (s), so far apart as they bend, one at each change of modes.  On each chord
-    the faces are as fast as the rows ask at its slower end, and a little slower.  ``rests``: kappa of a certificate
-    that keeps its size, None if there is none."""
+    """Boxes (upper, lower) (2 n,) at times (s), so far apart as they bend, one at each change of
+    modes.  On each chord the faces are as fast as the rows ask at its slower end, and a little
+    slower.  ``rests``: kappa of a certificate that keeps its size, None if there is none."""
 
     rows: decide.RowsBySize
     turns: Round | None
@@ -133,11 +162,14 @@ class _Path:
 
     @np.errstate(all="ignore")  # near the ends of the floats
     def follow(self, limit: float | None) -> bool:
-        """Go on until the box lies within the tolerance or the ``limit`` is reached; False if it does not."""
+        """Go on until the box lies within the tolerance or the ``limit`` is reached; False if it
+        does not."""
         radius, goal = float(self.asked.radius), float(self.asked.tolerance)
         goal = goal if self.rests is None else goal * ROOM
         kappa, most = float(self.rests or 0), ROOM * float(self.rows.most)
-        longest = LONGEST * math.log(max(radius / goal, 2.0)) / self.fastest if limit is None else limit
+        longest = (
+            LONGEST * math.log(max(radius / goal, 2.0)) / self.fastest if limit is None else limit
+        )
         chords = Chords(bend=self.bend, pace=self.fastest, step=FIRST_STEP / self.fastest)
         self.boxes = [np.full(2 * self.rows.problem.n, radius)]
         while len(self.times) < MOST_TIMES and float(self.times[-1]) < longest:
@@ -151,7 +183,11 @@ class _Path:
                 mode = self.turns.phases[place].mode
             rows = self.rows.get(mode, self.rows.level(float(box.max())))
             lands = None if rests <= 0 else rests
-            found = None if rows is None else chords.next(box, now, change, partial(self._asked, rows), lands=lands)
+            found = (
+                None
+                if rows is None
+                else chords.next(box, now, change, partial(self._asked, rows), lands=lands)
+            )
             if found is None or float(found[1].max()) > most:
                 return False
             self.times.append(found[0])
@@ -162,17 +198,26 @@ class _Path:
         """The slopes of the faces that the rows ask for, and a little more."""
         faces = boxes.reshape(len(boxes), 2, -1)
         asked = rows.needed(Box.floats(faces), np.full(len(boxes), self.load(t)))
-        return np.asarray(asked + self.slack * (np.abs(asked) + self.fastest * faces)).reshape(boxes.shape)
+        return np.asarray(asked + self.slack * (np.abs(asked) + self.fastest * faces)).reshape(
+            boxes.shape
+        )
 
     def load(self, t: Fraction) -> float:
         """|C eps_i| at most."""
         if self.error is None:
             return 0.0
-        return math.sqrt(float(self.error.size)) * float(self.asked.disturbance) * math.exp(-float(self.error.beta * t))
+        return (
+            math.sqrt(float(self.error.size))
+            * float(self.asked.disturbance)
+            * math.exp(-float(self.error.beta * t))
+        )
 
     def tube(self, until: Fraction) -> Tube:
         """The chords between the boxes up to a time of theirs."""
-        boxes = [tuple(_above(x, digits=9) for x in box.tolist()) for box in self.boxes[: self.times.index(until) + 1]]
+        boxes = [
+            tuple(_above(x, digits=9) for x in box.tolist())
+            for box in self.boxes[: self.times.index(until) + 1]
+        ]
         boxes[0], n = (self.asked.radius,) * len(boxes[0]), len(boxes[0]) // 2
         return Tube(
             times=tuple(self.times[: len(boxes)]),
@@ -183,18 +228,28 @@ class _Path:
 
 
 @np.errstate(all="ignore")
-def _choose(problem: Problem, path: _Path, candidates: Sequence[Last], asked: Asked) -> tuple[Fraction, Last] | None:
+def _choose(
+    problem: Problem, path: _Path, candidates: Sequence[Last], asked: Asked
+) -> tuple[Fraction, Last] | None:
     """When which certificate takes over, for the earliest settling time."""
-    times, boxes = np.array([float(t) for t in path.times]), np.stack(path.boxes).reshape(len(path.boxes), 2, -1)
+    times, boxes = (
+        np.array([float(t) for t in path.times]),
+        np.stack(path.boxes).reshape(len(path.boxes), 2, -1),
+    )
     widths, loads = boxes.max(axis=1) * (1 + ACCURACY), np.array([path.load(t) for t in path.times])
     best: tuple[float, int, Last] | None = None
     for each in candidates:
         rate, wait, mine = float(decide.rate_near(each)), 0.0, np.ones(len(times), dtype=bool)
         if isinstance(each, Cycles):
-            v, wait = np.ones((len(times), len(widths[0]))), float(max((x.times[-1] for x in each.phases), default=0))
+            v, wait = (
+                np.ones((len(times), len(widths[0]))),
+                float(max((x.times[-1] for x in each.phases), default=0)),
+            )
             if path.turns is not None and each.phases:
                 at = [path.turns.at(t) for t in path.times]
-                mine = np.array([begun == t for (_, begun, _), t in zip(at, path.times, strict=True)])
+                mine = np.array(
+                    [begun == t for (_, begun, _), t in zip(at, path.times, strict=True)]
+                )
                 first = np.array([[float(x) for x in phase.v[0]] for phase in each.phases])
                 v = first[[place for place, _, _ in at]]
             kappa = 0.0 if each.error is None else float(each.error.kappa)
@@ -210,23 +265,32 @@ def _choose(problem: Problem, path: _Path, candidates: Sequence[Last], asked: As
             stretch = 1.0
             if each.P is not None and path.error is not None:
                 stretch = math.sqrt(float(relative_bound(each.P, path.error.P)))
-            levels = np.sqrt(np.einsum("ti,ij,tj->t", b, P_e, b) + problem.n * (stretch * loads) ** 2)
+            levels = np.sqrt(
+                np.einsum("ti,ij,tj->t", b, P_e, b) + problem.n * (stretch * loads) ** 2
+            )
             height, most = math.sqrt(float(max(diagonal_of_inverse(each.P_e)))), math.inf
             if each.radius is not None:
                 wide = max(differences(each.P_e, relied_differences(problem)), default=Fraction(0))
                 most = float(each.radius) / math.sqrt(float(wide)) if wide else math.inf
         left = np.maximum(np.log(levels * height / float(asked.tolerance)), 0.0)
         total = times + np.where(left == 0, 0.0, wait + left / max(rate, SMALLEST))
-        total = np.where(mine & (levels <= most / ROOM if not rate else levels <= ROOM * most), total, np.inf)
+        total = np.where(
+            mine & (levels <= most / ROOM if not rate else levels <= ROOM * most), total, np.inf
+        )
         k = int(np.argmin(total))
         if np.isfinite(total[k]) and (best is None or total[k] < best[0]):
             best = float(total[k]), k, each
     return None if best is None or not best[1] else (path.times[best[1]], best[2])
 
 
-def _near(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | None) -> Iterator[Separable | Lure]:
+def _near(
+    problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | None
+) -> Iterator[Separable | Lure]:
     """Certificates that may take over near the target."""
-    slowest, levels = 0.0, [part for part in LEVELS if part * asked.radius >= asked.tolerance / 2] or [LEVELS[0]]
+    slowest, levels = (
+        0.0,
+        [part for part in LEVELS if part * asked.radius >= asked.tolerance / 2] or [LEVELS[0]],
+    )
     for part in [1.0] if problem.is_linear else levels:
         plan = propose_separable(problem, rho=Fraction(part) * asked.radius)
         if plan is None:
@@ -235,16 +299,23 @@ def _near(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | 
         if error is not None:
             rate = min(Fraction(plan.rate), SHARE * error.beta)
             own = with_kappa(error, rate=rate, least=Fraction(float(plan.v.min())))
-        found = first_certificate(problem, W, replace(plan, error=own), everywhere=problem.is_linear)
+        found = first_certificate(
+            problem, W, replace(plan, error=own), everywhere=problem.is_linear
+        )
         if found is not None and composite_rate(found) > 0:
             slowest = max(slowest, float(composite_rate(found)))
             yield found
     yield from _quadratic(problem, W, [part * float(asked.radius) for part in RADII], slowest)
 
 
-def _kept(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | None) -> Iterator[Cycles]:
-    """Weights that move under the guarantee, and the tolerance itself as a box that is never left."""
-    rests = Cycles(phases=(), rate=None, rho=None if problem.is_linear else asked.tolerance, error=error)
+def _kept(
+    problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | None
+) -> Iterator[Cycles]:
+    """Weights that move under the guarantee, and the tolerance itself as a box that is never
+    left."""
+    rests = Cycles(
+        phases=(), rate=None, rho=None if problem.is_linear else asked.tolerance, error=error
+    )
     if why_not(problem, W, rests) is None:
         yield rests
     for part in [1.0] if problem.is_linear else LEVELS:
@@ -255,9 +326,12 @@ def _kept(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | 
             return
 
 
-def _quadratic(problem: Problem, W: Matrix | None, radii: list[float], slowest: float) -> Iterator[Lure]:
-    """Certificates at the given radii, one each, smallest first; those only whose rate (1/s) exceeds ``slowest``.
-    Linear couplings need no radius and have one.  Nothing for networks beyond MOST_ROWS or MOST_BLOCK."""
+def _quadratic(
+    problem: Problem, W: Matrix | None, radii: list[float], slowest: float
+) -> Iterator[Lure]:
+    """Certificates at the given radii, one each, smallest first; those only whose rate (1/s)
+    exceeds ``slowest``. Linear couplings need no radius and have one.  Nothing for networks beyond
+    MOST_ROWS or MOST_BLOCK."""
     size, arcs = problem.n * problem.m, max(len(each) for each in problem.network.modes.values())
     if size > MOST_ROWS or size + arcs * problem.m > MOST_BLOCK:
         return
@@ -267,7 +341,9 @@ def _quadratic(problem: Problem, W: Matrix | None, radii: list[float], slowest: 
 
     observer, fastest = Fraction(0), linear_rate(problem, W)
     if (exosystem := problem.joint_exosystem) is not None:
-        observer = rounded_down(0.0 if W is None else max(0.0, PAIR * decay_rate(exosystem, W)), digits=6)
+        observer = rounded_down(
+            0.0 if W is None else max(0.0, PAIR * decay_rate(exosystem, W)), digits=6
+        )
         fastest = min(fastest, float(observer))
     for radius in [None] if problem.is_linear else sorted(radii):
         lures = fast_lures(problem, radius=radius, W=W, observer=observer, rates=(slowest, fastest))

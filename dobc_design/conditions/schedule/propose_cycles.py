@@ -1,7 +1,9 @@
-"""Proposals for weights that move under a guarantee: rates, weights at the beginning of each phase, and their way.
+"""Proposals for weights that move under a guarantee: rates, weights at the beginning of each phase,
+and their way.
 
-G(x): the largest weights, times exp(rate t), that a phase hands over when its predecessors begin with x and fall as
-fast as their rows allow.  Where iterates of x = max (1, G(x)) settle, they serve.  Floating point; no proofs.
+G(x): the largest weights, times exp(rate t), that a phase hands over when its predecessors begin
+with x and fall as fast as their rows allow.  Where iterates of x = max (1, G(x)) settle, they
+serve.  Floating point; no proofs.
 """
 
 from __future__ import annotations
@@ -22,7 +24,12 @@ from dobc_design.conditions.schedule.cycles import ZERO, Cycles, Phase, Weights,
 from dobc_design.conditions.schedule.rows import MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.conditions.separable.coordinates import enclosed_ranges
-from dobc_design.conditions.separable.propose_coordinates import Agents, Gains, candidates, in_floats
+from dobc_design.conditions.separable.propose_coordinates import (
+    Agents,
+    Gains,
+    candidates,
+    in_floats,
+)
 from dobc_design.conditions.separable.propose_observer import with_kappa
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
@@ -45,8 +52,9 @@ Asked = Callable[[Array, Fraction], Array]
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Chords:
-    """``bend``: by how much the slopes at both ends of a chord may differ, times its length, as a part of the entry, or
-    the ``floor`` if it is less; without one of the largest entry.  ``pace`` (1/s): the rate that measures accuracy."""
+    """``bend``: by how much the slopes at both ends of a chord may differ, times its length, as a
+    part of the entry, or the ``floor`` if it is less; without one of the largest entry.  ``pace``
+    (1/s): the rate that measures accuracy."""
 
     bend: float
     pace: float
@@ -55,9 +63,16 @@ class Chords:
     change: Array | None = None  # of the slopes with the point
 
     def next(
-        self, point: Array, now: Fraction, until: Fraction | None, asked: Asked, *, lands: float | None = None
+        self,
+        point: Array,
+        now: Fraction,
+        until: Fraction | None,
+        asked: Asked,
+        *,
+        lands: float | None = None,
     ) -> tuple[Fraction, Array] | None:
-        """The end of the next chord, at most ``until``, and where its largest entry falls just below ``lands``."""
+        """The end of the next chord, at most ``until``, and where its largest entry falls just
+        below ``lands``."""
         before = asked(point[None], now)[0]
         for _ in range(MOST_HALVINGS):
             spend(CHORD)
@@ -82,7 +97,8 @@ class Chords:
     def _end(
         self, point: Array, before: Array, now: Fraction, after: Fraction, asked: Asked
     ) -> tuple[Array, Array] | None:
-        """The end of a chord and the slopes asked for there, by Newton's method; None if it does not settle."""
+        """The end of a chord and the slopes asked for there, by Newton's method; None if it does
+        not settle."""
         length, found, last = float(after - now), point.copy(), math.inf
         for _ in range(MOST_NEWTON):
             there = asked(found[None], after)[0]
@@ -95,7 +111,9 @@ class Chords:
                 self.change = (asked(found + np.diag(widths), after) - there).T / widths
             last = left
             J = np.where((there >= before)[:, None], self.change, 0.0)
-            found = np.maximum(found + np.linalg.solve(np.eye(len(point)) - length * J, missed), found / 4)
+            found = np.maximum(
+                found + np.linalg.solve(np.eye(len(point)) - length * J, missed), found / 4
+            )
         return None
 
 
@@ -105,8 +123,8 @@ SIZES: Final = (1e-6, 0.5, 1.0)  # of rho, at which rows are looked at
 ITERATIONS: Final = 400  # of x = max (1, G(x)), which are cheap where it is linear
 FOLLOWED: Final = 6
 SETTLED: Final = 1e-7
-#: Parts of the estimated rate; by which part of their speed and of that rate weights fall more slowly; and how much a
-#: chord may bend.
+#: Parts of the estimated rate; by which part of their speed and of that rate weights fall more
+#: slowly; and how much a chord may bend.
 TRIED: Final = (
     (0.98, 0.0002, 0.0001),
     (0.94, 0.0002, 0.0001),
@@ -139,7 +157,8 @@ MOST_STEPS: Final = 500
 MOST_COORDINATES: Final = 3
 ROUNDS: Final = 4  # of weights and gains in turn, and at least of a sequence
 WIDER: Final = 1.05  # than the largest weights seen
-TAILS: Final = 8  # times that a phase without an end is doubled until its rows hold with weights at rest
+# times that a phase without an end is doubled until its rows hold with weights at rest
+TAILS: Final = 8
 
 Way = list[tuple[Fraction, Array]]  # times (s) from the beginning of a phase, and weights there
 
@@ -156,7 +175,10 @@ class _Turned:
     def of(cls, problem: Problem, T: Matrix, gains: Gains) -> dict[str, _Turned]:
         agents = Agents.of(problem, most=problem.n)
         each = zip(problem.network.modes, agents.modes, strict=True)
-        return {mode: cls(agents=replace(agents, modes=(arcs,)), T=to_float(T), gains=gains) for mode, arcs in each}
+        return {
+            mode: cls(agents=replace(agents, modes=(arcs,)), T=to_float(T), gains=gains)
+            for mode, arcs in each
+        }
 
     def matrix(self) -> Array:
         """What the slopes are for weights of 1, as a matrix."""
@@ -179,7 +201,9 @@ class _Flow:
     slack: float
     pace: float  # 1/s, about the rate
     bend: float
-    known: dict[tuple[str, Fraction, Fraction | None, float, bytes], Way | None] = field(default_factory=dict)
+    known: dict[tuple[str, Fraction, Fraction | None, float, bytes], Way | None] = field(
+        default_factory=dict
+    )
 
     def asked(self, v: Array, t: Fraction = ZERO) -> Array:
         """The slopes (count, n) that rows ask of weights (count, n), and a little more."""
@@ -187,7 +211,8 @@ class _Flow:
         return np.asarray(found + self.slack * (np.abs(found) + self.pace * v))
 
     def way(self, start: Array, rate: float) -> Way | None:
-        """Until its longest time; without one until the weights keep their place.  None if none is found."""
+        """Until its longest time; without one until the weights keep their place.  None if none is
+        found."""
         key = self.phase.mode, self.phase.shortest, self.phase.longest, rate, start.tobytes()
         if key not in self.known:
             self.known[key] = self._way(start, rate)
@@ -196,7 +221,9 @@ class _Flow:
     def _way(self, start: Array, rate: float) -> Way | None:
         nodes = _ends(self.phase.shortest, self.phase.longest or self.phase.shortest)
         way, last = [(ZERO, start)], self.phase.longest
-        chords = Chords(bend=self.bend, pace=self.pace, step=float(self.phase.shortest) / ENDS, floor=1.0)
+        chords = Chords(
+            bend=self.bend, pace=self.pace, step=float(self.phase.shortest) / ENDS, floor=1.0
+        )
         for k in range(TAILS):
             for node in nodes:
                 while way[-1][0] < node:
@@ -210,8 +237,11 @@ class _Flow:
         return None
 
 
-def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: ErrorBound | None) -> Iterator[Cycles]:
-    """Claims that are proved for weights whose least at the beginning of phases is 1, the fastest first."""
+def propose(
+    problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: ErrorBound | None
+) -> Iterator[Cycles]:
+    """Claims that are proved for weights whose least at the beginning of phases is 1, the fastest
+    first."""
     phases, reach = phases_of(problem), Fraction(1) if rho is None else rho
     steepest = STEEPEST if rho is None else max(FAR, FAR / float(rho))
     modes = dict.fromkeys(phase.mode for phase in phases)
@@ -221,7 +251,9 @@ def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: 
         return
     sizes = (1.0,) if rho is None else tuple(part * float(rho) for part in SIZES)
     linear = _Linear.at_the_target(problem, phases)
-    claims = () if linear is None else _drafts(phases, known, linear, sizes=sizes, rho=rho, error=error)
+    claims = (
+        () if linear is None else _drafts(phases, known, linear, sizes=sizes, rho=rho, error=error)
+    )
     yield from islice((claim for claim in claims if why_not(problem, W, claim) is None), 1)
 
 
@@ -232,7 +264,8 @@ def propose_in_coordinates(
     box: tuple[Fraction, Fraction] | None,
     observed: Callable[[Matrix], ErrorBound | None],
 ) -> Iterator[Cycles]:
-    """The same in coordinates z = T e, for starts |e|_inf, |eps_i| <= those of ``box``; None: linear couplings."""
+    """The same in coordinates z = T e, for starts |e|_inf, |eps_i| <= those of ``box``; None:
+    linear couplings."""
     phases, agents = phases_of(problem), Agents.of(problem, most=problem.n)
     ones, found = np.ones((problem.n, problem.m)), dict[Matrix, float]()
     near = agents.gains_at(np.eye(problem.m), ones, float(box[0] if box else 1))
@@ -240,12 +273,18 @@ def propose_in_coordinates(
         return
     for T in candidates(agents, near):
         if T is not None and T not in found:
-            found[T] = _Linear.of(phases, _Turned.of(problem, T, near)).estimate(problem.n * problem.m)
+            found[T] = _Linear.of(phases, _Turned.of(problem, T, near)).estimate(
+                problem.n * problem.m
+            )
     for T in sorted((T for T in found if found[T] > 0), key=lambda T: -found[T])[:MOST_COORDINATES]:
         error, size = observed(T), max(sum(map(abs, row), ZERO) for row in T)
         if problem.groups and error is None:
             continue
-        far = None if box is None else rounded_up(size * box[0] + 2 * box[1] * _share(error), digits=6)
+        far = (
+            None
+            if box is None
+            else rounded_up(size * box[0] + 2 * box[1] * _share(error), digits=6)
+        )
         tallest = np.ones(problem.n * problem.m)
         for _ in range(1 if box is None else ROUNDS):
             v = tuple(rounded_up(Fraction(x), digits=6) for x in tallest.tolist())
@@ -254,7 +293,9 @@ def propose_in_coordinates(
             except (UndefinedError, SpecError):
                 break
             rows = _Turned.of(problem, T, in_floats(ranges))
-            drafts = _drafts(phases, rows, _Linear.of(phases, rows), sizes=(1.0,), rho=far, error=error)
+            drafts = _drafts(
+                phases, rows, _Linear.of(phases, rows), sizes=(1.0,), rho=far, error=error
+            )
             draft = next(drafts, None)
             if draft is None:
                 break
@@ -289,7 +330,15 @@ def _drafts(
             return
         ways: dict[Any, Way | None] = {}  # the same in phases that are alike
         flows = [
-            _Flow(phase=phase, rows=known[phase.mode], sizes=sizes, slack=slack, pace=top, bend=bend, known=ways)
+            _Flow(
+                phase=phase,
+                rows=known[phase.mode],
+                sizes=sizes,
+                slack=slack,
+                pace=top,
+                bend=bend,
+                known=ways,
+            )
             for phase in phases
         ]
         ones = [np.ones(size) for _ in phases]
@@ -297,7 +346,9 @@ def _drafts(
         steps = max(ROUNDS, 10 * steps // len(phases)) if _in_turn(phases) else steps
         x = _settled(phases, partial(linear.handed, rate=faster), ones, most=steepest, steps=steps)
         if x is not None:
-            x = _settled(phases, partial(_handed, flows, rate=rate), x, most=steepest, steps=FOLLOWED)
+            x = _settled(
+                phases, partial(_handed, flows, rate=rate), x, most=steepest, steps=FOLLOWED
+            )
         claim = None if x is None else _claim(flows, x, rate, rho, error)
         if claim is not None:
             yield claim
@@ -311,11 +362,14 @@ def late_rate(problem: Problem) -> float:
 
 def _ends(first: Fraction, last: Fraction) -> list[Fraction]:
     """Times at which a phase may end, as close as its weights are then compared."""
-    return [first] if first == last else [first + (last - first) * k / ENDS for k in range(ENDS + 1)]
+    return (
+        [first] if first == last else [first + (last - first) * k / ENDS for k in range(ENDS + 1)]
+    )
 
 
 def _most(times: Array, v: Array, rate: float) -> Array:
-    """exp(rate t) v(t) at most, for v (count, n), between two times with the larger v and the later one."""
+    """exp(rate t) v(t) at most, for v (count, n), between two times with the larger v and the later
+    one."""
     larger = np.vstack([v[:1], np.maximum(v[:-1], v[1:])])
     return np.asarray(np.max(np.exp(rate * times)[:, None] * larger, axis=0))
 
@@ -331,10 +385,12 @@ def _handed(flows: Sequence[_Flow], p: int, start: Array, rate: float) -> Array 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Linear:
-    """The same for the linearisation at the target: products of matrices, for phases of finite and of any length."""
+    """The same for the linearisation at the target: products of matrices, for phases of finite and
+    of any length."""
 
     phases: Sequence[Phase]
-    ways: Sequence[tuple[Array, Array]]  # of each phase: times (s) at which it may end, and the maps until then
+    # of each phase: times (s) at which it may end, and the maps until then
+    ways: Sequence[tuple[Array, Array]]
 
     @classmethod
     def at_the_target(cls, problem: Problem, phases: Sequence[Phase]) -> _Linear | None:
@@ -363,7 +419,8 @@ class _Linear:
         return cls(phases=phases, ways=ways)
 
     def handed(self, p: int, start: Array, rate: float) -> Array:
-        """The largest weights, times exp(rate t), that phase p hands over when it begins with these."""
+        """The largest weights, times exp(rate t), that phase p hands over when it begins with
+        these."""
         times, maps = self.ways[p]
         return _most(times, maps @ start, rate)
 
@@ -454,14 +511,20 @@ def _settled(
 
 @np.errstate(all="ignore")
 def _claim(
-    flows: Sequence[_Flow], x: Sequence[Array], rate: float, rho: Fraction | None, error: ErrorBound | None
+    flows: Sequence[_Flow],
+    x: Sequence[Array],
+    rate: float,
+    rho: Fraction | None,
+    error: ErrorBound | None,
 ) -> Cycles | None:
     phases = []
     for flow, start in zip(flows, x, strict=True):
         way = flow.way(start, rate)
         if way is None:
             return None
-        v = tuple(tuple(Fraction(f"{x * (1 + 1e-10):.11g}") for x in point.tolist()) for _, point in way)
+        v = tuple(
+            tuple(Fraction(f"{x * (1 + 1e-10):.11g}") for x in point.tolist()) for _, point in way
+        )
         phases.append(Weights(times=tuple(t for t, _ in way), v=v))
     claimed = Fraction(f"{rate * ROOM:.6g}")
     if error is not None:

@@ -1,9 +1,11 @@
-"""The errors of linear couplings over one round of a sequence: e -> M e, and when that is proved to expand.
+"""The errors of linear couplings over one round of a sequence: e -> M e, and when that is proved to
+expand.
 
-M is the product of exp((J_p - K) T_p) over the phases, the last one on the left; J_p - K includes the dynamics of the
-agents.  If |tr M^k| > n m then an eigenvalue of M is larger than 1 in size, because tr M^k is the sum of the n m k-th
-powers of eigenvalues.  With eps = 0 errors along its eigenvector grow without bound from every neighbourhood of the
-target, whatever the observer.  Balls of python-flint enclose every exponential, product and trace.
+M is the product of exp((J_p - K) T_p) over the phases, the last one on the left; J_p - K includes
+the dynamics of the agents.  If |tr M^k| > n m then an eigenvalue of M is larger than 1 in size,
+because tr M^k is the sum of the n m k-th powers of eigenvalues.  With eps = 0 errors along its
+eigenvector grow without bound from every neighbourhood of the target, whatever the observer.  Balls
+of python-flint enclose every exponential, product and trace.
 """
 
 from __future__ import annotations
@@ -34,10 +36,15 @@ def growth_check(problem: Problem, domain: str) -> Check | None:
     """REFUTED, if errors grow from round to round and one of POWERS shows it; None if none does."""
     for power in POWERS:
         if (factor := growth(problem, power)) is not None:
-            reason = f"errors grow by a factor of about {factor:.4g} in every round of {guarantee_in_words(problem)}"
+            reason = (
+                f"errors grow by a factor of about {factor:.4g} in every round of "
+                f"{guarantee_in_words(problem)}"
+            )
             reason += " (the spectral radius of the linear map of a round)."
             claim = Values({"power": str(power)})
-            return Check(id="schedule", verdict=Verdict.REFUTED, domain=domain, reason=reason, claim=claim)
+            return Check(
+                id="schedule", verdict=Verdict.REFUTED, domain=domain, reason=reason, claim=claim
+            )
     return None
 
 
@@ -52,11 +59,21 @@ def growth(problem: Problem, power: int) -> float | None:
 
 
 def _parts(problem: Problem, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fraction]] | None:
-    """J_p - K and the length of every phase; None where the question is another one, or takes long."""
-    one_end = all(phase.longest == phase.shortest and len(phase.successors) == 1 for phase in phases)
-    if not (problem.is_linear and one_end and 0 < len(phases) <= MOST_PHASES and problem.n * problem.m <= MOST_ROWS):
+    """J_p - K and the length of every phase; None where the question is another one, or takes
+    long."""
+    one_end = all(
+        phase.longest == phase.shortest and len(phase.successors) == 1 for phase in phases
+    )
+    if not (
+        problem.is_linear
+        and one_end
+        and 0 < len(phases) <= MOST_PHASES
+        and problem.n * problem.m <= MOST_ROWS
+    ):
         return None
-    if sum(phase.first for phase in phases) != 1 or any(each.optional for each in problem.network.modes.values()):
+    if sum(phase.first for phase in phases) != 1 or any(
+        each.optional for each in problem.network.modes.values()
+    ):
         return None
     statements = state_theorems(problem)
     known = {mode: linear_part(statements, mode) for mode in {phase.mode for phase in phases}}
@@ -64,16 +81,27 @@ def _parts(problem: Problem, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fr
     sure = [(A, time) for A, time in parts if A is not None]
     if len(sure) < len(parts):
         return None
-    total = sum((max(sum(map(abs, row), Fraction(0)) for row in A) * time for A, time in sure), Fraction(0))
+    total = sum(
+        (max(sum(map(abs, row), Fraction(0)) for row in A) * time for A, time in sure), Fraction(0)
+    )
     return sure if total <= MOST_GROWTH else None
 
 
 def confirm_growth(check: Check, problem: Problem, domain: str) -> str | None:
     """None if a refuted check of the schedule is confirmed, else what is not."""
     exact = check.exact or {}
-    if set(exact) != {"power"} or check.rate is not None or check.witness is not None or check.domain != domain:
+    if (
+        set(exact) != {"power"}
+        or check.rate is not None
+        or check.witness is not None
+        or check.domain != domain
+    ):
         return "it is refuted by the power of a trace, and by nothing else"
     power = read_rational(exact["power"])
     if power.denominator != 1 or not 1 <= power <= MOST_POWER:
         return f"power must be a whole number from 1 to {MOST_POWER}"
-    return None if growth(problem, int(power)) is not None else "the trace of that power does not show that errors grow"
+    return (
+        None
+        if growth(problem, int(power)) is not None
+        else "the trace of that power does not show that errors grow"
+    )

@@ -1,10 +1,13 @@
-"""Rows of boxes that move: for -s lower <= e <= s upper, linear in time on a segment, in floats with outward bounds.
+"""Rows of boxes that move: for -s lower <= e <= s upper, linear in time on a segment, in floats
+with outward bounds.
 
-Upper face, for every mode, every time of the segment and all s that are asked for (theory, section 11):
+Upper face, for every mode, every time of the segment and all s that are asked for (theory, section
+11):
 
     sum_j w sup { h_ij(y) : -s (l_j + u_i) <= y <= s (u_j - u_i) } - k_i s u_i + load <= s u_i'
 
-and the lower one with l and u exchanged and -h(-y) in place of h.  A segment is halved where its ends do not show it.
+and the lower one with l and u exchanged and -h(-y) in place of h.  A segment is halved where its
+ends do not show it.
 """
 
 from __future__ import annotations
@@ -38,7 +41,8 @@ from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
 
 HALVINGS: Final = 11  # of a segment
-# Parts of each segment, and besides, that may be left to halve: more are left only where a claim is false.
+# Parts of each segment, and besides, that may be left to halve: more are left only where a claim is
+# false.
 PARTS: Final = 8
 FEW: Final = 500
 CELLS: Final = 2048  # of the tables: near the target rows have little room
@@ -53,8 +57,8 @@ def _sum(a: Any, b: Any) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """Boxes -lower <= e <= upper, (count, 2 faces, n): lower and upper bounds of what is meant; faces as in FACES.
-    Where ``same`` is alike and not 0 so are the numbers."""
+    """Boxes -lower <= e <= upper, (count, 2 faces, n): lower and upper bounds of what is meant;
+    faces as in FACES. Where ``same`` is alike and not 0 so are the numbers."""
 
     below: Array
     above: Array
@@ -69,7 +73,9 @@ class Box:
             for bound in (float_below, float_above)
         )
         places: dict[Fraction, int] = {}
-        same = [[[places.setdefault(x, len(places) + 1) for x in face] for face in box] for box in both]
+        same = [
+            [[places.setdefault(x, len(places) + 1) for x in face] for face in box] for box in both
+        ]
         return cls(below, above, np.array(same))
 
     @classmethod
@@ -89,9 +95,15 @@ class Box:
         """Where it is after a ``part`` (count,) of the way to ``other``; parts are exact."""
         part = part[:, None, None]
         same = np.where(part == 0, self.same, np.where(part == 1, other.same, 0))
-        below = np.where(part == 0, self.below, down(down(self.below * (1 - part)) + down(other.below * part)))
-        above = np.where(part == 0, self.above, up(up(self.above * (1 - part)) + up(other.above * part)))
-        return Box(np.where(part == 1, other.below, below), np.where(part == 1, other.above, above), same)
+        below = np.where(
+            part == 0, self.below, down(down(self.below * (1 - part)) + down(other.below * part))
+        )
+        above = np.where(
+            part == 0, self.above, up(up(self.above * (1 - part)) + up(other.above * part))
+        )
+        return Box(
+            np.where(part == 1, other.below, below), np.where(part == 1, other.above, above), same
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,11 +123,17 @@ class MovingRows:
         owners, speakers = self.layout.rows % self.size, self.layout.speakers
         count, rows = len(start.below), self.size * self.modes
         boxes = (start,) if start is end else (start, end)
-        apart = [Box.differ(box.same[:, own][:, speakers], box.same[:, own][:, owners]) for box in boxes]
+        apart = [
+            Box.differ(box.same[:, own][:, speakers], box.same[:, own][:, owners]) for box in boxes
+        ]
         wide = [up(box.above[:, own][:, speakers] - box.below[:, own][:, owners]) for box in boxes]
-        steps = np.maximum.reduce([np.where(a, b, 0.0) for a, b in zip(apart, wide, strict=True)]).ravel()
+        steps = np.maximum.reduce(
+            [np.where(a, b, 0.0) for a, b in zip(apart, wide, strict=True)]
+        ).ravel()
         steps = np.maximum(steps, np.tile(self.layout.floor, count))
-        reaches = [up(box.above[:, other][:, speakers] + box.above[:, own][:, owners]) for box in boxes]
+        reaches = [
+            up(box.above[:, other][:, speakers] + box.above[:, own][:, owners]) for box in boxes
+        ]
         reaches = np.maximum.reduce(reaches).ravel()
         first = (self.layout.start[None, :-1] + len(owners) * np.arange(count)[:, None]).ravel()
         weights = self.layout.weights
@@ -123,14 +141,17 @@ class MovingRows:
             start=np.append(first, count * len(owners)),
             steps=steps,
             reaches=np.maximum(reaches, -steps),
-            weights=None if weights is None else (np.tile(weights[0], count), np.tile(weights[1], count)),
+            weights=None
+            if weights is None
+            else (np.tile(weights[0], count), np.tile(weights[1], count)),
             kinds=np.tile(self.layout.kinds, count),
             own=(np.zeros(0), np.zeros(0)),
             gains=(Fraction(0),) * (count * rows),
         )
 
     def needed(self, box: Box, load: Array) -> Array:
-        """The slopes (count, 2, n) that the rows ask of boxes where they stand, ``load`` (count,) added; about."""
+        """The slopes (count, 2, n) that the rows ask of boxes where they stand, ``load`` (count,)
+        added; about."""
         found = np.empty(box.below.shape)
         for place, face in enumerate(FACES):
             arcs = self._arcs(box, box, face)
@@ -140,7 +161,8 @@ class MovingRows:
         return found
 
     def pull(self, v: Array, sizes: Sequence[float]) -> Array:
-        """The slopes (count, n) that the rows ask of weights v (count, n) at rest, on both faces, about."""
+        """The slopes (count, n) that the rows ask of weights v (count, n) at rest, on both faces,
+        about."""
         s = np.repeat(np.array(sizes), len(v))[:, None, None]
         boxes = np.tile(np.stack([v, v], axis=1), (len(sizes), 1, 1))
         asked = self.needed(Box.floats(s * boxes), np.zeros(len(boxes))) / s
@@ -156,10 +178,13 @@ class MovingRows:
         high: float = 1.0,
         only: Sequence[int] | None = None,
     ) -> list[int]:
-        """The segments (default: all) from each box to the next that are not proved for all s in [low, high].
-        ``load``: an upper bound at each time, and on each segment of its chord; with low = high = 1 only."""
+        """The segments (default: all) from each box to the next that are not proved for all s in
+        [low, high]. ``load``: an upper bound at each time, and on each segment of its chord; with
+        low = high = 1 only."""
         lengths = [after - before for before, after in pairwise(times)]
-        short, long = (np.array([bound(x) for x in lengths]) for bound in (float_below, float_above))
+        short, long = (
+            np.array([bound(x) for x in lengths]) for bound in (float_below, float_above)
+        )
         rise = down(boxes.below[1:] - boxes.above[:-1])
         rise = np.where(Box.differ(boxes.same[1:], boxes.same[:-1]), rise, 0.0)
         slopes = np.where(rise >= 0, rise / long[:, None, None], rise / short[:, None, None])
@@ -183,14 +208,21 @@ class MovingRows:
             left = self._open_parts(boxes, slopes, load, parts, low, high)
             if not len(left):
                 return []
-            if len(left) > PARTS * len(places) + FEW:  # a row that fails all along, not in one place
+            # a row that fails all along, not in one place
+            if len(left) > PARTS * len(places) + FEW:
                 return sorted(set(parts[0][left].tolist()))
             segments, first, width = (np.repeat(each[left], 2) for each in parts)
             parts = segments, first + np.tile([0.0, 0.5], len(left)) * width, width / 2
         return sorted(set(parts[0].tolist()))
 
     def _open_parts(
-        self, boxes: Box, slopes: Array, load: Array, parts: tuple[Any, Array, Array], low: float, high: float
+        self,
+        boxes: Box,
+        slopes: Array,
+        load: Array,
+        parts: tuple[Any, Array, Array],
+        low: float,
+        high: float,
     ) -> NDArray[np.int64]:
         """The parts (segment, where it begins, how wide) that are not proved as they are."""
         chunk, failed = max(1, TOGETHER // max(1, len(self.layout.rows))), list[Any]()
@@ -199,7 +231,9 @@ class MovingRows:
             spend(1 + len(segments) * len(self.layout.rows) // 10)
             cuts = (first, first + width)
             ends = [boxes[segments].between(boxes[segments + 1], part) for part in cuts]
-            loads = [up(up(load[segments] * (1 - part)) + up(load[segments + 1] * part)) for part in cuts]
+            loads = [
+                up(up(load[segments] * (1 - part)) + up(load[segments + 1] * part)) for part in cuts
+            ]
             loaded = np.maximum(load[segments], load[segments + 1]) > 0
             most = np.where(loaded, np.maximum(*loads), 0.0)[:, None]
             bad = np.zeros(len(segments), dtype=bool)
@@ -209,21 +243,29 @@ class MovingRows:
                 held = np.where(self.holds == 0, 0.0, down(held))
                 limits = _sum(_sum(held, slopes[segments, place]), -most)
                 limits = np.repeat(limits[:, None], self.modes, axis=1).ravel()
-                with np.errstate(invalid="ignore", over="ignore"):  # what is infinite proves nothing
-                    rows = open_within(self._arcs(ends[0], ends[1], face), limits, face, self.kinds, high, low)
+                # what is infinite proves nothing
+                with np.errstate(invalid="ignore", over="ignore"):
+                    rows = open_within(
+                        self._arcs(ends[0], ends[1], face), limits, face, self.kinds, high, low
+                    )
                 bad[np.unique(rows // (self.size * self.modes))] = True
             failed.append(k + np.flatnonzero(bad))
         return np.concatenate(failed)
 
 
-def moving_rows(problem: Problem, most: Fraction, modes: Sequence[str] | None = None) -> MovingRows | None:
-    """Rows for boxes with no number beyond ``most``; None where a coupling is not defined or turns too often."""
+def moving_rows(
+    problem: Problem, most: Fraction, modes: Sequence[str] | None = None
+) -> MovingRows | None:
+    """Rows for boxes with no number beyond ``most``; None where a coupling is not defined or turns
+    too often."""
     layout, radius = arc_layout(problem, modes=modes), 2 * most * (1 + MARGIN)
     try:
         profiles = tuple(profile(Curve(each.components[0]), radius) for each in problem.couplings)
         far = np.full(len(layout.rows), float_above(2 * most))
         arcs = ArcRows(layout.start, far, far, layout.weights, layout.kinds, (far[:0], far[:0]), ())
-        kinds = float_kinds(profiles, arcs, rho=1 + MARGIN / 2, cells=2 if problem.is_linear else CELLS)
+        kinds = float_kinds(
+            profiles, arcs, rho=1 + MARGIN / 2, cells=2 if problem.is_linear else CELLS
+        )
     except UndefinedError:
         return None
     if kinds is None:

@@ -1,6 +1,8 @@
-"""A settling time: what is asked for, the moving box and the certificate proposed for it, and the check `settling`.
+"""A settling time: what is asked for, the moving box and the certificate proposed for it, and the
+check `settling`.
 
-Theory, section 11.  Numbers are rounded to the safe side here; whether the claim holds is decided by ``decide`` alone.
+Theory, section 11.  Numbers are rounded to the safe side here; whether the claim holds is decided
+by ``decide`` alone.
 """
 
 from __future__ import annotations
@@ -23,14 +25,24 @@ from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
 from dobc_design.conditions.schedule.checks import cycles_check, settling_check
 from dobc_design.conditions.schedule.claim import ONE, SETTLED, ZERO, Descent, Last, Tube
-from dobc_design.conditions.schedule.cycles import Cycles, guarantee_in_words, holds_starts, phases_of, unreached_cycles
+from dobc_design.conditions.schedule.cycles import (
+    Cycles,
+    guarantee_in_words,
+    holds_starts,
+    phases_of,
+    unreached_cycles,
+)
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.propose import Asked
 from dobc_design.conditions.schedule.rounds import growth_check
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
-from dobc_design.conditions.separable.propose import design_separable, first_certificate, flatter_plans
+from dobc_design.conditions.separable.propose import (
+    design_separable,
+    first_certificate,
+    flatter_plans,
+)
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, log, sqrt
 from dobc_design.exact.matrix import Matrix
@@ -51,14 +63,25 @@ SMALLEST: Final = Fraction(1, 10**300)
 TIMES: Final = 10**4  # settling times have four decimals
 
 
-def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbance: Any = None) -> Asked:
-    """Read the numbers; what is None comes from the [region].  Raises: SpecError for one that is wrong or missing."""
+def asked_of(
+    problem: Problem, *, tolerance: Any, radius: Any = None, disturbance: Any = None
+) -> Asked:
+    """Read the numbers; what is None comes from the [region].  Raises: SpecError for one that is
+    wrong or missing."""
     region = problem.region
-    missing = ["radius"] * (radius is None) + ["disturbance"] * (disturbance is None and bool(problem.groups))
+    missing = ["radius"] * (radius is None) + ["disturbance"] * (
+        disturbance is None and bool(problem.groups)
+    )
     if missing and region is None:
-        cure = "Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance, the largest"
+        cure = (
+            "Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance, the largest"
+        )
         cure += " |xi_i(0) - xihat_i(0)|; or add a [region]."
-        raise wrong(missing[0], "must be given, because the problem has no [region] that says where it starts.", cure)
+        raise wrong(
+            missing[0],
+            "must be given, because the problem has no [region] that says where it starts.",
+            cure,
+        )
     reach = max(asked_radius(problem)) if radius is None else parse_number(radius, key="radius")
     error = ZERO if region is None else region.initial_disturbance or ZERO
     error = error if disturbance is None else parse_number(disturbance, key="disturbance")
@@ -66,8 +89,12 @@ def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbanc
         raise SpecError(f"radius must be > 0; got {float(reach):.6g}.", key="radius")
     if error < 0 or (error and not problem.groups):
         why = "it is a length" if error < 0 else "without an [exosystem] there is no observer error"
-        raise SpecError(f"disturbance must be {'>= 0' if error < 0 else '0'}, because {why}.", key="disturbance")
-    return Asked(radius=reach, disturbance=error, tolerance=read_tolerance(tolerance, key="tolerance"))
+        raise SpecError(
+            f"disturbance must be {'>= 0' if error < 0 else '0'}, because {why}.", key="disturbance"
+        )
+    return Asked(
+        radius=reach, disturbance=error, tolerance=read_tolerance(tolerance, key="tolerance")
+    )
 
 
 def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
@@ -75,14 +102,18 @@ def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
     limit = parse_number(value, key=key)
     if limit <= 0:
         what = f"must be > 0, because |e(t)| only comes close to 0; got {float(limit):.6g}."
-        raise wrong(key, what, "Name how far every state may still be from its goal, for example 1/100.")
+        raise wrong(
+            key, what, "Name how far every state may still be from its goal, for example 1/100."
+        )
     return limit
 
 
-def asked_beside(problem: Problem, checks: Sequence[Check], *, tolerance: Fraction | None) -> Asked | str:
-    """The starts whose settling time a certificate with these ``checks`` shows, or why there are none.  They are the
-    region asked for, or where a max-separable proof reaches less far, or no region is asked for, its box.  Without a
-    ``tolerance`` it is a hundredth of the radius."""
+def asked_beside(
+    problem: Problem, checks: Sequence[Check], *, tolerance: Fraction | None
+) -> Asked | str:
+    """The starts whose settling time a certificate with these ``checks`` shows, or why there are
+    none.  They are the region asked for, or where a max-separable proof reaches less far, or no
+    region is asked for, its box.  Without a ``tolerance`` it is a hundredth of the radius."""
     found, box = next((check for check in checks if check.id == "max-separable"), None), None
     if found is not None and found.verdict is Verdict.PROVED and isinstance(found.domain, Mapping):
         box = claimed(found.domain["radius"]), claimed(found.domain["disturbance"])
@@ -91,7 +122,10 @@ def asked_beside(problem: Problem, checks: Sequence[Check], *, tolerance: Fracti
         wanted = claimed(decimal_above(max(asked_radius(problem)))), claimed(decimal_above(error))
         box = wanted if box is None else min(box, wanted)
     if box is None:
-        return "left out, because nothing says where the agents start: add a [region], or have every condition run."
+        return (
+            "left out, because nothing says where the agents start: add a [region], or have "
+            "every condition run."
+        )
     radius, disturbance = box
     if not radius:
         return "left out, because the region asked for is the target alone."
@@ -99,9 +133,12 @@ def asked_beside(problem: Problem, checks: Sequence[Check], *, tolerance: Fracti
 
 
 def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progress) -> Settling:
-    """Find and prove a settling time for the starts asked for, with the gain W (q, m); None without an exosystem."""
+    """Find and prove a settling time for the starts asked for, with the gain W (q, m); None without
+    an exosystem."""
     best = single = None
-    starts = f"from |e|_inf <= {float(asked.radius):.6g} and |eps_i| <= {float(asked.disturbance):.6g}"
+    starts = (
+        f"from |e|_inf <= {float(asked.radius):.6g} and |eps_i| <= {float(asked.disturbance):.6g}"
+    )
     if not acts_by_component(problem):
         reason = "does not apply: boxes need couplings that act on each state component by itself."
     else:
@@ -111,13 +148,22 @@ def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progre
         proofs = (first_certificate(problem, W, each) for each in plans)
         whole = next((found for found in proofs if found is not None), None)
         if whole is not None:
-            single = _proved(problem, W, asked, Tube.start(problem, asked.radius, whole.error), whole)
+            single = _proved(
+                problem, W, asked, Tube.start(problem, asked.radius, whole.error), whole
+            )
         progress("following the box of all starts")
-        tubes = propose.approach(problem, W, asked, limit=None if single is None else float(single.time))
-        best = next((found for tube, last in tubes if (found := _proved(problem, W, asked, tube, last))), None)
+        tubes = propose.approach(
+            problem, W, asked, limit=None if single is None else float(single.time)
+        )
+        best = next(
+            (found for tube, last in tubes if (found := _proved(problem, W, asked, tube, last))),
+            None,
+        )
         if best is None or (single is not None and single.time <= best.time):
             best = single
-        reason = f"no moving box was found {starts}. Try a smaller radius or disturbance, or more pins."
+        reason = (
+            f"no moving box was found {starts}. Try a smaller radius or disturbance, or more pins."
+        )
     return Settling(
         verdict=Verdict.UNDECIDED if best is None else Verdict.PROVED,
         reason=reason if best is None else f"{starts}, {decide.proved_reason(problem, best)}",
@@ -131,8 +177,11 @@ def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progre
     )
 
 
-def _proved(problem: Problem, W: Matrix | None, asked: Asked, tube: Tube, certificate: Last) -> Descent | None:
-    """The claim of a tube and the certificate that takes over, levels and times rounded up, if it is proved."""
+def _proved(
+    problem: Problem, W: Matrix | None, asked: Asked, tube: Tube, certificate: Last
+) -> Descent | None:
+    """The claim of a tube and the certificate that takes over, levels and times rounded up, if it
+    is proved."""
     stretch = ONE
     if isinstance(certificate, Separable):
         height = max(certificate.v)
@@ -164,7 +213,8 @@ def _proved(problem: Problem, W: Matrix | None, asked: Asked, tube: Tube, certif
 
 
 def _when(claim: Descent, size: Fraction) -> Fraction | None:
-    """A time (s) from which on the size of the certificate is at most ``size``; None if there is none."""
+    """A time (s) from which on the size of the certificate is at most ``size``; None if there is
+    none."""
     rate = decide.rate_near(claim.certificate)
     if size >= claim.level or rate <= 0:
         return claim.tube.ends if size >= claim.level else None
@@ -192,12 +242,16 @@ def settling_stage(
     domain: str,
     report: Progress,
 ) -> Check:
-    """The check `settling` beside ``checks`` for the gain W (q, m); ``tolerance`` None: a hundredth of the radius."""
+    """The check `settling` beside ``checks`` for the gain W (q, m); ``tolerance`` None: a hundredth
+    of the radius."""
     if (reason := obstacle(problem, W)) is not None:
         return undecided_check("settling", domain, reason)
     rows = problem.n * problem.m
     if rows > MOST_ROWS:
-        reason = f"left out, because it takes long with {rows} rows n m; it is examined up to {MOST_ROWS}."
+        reason = (
+            f"left out, because it takes long with {rows} rows n m; it is examined up to "
+            f"{MOST_ROWS}."
+        )
         return undecided_check("settling", domain, reason)
     asked = asked_beside(problem, checks, tolerance=tolerance)
     if isinstance(asked, str):
@@ -211,7 +265,9 @@ def settling_stage(
         return cut_check("settling", domain, str(limit))
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no settling time: %s", error)
-        return undecided_check("settling", domain, "no settling time is found: a numerical library broke down.")
+        return undecided_check(
+            "settling", domain, "no settling time is found: a numerical library broke down."
+        )
     return settling_check(problem, W, found, domain=domain)
 
 
@@ -246,15 +302,25 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     missed = None if turned or own else next(unreached_cycles(problem, phases_of(problem)), None)
     reason = f"no weights are found that fall for {guarantee_in_words(problem)}."
     if missed is not None:
-        reason = f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
+        reason = (
+            f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent "
+            f"{missed[1]}."
+        )
     elif phases > MOST_PHASES:
-        reason = f"left out, because it takes long with {phases} phases; weights are looked for up to {MOST_PHASES}."
+        reason = (
+            f"left out, because it takes long with {phases} phases; weights are looked for up "
+            f"to {MOST_PHASES}."
+        )
     return [undecided(reason)]
 
 
 def _reach(asked: Region, error: ErrorBound | None, times: int) -> Fraction:
     """How far V may reach at the start, with so many times what the estimation error adds."""
-    noise = ZERO if error is None else error.kappa * _root_above(error.size) * claimed(asked.disturbance)
+    noise = (
+        ZERO
+        if error is None
+        else error.kappa * _root_above(error.size) * claimed(asked.disturbance)
+    )
     return claimed(asked.radius) + times * noise
 
 
@@ -265,7 +331,10 @@ def _weighted_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycle
         return None
     rho = None if problem.is_linear else _reach(asked, error, 2)
     claims = propose_cycles.propose(problem, W, rho=rho, error=error)
-    return next((each for each in claims if holds_starts(problem, each, radius=box[0], disturbance=box[1])), None)
+    return next(
+        (each for each in claims if holds_starts(problem, each, radius=box[0], disturbance=box[1])),
+        None,
+    )
 
 
 def _turned_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:
@@ -274,8 +343,13 @@ def _turned_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles 
     if problem.n * problem.m > MOST_ROWS:
         return None
     seen = partial(propose.observed, problem, W)
-    claims = propose_cycles.propose_in_coordinates(problem, W, box=None if problem.is_linear else box, observed=seen)
-    return next((each for each in claims if holds_starts(problem, each, radius=box[0], disturbance=box[1])), None)
+    claims = propose_cycles.propose_in_coordinates(
+        problem, W, box=None if problem.is_linear else box, observed=seen
+    )
+    return next(
+        (each for each in claims if holds_starts(problem, each, radius=box[0], disturbance=box[1])),
+        None,
+    )
 
 
 def _bare_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:

@@ -1,1 +1,2 @@
-"""The max-separable certificate of a box of starts, with delays and sampling (theory, section 5)."""
+"""The max-separable certificate of a box of starts, with delays and sampling (theory, section
+5)."""

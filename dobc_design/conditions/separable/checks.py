@@ -1,6 +1,8 @@
-"""The checks max-separable, delay and sampling, from a claim that is decided to what a certificate holds, and back.
+"""The checks max-separable, delay and sampling, from a claim that is decided to what a certificate
+holds, and back.
 
-docs/certificate-claims.md, "Regions", fixes the form.  A check is proved for the very numbers that it shows.
+docs/certificate-claims.md, "Regions", fixes the form.  A check is proved for the very numbers that
+it shows.
 """
 
 from __future__ import annotations
@@ -13,24 +15,33 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import claimed, decimal_below, follows, rounded_down, shorten
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable
-from dobc_design.conditions.separable.decide import NOT_BY_COMPONENT, composite_rate, covers, verify_composite
+from dobc_design.conditions.separable.decide import (
+    NOT_BY_COMPONENT,
+    composite_rate,
+    covers,
+    verify_composite,
+)
 from dobc_design.conditions.separable.timing import largest_period, verify_delay, verify_sampling
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 SHORTEST: Final = Fraction(1, 10**30)  # sampling periods below are no use to anybody (s)
-IN_HAND: Final = Fraction(1, 1000)  # of a sampling period, for a second program with wider enclosures
+# of a sampling period, for a second program with wider enclosures
+IN_HAND: Final = Fraction(1, 1000)
 _SHOWN: Final = 6  # stuck agents that a sentence tells with the mode that blocks them
 
 
 def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str | None:
-    """Why the max-separable certificate (``turned``: in coordinates) does not apply to the loop with the gain W (q, m);
-    None if it does."""
+    """Why the max-separable certificate (``turned``: in coordinates) does not apply to the loop
+    with the gain W (q, m); None if it does."""
     if not turned and not claims.acts_by_component(problem):
         return NOT_BY_COMPONENT
     if problem.groups and W is None:
-        return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
+        return (
+            "does not apply: there is no observer gain W, and without one the estimation error "
+            "is not bounded."
+        )
     return None
 
 
@@ -44,19 +55,24 @@ def max_separable_check(
     domain: str,
     remark: str = "",
 ) -> Check:
-    """Decide ``claim`` as a proof for every start with |e|_inf <= radius and |eps_i| <= disturbance.  ``domain``: that
-    of Lemma 1, for a claim that is not proved.  A claim without rho is about all starts.  ``remark`` is added to the
-    reason. Returns: a Check, PROVED or UNDECIDED; that one claim fails says nothing against the others."""
+    """Decide ``claim`` as a proof for every start with |e|_inf <= radius and |eps_i| <=
+    disturbance.  ``domain``: that of Lemma 1, for a claim that is not proved.  A claim without rho
+    is about all starts.  ``remark`` is added to the reason. Returns: a Check, PROVED or UNDECIDED;
+    that one claim fails says nothing against the others."""
     if (reason := obstacle(problem, W, turned=claim.T is not None)) is not None:
         return undecided_check("max-separable", domain, reason, applies=False)
     answer = verify_composite(problem, W, claim)
     if answer.verdict is not Verdict.PROVED:
         return undecided_check("max-separable", domain, answer.reason)
     if not covers(claim, radius=claimed(radius), disturbance=claimed(disturbance)):
-        return undecided_check("max-separable", domain, "the box asked for is not inside the invariant set.")
+        return undecided_check(
+            "max-separable", domain, "the box asked for is not inside the invariant set."
+        )
     rate = decimal_below(composite_rate(claim))
     if not rate:
-        return undecided_check("max-separable", domain, "the rate of the whole loop is not shown to be positive.")
+        return undecided_check(
+            "max-separable", domain, "the rate of the whole loop is not shown to be positive."
+        )
     starts = "every start" if claim.rho is None else f"every start with |e_i| <= {radius:.6g}"
     if problem.groups and claim.rho is not None:
         starts += f" and |eps_i| <= {disturbance:.6g}"
@@ -69,14 +85,15 @@ def max_separable_check(
         domain="global" if claim.rho is None else starts_in("box", radius, disturbance),
         rate=rate,
         claim=claim,
-        reason=f"{starts} reaches the target: V = {measure} decays at least like exp(-{shorten(rate, digits=4):.4g} t)"
+        reason=f"{starts} reaches the target: V = {measure} decays at least like "
+        f"exp(-{shorten(rate, digits=4):.4g} t)"
         f"{everywhere} (max-separable Lyapunov function).{remark}",
     )
 
 
 def why_no_weights(problem: Problem) -> str | None:
-    """Why no weights v exist whatever the couplings, the gains and the errors are; None if nothing speaks against
-    them."""
+    """Why no weights v exist whatever the couplings, the gains and the errors are; None if nothing
+    speaks against them."""
     if not claims.acts_by_component(problem) or not claims.stuck_agents(problem):
         return None
     if len(problem.network.modes) == 1:
@@ -91,26 +108,47 @@ def stuck_check(problem: Problem, W: Matrix | None, *, domain: str) -> Check | N
         return None
     labels = tuple(problem.network.labels[agent] for agent in stuck)
     held = "pinned" if problem.m == 1 else "held by a pin in every component"
-    reason = f"no weights v exist because of {name_agents(labels)}: each agent named has a mode in which it is not"
+    reason = (
+        f"no weights v exist because of {name_agents(labels)}: each agent named has a mode in "
+        "which it is not"
+    )
     reason += f" {held} and hears nobody outside this group."
     if len(problem.network.modes) > 1 and len(labels) <= _SHOWN:
-        told = ", ".join(f"{label} in {mode}" for label, mode in zip(labels, stuck.values(), strict=True))
-        reason = f"no common weights v exist: these agents are not {held} and hear only each other: {told}."
+        told = ", ".join(
+            f"{label} in {mode}" for label, mode in zip(labels, stuck.values(), strict=True)
+        )
+        reason = (
+            f"no common weights v exist: these agents are not {held} and hear only each other: "
+            f"{told}."
+        )
     witness = Witness(kind="agents", labels=labels)
-    return Check(id="max-separable", verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness)
+    return Check(
+        id="max-separable", verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness
+    )
 
 
-def delay_check(problem: Problem, claim: Separable, bound: DelayBound, beside: Check, *, domain: str) -> Check:
-    """Decide what ``claim``, proved by the check ``beside``, says about delays up to ``bound.delay`` (s)."""
+def delay_check(
+    problem: Problem, claim: Separable, bound: DelayBound, beside: Check, *, domain: str
+) -> Check:
+    """Decide what ``claim``, proved by the check ``beside``, says about delays up to
+    ``bound.delay`` (s)."""
     answer = verify_delay(problem, claim, bound)
     rate = decimal_below(bound.rate)
     if answer.verdict is not Verdict.PROVED or not rate:
         return undecided_check("delay", domain, answer.reason)
     reason = (
-        f"stable for every bounded communication delay; for delays up to {float(bound.delay):.4g} s, constant or"
+        "stable for every bounded communication delay; for delays up to "
+        f"{float(bound.delay):.4g} s, constant or"
         f" varying, the error decays at every rate below {shorten(rate, digits=4):.4g} 1/s."
     )
-    return Check(id="delay", verdict=Verdict.PROVED, domain=beside.domain, rate=rate, claim=bound, reason=reason)
+    return Check(
+        id="delay",
+        verdict=Verdict.PROVED,
+        domain=beside.domain,
+        rate=rate,
+        claim=bound,
+        reason=reason,
+    )
 
 
 def sampling_check(
@@ -122,8 +160,8 @@ def sampling_check(
     W: Matrix | None = None,
     own: Separable | None = None,
 ) -> Check:
-    """Decide how long couplings and pinning may be held, for the ``claim`` of ``beside``, or its ``own`` for other
-    v."""
+    """Decide how long couplings and pinning may be held, for the ``claim`` of ``beside``, or its
+    ``own`` for other v."""
     if own is not None and _not_proved(own, beside, problem, W, domain) is not None:
         own = None
     claim = own or claim
@@ -131,19 +169,34 @@ def sampling_check(
     if longest is None or longest.period < SHORTEST:
         reason = "the slopes of the coupling are too steep in the box for a sampling period."
         return undecided_check("sampling", domain, reason)
-    period = rounded_down(longest.period * (1 - IN_HAND), digits=4)  # what is proved holds for shorter ones
+    # what is proved holds for shorter ones
+    period = rounded_down(longest.period * (1 - IN_HAND), digits=4)
     bound = SamplingBound(period=period, factor=1 - period * claim.alpha, own=own)
     fall = shorten(100 * (1 - bound.factor), digits=4)
-    held, left = ("; dhat acts continuously", ", up to what the estimation error adds") if problem.groups else ("", "")
-    reason = f"stable with couplings and pinning held for up to {float(period):.4g} s (zero-order hold{held});"
-    reason += f" at that period the largest weighted error falls by at least {fall:.4g} % a sample{left}."
-    return Check(id="sampling", verdict=Verdict.PROVED, domain=beside.domain, claim=bound, reason=reason)
+    held, left = (
+        ("; dhat acts continuously", ", up to what the estimation error adds")
+        if problem.groups
+        else ("", "")
+    )
+    reason = (
+        f"stable with couplings and pinning held for up to {float(period):.4g} s (zero-order "
+        f"hold{held});"
+    )
+    reason += (
+        f" at that period the largest weighted error falls by at least {fall:.4g} % a sample{left}."
+    )
+    return Check(
+        id="sampling", verdict=Verdict.PROVED, domain=beside.domain, claim=bound, reason=reason
+    )
 
 
-def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None) -> str | None:
-    """None if everything that a proved or refuted check claims is confirmed, else what is not.  ``W`` (q, m): the gain
-    of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable check of the same certificate.  Rows,
-    observer and box are decided again from the problem.  Raises what a malformed claim raises."""
+def confirm(
+    check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None
+) -> str | None:
+    """None if everything that a proved or refuted check claims is confirmed, else what is not.
+    ``W`` (q, m): the gain of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable
+    check of the same certificate.  Rows, observer and box are decided again from the problem.
+    Raises what a malformed claim raises."""
     turned = check.id == "max-separable" and "T" in (check.exact or ())
     if (reason := obstacle(problem, W, turned=turned)) is not None:
         return reason
@@ -153,7 +206,12 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, pr
     if check.verdict is Verdict.REFUTED:  # some agents that no common v can hold
         if check.rate is not None or check.exact is not None:
             return "a refuted check must claim no rate and no exact values"
-        if witness is None or witness.kind != "agents" or witness.values is not None or not witness.labels:
+        if (
+            witness is None
+            or witness.kind != "agents"
+            or witness.values is not None
+            or not witness.labels
+        ):
             return "it needs agents as its witness"
         places = problem.network.index
         agents = [places[label] for label in witness.labels if label in places]
@@ -166,11 +224,18 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, pr
         return "a proof has no witness"
     if (wrong := _not_proved(claim, check, problem, W, domain)) is not None:
         return wrong
-    return None if follows(check.rate, composite_rate(claim)) else f"the rate {check.rate} does not follow"
+    return (
+        None
+        if follows(check.rate, composite_rate(claim))
+        else f"the rate {check.rate} does not follow"
+    )
 
 
-def _not_proved(claim: Separable, check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
-    """None if the claim is proved and holds all starts of the domain of the check, else what is wrong."""
+def _not_proved(
+    claim: Separable, check: Check, problem: Problem, W: Matrix | None, domain: str
+) -> str | None:
+    """None if the claim is proved and holds all starts of the domain of the check, else what is
+    wrong."""
     if claim.rho is None:
         if check.domain != "global" or domain != "global":
             return "without rho the domain must be global, and every coupling linear"
@@ -182,7 +247,9 @@ def _not_proved(claim: Separable, check: Check, problem: Problem, W: Matrix | No
     return None if answer.verdict is Verdict.PROVED else answer.reason
 
 
-def _not_timed(check: Check, problem: Problem, W: Matrix | None, domain: str, proof: Check | None) -> str | None:
+def _not_timed(
+    check: Check, problem: Problem, W: Matrix | None, domain: str, proof: Check | None
+) -> str | None:
     """Delays and sampling, beside the proof that they rest on."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
@@ -190,7 +257,10 @@ def _not_timed(check: Check, problem: Problem, W: Matrix | None, domain: str, pr
         return "it needs a proved max-separable check with its domain"
     if check.domain != "global":
         read_domain(check.domain, problem, kind="box")  # true equals 1 and is no number
-    claim, bound = claims.separable_from_json(proof.exact, problem), claims.read_claim(check, problem, W)
+    claim, bound = (
+        claims.separable_from_json(proof.exact, problem),
+        claims.read_claim(check, problem, W),
+    )
     if isinstance(bound, DelayBound):
         answer = verify_delay(problem, claim, bound)
         if answer.verdict is Verdict.PROVED and not follows(check.rate, bound.rate):

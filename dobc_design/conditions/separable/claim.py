@@ -1,14 +1,16 @@
 """The max-separable certificate of theory, section 5: what it claims, and its rows.
 
-For v > 0, a rate alpha and a radius rho the rows ask, for all s in (0, rho], every agent i and every mode,
+For v > 0, a rate alpha and a radius rho the rows ask, for all s in (0, rho], every agent i and
+every mode,
 
-    upper:  sum_j w sup { h_ij(y) : -s (v_i + v_j) <= y <= s (v_j - v_i) } - k_i s v_i <= -alpha s v_i
+    upper:  sum_j w sup { h_ij(y) : -s (v_i + v_j) <= y <= s (v_j - v_i) } - k_i s v_i <= -alpha s
+    v_i
 
-and the same for the lower face, whose couplings are -h_ij(-y).  An arc that comes and goes adds at most the supremum
-over y from -s (v_i + v_j) to the larger of s (v_j - v_i) and 0, where h(0) = 0.  Then N(e) = max_i |e_i|/v_i decays at
-the rate alpha while N <= rho.  No monotonicity is needed.  Arcs that look alike share a term, so rows stay short.
-Also whether one v can serve all modes at all: for nondecreasing couplings an order of the agents decides it, in time
-linear in the arcs.
+and the same for the lower face, whose couplings are -h_ij(-y).  An arc that comes and goes adds at
+most the supremum over y from -s (v_i + v_j) to the larger of s (v_j - v_i) and 0, where h(0) = 0.
+Then N(e) = max_i |e_i|/v_i decays at the rate alpha while N <= rho.  No monotonicity is needed.
+Arcs that look alike share a term, so rows stay short. Also whether one v can serve all modes at
+all: for nondecreasing couplings an order of the agents decides it, in time linear in the arcs.
 """
 
 from __future__ import annotations
@@ -22,7 +24,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from dobc_design.conditions.check import Check, Claim, read_object
-from dobc_design.conditions.numbers import form_from_json, read_rational, vector_from_json, vector_to_json
+from dobc_design.conditions.numbers import (
+    form_from_json,
+    read_rational,
+    vector_from_json,
+    vector_to_json,
+)
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json, ranges_to_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
@@ -35,13 +42,15 @@ from dobc_design.problem.problem import Problem
 FACES = {1: "upper", -1: "lower"}
 OBSERVED: Final = ("P", "beta", "kappa", "size")
 MOST_COMPONENTS: Final = 6  # of an agent, for T
-OWN: Final = "certificate"  # the key under which a check of sampling holds one of its own, where it has one
+# the key under which a check of sampling holds one of its own, where it has one
+OWN: Final = "certificate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorBound:
-    """The observer's part of V = N + kappa E, E = max_i sqrt(eps_i' P eps_i).  P (q, q) symmetric with (A-WC)'P +
-    P(A-WC) <= -2 beta P, c'c <= P for each row c of C and P <= size I; beta in 1/s, kappa > 1/(beta min v) in s."""
+    """The observer's part of V = N + kappa E, E = max_i sqrt(eps_i' P eps_i).  P (q, q) symmetric
+    with (A-WC)'P + P(A-WC) <= -2 beta P, c'c <= P for each row c of C and P <= size I; beta in 1/s,
+    kappa > 1/(beta min v) in s."""
 
     P: Matrix
     beta: Fraction
@@ -49,7 +58,10 @@ class ErrorBound:
     size: Fraction
 
     def to_json(self) -> dict[str, Any]:
-        return {"P": matrix_text(self.P), **{name: number_text(getattr(self, name)) for name in OBSERVED[1:]}}
+        return {
+            "P": matrix_text(self.P),
+            **{name: number_text(getattr(self, name)) for name in OBSERVED[1:]},
+        }
 
 
 def observed_in(problem: Problem) -> tuple[str, ...]:
@@ -69,10 +81,11 @@ def error_from_json(values: Mapping[str, Any], problem: Problem) -> ErrorBound |
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Separable:
-    """A claim: the rows hold for v (one entry per agent), alpha (1/s) and all s in (0, rho].  ``rho`` None: for every s
-    > 0.  ``error``: the observer's part, None without an exosystem.  With ``T`` (m, m) the claim is about z_i = T e_i
-    (``coordinates``): v has an entry for each component, ``ranges`` are the gains of couplings and nodes, and
-    ``error`` belongs to the output T C.  Raises: ShapeError or SpecError unless v > 0, alpha > 0 and rho > 0."""
+    """A claim: the rows hold for v (one entry per agent), alpha (1/s) and all s in (0, rho].
+    ``rho`` None: for every s > 0.  ``error``: the observer's part, None without an exosystem.  With
+    ``T`` (m, m) the claim is about z_i = T e_i (``coordinates``): v has an entry for each
+    component, ``ranges`` are the gains of couplings and nodes, and ``error`` belongs to the output
+    T C.  Raises: ShapeError or SpecError unless v > 0, alpha > 0 and rho > 0."""
 
     v: Vector | Doubles
     alpha: Fraction
@@ -85,7 +98,9 @@ class Separable:
         require_coordinates(self.T)
         m = len(self.T or (1,))
         if not len(self.v) or len(self.v) % m or least(self.v) <= 0:
-            raise ShapeError("v must have one entry > 0 per agent, or per component of z = T e.", key="v")
+            raise ShapeError(
+                "v must have one entry > 0 per agent, or per component of z = T e.", key="v"
+            )
         if self.alpha <= 0 or (self.rho is not None and self.rho <= 0):
             raise SpecError("alpha and rho must be > 0.", key="alpha" if self.alpha <= 0 else "rho")
 
@@ -106,7 +121,8 @@ class Separable:
 
     @property
     def factor(self) -> Fraction:
-        """|e(t)|_inf <= factor |e(0)|_inf exp(-rate t) + what the estimation error adds: max v / min v without T."""
+        """|e(t)|_inf <= factor |e(0)|_inf exp(-rate t) + what the estimation error adds: max v /
+        min v without T."""
         return self.spread * self.reach
 
     def to_json(self) -> dict[str, Any]:
@@ -124,14 +140,20 @@ class Separable:
 def require_coordinates(T: Matrix | None) -> None:
     """Raise ShapeError unless T is None or invertible, of few rows."""
     m = len(T or ())
-    if T is not None and (any(len(row) != m for row in T) or rank(T) < m or not 0 < m <= MOST_COMPONENTS):
-        raise ShapeError(f"T must be an invertible matrix of at most {MOST_COMPONENTS} rows.", key="T")
+    if T is not None and (
+        any(len(row) != m for row in T) or rank(T) < m or not 0 < m <= MOST_COMPONENTS
+    ):
+        raise ShapeError(
+            f"T must be an invertible matrix of at most {MOST_COMPONENTS} rows.", key="T"
+        )
 
 
 def spread(T: Matrix | None, v: Vector | Doubles) -> Fraction:
     """The largest N of errors with |e|_inf <= 1, for weights v of e or of T e."""
     rows = T or ((Fraction(1),),)
-    return max(sum(map(abs, row), Fraction(0)) / least(v[c :: len(rows)]) for c, row in enumerate(rows))
+    return max(
+        sum(map(abs, row), Fraction(0)) / least(v[c :: len(rows)]) for c, row in enumerate(rows)
+    )
 
 
 def reach(T: Matrix | None, v: Sequence[Fraction]) -> Fraction:
@@ -148,7 +170,8 @@ def error_sizes(T: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DelayBound:
-    """For all delays up to ``delay`` (s) the error decays at ``rate`` (1/s); with an observer at every smaller rate."""
+    """For all delays up to ``delay`` (s) the error decays at ``rate`` (1/s); with an observer at
+    every smaller rate."""
 
     delay: Fraction
     rate: Fraction
@@ -160,8 +183,8 @@ class DelayBound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingBound:
-    """A certified sampling period (s), and by how much N falls from one sample to the next at least.  ``own``: the
-    certificate whose N that is, where it is not the one beside it."""
+    """A certified sampling period (s), and by how much N falls from one sample to the next at
+    least.  ``own``: the certificate whose N that is, where it is not the one beside it."""
 
     period: Fraction
     factor: Fraction
@@ -184,12 +207,15 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
         if exact is not None and OWN in exact:
             own = separable_from_json(exact.pop(OWN), problem)
         values = read_object(exact, ("period", "factor"))
-        return SamplingBound(period=read_rational(values["period"]), factor=read_rational(values["factor"]), own=own)
+        return SamplingBound(
+            period=read_rational(values["period"]), factor=read_rational(values["factor"]), own=own
+        )
     return separable_from_json(exact, problem, turned="T" in (exact or ()))
 
 
 def separable_from_json(exact: object, problem: Problem, *, turned: bool = False) -> Separable:
-    """Read the values of ``Separable.to_json`` back for this problem, ``turned`` with T; raises as ``read_claim``."""
+    """Read the values of ``Separable.to_json`` back for this problem, ``turned`` with T; raises as
+    ``read_claim``."""
     own, m = ("T", "ranges") if turned else (), problem.m if turned else 1
     values = read_object(exact, ("v", "alpha", "rho", *own, *observed_in(problem)))
     rho = None if values["rho"] is None else read_rational(values["rho"])
@@ -207,7 +233,8 @@ def separable_from_json(exact: object, problem: Problem, *, turned: bool = False
 
 
 class Errors(NamedTuple):
-    """Relative errors of every arc weight, in [w (1 - weights), w (1 + weights)], and of every entry of a gain."""
+    """Relative errors of every arc weight, in [w (1 - weights), w (1 + weights)], and of every
+    entry of a gain."""
 
     weights: Fraction = Fraction(0)
     gains: Fraction = Fraction(0)
@@ -224,7 +251,8 @@ def stated_errors(problem: Problem) -> Errors:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """``weight`` times the largest h(y) on -s reach <= y <= s step; ``coupling`` is its place in problem.couplings."""
+    """``weight`` times the largest h(y) on -s reach <= y <= s step; ``coupling`` is its place in
+    problem.couplings."""
 
     coupling: int
     weight: Fraction
@@ -251,30 +279,42 @@ class Place:
 
 
 def holding_gains(problem: Problem, *, error: Fraction | int = 0) -> tuple[Fraction, ...]:
-    """What each pin is worth in a row: the least k_cc - sum_{d != c} |k_cd|; ``error``: relative, of every entry."""
+    """What each pin is worth in a row: the least k_cc - sum_{d != c} |k_cd|; ``error``: relative,
+    of every entry."""
     gains = [Fraction(0)] * problem.n
     known: dict[int, Fraction] = {}  # agents often share one matrix
     for agent, k in problem.pinning.gains.items():
         if id(k) not in known:
             least, most = 1 - Fraction(error), 1 + Fraction(error)
-            known[id(k)] = min(least * row[c] - most * sum(map(abs, row[:c] + row[c + 1 :])) for c, row in enumerate(k))
+            known[id(k)] = min(
+                least * row[c] - most * sum(map(abs, row[:c] + row[c + 1 :]))
+                for c, row in enumerate(k)
+            )
         gains[agent] = known[id(k)]
     return tuple(gains)
 
 
 def acts_by_component(problem: Problem) -> bool:
-    """Whether the certificate applies: every coupling acts by component, and nodes have no dynamics that are curved."""
+    """Whether the certificate applies: every coupling acts by component, and nodes have no dynamics
+    that are curved."""
     return problem.node is None and all(coupling.by_component for coupling in problem.couplings)
 
 
-def largest_reach(problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1) -> tuple[Fraction, ...]:
-    """A bound of v_i + stretch v_j over the arcs of each coupling, with room for rounding up.  Raises: ShapeError."""
+def largest_reach(
+    problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1
+) -> tuple[Fraction, ...]:
+    """A bound of v_i + stretch v_j over the arcs of each coupling, with room for rounding up.
+    Raises: ShapeError."""
     require_one_per_agent(problem, v)
     above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
     factor = float_above(Fraction(stretch))
     found = np.zeros(len(problem.couplings))
     for arcs in problem.network.modes.values():
-        np.maximum.at(found, coupling_places(problem, arcs), above[arcs.listeners] + factor * above[arcs.speakers])
+        np.maximum.at(
+            found,
+            coupling_places(problem, arcs),
+            above[arcs.listeners] + factor * above[arcs.speakers],
+        )
     return tuple(Fraction(most) * (1 + Fraction(1, 2**45)) for most in found.tolist())
 
 
@@ -295,11 +335,12 @@ def rows(
     errors: Errors = EXACT,
     loose: bool = True,
 ) -> Iterator[tuple[Row, Place]]:
-    """List the different rows of the given modes (default: all); both faces have the same terms.  ``stretch`` >= 1
-    multiplies the v_j of those who are listened to (delays, theory section 5). ``gains``: one per agent in place of
-    ``holding_gains``.  ``agents``: only theirs.  ``errors``: weights and gains take their worse ends; where h may have
-    either sign, the part of a weight that is unsure counts with the largest h on -s reach <= y <= 0.  ``loose``: so
-    does an optional arc where it would pull inward, since it may be absent; False: all arcs are there.
+    """List the different rows of the given modes (default: all); both faces have the same terms.
+    ``stretch`` >= 1 multiplies the v_j of those who are listened to (delays, theory section 5).
+    ``gains``: one per agent in place of ``holding_gains``.  ``agents``: only theirs.  ``errors``:
+    weights and gains take their worse ends; where h may have either sign, the part of a weight that
+    is unsure counts with the largest h on -s reach <= y <= 0.  ``loose``: so does an optional arc
+    where it would pull inward, since it may be absent; False: all arcs are there.
     Raises: ShapeError unless v has one entry per agent."""
     require_one_per_agent(problem, v)
     gains = holding_gains(problem, error=errors.gains) if gains is None else gains
@@ -309,7 +350,11 @@ def rows(
         terms: dict[int, dict[tuple[int, Fraction, bool], Fraction]] = {i: {} for i in chosen}
         arcs = problem.network.modes[mode]
         sure = len(arcs) - arcs.optional if loose else len(arcs)
-        heard_by = np.arange(len(arcs)) if agents is None else np.flatnonzero(np.isin(arcs.listeners, list(agents)))
+        heard_by = (
+            np.arange(len(arcs))
+            if agents is None
+            else np.flatnonzero(np.isin(arcs.listeners, list(agents)))
+        )
         ends = zip(arcs.listeners[heard_by].tolist(), arcs.speakers[heard_by].tolist(), strict=True)
         for arc, (i, j) in zip(heard_by.tolist(), ends, strict=True):
             key = (problem.coupling_place(i, j), v[j], arc >= sure)
@@ -320,24 +365,35 @@ def rows(
                 reach, step = stretch * other + v[i], stretch * other - v[i]
                 step = max(step, Fraction(0)) if absent else step
                 parts.append(
-                    Term(coupling, weight * (1 + (errors.weights if step >= 0 else -errors.weights)), reach, step)
+                    Term(
+                        coupling,
+                        weight * (1 + (errors.weights if step >= 0 else -errors.weights)),
+                        reach,
+                        step,
+                    )
                 )
                 if errors.weights and step < 0:
                     parts.append(Term(coupling, 2 * errors.weights * weight, reach, Fraction(0)))
             row = Row(tuple(parts), gains[i], v[i])
             known = found.get(row)
-            found[row] = Place(i, mode, 1) if known is None else Place(known.agent, known.mode, known.count + 1)
+            found[row] = (
+                Place(i, mode, 1)
+                if known is None
+                else Place(known.agent, known.mode, known.count + 1)
+            )
     yield from found.items()
 
 
 def stuck_agents(problem: Problem) -> dict[int, str]:
-    """The agents (indices) that no common v can hold, each with a mode in which its pin does not hold it and it hears
-    nobody outside of them by an arc that is always there; empty if there are none.
+    """The agents (indices) that no common v can hold, each with a mode in which its pin does not
+    hold it and it hears nobody outside of them by an arc that is always there; empty if there are
+    none.
 
-    Then no rows with alpha > 0 hold for any v > 0, whatever the couplings: take the agent of the set with the least v.
-    Else the agents have an order in which each is pinned or hears an earlier one in every mode; for couplings that are
-    nondecreasing, with a secant gain bounded away from 0 on bounded sets, a common v exists for every radius then.
-    "Pinned" means that the pin holds the agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c."""
+    Then no rows with alpha > 0 hold for any v > 0, whatever the couplings: take the agent of the
+    set with the least v. Else the agents have an order in which each is pinned or hears an earlier
+    one in every mode; for couplings that are nondecreasing, with a secant gain bounded away from 0
+    on bounded sets, a common v exists for every radius then. "Pinned" means that the pin holds the
+    agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c."""
     names = list(problem.network.modes)
     # Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]].
     listeners = []
@@ -359,13 +415,17 @@ def stuck_agents(problem: Problem) -> dict[int, str]:
                         ordered.append(other)
     stuck = sorted(set(range(problem.n)) - set(ordered))
     return {
-        agent: next(name for name, known in zip(names, heard, strict=True) if agent not in known) for agent in stuck
+        agent: next(name for name, known in zip(names, heard, strict=True) if agent not in known)
+        for agent in stuck
     }
 
 
 def is_stuck(problem: Problem, agents: Sequence[int]) -> bool:
-    """Whether every one of these agents has a mode in which it is not pinned and hears nobody outside them."""
+    """Whether every one of these agents has a mode in which it is not pinned and hears nobody
+    outside them."""
     group, gains, free = set(agents), holding_gains(problem), set[int]()
     for arcs in problem.network.modes.values():
-        free |= {agent for agent in group if gains[agent] <= 0} - {i for i, j, _ in arcs.always if j not in group}
+        free |= {agent for agent in group if gains[agent] <= 0} - {
+            i for i, j, _ in arcs.always if j not in group
+        }
     return bool(group) and free == group

@@ -1,11 +1,14 @@
-"""The max-separable certificate, decided: its rows for every agent, mode and face, all s in (0, rho], and the observer.
+"""The max-separable certificate, decided: its rows for every agent, mode and face, all s in (0,
+rho], and the observer.
 
-PROVED means that N(e) = max_i |e_i|/v_i obeys D+ N <= -alpha N + max_i |C eps_i|/v_i while N <= rho, for arbitrary
-switching.  Divided by s a row asks  sum_j w phi_j(s) <= (k_i - alpha) v_i,  phi(s) = sup { h(s t)/s : -reach <= t <=
-step }: where h is nondecreasing, step g(s step) with the secant gain g; else h's turning points count as well.
+PROVED means that N(e) = max_i |e_i|/v_i obeys D+ N <= -alpha N + max_i |C eps_i|/v_i while N <=
+rho, for arbitrary switching.  Divided by s a row asks  sum_j w phi_j(s) <= (k_i - alpha) v_i,
+phi(s) = sup { h(s t)/s : -reach <= t <= step }: where h is nondecreasing, step g(s step) with the
+secant gain g; else h's turning points count as well.
 
-With (A-WC)'P + P(A-WC) <= -2 beta P and c'c <= P for each row c of C (of all groups), E = max_i sqrt(eps_i' P eps_i)
-has |C eps_i| <= E and D+ E <= -beta E; with kappa > 1/(beta min v), {N + kappa E <= rho} is invariant and attracted.
+With (A-WC)'P + P(A-WC) <= -2 beta P and c'c <= P for each row c of C (of all groups), E = max_i
+sqrt(eps_i' P eps_i) has |C eps_i| <= E and D+ E <= -beta E; with kappa > 1/(beta min v), {N + kappa
+E <= rho} is invariant and attracted.
 """
 
 from __future__ import annotations
@@ -19,9 +22,25 @@ from typing import Final, NamedTuple
 
 from dobc_design.conditions.numbers import rounded_down, shorten
 from dobc_design.conditions.separable import claim as claims
-from dobc_design.conditions.separable.claim import EXACT, FACES, ErrorBound, Errors, Place, Row, Separable, Term
+from dobc_design.conditions.separable.claim import (
+    EXACT,
+    FACES,
+    ErrorBound,
+    Errors,
+    Place,
+    Row,
+    Separable,
+    Term,
+)
 from dobc_design.conditions.separable.coordinates import rows_obstacle, seen_through
-from dobc_design.conditions.separable.large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
+from dobc_design.conditions.separable.large import (
+    ArcRows,
+    Kinds,
+    arc_rows,
+    estimated_rate,
+    float_kinds,
+    open_rows,
+)
 from dobc_design.coupling.enclosures import Cell, Curve, Profile, jet, profile, secant
 from dobc_design.coupling.tree import ZERO
 from dobc_design.errors import SpecError
@@ -37,13 +56,15 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-TOLERANCE: Final = Fraction(1, 10**5)  # how far below the largest rate ``largest_rate`` may stop, as a part of it
-#: From this many arcs on, floats with outward bounds go first (fewer where a coupling falls, whose exact rows take
-#: longer); and how many rows they may leave.
+# how far below the largest rate ``largest_rate`` may stop, as a part of it
+TOLERANCE: Final = Fraction(1, 10**5)
+#: From this many arcs on, floats with outward bounds go first (fewer where a coupling falls, whose
+#: exact rows take longer); and how many rows they may leave.
 MANY_ARCS: Final = 1000
 MANY_FALLING: Final = 200
 MOST_LEFT: Final = 200
-_PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)  # below an estimate, where the proof is tried
+# below an estimate, where the proof is tried
+_PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)
 _FOR = "couplings that act on each state component by itself"
 NOT_BY_COMPONENT: Final = f"does not apply: the max-separable certificate is for {_FOR}."
 MOST_PIECES: Final = 3000  # of (0, rho] looked at per row before the answer is "undecided"
@@ -52,7 +73,8 @@ _ZERO, _ONE = Fraction(0), Fraction(1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeparableAnswer:
-    """Whether a Separable holds, and why; where it fails: agent (index), mode, face ("upper", "lower") and s."""
+    """Whether a Separable holds, and why; where it fails: agent (index), mode, face ("upper",
+    "lower") and s."""
 
     verdict: Verdict
     reason: str
@@ -64,7 +86,8 @@ class SeparableAnswer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Question:
-    """Rows to be decided: the problem, v, rho (None: linear couplings), the stretch of v_j, the errors of weights."""
+    """Rows to be decided: the problem, v, rho (None: linear couplings), the stretch of v_j, the
+    errors of weights."""
 
     problem: Problem
     v: Vector | Doubles
@@ -81,9 +104,10 @@ BATCH: Final = 20  # for the rows of a mode
 def verify_separable(
     problem: Problem, claim: Separable, *, stretch: Fraction | int = 1, errors: Errors = EXACT
 ) -> SeparableAnswer:
-    """Decide the rows of ``claim`` in every mode.  REFUTED says that these numbers fail at the place shown, not that
-    consensus fails.  ``stretch`` >= 1: the v_j of those who are listened to are multiplied by it (``timing``).
-    ``errors``: for all weights and gains that are off by as much.  Raises: ShapeError, as ``rows``."""
+    """Decide the rows of ``claim`` in every mode.  REFUTED says that these numbers fail at the
+    place shown, not that consensus fails.  ``stretch`` >= 1: the v_j of those who are listened to
+    are multiplied by it (``timing``). ``errors``: for all weights and gains that are off by as
+    much.  Raises: ShapeError, as ``rows``."""
     question = _ask(problem, claim.v, claim.rho, stretch, errors)
     if isinstance(question, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
@@ -95,15 +119,18 @@ def verify_separable(
     where = "everywhere" if claim.rho is None else f"while it is at most {float(claim.rho):.6g}"
     return SeparableAnswer(
         verdict=Verdict.PROVED,
-        reason=f"every box |e_i| <= s v_i is invariant and shrinks: max_i |e_i|/v_i decays at least like"
-        f" exp(-{shorten(claim.alpha, digits=4):.4g} t) {where}, up to what the observer error adds.",
+        reason="every box |e_i| <= s v_i is invariant and shrinks: max_i |e_i|/v_i decays at "
+        "least like"
+        f" exp(-{shorten(claim.alpha, digits=4):.4g} t) {where}, up to what the observer "
+        "error adds.",
     )
 
 
 def largest_rate(
     problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, errors: Errors = EXACT
 ) -> Fraction | None:
-    """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho]; None if none > 0."""
+    """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho];
+    None if none > 0."""
     question = _ask(problem, v, rho, 1, errors)
     if isinstance(question, str):
         return None
@@ -122,7 +149,8 @@ def largest_rate(
             return None
         candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
         return next((alpha for alpha in candidates if holds(alpha)), None)
-    rate = max(claims.holding_gains(problem))  # the agent with the least v has no more than its gain
+    # the agent with the least v has no more than its gain
+    rate = max(claims.holding_gains(problem))
     for row, _ in claims.rows(problem, v, errors=errors):
         for face in FACES:
             if rho is None:
@@ -138,7 +166,8 @@ def largest_rate(
 def coupling_profiles(
     problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, stretch: Fraction | int = 1
 ) -> tuple[Profile, ...]:
-    """Where each coupling rises and falls, as far out as the rows look.  Raises: UndefinedError naming the interval."""
+    """Where each coupling rises and falls, as far out as the rows look.  Raises: UndefinedError
+    naming the interval."""
     reach = claims.largest_reach(problem, v, stretch=stretch)
     return tuple(
         profile(Curve(coupling.components[0]), _ZERO if rho is None else rho * most)
@@ -147,27 +176,41 @@ def coupling_profiles(
 
 
 def _ask(
-    problem: Problem, v: Vector | Doubles, rho: Fraction | None, stretch: Fraction | int, errors: Errors = EXACT
+    problem: Problem,
+    v: Vector | Doubles,
+    rho: Fraction | None,
+    stretch: Fraction | int,
+    errors: Errors = EXACT,
 ) -> _Question | str:
     """The question, or why the certificate does not apply."""
     if not claims.acts_by_component(problem):
         return NOT_BY_COMPONENT
     if rho is None and not problem.is_linear:
-        return "does not apply: without a radius rho the rows are decided for linear couplings only."
+        return (
+            "does not apply: without a radius rho the rows are decided for linear couplings only."
+        )
     try:
         profiles = coupling_profiles(problem, v, rho=rho, stretch=stretch)
     except UndefinedError as error:
         return f"does not apply: {error}"
-    return _Question(problem=problem, v=v, rho=rho, stretch=stretch, profiles=profiles, errors=errors)
+    return _Question(
+        problem=problem, v=v, rho=rho, stretch=stretch, profiles=profiles, errors=errors
+    )
 
 
 def _large(question: _Question) -> tuple[ArcRows, Kinds] | None:
-    """Arrays and tables where there are many arcs; None for few, and for couplings that turn often."""
-    modes, rising = question.problem.network.modes, all(kind.is_nondecreasing for kind in question.profiles)
+    """Arrays and tables where there are many arcs; None for few, and for couplings that turn
+    often."""
+    modes, rising = (
+        question.problem.network.modes,
+        all(kind.is_nondecreasing for kind in question.profiles),
+    )
     arcs = sum(map(len, modes.values()))
     if arcs < (MANY_ARCS if rising else MANY_FALLING) or (question.rho is None and not rising):
         return None
-    arrays = arc_rows(question.problem, question.v, stretch=question.stretch, errors=question.errors)
+    arrays = arc_rows(
+        question.problem, question.v, stretch=question.stretch, errors=question.errors
+    )
     try:  # for linear couplings every radius says the same
         kinds = float_kinds(question.profiles, arrays, rho=question.rho or _ONE)
     except UndefinedError:  # rows one by one may do
@@ -175,10 +218,14 @@ def _large(question: _Question) -> tuple[ArcRows, Kinds] | None:
     return None if kinds is None else (arrays, kinds)
 
 
-def _first_failure(question: _Question, claim: Separable, left: list[tuple[int, int]] | None) -> SeparableAnswer | None:
+def _first_failure(
+    question: _Question, claim: Separable, left: list[tuple[int, int]] | None
+) -> SeparableAnswer | None:
     """Decide rows exactly: all, or the (row, face) that floats left; None if they are proved."""
     n, modes = question.problem.n, tuple(question.problem.network.modes)
-    batches: Iterable[tuple[str, tuple[int, ...], list[int] | None]] = ((mode, tuple(FACES), None) for mode in modes)
+    batches: Iterable[tuple[str, tuple[int, ...], list[int] | None]] = (
+        (mode, tuple(FACES), None) for mode in modes
+    )
     if left is not None:
         agents: dict[tuple[int, int], list[int]] = {}
         for row, face in left:
@@ -191,32 +238,60 @@ def _first_failure(question: _Question, claim: Separable, left: list[tuple[int, 
     for mode, faces, chosen in batches:
         spend(BATCH)
         stretch, errors = question.stretch, question.errors
-        found = claims.rows(question.problem, question.v, modes=[mode], stretch=stretch, agents=chosen, errors=errors)
-        answers = (_decide(question, claim, row, place, face) for row, place in found for face in faces)
+        found = claims.rows(
+            question.problem,
+            question.v,
+            modes=[mode],
+            stretch=stretch,
+            agents=chosen,
+            errors=errors,
+        )
+        answers = (
+            _decide(question, claim, row, place, face) for row, place in found for face in faces
+        )
         if (first := next((answer for answer in answers if answer is not None), None)) is not None:
             return first
     return None
 
 
-def _decide(question: _Question, claim: Separable, row: Row, place: Place, face: int) -> SeparableAnswer | None:
+def _decide(
+    question: _Question, claim: Separable, row: Row, place: Place, face: int
+) -> SeparableAnswer | None:
     """None if the row is proved."""
     if claim.rho is None:
         if linear_bound(row, face, question.profiles) <= (row.gain - claim.alpha) * row.own:
             return None
-        slopes = (slope for c in question.problem.couplings for each in c.jacobian_at_zero() for slope in each)
-        verdict, s = Verdict.REFUTED if all(slope.is_point for slope in slopes) else Verdict.UNDECIDED, None
+        slopes = (
+            slope
+            for c in question.problem.couplings
+            for each in c.jacobian_at_zero()
+            for slope in each
+        )
+        verdict, s = (
+            Verdict.REFUTED if all(slope.is_point for slope in slopes) else Verdict.UNDECIDED,
+            None,
+        )
     else:
         verdict, s = decide_row(row, face, question.profiles, alpha=claim.alpha, rho=claim.rho)
         if verdict is Verdict.PROVED:
             return None
-    what = "fails" if verdict is Verdict.REFUTED else "is too close to failing for the enclosures to decide"
+    what = (
+        "fails"
+        if verdict is Verdict.REFUTED
+        else "is too close to failing for the enclosures to decide"
+    )
     at = "" if s is None else f" at s = {float(s):.6g}"
     who = question.problem.network.labels[place.agent]
     who += f" (and {place.count - 1} more alike)" if place.count > 1 else ""
-    reason = f"the {FACES[face]} row of agent {who} in mode {place.mode} {what}{at}: try a smaller alpha or rho, or"
+    reason = (
+        f"the {FACES[face]} row of agent {who} in mode {place.mode} {what}{at}: try a smaller "
+        "alpha or rho, or"
+    )
     reason += " another v."
     agent, mode = place.agent, place.mode
-    return SeparableAnswer(verdict=verdict, reason=reason, agent=agent, mode=mode, face=FACES[face], s=s)
+    return SeparableAnswer(
+        verdict=verdict, reason=reason, agent=agent, mode=mode, face=FACES[face], s=s
+    )
 
 
 def decide_row(
@@ -229,8 +304,9 @@ def decide_row(
     start: Fraction = _ZERO,
     load: Fraction = _ZERO,
 ) -> tuple[Verdict, Fraction | None]:
-    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove what they can.  With
-    a ``load`` >= 0, which is added to the row before it is divided by s: for all s in [start, rho], start > 0."""
+    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove
+    what they can.  With a ``load`` >= 0, which is added to the row before it is divided by s: for
+    all s in [start, rho], start > 0."""
     limit, whole = (row.gain - alpha) * row.own, Interval(start, rho)
     if _by_floats(row, face, profiles, limit=limit, whole=whole, load=load):
         return Verdict.PROVED, None
@@ -256,9 +332,16 @@ def _with_load(sides: Sequence[_Side], S: Interval, load: Fraction) -> Interval:
 
 
 def _by_floats(
-    row: Row, face: int, profiles: Sequence[Profile], *, limit: Fraction, whole: Interval, load: Fraction
+    row: Row,
+    face: int,
+    profiles: Sequence[Profile],
+    *,
+    limit: Fraction,
+    whole: Interval,
+    load: Fraction,
 ) -> bool:
-    """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones are left to decide."""
+    """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones
+    are left to decide."""
     try:
         waiting, count, price = [Floats.around(whole)], 0, _price(row, profiles)
         most, near = float_below(limit), float_below(limit - abs(limit) / 10**9)
@@ -277,20 +360,26 @@ def _by_floats(
     return True
 
 
-def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction) -> Fraction:
-    """A rate alpha for which the row holds, about the part TOLERANCE below the largest; or one above ``enough``."""
+def _row_rate(
+    row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction
+) -> Fraction:
+    """A rate alpha for which the row holds, about the part TOLERANCE below the largest; or one
+    above ``enough``."""
     whole = Interval(_ZERO, rho)
     unsure = (row.gain + sum(term.weight * term.reach for term in row.terms) / row.own) / 10**12
     try:
         rate = _rate_on(Floats.around(whole), row, face, profiles, enough=enough)
         if rate >= enough or rounded_down(rate) == rounded_down(rate + unsure):
             return rate
-    except UndefinedError:  # beyond the floats, or nearer to a number of nine digits than they can tell
+    # beyond the floats, or nearer to a number of nine digits than they can tell
+    except UndefinedError:
         pass
     return _rate_on(whole, row, face, profiles, enough=enough)
 
 
-def _rate_on(S: Interval, row: Row, face: int, profiles: Sequence[Profile], *, enough: Fraction) -> Fraction:
+def _rate_on(
+    S: Interval, row: Row, face: int, profiles: Sequence[Profile], *, enough: Fraction
+) -> Fraction:
     sides, price = _sides(row, face, profiles, S), _price(row, profiles)
     count, heap = 0, [(-upper_bound(sides, S).hi, 0, S)]
     attained = lower_bound(sides, S.ends()[1])
@@ -314,7 +403,8 @@ def _price(row: Row, profiles: Sequence[Profile]) -> int:
 
 
 def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
-    """An upper bound of sum w phi for linear couplings, where phi does not depend on s; exact if slopes are."""
+    """An upper bound of sum w phi for linear couplings, where phi does not depend on s; exact if
+    slopes are."""
     spend(LINEAR)
     total = _ZERO
     for term in row.terms:
@@ -324,7 +414,8 @@ def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
 
 
 class _Side(NamedTuple):
-    """A term on one face: y = s t between ``left`` and ``right``, both in ``whole``; ``bend``: weight times step^2."""
+    """A term on one face: y = s t between ``left`` and ``right``, both in ``whole``; ``bend``:
+    weight times step^2."""
 
     term: Term
     kind: Profile
@@ -381,13 +472,17 @@ def upper_bound(sides: Sequence[_Side], S: Interval) -> Interval:
     if smooth and rising:
         at, value = S.middle() if not change.sign else S.ends()[change.sign > 0], ZERO
         for side in rising:
-            value = value + secant(side.kind.curve, side.mirrored(at * side.right)).value * side.weighted
+            value = (
+                value
+                + secant(side.kind.curve, side.mirrored(at * side.right)).value * side.weighted
+            )
         total = total.meet(value + change * (S - at))
     return total + others
 
 
 def lower_bound(sides: Sequence[_Side], s: Interval) -> Fraction:
-    """A bound that sum w phi(s) is at least at this s > 0, a point: phi is no less than what h takes at the ends."""
+    """A bound that sum w phi(s) is at least at this s > 0, a point: phi is no less than what h
+    takes at the ends."""
     total = _ZERO
     for side in sides:
         ends = [_secant_times(side, end, s).lo for end in (side.right, side.left)]
@@ -415,7 +510,8 @@ def _rises(side: _Side, S: Interval) -> bool:
 
 
 def _largest(side: _Side, S: Interval) -> Interval:
-    """An interval whose upper end phi does not exceed on S: both ends, and wherever it may have a maximum."""
+    """An interval whose upper end phi does not exceed on S: both ends, and wherever it may have a
+    maximum."""
     natural = secant(side.kind.curve, S * side.whole).value * side.whole * side.face
     if not S.bottom and any(cell.place.contains(0) for cell in side.turns):
         return natural
@@ -432,7 +528,8 @@ def _largest(side: _Side, S: Interval) -> Interval:
 
 
 def _within(place: Interval, term: Term, S: Interval) -> Interval | None:
-    """The s > 0 of S for which ``place`` may meet -s reach <= y <= s step; None if there are none."""
+    """The s > 0 of S for which ``place`` may meet -s reach <= y <= s step; None if there are
+    none."""
     lo, hi = S.lo, S.hi
     if place.lo > 0:
         if term.step <= 0:
@@ -450,18 +547,23 @@ def _overlap(left: Interval, right: Interval) -> bool:
 
 
 def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> SeparableAnswer:
-    """Decide a whole certificate: its rows and, with an exosystem, the observer's part for the gain W (q, m).  PROVED:
-    V = N + kappa E (V = N without an exosystem) decays at least at ``composite_rate`` from every start with V <= rho,
-    for arbitrary switching."""
+    """Decide a whole certificate: its rows and, with an exosystem, the observer's part for the gain
+    W (q, m).  PROVED: V = N + kappa E (V = N without an exosystem) decays at least at
+    ``composite_rate`` from every start with V <= rho, for arbitrary switching."""
     exosystem = problem.joint_exosystem
     if claim.T is not None:
         exosystem, W = seen_through(problem, claim.T, W)
     if exosystem is not None:
         if W is None or claim.error is None:
-            reason = "with an [exosystem] the certificate needs an observer gain W and P, beta and kappa."
+            reason = (
+                "with an [exosystem] the certificate needs an observer gain W and P, beta and "
+                "kappa."
+            )
             return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=reason)
         obstacle = error_bound_obstacle(exosystem, W, claim.error)
-        if obstacle is None and not (claim.error.beta > 0 and claim.error.kappa * claim.error.beta * claim.least > 1):
+        if obstacle is None and not (
+            claim.error.beta > 0 and claim.error.kappa * claim.error.beta * claim.least > 1
+        ):
             obstacle = "kappa must exceed 1/(beta min v), or the observer error can raise V."
         if obstacle is not None:
             return SeparableAnswer(verdict=Verdict.REFUTED, reason=obstacle)
@@ -473,7 +575,8 @@ def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> Se
 
 
 def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> str | None:
-    """Why ``error`` does not hold for W, in words; None if it is proved.  Exact: there is no third answer."""
+    """Why ``error`` does not hold for W, in words; None if it is proved.  Exact: there is no third
+    answer."""
     P, q = error.P, exosystem.order
     if exact.shape(P) != (q, q) or not exact.is_symmetric(P):
         return f"P must be a symmetric {q}x{q} matrix."
@@ -482,7 +585,10 @@ def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> 
     PE = exact.multiply(P, exact.subtract(exosystem.A, exact.multiply(W, exosystem.C)))
     decay = exact.add(exact.add(exact.transpose(PE), PE), exact.scale(2 * error.beta, P))
     if not _is_semidefinite(exact.scale(-1, decay)):
-        return f"the observer error does not decay at the rate beta = {float(error.beta):.6g} in the norm of P."
+        return (
+            f"the observer error does not decay at the rate beta = {float(error.beta):.6g} in "
+            "the norm of P."
+        )
     for number, c in enumerate(exosystem.C):
         if not _is_semidefinite(exact.subtract(P, tuple(tuple(x * y for y in c) for x in c))):
             return f"P does not bound row {number + 1} of C: c'c <= P fails."
@@ -492,17 +598,21 @@ def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> 
 
 
 def composite_rate(claim: Separable) -> Fraction:
-    """The rate of V = N + kappa E: min(alpha, beta - 1/(kappa min v)); alpha without an observer."""
+    """The rate of V = N + kappa E: min(alpha, beta - 1/(kappa min v)); alpha without an
+    observer."""
     if claim.error is None:
         return claim.alpha
     return min(claim.alpha, claim.error.beta - 1 / (claim.error.kappa * claim.least))
 
 
 def covers(claim: Separable, *, radius: Fraction, disturbance: Fraction) -> bool:
-    """Whether every start with |e|_inf <= radius and |eps_i| <= disturbance lies in {V <= rho}; exact.  radius spread +
-    kappa disturbance sqrt(size) <= rho, decided by squares.  Raises: SpecError for a negative radius or disturbance."""
+    """Whether every start with |e|_inf <= radius and |eps_i| <= disturbance lies in {V <= rho};
+    exact.  radius spread + kappa disturbance sqrt(size) <= rho, decided by squares.  Raises:
+    SpecError for a negative radius or disturbance."""
     if radius < 0 or disturbance < 0:
-        raise SpecError("radius and disturbance must be >= 0.", key="radius" if radius < 0 else "disturbance")
+        raise SpecError(
+            "radius and disturbance must be >= 0.", key="radius" if radius < 0 else "disturbance"
+        )
     if claim.rho is None:
         return True
     room = claim.rho - radius * claim.spread

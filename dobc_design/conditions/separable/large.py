@@ -1,8 +1,9 @@
 """Rows of the max-separable certificate for very many arcs: float arithmetic with outward bounds.
 
-A row that is reported as proved is proved; what is left is for the exact rows of ``decide``, with the same subdivision
-of s.  Gains come from tables whose cells hold exact enclosures (theory, section 1); off the middle of a cell the mean
-value theorem bounds g.  No floating-point function is trusted: only + - * and comparisons, rounded outwards.
+A row that is reported as proved is proved; what is left is for the exact rows of ``decide``, with
+the same subdivision of s.  Gains come from tables whose cells hold exact enclosures (theory,
+section 1); off the middle of a cell the mean value theorem bounds g.  No floating-point function is
+trusted: only + - * and comparisons, rounded outwards.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ from dobc_design.problem.problem import Problem
 Array = NDArray[np.float64]
 
 CELLS, _KEPT = 512, 16  # of a table; tables
-_BEYOND: Final = Fraction(1, 2**20)  # by which cells overlap, far more than a float position can be wrong
+# by which cells overlap, far more than a float position can be wrong
+_BEYOND: Final = Fraction(1, 2**20)
 _CLOSE: Final = Fraction(1, 2**40)  # as a part of it, how far from g floats may be
 # A result of one operation is within 2^-53 of itself of the truth (2^-1074 near 0).
 _RELATIVE, _TINY = 2.0**-51, 2.0**-1060
@@ -51,9 +53,10 @@ def down(x: Array) -> Array:
 class GainTable:
     """Bounds of g and g' on [-radius, radius] in cells of equal width.
 
-    ``low`` and ``high`` bound g in the middle of each cell, slack for misplaced positions included; ``falls`` and
-    ``rises`` bound g' on it (0 where g' is not bounded: low and high then hold on the whole cell).
-    ``ranges``: least g, most g, least g', most g' over 1, 2, 4, ... cells from each on; shape (levels, cells) each.
+    ``low`` and ``high`` bound g in the middle of each cell, slack for misplaced positions included;
+    ``falls`` and ``rises`` bound g' on it (0 where g' is not bounded: low and high then hold on the
+    whole cell). ``ranges``: least g, most g, least g', most g' over 1, 2, 4, ... cells from each
+    on; shape (levels, cells) each.
     """
 
     radius: float
@@ -96,9 +99,10 @@ class GainTable:
 
 @lru_cache(maxsize=_KEPT)
 def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) -> GainTable:
-    """Enclose g on [-radius, radius] in at most ``cells`` cells, whose nodes are floats; the last ones reach further.
-    Tables are kept, since one claim asks for the same several times, and cells, which tables of several radii share;
-    arrays cannot be written to. Raises: exact.interval.UndefinedError where g cannot be enclosed."""
+    """Enclose g on [-radius, radius] in at most ``cells`` cells, whose nodes are floats; the last
+    ones reach further. Tables are kept, since one claim asks for the same several times, and cells,
+    which tables of several radii share; arrays cannot be written to. Raises:
+    exact.interval.UndefinedError where g cannot be enclosed."""
     curve = Curve(expression)
     part, exponent = math.frexp(float_above(radius) or 2.0**-20)
     width = Fraction(3 if part < 0.75 else 4) * Fraction(2) ** (exponent - 1) / cells
@@ -112,21 +116,33 @@ def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) 
     for array in (low, high, falls, rises, *stacks):
         array.setflags(write=False)
     return GainTable(
-        radius=float(most * width), width=float(width), low=low, high=high, falls=falls, rises=rises, ranges=stacks
+        radius=float(most * width),
+        width=float(width),
+        low=low,
+        high=high,
+        falls=falls,
+        rises=rises,
+        ranges=stacks,
     )
 
 
 def _spans(values: Array, choose: Any) -> Array:
-    """The least or the most over 1, 2, 4, ... cells from each on, near the right end over those that are left."""
+    """The least or the most over 1, 2, 4, ... cells from each on, near the right end over those
+    that are left."""
     levels, span = [values], 1
     while 2 * span <= len(values):
-        levels.append(choose(levels[-1], np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])))
+        levels.append(
+            choose(
+                levels[-1], np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])
+            )
+        )
         span *= 2
     return np.stack(levels)
 
 
 def _span(first: Any, last: Any) -> tuple[Any, Any]:
-    """The level of ``_spans`` of which two entries cover the cells first, ..., last, and where the second begins."""
+    """The level of ``_spans`` of which two entries cover the cells first, ..., last, and where the
+    second begins."""
     level = np.frexp((last - first + 1).astype(float))[1] - 1
     return level, last - (1 << level) + 1
 
@@ -148,7 +164,12 @@ def _cell(curve: Curve, k: int, width: Fraction) -> tuple[float, ...]:
     if around.slope is None:
         return values + values + (-math.inf, math.inf)
     slack = 4 * overlap * around.slope.magnitude
-    return float_below(node.value.lo - slack), float_above(node.value.hi + slack), *values, *around.slope.floats()
+    return (
+        float_below(node.value.lo - slack),
+        float_above(node.value.hi + slack),
+        *values,
+        *around.slope.floats(),
+    )
 
 
 #: A coupling that turns more often is left to the exact rows.
@@ -157,9 +178,9 @@ MOST_TURNS: Final = 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """One coupling that is not nondecreasing, for one face (the lower one has -h(-y) in place of h).  ``table`` reaches
-    to the left ends.  ``falls``: where h is not shown to rise.  ``tops``: where it may have a maximum, with an upper
-    bound of what it takes there."""
+    """One coupling that is not nondecreasing, for one face (the lower one has -h(-y) in place of
+    h).  ``table`` reaches to the left ends.  ``falls``: where h is not shown to rise.  ``tops``:
+    where it may have a maximum, with an upper bound of what it takes there."""
 
     table: GainTable
     face: int
@@ -169,8 +190,9 @@ class Turning:
     def largest(
         self, steps: Array, reaches: Array, right: tuple[Array, Array], s: float, t: float
     ) -> tuple[Array, Any]:
-        """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of it.  ``right``:
-        lower and upper bounds of what the right end gives, step g(s step), on [s, t]."""
+        """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of
+        it.  ``right``: lower and upper bounds of what the right end gives, step g(s step), on [s,
+        t]."""
         most, smooth = right[1].copy(), np.ones(len(steps), dtype=bool)
         asked = np.flatnonzero(self._may_fall(-up(t * reaches), _right_end(steps, s, t)))
         if len(asked):
@@ -180,13 +202,16 @@ class Turning:
         return most, smooth
 
     def _end(self, x: Array, s: float, t: float) -> Array:
-        """The largest x g(s x) on [s, t]: from the range of g, or from the middle and the range of g'."""
+        """The largest x g(s x) on [s, t]: from the range of g, or from the middle and the range of
+        g'."""
         least, most, falls, rises = self.table.over(self.face * s * x, self.face * t * x)
         middle = self.table.at(self.face * (s + t) / 2 * x)
         there = up(np.where(x >= 0, x * middle[1], x * middle[0]))
         half = (t - s) / 2 + t * 2.0**-50
         swing = up(up(np.maximum(-falls, rises) * half) * up(x * x))
-        found = np.minimum(up(np.where(x >= 0, x * most, x * least)), up(there + np.maximum(swing, 0.0)))
+        found = np.minimum(
+            up(np.where(x >= 0, x * most, x * least)), up(there + np.maximum(swing, 0.0))
+        )
         return np.where(x == 0, 0.0, found)
 
     def _may_fall(self, low: Array, high: Array) -> Any:
@@ -197,7 +222,8 @@ class Turning:
         return found
 
     def _others(self, steps: Array, reaches: Array, s: float, t: float) -> Array:
-        """What the left end and the maxima inside give at most; everything where s is 0 and h turns there."""
+        """What the left end and the maxima inside give at most; everything where s is 0 and h turns
+        there."""
         there = self._may_fall(-up(t * reaches), -down(s * reaches))
         found = np.where(there, self._end(-reaches, s, t), -np.inf)
         for low, high, value in self.tops:
@@ -210,23 +236,33 @@ class Turning:
         # The largest x g(s x), -reach <= x <= step, s in [0, t], from the range of g.
         end = np.maximum(_right_end(steps, 0.0, t), 0.0)
         least, most, _, _ = self.table.over(-self.face * up(t * reaches), self.face * end)
-        left, right = np.maximum(-reaches * least, -reaches * most), np.maximum(steps * least, steps * most)
+        left, right = (
+            np.maximum(-reaches * least, -reaches * most),
+            np.maximum(steps * least, steps * most),
+        )
         return np.minimum(found, up(np.maximum(left, right)))
 
 
 def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
     """Bring a coupling into floats; None if it turns too often."""
     tops = kind.tops if face > 0 else kind.bottoms
-    falls = tuple(_joined((cell.place * face).floats() for cell in kind.cells if cell.direction <= 0))
+    falls = tuple(
+        _joined((cell.place * face).floats() for cell in kind.cells if cell.direction <= 0)
+    )
     if len(tops) > MOST_TURNS or len(falls) > MOST_TURNS:
         return None
     values = [float_above(cell.values.hi if face > 0 else -cell.values.lo) for cell in tops]
-    places = tuple((*(cell.place * face).floats(), value) for cell, value in zip(tops, values, strict=True))
+    places = tuple(
+        (*(cell.place * face).floats(), value) for cell, value in zip(tops, values, strict=True)
+    )
     return Turning(table=table, face=face, falls=falls, tops=places)
 
 
-def _when(low: float, high: float, steps: Array, reaches: Array, s: float, t: float) -> tuple[Array, Array]:
-    """The s of [s, t] for which [low, high] may meet [-s reach, s step]; from above to nothing where there are none."""
+def _when(
+    low: float, high: float, steps: Array, reaches: Array, s: float, t: float
+) -> tuple[Array, Array]:
+    """The s of [s, t] for which [low, high] may meet [-s reach, s step]; from above to nothing
+    where there are none."""
     begin, end = np.full(len(steps), s), np.full(len(steps), t)
     with np.errstate(divide="ignore", invalid="ignore"):
         if low > 0:
@@ -252,11 +288,13 @@ def _joined(places: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     return joined
 
 
-# Pieces of (0, rho] looked at before the remaining rows are given back, and the narrowest as a part of rho.
+# Pieces of (0, rho] looked at before the remaining rows are given back, and the narrowest as a part
+# of rho.
 _MOST_PIECES, _NARROWEST = 600, 2.0**-30
 _SURE: Final = 1e-6  # as a part of its limit, by how much a row fails for certain
 _UNIT: Final = 2.0**-52
-_FLOAT_BITS: Final = 53  # integers up to that long are floats, and so are they over a power of two as long
+# integers up to that long are floats, and so are they over a power of two as long
+_FLOAT_BITS: Final = 53
 SLICES: Final = 8  # of the way of a held step
 SLOPES: Final = 256  # parts of [0, radius] on which slopes are bounded, and how close
 _STEEP: Final = Fraction(1, 1000)
@@ -265,9 +303,9 @@ _SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcRows:
-    """The arcs by row, mode after mode: those of row i are start[i]:start[i + 1].  ``steps`` are at least v_j - v_i,
-    ``reaches`` at least v_i + v_j; ``weights`` and ``own`` (v) are lower and upper bounds, None for weights that are
-    all 1."""
+    """The arcs by row, mode after mode: those of row i are start[i]:start[i + 1].  ``steps`` are at
+    least v_j - v_i, ``reaches`` at least v_i + v_j; ``weights`` and ``own`` (v) are lower and upper
+    bounds, None for weights that are all 1."""
 
     start: Any
     steps: Array
@@ -280,7 +318,8 @@ class ArcRows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kinds:
-    """The couplings in floats: a table for the right ends of each, and how it turns on each face, if it does."""
+    """The couplings in floats: a table for the right ends of each, and how it turns on each face,
+    if it does."""
 
     tables: tuple[GainTable, ...]
     turning: Mapping[tuple[int, int], Turning]
@@ -288,8 +327,9 @@ class Kinds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """All arcs by rows; agent i of the k-th mode has row k n + i.  ``start`` and ``weights`` as in ArcRows.  ``floor``:
-    the least step of each arc: 0 of those that come and go (``claim.rows``), -inf of others."""
+    """All arcs by rows; agent i of the k-th mode has row k n + i.  ``start`` and ``weights`` as in
+    ArcRows.  ``floor``: the least step of each arc: 0 of those that come and go (``claim.rows``),
+    -inf of others."""
 
     rows: Any
     speakers: Any
@@ -299,11 +339,15 @@ class Layout:
     floor: Array
 
 
-def arc_layout(problem: Problem, *, modes: Sequence[str] | None = None, errors: Errors = EXACT) -> Layout:
+def arc_layout(
+    problem: Problem, *, modes: Sequence[str] | None = None, errors: Errors = EXACT
+) -> Layout:
     """Order the arcs of the given modes (default: all) by row."""
     chosen = problem.network.modes if modes is None else modes
     graphs = tuple(problem.network.modes[mode] for mode in chosen)
-    listeners = _stacked([arcs.listeners + k * problem.n if k else arcs.listeners for k, arcs in enumerate(graphs)])
+    listeners = _stacked(
+        [arcs.listeners + k * problem.n if k else arcs.listeners for k, arcs in enumerate(graphs)]
+    )
     in_order = bool(np.all(np.diff(listeners) >= 0))
     order = slice(None) if in_order else np.argsort(listeners, kind="stable")
     listeners = listeners[order]
@@ -332,7 +376,8 @@ def arc_rows(
     errors: Errors = EXACT,
     loose: bool = True,
 ) -> ArcRows:
-    """Bring all modes into arrays, rounded so that rows only become harder to satisfy.  ``loose`` as in ``rows``."""
+    """Bring all modes into arrays, rounded so that rows only become harder to satisfy.  ``loose``
+    as in ``rows``."""
     modes, layout = len(problem.network.modes), arc_layout(problem, errors=errors)
     listeners, speakers = layout.rows, layout.speakers
     low, high = _floats(v)
@@ -359,10 +404,12 @@ def _stacked(arrays: Sequence[Any]) -> Any:
     return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
-def float_kinds(profiles: Sequence[Profile], arcs: ArcRows, *, rho: Fraction, cells: int = CELLS) -> Kinds | None:
-    """Bring the couplings into floats, as far out as these rows look; None if one of them turns too often.  ``cells``:
-    of a table; half as many where it reaches to the left ends, which seldom decide. Raises:
-    exact.interval.UndefinedError where a gain cannot be enclosed."""
+def float_kinds(
+    profiles: Sequence[Profile], arcs: ArcRows, *, rho: Fraction, cells: int = CELLS
+) -> Kinds | None:
+    """Bring the couplings into floats, as far out as these rows look; None if one of them turns too
+    often.  ``cells``: of a table; half as many where it reaches to the left ends, which seldom
+    decide. Raises: exact.interval.UndefinedError where a gain cannot be enclosed."""
     tables, turns = [], {}
     steps, reaches = np.zeros(len(profiles)), np.zeros(len(profiles))
     np.maximum.at(steps, arcs.kinds, np.abs(arcs.steps))
@@ -381,7 +428,8 @@ def float_kinds(profiles: Sequence[Profile], arcs: ArcRows, *, rho: Fraction, ce
 
 
 def _shared_table(kind: Profile, radius: Fraction, cells: int) -> GainTable:
-    """A table that reaches a little further if it can, so that vectors that differ in a few digits share it."""
+    """A table that reaches a little further if it can, so that vectors that differ in a few digits
+    share it."""
     unit = Fraction(2) ** (math.frexp(float_above(radius))[1] - 6) if radius else Fraction(1)
     try:
         return gain_table(kind.curve.expression, math.ceil(radius / unit) * unit, cells=cells)
@@ -389,40 +437,59 @@ def _shared_table(kind: Profile, radius: Fraction, cells: int) -> GainTable:
         return gain_table(kind.curve.expression, radius, cells=cells)
 
 
-def open_rows(arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction) -> list[tuple[int, int]]:
+def open_rows(
+    arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction
+) -> list[tuple[int, int]]:
     """The (row, face) that is not proved for all s in (0, rho]; the tables reach that far."""
     rates = _floats(arcs.gains, less=alpha)[0]
     limits = np.where(rates >= 0, rates * arcs.own[0], rates * arcs.own[1])
     limits = np.where(rates == 0, 0.0, down(limits))
     above = float_above(rho)
-    with np.errstate(invalid="ignore", over="ignore"):  # cells beyond the table are infinite and prove nothing
-        return [(agent, face) for face in FACES for agent in open_within(arcs, limits, face, kinds, above).tolist()]
+    # cells beyond the table are infinite and prove nothing
+    with np.errstate(invalid="ignore", over="ignore"):
+        return [
+            (agent, face)
+            for face in FACES
+            for agent in open_within(arcs, limits, face, kinds, above).tolist()
+        ]
 
 
-def stiffest_row(arcs: ArcRows, profiles: Sequence[Profile], gains: Sequence[Fraction], *, rho: Fraction) -> Fraction:
-    """An upper bound of the largest sum_j w L_ij + k over rows and faces.  Raises: UndefinedError."""
+def stiffest_row(
+    arcs: ArcRows, profiles: Sequence[Profile], gains: Sequence[Fraction], *, rho: Fraction
+) -> Fraction:
+    """An upper bound of the largest sum_j w L_ij + k over rows and faces.  Raises:
+    UndefinedError."""
     counts = np.diff(arcs.start)
     rows, held = np.repeat(np.arange(len(counts)), counts), _floats(gains)[1]
     own, mean, largest = arcs.own[1][rows], np.zeros(len(rows)), Fraction(0)
     for face in FACES:
         for number, kind in enumerate(profiles):
             if np.any(mine := arcs.kinds == number):
-                mean[mine] = _mean_slopes(kind, face, rho, (arcs.steps[mine], arcs.reaches[mine], own[mine]))
+                mean[mine] = _mean_slopes(
+                    kind, face, rho, (arcs.steps[mine], arcs.reaches[mine], own[mine])
+                )
         values = mean if arcs.weights is None else up(mean * arcs.weights[1])
         largest = max(largest, Fraction(float(np.max(up(_sums(values, rows, counts) + held)))))
     return largest
 
 
-def _mean_slopes(kind: Profile, face: int, rho: Fraction, ends: tuple[Array, Array, Array]) -> Array:
+def _mean_slopes(
+    kind: Profile, face: int, rho: Fraction, ends: tuple[Array, Array, Array]
+) -> Array:
     """Upper bounds of the mean slopes, slice by slice, for (steps, reaches, own) of arcs."""
     steps, reaches, own = ends
     scale, total = float(rho / kind.radius * SLOPES), np.zeros(len(steps))
-    start, highest = np.minimum(steps, 0.0) if kind.is_nondecreasing else -reaches, _slopes(kind.curve, kind.radius)
+    start, highest = (
+        np.minimum(steps, 0.0) if kind.is_nondecreasing else -reaches,
+        _slopes(kind.curve, kind.radius),
+    )
     for k in range(SLICES):
         end = np.maximum(steps + 2 * (k + 1) / SLICES * own, 0.0)
         low, high = (start, end) if face > 0 else (-end, -start)
         # Positions are wrong by far less than half the overlap.
-        first = np.clip(np.floor(low * scale + float(_BEYOND / 2)).astype(np.int64) + SLOPES, 0, 2 * SLOPES - 1)
+        first = np.clip(
+            np.floor(low * scale + float(_BEYOND / 2)).astype(np.int64) + SLOPES, 0, 2 * SLOPES - 1
+        )
         last = np.floor(high * scale - float(_BEYOND / 2)).astype(np.int64) + SLOPES
         level, second = _span(first, np.clip(last, first, 2 * SLOPES - 1))
         total = up(total + np.maximum(highest[level, first], highest[level, second]))
@@ -431,7 +498,8 @@ def _mean_slopes(kind: Profile, face: int, rho: Fraction, ends: tuple[Array, Arr
 
 @lru_cache(maxsize=_KEPT)
 def _slopes(curve: Curve, radius: Fraction) -> Array:
-    """Upper bounds of h', at least 0, over 1, 2, 4, ... of the 2 SLOPES parts of [-radius, radius] from each on."""
+    """Upper bounds of h', at least 0, over 1, 2, 4, ... of the 2 SLOPES parts of [-radius, radius]
+    from each on."""
     width, whole, found = radius / SLOPES, Interval(-radius, radius), list[float]()
     for k in range(-SLOPES, SLOPES):
         place = whole.meet(Interval((k - _BEYOND) * width, (k + 1 + _BEYOND) * width))
@@ -454,8 +522,11 @@ def estimated_rate(arcs: ArcRows, kinds: Kinds, *, rho: Fraction) -> float:
     return least
 
 
-def open_within(arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: float, start: float = 0.0) -> Any:
-    """Rows that are not proved to be at most their limits for s in [start, rho], after a subdivision of s."""
+def open_within(
+    arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: float, start: float = 0.0
+) -> Any:
+    """Rows that are not proved to be at most their limits for s in [start, rho], after a
+    subdivision of s."""
     failed: list[Any] = [_rows_beyond(arcs, face, kinds, rho)]
     waiting, count = [(start, rho, np.arange(len(limits)))], 0
     while waiting:
@@ -497,17 +568,32 @@ class Piece:
         picked: Any = slice(None)
         if len(agents) < len(arcs.gains):
             ends = np.cumsum(self.counts)
-            picked = np.arange(len(self.rows)) + np.repeat(arcs.start[agents] - ends + self.counts, self.counts)
-        self.steps, self.reaches, self.kinds = arcs.steps[picked], arcs.reaches[picked], arcs.kinds[picked]
-        self.weights = None if arcs.weights is None else (arcs.weights[0][picked], arcs.weights[1][picked])
+            picked = np.arange(len(self.rows)) + np.repeat(
+                arcs.start[agents] - ends + self.counts, self.counts
+            )
+        self.steps, self.reaches, self.kinds = (
+            arcs.steps[picked],
+            arcs.reaches[picked],
+            arcs.kinds[picked],
+        )
+        self.weights = (
+            None if arcs.weights is None else (arcs.weights[0][picked], arcs.weights[1][picked])
+        )
         self.face, self.tables, self.turning = face, kinds.tables, kinds.turning
 
     def proves(self, s: float, t: float, limits: Array) -> Any:
-        """Which rows are at most their limits on [s, t]: by the whole piece, by one end, or by its middle."""
-        low, high, falls, rises = self._bounds(lambda table, b: table.over(self.face * s * b, self.face * t * b), 4)
+        """Which rows are at most their limits on [s, t]: by the whole piece, by one end, or by its
+        middle."""
+        low, high, falls, rises = self._bounds(
+            lambda table, b: table.over(self.face * s * b, self.face * t * b), 4
+        )
         most, smooth = self._largest(low, high, s, t)
         proved = self._total(most) <= limits
-        square = self.steps * self.steps if smooth is None else np.where(smooth, self.steps * self.steps, 0.0)
+        square = (
+            self.steps * self.steps
+            if smooth is None
+            else np.where(smooth, self.steps * self.steps, 0.0)
+        )
         below, above = (falls, rises) if self.face > 0 else (-rises, -falls)
         least = -self._total(np.where(square == 0, 0.0, up(-below * square)))
         if np.any(rising := ~proved & (least >= 0)):
@@ -529,7 +615,8 @@ class Piece:
         return self._total(self._largest(low, high, s, s)[0])
 
     def _at(self, s: float, most: Array, smooth: Any) -> Array:
-        """Upper bounds at one s where phi is the right end; elsewhere ``most``, which holds on a piece."""
+        """Upper bounds at one s where phi is the right end; elsewhere ``most``, which holds on a
+        piece."""
         low, high = self._bounds(lambda table, b: table.at(self.face * s * b), 2)
         right = self._right(low, high)[1]
         return self._total(right if smooth is None else np.where(smooth, right, most))
@@ -547,11 +634,16 @@ class Piece:
     def _right(self, low: Array, high: Array) -> tuple[Array, Array]:
         """The least and the largest step g for g in [low, high]."""
         rising, still = self.steps >= 0, self.steps == 0
-        least = np.where(still, 0.0, down(self.steps * np.where(rising, low, high))) if self.turning else low
+        least = (
+            np.where(still, 0.0, down(self.steps * np.where(rising, low, high)))
+            if self.turning
+            else low
+        )
         return least, np.where(still, 0.0, up(self.steps * np.where(rising, high, low)))
 
     def _largest(self, low: Array, high: Array, s: float, t: float) -> tuple[Array, Any]:
-        """Upper bounds of phi on [s, t] for g in [low, high] at right ends; where phi is the right end (None: all)."""
+        """Upper bounds of phi on [s, t] for g in [low, high] at right ends; where phi is the right
+        end (None: all)."""
         least, most = self._right(low, high)
         if not self.turning:
             return most, None
@@ -560,7 +652,9 @@ class Piece:
             if face == self.face:
                 mine = self.kinds == kind
                 right = (least[mine], most[mine])
-                most[mine], smooth[mine] = each.largest(self.steps[mine], self.reaches[mine], right, s, t)
+                most[mine], smooth[mine] = each.largest(
+                    self.steps[mine], self.reaches[mine], right, s, t
+                )
         return most, smooth
 
     def _total(self, values: Array) -> Array:
@@ -572,14 +666,16 @@ class Piece:
 
 
 def _sums(values: Array, rows: Any, counts: Any) -> Array:
-    """Sums of values by row, rounded up: one addition per term, each within 2^-53 of the sum of sizes."""
+    """Sums of values by row, rounded up: one addition per term, each within 2^-53 of the sum of
+    sizes."""
     total = np.bincount(rows, weights=values, minlength=len(counts))
     sizes = np.bincount(rows, weights=np.abs(values), minlength=len(counts))
     return np.where(sizes == 0, 0.0, up(total + up(sizes * (2 * (counts + 2) * _UNIT))))
 
 
 def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tuple[Array, Array]:
-    """Floats below and above the numbers, or these ``less`` something; equal objects are converted once."""
+    """Floats below and above the numbers, or these ``less`` something; equal objects are converted
+    once."""
     if isinstance(values, Doubles) and less is None:
         return values.array, values.array
     places = np.fromiter(map(id, values), dtype=np.int64, count=len(values))
@@ -588,7 +684,8 @@ def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tupl
     for k, place in enumerate(first.tolist()):
         value = values[place] if less is None else values[place] - less
         top, bottom = value.numerator, value.denominator
-        # The same number as a float where that is seen at once: few bits over a power of two, as v has them.
+        # The same number as a float where that is seen at once: few bits over a power of two, as v
+        # has them.
         if not bottom & (bottom - 1) and max(top.bit_length(), bottom.bit_length()) <= _FLOAT_BITS:
             low[k] = high[k] = top / bottom
         else:

@@ -1,8 +1,10 @@
-"""Proposals for the max-separable certificate: v for one radius, common to all modes (theory, section 5); no proofs.
+"""Proposals for the max-separable certificate: v for one radius, common to all modes (theory,
+section 5); no proofs.
 
-The rows bound each v_i from below by the others: whoever is listened to may only raise a row.  So for a given alpha the
-solutions with v >= 1 have a least one, and Newton's method finds it (one sparse solve per step); alpha by bisection.
-The rows are taken in floating point for all agents at once: the largest over modes, faces and a grid of s.
+The rows bound each v_i from below by the others: whoever is listened to may only raise a row.  So
+for a given alpha the solutions with v >= 1 have a least one, and Newton's method finds it (one
+sparse solve per step); alpha by bisection. The rows are taken in floating point for all agents at
+once: the largest over modes, faces and a grid of s.
 """
 
 from __future__ import annotations
@@ -19,7 +21,14 @@ from scipy import sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import golden_section, time_to_one_percent
-from dobc_design.conditions.separable.claim import EXACT, ErrorBound, Errors, Separable, holding_gains, stuck_agents
+from dobc_design.conditions.separable.claim import (
+    EXACT,
+    ErrorBound,
+    Errors,
+    Separable,
+    holding_gains,
+    stuck_agents,
+)
 from dobc_design.conditions.separable.decide import largest_rate, verify_composite
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.coupling.expression import numpy_function
@@ -45,7 +54,8 @@ VALUES = 8  # steps of work for one face of one mode
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """The arcs of one mode with one coupling h, and places and values of its maxima and minima on the sampled range."""
+    """The arcs of one mode with one coupling h, and places and values of its maxima and minima on
+    the sampled range."""
 
     listeners: Any
     speakers: Any
@@ -73,7 +83,12 @@ class Field:
         worst = np.full(self.size, -np.inf)
         scale = (np.abs(self.gains) + alpha) * v
         chosen = np.zeros(self.size, dtype=np.int64)
-        choices = [(m, f, k) for m in range(len(self.modes)) for f in (1, -1) for k in range(len(self.grid))]
+        choices = [
+            (m, f, k)
+            for m in range(len(self.modes))
+            for f in (1, -1)
+            for k in range(len(self.grid))
+        ]
         sums = (self.values(m, f, v) for m in range(len(self.modes)) for f in (1, -1))
         for number, row in enumerate(row for each in sums for row in each):
             chosen[row > worst] = number
@@ -86,7 +101,8 @@ class Field:
         return residual, jacobian, scale
 
     def values(self, mode: int, face: int, v: Array) -> Array:
-        """One face of one mode: the largest sum of every agent at each s of the grid, without its gain, (grid, n)."""
+        """One face of one mode: the largest sum of every agent at each s of the grid, without its
+        gain, (grid, n)."""
         spend(VALUES)
         total = np.zeros((len(self.grid), self.size))
         for group in self.modes[mode]:
@@ -97,17 +113,26 @@ class Field:
                 if self.off:
                     values = values * np.where(values > 0, 1 + self.off, 1 - self.off)
                 for k, value in enumerate(values, start=first):
-                    total[k] += np.bincount(group.listeners, weights=group.weights * value, minlength=self.size)
+                    total[k] += np.bincount(
+                        group.listeners, weights=group.weights * value, minlength=self.size
+                    )
         return total
 
     def slopes(self, mode: int, face: int, places: Any, v: Array) -> Any:
-        """The derivatives in v, (n, n), of these sums, each agent at its own place (n,) of the grid."""
+        """The derivatives in v, (n, n), of these sums, each agent at its own place (n,) of the
+        grid."""
         choices = [(mode, face, k) for k in range(len(self.grid))]
         return self._jacobian(np.asarray(places), choices, v, 0.0) + sparse.diags_array(self.gains)
 
-    def _jacobian(self, chosen: Any, choices: Sequence[tuple[int, int, int]], v: Array, alpha: float) -> Any:
+    def _jacobian(
+        self, chosen: Any, choices: Sequence[tuple[int, int, int]], v: Array, alpha: float
+    ) -> Any:
         """Each agent has the choice (mode, face, place in the grid) of its own number."""
-        parts_i, parts_j, parts_x = [np.arange(self.size)], [np.arange(self.size)], [alpha - self.gains]
+        parts_i, parts_j, parts_x = (
+            [np.arange(self.size)],
+            [np.arange(self.size)],
+            [alpha - self.gains],
+        )
         for number in np.unique(chosen).tolist():
             mode, face, k = choices[number]
             mine = chosen == number
@@ -126,15 +151,22 @@ class Field:
 
 
 def field_of(problem: Problem, *, rho: float, errors: Errors = EXACT) -> Field:
-    """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 8 rho.  ``errors``: weights and
-    gains take their worse ends."""
+    """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 8 rho.
+    ``errors``: weights and gains take their worse ends."""
     functions = [numpy_function(each.components[0]) for each in problem.couplings]
     shapes = [(h, *_extremes(h, radius=8.0 * rho)) for h in functions]
     modes = []
     for arcs in problem.network.modes.values():
-        i, j, w = arcs.listeners, arcs.speakers, np.array([float(weight) for weight in arcs.weights])
+        i, j, w = (
+            arcs.listeners,
+            arcs.speakers,
+            np.array([float(weight) for weight in arcs.weights]),
+        )
         parts = split_by(2 * coupling_places(problem, arcs) + arcs.uncertain)
-        groups = (Group(i[own], j[own], w[own], *shapes[kind // 2], loose=kind % 2 > 0) for kind, own in parts)
+        groups = (
+            Group(i[own], j[own], w[own], *shapes[kind // 2], loose=kind % 2 > 0)
+            for kind, own in parts
+        )
         modes.append(tuple(groups))
     total = 1 + sum(map(len, problem.network.modes.values()))
     count = int(np.clip(WORK // total, COARSEST, FINEST))
@@ -147,14 +179,22 @@ def field_of(problem: Problem, *, rho: float, errors: Errors = EXACT) -> Field:
     )
 
 
-def _extremes(h: Callable[[Array], Array], *, radius: float) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Places and values of the maxima of h on [-radius, radius], then of its minima; ArithmeticError for too many."""
+def _extremes(
+    h: Callable[[Array], Array], *, radius: float
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Places and values of the maxima of h on [-radius, radius], then of its minima;
+    ArithmeticError for too many."""
     y = np.linspace(-radius, radius, SAMPLES)
     values = h(y)
     change = np.diff(np.where(np.isfinite(values), values, 0.0))
-    places = [np.flatnonzero((sign * change[:-1] > 0) & (sign * change[1:] < 0)) + 1 for sign in (1.0, -1.0)]
+    places = [
+        np.flatnonzero((sign * change[:-1] > 0) & (sign * change[1:] < 0)) + 1
+        for sign in (1.0, -1.0)
+    ]
     if sum(map(len, places)) > MOST_TURNS:
-        raise ArithmeticError(f"the coupling has more than {MOST_TURNS} turning points within {radius:g}")
+        raise ArithmeticError(
+            f"the coupling has more than {MOST_TURNS} turning points within {radius:g}"
+        )
     extremes = []
     for sign, found in zip((1.0, -1.0), places, strict=True):
         pairs = []
@@ -169,7 +209,8 @@ def _extremes(h: Callable[[Array], Array], *, radius: float) -> tuple[tuple[Arra
 
 
 def _sup(group: Group, face: int, s: float | Array, own: Array, other: Array) -> tuple[Array, Any]:
-    """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end, 2 inside."""
+    """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end,
+    2 inside."""
     other = np.maximum(own, other) if group.loose else other
     high, low = s * (other - own), -s * (other + own)
     best = face * group.h(face * high) / s
@@ -187,7 +228,9 @@ def _sup(group: Group, face: int, s: float | Array, own: Array, other: Array) ->
     return best, where
 
 
-def _derivatives(group: Group, face: int, s: float, own: Array, other: Array) -> tuple[Array, Array]:
+def _derivatives(
+    group: Group, face: int, s: float, own: Array, other: Array
+) -> tuple[Array, Array]:
     """The derivatives of phi in own and other."""
     where = _sup(group, face, s, own, other)[1]
     if group.loose:
@@ -202,22 +245,26 @@ def _derivatives(group: Group, face: int, s: float, own: Array, other: Array) ->
 LARGEST_V = 1e6
 STEPS = 60
 FEW_AGENTS = 2000  # networks of more are large: less accuracy is worth the time
-# A factorisation is cheap for few agents, and where the network is little more than lines and rings.
+# A factorisation is cheap for few agents, and where the network is little more than lines and
+# rings.
 FACTORED_AGENTS, FEW_ENTRIES = 500, 4
-# Accuracy and steps of the iteration elsewhere.  It converges slowly only at rates next to one that is out of reach.
+# Accuracy and steps of the iteration elsewhere.  It converges slowly only at rates next to one that
+# is out of reach.
 ACCURACY, VERY_ROUGH, MOST_ITERATIONS = 1e-4, 0.1, 150
-# Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by rounding.
+# Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by
+# rounding.
 TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
 INVERSE_STEPS, FIRST = 2, 8.0  # for the rate of linear couplings; how much less is tried first
-# Of large networks: the part of the rate that a row may miss, on the way and in the end; how far a step may fall where
-# it has to rise, and the accuracy of a step.
+# Of large networks: the part of the rate that a row may miss, on the way and in the end; how far a
+# step may fall where it has to rise, and the accuracy of a step.
 MISSED, MISSED_AT_LAST, FALLEN, STEP_ACCURACY = 0.1, 0.01, 0.05, 0.03
 MOST_STEPS = 15
 
 
 def linear_rate(field: Field) -> float:
-    """A rough estimate of the largest rate that the couplings would have if they were linear, with their slopes at 0
-    (1/s).  No v has more for any s: next to 0 the rows are those of these slopes."""
+    """A rough estimate of the largest rate that the couplings would have if they were linear, with
+    their slopes at 0 (1/s).  No v has more for any s: next to 0 the rows are those of these
+    slopes."""
     v = np.ones(field.size)
     _, jacobian, _ = field.rows(v, alpha=0.0)
     everybody = np.ones(field.size, dtype=bool)
@@ -247,7 +294,8 @@ def least_solution(
     lower: Array | float = 1.0,
     accuracy: tuple[float, float] | None = None,
 ) -> Array | None:
-    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton from ``start`` finds none."""
+    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton from
+    ``start`` finds none."""
     v = start.copy()
     close, drop = accuracy or (TIGHT if field.size <= FACTORED_AGENTS else LOOSE)
     for _ in range(STEPS):
@@ -260,12 +308,14 @@ def least_solution(
             return None
         proposed = np.maximum(lower, v + step)
         if np.any(proposed[raised] < v[raised] * (1 - drop)) and np.any(step[~raised] < 0):
-            # Curved rows overshoot: a neighbour that falls back takes a row down with it. That it stays will do.
+            # Curved rows overshoot: a neighbour that falls back takes a row down with it. That it
+            # stays will do.
             step = solved(jacobian, residual, raised)
             if step is None:
                 return None
             proposed = np.maximum(lower, v + step)
-        # A solution lies above: where a row fails, v has to rise; a step down there means there is none.
+        # A solution lies above: where a row fails, v has to rise; a step down there means there is
+        # none.
         if np.any(proposed[raised] < v[raised] * (1 - drop)) or not np.all(np.isfinite(proposed)):
             return None
         proposed = np.minimum(proposed, 2 * v)
@@ -277,10 +327,12 @@ def least_solution(
     return None
 
 
-def rough_solution(field: Field, *, alpha: float, start: Array, part: float = MISSED) -> tuple[float, Array] | None:
-    """Nearly the least v >= 1 with the rate alpha, and the rate that it has, which is a little less; None if Newton
-    from ``start`` finds none.  ``part``: of the rate, that may be missing.  For large networks, where every step takes
-    many products and few digits of v matter."""
+def rough_solution(
+    field: Field, *, alpha: float, start: Array, part: float = MISSED
+) -> tuple[float, Array] | None:
+    """Nearly the least v >= 1 with the rate alpha, and the rate that it has, which is a little
+    less; None if Newton from ``start`` finds none.  ``part``: of the rate, that may be missing.
+    For large networks, where every step takes many products and few digits of v matter."""
     v = start.copy()
     for _ in range(MOST_STEPS):
         residual, jacobian, _ = field.rows(v, alpha=alpha)
@@ -300,7 +352,9 @@ def rough_solution(field: Field, *, alpha: float, start: Array, part: float = MI
     return None
 
 
-def solved(jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACCURACY) -> Array | None:
+def solved(
+    jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACCURACY
+) -> Array | None:
     """One Newton step on the active agents; None if their matrix is singular."""
     places = np.flatnonzero(active)
     block = sparse.csr_array(jacobian[places][:, places])
@@ -318,7 +372,9 @@ def solved(jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACC
         if np.any(diagonal >= 0):
             return None
         scaled = sparse.csr_array(sparse.diags_array(1 / diagonal) @ block)
-        solution, status = sparse.linalg.bicgstab(scaled, right / diagonal, rtol=accuracy, maxiter=MOST_ITERATIONS)
+        solution, status = sparse.linalg.bicgstab(
+            scaled, right / diagonal, rtol=accuracy, maxiter=MOST_ITERATIONS
+        )
     step[places] = solution
     return step if status == 0 and np.all(np.isfinite(solution)) else None
 
@@ -330,9 +386,9 @@ LARGE = 400
 LARGEST_RADIUS = 1e150
 # (agents, relative accuracy of alpha that is still worth the time); for more agents.
 CLOSE = ((300, 1e-5), (2000, 1e-3))
-# Of large networks: how close to a rate that is out of reach nothing more is tried, after a success and after a
-# failure; how much less is tried where none is found yet, how much more at least and at most where one is; the part of
-# the rate of linear couplings that is aimed at.
+# Of large networks: how close to a rate that is out of reach nothing more is tried, after a success
+# and after a failure; how much less is tried where none is found yet, how much more at least and at
+# most where one is; the part of the rate of linear couplings that is aimed at.
 CLOSE_LARGE, NEAR_ENOUGH, FALL, GROWTH, LEAP, GOAL = 0.1, 1.2, 2.5, 1.3, 4.0, 0.65
 # kappa is chosen for the rate that v has, or where the observer is slower for one that suits both.
 ROUNDS = 6
@@ -344,8 +400,8 @@ SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
 # Weights above which v is steep, and the parts of the rate that are tried in its place.
 STEEP, FLATTER = 100.0, (0.9, 0.7, 0.4, 0.1, 0.02)
 ROUNDING = 1e-15  # of h, absolutely
-# v of a smaller factor are flat.  Rates that are tried for the least time to one percent of few agents; the part of the
-# time from which on a slower rate is not worth it.
+# v of a smaller factor are flat.  Rates that are tried for the least time to one percent of few
+# agents; the part of the time from which on a slower rate is not worth it.
 FLAT, SOONER, WORTH_IT = 1.05, 8, 0.995
 # A slower proof has to be earlier by this: delays and errors of weights take of the rate.
 EARLIER = 0.95
@@ -354,13 +410,15 @@ KEPT = 0.005  # how much faster than wanted a plan is to be, of which rounding m
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeparablePlan:
-    """v (n,), min v = 1, the rate (1/s) that floating point sees for s in (0, rho], and the observer's part."""
+    """v (n,), min v = 1, the rate (1/s) that floating point sees for s in (0, rho], and the
+    observer's part."""
 
     v: Array
     rate: float
     rho: Fraction
     error: ErrorBound | None = None
-    slower: tuple[tuple[float, Array], ...] = ()  # smaller rates that were found on the way, with their v
+    # smaller rates that were found on the way, with their v
+    slower: tuple[tuple[float, Array], ...] = ()
 
     @property
     def whole_rate(self) -> float:
@@ -383,11 +441,12 @@ class SeparablePlan:
 def propose_separable(
     problem: Problem, *, rho: Fraction | float, near: float | None = None, errors: Errors = EXACT
 ) -> SeparablePlan | None:
-    """v with min v = 1 and the largest rate for all s in (0, rho], about; None if none > 0.  ``near``: a rate expected
-    (1/s).  ``errors``: weights and gains take their worse ends."""
+    """v with min v = 1 and the largest rate for all s in (0, rho], about; None if none > 0.
+    ``near``: a rate expected (1/s).  ``errors``: weights and gains take their worse ends."""
     if stuck_agents(problem) or not 0 < rho <= LARGEST_RADIUS:
         return None
-    with np.errstate(all="ignore"):  # far out couplings overflow or end; what is not finite is no proposal
+    # far out couplings overflow or end; what is not finite is no proposal
+    with np.errstate(all="ignore"):
         try:
             field = field_of(problem, rho=float(rho), errors=errors)
         except ArithmeticError as error:
@@ -407,13 +466,15 @@ def propose_separable(
         if (whole := least_solution(field, alpha=high, start=best)) is not None:
             rate, best = high, whole
         else:
-            rate, best = _fastest(field, best, close=next(part for size, part in CLOSE if problem.n <= size))
+            rate, best = _fastest(
+                field, best, close=next(part for size, part in CLOSE if problem.n <= size)
+            )
     return SeparablePlan(v=best, rate=rate, rho=Fraction(rho)) if rate else None
 
 
 def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
-    """Rates that are found for a large network, rising, with their v; the last is about the largest that is worth its
-    v.  Few trials, each from the v before it, the first at the rate ``first``."""
+    """Rates that are found for a large network, rising, with their v; the last is about the largest
+    that is worth its v.  Few trials, each from the v before it, the first at the rate ``first``."""
     found = list[tuple[float, Array]]()
     high = float(np.max(field.gains))
     slowest = SLOWEST * high
@@ -443,14 +504,15 @@ def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
 
 
 def _later(each: tuple[float, Array], before: tuple[float, Array]) -> bool:
-    """Whether a rate is hardly worth its v: one percent is not reached much earlier than with the one before."""
+    """Whether a rate is hardly worth its v: one percent is not reached much earlier than with the
+    one before."""
     now, then = (time_to_one_percent(rate, float(np.max(v))) for rate, v in (each, before))
     return now > then * WORTH_IT
 
 
 def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
-    """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.  The rate may be
-    many powers of ten below the gains: divide by 8 first, then evenly."""
+    """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.
+    The rate may be many powers of ten below the gains: divide by 8 first, then evenly."""
     low, high = 0.0, float(np.max(field.gains))
     slowest, middle = SLOWEST * high, high / 8
     while high > slowest and not (low and high - low <= close * low):
@@ -461,7 +523,8 @@ def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
 
 
 def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> Iterator[Array]:
-    """Least v with min v = 1 for ``parts`` of the largest rate; quicker and coarser than ``propose_separable``."""
+    """Least v with min v = 1 for ``parts`` of the largest rate; quicker and coarser than
+    ``propose_separable``."""
     field = field_of(problem, rho=rho)
     field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
     best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
@@ -469,7 +532,11 @@ def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> 
         return
     rate, best = _fastest(field, best, close=CLOSE_ENOUGH)
     for part in parts if rate else ():
-        v = best if part == 1.0 else least_solution(field, alpha=part * rate, start=np.ones(problem.n))
+        v = (
+            best
+            if part == 1.0
+            else least_solution(field, alpha=part * rate, start=np.ones(problem.n))
+        )
         if v is not None:
             yield v
 
@@ -482,9 +549,9 @@ def design_separable(
     W: Matrix | None = None,
     errors: Errors = EXACT,
 ) -> SeparablePlan | None:
-    """Plan a certificate for every start with |e|_inf <= radius and |eps_i| <= disturbance; None if none is found.
-    With an exosystem the observer's part is chosen for the gain W (q, m), so that V = N + kappa E is about as fast as
-    N.  ``errors``: as in ``propose_separable``."""
+    """Plan a certificate for every start with |e|_inf <= radius and |eps_i| <= disturbance; None if
+    none is found. With an exosystem the observer's part is chosen for the gain W (q, m), so that V
+    = N + kappa E is about as fast as N.  ``errors``: as in ``propose_separable``."""
     exosystem = problem.joint_exosystem
     if exosystem is None:
         return propose_separable(problem, rho=radius, errors=errors)
@@ -492,7 +559,8 @@ def design_separable(
         return None
 
     def planned(rate: float, near: float | None = None) -> SeparablePlan | None:
-        """A plan whose observer part decays with ``rate``; None if it is slower, or leaves no room for a v."""
+        """A plan whose observer part decays with ``rate``; None if it is slower, or leaves no room
+        for a v."""
         error = propose_error_bound(exosystem, W, rate=rate)
         if error is None:
             return None
@@ -500,7 +568,8 @@ def design_separable(
         proposal = propose_separable(problem, rho=rho, near=near, errors=errors)
         return None if proposal is None else replace(proposal, error=error)
 
-    # One v for many agents takes long, so that the first one is for a kappa that is seldom too small.
+    # One v for many agents takes long, so that the first one is for a kappa that is seldom too
+    # small.
     first = 0.0 if problem.n <= FEW_AGENTS else SHARE * decay_rate(exosystem, W)
     best = planned(first)
     if best is None or best.rate <= first:
@@ -528,10 +597,12 @@ def sooner_plan(
     least: float = 0.0,
     errors: Errors = EXACT,
 ) -> SeparablePlan:
-    """The plan for the same starts with a rate of at least ``least`` (1/s) that promises the least time to one percent,
-    ln(100 max v / min v) / rate; ``plan`` itself, which has the largest rate, where none is earlier.
+    """The plan for the same starts with a rate of at least ``least`` (1/s) that promises the least
+    time to one percent, ln(100 max v / min v) / rate; ``plan`` itself, which has the largest rate,
+    where none is earlier.
 
-    The least v >= 1 of a rate has the least max v as well, so that one search over the rate does."""
+    The least v >= 1 of a rate has the least max v as well, so that one search over the rate
+    does."""
     longest = plan.whole_rate
     # Slower ones than that are later even with v = 1.
     shortest = max(longest * math.log(100) / math.log(100 * plan.factor), least * (1 + KEPT))
@@ -575,7 +646,8 @@ def sooner_plan(
 def flat_separable(
     problem: Problem, *, radius: Fraction, disturbance: Fraction, W: Matrix | None, rate: float
 ) -> SeparablePlan | None:
-    """A plan like that of ``design_separable`` with the flattest v for about ``rate`` (1/s); None if there is none."""
+    """A plan like that of ``design_separable`` with the flattest v for about ``rate`` (1/s); None
+    if there is none."""
     exosystem, error = problem.joint_exosystem, None
     if exosystem is not None:
         error = None if W is None else propose_error_bound(exosystem, W, rate=rate)
@@ -588,11 +660,14 @@ def flat_separable(
 
 
 def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePlan]:
-    """Flatter v with smaller rates for a plan too steep to be proved (chains of agents have such); none for a flat
-    one."""
+    """Flatter v with smaller rates for a plan too steep to be proved (chains of agents have such);
+    none for a flat one."""
     far = 2 * float(plan.rho) * float(plan.v.max())
     with np.errstate(all="ignore"):
-        ends = [each.numpy_function()([[y] * problem.m for y in (-far, far)]) for each in problem.couplings]
+        ends = [
+            each.numpy_function()([[y] * problem.m for y in (-far, far)])
+            for each in problem.couplings
+        ]
     if (float(plan.v.max()) <= STEEP and np.isfinite(ends).all()) or len(plan.v) > FEW_AGENTS:
         return
     found = propose_vectors(problem, rho=float(plan.rho), parts=FLATTER)
@@ -601,7 +676,8 @@ def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePl
 
 
 def rounded_vectors(plan: SeparablePlan) -> Iterator[Vector | Doubles]:
-    """v as rationals, few digits first; binary fractions for large networks, which floats hold exactly."""
+    """v as rationals, few digits first; binary fractions for large networks, which floats hold
+    exactly."""
     if len(plan.v) > LARGE:
         for bits in BITS:
             yield Doubles(np.ldexp(np.rint(np.ldexp(plan.v, bits)), -bits))
@@ -614,7 +690,8 @@ def rounded_vectors(plan: SeparablePlan) -> Iterator[Vector | Doubles]:
 def first_certificate(
     problem: Problem, W: Matrix | None, plan: SeparablePlan, *, everywhere: bool = False
 ) -> Separable | None:
-    """The first rounding of v proved at nearly the planned rate, else the best.  ``everywhere``: for all radii."""
+    """The first rounding of v proved at nearly the planned rate, else the best.  ``everywhere``:
+    for all radii."""
     best: Separable | None = None
     rho = None if everywhere else plan.rho
     for v in rounded_vectors(plan):
@@ -629,10 +706,12 @@ def first_certificate(
     return best
 
 
-def least_above(field: Field, *, alpha: float, lower: Array, start: Array | None = None) -> Array | None:
-    """The least v >= ``lower`` (n,) whose rows hold with rate alpha, about; None if none is found.  ``start`` (n,),
-    where it is given, lies between the two.  Newton's method ends where h(s y)/s loses its digits: at the smallest s of
-    the grid."""
+def least_above(
+    field: Field, *, alpha: float, lower: Array, start: Array | None = None
+) -> Array | None:
+    """The least v >= ``lower`` (n,) whose rows hold with rate alpha, about; None if none is found.
+    ``start`` (n,), where it is given, lies between the two.  Newton's method ends where h(s y)/s
+    loses its digits: at the smallest s of the grid."""
     close, drop = TIGHT if field.size <= FEW_AGENTS else LOOSE
     noise = ROUNDING / float(field.grid[0])
     accuracy = (max(close, noise), max(drop, 100 * noise))

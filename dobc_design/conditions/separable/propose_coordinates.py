@@ -1,8 +1,9 @@
 """Proposals of coordinates z = T x and weights v (theory, section 13); floating point.
 
-T: the identity, real modal forms of an agent with mean gains, or rows c (I + A/lambda)^k for outputs c of the agents.
-For fixed gains the rows are the largest of linear functions of v with Metzler matrices; inverse iteration on the matrix
-that is largest at the last v finds the v with the best rate.
+T: the identity, real modal forms of an agent with mean gains, or rows c (I + A/lambda)^k for
+outputs c of the agents. For fixed gains the rows are the largest of linear functions of v with
+Metzler matrices; inverse iteration on the matrix that is largest at the last v finds the v with the
+best rate.
 """
 
 from __future__ import annotations
@@ -18,10 +19,20 @@ import numpy as np
 from scipy import linalg, sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.numbers import golden_section, rounded_down, rounded_up, time_to_one_percent
+from dobc_design.conditions.numbers import (
+    golden_section,
+    rounded_down,
+    rounded_up,
+    time_to_one_percent,
+)
 from dobc_design.conditions.quadratic.sectors import GainRange, gains_at
 from dobc_design.conditions.separable.claim import MOST_COMPONENTS, ErrorBound, Separable
-from dobc_design.conditions.separable.coordinates import MOST_FREE, enclosed_ranges, seen_through, slowest_row
+from dobc_design.conditions.separable.coordinates import (
+    MOST_FREE,
+    enclosed_ranges,
+    seen_through,
+    slowest_row,
+)
 from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle
 from dobc_design.conditions.separable.propose import (
     EARLIER,
@@ -46,9 +57,11 @@ from dobc_design.solvers.program import Array
 Gains = Mapping[int, Array]  # by the place of a coupling: the ends, (2, m, m)
 
 DIGITS = 3  # of T
-PARTS = tuple(2.0 ** (k / 4) for k in range(-16, 6))  # of the size of an agent's eigenvalues: lambda
+# of the size of an agent's eigenvalues: lambda
+PARTS = tuple(2.0 ** (k / 4) for k in range(-16, 6))
 STEPS, ROUNDS = 6, 4  # of inverse iteration; of v and gains in turn
-BEST, SOONEST = 3, 2  # coordinates whose weights are rounded: the fastest ones, and before these the soonest
+# coordinates whose weights are rounded: the fastest ones, and before these the soonest
+BEST, SOONEST = 3, 2
 PATIENCE = (1.0, 0.5, 0.0)  # of the best rate, which a flatter v is to keep
 CLOSE, LARGEST = 1e-3, 1e6  # of v, when it is kept; condition of a modal form
 SHARES = (0.9, 0.5, 0.0)  # of the rate of the rows, which V is to keep
@@ -59,9 +72,10 @@ ROUGHLY = Fraction(1, 1000)  # how far gains are enclosed in the search
 
 @dataclass(frozen=True, eq=False)
 class Agents:
-    """The rows of ``size`` agents in floats: their gains (size, m, m), the slopes that nodes have in them (m, m), arcs
-    by mode and coupling: listeners, speakers, weights, and which are always there.  The speaker number ``size`` is at
-    the target: of large networks a part is enough to choose T."""
+    """The rows of ``size`` agents in floats: their gains (size, m, m), the slopes that nodes have
+    in them (m, m), arcs by mode and coupling: listeners, speakers, weights, and which are always
+    there.  The speaker number ``size`` is at the target: of large networks a part is enough to
+    choose T."""
 
     problem: Problem
     size: int
@@ -82,26 +96,38 @@ class Agents:
             here = np.flatnonzero(arcs.listeners < size)
             parts = [(place, here[own]) for place, own in split_by(places[here])]
             hears, heard, sure = arcs.listeners, np.minimum(arcs.speakers, size), ~arcs.uncertain
-            modes.append(tuple((place, hears[own], heard[own], w[own], sure[own]) for place, own in parts))
+            modes.append(
+                tuple((place, hears[own], heard[own], w[own], sure[own]) for place, own in parts)
+            )
         slopes = slopes_of_nodes(problem)
-        return cls(problem, size, gains, to_float(slopes) if slopes else np.zeros((m, m)), tuple(modes))
+        return cls(
+            problem, size, gains, to_float(slopes) if slopes else np.zeros((m, m)), tuple(modes)
+        )
 
     def rows(self, T: Array, gains: Gains, v: Array) -> tuple[Array, Any]:
-        """The largest row of every component at v (n, m), and the sparse matrix whose product with v it is."""
+        """The largest row of every component at v (n, m), and the sparse matrix whose product with
+        v it is."""
         (n, m), S, agents = v.shape, np.asarray(np.linalg.inv(T), dtype=float), np.arange(self.size)
         node, everybody, best, chosen = self.problem.node, np.vstack([v, np.zeros((1, m))]), [], []
-        H, corners = T @ self.gains @ S, {k: _corners(T, S, ends) for k, ends in gains.items() if k != node}
+        H, corners = (
+            T @ self.gains @ S,
+            {k: _corners(T, S, ends) for k, ends in gains.items() if k != node},
+        )
 
         def row(groups: Any, c: int, sign: Array) -> Any:
             own, x = -H[:, c, :], v * sign
             if node is not None:
                 low, high = gains[node] - self.slopes
-                own = own + T[c] @ np.where(T[c][:, None] * (x @ S.T)[:, None, :] >= 0, high, low) @ S
+                own = (
+                    own + T[c] @ np.where(T[c][:, None] * (x @ S.T)[:, None, :] >= 0, high, low) @ S
+                )
             parts = [(agents, agents, own * sign)]
             for place, i, j, w, sure in groups:
                 G = corners[place][:, c, :]
                 value = everybody[j] @ np.abs(G).T - x[i] @ G.T
-                g = (w * (sure | (np.max(value, axis=1) > 0)))[:, None] * G[np.argmax(value, axis=1)]
+                g = (w * (sure | (np.max(value, axis=1) > 0)))[:, None] * G[
+                    np.argmax(value, axis=1)
+                ]
                 parts += [(i, j, np.abs(g)), (i, i, -g * sign)]
             i, j, entries = map(np.concatenate, zip(*parts, strict=True))
             places = np.repeat(i, m), (j[:, None] * m + np.arange(m)).ravel()
@@ -109,7 +135,9 @@ class Agents:
 
         for c in range(m):
             signs = [np.array(sign) for sign in product((1.0, -1.0), repeat=m) if sign[c] > 0]
-            M = sparse.vstack([row(groups, c, sign) for groups in self.modes for sign in signs], format="csr")
+            M = sparse.vstack(
+                [row(groups, c, sign) for groups in self.modes for sign in signs], format="csr"
+            )
             values = (M @ everybody.ravel()).reshape(-1, n)
             best.append(values.max(axis=0))
             chosen.append(M[values.argmax(axis=0) * n + agents])
@@ -119,21 +147,37 @@ class Agents:
     def largest(self, T: Array, gains: Gains, v: Array) -> Array:
         """The largest row of every component at many v (count, n, m), as in ``rows``."""
         spend(8 + v.size // 20)
-        S, found, node, m = np.asarray(np.linalg.inv(T), dtype=float), np.empty_like(v), self.problem.node, len(T)
-        H, corners = T @ self.gains @ S, {k: _corners(T, S, ends) for k, ends in gains.items() if k != node}
-        everybody, all_signs = np.pad(v, ((0, 0), (0, 1), (0, 0))), np.array(list(product((1.0, -1.0), repeat=m)))
+        S, found, node, m = (
+            np.asarray(np.linalg.inv(T), dtype=float),
+            np.empty_like(v),
+            self.problem.node,
+            len(T),
+        )
+        H, corners = (
+            T @ self.gains @ S,
+            {k: _corners(T, S, ends) for k, ends in gains.items() if k != node},
+        )
+        everybody, all_signs = (
+            np.pad(v, ((0, 0), (0, 1), (0, 0))),
+            np.array(list(product((1.0, -1.0), repeat=m))),
+        )
         for c in range(m):
             x = v * all_signs[all_signs[:, c] > 0][:, None, None, :]  # (signs, count, n, m)
             alone, best = -np.sum(H[:, c, :] * x, axis=-1), -np.inf
             if node is not None:
                 pulled = T[c][:, None] * (x @ S.T)[..., None, :]
-                alone += np.max([pulled * ends for ends in gains[node] - self.slopes], axis=0).sum(axis=(-2, -1))
+                alone += np.max([pulled * ends for ends in gains[node] - self.slopes], axis=0).sum(
+                    axis=(-2, -1)
+                )
             for groups in self.modes:
                 total = alone
                 for place, i, j, w, sure in groups:
                     G = corners[place][:, c, :]
                     value = np.max(everybody[:, j] @ np.abs(G).T - x[..., i, :] @ G.T, axis=-1)
-                    total = total + np.where(sure, value, np.maximum(value, 0.0)) * w @ np.eye(self.size)[i]
+                    total = (
+                        total
+                        + np.where(sure, value, np.maximum(value, 0.0)) * w @ np.eye(self.size)[i]
+                    )
                 best = np.maximum(best, total.max(axis=0))
             found[..., c] = best
         return found
@@ -153,7 +197,8 @@ class Agents:
         return found
 
     def gains_at(self, T: Array, v: Array, rho: float) -> Gains | None:
-        """The gains where N <= rho, three digits further; None where a coupling is not defined, or has too many."""
+        """The gains where N <= rho, three digits further; None where a coupling is not defined, or
+        has too many."""
         sizes = rho * np.vstack([v, 0 * v[:1]]) @ np.abs(np.linalg.inv(T)).T
         far, found = dict[int, Array](), list[GainRange]()
         for place, i, j, _, _ in (group for groups in self.modes for group in groups):
@@ -166,7 +211,10 @@ class Agents:
                 entries = gains_at(self.problem, place, sides, tolerance=ROUGHLY)
             except UndefinedError:
                 return None
-            if place != self.problem.node and sum(not x.is_point for row in entries for x in row) > MOST_FREE:
+            if (
+                place != self.problem.node
+                and sum(not x.is_point for row in entries for x in row) > MOST_FREE
+            ):
                 return None
             found.append(GainRange(coupling=place, radius=None, entries=entries))
         return in_floats(found)
@@ -185,7 +233,8 @@ class Rows:
         return self.agents.size * len(self.T)
 
     def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]:
-        """The largest row of every component at v (n m,) with the rate alpha, its Jacobian, the size of its terms."""
+        """The largest row of every component at v (n m,) with the rate alpha, its Jacobian, the
+        size of its terms."""
         best, M = self.agents.rows(self.T, self.gains, v.reshape(-1, len(self.T)))
         jacobian = sparse.csr_array(M + alpha * sparse.eye_array(self.size))
         return best.ravel() + alpha * v, jacobian, abs(M) @ v + alpha * v
@@ -203,7 +252,10 @@ def _factor(T: Array, v: Array) -> float:
 
 def in_floats(ranges: Sequence[GainRange]) -> Gains:
     """Gains that a claim states."""
-    ends = {x.coupling: np.array([[[float(y.lo), float(y.hi)] for y in row] for row in x.entries]) for x in ranges}
+    ends = {
+        x.coupling: np.array([[[float(y.lo), float(y.hi)] for y in row] for row in x.entries])
+        for x in ranges
+    }
     return {place: each.transpose(2, 0, 1) for place, each in ends.items()}
 
 
@@ -225,13 +277,20 @@ def candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
     yield _rounded(np.eye(m))
     for own in (A, A - pull):
         values, vectors = np.linalg.eig(own)
-        modal = np.array([x.imag if z.imag < 0 else x.real for z, x in zip(values, vectors.T, strict=True)]).T
+        modal = np.array(
+            [x.imag if z.imag < 0 else x.real for z, x in zip(values, vectors.T, strict=True)]
+        ).T
         yield _rounded(np.linalg.inv(modal)) if np.linalg.cond(modal) < LARGEST else None
     seen = [each.mean(axis=0) for place, each in gains.items() if place != agents.problem.node]
     outputs = linalg.orth(np.vstack(seen).T).T if seen else np.eye(m)
-    first, size = np.eye(m)[: max(1, len(outputs))], float(np.max(np.abs(np.linalg.eigvals(A - pull)))) or 1.0
+    first, size = (
+        np.eye(m)[: max(1, len(outputs))],
+        float(np.max(np.abs(np.linalg.eigvals(A - pull)))) or 1.0,
+    )
     for c, part in product((first, outputs), PARTS):
-        rows = np.vstack([c @ np.linalg.matrix_power(np.eye(m) + A / (size * part), k) for k in range(m)])
+        rows = np.vstack(
+            [c @ np.linalg.matrix_power(np.eye(m) + A / (size * part), k) for k in range(m)]
+        )
         chosen: list[Array] = []
         for row in rows:
             if len(chosen) < np.linalg.matrix_rank(np.array([*chosen, row]), tol=1e-9):
@@ -240,8 +299,13 @@ def candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
 
 
 def _rounded(T: Array) -> Matrix | None:
-    """Rows with the largest entry 1 (v makes up for it) and few digits; None if that is singular."""
-    if T.shape != (len(T),) * 2 or not np.all(np.isfinite(T)) or not np.all(np.abs(T).max(axis=1) > 0):
+    """Rows with the largest entry 1 (v makes up for it) and few digits; None if that is
+    singular."""
+    if (
+        T.shape != (len(T),) * 2
+        or not np.all(np.isfinite(T))
+        or not np.all(np.abs(T).max(axis=1) > 0)
+    ):
         return None
     T = T / np.abs(T).max(axis=1, keepdims=True)
     T = np.where(np.abs(T) > 1e-9, T, 0.0)
@@ -258,8 +322,8 @@ def propose_coordinates(
     everywhere: bool = False,
     least: float = 0.0,
 ) -> Separable | None:
-    """A claim of every start with |e|_inf <= radius and |eps_i| <= disturbance, or ``everywhere``, whose rows hold; or
-    None.  ``least``: the rate (1/s) that it should have."""
+    """A claim of every start with |e|_inf <= radius and |eps_i| <= disturbance, or ``everywhere``,
+    whose rows hold; or None.  ``least``: the rate (1/s) that it should have."""
     if problem.m > MOST_COMPONENTS:
         return None
     agents, part = Agents.of(problem, most=problem.n), Agents.of(problem, most=LARGE)
@@ -269,7 +333,10 @@ def propose_coordinates(
         if T is not None and T not in found:
             found[T] = Search(part, W, T, radius, disturbance, everywhere).promise()
     able = [T for T in found if found[T][1] > 0]
-    soonest, fastest = sorted(able, key=lambda T: found[T])[:SOONEST], sorted(able, key=lambda T: -found[T][1])[:BEST]
+    soonest, fastest = (
+        sorted(able, key=lambda T: found[T])[:SOONEST],
+        sorted(able, key=lambda T: -found[T][1])[:BEST],
+    )
     best = dict.fromkeys([*soonest, *fastest])  # the fastest reach farthest
     searches = (Search(agents, W, T, radius, disturbance, everywhere, least) for T in best)
     return next((claim for search in searches for claim in search.claims(found[search.T][1])), None)
@@ -294,18 +361,25 @@ class Search:
         for share in SHARES if exosystem is not None else (0.0,):
             error = None
             if exosystem is not None and gain is not None:
-                error = propose_error_bound(exosystem, gain, rate=share * min(rate, decay_rate(exosystem, gain)))
+                error = propose_error_bound(
+                    exosystem, gain, rate=share * min(rate, decay_rate(exosystem, gain))
+                )
                 if error is None or error_bound_obstacle(exosystem, gain, error) is not None:
                     continue
             for enough in (1.0,) if problem.is_linear else PATIENCE:
                 seen, v = self.weights(error, enough)
                 if v is not None:
                     planned = (self.sooner(v, seen, error), v)
-                    found = (self.fastest_claim(each, seen, error) for each in planned if each is not None)
+                    found = (
+                        self.fastest_claim(each, seen, error)
+                        for each in planned
+                        if each is not None
+                    )
                     yield from islice((claim for claim in found if claim is not None), 1)
 
     def promise(self) -> tuple[float, float]:
-        """The time to one percent, about, and the largest rate of the network alone; infinite and 0 without a v."""
+        """The time to one percent, about, and the largest rate of the network alone; infinite and 0
+        without a v."""
         rate, v = self.weights(None, 1.0)
         if v is None:
             return math.inf, 0.0
@@ -314,24 +388,33 @@ class Search:
         if gains is None:
             return time, rate
         with np.errstate(all="ignore"):
-            w = least_solution(Rows(self.agents, T, gains), alpha=PROMISED * rate, start=np.ones(v.size))
+            w = least_solution(
+                Rows(self.agents, T, gains), alpha=PROMISED * rate, start=np.ones(v.size)
+            )
         if w is not None:
             time = min(time, time_to_one_percent(PROMISED * rate, _factor(T, w.reshape(v.shape))))
         return time, rate
 
     def fastest_claim(self, v: Array, rate: float, error: ErrorBound | None) -> Separable | None:
-        """The claim with one of the roundings of v (n, m) that has the largest rate; None if none holds."""
+        """The claim with one of the roundings of v (n, m) that has the largest rate; None if none
+        holds."""
         vectors = rounded_vectors(SeparablePlan(v=v.ravel(), rate=rate, rho=self.radius))
         claims = (self.claim(each, error) for each in vectors)
         some = islice(claims, 1 if self.agents.problem.n > LARGE else 3)
-        return max((claim for claim in some if claim is not None), key=lambda claim: claim.alpha, default=None)
+        return max(
+            (claim for claim in some if claim is not None),
+            key=lambda claim: claim.alpha,
+            default=None,
+        )
 
     def sooner(self, v: Array, rate: float, error: ErrorBound | None) -> Array | None:
-        """The v (n, m) of a smaller rate that promises the least time to one percent, for the gains that go with ``v``,
-        whose rate is given; None if none is earlier."""
+        """The v (n, m) of a smaller rate that promises the least time to one percent, for the gains
+        that go with ``v``, whose rate is given; None if none is earlier."""
         agents, T = self.agents, to_float(self.T)
         limit = math.inf if error is None else float(error.beta - 1 / error.kappa)
-        gains = agents.gains_at(T, v, float(self.radius) * _spread(T, v) + float(self.offset(error)))
+        gains = agents.gains_at(
+            T, v, float(self.radius) * _spread(T, v) + float(self.offset(error))
+        )
         longest = min(rate, limit)
         first = time_to_one_percent(longest, _factor(T, v))
         if gains is None or not 0 < first * longest < math.inf or agents.size > LARGE:
@@ -346,7 +429,12 @@ class Search:
                 w = least_solution(rows, alpha=alpha, start=np.ones(v.size))
             if w is None:
                 return math.inf
-            found.append((time_to_one_percent(min(alpha, limit), _factor(T, w.reshape(v.shape))), w.reshape(v.shape)))
+            found.append(
+                (
+                    time_to_one_percent(min(alpha, limit), _factor(T, w.reshape(v.shape))),
+                    w.reshape(v.shape),
+                )
+            )
             return found[-1][0]
 
         golden_section(at, shortest, longest, steps=SOONER)
@@ -354,12 +442,14 @@ class Search:
         return best if time < EARLIER * first else None
 
     def weights(self, error: ErrorBound | None, enough: float) -> tuple[float, Array | None]:
-        """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the flattest v that keeps
-        ``enough`` of the best rate."""
+        """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the
+        flattest v that keeps ``enough`` of the best rate."""
         agents, T, rate, best = self.agents, to_float(self.T), 0.0, None
         v: Array = np.ones((agents.size, agents.problem.m))
         for _ in range(1 if agents.problem.is_linear else ROUNDS):
-            rho = float(self.radius) * float(np.max(np.abs(T).sum(axis=1) / v)) + float(self.offset(error))
+            rho = float(self.radius) * float(np.max(np.abs(T).sum(axis=1) / v)) + float(
+                self.offset(error)
+            )
             gains = agents.gains_at(T, v, rho)
             found = [] if gains is None else agents.vectors(T, gains)
             if not found:
@@ -372,12 +462,24 @@ class Search:
 
     def offset(self, error: ErrorBound | None) -> Fraction:
         """What the estimation error adds to rho."""
-        return Fraction(0) if error is None else error.kappa * self.disturbance * root_above(error.size, unit=10**6)
+        return (
+            Fraction(0)
+            if error is None
+            else error.kappa * self.disturbance * root_above(error.size, unit=10**6)
+        )
 
     def claim(self, v: Any, error: ErrorBound | None) -> Separable | None:
-        """The claim with these weights at the largest rate; None if its rows do not hold, or V does not fall."""
-        plain, problem = Separable(T=self.T, v=v, alpha=Fraction(1), rho=None, error=error), self.agents.problem
-        rho = None if self.everywhere else rounded_up(self.radius * plain.spread + self.offset(error), digits=6)
+        """The claim with these weights at the largest rate; None if its rows do not hold, or V does
+        not fall."""
+        plain, problem = (
+            Separable(T=self.T, v=v, alpha=Fraction(1), rho=None, error=error),
+            self.agents.problem,
+        )
+        rho = (
+            None
+            if self.everywhere
+            else rounded_up(self.radius * plain.spread + self.offset(error), digits=6)
+        )
         try:
             ranges = enclosed_ranges(problem, self.T, v, rho)
         except (UndefinedError, SpecError):

@@ -1,7 +1,9 @@
-"""Proposals for the observer's part of the max-separable certificate: P, beta and kappa (theory, section 5); no proofs.
+"""Proposals for the observer's part of the max-separable certificate: P, beta and kappa (theory,
+section 5); no proofs.
 
-A box R with |eps_i| <= s needs rho = R/min v + kappa s sqrt(lambda_max(P)).  For each beta a small semidefinite program
-gives the P with the least lambda_max; beta is then searched for the least kappa sqrt(lambda_max).
+A box R with |eps_i| <= s needs rho = R/min v + kappa s sqrt(lambda_max(P)).  For each beta a small
+semidefinite program gives the P with the least lambda_max; beta is then searched for the least
+kappa sqrt(lambda_max).
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ from dobc_design.solvers.program import Array, round_matrix
 GRID = 24
 REFINEMENTS = 3
 LARGEST_PROGRAM = 12  # order up to which semidefinite programs (q^2/2 unknowns) are solved
-# What is given away so that rounding cannot cross a constraint that is active; more where P is badly conditioned.
+# What is given away so that rounding cannot cross a constraint that is active; more where P is
+# badly conditioned.
 SLACKS = tuple(1e-5 * more for more in (1, 10, 100, 1000))
 INSIDE = 1e-12  # relative to the entries: eigenvalues that are told from 0
 DIGITS = 8
@@ -32,8 +35,11 @@ FLOOR = 1e-6
 NEARLY, LARGEST = 1e-5, 1e100
 
 
-def with_kappa(error: ErrorBound, *, rate: Fraction | int = 0, least: Fraction | int = 1) -> ErrorBound:
-    """The same error with the kappa for V at this rate (1/s), and weights of at least ``least``; rounded up."""
+def with_kappa(
+    error: ErrorBound, *, rate: Fraction | int = 0, least: Fraction | int = 1
+) -> ErrorBound:
+    """The same error with the kappa for V at this rate (1/s), and weights of at least ``least``;
+    rounded up."""
     return replace(error, kappa=Fraction(math.ceil(UNIT / ((error.beta - rate) * least)), UNIT))
 
 
@@ -45,9 +51,9 @@ class _Bound:
 
 
 def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -> ErrorBound | None:
-    """Find P, beta and kappa = 1/(beta - rate) for min v = 1, with kappa sqrt(lambda_max(P)) about least.  ``rate``
-    (1/s) is what V = N + kappa E is to decay with; below the decay rate of A - WC. Returns None where no such bound is
-    found (A - WC is not Hurwitz, or slower than ``rate``)."""
+    """Find P, beta and kappa = 1/(beta - rate) for min v = 1, with kappa sqrt(lambda_max(P)) about
+    least.  ``rate`` (1/s) is what V = N + kappa E is to decay with; below the decay rate of A - WC.
+    Returns None where no such bound is found (A - WC is not Hurwitz, or slower than ``rate``)."""
     C = to_float(exosystem.C)
     error = to_float(exosystem.A) - to_float(W) @ C
     fastest = float(-np.max(np.linalg.eigvals(error).real))
@@ -71,7 +77,8 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
 
 
 def radius_needed(radius: Fraction, error: ErrorBound | None, disturbance: Fraction) -> Fraction:
-    """The rho that covers the box ``radius`` and |eps_i| <= ``disturbance`` with min v = 1; four decimals, up."""
+    """The rho that covers the box ``radius`` and |eps_i| <= ``disturbance`` with min v = 1; four
+    decimals, up."""
     if error is None:
         return radius
     root = math.nextafter(math.sqrt(float_above(error.size)), math.inf)
@@ -79,14 +86,17 @@ def radius_needed(radius: Fraction, error: ErrorBound | None, disturbance: Fract
 
 
 def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
-    """Rational numbers a little inside the constraints: P larger, beta smaller, kappa and size larger."""
+    """Rational numbers a little inside the constraints: P larger, beta smaller, kappa and size
+    larger."""
     P = round_matrix(bound.P * (1 + slack), DIGITS)
     beta = Fraction(math.floor(bound.beta * (1 - slack) * UNIT), UNIT)
     if beta <= rate:
         return None
     kappa = Fraction(math.ceil((1 + slack) / (float(beta) - rate) * UNIT), UNIT)
     top = float(np.linalg.eigvalsh(to_float(P))[-1])
-    return ErrorBound(P=P, beta=beta, kappa=kappa, size=Fraction(math.ceil(top * (1 + 1e-9) * 10**9), 10**9))
+    return ErrorBound(
+        P=P, beta=beta, kappa=kappa, size=Fraction(math.ceil(top * (1 + 1e-9) * 10**9), 10**9)
+    )
 
 
 def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
@@ -99,11 +109,19 @@ def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
         # (coefficient of each entry of P, coefficient of t, constant), each to be >= 0
         ([-M for M in basis], np.eye(q), np.zeros((q, q))),
         (basis, np.zeros((q, q)), -FLOOR * np.eye(q)),
-        ([-(error.T @ M + M @ error) - 2 * beta * M for M in basis], np.zeros((q, q)), np.zeros((q, q))),
+        (
+            [-(error.T @ M + M @ error) - 2 * beta * M for M in basis],
+            np.zeros((q, q)),
+            np.zeros((q, q)),
+        ),
         *((basis, np.zeros((q, q)), -np.outer(c, c)) for c in C),
     ]
     cones = [
-        Cone("semidefinite", np.column_stack([*(-svec(M) for M in entries), -svec(t)]), svec(constant))
+        Cone(
+            "semidefinite",
+            np.column_stack([*(-svec(M) for M in entries), -svec(t)]),
+            svec(constant),
+        )
         for entries, t, constant in blocks
     ]
     answer = solve_cones(np.append(np.zeros(len(basis)), 1.0), cones)
@@ -121,11 +139,15 @@ def _sides(P: Array, error: Array, C: Array, beta: float) -> list[Array]:
 def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
     """Whether the rounded numbers satisfy the constraints as far as floats can tell."""
     sides = _sides(to_float(bound.P), error, C, float(bound.beta))
-    return all(float(np.linalg.eigvalsh(x)[0]) >= INSIDE * float(np.max(np.abs(x), initial=0.0)) for x in sides)
+    return all(
+        float(np.linalg.eigvalsh(x)[0]) >= INSIDE * float(np.max(np.abs(x), initial=0.0))
+        for x in sides
+    )
 
 
 def _nearly_holds(P: Array, error: Array, C: Array, beta: float) -> bool:
-    """Whether floating point sees the constraints, up to rounding: solvers may say what is not so."""
+    """Whether floating point sees the constraints, up to rounding: solvers may say what is not
+    so."""
     with np.errstate(all="ignore"):
         size = float(np.max(np.abs(P)))
         room = NEARLY * size * (1 + float(np.max(np.abs(error))) + beta)
@@ -137,7 +159,8 @@ def _nearly_holds(P: Array, error: Array, C: Array, beta: float) -> bool:
 
 
 def _lyapunov_bound(error: Array, C: Array, beta: float) -> _Bound | None:
-    """Without a solver: P from (error + beta I)'P + P (error + beta I) = -I, as large as c'c <= P asks for."""
+    """Without a solver: P from (error + beta I)'P + P (error + beta I) = -I, as large as c'c <= P
+    asks for."""
     shifted = error + beta * np.eye(len(error))
     with np.errstate(all="ignore"):
         try:
@@ -146,4 +169,8 @@ def _lyapunov_bound(error: Array, C: Array, beta: float) -> _Bound | None:
             values = np.linalg.eigvalsh(P)
         except (ValueError, np.linalg.LinAlgError):
             return None
-    return _Bound(beta=beta, P=P, size=float(values[-1])) if values[0] > 0 and math.isfinite(values[-1]) else None
+    return (
+        _Bound(beta=beta, P=P, size=float(values[-1]))
+        if values[0] > 0 and math.isfinite(values[-1])
+        else None
+    )

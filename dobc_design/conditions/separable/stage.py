@@ -1,4 +1,5 @@
-"""The max-separable certificate of the region asked for, with what it says about delays and sampling (section 5)."""
+"""The max-separable certificate of the region asked for, with what it says about delays and
+sampling (section 5)."""
 
 from __future__ import annotations
 
@@ -8,7 +9,14 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 
-from dobc_design.conditions.check import Check, cut_check, fastest_in_words, limited, surviving, undecided_check
+from dobc_design.conditions.check import (
+    Check,
+    cut_check,
+    fastest_in_words,
+    limited,
+    surviving,
+    undecided_check,
+)
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down, time_to_one_percent
 from dobc_design.conditions.separable import checks, propose
@@ -20,7 +28,8 @@ from dobc_design.conditions.separable.timing import LEADER_GOES_ON, longest_dela
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.verdict import Verdict
 
-#: A second program with simpler enclosures has to confirm the rows, so they keep this part of alpha in hand.
+#: A second program with simpler enclosures has to confirm the rows, so they keep this part of alpha
+#: in hand.
 IN_HAND = Fraction(1, 10**4)
 # (agents, relative accuracy of the largest box that is still worth the time)
 CLOSE = ((60, 0.002), (2000, 0.02), (10**9, 0.25))
@@ -30,16 +39,19 @@ NEARLY = 1.01  # rates that differ by a smaller factor are the same
 AS_PLANNED = 0.97  # of a planned rate: where less is proved, other plans may be better
 WIDER = Fraction(2)  # how much further out the agent is looked for that is no longer held
 KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
-#: How many times less steep couplings have to be for a v of its own for sampling; the part of the rate that it keeps.
+#: How many times less steep couplings have to be for a v of its own for sampling; the part of the
+#: rate that it keeps.
 WORTH, SLOWER, SAMPLES = 2, 0.1, 50
-SLOWER_WITH_ERRORS = 10**6  # times slower than without them rows may be with the errors that the file states
-#: Arcs of all modes together up to which delays and sampling are examined (a minute in the second program).
+# times slower than without them rows may be with the errors that the file states
+SLOWER_WITH_ERRORS = 10**6
+#: Arcs of all modes together up to which delays and sampling are examined (a minute in the second
+#: program).
 TIMED_ARCS = 20_000
 
 
 def separable_stage(asked: Asked, report: Progress) -> list[Check]:
-    """The max-separable certificate, and what it says about delays and sampling; in coordinates z = T x where these
-    reach farther, for agents with dynamics and couplings of vectors."""
+    """The max-separable certificate, and what it says about delays and sampling; in coordinates z =
+    T x where these reach farther, for agents with dynamics and couplings of vectors."""
     found = _by_component(asked, report)
     first, problem = found[0], asked.problem
     apart = (problem.origin is None and first.applies) or (problem.groups and asked.W is None)
@@ -50,7 +62,10 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     if not claims and cut is not None:
         return found if first.applies else [cut_check("max-separable", asked.domain, cut)]
     if not claims:
-        reason = "no coordinates z = T x with weights v are found in which the largest weighted error decreases."
+        reason = (
+            "no coordinates z = T x with weights v are found in which the largest weighted "
+            "error decreases."
+        )
         return found if first.applies else [undecided_check("max-separable", asked.domain, reason)]
     radius, s = max(claims), asked.disturbance
     own = checks.max_separable_check(
@@ -67,21 +82,29 @@ def _size(check: Check) -> float:
 
 
 def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
-    """Claims by the radius of their boxes: that asked for, else the largest that are found; why no more are sought."""
+    """Claims by the radius of their boxes: that asked for, else the largest that are found; why no
+    more are sought."""
     claims, everywhere = dict[float, Separable](), asked.domain == "global"
 
     def holds(halvings: float) -> bool:
         radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
         with surviving(f"no coordinates for radius {radius}", WorkLimitError):
             size, s = claimed(radius), claimed(asked.disturbance)
-            claim = propose_coordinates(asked.problem, asked.W, size, s, everywhere=everywhere, least=asked.rate)
+            claim = propose_coordinates(
+                asked.problem, asked.W, size, s, everywhere=everywhere, least=asked.rate
+            )
             if claim is not None:
                 claims[radius] = claim
         return radius in claims
 
     with at_most(STAGE):
         if not holds(0) and not everywhere and holds(HALVINGS):
-            bisected(holds, float(HALVINGS), 0.0, steps=next(steps for n, steps in ROUGHLY if asked.problem.n <= n))
+            bisected(
+                holds,
+                float(HALVINGS),
+                0.0,
+                steps=next(steps for n, steps in ROUGHLY if asked.problem.n <= n),
+            )
         cut = exhausted()
     return claims, cut
 
@@ -104,22 +127,33 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
         if domain != "global":
             reason += f", not even for |e_i| <= {asked.radius / 2**HALVINGS:.2g}"
         if domain != "global" and asked.disturbance:
-            reason += f" together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help"
+            reason += (
+                f" together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial "
+                "disturbance may help"
+            )
         return [undecided_check("max-separable", domain, f"{reason}.")]
     claim, radius = found.claim, found.radius
-    told = _remark(asked, claim, radius) if cut is None else f" The search for a larger box was {cut}"
-    # A plan keeps a little of its rate in hand, so that a claim close to it may prove more than it promises.
+    told = (
+        _remark(asked, claim, radius) if cut is None else f" The search for a larger box was {cut}"
+    )
+    # A plan keeps a little of its rate in hand, so that a claim close to it may prove more than it
+    # promises.
     if found.fastest is not None and found.fastest.whole_rate > NEARLY * composite_rate(claim):
         told = fastest_in_words(found.fastest.whole_rate, found.fastest.factor) + told
     check = checks.max_separable_check(
         problem, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told
     )
-    return [check] if check.verdict is not Verdict.PROVED else [check, *_timing(asked, claim, check, report)]
+    return (
+        [check]
+        if check.verdict is not Verdict.PROVED
+        else [check, *_timing(asked, claim, check, report)]
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A proved claim and the radius of its box; ``fastest``: the plan with the largest rate, if that is another one."""
+    """A proved claim and the radius of its box; ``fastest``: the plan with the largest rate, if
+    that is another one."""
 
     claim: Separable
     radius: float
@@ -127,12 +161,19 @@ class Found:
 
 
 def largest_claim(asked: Asked) -> Found | None:
-    """A proved claim for the box asked for, else for the largest box that is found.  Where the file states errors of
-    weights and gains, one whose rows hold for all of them is looked for first."""
+    """A proved claim for the box asked for, else for the largest box that is found.  Where the file
+    states errors of weights and gains, one whose rows hold for all of them is looked for first."""
     if any(errors := stated_errors(asked.problem)):
         found = _claim(asked, asked.radius, _plan(asked, asked.radius, errors), errors)
-        slow = None if found is None else replace(found.claim, alpha=found.claim.alpha / SLOWER_WITH_ERRORS)
-        if slow is not None and verify_separable(asked.problem, slow, errors=errors).verdict is Verdict.PROVED:
+        slow = (
+            None
+            if found is None
+            else replace(found.claim, alpha=found.claim.alpha / SLOWER_WITH_ERRORS)
+        )
+        if (
+            slow is not None
+            and verify_separable(asked.problem, slow, errors=errors).verdict is Verdict.PROVED
+        ):
             return found
     found = _claim(asked, asked.radius, _plan(asked, asked.radius))
     if found is not None or asked.domain == "global":
@@ -175,13 +216,17 @@ def _plan(asked: Asked, radius: float, errors: Errors = EXACT) -> SeparablePlan 
     """What floating point proposes for a box, with the largest rate."""
     plan = None
     with surviving(f"no max-separable proposal for radius {radius}", WorkLimitError):
-        plan = propose.design_separable(asked.problem, **_starts(asked, radius), W=asked.W, errors=errors)
+        plan = propose.design_separable(
+            asked.problem, **_starts(asked, radius), W=asked.W, errors=errors
+        )
     return plan
 
 
-def _claim(asked: Asked, radius: float, plan: SeparablePlan | None, errors: Errors = EXACT) -> Found | None:
-    """The plan as a certificate that covers the box, proved, with a little of its rate in hand; None if none is.  Where
-    a slower rate reaches one percent earlier, that one."""
+def _claim(
+    asked: Asked, radius: float, plan: SeparablePlan | None, errors: Errors = EXACT
+) -> Found | None:
+    """The plan as a certificate that covers the box, proved, with a little of its rate in hand;
+    None if none is.  Where a slower rate reaches one percent earlier, that one."""
     if plan is None:
         return None
     sooner = _sooner(asked, radius, plan, errors)
@@ -192,7 +237,10 @@ def _claim(asked: Asked, radius: float, plan: SeparablePlan | None, errors: Erro
         claim = _covering(asked, radius, plan)
         if claim is None and asked.domain != "global":
             # A steep v compares agents so far apart that a coupling may leave every range there.
-            flatter = (_covering(asked, radius, each) for each in propose.flatter_plans(asked.problem, plan))
+            flatter = (
+                _covering(asked, radius, each)
+                for each in propose.flatter_plans(asked.problem, plan)
+            )
             claim = next((each for each in flatter if each is not None), None)
     except WorkLimitError:  # the boxes proved so far remain
         return None
@@ -207,7 +255,8 @@ def _time(claim: Separable) -> float:
 
 def _sooner(asked: Asked, radius: float, plan: SeparablePlan, errors: Errors) -> SeparablePlan:
     """The plan for the same box that promises the least time to one percent."""
-    if any(stated_errors(asked.problem)) and not any(errors):  # these take of the rate, of which little would be left
+    # these take of the rate, of which little would be left
+    if any(stated_errors(asked.problem)) and not any(errors):
         return plan
     sooner = plan
     with surviving(f"no earlier max-separable proposal for radius {radius}", WorkLimitError):
@@ -226,8 +275,12 @@ def _sooner(asked: Asked, radius: float, plan: SeparablePlan, errors: Errors) ->
 
 def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | None:
     """A proved certificate with the v of the plan that covers the box; None if there is none."""
-    claim = propose.first_certificate(asked.problem, asked.W, plan, everywhere=asked.domain == "global")
-    if claim is None or not covers(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)):
+    claim = propose.first_certificate(
+        asked.problem, asked.W, plan, everywhere=asked.domain == "global"
+    )
+    if claim is None or not covers(
+        claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)
+    ):
         return None
     return replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
 
@@ -237,7 +290,10 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
     problem = asked.problem
     arcs = sum(map(len, problem.network.modes.values()))
     if arcs > TIMED_ARCS:
-        reason = f"left out: the network has {arcs} arcs; delays and sampling are examined up to {TIMED_ARCS}."
+        reason = (
+            f"left out: the network has {arcs} arcs; delays and sampling are examined up to "
+            f"{TIMED_ARCS}."
+        )
         return [undecided_check(id, asked.domain, reason) for id in ("delay", "sampling")]
     report("deciding delays and sampling")
     fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
@@ -247,7 +303,9 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
             return undecided_check("delay", asked.domain, LEADER_GOES_ON, applies=False)
         bound = longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4))
         if bound is None:
-            return undecided_check("delay", asked.domain, "no delay is found that leaves half the rate.")
+            return undecided_check(
+                "delay", asked.domain, "no delay is found that leaves half the rate."
+            )
         bound = replace(bound, rate=rounded_down(bound.rate * (1 - IN_HAND), digits=6))
         return checks.delay_check(problem, claim, bound, check, domain=asked.domain)
 
@@ -256,23 +314,33 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
         return checks.sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)
 
     own = problem.origin is not None  # their dynamics are not held between samples
-    return [limited("delay", asked.domain, delay), *([] if own else [limited("sampling", asked.domain, sampling)])]
+    return [
+        limited("delay", asked.domain, delay),
+        *([] if own else [limited("sampling", asked.domain, sampling)]),
+    ]
 
 
 def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | None:
-    """Another certificate of the same box, slower but with a flatter v, where that allows far longer sampling periods.
-    Values may be held for about 2/h'(rho (v_i + v_j)): steep couplings want rho v as small as the box allows."""
+    """Another certificate of the same box, slower but with a flatter v, where that allows far
+    longer sampling periods. Values may be held for about 2/h'(rho (v_i + v_j)): steep couplings
+    want rho v as small as the box allows."""
     if claim.rho is None or not isinstance(check.domain, Mapping):
         return None
     farthest = 2 * float(claim.rho) * float(max(claim.v))
-    if _steepness(asked, farthest) < WORTH * _steepness(asked, 2 * float(claim.rho) * float(claim.least)):
+    if _steepness(asked, farthest) < WORTH * _steepness(
+        asked, 2 * float(claim.rho) * float(claim.least)
+    ):
         return None
     radius, disturbance = check.domain["radius"], check.domain["disturbance"]
     R, s, slower = claimed(radius), claimed(disturbance), float(claim.alpha) * SLOWER
     plan = None
     with surviving("no flatter v for sampling"):
-        plan = propose.flat_separable(asked.problem, radius=R, disturbance=s, W=asked.W, rate=slower)
-    return None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan)
+        plan = propose.flat_separable(
+            asked.problem, radius=R, disturbance=s, W=asked.W, rate=slower
+        )
+    return (
+        None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan)
+    )
 
 
 def _steepness(asked: Asked, reach: float) -> float:
@@ -291,7 +359,11 @@ def _remark(asked: Asked, claim: Separable, radius: float) -> str:
     if claim.rho is None:
         return ""
     if radius == asked.radius:
-        return "" if asked.wanted else f" No region is asked for; boxes up to {asked.radius:.6g} were tried."
+        return (
+            ""
+            if asked.wanted
+            else f" No region is asked for; boxes up to {asked.radius:.6g} were tried."
+        )
     wish = f"the region asks for {asked.radius:.6g}" if asked.wanted else "no region is asked for"
     wider = replace(claim, rho=claim.rho * min(claimed(asked.radius) / claimed(radius), WIDER))
     who, answer = "", verify_separable(asked.problem, wider)

@@ -1,14 +1,17 @@
-"""What a proved max-separable certificate says about delays and sampling (theory, section 5); no coupling need rise.
+"""What a proved max-separable certificate says about delays and sampling (theory, section 5); no
+coupling need rise.
 
-Delays.  Agent i uses x_j(t - tau_ij(t)), its own state undelayed, its observer fed the same received values.  Every
-start of ``covers`` still converges: while N + E/(beta min v) <= rho nothing leaves, by the same rows.  If the rows hold
-with v_j replaced by theta v_j, theta >= exp(lambda tau), and the rate lambda, then |e_i(t)| <= M v_i exp(-lambda t) is
-kept for delays up to tau (Razumikhin, Halanay), once an observer error that decays faster has become small.
+Delays.  Agent i uses x_j(t - tau_ij(t)), its own state undelayed, its observer fed the same
+received values.  Every start of ``covers`` still converges: while N + E/(beta min v) <= rho nothing
+leaves, by the same rows.  If the rows hold with v_j replaced by theta v_j, theta >= exp(lambda
+tau), and the rate lambda, then |e_i(t)| <= M v_i exp(-lambda t) is kept for delays up to tau
+(Razumikhin, Halanay), once an observer error that decays faster has become small.
 
-Sampling.  Couplings and pinning held over a period T give e_i+ = e_i + T (sum w h - k e_i) + int C eps.  Let L bound
-the mean of h' on every way from e_j - s v_i to e_j - e_i, |e_j| <= s v_j, |e_i| <= s v_i.  If T (sum w L + k_cc) <= 1,
-the largest e_i+ is that of the face e_i = s v_i, so the rows give N+ <= (1 - T alpha) N + T max |C eps|/v.  Of an arc
-that comes and goes within T a part is left, for which both hold: L is that of the whole.
+Sampling.  Couplings and pinning held over a period T give e_i+ = e_i + T (sum w h - k e_i) + int C
+eps.  Let L bound the mean of h' on every way from e_j - s v_i to e_j - e_i, |e_j| <= s v_j, |e_i|
+<= s v_i.  If T (sum w L + k_cc) <= 1, the largest e_i+ is that of the face e_i = s v_i, so the rows
+give N+ <= (1 - T alpha) N + T max |C eps|/v.  Of an arc that comes and goes within T a part is
+left, for which both hold: L is that of the whole.
 """
 
 from __future__ import annotations
@@ -22,7 +25,11 @@ from functools import cache
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import FACES, DelayBound, SamplingBound, Separable, Term
-from dobc_design.conditions.separable.decide import SeparableAnswer, coupling_profiles, verify_separable
+from dobc_design.conditions.separable.decide import (
+    SeparableAnswer,
+    coupling_profiles,
+    verify_separable,
+)
 from dobc_design.conditions.separable.large import SLICES, arc_rows, stiffest_row
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
@@ -33,68 +40,98 @@ from dobc_design.verdict import Verdict
 
 _SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
-# How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and beside a claimed one.
+# How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and
+# beside a claimed one.
 _UNSURE, _NEAR = Fraction(1, 10**12), Fraction(1, 10**9)
 _MANY_ARCS = 100  # from which on slopes are bounded once on every part of the box
 _ZERO = Fraction(0)
-LEADER_GOES_ON = "does not apply: the leader moves while a message is late, and the proof does not bound that motion."
+LEADER_GOES_ON = (
+    "does not apply: the leader moves while a message is late, and the proof does not bound "
+    "that motion."
+)
 
 
 def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> SeparableAnswer:
-    """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to ``bound.delay``.  With an observer
-    every smaller rate holds, from the time on at which its error has become small, up to beta."""
+    """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to
+    ``bound.delay``.  With an observer every smaller rate holds, from the time on at which its error
+    has become small, up to beta."""
     if bound.delay < 0 or bound.rate <= 0:
-        raise SpecError("a delay must be >= 0 and its rate > 0.", key="delay" if bound.delay < 0 else "rate")
+        raise SpecError(
+            "a delay must be >= 0 and its rate > 0.", key="delay" if bound.delay < 0 else "rate"
+        )
     if claim.error is not None and bound.rate > claim.error.beta:
         reason = "the rate exceeds beta, at which the observer error decays."
         return SeparableAnswer(verdict=Verdict.REFUTED, reason=reason)
     if problem.leader is not None:
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=LEADER_GOES_ON)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
-    return verify_separable(problem, slower, stretch=exp(Interval.point(bound.rate * bound.delay)).hi)
+    return verify_separable(
+        problem, slower, stretch=exp(Interval.point(bound.rate * bound.delay)).hi
+    )
 
 
 def longest_delay(problem: Problem, claim: Separable, *, rate: Fraction) -> DelayBound | None:
-    """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); None if there is none."""
+    """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); None if
+    there is none."""
     delays = [rounded_down(1 / rate, digits=1)]
     while len(delays) < _SHORTER:
         delays.append(rounded_down(delays[-1] / 2, digits=1))
     bounds = [DelayBound(delay=delay, rate=rate) for delay in delays]
-    first = bisect_left(bounds, True, key=lambda bound: verify_delay(problem, claim, bound).verdict is Verdict.PROVED)
+    first = bisect_left(
+        bounds,
+        True,
+        key=lambda bound: verify_delay(problem, claim, bound).verdict is Verdict.PROVED,
+    )
     return bounds[first] if first < len(bounds) else None
 
 
 def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
-    """The largest sampling period, about, that is certified by ``claim`` (proved before).  The period is at most
-    1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a face. None where the certificate does
-    not apply, or the slopes are not bounded."""
-    found = _stiffest(problem, claim, enough=lambda x: x > 0 and rounded_down(1 / x) == rounded_down((1 + _UNSURE) / x))
+    """The largest sampling period, about, that is certified by ``claim`` (proved before).  The
+    period is at most 1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a
+    face. None where the certificate does not apply, or the slopes are not bounded."""
+    found = _stiffest(
+        problem,
+        claim,
+        enough=lambda x: x > 0 and rounded_down(1 / x) == rounded_down((1 + _UNSURE) / x),
+    )
     period = _ZERO if isinstance(found, str) or found <= 0 else rounded_down(1 / found)
     return SamplingBound(period=period, factor=1 - period * claim.alpha) if period > 0 else None
 
 
 def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) -> SeparableAnswer:
-    """Decide whether ``claim`` (proved before) gives ``bound``: no face overshot, and 1 - T alpha <= factor < 1."""
+    """Decide whether ``claim`` (proved before) gives ``bound``: no face overshot, and 1 - T alpha
+    <= factor < 1."""
     if bound.period <= 0:
         raise SpecError("a sampling period must be > 0.", key="period")
     if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:
-        return SeparableAnswer(verdict=Verdict.REFUTED, reason="the factor must be < 1 and at least 1 - T alpha.")
+        return SeparableAnswer(
+            verdict=Verdict.REFUTED, reason="the factor must be < 1 and at least 1 - T alpha."
+        )
     stiffest = _stiffest(problem, claim, enough=lambda x: not 1 < bound.period * x <= 1 + _NEAR)
     if isinstance(stiffest, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=stiffest)
     if bound.period * stiffest > 1:
         reason = "one step may overshoot a face of the box: try a shorter period."
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=reason)
-    reason = "no step of this length overshoots a face of the box, so that N falls from sample to sample."
+    reason = (
+        "no step of this length overshoots a face of the box, so that N falls from sample to "
+        "sample."
+    )
     return SeparableAnswer(verdict=Verdict.PROVED, reason=reason)
 
 
-def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction], bool]) -> Fraction | str:
-    """The largest sum_j w L_ij + k_cc, or why there is none: from floats if that is ``enough``, else exactly."""
+def _stiffest(
+    problem: Problem, claim: Separable, *, enough: Callable[[Fraction], bool]
+) -> Fraction | str:
+    """The largest sum_j w L_ij + k_cc, or why there is none: from floats if that is ``enough``,
+    else exactly."""
     if problem.origin is not None:
         return "does not apply: dynamics of the agents themselves are not held between samples."
     if not claims.acts_by_component(problem) or (claim.rho is None and not problem.is_linear):
-        return "does not apply: the rows of the max-separable certificate say nothing for this coupling."
+        return (
+            "does not apply: the rows of the max-separable certificate say nothing for this "
+            "coupling."
+        )
     gains = [_ZERO] * problem.n
     for agent, k in problem.pinning.gains.items():
         gains[agent] = max(row[c] for c, row in enumerate(k))
@@ -102,13 +139,18 @@ def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction]
         profiles, rho = coupling_profiles(problem, claim.v, rho=claim.rho), claim.rho or _ZERO
         modes = problem.network.modes.values()
         if rho and sum(map(len, modes)) > _MANY_ARCS:
-            return stiffest_row(arc_rows(problem, claim.v, loose=False), profiles, gains * len(modes), rho=rho)
+            return stiffest_row(
+                arc_rows(problem, claim.v, loose=False), profiles, gains * len(modes), rho=rho
+            )
         listed = claims.rows(problem, claim.v, gains=gains, loose=False)
         rows = [(row, face) for row, _ in listed for face in FACES]
 
         def largest(around: Callable[[Interval], Interval]) -> Fraction:
             mean = _Steepest(profiles, rho, around)
-            return max(row.gain + sum(x.weight * mean(x, row.own, face) for x in row.terms) for row, face in rows)
+            return max(
+                row.gain + sum(x.weight * mean(x, row.own, face) for x in row.terms)
+                for row, face in rows
+            )
 
         with suppress(UndefinedError):
             if enough(found := largest(Floats.around)):
@@ -119,11 +161,14 @@ def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction]
 
 
 class _Steepest:
-    """The largest mean slope, at least 0, of a coupling on the ways that a held step can take; each interval once.  A
-    part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in s [step, step + 2 x v_i] where h is
-    nondecreasing, because e_j = s v_j is then the worst.  The mean over x is bounded slice by slice."""
+    """The largest mean slope, at least 0, of a coupling on the ways that a held step can take; each
+    interval once.  A part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in
+    s [step, step + 2 x v_i] where h is nondecreasing, because e_j = s v_j is then the worst.  The
+    mean over x is bounded slice by slice."""
 
-    def __init__(self, profiles: Sequence[Profile], rho: Fraction, around: Callable[[Interval], Interval]) -> None:
+    def __init__(
+        self, profiles: Sequence[Profile], rho: Fraction, around: Callable[[Interval], Interval]
+    ) -> None:
         self.profiles = profiles
         self.rho = rho  # 0 for linear couplings, which have one slope
         self.around = around  # Floats.around, or nothing done to the interval
@@ -134,7 +179,9 @@ class _Steepest:
         return sum((self._largest(term, max(end, _ZERO), face) for end in ends), _ZERO) / SLICES
 
     def _largest(self, term: Term, end: Fraction, face: int) -> Fraction:
-        start = min(term.step, _ZERO) if self.profiles[term.coupling].is_nondecreasing else -term.reach
+        start = (
+            min(term.step, _ZERO) if self.profiles[term.coupling].is_nondecreasing else -term.reach
+        )
         return self.on(term.coupling, Interval(self.rho * start, self.rho * end) * face)
 
     def _on(self, coupling: int, place: Interval) -> Fraction:

@@ -7,7 +7,13 @@ from fractions import Fraction
 
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.consensus.claim import Statements
-from dobc_design.conditions.numbers import claimed, form_from_json, read_rational, shorten, vector_from_json
+from dobc_design.conditions.numbers import (
+    claimed,
+    form_from_json,
+    read_rational,
+    shorten,
+    vector_from_json,
+)
 from dobc_design.conditions.weighted import decide
 from dobc_design.conditions.weighted.decide import Weighted, why_not
 from dobc_design.conditions.weighted.network import Alike, alike_holds, network_of
@@ -32,27 +38,48 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
     weights = Weighted(D=vector_from_json(values["D"], size), w=w, P=P)
     if not alike:
         return weights
-    return Alike(weights=weights, strength=read_rational(values["c"]), R=form_from_json(values["R"]))
+    return Alike(
+        weights=weights, strength=read_rational(values["c"]), R=form_from_json(values["R"])
+    )
 
 
-def holds(claim: Weighted | Alike, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
-    """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the observer."""
+def holds(
+    claim: Weighted | Alike, statements: Statements, W: Matrix | None, *, rate: Fraction
+) -> bool:
+    """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the
+    observer."""
     if isinstance(claim, Alike):
         return alike_holds(claim, statements, W, rate=rate)
     return decide.holds(claim, statements, W, rate=rate)
 
 
 def weighted_check(
-    id: str, statements: Statements, W: Matrix | None, claim: Weighted | Alike | None, *, rate: float
+    id: str,
+    statements: Statements,
+    W: Matrix | None,
+    claim: Weighted | Alike | None,
+    *,
+    rate: float,
 ) -> Check:
-    """The check of a proposed claim at a proposed rate (1/s, as it is written): proved, or undecided."""
+    """The check of a proposed claim at a proposed rate (1/s, as it is written): proved, or
+    undecided."""
     undecided = Check(id=id, verdict=Verdict.UNDECIDED, domain=statements.domain, reason="")
     reason = why_not(statements)
-    if reason is not None and not isinstance(claim, Alike) and isinstance(network_of(statements), str):
+    if (
+        reason is not None
+        and not isinstance(claim, Alike)
+        and isinstance(network_of(statements), str)
+    ):
         return replace(undecided, reason=reason, applies=False)
     if claim is None or not holds(claim, statements, W, rate=claimed(rate)):
-        return replace(undecided, reason="no weights D were found for which the condition is proved.")
-    where = " everywhere (the couplings are linear)" if statements.domain == "global" else " near the target"
+        return replace(
+            undecided, reason="no weights D were found for which the condition is proved."
+        )
+    where = (
+        " everywhere (the couplings are linear)"
+        if statements.domain == "global"
+        else " near the target"
+    )
     pace = f", V' <= -2 ({shorten(rate, digits=4):.4g}) V" if rate else ""
     observer = " + sum eps_i' P eps_i" if statements.problem.groups else ""
     form = "e'(D (x) R)e" if isinstance(claim, Alike) else "e'De"
@@ -66,8 +93,11 @@ def weighted_check(
     )
 
 
-def confirm(check: Check, problem: Problem, W: Matrix | None, *, statements: Statements) -> str | None:
-    """None if the claim of a proved check holds, else what does not.  Raises what a malformed claim raises."""
+def confirm(
+    check: Check, problem: Problem, W: Matrix | None, *, statements: Statements
+) -> str | None:
+    """None if the claim of a proved check holds, else what does not.  Raises what a malformed claim
+    raises."""
     claim = read_claim(check, problem, W)
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "this check is proved or undecided, without a witness"
@@ -79,6 +109,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, statements: Sta
         return "a rate must be > 0"
     if not isinstance(claim, Alike) and (reason := why_not(statements)) is not None:
         return reason
-    if not isinstance(claim, Weighted | Alike) or not holds(claim, statements, W, rate=claimed(check.rate or 0.0)):
+    if not isinstance(claim, Weighted | Alike) or not holds(
+        claim, statements, W, rate=claimed(check.rate or 0.0)
+    ):
         return "the rows N w > 0 do not hold with that rate"
     return None

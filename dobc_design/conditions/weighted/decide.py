@@ -1,12 +1,15 @@
-"""Theorems 1 and 2 with weights: V = e'De + sum eps_i' P eps_i, D > 0 diagonal (theory, section 10).
+"""Theorems 1 and 2 with weights: V = e'De + sum eps_i' P eps_i, D > 0 diagonal (theory, section
+10).
 
-With arc gains a >= 0 at the target and diagonal k >= 0, M = L(a) + K is an M-matrix.  For a rate beta let
+With arc gains a >= 0 at the target and diagonal k >= 0, M = L(a) + K is an M-matrix.  For a rate
+beta let
 
-    N = D M + M'D - 2 beta D - D (I (x) sigma I) D,        sigma >= lambda_max(S),  S = C (-Omega0 - 2 beta P)^-1 C'
+    N = D M + M'D - 2 beta D - D (I (x) sigma I) D,        sigma >= lambda_max(S),  S = C (-Omega0 -
+    2 beta P)^-1 C'
 
-N is a symmetric Z-matrix, so w > 0 with N w > 0 proves N > 0, and by the Reduction V' <= -2 beta V near the target
-(linear couplings: everywhere).  One D and one P serve all modes; each mode has a w of its own.
-The rows are decided exactly for few agents, else in floats rounded outward.
+N is a symmetric Z-matrix, so w > 0 with N w > 0 proves N > 0, and by the Reduction V' <= -2 beta V
+near the target (linear couplings: everywhere).  One D and one P serve all modes; each mode has a w
+of its own. The rows are decided exactly for few agents, else in floats rounded outward.
 """
 
 from __future__ import annotations
@@ -38,8 +41,9 @@ from dobc_design.verdict import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weighted:
-    """A claim: N w > 0 in every mode.  ``D`` and ``w[mode]`` (n m,), all > 0, entry i m + c for component c of agent i;
-    ``P`` (q, q) symmetric, None without an exosystem.  Raises: ShapeError for an entry that is not > 0."""
+    """A claim: N w > 0 in every mode.  ``D`` and ``w[mode]`` (n m,), all > 0, entry i m + c for
+    component c of agent i; ``P`` (q, q) symmetric, None without an exosystem.  Raises: ShapeError
+    for an entry that is not > 0."""
 
     D: Vector | Doubles
     w: Mapping[str, Vector | Doubles]
@@ -77,13 +81,18 @@ def why_not(statements: Statements) -> str | None:
 
 
 def holds(claim: Weighted, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
-    """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the observer."""
+    """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the
+    observer."""
     sigma = observer_bounds(statements.problem, claim.P, W, rate=rate)
     return sigma is not None and network_holds(claim, statements, rate=rate, sigma=sigma)
 
 
 def network_holds(
-    claim: Weighted, statements: Statements, *, rate: Fraction, sigma: Sequence[Fraction] | None = None
+    claim: Weighted,
+    statements: Statements,
+    *,
+    rate: Fraction,
+    sigma: Sequence[Fraction] | None = None,
 ) -> bool:
     """The same for sigma of every group; for the network alone (eps = 0) without."""
     sigma = (ZERO,) * max(1, len(statements.problem.groups)) if sigma is None else sigma
@@ -98,7 +107,8 @@ def network_holds(
 def observer_bounds(
     problem: Problem, P: Matrix | None, W: Matrix | None, *, rate: Fraction
 ) -> tuple[Fraction, ...] | None:
-    """Of each group a row-sum bound of lambda_max(S), 0 without an exosystem; None unless Omega0 + 2 rate P < 0 < P."""
+    """Of each group a row-sum bound of lambda_max(S), 0 without an exosystem; None unless Omega0 +
+    2 rate P < 0 < P."""
     exosystem = problem.joint_exosystem
     if exosystem is None:
         return (ZERO,)
@@ -165,7 +175,10 @@ def rows_hold(
     of_groups = [*map(above, sigma), above(ZERO)]  # an agent without a disturbance has nothing
     weights = np.array(of_groups, dtype=object if exact else np.float64)[np.repeat(owners, m)]
     pins = np.array([(i * m + c) for i in problem.pinning.gains for c in range(m)], dtype=np.int64)
-    gains = np.array([below(2 * k[c][c]) for k in problem.pinning.gains.values() for c in range(m)], dtype=d.dtype)
+    gains = np.array(
+        [below(2 * k[c][c]) for k in problem.pinning.gains.values() for c in range(m)],
+        dtype=d.dtype,
+    )
     if not exact and not _keeps_digits(d, v, weights, gains, np.array([slow])):
         return False
     sums = _Sums.of(n * m, exact=exact)

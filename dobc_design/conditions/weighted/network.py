@@ -1,12 +1,16 @@
-"""Linear agents that feel their neighbours alike: V = e'(D (x) R)e for networks of any size (theory, section 13).
+"""Linear agents that feel their neighbours alike: V = e'(D (x) R)e for networks of any size
+(theory, section 13).
 
-All couplings have slopes g_a G at the target (B times those of h, one matrix G, g_a >= 0), and all gains obey
-B K_i = k_i G, k_i >= 0.  With M = L(g) + diag(k) the errors obey e' = (I (x) A - M (x) G) e near the target.  If
+All couplings have slopes g_a G at the target (B times those of h, one matrix G, g_a >= 0), and all
+gains obey B K_i = k_i G, k_i >= 0.  With M = L(g) + diag(k) the errors obey e' = (I (x) A - M (x)
+G) e near the target.  If
 
-    D (M - c I) + (M - c I)'D > 0 in every mode,   R > 0,   R G = G'R >= 0,   A'R + R A - 2 c R G + 2 rate R < 0
+    D (M - c I) + (M - c I)'D > 0 in every mode,   R > 0,   R G = G'R >= 0,   A'R + R A - 2 c R G +
+    2 rate R < 0
 
-then V' = e'(D (x) (A'R + R A) - (D M + M'D) (x) R G) e < -2 rate V.  The first condition is that of the weighted
-theorem for the network alone; and A - WC + rate I is Hurwitz, so that V + a sum eps_i'P eps_i falls for a large enough.
+then V' = e'(D (x) (A'R + R A) - (D M + M'D) (x) R G) e < -2 rate V.  The first condition is that of
+the weighted theorem for the network alone; and A - WC + rate I is Hurwitz, so that V + a sum
+eps_i'P eps_i falls for a large enough.
 """
 
 from __future__ import annotations
@@ -32,7 +36,8 @@ ZERO = Fraction(0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alike:
-    """A claim as above: ``weights`` D and w of the network alone, whose rate is ``strength`` c; R (m, m)."""
+    """A claim as above: ``weights`` D and w of the network alone, whose rate is ``strength`` c; R
+    (m, m)."""
 
     weights: Weighted
     strength: Fraction
@@ -73,7 +78,10 @@ def network_of(statements: Statements) -> Network | str:
     alone = Problem(
         network=problem.network,
         coupling=f"({number_text(parts[0] or ZERO)})*y",
-        exceptions={arc: f"({number_text(parts[place] or ZERO)})*y" for arc, place in problem.exception_places.items()},
+        exceptions={
+            arc: f"({number_text(parts[place] or ZERO)})*y"
+            for arc, place in problem.exception_places.items()
+        },
         gains={problem.network.labels[i]: k for i, k in gains.items()},
     )
     return Network(statements=state_theorems(alone), A=slopes_of_nodes(problem), G=G)
@@ -81,7 +89,9 @@ def network_of(statements: Statements) -> Network | str:
 
 def _part(M: Matrix, G: Matrix) -> Fraction | None:
     """The number g with M = g G; None if there is none."""
-    pairs = [(x, y) for row, other in zip(M, G, strict=True) for x, y in zip(row, other, strict=True)]
+    pairs = [
+        (x, y) for row, other in zip(M, G, strict=True) for x, y in zip(row, other, strict=True)
+    ]
     g = next(x / y for x, y in pairs if y)
     return g if all(x == g * y for x, y in pairs) else None
 
@@ -92,7 +102,9 @@ def alike_holds(claim: Alike, statements: Statements, W: Matrix | None, *, rate:
     if isinstance(network, str):
         return False
     exosystem = statements.problem.joint_exosystem
-    if exosystem is not None and (W is None or not hurwitz_with_rate(error_matrix(exosystem, W), rate)):
+    if exosystem is not None and (
+        W is None or not hurwitz_with_rate(error_matrix(exosystem, W), rate)
+    ):
         return False
     return holds_of_agents(claim.R, network, claim.strength, rate) and network_holds(
         claim.weights, network.statements, rate=claim.strength
@@ -110,4 +122,7 @@ def holds_of_agents(R: Matrix, network: Network, strength: Fraction, rate: Fract
         decide_positive_definite(SparseSymmetric.from_dense(each)).verdict is Verdict.PROVED
         for each in (R, scale(-1, F))
     )
-    return definite and decide_positive_semidefinite(SparseSymmetric.from_dense(RG)).verdict is Verdict.PROVED
+    return (
+        definite
+        and decide_positive_semidefinite(SparseSymmetric.from_dense(RG)).verdict is Verdict.PROVED
+    )

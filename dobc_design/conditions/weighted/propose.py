@@ -1,7 +1,9 @@
-"""Proposals for weighted Theorems 1 and 2: rates, weights D, vectors w, the observer's P; no proofs.
+"""Proposals for weighted Theorems 1 and 2: rates, weights D, vectors w, the observer's P; no
+proofs.
 
-For beta below the least real part mu of an eigenvalue of M, w = (M - beta I)^-1 1 and u = (M - beta I)^-T 1 are
-positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive definite (theory, section 10).
+For beta below the least real part mu of an eigenvalue of M, w = (M - beta I)^-1 1 and u = (M - beta
+I)^-T 1 are positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive definite
+(theory, section 10).
 """
 
 from __future__ import annotations
@@ -20,7 +22,13 @@ from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate, is_symmetric
-from dobc_design.conditions.numbers import MANY_AGENTS, bisected, golden_section, shorten, time_to_one_percent
+from dobc_design.conditions.numbers import (
+    MANY_AGENTS,
+    bisected,
+    golden_section,
+    shorten,
+    time_to_one_percent,
+)
 from dobc_design.conditions.weighted.decide import Weighted, observer_bounds
 from dobc_design.conditions.weighted.network import Alike
 from dobc_design.errors import SpecError
@@ -34,7 +42,8 @@ from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, solve_cones, svec
 from dobc_design.solvers.program import Array, factored, round_matrix
 
-PARTS = (1.0, 0.999, 0.99, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1, 0.01, 0.001, 0.0)  # of the rate that is thought possible
+# of the rate that is thought possible
+PARTS = (1.0, 0.999, 0.99, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1, 0.01, 0.001, 0.0)
 CLOSEST = 0.99995  # of mu where eigenvalues are known
 NEARLY = 0.995
 SHARPENINGS = 30  # of the rate towards mu
@@ -44,14 +53,18 @@ FEW_ENTRIES = 3  # per row, up to which a factorisation stays sparse
 FLOOR = 0.1  # the right side of inverse iteration is at least this part of its largest entry
 BISECTIONS = 8
 COMPARED = 8  # modes that are compared two by two
-LARGEST_PROGRAM = 10 * 60**3  # states^3 times modes for which common weights are sought by a semidefinite program
+# states^3 times modes for which common weights are sought by a semidefinite program
+LARGEST_PROGRAM = 10 * 60**3
 LONGEST = 60.0  # s, for that program
-SOLVER, EIGENVALUES = 10, 3000  # steps of work for a solver and each solution; cubed rows for a step
+# steps of work for a solver and each solution; cubed rows for a step
+SOLVER, EIGENVALUES = 10, 3000
 EVEN_PROGRAM = 2 * 12**3  # the same, where the most even ones are sought for several rates
-# Times to one percent: those next to that of D = I, rates that are tried for few and for many states, what is worth it.
+# Times to one percent: those next to that of D = I, rates that are tried for few and for many
+# states, what is worth it.
 FLAT, SOONER, SOONER_LARGE, EARLIER = 1.01, 8, 2, 0.95
 MARGIN = 1e-6
-LEFT, ROUNDED = 0.25, 1e-9  # a row is met when these parts of its right side and of its terms are left at most
+# a row is met when these parts of its right side and of its terms are left at most
+LEFT, ROUNDED = 0.25, 1e-9
 CLOSE, QUICK = (1e-2, 1e-5), 400  # where iterations stop
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.LinAlgError)
 
@@ -59,8 +72,8 @@ GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.Li
 def proposals(
     statements: Statements, W: Matrix | None, *, sooner: bool = True, least: float = 0.0
 ) -> Iterator[tuple[Weighted, float]]:
-    """Claims with their rates (1/s): if ``sooner``, of those with at least ``least`` the one with the least time to one
-    percent; then the fastest first."""
+    """Claims with their rates (1/s): if ``sooner``, of those with at least ``least`` the one with
+    the least time to one percent; then the fastest first."""
     problem = statements.problem
     tables = {mode: stiffness(problem, mode) for mode in problem.network.modes}
     if any(table is None for table in tables.values()) or (problem.groups and W is None):
@@ -72,19 +85,30 @@ def proposals(
         return
     most = SAFE * min(pair.rate for pair in pairs.values() if pair is not None)
     if W is not None and problem.groups:
-        most = min(most, 0.9995 * min(decay_rate(group.exosystem, gain) for group, gain in _gains(problem, W)))
+        most = min(
+            most,
+            0.9995 * min(decay_rate(group.exosystem, gain) for group, gain in _gains(problem, W)),
+        )
     (first, *others) = pairs.values()
     if others:  # the largest rate that common weights can have, about
-        most = bisected(lambda rate: _weights(tables, rate) is not None, 0.0, most, steps=BISECTIONS)[0]
+        most = bisected(
+            lambda rate: _weights(tables, rate) is not None, 0.0, most, steps=BISECTIONS
+        )[0]
     best = None
     if sooner:
-        best = soonest_weights(tables, most, None if others or first is None else first.u / first.w, least)
+        best = soonest_weights(
+            tables, most, None if others or first is None else first.u / first.w, least
+        )
     planned = [] if best is None else [(best.rate, best.D)]
     for rate, D in [*planned, *((shorten(part * most, digits=6), None) for part in PARTS)]:
         with suppress(*GIVEN_UP):
             P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
             sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
-            own = (None,) if others or D is not None else _pairs(next(iter(tables.values())), first, rate)
+            own = (
+                (None,)
+                if others or D is not None
+                else _pairs(next(iter(tables.values())), first, rate)
+            )
             for pair in own:
                 found = None if sigma is None else _scaled(problem, tables, rate, sigma, P, pair, D)
                 if found is not None:
@@ -93,17 +117,22 @@ def proposals(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sooner:
-    """Weights D > 0 (n m,) that seem to do for a rate (1/s), and the time to one percent that they promise."""
+    """Weights D > 0 (n m,) that seem to do for a rate (1/s), and the time to one percent that they
+    promise."""
 
     time: float
     rate: float
     D: Array
 
 
-def soonest_weights(tables: Mapping[str, Any], most: float, fastest: Array | None, least: float = 0.0) -> Sooner | None:
-    """The weights and the rate from ``least`` to ``most`` (1/s) with the least ln(100 sqrt(max D / min D)) / rate.
+def soonest_weights(
+    tables: Mapping[str, Any], most: float, fastest: Array | None, least: float = 0.0
+) -> Sooner | None:
+    """The weights and the rate from ``least`` to ``most`` (1/s) with the least ln(100 sqrt(max D /
+    min D)) / rate.
 
-    ``fastest``: weights for the rate ``most``, where they are known.  None where a slower rate is not worth it."""
+    ``fastest``: weights for the rate ``most``, where they are known.  None where a slower rate is
+    not worth it."""
     size, found = next(iter(tables.values())).shape[0], list[Sooner]()
 
     def at(rate: float) -> float:
@@ -111,11 +140,17 @@ def soonest_weights(tables: Mapping[str, Any], most: float, fastest: Array | Non
         with suppress(*GIVEN_UP):
             D = even_weights(tables, rate)
             if D is not None:
-                found.append(Sooner(time_to_one_percent(rate, math.sqrt(D.max() / D.min())), rate, D))
+                found.append(
+                    Sooner(time_to_one_percent(rate, math.sqrt(D.max() / D.min())), rate, D)
+                )
                 return found[-1].time
         return math.inf
 
-    first = at(most) if fastest is None else time_to_one_percent(most, math.sqrt(fastest.max() / fastest.min()))
+    first = (
+        at(most)
+        if fastest is None
+        else time_to_one_percent(most, math.sqrt(fastest.max() / fastest.min()))
+    )
     if not most > 0 or not math.isfinite(first) or first * most < FLAT * math.log(100):
         return None
     shortest = max(math.log(100) / first, least)  # slower ones are later even with D = I
@@ -130,7 +165,9 @@ def promised_factor(claim: Weighted | Alike) -> float:
     """The square root of max D / min D, times that of the condition of R, about."""
     D = claim.D if isinstance(claim, Weighted) else claim.weights.D
     ratio = float(largest(D)) / float(least(D))
-    return math.sqrt(ratio if isinstance(claim, Weighted) else ratio * float(np.linalg.cond(to_float(claim.R))))
+    return math.sqrt(
+        ratio if isinstance(claim, Weighted) else ratio * float(np.linalg.cond(to_float(claim.R)))
+    )
 
 
 def even_weights(tables: Mapping[str, Any], rate: float) -> Array | None:
@@ -139,12 +176,17 @@ def even_weights(tables: Mapping[str, Any], rate: float) -> Array | None:
     D = _weights(tables, rate)
     if D is None or D.max() <= D.min() * FLAT or size**3 * len(tables) > EVEN_PROGRAM:
         return D
-    even = (each for each in _program(tables, rate) if all(_height(M, each, rate) for M in tables.values()))
+    even = (
+        each
+        for each in _program(tables, rate)
+        if all(_height(M, each, rate) for M in tables.values())
+    )
     return min((D, *even), key=lambda each: float(each.max() / each.min()))
 
 
 def _pairs(table: Any, first: Perron | None, rate: float) -> Iterator[Perron | None]:
-    """The fastest pair; then, as its entries may lie too far apart for doubles, one for this rate alone."""
+    """The fastest pair; then, as its entries may lie too far apart for doubles, one for this rate
+    alone."""
     yield first
     ones = np.ones(table.shape[0])
     pair = _pair(table, rate, ones, ones)
@@ -174,8 +216,9 @@ def stiffness(problem: Problem, mode: str) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perron:
-    """Vectors w, u > 0 (n m,) about (M - rate I)^-1 1 and (M - rate I)^-T 1.  With D = diag(u / w) and N = D (M - rate
-    I) + (M - rate I)'D they give N w = u ((M w)_i / w_i + (M'u)_i / u_i - 2 rate) > 0 for every smaller rate."""
+    """Vectors w, u > 0 (n m,) about (M - rate I)^-1 1 and (M - rate I)^-T 1.  With D = diag(u / w)
+    and N = D (M - rate I) + (M - rate I)'D they give N w = u ((M w)_i / w_i + (M'u)_i / u_i - 2
+    rate) > 0 for every smaller rate."""
 
     w: Array
     u: Array
@@ -183,13 +226,16 @@ class Perron:
 
 
 def perron(table: Any) -> Perron | None:
-    """The pair of an M-matrix with a rate close to mu, its least Re of an eigenvalue; None if mu > 0 is not seen."""
+    """The pair of an M-matrix with a rate close to mu, its least Re of an eigenvalue; None if mu >
+    0 is not seen."""
     size = table.shape[0]
     w = u = ones = np.ones(size)
     acyclic = csgraph.connected_components(table, connection="strong")[0] == size
     if size <= DENSE or acyclic:
         spend(0 if acyclic else size**3 // EIGENVALUES)
-        mu = float(table.diagonal().min() if acyclic else np.linalg.eigvals(table.toarray()).real.min())
+        mu = float(
+            table.diagonal().min() if acyclic else np.linalg.eigvals(table.toarray()).real.min()
+        )
         pairs = (_pair(table, part * mu, ones, ones) for part in (CLOSEST, *PARTS[1:-1]) if mu > 0)
         return next((pair for pair in pairs if pair is not None), None)
     best, low = None, 0.0
@@ -206,7 +252,8 @@ def perron(table: Any) -> Perron | None:
 
 
 def _pair(table: Any, shift: float, w: Array, u: Array) -> Perron | None:
-    """One step of inverse iteration on both sides; None where it gives no positive vectors or no rate > 0."""
+    """One step of inverse iteration on both sides; None where it gives no positive vectors or no
+    rate > 0."""
     solve = _solver(table, shift)
     floors = [np.maximum(x, FLOOR if table.shape[0] > DENSE else 1.0) for x in (w, u)]
     x = None if solve is None else solve(floors[0], "N")
@@ -221,8 +268,9 @@ def _pair(table: Any, shift: float, w: Array, u: Array) -> Perron | None:
 
 
 def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | None:
-    """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"), about: by a factorisation where the network is
-    small or stays sparse, else by iteration.  None where none is positive, each row met up to a part of its terms."""
+    """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"), about: by a factorisation
+    where the network is small or stays sparse, else by iteration.  None where none is positive,
+    each row met up to a part of its terms."""
     size = table.shape[0]
     spend(SOLVER)
     shifted = sparse.csc_array(table - rate * sparse.eye_array(size))
@@ -245,20 +293,30 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
         if not factors:
             if iterates:
                 factors.append(sparse.linalg.spilu(shifted, drop_tol=DROPPED, fill_factor=FILL))
-            else:  # without exchanges, which an M-matrix does not need, no digits of small entries are lost
+            # without exchanges, which an M-matrix does not need, no digits of small entries are
+            # lost
+            else:
                 factors.append(factored(shifted, diag_pivot_thresh=0.0))
         start = factors[0].solve(right, which)
         yield start
         if iterates:
-            near = sparse.linalg.LinearOperator(matrix.shape, matvec=lambda x: factors[0].solve(x, which))
-            yield sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=CLOSE[-1], maxiter=QUICK)[0]
+            near = sparse.linalg.LinearOperator(
+                matrix.shape, matvec=lambda x: factors[0].solve(x, which)
+            )
+            yield sparse.linalg.bicgstab(
+                matrix, right, x0=start, M=near, rtol=CLOSE[-1], maxiter=QUICK
+            )[0]
 
     def solve(right: Array, which: str) -> Array | None:
         spend(SOLVER)
         with np.errstate(all="ignore"), suppress(*GIVEN_UP):
             for x in answers(right, which):
                 missed = np.abs(matrices[which] @ x - right)
-                if np.all(np.isfinite(x)) and np.all(x > 0) and np.all(missed <= LEFT * right + ROUNDED * scale * x):
+                if (
+                    np.all(np.isfinite(x))
+                    and np.all(x > 0)
+                    and np.all(missed <= LEFT * right + ROUNDED * scale * x)
+                ):
                     return np.asarray(x)
         return None
 
@@ -266,7 +324,8 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
 
 
 def _weights(tables: Mapping[str, Any], rate: float) -> Array | None:
-    """Weights D (n m,) that seem to do for this rate in every mode, the largest 1; None if none are seen."""
+    """Weights D (n m,) that seem to do for this rate in every mode, the largest 1; None if none are
+    seen."""
     (first, *others) = tables.values()
     if not others and first.shape[0] > DENSE and is_symmetric(first):
         return np.ones(first.shape[0])  # u = w
@@ -282,11 +341,14 @@ def _weights(tables: Mapping[str, Any], rate: float) -> Array | None:
     if len(tables) == 1:
         return weights[0]
     tried = chain(weights, _program(tables, rate))
-    return next((D for D in tried if all(_height(M, D, rate) is not None for M in tables.values())), None)
+    return next(
+        (D for D in tried if all(_height(M, D, rate) is not None for M in tables.values())), None
+    )
 
 
 def _program(tables: Mapping[str, Any], rate: float) -> Iterator[Array]:
-    """The most even D >= 1 with D (M - rate I) + (M - rate I)'D > 0, by a semidefinite program; none for large ones."""
+    """The most even D >= 1 with D (M - rate I) + (M - rate I)'D > 0, by a semidefinite program;
+    none for large ones."""
     size = next(iter(tables.values())).shape[0]
     if size**3 * len(tables) > LARGEST_PROGRAM:
         return
@@ -296,22 +358,33 @@ def _program(tables: Mapping[str, Any], rate: float) -> Iterator[Array]:
     ]
     for M in tables.values():
         rows = M.toarray() - rate * np.eye(size)
-        units = [np.outer(e, row) + np.outer(row, e) for e, row in zip(np.eye(size), rows, strict=True)]
-        columns = np.column_stack([*(-svec(unit) for unit in units), np.zeros(size * (size + 1) // 2)])
-        cones.append(Cone("semidefinite", columns, -svec(MARGIN * float(np.abs(rows).max()) * np.eye(size))))
+        units = [
+            np.outer(e, row) + np.outer(row, e) for e, row in zip(np.eye(size), rows, strict=True)
+        ]
+        columns = np.column_stack(
+            [*(-svec(unit) for unit in units), np.zeros(size * (size + 1) // 2)]
+        )
+        cones.append(
+            Cone("semidefinite", columns, -svec(MARGIN * float(np.abs(rows).max()) * np.eye(size)))
+        )
     answer = solve_cones(np.append(np.zeros(size), 1.0), cones, time_limit=LONGEST)
     found = answer.x[:size] if answer.found else np.zeros(0)
     if len(found) and found.min() > 0:
         yield found / found.max()
 
 
-def _height(M: Any, D: Array, rate: float, pair: Perron | None = None) -> tuple[Array, Array] | None:
-    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if not seen.  ``pair``: D = u / w."""
+def _height(
+    M: Any, D: Array, rate: float, pair: Perron | None = None
+) -> tuple[Array, Array] | None:
+    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if not seen.
+    ``pair``: D = u / w."""
     if pair is not None:
         rise = D * (M @ pair.w) + M.T @ pair.u - 2 * rate * pair.u
         return (pair.w, rise) if np.all(rise > 0) else None
     root = np.sqrt(D)  # N = diag(root) (X + X') diag(root), and X is scaled alike in all rows
-    X = sparse.diags_array(root) @ M @ sparse.diags_array(1 / root) - rate * sparse.eye_array(len(D))
+    X = sparse.diags_array(root) @ M @ sparse.diags_array(1 / root) - rate * sparse.eye_array(
+        len(D)
+    )
     even = sparse.csc_array(X + X.T)
     solve = _solver(even, 0.0)
     z = None if solve is None else solve(np.ones(len(D)), "N")
@@ -320,19 +393,28 @@ def _height(M: Any, D: Array, rate: float, pair: Perron | None = None) -> tuple[
 
 
 def network_claim(problem: Problem, rate: float) -> Weighted | None:
-    """Weights of the network alone (eps = 0) for a rate (1/s), common to all modes; None if none are seen."""
+    """Weights of the network alone (eps = 0) for a rate (1/s), common to all modes; None if none
+    are seen."""
     tables = {mode: stiffness(problem, mode) for mode in problem.network.modes}
     try:
         sigma = (Fraction(0),) * max(1, len(problem.groups))
-        return None if any(table is None for table in tables.values()) else _scaled(problem, tables, rate, sigma, None)
+        return (
+            None
+            if any(table is None for table in tables.values())
+            else _scaled(problem, tables, rate, sigma, None)
+        )
     except GIVEN_UP:
         return None
 
 
-def weights_claim(problem: Problem, tables: Mapping[str, Any], rate: float, D: Array) -> Weighted | None:
+def weights_claim(
+    problem: Problem, tables: Mapping[str, Any], rate: float, D: Array
+) -> Weighted | None:
     """The same with these weights."""
     try:
-        return _scaled(problem, tables, rate, (Fraction(0),) * max(1, len(problem.groups)), None, None, D)
+        return _scaled(
+            problem, tables, rate, (Fraction(0),) * max(1, len(problem.groups)), None, None, D
+        )
     except GIVEN_UP:
         return None
 
@@ -346,7 +428,8 @@ def _scaled(
     pair: Perron | None = None,
     D: Array | None = None,
 ) -> Weighted | None:
-    """The claim, its weights D small enough for the observer; of one mode perhaps those of its ``pair``."""
+    """The claim, its weights D small enough for the observer; of one mode perhaps those of its
+    ``pair``."""
     owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
     weight = np.array([*map(float, sigma), 0.0])[owners]  # 0 for an agent without a disturbance
     if D is None:
@@ -360,7 +443,9 @@ def _scaled(
     scale = min(1.0, room / 2)
     if not scale * D.min() > 0:
         return None
-    return Weighted(D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in heights.items()}, P=P)
+    return Weighted(
+        D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in heights.items()}, P=P
+    )
 
 
 def rounded(x: Array) -> Vector | Doubles:

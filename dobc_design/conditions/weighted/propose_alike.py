@@ -1,4 +1,5 @@
-"""Proposals of V = e'(D (x) R)e: weights of the network alone, and R by a small semidefinite program; no proofs."""
+"""Proposals of V = e'(D (x) R)e: weights of the network alone, and R by a small semidefinite
+program; no proofs."""
 
 from __future__ import annotations
 
@@ -15,8 +16,24 @@ import numpy as np
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
 from dobc_design.conditions.numbers import bisected, golden_section, shorten, time_to_one_percent
 from dobc_design.conditions.weighted.network import Alike, Network, holds_of_agents
-from dobc_design.conditions.weighted.propose import GIVEN_UP, even_weights, proposals, stiffness, weights_claim
-from dobc_design.exact.matrix import Matrix, add, multiply, nullspace, scale, subtract, to_float, transpose, zeros
+from dobc_design.conditions.weighted.propose import (
+    GIVEN_UP,
+    even_weights,
+    proposals,
+    stiffness,
+    weights_claim,
+)
+from dobc_design.exact.matrix import (
+    Matrix,
+    add,
+    multiply,
+    nullspace,
+    scale,
+    subtract,
+    to_float,
+    transpose,
+    zeros,
+)
 from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers import conic
@@ -26,8 +43,9 @@ from dobc_design.solvers.program import Array
 MOST_STATES = 20  # m, up to which an R is looked for: it has m (m + 1)/2 unknowns
 STRENGTHS = 4  # of the network, that are tried, the largest first
 BISECTIONS = 20
-# For the least time to one percent: bisections and rates of one strength, claims that are tried, part of a rate that is
-# kept; strengths, as parts of the largest one, and how many more around the best.
+# For the least time to one percent: bisections and rates of one strength, claims that are tried,
+# part of a rate that is kept; strengths, as parts of the largest one, and how many more around the
+# best.
 COARSE, SOONER, TRIED, SAFE = 10, 8, 2, 0.9995
 GRID, CLOSER = (0.3, 0.5, 0.7, 0.82, 0.92, 1.0), 4
 PARTS = (0.9995, 0.99, 0.9, 0.5, 0.1, 0.01, 0.0)  # of the rate that is thought possible
@@ -37,8 +55,8 @@ DIGITS = 9
 def alike_proposals(
     problem: Problem, network: Network, W: Matrix | None, *, least: float = 0.0
 ) -> Iterator[tuple[Alike, float]]:
-    """Claims with their rates (1/s): of those with at least ``least`` the one with the least time to one percent, then
-    the fastest first."""
+    """Claims with their rates (1/s): of those with at least ``least`` the one with the least time
+    to one percent, then the fastest first."""
     basis, slowest = symmetric_basis(network.G), float("inf")
     exosystem = problem.joint_exosystem
     if exosystem is not None and W is not None:
@@ -46,10 +64,16 @@ def alike_proposals(
     if basis:
         yield from _soonest(basis, network, slowest, least)
     for weights, strength in islice(proposals(network.statements, None, sooner=False), STRENGTHS):
-        top = 1.0 + float(np.abs(to_float(network.A)).sum()) + strength * float(np.abs(to_float(network.G)).sum())
+        top = (
+            1.0
+            + float(np.abs(to_float(network.A)).sum())
+            + strength * float(np.abs(to_float(network.G)).sum())
+        )
         if not basis or _found(basis, network, strength, 0.0) is None:
             continue
-        best = bisected(partial(seems_to_do, basis, network, strength), 0.0, top, steps=BISECTIONS)[0]
+        best = bisected(partial(seems_to_do, basis, network, strength), 0.0, top, steps=BISECTIONS)[
+            0
+        ]
         for part in PARTS:
             rate = shorten(part * min(best, slowest), digits=6)
             R, c = _found(basis, network, strength, rate), Fraction(repr(strength))
@@ -59,7 +83,8 @@ def alike_proposals(
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """Weights D of the network for a ``strength`` (1/s), R for a ``rate`` (1/s), and the time to one percent."""
+    """Weights D of the network for a ``strength`` (1/s), R for a ``rate`` (1/s), and the time to
+    one percent."""
 
     time: float
     strength: float
@@ -71,15 +96,18 @@ class _Plan:
 def _soonest(
     basis: tuple[Matrix, ...], network: Network, slowest: float, least: float
 ) -> Iterator[tuple[Alike, float]]:
-    """The claim with a rate from ``least`` to ``slowest`` (1/s) and the least ln(100 factor) / rate.
+    """The claim with a rate from ``least`` to ``slowest`` (1/s) and the least ln(100 factor) /
+    rate.
 
-    factor^2 = max D / min D times the condition of R: the weights are flatter for a smaller strength of the network,
-    and R for a smaller rate."""
+    factor^2 = max D / min D times the condition of R: the weights are flatter for a smaller
+    strength of the network, and R for a smaller rate."""
     alone = network.statements.problem
     tables = {mode: stiffness(alone, mode) for mode in alone.network.modes}
     if any(table is None or table.shape[0] > DENSE for table in tables.values()):
         return
-    strongest = next((strength for _, strength in proposals(network.statements, None, sooner=False)), 0.0)
+    strongest = next(
+        (strength for _, strength in proposals(network.statements, None, sooner=False)), 0.0
+    )
     plans = list[_Plan]()
 
     def at_rate(rate: float, strength: float, D: Array) -> float:
@@ -95,12 +123,20 @@ def _soonest(
             D = even_weights(tables, strength)
             if D is None or _found(basis, network, strength, 0.0) is None:
                 return math.inf
-            top = 1.0 + float(np.abs(to_float(network.A)).sum()) + strength * float(np.abs(to_float(network.G)).sum())
-            most = bisected(partial(seems_to_do, basis, network, strength), 0.0, top, steps=COARSE)[0]
+            top = (
+                1.0
+                + float(np.abs(to_float(network.A)).sum())
+                + strength * float(np.abs(to_float(network.G)).sum())
+            )
+            most = bisected(partial(seems_to_do, basis, network, strength), 0.0, top, steps=COARSE)[
+                0
+            ]
             most, shortest = min(most, SAFE * slowest), max(most / 4, least / SAFE)
             before = len(plans)
             if shortest < most:
-                golden_section(lambda rate: at_rate(rate, strength, D), shortest, most, steps=SOONER)
+                golden_section(
+                    lambda rate: at_rate(rate, strength, D), shortest, most, steps=SOONER
+                )
             return min((each.time for each in plans[before:]), default=math.inf)
         return math.inf
 
@@ -121,7 +157,10 @@ def _soonest(
 def symmetric_basis(G: Matrix) -> tuple[Matrix, ...]:
     """A basis of all symmetric R (m, m) for which R G is symmetric too."""
     m = len(G)
-    units = [tuple(tuple(map(Fraction, row)) for row in unit.tolist()) for unit in conic.symmetric_basis(m)]
+    units = [
+        tuple(tuple(map(Fraction, row)) for row in unit.tolist())
+        for unit in conic.symmetric_basis(m)
+    ]
     skew = [subtract(multiply(R, G), transpose(multiply(R, G))) for R in units]
     conditions = tuple(tuple(each[i][j] for each in skew) for i in range(m) for j in range(i))
     every = nullspace(conditions) if conditions else ((Fraction(1),),)
@@ -137,10 +176,11 @@ def symmetric_basis(G: Matrix) -> tuple[Matrix, ...]:
 def _found(
     basis: tuple[Matrix, ...], network: Network, strength: float, rate: float, *, even: bool = False
 ) -> Matrix | None:
-    """The R >= I with the least trace that seems to do, in the basis; ``even``: with the least largest eigenvalue.
-    None if none is seen."""
+    """The R >= I with the least trace that seems to do, in the basis; ``even``: with the least
+    largest eigenvalue. None if none is seen."""
     A, G, units = to_float(network.A), to_float(network.G), [to_float(each) for each in basis]
-    m, seen = len(A), np.linalg.svd(G)[2][: np.linalg.matrix_rank(G)].T  # beyond the range of G' nothing can be > 0
+    # beyond the range of G' nothing can be > 0
+    m, seen = len(A), np.linalg.svd(G)[2][: np.linalg.matrix_rank(G)].T
 
     def pulled(R: Array) -> Array:
         return np.asarray(R @ A + A.T @ R - 2 * strength * R @ G + 2 * rate * R)
@@ -154,7 +194,10 @@ def _found(
     spend(len(units) ** 2 // 4)
     cost = [float(np.trace(each)) for each in units]
     if even:  # t I - R >= 0
-        cones = [replace(each, rows=np.column_stack([each.rows, np.zeros(len(each.right))])) for each in cones]
+        cones = [
+            replace(each, rows=np.column_stack([each.rows, np.zeros(len(each.right))]))
+            for each in cones
+        ]
         cones.append(affine_cone([*(-each for each in units), np.eye(m)], np.zeros((m, m))))
         cost = [0.0] * len(units) + [1.0]
     with suppress(*GIVEN_UP):

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dobc_design.conditions.check import Check, cut_check, fastest_in_words, limited, undecided_check
+from dobc_design.conditions.check import (
+    Check,
+    cut_check,
+    fastest_in_words,
+    limited,
+    undecided_check,
+)
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.weighted.checks import id_for, weighted_check
@@ -21,16 +27,21 @@ KEPT = 0.002  # how much faster than wanted, for digits that are cut
 CLOSE = 0.01  # rates that differ by a smaller part are the same
 
 
-def _with_fastest(check: Check, rate: float, fastest: tuple[Weighted | Alike, float] | None) -> Check:
+def _with_fastest(
+    check: Check, rate: float, fastest: tuple[Weighted | Alike, float] | None
+) -> Check:
     """The check with a sentence about the fastest claim, if that is another one."""
     if fastest is None or fastest[1] < rate * (1 + CLOSE):
         return check
-    return replace(check, reason=check.reason + fastest_in_words(fastest[1], promised_factor(fastest[0])))
+    return replace(
+        check, reason=check.reason + fastest_in_words(fastest[1], promised_factor(fastest[0]))
+    )
 
 
 def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.0) -> list[Check]:
-    """The check of the weighted theorem for the gain W (q, m); none where it says no more than other checks.  ``rate``
-    (1/s): of the claims with at least this rate the one with the least time to one percent is looked for."""
+    """The check of the weighted theorem for the gain W (q, m); none where it says no more than
+    other checks.  ``rate`` (1/s): of the claims with at least this rate the one with the least time
+    to one percent is looked for."""
     problem = statements.problem
     modes = problem.network.modes
     id = id_for(problem)
@@ -45,14 +56,19 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
     reasons = [too_large(group.exosystem) for group in problem.groups]
     if network is not None and problem.m > MOST_STATES:
         reasons.append(
-            f"left out, because it takes long with {problem.m} states per agent; it is examined up to {MOST_STATES}."
+            f"left out, because it takes long with {problem.m} states per agent; it is "
+            f"examined up to {MOST_STATES}."
         )
     if (reason := next(filter(None, reasons), None)) is not None:
         return [undecided_check(id, statements.domain, reason)]
 
     def decided() -> Check:
         least = rate * (1 + KEPT)
-        found = alike_proposals(problem, network, W, least=least) if network else proposals(statements, W, least=least)
+        found = (
+            alike_proposals(problem, network, W, least=least)
+            if network
+            else proposals(statements, W, least=least)
+        )
         for claim, speed in found:
             check = weighted_check(id, statements, W, claim, rate=speed)
             if check.verdict is Verdict.PROVED:
@@ -61,6 +77,9 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
         pair = disagreeing(alone) if len(modes) > 1 else None
         if pair is None:
             return check
-        return replace(check, reason=f"no weights D are found that serve the modes {pair[0]} and {pair[1]} together.")
+        return replace(
+            check,
+            reason=f"no weights D are found that serve the modes {pair[0]} and {pair[1]} together.",
+        )
 
     return [limited(id, statements.domain, decided)]

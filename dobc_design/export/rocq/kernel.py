@@ -1,4 +1,5 @@
-"""What Coq's kernel says of a file: accepted or not, the theorem, what it assumes.  Nothing here decides anything."""
+"""What Coq's kernel says of a file: accepted or not, the theorem, what it assumes.  Nothing here
+decides anything."""
 
 from __future__ import annotations
 
@@ -24,8 +25,9 @@ PACKAGES: Final = "coq libcoq-coquelicot libcoq-interval"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """``accepted``: coqc ended without an error.  ``axioms``: what the theorem assumes, as Coq prints it; ``message``:
-    what it said against the file; ``sha256`` of the file; ``coq``: its version."""
+    """``accepted``: coqc ended without an error.  ``axioms``: what the theorem assumes, as Coq
+    prints it; ``message``: what it said against the file; ``sha256`` of the file; ``coq``: its
+    version."""
 
     accepted: bool
     coq: str
@@ -38,21 +40,33 @@ class Judgement:
         if not self.accepted:
             return f"Coq {self.coq} does not accept the proof: {self.message}"
         listed = ", ".join(self.axioms)
-        told = f"Coq {self.coq} accepts the theorem {THEOREM} of the file with SHA-256 {self.sha256}."
+        told = (
+            f"Coq {self.coq} accepts the theorem {THEOREM} of the file with SHA-256 {self.sha256}."
+        )
         return f"{told} It assumes: {listed}."
 
     def to_json(self) -> dict[str, Any]:
         names = ("accepted", "coq", "sha256", "message")
-        return {"theorem": THEOREM, **{name: getattr(self, name) for name in names}, "axioms": list(self.axioms)}
+        return {
+            "theorem": THEOREM,
+            **{name: getattr(self, name) for name in names},
+            "axioms": list(self.axioms),
+        }
 
 
 def judged(text: str) -> Judgement:
-    """Run coqc on the text of a file.  Raises: SpecError where Coq or one of its libraries is missing, SolverError
-    where it does not end in time or the machine fails."""
+    """Run coqc on the text of a file.  Raises: SpecError where Coq or one of its libraries is
+    missing, SolverError where it does not end in time or the machine fails."""
     coqc = shutil.which("coqc")
     if coqc is None:
-        raise SpecError("coqc is not installed.", key="--rocq", cure=f"On Debian or Ubuntu: apt install {PACKAGES}.")
-    version = subprocess.run([coqc, "--print-version"], capture_output=True, text=True, check=False).stdout.split()
+        raise SpecError(
+            "coqc is not installed.",
+            key="--rocq",
+            cure=f"On Debian or Ubuntu: apt install {PACKAGES}.",
+        )
+    version = subprocess.run(
+        [coqc, "--print-version"], capture_output=True, text=True, check=False
+    ).stdout.split()
     begun, most = time.monotonic(), GIBIBYTES * 2**30
     with tempfile.TemporaryDirectory() as folder:
         (path := Path(folder) / FILE).write_text(text, "ascii")
@@ -66,7 +80,9 @@ def judged(text: str) -> Judgement:
                 preexec_fn=partial(resource.setrlimit, resource.RLIMIT_AS, (most, most)),
             )
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise SolverError(f"coqc did not end within {MINUTES} minutes, or could not run: {error}") from error
+            raise SolverError(
+                f"coqc did not end within {MINUTES} minutes, or could not run: {error}"
+            ) from error
     if "Cannot find a physical path" in done.stderr or "Unable to locate library" in done.stderr:
         message = "Coq is installed, but Coquelicot or Interval is not."
         raise SpecError(message, key="--rocq", cure=f"On Debian or Ubuntu: apt install {PACKAGES}.")
@@ -76,6 +92,8 @@ def judged(text: str) -> Judgement:
         coq=version[0] if version else "",
         sha256=hashlib.sha256(text.encode("ascii")).hexdigest(),
         seconds=time.monotonic() - begun,
-        axioms=tuple(re.findall(r"^([A-Za-z_.0-9]+)\s*:", done.stdout.partition("Axioms:")[2], re.MULTILINE)),
+        axioms=tuple(
+            re.findall(r"^([A-Za-z_.0-9]+)\s*:", done.stdout.partition("Axioms:")[2], re.MULTILINE)
+        ),
         message=" ".join(said[:60]),
     )

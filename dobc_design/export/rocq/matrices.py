@@ -1,8 +1,9 @@
 """A certificate's Theorem 1, 2 or Lemma 1 as a file that the kernel of Coq checks.
 
-The file states the problem in rationals, builds Psi from it inside Coq, and proves x' Psi x < 0 for every x other than
-0, rational or real, from Psi = -L D L' multiplied out by the kernel; it needs Coq's standard library alone.
-Nothing here is trusted: a wrong number makes a file that Coq refuses.  Coq does not see h: h'(0) enter as numbers.
+The file states the problem in rationals, builds Psi from it inside Coq, and proves x' Psi x < 0 for
+every x other than 0, rational or real, from Psi = -L D L' multiplied out by the kernel; it needs
+Coq's standard library alone. Nothing here is trusted: a wrong number makes a file that Coq
+refuses.  Coq does not see h: h'(0) enter as numbers.
 """
 
 from __future__ import annotations
@@ -12,7 +13,12 @@ from collections.abc import Iterable
 from fractions import Fraction
 
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, Statements, state_theorems
+from dobc_design.conditions.consensus.claim import (
+    Jacobians,
+    ModeJacobian,
+    Statements,
+    state_theorems,
+)
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
@@ -27,10 +33,17 @@ WIDTH = 110  # characters of a line, where numbers allow it
 
 
 def comment(*paragraphs: str) -> str:
-    """A comment, whatever the text: it can neither end the comment nor open a comment or string in it."""
-    harmless = (text.replace('"', "'").replace("(*", "( *").replace("*)", "* )") for text in paragraphs)
+    """A comment, whatever the text: it can neither end the comment nor open a comment or string in
+    it."""
+    harmless = (
+        text.replace('"', "'").replace("(*", "( *").replace("*)", "* )") for text in paragraphs
+    )
     plain = (text.encode("ascii", "backslashreplace").decode("ascii") for text in harmless)
-    return "(* " + "\n   ".join([line for text in plain for line in textwrap.wrap(text, WIDTH - 6)]) + " *)"
+    return (
+        "(* "
+        + "\n   ".join([line for text in plain for line in textwrap.wrap(text, WIDTH - 6)])
+        + " *)"
+    )
 
 
 def number(x: Fraction) -> str:
@@ -61,7 +74,10 @@ def square_list(squares: Iterable[Square]) -> str:
     items = []
     for each in squares:
         terms = [f"Term {i} {number(x)}" for i, x in each.others.items()]
-        items.append(f"Square {number(each.weight)} {each.pivot}" + ("\n  " + wrapped_list(terms) if terms else " []"))
+        items.append(
+            f"Square {number(each.weight)} {each.pivot}"
+            + ("\n  " + wrapped_list(terms) if terms else " []")
+        )
     return "  [" + ";\n   ".join(items) + "]"
 
 
@@ -73,11 +89,12 @@ Factors = tuple[Square, ...]
 
 
 def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
-    """Return the text of a Coq file that proves the certificate's theorem.  With an exosystem: theorem1 or theorem2,
-    with the certificate's P and Q = P W, for all modes.  Without: lemma1 of every mode.  ``rate`` adds the claimed
-    decay rate.  The same certificate gives the same text. Raises: SpecError if that is not proved in the certificate,
-    if a slope h'(0) is irrational, if the problem is too large for Coq, or if the numbers in the certificate do not
-    prove what it claims. Source: theory, sections 2 and 3.  Tested with Coq 8.16."""
+    """Return the text of a Coq file that proves the certificate's theorem.  With an exosystem:
+    theorem1 or theorem2, with the certificate's P and Q = P W, for all modes.  Without: lemma1 of
+    every mode.  ``rate`` adds the claimed decay rate.  The same certificate gives the same text.
+    Raises: SpecError if that is not proved in the certificate, if a slope h'(0) is irrational, if
+    the problem is too large for Coq, or if the numbers in the certificate do not prove what it
+    claims. Source: theory, sections 2 and 3.  Tested with Coq 8.16."""
     require_own(certificate)
     problem, claims = certificate.problem, certificate.claims
     id = _proved_id(certificate)
@@ -89,12 +106,17 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
     if exosystem is not None:
         if W is None or P is None or Q is None or multiply(P, W) != Q:
             raise _unsound("the certificate must hold W, P and Q with Q = P W.")
-        pair, matrices = {"P": P, "Q": Q}, {"A": exosystem.A, "C": exosystem.C, "W": W, "P": P, "Qm": Q}
+        pair, matrices = (
+            {"P": P, "Q": Q},
+            {"A": exosystem.A, "C": exosystem.C, "W": W, "P": P, "Qm": Q},
+        )
         P_squares = _factored(SparseSymmetric.from_dense(P, name="P"), "P")
     claimed_rate = _rate(certificate, id) if rate else None
     factors = _factors(statements, pair, Fraction(0))
     rate_factors = factors if claimed_rate is None else _factors(statements, pair, claimed_rate)
-    slopes = dict.fromkeys(_slope(mode, kind) for mode in jacobians.modes for kind in range(len(mode.gains)))
+    slopes = dict.fromkeys(
+        _slope(mode, kind) for mode in jacobians.modes for kind in range(len(mode.gains))
+    )
     slopes = {slope: f"slope_{place}" for place, slope in enumerate(slopes, start=1)}
     modes = [
         {
@@ -108,7 +130,10 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
         }
         for mode in jacobians.modes
     ]
-    gains = {gain: f"gain_{place}" for place, gain in enumerate(dict.fromkeys(problem.pinning.gains.values()), start=1)}
+    gains = {
+        gain: f"gain_{place}"
+        for place, gain in enumerate(dict.fromkeys(problem.pinning.gains.values()), start=1)
+    }
     return template("rocq_matrices.v.j2").render(
         head=_head(certificate, KINDS[id].short),
         id=id,
@@ -141,11 +166,13 @@ def _head(certificate: Certificate, title: str) -> str:
     linear = "" if problem.is_linear else ", linearised at the consensus"
     return comment(
         f"{title} for the problem {problem.name}, to be checked by Coq.",
-        f"Claim: Psi is negative definite{'' if modes == 1 else f' in each of the {modes} modes'}, and so V = e'e"
+        "Claim: Psi is negative "
+        f"definite{'' if modes == 1 else f' in each of the {modes} modes'}, and so V = e'e"
         + ("" if problem.exosystem is None else " + sum over i of eps_i' P eps_i")
         + f" decreases along the closed loop{linear}.",
         "Check it by: coqc FILE.v (standard library only; tested with Coq 8.16).",
-        "What is proved stands in parts 1, 2 and 5; parts 3 and 4 are proofs, which only Coq has to read. Coq does not"
+        "What is proved stands in parts 1, 2 and 5; parts 3 and 4 are proofs, which only "
+        "Coq has to read. Coq does not"
         " see the coupling h: its slopes h'(0) stand in part 2 as numbers.",
         f"Made by dobc_design {claims.version}. SHA-256 of the problem: {claims.problem_sha256}.",
         *(f"Note: {note}" for note in problem.notes),
@@ -168,7 +195,9 @@ def _proved_id(certificate: Certificate) -> str:
         if verdict is not Verdict.PROVED:
             title = id if mode is None else f"{id} ({mode})"
             said = "missing" if verdict is None else verdict.value
-            message = f"only a proved theorem can be exported; {title} is {said} in this certificate."
+            message = (
+                f"only a proved theorem can be exported; {title} is {said} in this certificate."
+            )
             raise SpecError(message, key="checks", cure="Certify a problem for which it is proved.")
     return id
 
@@ -181,7 +210,11 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
         raise _too_large(f"Psi must have {limit}; it has {size}.")
     if jacobians is None:
         cure = "Check the certificate with `dobc verify`."
-        raise SpecError(f"the theorem cannot be exported: {statements.inapplicable}", key="coupling.h", cure=cure)
+        raise SpecError(
+            f"the theorem cannot be exported: {statements.inapplicable}",
+            key="coupling.h",
+            cure=cure,
+        )
     if not all(mode.is_point for mode in jacobians.modes):
         texts = next(
             each.texts
@@ -191,7 +224,9 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
         name = f'coupling "{"; ".join(texts)}"'
         why = "because Coq is given Psi in rationals; it is known as an interval only."
         cure = "Use a coupling with a rational slope at 0, or rely on `dobc verify`."
-        raise SpecError(f"{name}: its slope h'(0) must be a rational number, {why}", key="coupling.h", cure=cure)
+        raise SpecError(
+            f"{name}: its slope h'(0) must be a rational number, {why}", key="coupling.h", cure=cure
+        )
     return jacobians
 
 
@@ -200,11 +235,17 @@ def _rate(certificate: Certificate, id: str) -> Fraction:
     rates = [check.rate for check in certificate.checks if check.id == id]
     known = [claimed(each) for each in rates if each]
     if not known or len(known) != len(rates):
-        raise SpecError(f"the certificate claims no decay rate for {id}.", key="rate", cure="Export it without one.")
+        raise SpecError(
+            f"the certificate claims no decay rate for {id}.",
+            key="rate",
+            cure="Export it without one.",
+        )
     return min(known)
 
 
-def _factors(statements: Statements, pair: dict[str, Matrix] | None, rate: Fraction) -> dict[str, Factors]:
+def _factors(
+    statements: Statements, pair: dict[str, Matrix] | None, rate: Fraction
+) -> dict[str, Factors]:
     """Mode -> LDL' of -(Psi + 2 rate V)."""
     constants = [each.constant for each in statements.lambdas.values()]
     matrices = [each.shifted(2 * rate) for each in constants if isinstance(each, SparseSymmetric)]
@@ -217,7 +258,10 @@ def _factors(statements: Statements, pair: dict[str, Matrix] | None, rate: Fract
         for mode, matrix in zip(statements.lambdas, matrices, strict=True)
     }
     if sum(_work(factors) for factors in result.values()) > LARGEST_WORK:
-        raise _too_large("the fractions in L and D of Psi are too long for Coq to end within a quarter of an hour.")
+        raise _too_large(
+            "the fractions in L and D of Psi are too long for Coq to end within a quarter "
+            "of an hour."
+        )
     return result
 
 
@@ -243,4 +287,6 @@ def _too_large(message: str) -> SpecError:
 
 
 def _unsound(message: str) -> SpecError:
-    return SpecError(message, key="observer", cure="Check the certificate with `dobc verify`, and make it again.")
+    return SpecError(
+        message, key="observer", cure="Check the certificate with `dobc verify`, and make it again."
+    )

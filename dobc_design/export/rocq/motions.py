@@ -1,9 +1,11 @@
-"""A max-separable certificate as a file in which Coq proves: every motion of the loop stays below the bound.
+"""A max-separable certificate as a file in which Coq proves: every motion of the loop stays below
+the bound.
 
-The file states the loop as the paper prints it, equations (1), (12), (13) and (19), with real functions of time, and
-proves the bound for every motion under any switching (theory, section 5).  Its library is ``theory/``, written once;
-what belongs to one certificate are numbers, couplings, and where a row is looked at piece by piece: Coq bounds real
-functions (package Interval) on pieces that are found here.  Nothing here is trusted.
+The file states the loop as the paper prints it, equations (1), (12), (13) and (19), with real
+functions of time, and proves the bound for every motion under any switching (theory, section 5).
+Its library is ``theory/``, written once; what belongs to one certificate are numbers, couplings,
+and where a row is looked at piece by piece: Coq bounds real functions (package Interval) on pieces
+that are found here.  Nothing here is trusted.
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ MOST_ARCS, MOST_STATES = 400, 6  # of all modes together, and of one exosystem
 DEEPEST: Final = 12  # halvings of a piece, until a row is seen to hold
 MOST_PARTS: Final = 200  # of one row
 CUTS: Final = 64  # of a range of arguments, where a turn is looked for
-#: Functions of the expression language in Coq; {0} is the argument, in brackets where it needs them.
+#: Functions of the expression language in Coq; {0} is the argument, in brackets where it needs
+#: them.
 CALLS: Final = {name: f"{name} {{0}}" for name in ("exp", "sin", "cos", "atan", "sqrt")} | {
     "log": "ln {0}",
     "tan": "(sin {0} / cos {0})",
@@ -62,7 +65,9 @@ Cell = tuple[Interval, Interval, Interval]  # of arguments; h and h' there
 
 def real(x: Fraction | int) -> str:
     """A rational as a real number: 3, (- 3), (3 / 7)."""
-    top = str(abs(Fraction(x).numerator)) + ("" if Fraction(x).denominator == 1 else f" / {Fraction(x).denominator}")
+    top = str(abs(Fraction(x).numerator)) + (
+        "" if Fraction(x).denominator == 1 else f" / {Fraction(x).denominator}"
+    )
     return f"(- ({top}))" if x < 0 else f"({top})" if " " in top else top
 
 
@@ -86,7 +91,10 @@ class RocqAlgebra(Infix):
 
     def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
         if name not in CALLS:
-            message = f"a coupling has {name}, which has no derivative everywhere or is not known to Coq's Interval."
+            message = (
+                f"a coupling has {name}, which has no derivative everywhere or is not known to "
+                "Coq's Interval."
+            )
             raise SpecError(message, key="coupling.h", cure="`dobc verify` checks the certificate.")
         inside = (x.text if x.text.isalnum() else f"({x.text})" for x in arguments)
         return Piece(CALLS[name].format(*inside), ATOM)
@@ -94,9 +102,9 @@ class RocqAlgebra(Infix):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arc:
-    """What an agent hears on a part of a row, for arguments in [low, high], and why its coupling is at most h(s step):
-    it rises (everywhere, or here: rising), falls, or has its peak there, rising from ``turn`` on and below it at most
-    ``bound``; without ``step`` it is bounded by ``bound``."""
+    """What an agent hears on a part of a row, for arguments in [low, high], and why its coupling is
+    at most h(s step): it rises (everywhere, or here: rising), falls, or has its peak there, rising
+    from ``turn`` on and below it at most ``bound``; without ``step`` it is bounded by ``bound``."""
 
     who: int
     weight: Fraction
@@ -121,7 +129,8 @@ class Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """An agent in a mode on a face, 1 or -1 (the lower: couplings are mirrored, -h(-y)), and what its pin leaves."""
+    """An agent in a mode on a face, 1 or -1 (the lower: couplings are mirrored, -h(-y)), and what
+    its pin leaves."""
 
     mode: int
     agent: int
@@ -153,40 +162,61 @@ class Rows:
         for arcs in self.problem.network.modes.values():
             for i, j, _ in arcs:
                 place = self.problem.coupling_place(i, j)
-                found[place] = max(found.get(place, Fraction(0)), self.rho * (self.claim.v[i] + self.claim.v[j]))
+                found[place] = max(
+                    found.get(place, Fraction(0)), self.rho * (self.claim.v[i] + self.claim.v[j])
+                )
         return found
 
     @cached_property
     def rising(self) -> dict[int, bool]:
         """Whether a coupling rises as far as that."""
-        return {k: all(slope.lo >= 0 for *_, slope in self._cells(k, 1, -far, far)) for k, far in self.far.items()}
+        return {
+            k: all(slope.lo >= 0 for *_, slope in self._cells(k, 1, -far, far))
+            for k, far in self.far.items()
+        }
 
     def all(self) -> Iterator[Row]:
-        """Every row, mode by mode, agent by agent.  Raises: SpecError if one has too little room, UndefinedError."""
+        """Every row, mode by mode, agent by agent.  Raises: SpecError if one has too little room,
+        UndefinedError."""
         gains = holding_gains(self.problem)
-        for face, (p, mode), i in product((1, -1), enumerate(self.problem.network.modes), range(self.problem.n)):
-            arcs = [(j, w, self.problem.coupling_place(i, j)) for a, j, w in self.problem.network.modes[mode] if a == i]
+        for face, (p, mode), i in product(
+            (1, -1), enumerate(self.problem.network.modes), range(self.problem.n)
+        ):
+            arcs = [
+                (j, w, self.problem.coupling_place(i, j))
+                for a, j, w in self.problem.network.modes[mode]
+                if a == i
+            ]
             room = (gains[i] - self.claim.alpha) * self.claim.v[i]
             parts = self._parts(arcs, i, face, room)
             if parts is None:
                 message = (
-                    f"the row of agent {self.problem.network.labels[i]} in mode {mode} has too little room for Coq."
+                    f"the row of agent {self.problem.network.labels[i]} in mode {mode} has too "
+                    "little room for Coq."
                 )
                 raise SpecError(message, key="checks", cure="`dobc verify` checks the certificate.")
             yield Row(mode=p, agent=i, face=face, room=room, parts=tuple(parts))
 
-    def _parts(self, arcs: Sequence[Heard], agent: int, face: int, room: Fraction) -> list[Part] | None:
-        """Parts of (0, rho] on which a row is seen to be at most ``room`` s; None if they are not found."""
+    def _parts(
+        self, arcs: Sequence[Heard], agent: int, face: int, room: Fraction
+    ) -> list[Part] | None:
+        """Parts of (0, rho] on which a row is seen to be at most ``room`` s; None if they are not
+        found."""
         high, found, waiting = self.rho, list[Part](), list[tuple[Fraction, Fraction]]()
         for _ in range(DEEPEST):
             near = self._part(arcs, agent, face, Fraction(0), high)
-            if all(arc.kind in ("rises", "rising", "falling") for arc in near.arcs) and self._holds(near, face, room):
+            if all(arc.kind in ("rises", "rising", "falling") for arc in near.arcs) and self._holds(
+                near, face, room
+            ):
                 found, waiting = [near], [(high, self.rho)] if high < self.rho else []
                 break
             high /= 2
         while waiting:
             low, high = waiting.pop()
-            part, middle = self._part(arcs, agent, face, low, high), Fraction(round((low + high) * 2**19), 2**20)
+            part, middle = (
+                self._part(arcs, agent, face, low, high),
+                Fraction(round((low + high) * 2**19), 2**20),
+            )
             if self._holds(part, face, room):
                 found.append(part)
             elif len(found) + len(waiting) < MOST_PARTS and low < middle < high:
@@ -195,16 +225,23 @@ class Rows:
                 return None
         return found or None
 
-    def _part(self, arcs: Sequence[Heard], agent: int, face: int, low: Fraction, high: Fraction) -> Part:
+    def _part(
+        self, arcs: Sequence[Heard], agent: int, face: int, low: Fraction, high: Fraction
+    ) -> Part:
         return Part(
-            low=low, high=high, near=low == 0, arcs=tuple(self._arc(each, agent, face, low, high) for each in arcs)
+            low=low,
+            high=high,
+            near=low == 0,
+            arcs=tuple(self._arc(each, agent, face, low, high) for each in arcs),
         )
 
     def _arc(self, heard: Heard, agent: int, face: int, low: Fraction, high: Fraction) -> Arc:
         (j, w, place), v = heard, self.claim.v
         step, reach = v[j] - v[agent], v[j] + v[agent]
         ends = -high * reach, max(low * step, high * step)
-        arc = Arc(who=j, weight=Fraction(w), law=place, kind="rises", low=ends[0], high=ends[1], step=step)
+        arc = Arc(
+            who=j, weight=Fraction(w), law=place, kind="rises", low=ends[0], high=ends[1], step=step
+        )
         if self.rising[place]:
             return arc
         cells = list(self._cells(place, face, arc.low, arc.high))
@@ -236,21 +273,29 @@ class Rows:
     def _most(self, place: int, face: int, cells: Sequence[Cell]) -> Fraction:
         """What a coupling does not exceed on cells, rounded up: where it is monotone, at an end."""
         ends = (cell.ends()[slope.lo >= 0] if slope.sign else cell for cell, _, slope in cells)
-        return Fraction(math.ceil(max(self._jet(place, face, end)[0].hi for end in ends) * 2**20) + 1, 2**20)
+        return Fraction(
+            math.ceil(max(self._jet(place, face, end)[0].hi for end in ends) * 2**20) + 1, 2**20
+        )
 
     def _holds(self, part: Part, face: int, room: Fraction) -> bool:
         exact = all(arc.step is not None for arc in part.arcs)
         return self._below(part, face, room, Interval(part.low, part.high), DEEPEST if exact else 4)
 
     def _below(self, part: Part, face: int, room: Fraction, S: Interval, depth: int) -> bool:
-        """Whether the row (near 0: its slope) is at most what the pin leaves, on S or in halves of it."""
+        """Whether the row (near 0: its slope) is at most what the pin leaves, on S or in halves of
+        it."""
         value, slope = self._row(part, face, room, S)
-        if value.hi <= 0 or (slope.sign and self._row(part, face, room, S.ends()[slope.lo >= 0])[0].hi <= 0):
+        if value.hi <= 0 or (
+            slope.sign and self._row(part, face, room, S.ends()[slope.lo >= 0])[0].hi <= 0
+        ):
             return True
-        return depth > 0 and all(self._below(part, face, room, half, depth - 1) for half in S.halves())
+        return depth > 0 and all(
+            self._below(part, face, room, half, depth - 1) for half in S.halves()
+        )
 
     def _row(self, part: Part, face: int, room: Fraction, S: Interval) -> tuple[Interval, Interval]:
-        """What the row (near 0: its slope) has beyond what the pin leaves, and its derivative by s."""
+        """What the row (near 0: its slope) has beyond what the pin leaves, and its derivative by
+        s."""
         none = Interval.point(Fraction(0))
         value, slope = (none - room, none) if part.near else (-S * room, none - room)
         for arc in part.arcs:
@@ -267,9 +312,14 @@ class Rows:
 
 
 def proved_in_states(certificate: Certificate) -> tuple[Check, Separable] | None:
-    """The max-separable check that is proved, in the states themselves, with its claim; None without one."""
+    """The max-separable check that is proved, in the states themselves, with its claim; None
+    without one."""
     for check in certificate.checks:
-        known = check.verdict is Verdict.PROVED and check.rate is not None and certificate.problem.dynamics is None
+        known = (
+            check.verdict is Verdict.PROVED
+            and check.rate is not None
+            and certificate.problem.dynamics is None
+        )
         if check.id == "max-separable" and known:
             with reading_claims():
                 claim = claim_of(check, certificate.problem, certificate.claims.W)
@@ -279,11 +329,12 @@ def proved_in_states(certificate: Certificate) -> tuple[Check, Separable] | None
 
 
 def motions_proof(certificate: Certificate) -> str:
-    """Return the text of a Coq file that proves: every motion of the loop that starts in the box of the certificate's
-    max-separable check stays below rho v_i exp(-rate t), under any switching.  One certificate gives one text.
-    Raises: SpecError if no such check is proved, or where the file cannot be made (dynamics, lists of couplings,
-    optional arcs, functions that Interval does not know, large networks).  Tested with Coq 8.16, Coquelicot 3.2 and
-    Interval 4.6."""
+    """Return the text of a Coq file that proves: every motion of the loop that starts in the box of
+    the certificate's max-separable check stays below rho v_i exp(-rate t), under any switching.
+    One certificate gives one text.
+    Raises: SpecError if no such check is proved, or where the file cannot be made (dynamics, lists
+    of couplings, optional arcs, functions that Interval does not know, large networks).  Tested
+    with Coq 8.16, Coquelicot 3.2 and Interval 4.6."""
     problem, claims = certificate.problem, certificate.claims
     require_own(certificate)
     found = proved_in_states(certificate)
@@ -294,12 +345,19 @@ def motions_proof(certificate: Certificate) -> str:
     for wrong, what in (
         (any(arcs.optional for arcs in problem.network.modes.values()), "arcs that come and go"),
         (sum(map(len, problem.network.modes.values())) > MOST_ARCS, f"more than {MOST_ARCS} arcs"),
-        (any(len(each.exosystem.A) > MOST_STATES for each in problem.groups), f"exosystems of more than {MOST_STATES}"),
+        (
+            any(len(each.exosystem.A) > MOST_STATES for each in problem.groups),
+            f"exosystems of more than {MOST_STATES}",
+        ),
     ):
         if wrong:
             message = f"a proof about motions is not made for {what}."
             raise SpecError(message, key="--rocq", cure="`dobc verify` checks the certificate.")
-    box = check.domain if not isinstance(check.domain, str) else {"radius": 1.0, "disturbance": float(bool(problem.q))}
+    box = (
+        check.domain
+        if not isinstance(check.domain, str)
+        else {"radius": 1.0, "disturbance": float(bool(problem.q))}
+    )
     radius, off = claimed(box["radius"]), claimed(box["disturbance"])
     rate = claimed(check.rate or 0)
     error = claim.error or ErrorBound(P=(), beta=rate + 1, kappa=1 / claim.least, size=Fraction(0))
@@ -309,18 +367,41 @@ def motions_proof(certificate: Certificate) -> str:
     try:
         listed = list(rows.all())
     except UndefinedError as undefined:
-        raise SpecError(f"a coupling is not smooth as far out: {undefined}", key="coupling.h") from undefined
+        raise SpecError(
+            f"a coupling is not smooth as far out: {undefined}", key="coupling.h"
+        ) from undefined
     region, groups = problem.region, [*_groups(problem, claims.W, error)]
     group = {label: g for g, each in enumerate(problem.groups) for label in each.agents}
-    inside = region is not None and max(asked_radius(problem)) <= radius and (region.initial_disturbance or 0) <= off
+    inside = (
+        region is not None
+        and max(asked_radius(problem)) <= radius
+        and (region.initial_disturbance or 0) <= off
+    )
     asked = set(region.initial_states) if region is not None and inside else set()
-    values = {"problem": problem, "claims": claims, "claim": claim, "error": error, "share": share, "rho": rho}
+    values = {
+        "problem": problem,
+        "claims": claims,
+        "claim": claim,
+        "error": error,
+        "share": share,
+        "rho": rho,
+    }
     return template("rocq_motions.v.j2").render(
         **values,
-        **{"radius": radius, "off": off, "rate": rate, "rows": listed, "far": rows.far, "rising": rows.rising},
+        **{
+            "radius": radius,
+            "off": off,
+            "rate": rate,
+            "rows": listed,
+            "far": rows.far,
+            "rising": rows.rising,
+        },
         **{each.__name__: each for each in (comment, matrix, real)},
         theory=[_theory(name) for name in THEORY],
-        laws=[evaluate(h.components[0].node, [Piece("y", ATOM)], RocqAlgebra()).text for h in problem.couplings],
+        laws=[
+            evaluate(h.components[0].node, [Piece("y", ATOM)], RocqAlgebra()).text
+            for h in problem.couplings
+        ],
         group=[group.get(label, len(groups)) for label in problem.network.labels],
         groups=groups,
         k=holding_gains(problem),
@@ -331,7 +412,10 @@ def motions_proof(certificate: Certificate) -> str:
 def _theory(name: str) -> str:
     """A file of the library without what it requires."""
     text = (files("dobc_design.export.rocq") / "theory" / f"{name}.v").read_text("utf-8")
-    return re.sub(r"^(Require|From|Import|Open Scope) .*\n", "", text, flags=re.MULTILINE).strip() + "\n"
+    return (
+        re.sub(r"^(Require|From|Import|Open Scope) .*\n", "", text, flags=re.MULTILINE).strip()
+        + "\n"
+    )
 
 
 def _groups(problem: Problem, W: Matrix | None, error: ErrorBound) -> Iterator[dict[str, Any]]:
@@ -347,15 +431,29 @@ def _groups(problem: Problem, W: Matrix | None, error: ErrorBound) -> Iterator[d
         facts = {
             "contracts": scale(-1, add(add(PF, transpose(PF)), scale(2 * error.beta, P))),
             "sized": subtract(scale(error.size, identity(q)), P),
-            **{f"seen{c}": subtract(P, multiply(transpose((row,)), (row,))) for c, row in enumerate(C)},
+            **{
+                f"seen{c}": subtract(P, multiply(transpose((row,)), (row,)))
+                for c, row in enumerate(C)
+            },
         }
-        yield {"A": A, "C": C, "W": gain, "P": P, "facts": {name: _squares(M) for name, M in facts.items()}}
+        yield {
+            "A": A,
+            "C": C,
+            "W": gain,
+            "P": P,
+            "facts": {name: _squares(M) for name, M in facts.items()},
+        }
 
 
 def _squares(M: Matrix) -> list[str]:
     """The squares that M is the sum of.  Raises: SpecError if M is not positive semidefinite."""
     found = squares_of(SparseSymmetric.from_dense(M), strict=False)
     if found is None:
-        raise SpecError("the numbers of the observer do not prove what the certificate claims.", key="observer")
-    sums = (" + ".join([f"a {x.pivot}%nat", *(f"{real(y)} * a {i}%nat" for i, y in x.others.items())]) for x in found)
+        raise SpecError(
+            "the numbers of the observer do not prove what the certificate claims.", key="observer"
+        )
+    sums = (
+        " + ".join([f"a {x.pivot}%nat", *(f"{real(y)} * a {i}%nat" for i, y in x.others.items())])
+        for x in found
+    )
     return [f"{real(x.weight)} * ({text}) ^ 2" for x, text in zip(found, sums, strict=True)]

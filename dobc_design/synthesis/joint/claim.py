@@ -1,4 +1,5 @@
-"""A whole design, and a trade-off of designs: what is asked, what was decided and why, what each limit costs."""
+"""A whole design, and a trade-off of designs: what is asked, what was decided and why, what each
+limit costs."""
 
 from __future__ import annotations
 
@@ -37,11 +38,12 @@ NO_LIMITS = "no limits, and every agent may be pinned"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignRequest:
-    """What W and the gains k_i have to do together, so that everything the problem asks is proved.  ``rate`` (1/s): the
-    certified rate has to be at least that; None leaves it open.  ``allowed``: agent indices, rising.  ``caps``: the
-    largest k_i (1/s) of agents that have one.  ``pins``: at most so many agents, None for as few as it takes.
-    ``noise``: bounds on norms of the observer.  ``digits``: significant digits of W and of the gains. ``reduce``: an
-    exosystem that C does not see whole may be replaced by its observable part.  ``coupling``: h is designed, too."""
+    """What W and the gains k_i have to do together, so that everything the problem asks is proved.
+    ``rate`` (1/s): the certified rate has to be at least that; None leaves it open.  ``allowed``:
+    agent indices, rising.  ``caps``: the largest k_i (1/s) of agents that have one.  ``pins``: at
+    most so many agents, None for as few as it takes. ``noise``: bounds on norms of the observer.
+    ``digits``: significant digits of W and of the gains. ``reduce``: an exosystem that C does not
+    see whole may be replaced by its observable part.  ``coupling``: h is designed, too."""
 
     rate: Fraction | None
     allowed: tuple[int, ...]
@@ -63,7 +65,9 @@ class DesignRequest:
             ends = sorted({min(self.caps.values()), max(self.caps.values())})
             yield "max_gain", f"gains up to {' to '.join(str(typed_number(k)) for k in ends)}"
         if len(self.allowed) < len(labels):
-            named = ", ".join(labels[i] for i in self.allowed[:8]) + (", ..." if len(self.allowed) > 8 else "")
+            named = ", ".join(labels[i] for i in self.allowed[:8]) + (
+                ", ..." if len(self.allowed) > 8 else ""
+            )
             yield "allowed", f"pins on {named} only"
         for limit in self.noise:
             yield "noise", str(limit)
@@ -84,7 +88,13 @@ def read_design_request(
     found, limits, _ = read_all(
         pinning, lambda: read_noise(noise), lambda: check_yes_or_no(reduce, "reduce", cure=cure)
     )
-    own = {"allowed": found.allowed, "caps": found.caps, "digits": found.digits, "noise": limits, "reduce": reduce}
+    own = {
+        "allowed": found.allowed,
+        "caps": found.caps,
+        "digits": found.digits,
+        "noise": limits,
+        "reduce": reduce,
+    }
     own["conservative"] = found.conservative
     pins = found.pins if isinstance(found.pins, int) else None
     return DesignRequest(rate=None if rate is None else found.rate, pins=pins, **own)
@@ -94,14 +104,15 @@ def read_design_request(
 class Design(Answer):
     """An observer gain, pinned agents and gains, and what is known of them.
 
-    ``verdict``: PROVED, everything that the problem asks is proved for ``problem``, with these rounded numbers, and
-    ``certificate`` shows it; REFUTED, nothing can do what was asked, and ``reason`` is the proof in words;
-    UNDECIDED, neither was shown.  ``W`` (q, p), ``P`` (q, q) and ``gains`` (1/s, by label) are exact; ``rate`` (1/s) is
-    the certified rate and ``cost`` the sum of the gains; of agents with [dynamics] these are multiples of the coupling.
-    ``decisions``: what was chosen and why; ``prices``: what each limit costs, about, and the time to one percent
-    beside that of the file's gains.  ``observer``: W with what is proved of it.  ``changes``: the keys of the problem
-    file that were set (None: removed).  ``nearest``: the design for
-    the nearest request that was proved possible, where this one was not.
+    ``verdict``: PROVED, everything that the problem asks is proved for ``problem``, with these
+    rounded numbers, and ``certificate`` shows it; REFUTED, nothing can do what was asked, and
+    ``reason`` is the proof in words; UNDECIDED, neither was shown.  ``W`` (q, p), ``P`` (q, q) and
+    ``gains`` (1/s, by label) are exact; ``rate`` (1/s) is the certified rate and ``cost`` the sum
+    of the gains; of agents with [dynamics] these are multiples of the coupling. ``decisions``: what
+    was chosen and why; ``prices``: what each limit costs, about, and the time to one percent beside
+    that of the file's gains.  ``observer``: W with what is proved of it.  ``changes``: the keys of
+    the problem file that were set (None: removed).  ``nearest``: the design for the nearest request
+    that was proved possible, where this one was not.
     """
 
     request: DesignRequest
@@ -121,9 +132,12 @@ class Design(Answer):
 
     @property
     def binding(self) -> str | None:
-        """The limit that a refuted request fails by, as the argument is called; None where nothing was refuted."""
+        """The limit that a refuted request fails by, as the argument is called; None where nothing
+        was refuted."""
         names = {"structure": "allowed", "detectable": "reduce", "gain": "noise"}
-        kind = self.statements[0].kind if self.verdict is Verdict.REFUTED and self.statements else None
+        kind = (
+            self.statements[0].kind if self.verdict is Verdict.REFUTED and self.statements else None
+        )
         return None if kind is None else names.get(kind, kind)
 
     @property
@@ -139,7 +153,8 @@ class Design(Answer):
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object; exact numbers as text, ``cost`` rounded up.  ``problem`` is the name of the problem."""
+        """JSON object; exact numbers as text, ``cost`` rounded up.  ``problem`` is the name of the
+        problem."""
         return {
             "verdict": self.verdict.value,
             "W": None if self.W is None else matrix_text(self.W),
@@ -161,9 +176,14 @@ class Design(Answer):
         }
 
     def _card(self) -> Card:
-        facts: list[tuple[str, Any]] = [(name, M) for name, M in (("W", self.W), ("P", self.P)) if M is not None]
+        facts: list[tuple[str, Any]] = [
+            (name, M) for name, M in (("W", self.W), ("P", self.P)) if M is not None
+        ]
         if self.gains:
-            pairs = [f"{label}: {number_text(k)}" for label, k in islice(self.gains.items(), MOST_ITEMS + 1)]
+            pairs = [
+                f"{label}: {number_text(k)}"
+                for label, k in islice(self.gains.items(), MOST_ITEMS + 1)
+            ]
             facts.append(("gains in 1/s", listed(pairs, count=len(self.gains))))
         if self.rate is not None:
             facts.append(("certified rate in 1/s", significant_towards_zero(self.rate, 6)))
@@ -172,12 +192,19 @@ class Design(Answer):
         facts += [("decided", sentence) for sentence in self.decisions]
         if self.nearest is not None:
             facts.append(("nearest possible", self.nearest.limits))
-        return Card(title="Design", verdict=self.verdict.value, text=self.reason, facts=facts, lines=self.prices)
+        return Card(
+            title="Design",
+            verdict=self.verdict.value,
+            text=self.reason,
+            facts=facts,
+            lines=self.prices,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TradePoint:
-    """One design of a curve.  ``pinned``: labels of the agents; ``proved``: whether y is a proved bound."""
+    """One design of a curve.  ``pinned``: labels of the agents; ``proved``: whether y is a proved
+    bound."""
 
     x: float
     y: float
@@ -189,10 +216,11 @@ class TradePoint:
 class TradeOff(Headed):
     """One limit of a design in terms of another.
 
-    ``curve``: "gain" (x: rate asked, y: sum of the gains), "pins" (x: how many agents, y: the rate that gains there
-    approach) or "noise" (x: decay rate of the estimate's error, y: largest gain from measurement noise to dhat); all in
-    1/s but the number of agents.  ``points``: by x.  ``chosen``: the point of the design that was handed in, or None.
-    ``sensitivity``: what the multipliers say, in sentences.
+    ``curve``: "gain" (x: rate asked, y: sum of the gains), "pins" (x: how many agents, y: the rate
+    that gains there approach) or "noise" (x: decay rate of the estimate's error, y: largest gain
+    from measurement noise to dhat); all in 1/s but the number of agents.  ``points``: by x.
+    ``chosen``: the point of the design that was handed in, or None. ``sensitivity``: what the
+    multipliers say, in sentences.
     """
 
     name: str
@@ -212,7 +240,8 @@ class TradeOff(Headed):
         return AXES[self.curve][1]
 
     def plot(self, ax: Any = None) -> Any:
-        """The curve with the chosen point.  Returns: a Sheet; with Matplotlib's ``ax`` these axes."""
+        """The curve with the chosen point.  Returns: a Sheet; with Matplotlib's ``ax`` these
+        axes."""
         from dobc_design.plotting.sweeps import trade_off_plot
 
         points = [(point.x, point.y) for point in self.points]
@@ -221,7 +250,8 @@ class TradeOff(Headed):
         return trade_off_plot(points, chosen=chosen, steps=self.curve == "pins", ax=ax, **names)
 
     def to_pandas(self) -> pd.DataFrame:
-        """One row per point: x, y, pinned, proved, chosen.  Raises: SpecError if pandas is not installed."""
+        """One row per point: x, y, pinned, proved, chosen.  Raises: SpecError if pandas is not
+        installed."""
         try:
             import pandas as pd
         except ImportError:
@@ -236,6 +266,12 @@ class TradeOff(Headed):
         return sorted([*self.points, *own], key=lambda point: (point.x, point.y))
 
     def _card(self) -> Card:
-        rows = [(f"{p.x:.4g}", f"{p.y:.4g}", listed(p.pinned), "chosen" * (p is self.chosen)) for p in self._all()]
-        text, heads = f"{self.y_name} against {self.x_name}", (self.x_name, self.y_name, "pinned", "")
+        rows = [
+            (f"{p.x:.4g}", f"{p.y:.4g}", listed(p.pinned), "chosen" * (p is self.chosen))
+            for p in self._all()
+        ]
+        text, heads = (
+            f"{self.y_name} against {self.x_name}",
+            (self.x_name, self.y_name, "pinned", ""),
+        )
         return Card(title=self.name, text=text, rows=rows, lines=self.sensitivity, heads=heads)

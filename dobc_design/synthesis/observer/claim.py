@@ -1,7 +1,9 @@
-"""An observer gain W on request: what is asked (speed, region of the spectrum, noise, digits), and what was found.
+"""An observer gain W on request: what is asked (speed, region of the spectrum, noise, digits), and
+what was found.
 
-The regions (half plane, disk, cone) are closed, convex and symmetric about the real axis.  So an intersection of them
-that is not empty contains a real point, and whether it is empty is seen on the real axis.
+The regions (half plane, disk, cone) are closed, convex and symmetric about the real axis.  So an
+intersection of them that is not empty contains a real point, and whether it is empty is seen on the
+real axis.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ Ends = tuple[Fraction | None, Fraction | None]  # on the real axis; None is infi
 class HalfPlane(Told):
     """Re s <= left_of, or Re s >= right_of (1/s); exactly one of them is given.
 
-    HalfPlane(left_of=-2) asks for decay at the rate 2 or more, HalfPlane(right_of=-50) for none above 50.
+    HalfPlane(left_of=-2) asks for decay at the rate 2 or more, HalfPlane(right_of=-50) for none
+    above 50.
     Example:
         >>> wanted = [dd.poles.HalfPlane(left_of=-2), dd.poles.Disk(centre=-4, radius=3)]
         >>> design = dd.design_observer("paper-fixed", region=wanted)
@@ -48,11 +51,17 @@ class HalfPlane(Told):
             text = f"a HalfPlane must have one side, left_of or right_of; got {got}."
             raise SpecError(text, key="region", cure="For a strip give two half planes in a list.")
         for name, value in (("left_of", left_of), ("right_of", right_of)):
-            put(self, **{name: None if value is None else parse_number(value, key=f"region.{name}")})
+            put(
+                self, **{name: None if value is None else parse_number(value, key=f"region.{name}")}
+            )
 
     def __str__(self) -> str:
         low, high = self.real_ends
-        return f"Re s >= {shown_number(low or Fraction(0))}" if high is None else f"Re s <= {shown_number(high)}"
+        return (
+            f"Re s >= {shown_number(low or Fraction(0))}"
+            if high is None
+            else f"Re s <= {shown_number(high)}"
+        )
 
     @property
     def real_ends(self) -> Ends:
@@ -89,9 +98,14 @@ class Cone(Told):
     def __init__(self, *, damping: Any) -> None:
         put(self, damping=parse_number(damping, key="region.damping"))
         if not 0 < self.damping < 1:
-            text = "region.damping must lie between 0 and 1, as the cosine of the cone's half angle; got"
+            text = (
+                "region.damping must lie between 0 and 1, as the cosine of the cone's half "
+                "angle; got"
+            )
             cure = "For real eigenvalues only, ask for 0.999."
-            raise SpecError(f"{text} {shown_number(self.damping)}.", key="region.damping", cure=cure)
+            raise SpecError(
+                f"{text} {shown_number(self.damping)}.", key="region.damping", cure=cure
+            )
 
     def __str__(self) -> str:
         return f"damping >= {shown_number(self.damping)}"
@@ -108,11 +122,12 @@ SpectralRegion = HalfPlane | Disk | Cone
 class NoiseLimit(Told):
     """An upper bound on the norm of one transfer function of the observer, with F = A - W C.
 
-    ``channel``: "measurement", noise on the measured x to the estimate dhat, C s (sI - F)^-1 W, in 1/s;
-    "disturbance", an unmodelled d to dhat, C (sI - F)^-1 W, no unit; "exosystem", an input of xi' = A xi to the
-    error C eps, C (sI - F)^-1.  ``norm``: "hinf", the largest gain over the frequencies, or "h2", the
-    root of the variance under white noise of unit intensity (infinite for "measurement" unless C W = 0).
-    An H2 norm may equal its bound, an H-infinity norm has to stay below.
+    ``channel``: "measurement", noise on the measured x to the estimate dhat, C s (sI - F)^-1 W, in
+    1/s; "disturbance", an unmodelled d to dhat, C (sI - F)^-1 W, no unit; "exosystem", an input of
+    xi' = A xi to the error C eps, C (sI - F)^-1.  ``norm``: "hinf", the largest gain over the
+    frequencies, or "h2", the root of the variance under white noise of unit intensity (infinite for
+    "measurement" unless C W = 0). An H2 norm may equal its bound, an H-infinity norm has to stay
+    below.
     """
 
     channel: str
@@ -128,14 +143,18 @@ class NoiseLimit(Told):
 
     def __str__(self) -> str:
         sign = "<=" if self.norm == "h2" else "<"
-        return f"{NORMS[self.norm]} norm of the {self.channel} channel {sign} {typed_number(self.bound)}"
+        return (
+            f"{NORMS[self.norm]} norm of the {self.channel} channel {sign} "
+            f"{typed_number(self.bound)}"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObserverRequest:
-    """What a gain W has to do.  Absent limits are None or empty.  ``rate`` (1/s): every eigenvalue has Re <= -rate.
-    ``regions``: where else the spectrum must lie.  ``noise``: bounds on norms.  ``digits``: significant digits of W.
-    ``period`` (s): sampled observer.  ``norms``: what passes through it is stated; not known with [dynamics]."""
+    """What a gain W has to do.  Absent limits are None or empty.  ``rate`` (1/s): every eigenvalue
+    has Re <= -rate. ``regions``: where else the spectrum must lie.  ``noise``: bounds on norms.
+    ``digits``: significant digits of W. ``period`` (s): sampled observer.  ``norms``: what passes
+    through it is stated; not known with [dynamics]."""
 
     rate: Fraction | None = None
     regions: tuple[SpectralRegion, ...] = ()
@@ -156,7 +175,8 @@ LARGEST_ASKED = Fraction(10**100)
 def read_observer_request(
     *, rate: Any = None, region: Any = None, noise: Any = None, digits: Any = 4, period: Any = None
 ) -> ObserverRequest:
-    """Read the arguments of ``design_observer``; numbers exactly.  Raises: SpecError for a wrong one."""
+    """Read the arguments of ``design_observer``; numbers exactly.  Raises: SpecError for a wrong
+    one."""
     check_digits(digits)
     speed = None if rate is None else read_positive(rate, "rate")
     regions, limits = _read_regions(region), read_noise(noise)
@@ -165,8 +185,12 @@ def read_observer_request(
     if request.period is not None and request.noise:
         text = "noise cannot be asked of a sampled observer yet; got it together with period."
         raise SpecError(text, key="noise", cure="Leave noise out, or design in continuous time.")
-    if request.period is not None and not all(isinstance(region, Disk) for region in request.regions):
-        text = "region must be a Disk for a sampled observer: its eigenvalues belong in the unit disk."
+    if request.period is not None and not all(
+        isinstance(region, Disk) for region in request.regions
+    ):
+        text = (
+            "region must be a Disk for a sampled observer: its eigenvalues belong in the unit disk."
+        )
         raise SpecError(text, key="region", cure="Use rate for a decay rate in 1/s.")
     return request
 
@@ -178,27 +202,39 @@ def check_digits(digits: Any) -> None:
         raise SpecError(text, key="digits", cure="Four digits are a good choice.")
 
 
-def read_positive(value: Any, key: str, *, why: str = "", cure: str = "Leave it out for no limit.") -> Fraction:
+def read_positive(
+    value: Any, key: str, *, why: str = "", cure: str = "Leave it out for no limit."
+) -> Fraction:
     """A number > 0 and at most 1e100, exactly.  Raises: SpecError for another one."""
     number = parse_number(value, key=key)
     if number > LARGEST_ASKED:
-        raise SpecError(f"{key} must be at most 1e100; got {shown_number(number)}.", key=key, cure=cure)
+        raise SpecError(
+            f"{key} must be at most 1e100; got {shown_number(number)}.", key=key, cure=cure
+        )
     if number <= 0:
         raise SpecError(f"{key} must be > 0{why}; got {shown_number(number)}.", key=key, cure=cure)
     return number
 
 
 def read_noise(value: Any) -> tuple[NoiseLimit, ...]:
-    """A limit or a list of them; a number bounds the H-infinity norm from measurement noise to dhat."""
-    return tuple(each if isinstance(each, NoiseLimit) else NoiseLimit(bound=each) for each in _given(value))
+    """A limit or a list of them; a number bounds the H-infinity norm from measurement noise to
+    dhat."""
+    return tuple(
+        each if isinstance(each, NoiseLimit) else NoiseLimit(bound=each) for each in _given(value)
+    )
 
 
 def _read_regions(value: Any) -> tuple[SpectralRegion, ...]:
     regions = _given(value)
     for region in regions:
         if not isinstance(region, (HalfPlane, Disk, Cone)):
-            text = f"region must be a HalfPlane, a Disk or a Cone, or a list of them; got {shown(region)}."
-            raise SpecError(text, key="region", cure="For example region=dd.poles.Cone(damping=0.7).")
+            text = (
+                "region must be a HalfPlane, a Disk or a Cone, or a list of them; got "
+                f"{shown(region)}."
+            )
+            raise SpecError(
+                text, key="region", cure="For example region=dd.poles.Cone(damping=0.7)."
+            )
     return regions
 
 
@@ -208,9 +244,16 @@ def _given(value: Any) -> tuple[Any, ...]:
 
 
 def common_interval(regions: tuple[SpectralRegion, ...]) -> Ends | None:
-    """The common part on the real axis; if it is empty (None), so is that of the regions: z brings Re z along."""
-    low = max((left for left, _ in (region.real_ends for region in regions) if left is not None), default=None)
-    high = min((right for _, right in (region.real_ends for region in regions) if right is not None), default=None)
+    """The common part on the real axis; if it is empty (None), so is that of the regions: z brings
+    Re z along."""
+    low = max(
+        (left for left, _ in (region.real_ends for region in regions) if left is not None),
+        default=None,
+    )
+    high = min(
+        (right for _, right in (region.real_ends for region in regions) if right is not None),
+        default=None,
+    )
     return None if low is not None and high is not None and low > high else (low, high)
 
 
@@ -226,16 +269,27 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Answer(Shown):
-    """What every design on request has: the verdict, the reason in words, and what was decided on the way."""
+    """What every design on request has: the verdict, the reason in words, and what was decided on
+    the way."""
 
     verdict: Verdict
     reason: str
     statements: tuple[Statement, ...] = ()
 
-    def _card_of(self, title: str, facts: Sequence[tuple[str, Any]], lines: Sequence[str] = ()) -> Card:
+    def _card_of(
+        self, title: str, facts: Sequence[tuple[str, Any]], lines: Sequence[str] = ()
+    ) -> Card:
         rows = [(each.verdict, each.text) for each in self.statements]
         heads, verdict = ("verdict", "statement"), self.verdict.value
-        return Card(title=title, verdict=verdict, text=self.reason, facts=facts, heads=heads, rows=rows, lines=lines)
+        return Card(
+            title=title,
+            verdict=verdict,
+            text=self.reason,
+            facts=facts,
+            heads=heads,
+            rows=rows,
+            lines=lines,
+        )
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.verdict.value}: {cut(self.reason)}>"
@@ -245,13 +299,13 @@ class Answer(Shown):
 class ObserverDesign(Answer):
     """An observer gain and what is known of it.
 
-    ``verdict``: PROVED, ``W`` does everything that was asked; REFUTED, nothing can, and ``reason`` is the proof in
-    words; UNDECIDED, none was found. ``W`` (q, m), ``P`` (q, q) and ``Q`` = P W are exact; P proves the envelope
-    |eps(t)| <= k exp(-rate t) |eps(0)| of the statement "lyapunov". ``measures``: numbers rounded towards the weaker
-    claim, in 1/s where they are rates.
-    ``nearest``: the design for the nearest request that was proved possible, where this one was not.
-    ``groups``: where agents have different exosystems, the design of every group by its name; W, P and Q then are
-    block diagonal, and a measure is that of the worst group.
+    ``verdict``: PROVED, ``W`` does everything that was asked; REFUTED, nothing can, and ``reason``
+    is the proof in words; UNDECIDED, none was found. ``W`` (q, m), ``P`` (q, q) and ``Q`` = P W are
+    exact; P proves the envelope |eps(t)| <= k exp(-rate t) |eps(0)| of the statement "lyapunov".
+    ``measures``: numbers rounded towards the weaker claim, in 1/s where they are rates.
+    ``nearest``: the design for the nearest request that was proved possible, where this one was
+    not. ``groups``: where agents have different exosystems, the design of every group by its name;
+    W, P and Q then are block diagonal, and a measure is that of the worst group.
     """
 
     request: ObserverRequest
@@ -277,7 +331,8 @@ class ObserverDesign(Answer):
 
     def _card(self) -> Card:
         facts: list[tuple[str, Any]] = [(name, M) for name, M in self._matrices() if M is not None]
-        facts += [(name.replace("_", " "), repr(value)) for name, value in self.measures.items()]  # bounds: no rounding
+        # bounds: no rounding
+        facts += [(name.replace("_", " "), repr(value)) for name, value in self.measures.items()]
         return self._card_of("Observer design", facts)
 
     def to_json(self) -> dict[str, Any]:
@@ -291,5 +346,9 @@ class ObserverDesign(Answer):
             "statements": [statement.to_json() for statement in self.statements],
             "measures": {name: finite.get(name) for name in self.measures},
             "nearest": None if self.nearest is None else self.nearest.to_json(),
-            **({"groups": {name: each.to_json() for name, each in self.groups.items()}} if self.groups else {}),
+            **(
+                {"groups": {name: each.to_json() for name, each in self.groups.items()}}
+                if self.groups
+                else {}
+            ),
         }

@@ -1,12 +1,15 @@
-"""Exact decisions about an observer gain W: the spectrum of F = A - W C, norms, envelopes, what is impossible.
+"""Exact decisions about an observer gain W: the spectrum of F = A - W C, norms, envelopes, what is
+impossible.
 
-Spectrum: Routh's test and exact counts of the mapped characteristic polynomial.  For a sampled observer exp(A T) is
-enclosed by Arb, and what is proved holds for every matrix of the enclosure.  The square of an H2 norm is rational,
-C X C' with F X + X F' + B B' = 0.  For F Hurwitz the H-infinity norm is below gamma iff gamma^2 I - D'D > 0 and the
-Hamiltonian matrix has no imaginary eigenvalue, a Sturm count in s^2 (Boyd, Balakrishnan, Kabamba 1989).
+Spectrum: Routh's test and exact counts of the mapped characteristic polynomial.  For a sampled
+observer exp(A T) is enclosed by Arb, and what is proved holds for every matrix of the enclosure.
+The square of an H2 norm is rational, C X C' with F X + X F' + B B' = 0.  For F Hurwitz the
+H-infinity norm is below gamma iff gamma^2 I - D'D > 0 and the Hamiltonian matrix has no imaginary
+eigenvalue, a Sturm count in s^2 (Boyd, Balakrishnan, Kabamba 1989).
 
-Impossible: without a bound on noise the answer is complete.  The regions (closed, convex, symmetric) and Re s < 0 share
-a real point or nothing, W can put all observable eigenvalues there (Ackermann), and the hidden ones are where they are.
+Impossible: without a bound on noise the answer is complete.  The regions (closed, convex,
+symmetric) and Re s < 0 share a real point or nothing, W can put all observable eigenvalues there
+(Ackermann), and the hidden ones are where they are.
 """
 
 from __future__ import annotations
@@ -53,20 +56,27 @@ WIDENINGS = (1e-9, 1e-7, 1e-5, 1e-3)
 LARGEST_ORDER = 12  # beyond it exact norms take too long to be had by the way
 
 
-def gain_statements(exosystem: Exosystem, W: Matrix, request: claim.ObserverRequest) -> tuple[Statement, ...]:
+def gain_statements(
+    exosystem: Exosystem, W: Matrix, request: claim.ObserverRequest
+) -> tuple[Statement, ...]:
     """Everything that the request asks of W (q, m), decided for W exactly."""
     noise = [noise_statement(exosystem, W, limit) for limit in request.noise]
     if request.period is not None:
-        asked = sampled_statements(exosystem, W, period=request.period, rate=request.rate, regions=request.regions)
+        asked = sampled_statements(
+            exosystem, W, period=request.period, rate=request.rate, regions=request.regions
+        )
         return *asked, *noise
     F = error_matrix(exosystem, W)
-    rate = [] if request.rate is None else [region_statement(F, request.all_regions[0], kind="rate")]
+    rate = (
+        [] if request.rate is None else [region_statement(F, request.all_regions[0], kind="rate")]
+    )
     regions = [region_statement(F, region) for region in request.regions]
     return hurwitz_statement(F), *rate, *regions, *noise
 
 
 def image(region: claim.SpectralRegion, polynomial: Coefficients) -> Coefficients:
-    """A polynomial that has no root with positive real part iff the roots of a monic one lie in the closed region."""
+    """A polynomial that has no root with positive real part iff the roots of a monic one lie in the
+    closed region."""
     if isinstance(region, claim.Disk):
         return roots.disk_image(polynomial, centre=region.centre, radius=region.radius)
     if isinstance(region, claim.Cone):
@@ -99,36 +109,63 @@ def hurwitz_statement(F: Matrix) -> Statement:
     column = ", ".join(number_text(x) for x in table.first_column)
     if table.verdict is Verdict.PROVED:
         return proved("hurwitz", "A - WC is Hurwitz.", routh=column)
-    return refuted("hurwitz", "A - WC is not Hurwitz: the estimate does not follow the disturbance.", routh=column)
+    return refuted(
+        "hurwitz",
+        "A - WC is not Hurwitz: the estimate does not follow the disturbance.",
+        routh=column,
+    )
 
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
     """Whether every eigenvalue of F has a real part <= -rate, the border included."""
-    return roots.count_right_half_plane(image(claim.HalfPlane(left_of=-rate), characteristic_polynomial(F))) == 0
+    return (
+        roots.count_right_half_plane(
+            image(claim.HalfPlane(left_of=-rate), characteristic_polynomial(F))
+        )
+        == 0
+    )
 
 
 def damping_holds(F: Matrix, damping: Fraction) -> bool:
     """Whether the damping ratio of F is at least ``damping``: exact; false outside (0, 1)."""
     cone = claim.Cone(damping=damping) if 0 < damping < 1 else None
-    return cone is not None and roots.count_right_half_plane(image(cone, characteristic_polynomial(F))) == 0
+    return (
+        cone is not None
+        and roots.count_right_half_plane(image(cone, characteristic_polynomial(F))) == 0
+    )
 
 
 def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponential.IntervalMatrix:
-    """Enclose Ad - W Cd, Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds, of the observer of means over T."""
+    """Enclose Ad - W Cd, Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds, of the observer of means
+    over T."""
     found = exponential.discretise(exosystem.A, period)
     q = exosystem.order
     zero = Interval.point(0)
-    Cd = [[sum((found.mean[r][j] * c for r, c in enumerate(row) if c), zero) for j in range(q)] for row in exosystem.C]
+    Cd = [
+        [sum((found.mean[r][j] * c for r, c in enumerate(row) if c), zero) for j in range(q)]
+        for row in exosystem.C
+    ]
     gains = [[(c, w) for c, w in enumerate(row) if w] for row in W]
     table = enumerate(found.transition)
-    return tuple(tuple(row[j] - sum((Cd[c][j] * w for c, w in gains[i]), zero) for j in range(q)) for i, row in table)
+    return tuple(
+        tuple(row[j] - sum((Cd[c][j] * w for c, w in gains[i]), zero) for j in range(q))
+        for i, row in table
+    )
 
 
 def sampled_statements(
-    exosystem: Exosystem, W: Matrix, *, period: Fraction, rate: Fraction | None, regions: Sequence[claim.SpectralRegion]
+    exosystem: Exosystem,
+    W: Matrix,
+    *,
+    period: Fraction,
+    rate: Fraction | None,
+    regions: Sequence[claim.SpectralRegion],
 ) -> tuple[Statement, ...]:
-    """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED close to a border."""
-    polynomial = exponential.interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
+    """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED
+    close to a border."""
+    polynomial = exponential.interval_characteristic_polynomial(
+        sampled_matrix(exosystem, W, period)
+    )
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
     asked = [("sampled", text, Fraction(0), Interval.point(1))]
     if rate is not None:
@@ -138,12 +175,26 @@ def sampled_statements(
         if isinstance(region, claim.Disk):
             text = f"every eigenvalue of the sampled error lies in {region}".replace("|s", "|z")
             asked.append(("region", text, region.centre, Interval.point(region.radius)))
-    shown = {"period": number_text(period), "width": f"{float_above(max(x.width for x in polynomial)):.1e}"}
+    shown = {
+        "period": number_text(period),
+        "width": f"{float_above(max(x.width for x in polynomial)):.1e}",
+    }
 
-    def state(kind: str, text: str, centre: Fraction, radius: Interval) -> Statement:  # the radius is enclosed as well
-        if exponential.interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
+    # the radius is enclosed as well
+    def state(kind: str, text: str, centre: Fraction, radius: Interval) -> Statement:
+        if (
+            exponential.interval_routh(
+                roots.disk_image(polynomial, centre=centre, radius=radius.lo)
+            )
+            is Verdict.PROVED
+        ):
             return proved(kind, f"{text}.", **shown)
-        if exponential.interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.hi)) is Verdict.REFUTED:
+        if (
+            exponential.interval_routh(
+                roots.disk_image(polynomial, centre=centre, radius=radius.hi)
+            )
+            is Verdict.REFUTED
+        ):
             return refuted(kind, f"it is false that {text}.", **shown)
         return undecided(kind, f"it is not decided whether {text}.", **shown)
 
@@ -161,9 +212,12 @@ class StateSpace:
 
 
 def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
-    """The transfer function of one channel, exactly.  Raises: SpecError for a name that is none of CHANNELS."""
+    """The transfer function of one channel, exactly.  Raises: SpecError for a name that is none of
+    CHANNELS."""
     if name not in claim.CHANNELS:
-        raise SpecError(f"channel must be one of {', '.join(claim.CHANNELS)}; got {name!r}.", key="channel")
+        raise SpecError(
+            f"channel must be one of {', '.join(claim.CHANNELS)}; got {name!r}.", key="channel"
+        )
     F, C = error_matrix(exosystem, W), exosystem.C
     if name == "measurement":
         return StateSpace(F=F, B=W, C=multiply(C, F), D=multiply(C, W))
@@ -173,12 +227,18 @@ def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
 
 def h2_squared(system: StateSpace) -> Fraction | None:
     """The square of the H2 norm, exactly; None if it is infinite (F not Hurwitz or D not 0)."""
-    if any(x for row in system.D for x in row) or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED:
+    if (
+        any(x for row in system.D for x in row)
+        or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED
+    ):
         return None
     X = solve_lyapunov(transpose(system.F), multiply(system.B, transpose(system.B)))
     if X is None:  # cannot be for a Hurwitz F
         return None
-    return sum((row[i] for i, row in enumerate(multiply(multiply(system.C, X), transpose(system.C)))), Fraction(0))
+    return sum(
+        (row[i] for i, row in enumerate(multiply(multiply(system.C, X), transpose(system.C)))),
+        Fraction(0),
+    )
 
 
 def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
@@ -196,7 +256,8 @@ def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     lower = scale(-1, multiply(multiply(transpose(C), inner), C))
     halves = ((closed, upper), (lower, scale(-1, transpose(closed))))
     hamiltonian = tuple(p + s for left, right in halves for p, s in zip(left, right, strict=True))
-    return not roots.has_root_up_to_zero(characteristic_polynomial(hamiltonian)[::2])  # a polynomial in s^2
+    # a polynomial in s^2
+    return not roots.has_root_up_to_zero(characteristic_polynomial(hamiltonian)[::2])
 
 
 def root_above(square: Fraction) -> float:
@@ -228,14 +289,21 @@ def size_above(W: Matrix) -> float:
     return root_above(sum((x * x for row in W for x in row), Fraction(0)))
 
 
-def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: claim.Envelope) -> Statement | None:
-    """|eps(t)| <= root(upper / lower) exp(-rate t) |eps(0)|, if F'P + P F + 2 rate P <= 0 and the bounds of P hold."""
+def envelope_statement(
+    exosystem: Exosystem, W: Matrix, envelope: claim.Envelope
+) -> Statement | None:
+    """|eps(t)| <= root(upper / lower) exp(-rate t) |eps(0)|, if F'P + P F + 2 rate P <= 0 and the
+    bounds of P hold."""
     P, F, q = envelope.P, error_matrix(exosystem, W), exosystem.order
     if envelope.lower <= 0 or not is_symmetric(P):
         return None
     product = multiply(P, F)
     decay = scale(-1, add(add(product, transpose(product)), scale(2 * envelope.rate, P)))
-    parts = (subtract(P, scale(envelope.lower, identity(q))), subtract(scale(envelope.upper, identity(q)), P), decay)
+    parts = (
+        subtract(P, scale(envelope.lower, identity(q))),
+        subtract(scale(envelope.upper, identity(q)), P),
+        decay,
+    )
     if any(decide_positive_semidefinite(part).verdict is not Verdict.PROVED for part in parts):
         return None
     stretch = root_above(envelope.upper / envelope.lower)
@@ -247,13 +315,15 @@ def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: claim.Envelope
 def proved_measures(
     exosystem: Exosystem, W: Matrix, estimates: Mapping[str, float], *, norms: bool
 ) -> dict[str, float]:
-    """Gain, rate (1/s), damping and the ``norms`` of three channels, "hinf measurement" and so on, for W (q, m)."""
+    """Gain, rate (1/s), damping and the ``norms`` of three channels, "hinf measurement" and so on,
+    for W (q, m)."""
     F = error_matrix(exosystem, W)
     result = {"gain": size_above(W)}
     for name, holds in (("rate", rate_holds), ("damping", damping_holds)):
         estimate = estimates.get(name, 0.0)
         found: float | None = float(f"{estimate:.9g}")
-        if not (found and math.isfinite(found) and holds(F, claimed(found))):  # the border is included; else less
+        # the border is included; else less
+        if not (found and math.isfinite(found) and holds(F, claimed(found))):
             found = largest_proved(estimate, lambda x, holds=holds: x == 0 or holds(F, x))  # type: ignore[misc]
         if found:
             result[name] = found
@@ -263,26 +333,37 @@ def proved_measures(
         system = channel(exosystem, W, name)
         square = h2_squared(system)
         result[f"h2 {name}"] = math.inf if square is None else root_above(square)
-        bounds = (estimates.get(f"hinf {name}", math.inf) * (1 + widening) for widening in WIDENINGS)
-        found = next((x for x in bounds if 0 < x < math.inf and hinf_below(system, claimed(x))), None)
+        bounds = (
+            estimates.get(f"hinf {name}", math.inf) * (1 + widening) for widening in WIDENINGS
+        )
+        found = next(
+            (x for x in bounds if 0 < x < math.inf and hinf_below(system, claimed(x))), None
+        )
         if found is not None:
             result[f"hinf {name}"] = found
     return result
 
 
 def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Statement | None:
-    """A proof that no W meets a request, or None; its kind says what fails: detectable, rate, region or noise."""
+    """A proof that no W meets a request, or None; its kind says what fails: detectable, rate,
+    region or noise."""
     found = decide_detectable(exosystem.A, exosystem.C)
     hidden, regions = found.unobservable_text, request.all_regions
     if found.verdict is not Verdict.PROVED:
-        text = f"no W exists: (A, C) is not detectable; the part {hidden} never reaches d = C xi and does not decay."
+        text = (
+            f"no W exists: (A, C) is not detectable; the part {hidden} never reaches d = C xi "
+            "and does not decay."
+        )
         text += " It does not act on the agents either: leave it out."
         return refuted("detectable", text, polynomial=hidden)
     if request.period is not None:
         return None
     for position, region in enumerate(regions if len(found.unobservable_polynomial) > 1 else ()):
         if not roots_inside(found.unobservable_polynomial, region)[0]:
-            text = f"no W meets {region}: C does not see the part {hidden} of the exosystem, so no gain moves its"
+            text = (
+                f"no W meets {region}: C does not see the part {hidden} of the exosystem, so "
+                "no gain moves its"
+            )
             text += " eigenvalues, and they lie outside."
             return refuted("region" if position else "rate", text, polynomial=hidden)
     common = claim.common_interval(regions)
@@ -292,15 +373,20 @@ def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Stat
     return _too_quiet(exosystem, request)
 
 
-def reduced_exosystem(problem: Problem, *, reduce: bool) -> tuple[Mapping[str, Any], tuple[str, ...], Statement | None]:
-    """The observable part of an undetectable exosystem as changes, with a sentence; or why there is no W at all."""
+def reduced_exosystem(
+    problem: Problem, *, reduce: bool
+) -> tuple[Mapping[str, Any], tuple[str, ...], Statement | None]:
+    """The observable part of an undetectable exosystem as changes, with a sentence; or why there is
+    no W at all."""
     if problem.is_grouped:
         return {}, (), next(_undetectable_groups(problem, reduce=reduce), None)
     check = None if problem.exosystem is None else detectability_check(problem.exosystem, problem)
     if check is None or check.verdict is Verdict.PROVED:
         return {}, (), None
     if check.fix is None or not reduce:
-        exact = {} if check.exact is None else {name: str(value) for name, value in check.exact.items()}
+        exact = (
+            {} if check.exact is None else {name: str(value) for name, value in check.exact.items()}
+        )
         text = check.reason[0].lower() + check.reason[1:]
         return {}, (), refuted("detectable", f"no W exists: {text}", **exact)
     return check.fix.set, (f"Exosystem: {check.fix.text}",), None
@@ -311,18 +397,29 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
         check = detectability_check(group.exosystem)
         if check.verdict is Verdict.PROVED:
             continue
-        text = f"no W exists for the group of agent {group.name}: {check.reason[0].lower() + check.reason[1:]}"
+        text = (
+            f"no W exists for the group of agent {group.name}: "
+            f"{check.reason[0].lower() + check.reason[1:]}"
+        )
         if not reduce or check.fix is None:
             yield refuted("detectable", text)
             continue
-        kept = [(key.rpartition(".")[2], value_text(value)) for key, value in check.fix.set.items() if value]
+        kept = [
+            (key.rpartition(".")[2], value_text(value))
+            for key, value in check.fix.set.items()
+            if value
+        ]
         rest = f" ({'; '.join(f'{name} = {value}' for name, value in kept)})" if kept else ""
-        cure = f"Replace it by its observable part{rest}, and design again. This is automatic only if all"
+        cure = (
+            f"Replace it by its observable part{rest}, and design again. This is automatic "
+            "only if all"
+        )
         yield undecided("detectable", f"{text} {cure} agents have one exosystem.")
 
 
 def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
-    """A rate (1/s) that the hidden eigenvalues reach, proved, close to the largest; None if there is none."""
+    """A rate (1/s) that the hidden eigenvalues reach, proved, close to the largest; None if there
+    is none."""
     if len(polynomial) < 2 or roots.routh(polynomial).verdict is not Verdict.PROVED:
         return None
 
@@ -336,21 +433,28 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
 
 
 def _too_quiet(exosystem: Exosystem, request: claim.ObserverRequest) -> Statement | None:
-    """At an eigenvalue s of A with C v != 0 the estimate follows exactly: C (sI - F)^-1 W C v = C v.  So for Re s >= 0
-    (maximum principle) no W has a disturbance channel of norm below 1, or a measurement channel below |s|."""
+    """At an eigenvalue s of A with C v != 0 the estimate follows exactly: C (sI - F)^-1 W C v = C
+    v.  So for Re s >= 0 (maximum principle) no W has a disturbance channel of norm below 1, or a
+    measurement channel below |s|."""
     A = observable_reduction(exosystem.A, exosystem.C)[0]
     polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
     if len(polynomial) < 2 or roots.routh(polynomial).verdict is Verdict.PROVED:
         return None
-    # If none decays, all eigenvalues count, and one of them is not inside the open disk of the bound.
+    # If none decays, all eigenvalues count, and one of them is not inside the open disk of the
+    # bound.
     none_decays = roots.count_right_half_plane(roots.reflected(polynomial)) == 0
     for limit in (each for each in request.noise if each.norm == "hinf"):
         because, disk = "", claim.Disk(centre=0, radius=limit.bound)
         if limit.channel == "disturbance" and limit.bound <= 1:
             because = "own disturbances exactly, which takes the gain 1"
-        elif limit.channel == "measurement" and none_decays and not roots_inside(polynomial, disk)[1]:
+        elif (
+            limit.channel == "measurement" and none_decays and not roots_inside(polynomial, disk)[1]
+        ):
             because = "fastest frequency exactly, which takes at least that gain"
         if because:
-            text = f"no W makes the {limit}: an estimate that converges follows the exosystem's {because}."
+            text = (
+                f"no W makes the {limit}: an estimate that converges follows the exosystem's "
+                f"{because}."
+            )
             return refuted("noise", text)
     return None

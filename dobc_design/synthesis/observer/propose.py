@@ -1,15 +1,17 @@
-"""Candidates for an observer gain W and for the P of its envelope, in floating point: nothing here is believed.
+"""Candidates for an observer gain W and for the P of its envelope, in floating point: nothing here
+is believed.
 
 With M = P A - Q C = P (A - W C) every condition is affine in (P, Q), W = P^-1 Q:
 
-    Re s <= a      M + M' - 2 a P <= 0                      (Chilali and Gahinet 1996, here and below)
-    |s - x| <= r   [[-r P, M - x P], [., -r P]] <= 0
-    damping z      [[s (M + M'), z (M - M')], [., s (M + M')]] <= 0,   s = root of 1 - z^2
-    H-infinity     [[M + M', B, C'], [., -g I, 0], [., ., -g I]] <= 0,  B = Q, or P for an input of the exosystem
-    H2             M + M' + C'C <= 0 and [[g^2/m I, Q'], [Q, P]] >= 0, or tr P <= g^2
+    Re s <= a      M + M' - 2 a P <= 0                      (Chilali and Gahinet 1996, here and
+    below) |s - x| <= r   [[-r P, M - x P], [., -r P]] <= 0 damping z      [[s (M + M'), z (M -
+    M')], [., s (M + M')]] <= 0,   s = root of 1 - z^2 H-infinity     [[M + M', B, C'], [., -g I,
+    0], [., ., -g I]] <= 0,  B = Q, or P for an input of the exosystem H2             M + M' + C'C
+    <= 0 and [[g^2/m I, Q'], [Q, P]] >= 0, or tr P <= g^2
 
-One P for all of them makes it sufficient, not necessary.  Noise on the measured x is not among them, because its output
-matrix C (A - W C) is not affine; Kalman gains from fast to slow are tried for it.
+One P for all of them makes it sufficient, not necessary.  Noise on the measured x is not among
+them, because its output matrix C (A - W C) is not affine; Kalman gains from fast to slow are tried
+for it.
 """
 
 from __future__ import annotations
@@ -37,11 +39,13 @@ from dobc_design.synthesis.observer import claim
 from dobc_design.synthesis.observer.decide import channel
 from dobc_design.verdict import Verdict
 
-SLACKS = (1e-6, 1e-3, 0.01, 0.1)  # how far inside the regions a gain is designed, so that rounding stays inside
+# how far inside the regions a gain is designed, so that rounding stays inside
+SLACKS = (1e-6, 1e-3, 0.01, 0.1)
 MORE_DIGITS = (6, 9, 12, 15)
 STEPS = 6  # halvings of the default rate
 SHIFTS = (1.0, 1.05, 1.5, 2.0)  # of the spectrum for a Kalman gain, in parts of the rate
-RATIOS = tuple(10.0 ** (k / 2) for k in range(6, -13, -1))  # of process to measurement noise, from fast to slow
+# of process to measurement noise, from fast to slow
+RATIOS = tuple(10.0 ** (k / 2) for k in range(6, -13, -1))
 FLOORS = tuple(Fraction(10) ** k / 3**j for k in range(2, -7, -1) for j in (0, 1))  # of P
 PARTS = (1.0, 0.9, 0.5)  # of the rate asked, where the border cannot be reached with one P
 DIGITS = (4, 6, 9, 14)  # of P
@@ -49,7 +53,8 @@ DIGITS = (4, 6, 9, 14)  # of P
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plant:
-    """The observable part of (A, C) in floats, T its orthonormal rows, and the regions: W = T' W_o."""
+    """The observable part of (A, C) in floats, T its orthonormal rows, and the regions: W = T'
+    W_o."""
 
     A: Array
     C: Array
@@ -58,8 +63,11 @@ class Plant:
     sampled: bool
 
 
-def propose_gains(exosystem: Exosystem, request: claim.ObserverRequest) -> Iterator[tuple[Matrix, str]]:
-    """Rational W (q, m) and how each came about; numbers beyond the floats leave only the exact placement."""
+def propose_gains(
+    exosystem: Exosystem, request: claim.ObserverRequest
+) -> Iterator[tuple[Matrix, str]]:
+    """Rational W (q, m) and how each came about; numbers beyond the floats leave only the exact
+    placement."""
     with suppress(*GIVEN_UP):
         plant, found = make_plant(exosystem, request), []
         if not len(plant.A):
@@ -70,7 +78,8 @@ def propose_gains(exosystem: Exosystem, request: claim.ObserverRequest) -> Itera
         for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
             if digits > request.digits:
                 yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
-    if request.period is None:  # all observable poles at one real point, in units in which the numbers are near 1
+    # all observable poles at one real point, in units in which the numbers are near 1
+    if request.period is None:
         low, high = claim.common_interval(request.all_regions) or (None, None)
         high = Fraction(0) if high is None else high
         point = high - max(Fraction(1), abs(high) / 10) if low is None else (low + high) / 2
@@ -81,14 +90,20 @@ def propose_gains(exosystem: Exosystem, request: claim.ObserverRequest) -> Itera
 
 
 def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
-    """The pair in floats, sampled if there is a period.  Raises: SpecError if a number is beyond the floats."""
+    """The pair in floats, sampled if there is a period.  Raises: SpecError if a number is beyond
+    the floats."""
     A, C = to_float(exosystem.A), to_float(exosystem.C)
     regions = request.all_regions
     if request.period is not None:
         period = float(request.period)
         q = len(A)
-        block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)  # Van Loan 1978
-        rate = float(request.rate if request.rate is not None else propose.half_rate(A, C, propose.kalman_gain(A, C)))
+        # Van Loan 1978
+        block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)
+        rate = float(
+            request.rate
+            if request.rate is not None
+            else propose.half_rate(A, C, propose.kalman_gain(A, C))
+        )
         A, C = block[:q, :q], C @ block[:q, q:] / period
         radius = Fraction(math.exp(-rate * period))
         regions = (claim.Disk(centre=0, radius=radius.limit_denominator(10**15)), *request.regions)
@@ -100,11 +115,14 @@ def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
 
 
 def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array, str]]:
-    """Gains for the regions with the smallest |W| of what the methods give first; then those for bounds on noise."""
+    """Gains for the regions with the smallest |W| of what the methods give first; then those for
+    bounds on noise."""
     inequalities = "linear matrix inequalities"
-    # A Kalman gain reaches every rate that can be had: with many states and no other region it is enough.
+    # A Kalman gain reaches every rate that can be had: with many states and no other region it is
+    # enough.
     slacks = SLACKS if len(plant.A) <= propose.LARGEST_PROGRAM or request.regions else ()
-    rates = [Fraction(0)]  # to be added where none was asked: half that of the Kalman gain, then smaller ones
+    # to be added where none was asked: half that of the Kalman gain, then smaller ones
+    rates = [Fraction(0)]
     rate = propose.half_rate(plant.A, plant.C, propose.kalman_gain(plant.A, plant.C))
     if rate and request.rate is None and not plant.sampled:
         rates = [*(rate / 2**k for k in range(STEPS if request.noise else 1)), Fraction(0)]
@@ -117,7 +135,10 @@ def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array
         found += kalman_gains(plant.A, plant.C, regions, sampled=plant.sampled)
         yield from sorted(found, key=lambda each: float(np.linalg.norm(each[0])))
     if request.noise:
-        quiet = (lmi_gain(plant.A, plant.C, plant.regions, noise=request.noise, slack=slack) for slack in SLACKS)
+        quiet = (
+            lmi_gain(plant.A, plant.C, plant.regions, noise=request.noise, slack=slack)
+            for slack in SLACKS
+        )
         yield from ((W, inequalities) for W in quiet if W is not None)
         for ratio in RATIOS:
             W = propose.kalman_gain(plant.A, plant.C, process=ratio)
@@ -133,21 +154,28 @@ def lmi_gain(
     noise: Sequence[claim.NoiseLimit] = (),
     slack: float = 1e-6,
 ) -> Array | None:
-    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.  Shapes: A (q, q) in 1/s, C
-    (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units of the fastest rate in play, so that an
-    H-infinity norm of the exosystem channel is so many times as large."""
+    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.  Shapes:
+    A (q, q) in 1/s, C (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units
+    of the fastest rate in play, so that an H-infinity norm of the exosystem channel is so many
+    times as large."""
     q, m = C.shape[1], C.shape[0]
     ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
     time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)), *ends)
-    unknowns = tuple(Unknown(name=name, rows=q, columns=n, symmetric=name == "P") for name, n in (("P", q), ("Q", m)))
+    unknowns = tuple(
+        Unknown(name=name, rows=q, columns=n, symmetric=name == "P")
+        for name, n in (("P", q), ("Q", m))
+    )
 
     def blocks(P: Array, Q: Array) -> list[Array]:
         M = P @ (A / time) - Q @ C
         result = [_region_block(M, P, region, time=time, slack=slack) for region in regions]
-        return result + [block for limit in noise for block in _noise_blocks(M, P, Q, C, limit, time=time)]
+        return result + [
+            block for limit in noise for block in _noise_blocks(M, P, Q, C, limit, time=time)
+        ]
 
     pencils = _pencils(blocks, unknowns)
-    # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W = P^-1 Q small.
+    # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W =
+    # P^-1 Q small.
     for floor in FLOORS if noise else (Fraction(1),):
         answer = solve_directly(Program(pencils=pencils, floor=floor))
         if answer.found:
@@ -156,12 +184,17 @@ def lmi_gain(
     return None
 
 
-def _pencils(blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]) -> tuple[Pencil, ...]:
-    """The pencils of affine functions of the unknowns' arrays, from their values at 0 and at unit entries."""
+def _pencils(
+    blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]
+) -> tuple[Pencil, ...]:
+    """The pencils of affine functions of the unknowns' arrays, from their values at 0 and at unit
+    entries."""
 
     def sparse(matrix: Array) -> SparseSymmetric:
         places = zip(*np.nonzero(np.triu(matrix)), strict=True)
-        return SparseSymmetric(len(matrix), {(int(i), int(j)): Fraction(float(matrix[i, j])) for i, j in places})
+        return SparseSymmetric(
+            len(matrix), {(int(i), int(j)): Fraction(float(matrix[i, j])) for i, j in places}
+        )
 
     constants = blocks(*(np.zeros((u.rows, u.columns)) for u in unknowns))
     values = {}
@@ -176,11 +209,15 @@ def _pencils(blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]) 
     for k, constant in enumerate(constants):
         coefficients = {place: sparse(value[k] - constant) for place, value in values.items()}
         left = sparse(constant)
-        result.append(Pencil(name="observer", constant=left, unknowns=unknowns, coefficients=coefficients))
+        result.append(
+            Pencil(name="observer", constant=left, unknowns=unknowns, coefficients=coefficients)
+        )
     return tuple(result)
 
 
-def _region_block(M: Array, P: Array, region: claim.SpectralRegion, *, time: float, slack: float) -> Array:
+def _region_block(
+    M: Array, P: Array, region: claim.SpectralRegion, *, time: float, slack: float
+) -> Array:
     if isinstance(region, claim.Disk):
         x, r = float(region.centre) / time, float(region.radius) / time
         return np.block([[(slack - r) * P, M - x * P], [(M - x * P).T, (slack - r) * P]])
@@ -194,7 +231,9 @@ def _region_block(M: Array, P: Array, region: claim.SpectralRegion, *, time: flo
     return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
 
 
-def _noise_blocks(M: Array, P: Array, Q: Array, C: Array, limit: claim.NoiseLimit, *, time: float) -> list[Array]:
+def _noise_blocks(
+    M: Array, P: Array, Q: Array, C: Array, limit: claim.NoiseLimit, *, time: float
+) -> list[Array]:
     m, bound, exosystem = len(C), float(limit.bound), limit.channel == "exosystem"
     if limit.channel == "measurement":
         return []
@@ -211,12 +250,22 @@ def _noise_blocks(M: Array, P: Array, Q: Array, C: Array, limit: claim.NoiseLimi
 def kalman_gains(
     A: Array, C: Array, regions: Sequence[claim.SpectralRegion], *, sampled: bool
 ) -> Iterator[tuple[Array, str]]:
-    """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay faster."""
+    """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay
+    faster."""
     tried = [(propose.kalman_gain(A, C, sampled=sampled), 1.0, "Kalman gain with unit weights")]
     if sampled:
-        radius = min((float(r.radius) for r in regions if isinstance(r, claim.Disk) and not r.centre), default=1.0)
+        radius = min(
+            (float(r.radius) for r in regions if isinstance(r, claim.Disk) and not r.centre),
+            default=1.0,
+        )
         for size in (radius * 1.0, radius * 0.95, radius * 0.7):
-            tried.append((propose.kalman_gain(A / size, C, sampled=True), size, "Kalman gain of A / exp(-rate T)"))
+            tried.append(
+                (
+                    propose.kalman_gain(A / size, C, sampled=True),
+                    size,
+                    "Kalman gain of A / exp(-rate T)",
+                )
+            )
     else:
         common = claim.common_interval(tuple(regions))
         rate = 0.0 if common is None or common[1] is None else -float(common[1])
@@ -226,15 +275,20 @@ def kalman_gains(
     yield from ((size * gain, source) for gain, size, source in tried if gain is not None)
 
 
-def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) -> Iterator[claim.Envelope]:
-    """P with (F + rate I)'P + P (F + rate I) = -I, rounded, for the ``rate`` (None: half that of F) and smaller."""
+def propose_envelopes(
+    exosystem: Exosystem, W: Matrix, rate: Fraction | None
+) -> Iterator[claim.Envelope]:
+    """P with (F + rate I)'P + P (F + rate I) = -I, rounded, for the ``rate`` (None: half that of F)
+    and smaller."""
     with suppress(*GIVEN_UP):
         F = to_float(error_matrix(exosystem, W))
         decay = float(-np.max(np.linalg.eigvals(F).real))
         wanted = min(float(rate), decay) if rate is not None else decay / 2
         for each in (wanted * part for part in PARTS if 0 < wanted * part <= decay * (1 - 1e-9)):
             exact = rate if rate is not None and each == float(rate) else Fraction(f"{each:.6g}")
-            P = linalg.solve_continuous_lyapunov((F + float(exact) * np.eye(len(F))).T, -np.eye(len(F)))
+            P = linalg.solve_continuous_lyapunov(
+                (F + float(exact) * np.eye(len(F))).T, -np.eye(len(F))
+            )
             for digits in DIGITS:
                 rounded = round_matrix((P + P.T) / 2, digits)
                 values = np.linalg.eigvalsh(to_float(rounded))
@@ -254,7 +308,9 @@ def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
         result["peak"] = propose.transient_peak(F)
         for name in claim.CHANNELS:
             system = channel(exosystem, W, name)
-            result[f"hinf {name}"] = propose.hinf_norm(F, to_float(system.B), to_float(system.C), to_float(system.D))
+            result[f"hinf {name}"] = propose.hinf_norm(
+                F, to_float(system.B), to_float(system.C), to_float(system.D)
+            )
     except GIVEN_UP:
         return {}
     return result

@@ -1,6 +1,8 @@
-"""From a request to an ObserverDesign: refute what is impossible, prove the first gain that does it, or look nearby.
+"""From a request to an ObserverDesign: refute what is impossible, prove the first gain that does
+it, or look nearby.
 
-A gain is a proposal until every statement of its request is proved for the rational W as it is written.
+A gain is a proposal until every statement of its request is proved for the rational W as it is
+written.
 """
 
 from __future__ import annotations
@@ -17,12 +19,17 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, join
 from dobc_design.synthesis.observer import decide
 from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, ObserverRequest
-from dobc_design.synthesis.observer.propose import estimate_observer, propose_envelopes, propose_gains
+from dobc_design.synthesis.observer.propose import (
+    estimate_observer,
+    propose_envelopes,
+    propose_gains,
+)
 from dobc_design.verdict import Verdict
 
 
 def search_groups(groups: Sequence[Group], request: ObserverRequest) -> ObserverDesign:
-    """Decide a request that every group has to meet with its own W: REFUTED if one is; one group as it is."""
+    """Decide a request that every group has to meet with its own W: REFUTED if one is; one group as
+    it is."""
     found = [search_observer(group.exosystem, request) for group in groups]
     if len(groups) == 1:
         return found[0]
@@ -39,20 +46,27 @@ def search_groups(groups: Sequence[Group], request: ObserverRequest) -> Observer
         rates = [each.request.rate for each in known if each.request.rate is not None]
         limits = zip(*(each.request.noise for each in known), strict=True)
         noise = tuple(max(each, key=lambda limit: limit.bound) for each in limits)
-        loosest = replace(request, rate=min(rates) if len(rates) == len(known) else None, noise=noise)
-        nearest = _side_by_side(names, known, loosest, Verdict.PROVED, "every group meets this request.")
+        loosest = replace(
+            request, rate=min(rates) if len(rates) == len(known) else None, noise=noise
+        )
+        nearest = _side_by_side(
+            names, known, loosest, Verdict.PROVED, "every group meets this request."
+        )
     whole = _side_by_side(names, found, request, verdict, f"group of agent {name}: {worst.reason}")
     return replace(whole, nearest=nearest)
 
 
 def search_observer(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
-    """Decide a request: PROVED with a W, REFUTED with the reason, or UNDECIDED; with the nearest possible request."""
+    """Decide a request: PROVED with a W, REFUTED with the reason, or UNDECIDED; with the nearest
+    possible request."""
     found, weaker = _attempt(exosystem, request), None
     if found.verdict is Verdict.PROVED:
         return found
     kind = found.statements[0].kind if found.statements else None
     if kind == "rate":
-        rate = decide.largest_hidden_rate(decide_detectable(exosystem.A, exosystem.C).unobservable_polynomial)
+        rate = decide.largest_hidden_rate(
+            decide_detectable(exosystem.A, exosystem.C).unobservable_polynomial
+        )
         weaker = None if rate is None else replace(request, rate=rate)
     elif request.noise and kind != "detectable":
         weaker = replace(request, noise=())
@@ -66,11 +80,19 @@ def search_observer(exosystem: Exosystem, request: ObserverRequest) -> ObserverD
 
 
 def _side_by_side(
-    names: Sequence[str], found: Sequence[ObserverDesign], request: ObserverRequest, verdict: Verdict, reason: str
+    names: Sequence[str],
+    found: Sequence[ObserverDesign],
+    request: ObserverRequest,
+    verdict: Verdict,
+    reason: str,
 ) -> ObserverDesign:
-    """The designs of all groups as one: block diagonal W, P and Q, and the measures of the worst group."""
+    """The designs of all groups as one: block diagonal W, P and Q, and the measures of the worst
+    group."""
     shared = [key for key in found[0].measures if all(key in design.measures for design in found)]
-    worst = {key: (min if key == "rate" else max)(design.measures[key] for design in found) for key in shared}
+    worst = {
+        key: (min if key == "rate" else max)(design.measures[key] for design in found)
+        for key in shared
+    }
     sources = dict.fromkeys(design.source for design in found if design.source is not None)
     return ObserverDesign(
         verdict=verdict,
@@ -105,9 +127,14 @@ def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
 
 
 def _proved(
-    exosystem: Exosystem, request: ObserverRequest, W: Matrix, source: str, statements: tuple[Statement, ...]
+    exosystem: Exosystem,
+    request: ObserverRequest,
+    W: Matrix,
+    source: str,
+    statements: tuple[Statement, ...],
 ) -> ObserverDesign:
-    """The design of a W that does what was asked, with a P where one is proved, and with measures."""
+    """The design of a W that does what was asked, with a P where one is proved, and with
+    measures."""
     P: Matrix | None = None
     measures = {"gain": decide.size_above(W)}
     if request.period is None:
@@ -116,8 +143,11 @@ def _proved(
             if bound is not None:
                 P, statements = envelope.P, (*statements, bound)
                 break
-        measures = decide.proved_measures(exosystem, W, estimate_observer(exosystem, W), norms=request.norms)
-        if request.rate is not None:  # proved as well, and exact where eigenvalues are hard to estimate
+        measures = decide.proved_measures(
+            exosystem, W, estimate_observer(exosystem, W), norms=request.norms
+        )
+        # proved as well, and exact where eigenvalues are hard to estimate
+        if request.rate is not None:
             measures["rate"] = max(measures.get("rate", 0.0), shorten(request.rate))
     return ObserverDesign(
         verdict=Verdict.PROVED,
@@ -140,4 +170,6 @@ def _reached(exosystem: Exosystem, found: ObserverDesign, limit: NoiseLimit) -> 
         value = None if square is None else decide.root_above(square)
     if value is None or claimed(value) < limit.bound:
         return limit
-    return NoiseLimit(channel=limit.channel, norm=limit.norm, bound=rounded_up(claimed(value), digits=6))
+    return NoiseLimit(
+        channel=limit.channel, norm=limit.norm, bound=rounded_up(claimed(value), digits=6)
+    )

@@ -1,4 +1,5 @@
-"""Pinning gains on request: what is asked, what was found and proved, and the price of each limit in words."""
+"""Pinning gains on request: what is asked, what was found and proved, and the price of each limit
+in words."""
 
 from __future__ import annotations
 
@@ -34,11 +35,11 @@ SHORT = 12  # letters of a rational that is shown as it is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinningRequest:
-    """What gains k_i have to do: every error decays at the ``rate`` (1/s) > 0 near the target, with one V for all
-    modes, at the least sum of cost_i k_i.  ``conservative``: with V = e'e, Lambda(K) < -2 rate I; else V = e'De.
-    ``allowed``: agent indices, rising.  ``costs``: c_i > 0 of every agent.  ``caps``: the largest k_i (1/s) of agents
-    that have one.  ``pins``: at most so many agents, "fewest", or None for any number. ``digits``: significant
-    digits of the gains."""
+    """What gains k_i have to do: every error decays at the ``rate`` (1/s) > 0 near the target, with
+    one V for all modes, at the least sum of cost_i k_i.  ``conservative``: with V = e'e, Lambda(K)
+    < -2 rate I; else V = e'De. ``allowed``: agent indices, rising.  ``costs``: c_i > 0 of every
+    agent.  ``caps``: the largest k_i (1/s) of agents that have one.  ``pins``: at most so many
+    agents, "fewest", or None for any number. ``digits``: significant digits of the gains."""
 
     rate: Fraction
     allowed: tuple[int, ...]
@@ -60,17 +61,28 @@ def read_request(
     digits: Any = 4,
     conservative: Any = False,
 ) -> PinningRequest:
-    """Read the arguments of ``design_pinning``, exactly.  Raises: SpecError that names every wrong one."""
+    """Read the arguments of ``design_pinning``, exactly.  Raises: SpecError that names every wrong
+    one."""
     index = {label: i for i, label in enumerate(labels)}
     because = ", because V is to decrease at that rate, V' <= -2 rate V"
     _, _, _, speed, agents, caps, costs = read_all(
-        lambda: check_yes_or_no(conservative, "conservative", cure="True asks for V = e'e, without weights."),
+        lambda: check_yes_or_no(
+            conservative, "conservative", cure="True asks for V = e'e, without weights."
+        ),
         lambda: check_digits(digits),
         lambda: _check_pins(pins),
         lambda: read_positive(rate, "rate", why=because, cure=POSITIVE),
         lambda: tuple(index.values()) if allowed is None else _agents(allowed, index),
-        lambda: {} if max_gain is None else _by_agent(max_gain, index, key="max_gain", why="a gain of 0 is no pin"),
-        lambda: {} if cost is None else _by_agent(cost, index, key="cost", why="a gain without cost has no best value"),
+        lambda: (
+            {}
+            if max_gain is None
+            else _by_agent(max_gain, index, key="max_gain", why="a gain of 0 is no pin")
+        ),
+        lambda: (
+            {}
+            if cost is None
+            else _by_agent(cost, index, key="cost", why="a gain without cost has no best value")
+        ),
     )
     costs = tuple(costs.get(i, Fraction(1)) for i in range(len(labels)))
     own: dict[str, Any] = {"pins": pins, "digits": digits, "conservative": conservative}
@@ -94,7 +106,11 @@ def read_all(*readers: Callable[[], Any]) -> list[Any]:
 
 
 def _check_pins(pins: Any) -> None:
-    if pins is not None and pins != FEWEST and (isinstance(pins, bool) or not isinstance(pins, int) or pins < 1):
+    if (
+        pins is not None
+        and pins != FEWEST
+        and (isinstance(pins, bool) or not isinstance(pins, int) or pins < 1)
+    ):
         text = f'pins must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.'
         raise SpecError(text, key="pins", cure="Leave it out for any number of pinned agents.")
 
@@ -123,21 +139,30 @@ def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> di
     read = partial(read_positive, why=f", because {why}", cure=POSITIVE)
     if not isinstance(value, Mapping):
         return dict.fromkeys(range(len(index)), read(value, key))
-    return {_agent(label, index, key=key): read(x, f"{key}.{named(str(label))}") for label, x in value.items()}
+    return {
+        _agent(label, index, key=key): read(x, f"{key}.{named(str(label))}")
+        for label, x in value.items()
+    }
 
 
 def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Gains) -> dict[int, Fraction]:
-    """Gains rounded up to so many digits, or their caps where those are less; what is nearly 0 is left out."""
+    """Gains rounded up to so many digits, or their caps where those are less; what is nearly 0 is
+    left out."""
     least = max(gains.values(), default=0.0) * NOISE
-    typed = {agent: rounded_up(Fraction(k), digits=digits) for agent, k in sorted(gains.items()) if k > least}
+    typed = {
+        agent: rounded_up(Fraction(k), digits=digits)
+        for agent, k in sorted(gains.items())
+        if k > least
+    }
     return {agent: min(k, caps.get(agent, k)) for agent, k in typed.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bound:
-    """A proved lower bound of the cost at a rate, and what shows it: exact, to be multiplied out by anybody.
-    ``vectors``: mode and v (n m).  ``loads``: sum_r |v_r,i|^2 of every agent.  ``cap_prices``: y_i > 0 by agent.
-    ``rate_price``: at any other rate b the cost is at least value + rate_price (b - rate), by the same vectors."""
+    """A proved lower bound of the cost at a rate, and what shows it: exact, to be multiplied out by
+    anybody. ``vectors``: mode and v (n m).  ``loads``: sum_r |v_r,i|^2 of every agent.
+    ``cap_prices``: y_i > 0 by agent. ``rate_price``: at any other rate b the cost is at least value
+    + rate_price (b - rate), by the same vectors."""
 
     value: Fraction
     rate: Fraction
@@ -149,9 +174,10 @@ class Bound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Structure:
-    """``groups``: agent indices, each group needs a pin.  ``least``: no fewer allowed agents meet all groups.
-    ``exact``: so many do (``agents`` are such); False where the groups overlap in too many ways.  ``apart``: groups
-    without a common agent.  ``unmet``: a group without an allowed agent, or None."""
+    """``groups``: agent indices, each group needs a pin.  ``least``: no fewer allowed agents meet
+    all groups. ``exact``: so many do (``agents`` are such); False where the groups overlap in too
+    many ways.  ``apart``: groups without a common agent.  ``unmet``: a group without an allowed
+    agent, or None."""
 
     groups: tuple[tuple[int, ...], ...]
     least: int
@@ -165,15 +191,16 @@ class Structure:
 class PinningDesign(Answer):
     """Pinning gains and what is known of them.
 
-    ``verdict``: PROVED, ``gains`` (1/s, exact, by label) do what was asked, by ``weights`` of V = e'De, or where these
-    are None by Lambda < -2 ``rate`` I in every mode (V = e'e);
-    REFUTED, no gains can, and ``reason`` is the proof in words; UNDECIDED, neither was shown.  ``cost``: sum of
-    cost_i k_i.  ``lower_bound``: no gains that do what was asked cost less (proved); ``bound``: the exact multipliers
-    that show it for gains on the agents named in ``bound_for``.  ``prices``: what each limit costs, in words.
-    ``structural_minimum``: so many pins are needed whatever the gains (None if it was not found).  ``ties``: agents
-    that are as good.  ``problem``: the problem with these gains.  ``nearest``: the design for the nearest request that
-    was proved possible, where this one was not.  ``radius`` and ``certificate``: of a design over a region, what is
-    proved for ``problem`` there.
+    ``verdict``: PROVED, ``gains`` (1/s, exact, by label) do what was asked, by ``weights`` of V =
+    e'De, or where these are None by Lambda < -2 ``rate`` I in every mode (V = e'e); REFUTED, no
+    gains can, and ``reason`` is the proof in words; UNDECIDED, neither was shown.  ``cost``: sum of
+    cost_i k_i.  ``lower_bound``: no gains that do what was asked cost less (proved); ``bound``: the
+    exact multipliers that show it for gains on the agents named in ``bound_for``.  ``prices``: what
+    each limit costs, in words. ``structural_minimum``: so many pins are needed whatever the gains
+    (None if it was not found).  ``ties``: agents that are as good.  ``problem``: the problem with
+    these gains.  ``nearest``: the design for the nearest request that was proved possible, where
+    this one was not.  ``radius`` and ``certificate``: of a design over a region, what is proved for
+    ``problem`` there.
     """
 
     request: PinningRequest
@@ -194,14 +221,16 @@ class PinningDesign(Answer):
 
     @property
     def gap(self) -> float | None:
-        """(cost - lower bound) / cost, rounded up: nothing that does what was asked is cheaper by more than this."""
+        """(cost - lower bound) / cost, rounded up: nothing that does what was asked is cheaper by
+        more than this."""
         if self.cost is None or self.lower_bound is None or not self.cost:
             return None
         return float_above((self.cost - self.lower_bound) / self.cost)
 
     @property
     def method(self) -> str:
-        """What proves the rate: "consensus" (V = e'e), "weighted" (V = e'De) or, over a region, "max-separable"."""
+        """What proves the rate: "consensus" (V = e'e), "weighted" (V = e'De) or, over a region,
+        "max-separable"."""
         agents = self.problem is not None and self.problem.dynamics is not None
         near = "weighted" if self.weights is not None or agents else "consensus"
         return near if self.radius is None else "max-separable"
@@ -226,13 +255,16 @@ class PinningDesign(Answer):
         )
         for name, value, rounded in numbers:
             if value is not None:
-                facts.append((name, str(value) if len(str(value)) < SHORT else repr(rounded(value))))
+                facts.append(
+                    (name, str(value) if len(str(value)) < SHORT else repr(rounded(value)))
+                )
         if self.structural_minimum is not None:
             facts.append(("pins needed at least", self.structural_minimum))
         return self._card_of("Pinning design", facts, (*self.prices, *self.ties))
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object; exact numbers as text, bounds as numbers rounded towards the weaker claim."""
+        """JSON object; exact numbers as text, bounds as numbers rounded towards the weaker
+        claim."""
         return {
             "verdict": self.verdict.value,
             "reason": self.reason,
@@ -251,10 +283,16 @@ class PinningDesign(Answer):
 
 
 def without_gains(
-    request: PinningRequest, structure: Structure, obstacle: Statement | None, *, radius: Fraction | None = None
+    request: PinningRequest,
+    structure: Structure,
+    obstacle: Statement | None,
+    *,
+    radius: Fraction | None = None,
 ) -> PinningDesign:
     """REFUTED or UNDECIDED as the statement says; UNDECIDED without one."""
-    unknown = "no gains were found that are proved to reach the rate, and no proof that there are none."
+    unknown = (
+        "no gains were found that are proved to reach the rate, and no proof that there are none."
+    )
     return PinningDesign(
         verdict=Verdict.UNDECIDED if obstacle is None else obstacle.verdict,
         request=request,
@@ -266,16 +304,25 @@ def without_gains(
     )
 
 
-def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, agents: Collection[int]) -> Iterator[str]:
-    """What each limit costs, from the exact multipliers; ``agents`` are those that may have a gain in the bound."""
+def prices_in_words(
+    problem: Problem, request: PinningRequest, bound: Bound, agents: Collection[int]
+) -> Iterator[str]:
+    """What each limit costs, from the exact multipliers; ``agents`` are those that may have a gain
+    in the bound."""
     labels = problem.network.labels
     if not bound.vectors:
         return
     value, price = _down(bound.value), _down(bound.rate_price)
     base = number_text(bound.rate)
-    yield f"Rate: a larger rate b costs at least {value} + {price} (b - {base}) with gains on these agents."
+    yield (
+        f"Rate: a larger rate b costs at least {value} + {price} (b - {base}) with gains on "
+        "these agents."
+    )
     for i in sorted(bound.cap_prices, key=lambda i: (-bound.cap_prices[i], i))[:SHOWN]:
-        yield f"Cap of agent {labels[i]}: each 1/s more of it saves at most {_up(bound.cap_prices[i])}."
+        yield (
+            f"Cap of agent {labels[i]}: each 1/s more of it saves at most "
+            f"{_up(bound.cap_prices[i])}."
+        )
     gain = {i: load - request.costs[i] for i, load in enumerate(bound.loads) if i not in agents}
     best = [i for i in sorted(gain, key=lambda i: (-gain[i], i)) if gain[i] > 0][:SHOWN]
     if best:

@@ -1,12 +1,15 @@
-"""Proposals for pinning gains at the consensus: gains, the multipliers that show how good they are, sets of agents.
+"""Proposals for pinning gains at the consensus: gains, the multipliers that show how good they are,
+sets of agents.
 
-Everything is floating point.  The multipliers are vectors v of every mode: sum of v v'/2 is the dual point of
-minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``decide`` makes them rational.
+Everything is floating point.  The multipliers are vectors v of every mode: sum of v v'/2 is the
+dual point of minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``decide``
+makes them rational.
 
-Of many agents a small set of pins is chosen greedily.  With v = sqrt(c) on the pins and (S v)_i = 0 on the others,
-pinning agent a as well makes the gains cheaper by (v_a - sqrt(c_a))^2 / (2 G_aa), G the inverse of S on the others,
-exactly, as long as no gain falls to 0.  G_aa >= 1 / S_aa orders the agents, so that few G_aa are computed in a step.
-While the pins do not reach the rate, S is shifted as far as that takes.
+Of many agents a small set of pins is chosen greedily.  With v = sqrt(c) on the pins and (S v)_i = 0
+on the others, pinning agent a as well makes the gains cheaper by (v_a - sqrt(c_a))^2 / (2 G_aa), G
+the inverse of S on the others, exactly, as long as no gain falls to 0.  G_aa >= 1 / S_aa orders the
+agents, so that few G_aa are computed in a step. While the pins do not reach the rate, S is shifted
+as far as that takes.
 """
 
 from __future__ import annotations
@@ -28,7 +31,8 @@ from dobc_design.solvers.program import Array
 from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
-WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, times agents; agents above which: none
+# closed forms spent on exchanges and ties, times agents; agents above which: none
+WORK, LARGEST = 200_000, 5_000
 MOST_SETS = 3000  # sets of agents that are compared one by one
 MANY = 200  # agents from which on greedy steps are quick ones
 NEARLY_ZERO = 1e-9
@@ -50,34 +54,46 @@ class PinningProposer:
     caps: Array
 
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
-        """Gains (n) of least cost, about, and their multipliers; without (None) directions that no gains hold."""
+        """Gains (n) of least cost, about, and their multipliers; without (None) directions that no
+        gains hold."""
         blocks, chosen = pinning.for_rate(self.blocks, rate), self._mask(allowed)
-        can = blocks.z or all(value > NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen))
+        can = blocks.z or all(
+            value > NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)
+        )
         found = pinning.cheapest_gains(blocks, chosen, self.costs, self.caps) if can else None
         if found is None:
             return None, self._loose(blocks, chosen)
         return found.gains.tolist(), self._named(blocks, found.vectors)
 
     def fastest(self, allowed: Collection[int], factor: float = 1.0) -> float:
-        """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``; inf without limit."""
+        """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``;
+        inf without limit."""
         lowest = self._lowest(self.blocks, self._mask(allowed), factor=factor)
         return min((value for value, _ in lowest), default=float("inf")) / 2
 
     def slow(self, rate: float) -> Vectors:
-        """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large blocks."""
+        """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large
+        blocks."""
         blocks = pinning.for_rate(self.blocks, rate)
         if blocks.agents * blocks.width > pinning.PROGRAM_ROWS * 3:
             return []
         pairs = [np.linalg.eigh(table.toarray()) for table in blocks.tables]
-        return self._named(blocks, [list(vectors.T[values < -1e-7 * blocks.scale]) for values, vectors in pairs])
+        return self._named(
+            blocks, [list(vectors.T[values < -1e-7 * blocks.scale]) for values, vectors in pairs]
+        )
 
     def greedy(
         self, allowed: Sequence[int], groups: Sequence[Sequence[int]], rate: float, pins: int | None
     ) -> tuple[int, ...] | None:
-        """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
-        One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add, then
-        exchanges of one agent for another; of many agents those that save most."""
-        chosen, blocks, free = self._hitting(allowed, groups), pinning.for_rate(self.blocks, rate), set(allowed)
+        """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None
+        if none was found. One agent of each group first, then where the slowest direction is
+        heaviest, then the cheapest to add, then exchanges of one agent for another; of many agents
+        those that save most."""
+        chosen, blocks, free = (
+            self._hitting(allowed, groups),
+            pinning.for_rate(self.blocks, rate),
+            set(allowed),
+        )
         if blocks.z and blocks.agents > MANY and not blocks.weighted:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
@@ -86,7 +102,12 @@ class PinningProposer:
             if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
                 return None
             heavy = self._heaviest(blocks, chosen, free - set(chosen))
-            chosen.append(max(heavy, key=lambda agent: (pinning.fastest_rate(blocks, [*chosen, agent]), -agent)))
+            chosen.append(
+                max(
+                    heavy,
+                    key=lambda agent: (pinning.fastest_rate(blocks, [*chosen, agent]), -agent),
+                )
+            )
         while pins is not None and len(chosen) < pins and (left := sorted(free - set(chosen))):
             tried = left[:: -(-len(left) // max(1, self._affordable() // pins))]
             costs = {agent: self._cost([*chosen, agent], rate) for agent in tried}
@@ -96,11 +117,17 @@ class PinningProposer:
     def cheapest(self, allowed: Sequence[int], pins: int, rate: float) -> tuple[int, ...]:
         """The cheapest of all sets of so many agents, where these are few; () if none is found."""
         count = comb(len(allowed), pins)
-        costs = {each: self._cost(each, rate) for each in combinations(allowed, pins)} if count <= MOST_SETS else {}
+        costs = (
+            {each: self._cost(each, rate) for each in combinations(allowed, pins)}
+            if count <= MOST_SETS
+            else {}
+        )
         best = min(costs, key=lambda each: (costs[each], each), default=())
         return best if costs.get(best, np.inf) < np.inf else ()
 
-    def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
+    def replaceable(
+        self, chosen: Sequence[int], allowed: Sequence[int], rate: float
+    ) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
         own = self._cost(chosen, rate)
         if own == np.inf or len(chosen) * len(allowed) > self._affordable():
@@ -133,7 +160,9 @@ class PinningProposer:
     def _hitting(self, allowed: Sequence[int], groups: Sequence[Sequence[int]]) -> list[int]:
         left, chosen = [met for group in groups if (met := set(group) & set(allowed))], list[int]()
         while left:
-            count = {agent: sum(agent in group for group in left) for group in left for agent in group}
+            count = {
+                agent: sum(agent in group for group in left) for group in left for agent in group
+            }
             best = min(count, key=lambda agent: (-count[agent], self.costs[agent], agent))
             chosen.append(best)
             left = [group for group in left if best not in group]
@@ -144,7 +173,9 @@ class PinningProposer:
         mask[list(agents)] = True
         return mask
 
-    def _heaviest(self, blocks: pinning.Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
+    def _heaviest(
+        self, blocks: pinning.Blocks, chosen: Sequence[int], free: Collection[int]
+    ) -> list[int]:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         weight = np.zeros(blocks.agents)
         weight[others] = pinning.slowest_on(blocks, others)
@@ -153,17 +184,23 @@ class PinningProposer:
 
     def _free_rows(self, blocks: pinning.Blocks, chosen: Array) -> Any:
         """The rows that no gain without a cap holds."""
-        return rows_of(np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps)), blocks.width)
+        return rows_of(
+            np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps)), blocks.width
+        )
 
-    def _lowest(self, blocks: pinning.Blocks, chosen: Array, *, factor: float = 1.0) -> list[tuple[float, Array]]:
-        """Of every block the lowest eigenvalue on these rows, with caps times ``factor`` on the diagonal."""
+    def _lowest(
+        self, blocks: pinning.Blocks, chosen: Array, *, factor: float = 1.0
+    ) -> list[tuple[float, Array]]:
+        """Of every block the lowest eigenvalue on these rows, with caps times ``factor`` on the
+        diagonal."""
         held = np.where(chosen & np.isfinite(self.caps), self.caps, 0.0)
         added = sparse.diags_array(np.repeat(2 * held * factor, blocks.width))
         rows = self._free_rows(blocks, chosen)
         return [pinning.lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
 
     def _loose(self, blocks: pinning.Blocks, chosen: Array) -> Vectors:
-        """Of every block the direction that allowed gains hold least, zero on the rows of gains without a cap."""
+        """Of every block the direction that allowed gains hold least, zero on the rows of gains
+        without a cap."""
         rows = self._free_rows(blocks, chosen)
         columns = [np.zeros(blocks.agents * blocks.width) for _ in blocks.tables]
         for column, (_, vector) in zip(columns, self._lowest(blocks, chosen), strict=True):
@@ -182,8 +219,11 @@ class PinningProposer:
         return result
 
 
-def make_proposer(problem: Problem, request: PinningRequest, *, weighted: bool = False) -> PinningProposer | None:
-    """The proposer of one problem and request, for V with or without weights; None beyond the floats."""
+def make_proposer(
+    problem: Problem, request: PinningRequest, *, weighted: bool = False
+) -> PinningProposer | None:
+    """The proposer of one problem and request, for V with or without weights; None beyond the
+    floats."""
     blocks = pinning.network_blocks(problem, weighted=weighted)
     if blocks is None:
         return None
@@ -193,20 +233,32 @@ def make_proposer(problem: Problem, request: PinningRequest, *, weighted: bool =
 
 
 def greedy_set(
-    blocks: pinning.Blocks, chosen: Sequence[int], free: Collection[int], costs: Array, pins: int | None
+    blocks: pinning.Blocks,
+    chosen: Sequence[int],
+    free: Collection[int],
+    costs: Array,
+    pins: int | None,
 ) -> tuple[int, ...] | None:
-    """Agents added until the rate is reached (else None), or ``pins`` are chosen; blocks have to be Z-matrices."""
+    """Agents added until the rate is reached (else None), or ``pins`` are chosen; blocks have to be
+    Z-matrices."""
     found = list(chosen)
     while True:
         others = np.setdiff1d(np.arange(blocks.agents), found)
         lowest = min(pinning.lowest_on(table, others)[0] for table in blocks.tables)
         # What has to be added to S for the pins to hold the others.
-        shift = 0.0 if lowest > 1e-9 * blocks.scale else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
+        shift = (
+            0.0
+            if lowest > 1e-9 * blocks.scale
+            else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
+        )
         left = np.array(sorted(set(free) - set(found)), dtype=np.int64)
         room = len(left) if pins is None else min(len(left), pins - len(found))
         if (shift == 0 and pins is None) or room <= 0:
             return tuple(sorted(found)) if shift == 0 else None
-        shifted = [sparse.csr_array(table + shift * sparse.eye_array(len(costs))) for table in blocks.tables]
+        shifted = [
+            sparse.csr_array(table + shift * sparse.eye_array(len(costs)))
+            for table in blocks.tables
+        ]
         for _ in range(min(room, max(SHIFTED, blocks.agents // PART) if shift else UPDATES)):
             found.append(_best(shifted, found, left, costs))
             left = left[left != found[-1]]
@@ -224,12 +276,16 @@ def _best(matrices: Sequence[Any], found: list[int], left: Any, costs: Array) ->
         v = solvers[-1](-(rows[:, found] @ root[found]) if found else np.ones(len(others)))
         above.append(np.maximum(v[place] - root[left], 0.0))
         diagonals.append(matrix.diagonal()[left])
-    bounds = np.sum([own**2 * diagonal for own, diagonal in zip(above, diagonals, strict=True)], axis=0)
+    bounds = np.sum(
+        [own**2 * diagonal for own, diagonal in zip(above, diagonals, strict=True)], axis=0
+    )
 
     def saving(candidate: int) -> float:
         unit = (np.arange(len(others)) == place[candidate]).astype(float)
         inverse = [solve(unit)[place[candidate]] for solve in solvers]
-        return sum(float(own[candidate]) ** 2 / float(g) for own, g in zip(above, inverse, strict=True))
+        return sum(
+            float(own[candidate]) ** 2 / float(g) for own, g in zip(above, inverse, strict=True)
+        )
 
     return int(left[max(np.argsort(-bounds, kind="stable")[:LOOKED_AT], key=saving)])
 
@@ -237,7 +293,8 @@ def _best(matrices: Sequence[Any], found: list[int], left: Any, costs: Array) ->
 def slow_directions(
     mode: ModeJacobian, component: int, pinned: Collection[int], caps: Gains, *, size: int
 ) -> Iterator[list[float]]:
-    """Directions (n) >= 0 worth an exact look: the Perron vector, and the agent alone that is pulled least."""
+    """Directions (n) >= 0 worth an exact look: the Perron vector, and the agent alone that is
+    pulled least."""
     slopes = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
     values = slopes[mode.kind] if len(slopes) else np.zeros(0)
     listeners, speakers = mode.arcs.listeners, mode.arcs.speakers
@@ -256,7 +313,8 @@ def slow_directions(
 
 
 def _perron(matrix: sparse.csr_array) -> Array:
-    """The vector >= 0 of the eigenvalue with the largest real part, of a matrix that is >= 0 off its diagonal."""
+    """The vector >= 0 of the eigenvalue with the largest real part, of a matrix that is >= 0 off
+    its diagonal."""
     size = matrix.shape[0]
     if size <= DENSE:
         values, vectors = np.linalg.eig(matrix.toarray())

@@ -1,8 +1,10 @@
-"""Proposals for gains over a region: the smallest ones with which a max-separable v exists (theory, section 5).
+"""Proposals for gains over a region: the smallest ones with which a max-separable v exists (theory,
+section 5).
 
-A pinned agent needs k_i >= rate + (its largest row sum) / (s v_i); the other rows have a least v for every v on the
-pins, which is improved by linear programs in log v with a trust region.  Which rates gains can reach is found by
-bisection; one linear solve gives what a faster rate costs and which other agent a gain would help most.
+A pinned agent needs k_i >= rate + (its largest row sum) / (s v_i); the other rows have a least v
+for every v on the pins, which is improved by linear programs in log v with a trust region.  Which
+rates gains can reach is found by bisection; one linear solve gives what a faster rate costs and
+which other agent a gain would help most.
 """
 
 from __future__ import annotations
@@ -40,13 +42,16 @@ HARD = 1e7  # a gain that holds an agent as well as any, in units of the network
 LARGEST_V = 1e4  # what a v may span: beyond, gains are of no use to anybody
 CLOSE, ROUGH = 1e-3, 2e-2  # relative accuracy of the fastest rate, and where many sets are compared
 BISECTIONS = 14
-PARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the observer's decay, for kappa
-COARSE = 8  # points of s while v is looked for and where many sets are compared; all of them for the gains
+# of the observer's decay, for kappa
+PARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+# points of s while v is looked for and where many sets are compared; all of them for the gains
+COARSE = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Box:
-    """All rows without gains, and who may have one: ``allowed`` (n,), ``costs`` (n,), ``caps`` (n,) in 1/s."""
+    """All rows without gains, and who may have one: ``allowed`` (n,), ``costs`` (n,), ``caps`` (n,)
+    in 1/s."""
 
     field: Field
     allowed: Any
@@ -55,12 +60,15 @@ class Box:
     rate: float
 
     def follow(self, lower: Array) -> Array | None:
-        """The least v at or above ``lower``; on pins without a cap it is ``lower``.  None if none is found."""
+        """The least v at or above ``lower``; on pins without a cap it is ``lower``.  None if none
+        is found."""
         gains = np.where(self.allowed, np.minimum(self.caps, HELD * max(1.0, self.rate)), 0.0)
         return least_above(replace(self.field, gains=gains), alpha=self.rate, lower=lower)
 
     def gains(self, v: Array) -> Array:
-        return np.where(self.allowed, np.maximum(self.field.rows(v, alpha=self.rate)[0] / v, 0.0), 0.0)
+        return np.where(
+            self.allowed, np.maximum(self.field.rows(v, alpha=self.rate)[0] / v, 0.0), 0.0
+        )
 
     def cost(self, v: Array) -> float:
         return float(self.costs @ self.gains(v))
@@ -69,9 +77,10 @@ class Box:
 def propose_for_box(
     problem: Problem, request: PinningRequest, *, rho: Fraction | None, rate: float
 ) -> list[tuple[Vector, Array]]:
-    """v (n,), exact with min v = 1, and gains (n,) for it with which the rows hold with ``rate`` for all s in (0, rho].
-    The cheapest v with more and more digits, if rounding makes the gains no dearer than their own digits do, and the
-    last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear."""
+    """v (n,), exact with min v = 1, and gains (n,) for it with which the rows hold with ``rate``
+    for all s in (0, rho]. The cheapest v with more and more digits, if rounding makes the gains no
+    dearer than their own digits do, and the last in any case.  ``problem``: without gains.  ``rho``
+    None: couplings are linear."""
     if rho is not None and rho > LARGEST_RADIUS:
         return []
     try:
@@ -82,8 +91,13 @@ def propose_for_box(
             if best is None:
                 return []
             box, v = best
-            units = [2**bits for bits in BITS] if len(v) > LARGE else [10**digits for digits in DIGITS]
-            typed = [tuple(Fraction(max(unit, round(float(x) * unit)), unit) for x in v) for unit in units]
+            units = (
+                [2**bits for bits in BITS] if len(v) > LARGE else [10**digits for digits in DIGITS]
+            )
+            typed = [
+                tuple(Fraction(max(unit, round(float(x) * unit)), unit) for x in v)
+                for unit in units
+            ]
             found = [(each, box.gains(np.array([float(x) for x in each]))) for each in typed]
             most = box.cost(v) * (1 + 10.0 ** (-request.digits))
     except (ArithmeticError, ValueError):  # a coupling that is not defined so far out
@@ -91,8 +105,11 @@ def propose_for_box(
     return [each for each in found[:-1] if box.costs @ each[1] <= most] + found[-1:]
 
 
-def box_of(field: Field, agents: Collection[int], caps: Gains, *, rate: float, costs: Array | None = None) -> Box:
-    """The rows of ``field`` (whose gains are 0) with gains on these agents; every gain costs 1 without ``costs``."""
+def box_of(
+    field: Field, agents: Collection[int], caps: Gains, *, rate: float, costs: Array | None = None
+) -> Box:
+    """The rows of ``field`` (whose gains are 0) with gains on these agents; every gain costs 1
+    without ``costs``."""
     allowed = np.zeros(field.size, dtype=bool)
     allowed[list(agents)] = True
     costs = np.ones(field.size) if costs is None else costs
@@ -101,9 +118,12 @@ def box_of(field: Field, agents: Collection[int], caps: Gains, *, rate: float, c
 
 
 def cheapest(box: Box) -> tuple[Box, Array] | None:
-    """The best v found, min v = 1, and the box with those agents allowed that need a gain for it; None without one."""
+    """The best v found, min v = 1, and the box with those agents allowed that need a gain for it;
+    None without one."""
     most = next((count for size, count in PROGRAMS if box.field.size <= size), 0)
-    coarse = replace(box, field=replace(box.field, grid=box.field.grid[:: max(1, len(box.field.grid) // COARSE)]))
+    coarse = replace(
+        box, field=replace(box.field, grid=box.field.grid[:: max(1, len(box.field.grid) // COARSE)])
+    )
     start = coarse.follow(np.ones(box.field.size))
     if start is None:
         return None
@@ -114,7 +134,8 @@ def cheapest(box: Box) -> tuple[Box, Array] | None:
     gains = box.gains(v)
     kept = gains > KEPT * np.max(gains)
     fewer = replace(box, allowed=kept)
-    less = fewer.follow(np.where(kept, v, 1.0))  # what the programs leave of gains that are not needed
+    # what the programs leave of gains that are not needed
+    less = fewer.follow(np.where(kept, v, 1.0))
     if less is not None and fewer.cost(less) <= float(box.costs @ gains) * (1 + 10 * KEPT):
         return fewer, less / np.min(less)
     return box, v / np.min(v)
@@ -127,7 +148,9 @@ def _improved(box: Box, v: Array, most: int) -> Array:
         if step < LAST_STEP or not cost > 0:
             break
         change = _program(box, v, step)
-        moved = None if change is None else box.follow(np.where(box.allowed, v * np.exp(change), 1.0))
+        moved = (
+            None if change is None else box.follow(np.where(box.allowed, v * np.exp(change), 1.0))
+        )
         if moved is not None:
             moved = moved / np.min(moved)  # the box shrinks with v: only cheaper
         value = np.inf if moved is None else box.cost(moved)
@@ -141,7 +164,8 @@ def _improved(box: Box, v: Array, most: int) -> Array:
 
 
 def _program(box: Box, v: Array, step: float) -> Array | None:
-    """The change of log v, at most ``step``, that makes the gains cheapest to first order; None without an answer."""
+    """The change of log v, at most ``step``, that makes the gains cheapest to first order; None
+    without an answer."""
     n, allowed = len(v), np.flatnonzero(box.allowed)
     agents, slopes, values = _linear_rows(box, v, step)
     gains = -sparse.eye_array(n, format="csc")[:, allowed].tocsr()[agents]
@@ -149,12 +173,17 @@ def _program(box: Box, v: Array, step: float) -> Array | None:
     low = np.concatenate([np.maximum(-step, -np.log(np.maximum(v, 1.0))), np.zeros(len(allowed))])
     bounds = np.column_stack([low, np.concatenate([np.full(n, step), box.caps[allowed]])])
     linear = np.concatenate([np.zeros(n), box.costs[allowed]])
-    answer = optimize.linprog(linear, A_ub=matrix, b_ub=-(values + box.rate), bounds=bounds, method="highs")
-    return None if answer.x is None or not np.all(np.isfinite(answer.x)) else np.asarray(answer.x[:n])
+    answer = optimize.linprog(
+        linear, A_ub=matrix, b_ub=-(values + box.rate), bounds=bounds, method="highs"
+    )
+    return (
+        None if answer.x is None or not np.all(np.isfinite(answer.x)) else np.asarray(answer.x[:n])
+    )
 
 
 def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
-    """The rows divided by v that may matter within the step: their agents, slopes in log v, and values."""
+    """The rows divided by v that may matter within the step: their agents, slopes in log v, and
+    values."""
     field, n = box.field, len(v)
     agents, slopes, values, reach = [], [], [], []
     for mode in range(len(field.modes)):
@@ -163,7 +192,11 @@ def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
             best = np.argmax(table, axis=0)
             for places in (best, np.where(best == len(table) - 1, 0, len(table) - 1)):
                 value = table[places, np.arange(n)]
-                slope = sparse.diags_array(1 / v) @ field.slopes(mode, face, places, v) @ sparse.diags_array(v)
+                slope = (
+                    sparse.diags_array(1 / v)
+                    @ field.slopes(mode, face, places, v)
+                    @ sparse.diags_array(v)
+                )
                 slope = sparse.csr_array(slope - sparse.diags_array(value))
                 agents.append(np.arange(n))
                 slopes.append(slope)
@@ -178,9 +211,9 @@ def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegionGains:
-    """Gains (1/s) by agent index that reach ``rate`` (1/s), about.  ``prices``: by agent, what the whole sum of gains
-    would fall by for each 1/s of gain there (1 for pinned agents that are at their optimum).  ``rate_price``: what the
-    sum rises by for each 1/s of rate."""
+    """Gains (1/s) by agent index that reach ``rate`` (1/s), about.  ``prices``: by agent, what the
+    whole sum of gains would fall by for each 1/s of gain there (1 for pinned agents that are at
+    their optimum).  ``rate_price``: what the sum rises by for each 1/s of rate."""
 
     gains: dict[int, float]
     rate: float
@@ -189,9 +222,12 @@ class RegionGains:
 
 
 class RegionSearch:
-    """One problem without its gains, one W (q, m), one region: |e|_inf <= radius, |eps_i| <= disturbance."""
+    """One problem without its gains, one W (q, m), one region: |e|_inf <= radius, |eps_i| <=
+    disturbance."""
 
-    def __init__(self, problem: Problem, W: Matrix | None, *, radius: Fraction, disturbance: Fraction) -> None:
+    def __init__(
+        self, problem: Problem, W: Matrix | None, *, radius: Fraction, disturbance: Fraction
+    ) -> None:
         self.problem, self.W, self.radius, self.disturbance = problem, W, radius, disturbance
         self.exosystem = exosystem = problem.joint_exosystem
         self.decay = math.inf if exosystem is None or W is None else decay_rate(exosystem, W)
@@ -199,7 +235,8 @@ class RegionSearch:
         self._fields: dict[float, Field] = {}
 
     def reach(self, rate: float) -> Fraction | None:
-        """The rho that the region needs at a rate (1/s); None where the observer is too slow for it."""
+        """The rho that the region needs at a rate (1/s); None where the observer is too slow for
+        it."""
         if math.isinf(self.decay):
             return self.radius
         part = next((each for each in PARTS if each * self.decay >= rate), None)
@@ -211,27 +248,43 @@ class RegionSearch:
         return None if bound is None else radius_needed(self.radius, bound, self.disturbance)
 
     def field(self, rate: float, *, coarse: bool = False) -> Field | None:
-        """All rows without gains, for the rho of a rate; fewer points of s with ``coarse``.  None as in ``reach``."""
+        """All rows without gains, for the rho of a rate; fewer points of s with ``coarse``.  None
+        as in ``reach``."""
         rho = self.reach(rate)
         if rho is None:
             return None
         if float(rho) not in self._fields:
-            self._fields[float(rho)] = replace(field_of(self.problem, rho=float(rho)), gains=np.zeros(self.problem.n))
+            self._fields[float(rho)] = replace(
+                field_of(self.problem, rho=float(rho)), gains=np.zeros(self.problem.n)
+            )
         field = self._fields[float(rho)]
         if self.problem.is_linear:  # all s say the same
             return replace(field, grid=field.grid[-1:])
-        return replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)]) if coarse else field
+        return (
+            replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
+            if coarse
+            else field
+        )
 
     def holds(
-        self, pinned: Collection[int], caps: Gains, rate: float, *, coarse: bool = False, start: Array | None = None
+        self,
+        pinned: Collection[int],
+        caps: Gains,
+        rate: float,
+        *,
+        coarse: bool = False,
+        start: Array | None = None,
     ) -> Array | None:
-        """The least v >= 1 with the largest gains allowed, or None; ``start``: the answer for a lower rate."""
+        """The least v >= 1 with the largest gains allowed, or None; ``start``: the answer for a
+        lower rate."""
         field = self.field(rate, coarse=coarse)
         if field is None:
             return None
         limit, gains = HARD * (1.0 + self._size(field)), np.zeros(self.problem.n)
         gains[list(pinned)] = [float(caps.get(i, limit)) for i in pinned]
-        v = least_above(replace(field, gains=gains), alpha=rate, lower=np.ones(self.problem.n), start=start)
+        v = least_above(
+            replace(field, gains=gains), alpha=rate, lower=np.ones(self.problem.n), start=start
+        )
         return None if v is None or np.max(v) > LARGEST_V else v
 
     def fastest(self, pinned: Collection[int], caps: Gains, *, coarse: bool = False) -> float:
@@ -241,7 +294,11 @@ class RegionSearch:
             return 0.0
         # No rate is larger: an agent with the least v has at most its gain, or it hears others.
         capped = all(i in caps for i in pinned)
-        most = max(float(caps[i]) for i in pinned) if capped else 4 * (1.0 + self._size(self.field(0.0)))
+        most = (
+            max(float(caps[i]) for i in pinned)
+            if capped
+            else 4 * (1.0 + self._size(self.field(0.0)))
+        )
         low, high = 0.0, min(self.decay, most)
         for _ in range(BISECTIONS):
             middle = (low + high) / 2 if low else high / 4
@@ -252,14 +309,16 @@ class RegionSearch:
         return low
 
     def smallest(self, pinned: Sequence[int], caps: Gains, rate: float) -> RegionGains | None:
-        """The smallest gains found on these agents for a rate (1/s), about; None if the rate is out of reach."""
+        """The smallest gains found on these agents for a rate (1/s), about; None if the rate is out
+        of reach."""
         field = self.field(rate)
         with np.errstate(all="ignore"):
             found = None if field is None else cheapest(box_of(field, pinned, caps, rate=rate))
         if field is None or found is None:
             return None
         gains, v = found[0].gains(found[1]), found[1]
-        # The multipliers: l with J'l = 0 on the free v, l_i v_i = 1 on pinned agents, l_i = 0 on slack rows.
+        # The multipliers: l with J'l = 0 on the free v, l_i v_i = 1 on pinned agents, l_i = 0 on
+        # slack rows.
         agents = np.flatnonzero(gains)
         residual, jacobian, scale = field.rows(v, alpha=rate)
         prices = np.zeros(self.problem.n)
@@ -278,5 +337,10 @@ class RegionSearch:
         """About the largest sum of arc gains of an agent."""
         if field is None:
             return 0.0
-        most = [float(np.max(np.bincount(arcs.listeners, minlength=1))) for arcs in self.problem.network.modes.values()]
-        return float(np.max(field.rows(np.ones(self.problem.n), alpha=0.0)[2], initial=0.0)) + max(most, default=0.0)
+        most = [
+            float(np.max(np.bincount(arcs.listeners, minlength=1)))
+            for arcs in self.problem.network.modes.values()
+        ]
+        return float(np.max(field.rows(np.ones(self.problem.n), alpha=0.0)[2], initial=0.0)) + max(
+            most, default=0.0
+        )

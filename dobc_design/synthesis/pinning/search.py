@@ -1,10 +1,11 @@
 """From a request to a PinningDesign: refute what is impossible, prove gains, bound what is cheaper.
 
-Which agents to pin, at most so many: branch and bound in which every bound is exact.  A node fixes agents that are
-pinned and agents that are not; all other allowed agents may have a gain, which costs no more than any set of the node.
-Its bound is a proved one, or the node is proved impossible.
+Which agents to pin, at most so many: branch and bound in which every bound is exact.  A node fixes
+agents that are pinned and agents that are not; all other allowed agents may have a gain, which
+costs no more than any set of the node. Its bound is a proved one, or the node is proved impossible.
 
-Over a region: the smallest gains whose max-separable certificate is proved by ``conditions.separable``.
+Over a region: the smallest gains whose max-separable certificate is proved by
+``conditions.separable``.
 """
 
 from __future__ import annotations
@@ -22,7 +23,12 @@ from dobc_design.conditions.consensus.network import Enclosed, carriers, name_ag
 from dobc_design.conditions.coverage import Progress, asked_radius
 from dobc_design.conditions.numbers import claimed, rounded_up, shorten
 from dobc_design.conditions.separable import decide as separable
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, stuck_agents
+from dobc_design.conditions.separable.claim import (
+    ErrorBound,
+    Separable,
+    acts_by_component,
+    stuck_agents,
+)
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.conditions.weighted.decide import network_holds, why_not
@@ -51,37 +57,54 @@ from dobc_design.synthesis.pinning.propose import PinningProposer, make_proposer
 from dobc_design.synthesis.pinning.propose_regions import propose_for_box
 from dobc_design.verdict import Verdict
 
-TILTS = (1, 10, 1000, Fraction(1, 100))  # of the last digit but two: how much faster a rate is designed for
+# of the last digit but two: how much faster a rate is designed for
+TILTS = (1, 10, 1000, Fraction(1, 100))
 SHOWN = 5  # ties put into words
 LONGEST = 400  # entries of a witness that a statement writes out
 WORK = 60_000  # nodes times agents, of few agents
-FEW, MOST_WORK = 300, 18_000_000  # up to so many; then nodes times squared agents, for a node takes a solve
+# up to so many; then nodes times squared agents, for a node takes a solve
+FEW, MOST_WORK = 300, 18_000_000
 ALIKE = Fraction(1, 10**7)  # bounds this close (relatively) to the best cost close a node
 REPORTED = 20  # nodes between two reports
 MOST_RIVALS = 10_000  # sets whose cost is kept
 SIX_DIGITS = 1e-6  # costs that differ by less (relatively) are alike
 SUPPORT = 1e-7  # gains below this part of the largest pin nobody
 MOST_CAPS = 1e6  # times the caps that were asked for
-BOX_TILTS = (Fraction(1, 10**7), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))  # rates faster than asked
+# rates faster than asked
+BOX_TILTS = (Fraction(1, 10**7), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))
 WEIGHTED_TILTS = (Fraction(1, 10**6), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))
-MIXED = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)  # ways from what every mode needs by itself to gains for V = e'e,
+# ways from what every mode needs by itself to gains for V = e'e,
+MIXED = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
 MORE = 4  # or to so many times as much
 SLOWER = 6  # halvings of the rate that are tried for the nearest request
 SMALLEST = Fraction(1, 10**9)  # radius of a box
 
 
 def search_pinning(problem: Problem, request: PinningRequest, progress: Progress) -> PinningDesign:
-    """Decide a request, with the nearest possible one.  Raises: SpecError for couplings without a derivative."""
+    """Decide a request, with the nearest possible one.  Raises: SpecError for couplings without a
+    derivative."""
     bare = changed_problem(problem, {"pinning.gains": None})
     statements = state_theorems(bare)
     proposer = None if statements.inapplicable else make_proposer(bare, request)
     if proposer is None:
-        text = "coupling must have a derivative at the consensus that floats can hold, because gains are designed for"
-        text += f" the linearisation; {statements.inapplicable or 'an entry of J + J is too large.'}"
+        text = (
+            "coupling must have a derivative at the consensus that floats can hold, because "
+            "gains are designed for"
+        )
+        text += (
+            f" the linearisation; {statements.inapplicable or 'an entry of J + J is too large.'}"
+        )
         raise SpecError(text, key="coupling.h", cure="Use a smooth coupling, such as tanh(y).")
-    lambdas = {name: Enclosed(middle=x.constant, deviations=x.deviations) for name, x in statements.lambdas.items()}
+    lambdas = {
+        name: Enclosed(middle=x.constant, deviations=x.deviations)
+        for name, x in statements.lambdas.items()
+    }
     ground = Ground(problem=problem, request=request, lambdas=lambdas)
-    weighted = not request.conservative and why_not(statements) is None and not decide.is_undirected(statements)
+    weighted = (
+        not request.conservative
+        and why_not(statements) is None
+        and not decide.is_undirected(statements)
+    )
     attempt = _weighted_attempt if weighted else _attempt
     found = attempt(ground, proposer, progress)
     if found.verdict is Verdict.PROVED:
@@ -97,7 +120,9 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
 def _attempt(ground: Ground, proposer: PinningProposer, progress: Progress) -> PinningDesign:
     request = ground.request
     structure = decide.structure_of(ground.problem, request.allowed)
-    obstacle = decide.structural_obstacle(ground.problem, request.pins, structure) or _too_fast(ground, proposer)
+    obstacle = decide.structural_obstacle(ground.problem, request.pins, structure) or _too_fast(
+        ground, proposer
+    )
     if obstacle is not None:
         return without_gains(ground.request, structure, obstacle)
     choice, statements = None, tuple[Statement, ...]()
@@ -111,23 +136,34 @@ def _attempt(ground: Ground, proposer: PinningProposer, progress: Progress) -> P
 
 
 def _weighted_attempt(ground: Ground, plain: PinningProposer, progress: Progress) -> PinningDesign:
-    """Decide by V = e'De on the agents that either V would choose; gains for V = e'e stand in, without their bounds."""
+    """Decide by V = e'De on the agents that either V would choose; gains for V = e'e stand in,
+    without their bounds."""
     request, bare = ground.request, plain.problem
     structure = decide.structure_of(bare, request.allowed)
-    limits: dict[str, Any] = {"allowed": request.allowed, "caps": request.caps, "propose": slow_directions}
+    limits: dict[str, Any] = {
+        "allowed": request.allowed,
+        "caps": request.caps,
+        "propose": slow_directions,
+    }
     obstacle = decide.structural_obstacle(bare, request.pins, structure)
     obstacle = obstacle or decide.too_fast(bare, request.rate, pins=request.pins, **limits)
     proposer = make_proposer(bare, request, weighted=True)
     if obstacle is not None or proposer is None:
         return without_gains(request, structure, obstacle)
-    found, sets, designs = _attempt(ground, plain, progress), [request.allowed], list[PinningDesign]()
+    found, sets, designs = (
+        _attempt(ground, plain, progress),
+        [request.allowed],
+        list[PinningDesign](),
+    )
     if request.pins is not None:
         progress("looking for the agents that a gain helps most")
         most = request.pins if isinstance(request.pins, int) else None
         sets = [tuple(sorted(map(bare.network.index.__getitem__, found.gains)))]
         rate = float(request.rate)
         greedy = proposer.greedy(request.allowed, structure.groups, rate, most)
-        sets.append(greedy or proposer.cheapest(request.allowed, most or len(request.allowed), rate))
+        sets.append(
+            greedy or proposer.cheapest(request.allowed, most or len(request.allowed), rate)
+        )
     progress("proving the gains")
     for agents in dict.fromkeys(filter(None, sets)):
         designs += filter(None, [_with_weights(ground, proposer, plain, structure, agents)])
@@ -149,15 +185,31 @@ def _unbounded(design: PinningDesign) -> PinningDesign:
     reason = design.reason.rpartition(", and nothing that does")[0] + ", by V = e'e."
     kept = tuple(each for each in design.statements if each.kind in ("rate", "structure"))
     return replace(
-        design, reason=reason, statements=kept, lower_bound=None, bound=None, bound_for=(), prices=(), ties=()
+        design,
+        reason=reason,
+        statements=kept,
+        lower_bound=None,
+        bound=None,
+        bound_for=(),
+        prices=(),
+        ties=(),
     )
 
 
 def _with_weights(
-    ground: Ground, proposer: PinningProposer, plain: PinningProposer, structure: Structure, agents: Sequence[int]
+    ground: Ground,
+    proposer: PinningProposer,
+    plain: PinningProposer,
+    structure: Structure,
+    agents: Sequence[int],
 ) -> PinningDesign | None:
-    """The smallest gains found on these agents for which weights of V are proved; None if none are."""
-    request, labels, rate = ground.request, ground.problem.network.labels, number_text(ground.request.rate)
+    """The smallest gains found on these agents for which weights of V are proved; None if none
+    are."""
+    request, labels, rate = (
+        ground.request,
+        ground.problem.network.labels,
+        number_text(ground.request.rate),
+    )
     several = len(ground.lambdas) > 1
 
     def proved_with(gains: Gains) -> PinningDesign | None:
@@ -166,7 +218,10 @@ def _with_weights(
         claim = network_claim(held, float(request.rate)) if gains else None
         if claim is None or not network_holds(claim, state_theorems(held), rate=request.rate):
             return None
-        text = f"V = e'De with a weight for each agent: V' <= -2 ({rate}) V near the target in every mode, for the"
+        text = (
+            f"V = e'De with a weight for each agent: V' <= -2 ({rate}) V near the target in "
+            "every mode, for the"
+        )
         statement = proved("rate", f"{text} gains as they are written.", rate=rate)
         design = _with_gains(request, structure, gains, held, " near the target")
         reason = f"{design.reason}, by V = e'De with a weight for each agent (the true local rate)."
@@ -191,16 +246,28 @@ def _too_fast(ground: Ground, proposer: PinningProposer) -> Statement | None:
     """A proof that even gains on all allowed agents, at their caps, do not reach the rate."""
     request = ground.request
     gains, vectors = proposer.relax(request.allowed, float(request.rate))
-    obstacle = None if gains is not None else decide.obstacle_to(ground, request.allowed, request.rate, vectors)
+    obstacle = (
+        None
+        if gains is not None
+        else decide.obstacle_to(ground, request.allowed, request.rate, vectors)
+    )
     if obstacle is None:
         return None
     mode, v = obstacle
     moved = carriers(ground.problem, v)
     values = {"v": ", ".join(map(number_text, v))} if len(v) <= LONGEST else {}
     kind = "rate"
-    because = "the direction shown moves none of the agents that may be pinned, and decays more slowly by itself"
-    if {ground.problem.network.labels[i] for i in set(request.allowed) & set(request.caps)} & set(moved):
-        kind, because = "max_gain", "even with every gain at its cap the direction shown decays more slowly"
+    because = (
+        "the direction shown moves none of the agents that may be pinned, and decays more "
+        "slowly by itself"
+    )
+    if {ground.problem.network.labels[i] for i in set(request.allowed) & set(request.caps)} & set(
+        moved
+    ):
+        kind, because = (
+            "max_gain",
+            "even with every gain at its cap the direction shown decays more slowly",
+        )
     where = f" in mode {mode}" if len(ground.lambdas) > 1 else ""
     text = f"no gains reach the rate {shown_number(request.rate)}{where}: {because}. It involves"
     return refuted(kind, f"{text} {name_agents(moved)}.", mode=mode, **values)
@@ -214,8 +281,14 @@ def _chosen(
     needed = max(structure.least, decide.pins_needed(ground, request.rate, proposer.slow(rate)))
     if isinstance(request.pins, int):
         if request.pins < needed:
-            text = f"{counted(request.pins, 'pin')} cannot do at this rate: at least {needed} are needed. So many"
-            text += " independent directions are slower than that without gains, and each pin holds one of them."
+            text = (
+                f"{counted(request.pins, 'pin')} cannot do at this rate: at least {needed} are "
+                "needed. So many"
+            )
+            text += (
+                " independent directions are slower than that without gains, and each pin "
+                "holds one of them."
+            )
             return None, (refuted("pins", text, least=str(needed)),)
         start = proposer.greedy(request.allowed, groups, rate, request.pins)
         choice = Choice(ground, proposer, progress, request.pins, groups, start)
@@ -237,17 +310,29 @@ def _chosen(
 
 def _fewest(pins: int, needed: int) -> Statement:
     if pins <= needed:
-        return proved("pins", f"No fewer than {counted(pins, 'pinned agent')} reach this rate.", least=str(pins))
-    text = f"{pins} pinned agents do; whether fewer do was not decided, but at least {needed} are needed."
+        return proved(
+            "pins",
+            f"No fewer than {counted(pins, 'pinned agent')} reach this rate.",
+            least=str(pins),
+        )
+    text = (
+        f"{pins} pinned agents do; whether fewer do was not decided, but at least {needed} are "
+        "needed."
+    )
     return undecided("pins", text, least=str(needed))
 
 
 def _designed(
-    ground: Ground, proposer: PinningProposer, structure: Structure, choice: Choice | None, more: tuple[Statement, ...]
+    ground: Ground,
+    proposer: PinningProposer,
+    structure: Structure,
+    choice: Choice | None,
+    more: tuple[Statement, ...],
 ) -> PinningDesign:
     request, labels = ground.request, ground.problem.network.labels
     agents = request.allowed if choice is None or choice.agents is None else choice.agents
-    for tilt in TILTS:  # gains for a rate a little faster, rounded up, that are proved for the rate asked
+    # gains for a rate a little faster, rounded up, that are proved for the rate asked
+    for tilt in TILTS:
         part = max(Fraction(1, 10 ** (request.digits + 2)), Fraction(1, 10**10)) * tilt
         proposed, vectors = proposer.relax(agents, float(request.rate * (1 + part)))
         found = {} if proposed is None else {i: proposed[i] for i in agents}
@@ -264,10 +349,15 @@ def _designed(
     statements = [proved("rate", text, rate=rate)]
     if structure.exact:
         example = name_agents([labels[i] for i in structure.agents])
-        text = f"Structural minimum: {counted(structure.least, 'pin')}, one for each group that listens to nobody"
+        text = (
+            f"Structural minimum: {counted(structure.least, 'pin')}, one for each group that "
+            "listens to nobody"
+        )
         text += f" outside ({len(structure.groups)} over all modes); {example} would do for that."
         statements.append(proved("structure", text, least=str(structure.least)))
-    design = _with_gains(request, structure, gains, changed_problem(ground.problem, {"pinning.gains": named}))
+    design = _with_gains(
+        request, structure, gains, changed_problem(ground.problem, {"pinning.gains": named})
+    )
     return replace(
         design,
         lower_bound=least,
@@ -276,7 +366,8 @@ def _designed(
         statements=(*statements, *more),
         prices=tuple(prices_in_words(ground.problem, request, bound, set(agents))),
         ties=() if choice is None else _ties(ground, proposer, tuple(gains), choice),
-        reason=f"{design.reason}, and nothing that does costs less than {shorten(least, digits=6):.6g}.",
+        reason=f"{design.reason}, and nothing that does costs less than "
+        f"{shorten(least, digits=6):.6g}.",
     )
 
 
@@ -293,22 +384,32 @@ def _with_gains(
         cost=cost,
         structural_minimum=structure.least if structure.exact else None,
         problem=held,
-        reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)}{over} at the cost"
+        reason=f"gains on {name_agents(tuple(named))} reach the rate "
+        f"{shown_number(request.rate)}{over} at the cost"
         f" {float(cost):.6g}",
     )
 
 
-def _ties(ground: Ground, proposer: PinningProposer, chosen: tuple[int, ...], choice: Choice) -> tuple[str, ...]:
+def _ties(
+    ground: Ground, proposer: PinningProposer, chosen: tuple[int, ...], choice: Choice
+) -> tuple[str, ...]:
     labels = ground.problem.network.labels
     pairs = proposer.replaceable(chosen, ground.request.allowed, float(ground.request.rate))
     others = {agent: [labels[other] for own, other in pairs if own == agent] for agent, _ in pairs}
     alike = "would cost the same (to six digits)."
-    single = [f"In place of agent {labels[i]}, {name_agents(names)} {alike}" for i, names in others.items()]
+    single = [
+        f"In place of agent {labels[i]}, {name_agents(names)} {alike}"
+        for i, names in others.items()
+    ]
     known = {tuple(sorted({*chosen, other} - {agent})) for agent, other in pairs}
-    rest = [name_agents([labels[i] for i in rival]) for rival in choice.rivals if rival not in known]
+    rest = [
+        name_agents([labels[i] for i in rival]) for rival in choice.rivals if rival not in known
+    ]
     if rest:
         more = f"; and {len(rest) - SHOWN} more." if len(rest) > SHOWN else "."
-        single.append(f"As good (to six digits) among the sets that were met: {'; '.join(rest[:SHOWN])}{more}")
+        single.append(
+            f"As good (to six digits) among the sets that were met: {'; '.join(rest[:SHOWN])}{more}"
+        )
     return tuple(single)
 
 
@@ -317,15 +418,17 @@ class _Node:
     inside: frozenset[int]
     outside: frozenset[int]
     bound: Fraction
-    support: tuple[int, ...]  # agents with a gain at the optimum of the node, the largest gain first
+    # agents with a gain at the optimum of the node, the largest gain first
+    support: tuple[int, ...]
 
 
 @dataclass(eq=False)
 class Choice:
-    """The cheapest set of at most ``pins`` allowed agents at the rate asked, with a proved bound.  ``agents``: the
-    cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs less (proved). ``impossible``:
-    proved that no such set reaches the rate.  ``rivals``: other sets that were met and cost the same to six digits.
-    ``start``: a set to begin with.  ``groups``: each needs a pin."""
+    """The cheapest set of at most ``pins`` allowed agents at the rate asked, with a proved bound.
+    ``agents``: the cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs
+    less (proved). ``impossible``: proved that no such set reaches the rate.  ``rivals``: other sets
+    that were met and cost the same to six digits. ``start``: a set to begin with.  ``groups``: each
+    needs a pin."""
 
     ground: Ground
     proposer: PinningProposer
@@ -335,8 +438,10 @@ class Choice:
     start: Collection[int] | None = None
     agents: tuple[int, ...] | None = None
     cost: float = float("inf")
-    _heap: list[tuple[Fraction, int, _Node]] = field(default_factory=list)  # open nodes, the lowest bound first
-    _closed: list[Fraction] = field(default_factory=list)  # bounds of closed nodes that are not impossible
+    # open nodes, the lowest bound first
+    _heap: list[tuple[Fraction, int, _Node]] = field(default_factory=list)
+    # bounds of closed nodes that are not impossible
+    _closed: list[Fraction] = field(default_factory=list)
     _nodes: int = 0
     _met: dict[tuple[int, ...], float] = field(default_factory=dict)
 
@@ -352,7 +457,9 @@ class Choice:
                 self._closed.append(node.bound)
                 continue
             if self._nodes % REPORTED == 0:
-                self.progress(f"comparing sets of agents ({self._nodes} parts of the choice so far)")
+                self.progress(
+                    f"comparing sets of agents ({self._nodes} parts of the choice so far)"
+                )
             agent = next(agent for agent in node.support if agent not in node.inside)
             self._add(node.inside | {agent}, node.outside, node.bound)
             self._add(node.inside, node.outside | {agent}, node.bound)
@@ -363,13 +470,18 @@ class Choice:
     @property
     def rivals(self) -> list[tuple[int, ...]]:
         most = self.cost * (1 + SIX_DIGITS)
-        return sorted(agents for agents, cost in self._met.items() if agents != self.agents and cost <= most)
+        return sorted(
+            agents for agents, cost in self._met.items() if agents != self.agents and cost <= most
+        )
 
     def statement(self) -> Statement:
         if self.impossible:
             several = f"no {self.pins} of the allowed agents reach"
             none = "none of the allowed agents alone reaches" if self.pins == 1 else several
-            text = f"{none} this rate: every choice is excluded, {self._nodes} parts of the choice one by one, each by"
+            text = (
+                f"{none} this rate: every choice is excluded, {self._nodes} parts of the "
+                "choice one by one, each by"
+            )
             text += " a direction that stays too slow or a group without a pin."
             return refuted("pins", text, pins=str(self.pins), nodes=str(self._nodes))
         finished = all(self._is_beaten(node) for _, _, node in self._heap)
@@ -389,7 +501,8 @@ class Choice:
                 self.cost, self.agents = cost, agents
 
     def _add(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> None:
-        """Open a node with its exact bound, at least its parent's; or close it: impossible, known, or not better."""
+        """Open a node with its exact bound, at least its parent's; or close it: impossible, known,
+        or not better."""
         request, pins = self.ground.request, self.pins
         unmet = [set(group) - outside for group in self.groups if not set(group) & inside]
         if len(inside) + len(decide.apart(unmet)) > pins:
@@ -407,7 +520,9 @@ class Choice:
         node = _Node(inside=inside, outside=outside, bound=bound, support=support)
         free = [agent for agent in support if agent not in inside]
         if support:
-            self._try_set(inside | set(free[: pins - len(inside)]) if len(support) > pins else support)
+            self._try_set(
+                inside | set(free[: pins - len(inside)]) if len(support) > pins else support
+            )
         if len(support) <= pins or len(inside) >= pins or not free or self._is_beaten(node):
             self._closed.append(bound)
         else:
@@ -417,8 +532,11 @@ class Choice:
         return self.agents is not None and node.bound >= Fraction(self.cost) * (1 - ALIKE)
 
 
-def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iterator[PinningRequest]:
-    """Requests with one thing given up as far as needed, first what the refutation is about (``kind``)."""
+def _weaker(
+    ground: Ground, proposer: PinningProposer, kind: str | None
+) -> Iterator[PinningRequest]:
+    """Requests with one thing given up as far as needed, first what the refutation is about
+    (``kind``)."""
     request = ground.request
     if kind == "structure":
         request = replace(request, allowed=with_lacking(ground.problem, request.allowed))
@@ -433,7 +551,9 @@ def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iter
             enough = proposer.fastest(request.allowed, middle) > float(request.rate)
             low, high = (low, middle) if enough else (middle, high)
         factor = Fraction(high * 1.001)
-        yield replace(request, caps={i: rounded_up(cap * factor, digits=4) for i, cap in request.caps.items()})
+        yield replace(
+            request, caps={i: rounded_up(cap * factor, digits=4) for i, cap in request.caps.items()}
+        )
     fastest = proposer.fastest(request.allowed, 1.0)
     for part in (0.99, 0.9) if 0 < fastest < math.inf else ():
         rate = claimed(shorten(fastest * part, digits=3))
@@ -446,15 +566,17 @@ def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iter
 def with_lacking(problem: Problem, allowed: Sequence[int]) -> tuple[int, ...]:
     """The ``allowed`` agents, and all of every group that has none of them."""
     groups = decide.structure_of(problem, allowed).groups
-    return tuple(sorted({*allowed, *(i for group in groups if not set(allowed) & set(group) for i in group)}))
+    return tuple(
+        sorted({*allowed, *(i for group in groups if not set(allowed) & set(group) for i in group)})
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Region:
     """Starts |e|_inf <= radius and |eps_i| <= disturbance.
 
-    ``rho``: the box of the certificate, with room for the observer; None for linear couplings, where every start is
-    covered.  ``error`` and ``W``: the observer's part where disturbance > 0.
+    ``rho``: the box of the certificate, with room for the observer; None for linear couplings,
+    where every start is covered.  ``error`` and ``W``: the observer's part where disturbance > 0.
     """
 
     radius: Fraction
@@ -469,7 +591,8 @@ class Region:
 
 
 def search_region(problem: Problem, request: PinningRequest, region: Any) -> PinningDesign:
-    """Decide a request over a radius, or [region] (True); with a slower one.  Raises: SpecError for another region."""
+    """Decide a request over a radius, or [region] (True); with a slower one.  Raises: SpecError for
+    another region."""
     if region is True:
         asked = _file_region(problem, request)
     else:
@@ -490,7 +613,10 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
     if problem.region is None:
         text = "region = True means the [region] of the problem, and there is none."
         raise SpecError(text, key="region", cure="Give a radius, or a [region].")
-    radius, disturbance = max(*asked_radius(problem), SMALLEST), problem.region.initial_disturbance or Fraction(0)
+    radius, disturbance = (
+        max(*asked_radius(problem), SMALLEST),
+        problem.region.initial_disturbance or Fraction(0),
+    )
     exosystem, W = problem.joint_exosystem, problem.joint_observer.W
     if not disturbance or exosystem is None:
         return Region(radius=radius, rho=None if problem.is_linear else radius)
@@ -499,8 +625,15 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
         raise SpecError(text, key="observer.W", cure="Design W first, with design_observer.")
     error = propose_error_bound(exosystem, W, rate=float(request.rate))
     if error is None:
-        text = "rate must be below the decay rate of the observer, because V = N + kappa E is to reach it; got"
-        raise SpecError(f"{text} {shown_number(request.rate)}.", key="rate", cure="Ask for less, or for a faster W.")
+        text = (
+            "rate must be below the decay rate of the observer, because V = N + kappa E is to "
+            "reach it; got"
+        )
+        raise SpecError(
+            f"{text} {shown_number(request.rate)}.",
+            key="rate",
+            cure="Ask for less, or for a faster W.",
+        )
     rho = None if problem.is_linear else radius_needed(radius, error, disturbance)
     return Region(radius=radius, rho=rho, disturbance=disturbance, error=error, W=W)
 
@@ -514,7 +647,11 @@ def _region_attempt(problem: Problem, request: PinningRequest, asked: Region) ->
     if obstacle is not None:
         return without_gains(request, structure, obstacle, radius=asked.radius)
     found = _on(bare, request, asked, structure, request.allowed)
-    if found.verdict is not Verdict.PROVED or most is None or (most != FEWEST and len(found.gains) <= int(most)):
+    if (
+        found.verdict is not Verdict.PROVED
+        or most is None
+        or (most != FEWEST and len(found.gains) <= int(most))
+    ):
         return found
 
     def on_heaviest(pins: int) -> PinningDesign:
@@ -529,7 +666,10 @@ def _region_attempt(problem: Problem, request: PinningRequest, asked: Region) ->
 
     if most != FEWEST:
         fewer = on_heaviest(int(most))
-        text = f"no {most} of the allowed agents were found with which the certificate reaches the rate"
+        text = (
+            f"no {most} of the allowed agents were found with which the certificate reaches "
+            "the rate"
+        )
         text += f" {shown_number(request.rate)} over the region; {len(found.gains)} agents do."
         none = without_gains(request, structure, undecided("pins", text), radius=asked.radius)
         return fewer if fewer.verdict is Verdict.PROVED else none
@@ -540,9 +680,14 @@ def _region_attempt(problem: Problem, request: PinningRequest, asked: Region) ->
         low, found = (low, fewer) if fewer.verdict is Verdict.PROVED else (middle + 1, found)
     pins = len(found.gains)
     if pins <= max(1, structure.least):
-        fewest = proved("pins", f"No fewer than {counted(pins, 'pinned agent')} can do.", least=least)
+        fewest = proved(
+            "pins", f"No fewer than {counted(pins, 'pinned agent')} can do.", least=least
+        )
     else:
-        text = f"{pins} pinned agents do; at least {least} are needed, and fewer than {pins} were not found."
+        text = (
+            f"{pins} pinned agents do; at least {least} are needed, and fewer than {pins} were "
+            "not found."
+        )
         fewest = undecided("pins", text, least=least)
     return replace(found, statements=(*found.statements, fewest))
 
@@ -552,24 +697,37 @@ def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
     if not acts_by_component(bare):
         return None
     labels = bare.network.labels
-    held = changed_problem(bare, {"pinning.gains": {labels[i]: Fraction(1) for i in request.allowed}})
+    held = changed_problem(
+        bare, {"pinning.gains": {labels[i]: Fraction(1) for i in request.allowed}}
+    )
     stuck = stuck_agents(held)
     if not stuck:
         return None
     names = [labels[i] for i in stuck]
     modes = f" ({', '.join(dict.fromkeys(stuck.values()))})" if len(bare.network.modes) > 1 else ""
     text = "no gains on the allowed agents have a max-separable certificate, of any radius: each of"
-    text += f" {name_agents(names)} may not be pinned and in one of the modes hears nobody but these{modes}."
+    text += (
+        f" {name_agents(names)} may not be pinned and in one of the modes hears nobody but "
+        f"these{modes}."
+    )
     return refuted("ordering", text, agents=", ".join(names[:50]))
 
 
 def _on(
-    bare: Problem, request: PinningRequest, asked: Region, structure: Structure, agents: Sequence[int]
+    bare: Problem,
+    request: PinningRequest,
+    asked: Region,
+    structure: Structure,
+    agents: Sequence[int],
 ) -> PinningDesign:
-    """Cheap gains on these agents with a certificate of the whole region, for every switching; or why not."""
+    """Cheap gains on these agents with a certificate of the whole region, for every switching; or
+    why not."""
     without = partial(without_gains, request, structure, radius=asked.radius)
     if not acts_by_component(bare):
-        text = "does not apply: the max-separable certificate is for couplings that act on each state component by"
+        text = (
+            "does not apply: the max-separable certificate is for couplings that act on each "
+            "state component by"
+        )
         return without(undecided("method", f"{text} itself."))
     try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
         separable.coupling_profiles(bare, (Fraction(1),) * bare.n, rho=asked.rho)
@@ -577,22 +735,39 @@ def _on(
         return without(undecided("method", f"does not apply: {error}"))
     labels, limited = bare.network.labels, replace(request, allowed=tuple(sorted(agents)))
     for tilt in BOX_TILTS:
-        for v, proposed in propose_for_box(bare, limited, rho=asked.rho, rate=float(request.rate * (1 + tilt))):
-            gains = typed_gains(dict(enumerate(proposed.tolist())), digits=request.digits, caps=request.caps)
-            held = changed_problem(bare, {"pinning.gains": {labels[i]: k for i, k in gains.items()}})
+        for v, proposed in propose_for_box(
+            bare, limited, rho=asked.rho, rate=float(request.rate * (1 + tilt))
+        ):
+            gains = typed_gains(
+                dict(enumerate(proposed.tolist())), digits=request.digits, caps=request.caps
+            )
+            held = changed_problem(
+                bare, {"pinning.gains": {labels[i]: k for i, k in gains.items()}}
+            )
             claim = Separable(v=v, alpha=request.rate, rho=asked.rho)
             if gains and separable.verify_separable(held, claim).verdict is Verdict.PROVED:
-                return _covered(request, asked, structure, gains, held, replace(claim, error=asked.error))
+                return _covered(
+                    request, asked, structure, gains, held, replace(claim, error=asked.error)
+                )
     where = "" if asked.rho is None else f" over |e_i| <= {shown_number(asked.rho)}"
-    text = "no gains on the allowed agents were found with which the max-separable certificate reaches the rate"
+    text = (
+        "no gains on the allowed agents were found with which the max-separable certificate "
+        "reaches the rate"
+    )
     text += f" {shown_number(request.rate)}{where}, and no proof that there are none."
     return without(undecided("gains", text))
 
 
 def _covered(
-    request: PinningRequest, asked: Region, structure: Structure, gains: Gains, held: Problem, claim: Separable
+    request: PinningRequest,
+    asked: Region,
+    structure: Structure,
+    gains: Gains,
+    held: Problem,
+    claim: Separable,
 ) -> PinningDesign:
-    """The design whose rows are proved, if the observer's part is as well and the box holds the region."""
+    """The design whose rows are proved, if the observer's part is as well and the box holds the
+    region."""
     wrong = ""
     if asked.error is not None:
         decided = separable.verify_composite(held, asked.W, claim)
@@ -604,8 +779,19 @@ def _covered(
     part = " plus the observer's part" if asked.error is not None else ""
     still = ", with eps = 0" if asked.error is None else ""
     rate, radius = number_text(request.rate), number_text(asked.radius)
-    text = f"max_i |e_i|/v_i (v from 1 to {float(max(claim.v)):.4g}){part} decays from every start {asked}{still}, at"
+    text = (
+        f"max_i |e_i|/v_i (v from 1 to {float(max(claim.v)):.4g}){part} decays from every "
+        f"start {asked}{still}, at"
+    )
     text += f" the rate {rate}, for the gains as they are written."
-    design, region = _with_gains(request, structure, gains, held, f" over {asked}"), {"rate": rate, "radius": radius}
-    found = replace(design, statements=(proved("region", text, **region),), certificate=claim, radius=asked.radius)
+    design, region = (
+        _with_gains(request, structure, gains, held, f" over {asked}"),
+        {"rate": rate, "radius": radius},
+    )
+    found = replace(
+        design,
+        statements=(proved("region", text, **region),),
+        certificate=claim,
+        radius=asked.radius,
+    )
     return replace(found, reason=f"{design.reason}.")

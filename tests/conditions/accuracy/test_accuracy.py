@@ -1,4 +1,5 @@
-"""Final bounds: known answers, the exact L-infinity gain of linear loops, twins that just fail, both programs."""
+"""Final bounds: known answers, the exact L-infinity gain of linear loops, twins that just fail,
+both programs."""
 
 import json
 from dataclasses import replace
@@ -40,8 +41,8 @@ INVERSE = [1, 3, 2.5, 2, 1.5] * 2
 
 @pytest.fixture(autouse=True)
 def coarse_steps(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    """Responses of the observer are followed in fewer steps, which costs less than 1e-4 of a bound; not in slow tests,
-    and not where a bound is known."""
+    """Responses of the observer are followed in fewer steps, which costs less than 1e-4 of a bound;
+    not in slow tests, and not where a bound is known."""
     as_it_is = request.node.get_closest_marker("slow") or "the_known_bounds" in request.node.name
     if not as_it_is:
         monkeypatch.setattr(stage, "FINEST", 0.03)
@@ -61,7 +62,8 @@ def bounds(problem: Problem) -> list[float]:
 
 
 def both(problem: Problem, change: Any) -> tuple[bool, bool]:
-    """Whether the package and the second program accept the certificate once ``change`` is done to its exact values."""
+    """Whether the package and the second program accept the certificate once ``change`` is done to
+    its exact values."""
     certificate = certify(problem)
     data = json.loads(certificate_bytes(certificate.claims))
     exact = next(check for check in data["checks"] if check["id"] == "accuracy")["exact"]
@@ -88,7 +90,9 @@ def test_the_peak_gains_of_the_paper():
 
 @pytest.mark.parametrize("rate", [1, 3])
 def test_peak_gain_of_a_first_order_lag_is_its_static_gain(rate: int):
-    found = peak_gains(matrix([[-rate]]), matrix([[2]]), [matrix([[5]])], step=Fraction(1, 300), steps=4000)
+    found = peak_gains(
+        matrix([[-rate]]), matrix([[2]]), [matrix([[5]])], step=Fraction(1, 300), steps=4000
+    )
     assert found is not None
     assert 10 / rate <= found[1] <= 10.001 / rate
 
@@ -104,13 +108,20 @@ def test_linear_paper_network_ends_within_the_known_bounds():
 
 
 def test_bounds_of_two_agents_have_closed_forms():
-    """One agent pinned with 1, the other hears it with weight 1 or 2: the bound is that of weight 1."""
-    problem = linear_problem(2, {"a": [(1, 0, "1")], "b": [(1, 0, "2")]}, {"1": "1"}).replace(uncertainty=OMEGA)
+    """One agent pinned with 1, the other hears it with weight 1 or 2: the bound is that of weight
+    1."""
+    problem = linear_problem(2, {"a": [(1, 0, "1")], "b": [(1, 0, "2")]}, {"1": "1"}).replace(
+        uncertainty=OMEGA
+    )
     assert bounds(problem) == pytest.approx([0.1, 0.2], rel=1e-4)
     # No observer: b_1 = nubar k, b_2 = 2 nubar w.
-    problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(uncertainty={"measurement": "1/100"})
+    problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(
+        uncertainty={"measurement": "1/100"}
+    )
     assert bounds(problem) == pytest.approx([0.01, 0.03], rel=1e-4)
-    problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(uncertainty={"drift": "1/100"})
+    problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(
+        uncertainty={"drift": "1/100"}
+    )
     assert not [check for check in certify(problem).checks if check.id == "accuracy"]
 
 
@@ -138,14 +149,17 @@ def test_agents_with_different_exosystems_count_with_the_worst_peak_gain(name: s
 
 
 @pytest.mark.parametrize(
-    "seed", [0, 13, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)]
+    "seed",
+    [0, 13, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)],
 )
 def test_bounds_of_agents_with_dynamics_are_never_below_the_exact_gain(seed: int):
     problem, loop = second_order(seed)
     exact = np.sum(np.abs(responses(loop)[0]) @ loop.limits, axis=0)
     check = row(problem)
     assert check.verdict is Verdict.PROVED, check.reason
-    ends = np.array([[float(x) for x in check.claim.bounds[label]] for label in problem.network.labels])
+    ends = np.array(
+        [[float(x) for x in check.claim.bounds[label]] for label in problem.network.labels]
+    )
     ratio = ends.T.ravel() / exact
     assert min(ratio) >= 1
     assert max(ratio) <= (10 if problem.q else 4)
@@ -154,15 +168,22 @@ def test_bounds_of_agents_with_dynamics_are_never_below_the_exact_gain(seed: int
 
 
 def test_agents_with_dynamics_and_couplings_by_component_have_bounds():
-    """e_1' = -3 e_1 - e_1 + w, e_2' = -3 e_2 + sin(e_1 - e_2) + w: w = 1/50 leaves 1/200, and near (w + 1/200)/4."""
+    """e_1' = -3 e_1 - e_1 + w, e_2' = -3 e_2 + sin(e_1 - e_2) + w: w = 1/50 leaves 1/200, and near
+    (w + 1/200)/4."""
     network = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": 1}).network
     agents = Dynamics(A=[[-3, 0], [0, -3]])
-    problem = Problem(network=network, coupling="sin(y)", gains={"1": 1}, target=[0, 0], dynamics=agents)
-    problem = problem.replace(uncertainty={"disturbance": "1/50"}, region={"initial_states": ["-1/5", "1/5"]})
+    problem = Problem(
+        network=network, coupling="sin(y)", gains={"1": 1}, target=[0, 0], dynamics=agents
+    )
+    problem = problem.replace(
+        uncertainty={"disturbance": "1/50"}, region={"initial_states": ["-1/5", "1/5"]}
+    )
     check = row(problem)
     assert check.verdict is Verdict.PROVED, check.reason
     for label, exact in (("1", 0.005), ("2", 0.00625)):
-        assert all(exact * (1 - 1e-4) <= float(x) <= 1.01 * exact for x in check.claim.bounds[label])
+        assert all(
+            exact * (1 - 1e-4) <= float(x) <= 1.01 * exact for x in check.claim.bounds[label]
+        )
     assert both(problem, lambda exact: None) == (True, True)
 
 
@@ -242,8 +263,9 @@ drift = "11/50"
 
 
 def test_bounds_of_two_lags_with_an_optional_arc_have_closed_forms():
-    """The arc that agent 1 may hear is the worst where v_2 > v_1: 21/20 v_1 = 5 (v_2 - v_1) + 1/10 and v_2/10 =
-    (v_1 - v_2)/10 + 1/10, that is 52/71 and 123/142.  With the arc always absent v_1 is 2/21."""
+    """The arc that agent 1 may hear is the worst where v_2 > v_1: 21/20 v_1 = 5 (v_2 - v_1) + 1/10
+    and v_2/10 = (v_1 - v_2)/10 + 1/10, that is 52/71 and 123/142.  With the arc always absent v_1
+    is 2/21."""
     problem = read_problem_text(LAGS.encode(), folder=None)
     check = row(problem)
     assert check.verdict is Verdict.PROVED, check.reason
@@ -287,8 +309,8 @@ SOMETIMES = MIXED.replace("A = [[1, 2, 1],", "A.optional = [[1, 2, 1]]\nA.arcs =
 
 
 def test_a_stable_linear_loop_is_never_told_that_its_disturbance_is_too_large():
-    """No coordinates make its rows dominant, whatever the disturbance is, and with an optional arc no response of the
-    whole loop is followed."""
+    """No coordinates make its rows dominant, whatever the disturbance is, and with an optional arc
+    no response of the whole loop is followed."""
     certificate = certify(read_problem_text(SOMETIMES.encode(), folder=None))
     accuracy = next(check for check in certificate.checks if check.id == "accuracy")
     assert accuracy.verdict is Verdict.UNDECIDED
@@ -314,7 +336,8 @@ def test_the_unchanged_linear_claim_is_accepted_by_both():
 
 
 def test_larger_inputs_are_not_covered():
-    """The twin of the problem: with 0.1001 in place of 0.1 the same claim fails in both programs."""
+    """The twin of the problem: with 0.1001 in place of 0.1 the same claim fails in both
+    programs."""
     claim = row(LINEAR).claim
     check = Check(id="accuracy", verdict=Verdict.PROVED, domain="global", reason="", claim=claim)
     assert claim is not None
@@ -333,10 +356,17 @@ def test_the_bound_is_never_below_the_exact_gain(seed: int):
 
 
 def test_boxes_inside_are_found_where_a_newton_step_overshoots():
-    """Curved rows with noise: the step for the weights of the inner boxes passes one entry of the solution by 1e-6."""
+    """Curved rows with noise: the step for the weights of the inner boxes passes one entry of the
+    solution by 1e-6."""
     arcs = [[1, 3, 1], [2, 1, 2], [3, 2, 2]]
     problem = listening(arcs, "y + y**3/10", n=3, gains={1: 5, 2: 2, 3: 3}, target=0)
-    inputs = {"disturbance": "0.05", "drift": "0.02", "measurement": "0.01", "weights": "0.05", "gains": "0.05"}
+    inputs = {
+        "disturbance": "0.05",
+        "drift": "0.02",
+        "measurement": "0.01",
+        "weights": "0.05",
+        "gains": "0.05",
+    }
     problem = problem.replace(
         exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]),
         observer=Observer(W=[[2], [0]]),
@@ -362,9 +392,12 @@ def test_the_response_of_one_agent_is_its_static_gain(k: int):
 
 
 def test_the_response_of_two_states_is_that_of_quadrature():
-    """e' = [[-1, 5], [0, -2]] e + w, with kernels exp(-t), 5 (exp(-t) - exp(-2 t)) and exp(-2 t)."""
+    """e' = [[-1, 5], [0, -2]] e + w, with kernels exp(-t), 5 (exp(-t) - exp(-2 t)) and exp(-2
+    t)."""
     agents = Dynamics(A=[[0, 5], [0, -1]])
-    problem = linear_problem(1, {"a": []}, {"1": 1}, target=[0, 0], dynamics=agents).replace(uncertainty=OMEGA)
+    problem = linear_problem(1, {"a": []}, {"1": 1}, target=[0, 0], dynamics=agents).replace(
+        uncertainty=OMEGA
+    )
     M, kernel = np.array([[-1.0, 5.0], [0.0, -2.0]]), partial(np.sum, axis=1)
     exact = 0.1 * integrate.quad_vec(lambda t: kernel(np.abs(linalg.expm(M * t))), 0, 40)[0]
     assert exact == pytest.approx([0.35, 0.05])
@@ -375,7 +408,13 @@ def test_the_response_of_two_states_is_that_of_quadrature():
 def mixed_loop() -> np.ndarray:
     """M of MIXED, written out from its text."""
     usual, other = np.array([[1.35, -0.35], [0.45, 1.85]]), np.array([[1.9, 0.15], [-0.4, 1.25]])
-    arcs = [(1, 2, 1, usual), (2, 4, 1, other), (3, 1, 1, usual), (3, 4, 1, usual), (4, 1, 0.55, usual)]
+    arcs = [
+        (1, 2, 1, usual),
+        (2, 4, 1, other),
+        (3, 1, 1, usual),
+        (3, 4, 1, usual),
+        (4, 1, 0.55, usual),
+    ]
     M = np.zeros((4, 2, 4, 2))
     M[0, :, 0] = -np.array([[2.7, -0.05], [0.25, 1.25]])
     for i, j, w, H in [*arcs, (4, 3, 1.25, usual)]:
@@ -385,7 +424,8 @@ def mixed_loop() -> np.ndarray:
 
 
 def test_where_no_coordinates_are_found_the_response_gives_bounds_that_are_reached():
-    """Inputs that are bang-bang along the response come within a few percent of every bound, and never above it."""
+    """Inputs that are bang-bang along the response come within a few percent of every bound, and
+    never above it."""
     problem = read_problem_text(MIXED.encode(), folder=None)
     check = row(problem)
     assert check.verdict is certify(problem).verdict is Verdict.PROVED
@@ -424,7 +464,8 @@ def test_other_loops_than_linear_ones_in_one_mode_have_no_response(text: str):
     assert decide.response_obstacle(read_problem_text(MIXED.encode(), folder=None)) is None
 
 
-#: Of agents 2 and 3 one follows the other and is repelled by it in return: they swing, and no rows are dominant.
+#: Of agents 2 and 3 one follows the other and is repelled by it in return: they swing, and no rows
+#: are dominant.
 SIGNED = """
 [network]
 agents = 3

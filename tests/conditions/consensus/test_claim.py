@@ -1,6 +1,8 @@
-"""Lemma 1 and Theorems 1 and 2 as pencils, against the matrices (10) and (18) assembled another way.
+"""Lemma 1 and Theorems 1 and 2 as pencils, against the matrices (10) and (18) assembled another
+way.
 
-The oracle builds J from Kronecker products and SymPy's derivatives, and shares no code with the package.
+The oracle builds J from Kronecker products and SymPy's derivatives, and shares no code with the
+package.
 """
 
 import tracemalloc
@@ -19,7 +21,13 @@ from separable_problems import cycle
 
 from dobc_design import Exosystem
 from dobc_design.conditions.consensus import claim
-from dobc_design.conditions.consensus.claim import LARGE_ROWS, jacobians_at_consensus, lemma1, omega, state_theorems
+from dobc_design.conditions.consensus.claim import (
+    LARGE_ROWS,
+    jacobians_at_consensus,
+    lemma1,
+    omega,
+    state_theorems,
+)
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import identity, kronecker, matrix, multiply
 from dobc_design.exact.pencil import Unknown, below, positive
@@ -42,7 +50,9 @@ def random_pair(problem, seed):
     r, q, m = Random(seed), problem.q, problem.m
     upper = [[Fraction(r.randint(-9, 9), r.randint(1, 4)) for _ in range(q)] for _ in range(q)]
     P = tuple(tuple(upper[min(i, j)][max(i, j)] for j in range(q)) for i in range(q))
-    return P, tuple(tuple(Fraction(r.randint(-9, 9), r.randint(1, 4)) for _ in range(m)) for _ in range(q))
+    return P, tuple(
+        tuple(Fraction(r.randint(-9, 9), r.randint(1, 4)) for _ in range(m)) for _ in range(q)
+    )
 
 
 def rows(M):
@@ -56,7 +66,8 @@ def test_psi_is_the_matrix_of_equation_18_with_the_rate_terms(rate):
         oracle = Oracle(problem)
         P, Q = random_pair(problem, seed)
         pencils = state_theorems(problem).psi(rate=rate)
-        assert len({pencil.unknowns for pencil in pencils}) == 1  # (28): P and Q do not depend on the mode
+        # (28): P and Q do not depend on the mode
+        assert len({pencil.unknowns for pencil in pencils}) == 1
         for mode, pencil in zip(oracle.modes, pencils, strict=True):
             expected = oracle.psi(mode, rows(P), rows(Q), margin=Fraction(0), rate=rate)
             assert distance(pencil.at({"P": P, "Q": Q}).to_dense(), expected) <= tolerance(pencil)
@@ -70,7 +81,8 @@ def distance(M, N):
 
 
 def tolerance(pencil):
-    """Entries may differ by what irrational slopes leave open; not at all where slopes are rational."""
+    """Entries may differ by what irrational slopes leave open; not at all where slopes are
+    rational."""
     return sum((d.size for d in pencil.deviations), Fraction(0)) * 4
 
 
@@ -83,7 +95,8 @@ def test_lambda_is_twice_the_paper_f_of_equation_10():
 
 
 def test_deviations_cover_the_true_slope_everywhere():
-    """Irrational slopes: the middle plus t times each deviation reaches the slope to 80 digits, |t| <= size."""
+    """Irrational slopes: the middle plus t times each deviation reaches the slope to 80 digits, |t|
+    <= size."""
     seen = 0
     for seed in range(50):
         problem = a_problem(seed)
@@ -94,14 +107,18 @@ def test_deviations_cover_the_true_slope_everywhere():
             r = Random(seed)
             v = [Fraction(r.randint(-5, 5)) for _ in range(pencil.size)]
             true = form(oracle.lambda_(mode), v)
-            spread = sum(2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in pencil.deviations)
+            spread = sum(
+                2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener]))
+                for d in pencil.deviations
+            )
             assert abs(pencil.constant.quadratic_form(v) - true) <= spread + Fraction(1, 10**70)
             seen += bool(spread)
     assert seen >= 8
 
 
 def test_omega_with_a_rate_equals_sympy_and_that_of_the_paper_is_exact():
-    """Omega0 + 2 rate P = P A + A'P - Q C - C'Q' + 2 rate P; Example 1: [[-1, 1/3], [1/3, -1]], Q = P W = (1, 0)'."""
+    """Omega0 + 2 rate P = P A + A'P - Q C - C'Q' + 2 rate P; Example 1: [[-1, 1/3], [1/3, -1]], Q =
+    P W = (1, 0)'."""
     exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
     P, third = matrix([["1/2", "-1/4"], ["-1/4", "1/3"]]), Fraction(1, 3)
     Q = multiply(P, matrix([["16/5"], ["12/5"]]))
@@ -117,7 +134,8 @@ def test_omega_with_a_rate_equals_sympy_and_that_of_the_paper_is_exact():
 
 
 def test_scalar_networks_give_a_lambda_that_is_a_kronecker_product():
-    """J (x) I_m and K (x) I_m for couplings by component and numbers k: (9) with the size mended."""
+    """J (x) I_m and K (x) I_m for couplings by component and numbers k: (9) with the size
+    mended."""
     arcs = [[1, 2], [2, 3], [3, 1], [1, 3]]
     both = [linked(arcs, coupling="exp(y) - 1 + y", gains={1: 3}, target=[0] * m) for m in (1, 2)]
     lambdas = [state_theorems(p).lambdas["G"].constant.to_dense() for p in both]
@@ -128,8 +146,12 @@ def test_bounds_on_an_unknown_are_pencils():
     """floor I - X < 0 and X - ceiling I < 0."""
     unknown = Unknown(name="P", rows=2, columns=2, symmetric=True)
     X = ((Fraction(3), Fraction(1)), (Fraction(1), Fraction(2)))
-    assert rows(positive(unknown, floor=Fraction(1)).at({"P": X}).to_dense()) == plus(eye(2), times(-1, rows(X)))
-    assert rows(below(unknown, ceiling=Fraction(4)).at({"P": X}).to_dense()) == plus(rows(X), times(-4, eye(2)))
+    assert rows(positive(unknown, floor=Fraction(1)).at({"P": X}).to_dense()) == plus(
+        eye(2), times(-1, rows(X))
+    )
+    assert rows(below(unknown, ceiling=Fraction(4)).at({"P": X}).to_dense()) == plus(
+        rows(X), times(-4, eye(2))
+    )
 
 
 def test_a_pencil_refuses_values_of_another_shape_and_psi_needs_an_exosystem():
@@ -143,7 +165,9 @@ def test_a_pencil_refuses_values_of_another_shape_and_psi_needs_an_exosystem():
 
 
 EVERY = [(h, 1) for h in (*LINEAR, *CURVED, *IRRATIONAL)]
-EVERY += [(h, 2) for h in (*PLANE_LINEAR, *PLANE_CURVED, *CURVED)] + [(h, 3) for h in (*SPACE_LINEAR, *IRRATIONAL)]
+EVERY += [(h, 2) for h in (*PLANE_LINEAR, *PLANE_CURVED, *CURVED)] + [
+    (h, 3) for h in (*SPACE_LINEAR, *IRRATIONAL)
+]
 
 
 def one_arc(h, m, weight=1):
@@ -168,8 +192,13 @@ def test_slopes_enclose_the_derivative_and_are_points_where_it_is_rational(h, m)
 def test_only_exactly_linear_couplings_are_global():
     """One nonlinear exception among linear arcs makes the statement local."""
     arcs = [[1, 2], [2, 1]]
-    assert state_theorems(linked(arcs, coupling="y*exp(1)", exceptions={(0, 1): "pi*y"})).domain == "global"
-    assert state_theorems(linked(arcs, exceptions={(0, 1): "y + y**3/1000000"})).domain == "consensus"
+    assert (
+        state_theorems(linked(arcs, coupling="y*exp(1)", exceptions={(0, 1): "pi*y"})).domain
+        == "global"
+    )
+    assert (
+        state_theorems(linked(arcs, exceptions={(0, 1): "y + y**3/1000000"})).domain == "consensus"
+    )
     hidden = linked(arcs, coupling="y + y**2 - y**2")  # linear, but not recognised: the safe side
     assert state_theorems(hidden).domain == "consensus"
 
@@ -194,7 +223,10 @@ def both_forms(problem):
     """Every mode entry by entry and in arrays."""
     for mode in jacobians_at_consensus(problem).modes:
         sizes = {"size": problem.n, "dimension": problem.m}
-        yield lemma1(mode, problem.pinning, **sizes), claim.lemma1_in_arrays(mode, problem.pinning, **sizes)
+        yield (
+            lemma1(mode, problem.pinning, **sizes),
+            claim.lemma1_in_arrays(mode, problem.pinning, **sizes),
+        )
 
 
 def reach(pencil):

@@ -1,4 +1,5 @@
-"""Proposals of gains as people type them, and which agents to pin: symmetric networks, closed groups, every subset."""
+"""Proposals of gains as people type them, and which agents to pin: symmetric networks, closed
+groups, every subset."""
 
 from fractions import Fraction
 from random import Random
@@ -46,7 +47,8 @@ def test_the_last_proposal_pins_everybody_and_always_does(monkeypatch):
 
 
 def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
-    """A cycle held at one agent, slope 1: k = b + (1 - b)^-(n - 1) - 1 up to b = 1; 1/2 is halved until k <= 2."""
+    """A cycle held at one agent, slope 1: k = b + (1 - b)^-(n - 1) - 1 up to b = 1; 1/2 is halved
+    until k <= 2."""
     for n, b in ((4, 0.25), (6, 0.125)):
         blocks = network_blocks(linked([[i, i % n + 1] for i in range(1, n + 1)], n), weighted=True)
         (found,) = cures.gains_on(blocks, [0], cures.PinProposal(gains={}))
@@ -54,9 +56,11 @@ def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
         assert k < blocks.scale == 2 < larger
         assert found.gains == pytest.approx({0: k} | dict.fromkeys(range(1, n), 0), rel=1e-6)
         assert found.rate == pytest.approx(b, rel=0.05) and found.rate < b
-        (every,) = cures.gains_on(blocks, range(n), cures.PinProposal(gains={}))  # any rate can be had
+        # any rate can be had
+        (every,) = cures.gains_on(blocks, range(n), cures.PinProposal(gains={}))
         assert every.gains == pytest.approx(dict.fromkeys(range(n), 1 / 4))
-    blocks = network_blocks(linked([[1, 2], [2, 1]], coupling="-y"))  # repelling: without gains it is not even stable
+    # repelling: without gains it is not even stable
+    blocks = network_blocks(linked([[1, 2], [2, 1]], coupling="-y"))
     least, faster = cures.gains_on(blocks, [0, 1], cures.PinProposal(gains={}))
     assert least.gains == pytest.approx({0: 2, 1: 2}) and least.smallest
     assert min(faster.gains.values()) > 2.1 and not faster.smallest
@@ -70,7 +74,8 @@ def test_without_couplings_near_the_target_gains_are_those_for_half_a_rate_that_
         (found,) = cures.gains_on(blocks, [0, 1], cures.PinProposal(gains={}))
         assert found.gains == pytest.approx({0: 1, 1: 1})
         assert 0.98 < found.rate < 1
-    assert list(cures.gains_on(blocks, [0], cures.PinProposal(gains={}))) == []  # agent 2 is not held
+    # agent 2 is not held
+    assert list(cures.gains_on(blocks, [0], cures.PinProposal(gains={}))) == []
 
 
 def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular():
@@ -88,7 +93,12 @@ def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular(
 def test_the_best_single_agent_is_the_best_of_all_that_were_tried_by_hand(seed):
     r = Random(seed)
     n = r.randint(3, 7)
-    arcs = [[i, j, r.randint(1, 4)] for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.5]
+    arcs = [
+        [i, j, r.randint(1, 4)]
+        for i in range(1, n + 1)
+        for j in range(1, n + 1)
+        if i != j and r.random() < 0.5
+    ]
     problem = linked(arcs, n)
     blocks = network_blocks(problem)
     totals = {a: smallest_gains(blocks, [a]) for a in range(n)}

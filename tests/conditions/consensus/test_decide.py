@@ -1,4 +1,5 @@
-"""Lemma 1 and the theorems decided: the Reduction against the whole matrix, claims at their edge, no gaps."""
+"""Lemma 1 and the theorems decided: the Reduction against the whole matrix, claims at their edge,
+no gaps."""
 
 import math
 from dataclasses import replace
@@ -27,7 +28,8 @@ from dobc_design.conditions.consensus.decide import (
 
 
 def test_the_reduction_agrees_with_the_whole_matrix():
-    """Psi < 0 <=> Lambda + I (x) S < 0, given Omega0 < 0 (theory, section 2); feasible, infeasible, near the edge."""
+    """Psi < 0 <=> Lambda + I (x) S < 0, given Omega0 < 0 (theory, section 2); feasible, infeasible,
+    near the edge."""
     tally = reduction_campaign(range(3))
     assert tally.wrong == []
     assert min(tally.counts["negative"], tally.counts["not negative"]) >= 2
@@ -65,13 +67,16 @@ def test_lemma_1_margins_are_true_and_nearly_the_largest_possible():
             true = -float(np.linalg.eigvalsh(np.array(Lambda, dtype=float))[-1])
             assert not negative_definite(plus(Lambda, times(Fraction(true * 1.001), size)))
             assert check.margin == pytest.approx(true, rel=1e-6, abs=1e-12)
-            assert check.rate is None or 2 * Fraction(repr(check.rate)) <= Fraction(repr(check.margin))
+            assert check.rate is None or 2 * Fraction(repr(check.rate)) <= Fraction(
+                repr(check.margin)
+            )
     assert count >= 5
 
 
 @pytest.mark.slow
 def test_theorem_margins_and_rates_are_true_and_fail_a_little_higher():
-    """Psi < 0 with margin and rate as written (oracle: the whole matrix); 1.001 times the true value fails."""
+    """Psi < 0 with margin and rate as written (oracle: the whole matrix); 1.001 times the true
+    value fails."""
     count = 0
     for problem, oracle in proved_problems(range(45)):
         certificate = certify(problem)
@@ -82,7 +87,10 @@ def test_theorem_margins_and_rates_are_true_and_fail_a_little_higher():
         margin, rate = Fraction(repr(check.margin)), Fraction(repr(check.rate or 0.0))
 
         def holds(margin, rate, P=P, Q=Q, oracle=oracle):
-            return all(negative_definite(oracle.psi(mode, P, Q, margin=margin, rate=rate)) for mode in oracle.modes)
+            return all(
+                negative_definite(oracle.psi(mode, P, Q, margin=margin, rate=rate))
+                for mode in oracle.modes
+            )
 
         assert holds(margin, Fraction(0))
         assert holds(Fraction(0), rate)
@@ -109,17 +117,31 @@ def edge(holds, low):
 
 
 def test_a_margin_and_a_rate_a_little_above_the_truth_are_not_confirmed():
-    """n = 1, k = 2: Lambda = -4, so margin 4 and rate 2 are false (strict), and anything below is true."""
+    """n = 1, k = 2: Lambda = -4, so margin 4 and rate 2 are false (strict), and anything below is
+    true."""
     problem = path(1, 2)
     certificate = certify(problem)
 
     def with_numbers(margin, rate):
         lemma = replace(certificate.check("lemma1"), margin=margin, rate=rate)
-        checks = tuple(lemma if c.id == "lemma1" else c for c in certificate.checks if c.id != "theorem1-weighted")
-        return recheck(replace(certificate.claims, checks=checks, rate=rate, covered_by="lemma1"), problem).holds
+        checks = tuple(
+            lemma if c.id == "lemma1" else c
+            for c in certificate.checks
+            if c.id != "theorem1-weighted"
+        )
+        return recheck(
+            replace(certificate.claims, checks=checks, rate=rate, covered_by="lemma1"), problem
+        ).holds
 
     assert with_numbers(3.999, 1.999) and with_numbers(0.0, 1.0)
-    for wrong in ((4.0, 1.999), (3.999, 2.0), (-0.5, 1.999), (3.999, 0.0), (math.nan, 1.999), (math.inf, 1.999)):
+    for wrong in (
+        (4.0, 1.999),
+        (3.999, 2.0),
+        (-0.5, 1.999),
+        (3.999, 0.0),
+        (math.nan, 1.999),
+        (math.inf, 1.999),
+    ):
         assert not with_numbers(*wrong)
 
 
@@ -141,7 +163,9 @@ def test_a_lost_estimate_never_turns_a_proof_into_a_refutation():
     """Proposals of nonsense: the exact test decides, with margin 0."""
     statements = state_theorems(path(3, {1: 1}))
     for bad in (float("nan"), float("inf"), -float("inf"), -1.0, 1e300):
-        check = lemma1_check(statements, "G", Proposal(margin=bad, vectors=[[float("nan")] * 3, [0.0] * 3]))
+        check = lemma1_check(
+            statements, "G", Proposal(margin=bad, vectors=[[float("nan")] * 3, [0.0] * 3])
+        )
         assert check.verdict is Verdict.PROVED
         assert check.margin == 0.0
     # A refutation needs no proposal: the elimination finds a witness of its own.
@@ -197,11 +221,16 @@ def test_psi_is_refuted_by_a_p_that_is_not_positive_definite_and_by_omega():
 
 
 def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
-    """A stable, W = 0, C = 0, P = -1 with A = +1: Omega0 < 0 and Psi < 0, but V is no Lyapunov function."""
-    problem = path(1, 1, exosystem=Exosystem(A=[[1]], C=[[0]]), observer=Observer(W=[[0]], P=[[-1]]))
+    """A stable, W = 0, C = 0, P = -1 with A = +1: Omega0 < 0 and Psi < 0, but V is no Lyapunov
+    function."""
+    problem = path(
+        1, 1, exosystem=Exosystem(A=[[1]], C=[[0]]), observer=Observer(W=[[0]], P=[[-1]])
+    )
     statements = state_theorems(problem)
     pair = Pair(P=((Fraction(-1),),), Q=((Fraction(0),),))
-    whole = Oracle(problem).psi("G", [[Fraction(-1)]], [[Fraction(0)]], margin=Fraction(0), rate=Fraction(0))
+    whole = Oracle(problem).psi(
+        "G", [[Fraction(-1)]], [[Fraction(0)]], margin=Fraction(0), rate=Fraction(0)
+    )
     assert negative_definite(whole)
     assert not psi_is_negative(statements, problem.exosystem, pair)
     assert claimed(problem, "theorem1-printed").verdict is Verdict.REFUTED
@@ -209,7 +238,9 @@ def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
     problem = path(1, 1, exosystem=Exosystem(A=[[0]], C=[[1]]))
     statements = state_theorems(problem)
     lemmas = [lemma1_check(statements, "G", Proposal(margin=2.0))]
-    check = theorem_check("theorem1", statements, problem.exosystem, None, Proposal(), lemmas=lemmas, obstacle=None)
+    check = theorem_check(
+        "theorem1", statements, problem.exosystem, None, Proposal(), lemmas=lemmas, obstacle=None
+    )
     assert check.verdict is Verdict.UNDECIDED
     assert check.exact is check.witness is check.margin is None
 
@@ -234,7 +265,8 @@ def test_irrational_slopes_and_large_networks_are_not_examined():
 
 @pytest.mark.parametrize(("slope", "verdict"), [("-1.01", "refuted"), ("-0.99", "proved")])
 def test_one_unstable_root_of_a_large_symmetric_network_is_shown_by_a_vector(slope, verdict):
-    """62 pairs, k = 1 each, and h = s y both ways in one of them: its eigenvalues are -1 and -1 - 2 s."""
+    """62 pairs, k = 1 each, and h = s y both ways in one of them: its eigenvalues are -1 and -1 - 2
+    s."""
     pairs = [(2 * i + 1, 2 * i + 2) for i in range(62)]
     arcs = [arc for a, b in pairs for arc in ([a, b], [b, a])]
     half = {(0, 1): f"{slope}/2*y", (1, 0): f"{slope}/2*y"}
@@ -250,13 +282,21 @@ def test_one_unstable_root_of_a_large_symmetric_network_is_shown_by_a_vector(slo
 
 
 def test_diagonal_slopes_that_are_not_negative_with_scalar_gains_are_never_unstable():
-    """The shortcut. Gershgorin: row i c has the diagonal -(sum g + k) <= 0 and the off-diagonal sum g, so every
-    disc lies in Re <= 0. Weights, several slopes per component and isolated agents included."""
+    """The shortcut. Gershgorin: row i c has the diagonal -(sum g + k) <= 0 and the off-diagonal sum
+    g, so every disc lies in Re <= 0. Weights, several slopes per component and isolated agents
+    included."""
     for seed in range(30):
         r = Random(seed)
         n, m = r.randint(1, 5), r.choice((1, 2, 3))
-        arcs = [[i + 1, j + 1, r.choice(WEIGHTS)] for i in range(n) for j in range(n) if i != j and r.random() < 0.4]
-        slopes = [f"{r.randint(0, 3)}*y{c + 1}" if m > 1 else f"{r.randint(0, 3)}*y" for c in range(m)]
+        arcs = [
+            [i + 1, j + 1, r.choice(WEIGHTS)]
+            for i in range(n)
+            for j in range(n)
+            if i != j and r.random() < 0.4
+        ]
+        slopes = [
+            f"{r.randint(0, 3)}*y{c + 1}" if m > 1 else f"{r.randint(0, 3)}*y" for c in range(m)
+        ]
         gains = {i + 1: r.choice((0, 1, 3)) for i in range(n)}
         problem = linked(arcs, n, coupling=slopes, target=[0] * m, gains=gains)
         statements = state_theorems(problem)
@@ -268,11 +308,14 @@ def test_diagonal_slopes_that_are_not_negative_with_scalar_gains_are_never_unsta
 
 
 def test_the_shortcut_needs_scalar_gains():
-    """Slopes diag(9, 0) one way and diag(0, 9) the other, skew gains: diagonal slopes >= 0, and yet unstable."""
+    """Slopes diag(9, 0) one way and diag(0, 9) the other, skew gains: diagonal slopes >= 0, and yet
+    unstable."""
 
     def roots(k1, k2):
         special = {(0, 1): ["0*y1", "9*y2"]}
-        problem = linked([[2, 1], [1, 2]], coupling=["9*y1", "0*y2"], exceptions=special, gains={1: k1, 2: k2})
+        problem = linked(
+            [[2, 1], [1, 2]], coupling=["9*y1", "0*y2"], exceptions=special, gains={1: k1, 2: k2}
+        )
         statements = state_theorems(problem)
         assert statements.jacobians.modes[0].is_nonnegative_diagonal
         eigenvalues = np.linalg.eigvals(np.array(Oracle(problem).loop("G"), dtype=float))

@@ -1,5 +1,5 @@
-"""Enclosed matrices proved or refuted for all that they enclose, and who carries a direction that is not held, in
-labels and in words; every vector multiplied out by the oracle."""
+"""Enclosed matrices proved or refuted for all that they enclose, and who carries a direction that
+is not held, in labels and in words; every vector multiplied out by the oracle."""
 
 from fractions import Fraction
 from random import Random
@@ -13,7 +13,13 @@ from dobc_design.conditions.check import Check, Fix, main_cure, other_cures
 from dobc_design.conditions.consensus import network
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
-from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, refuted_margin, refutes
+from dobc_design.conditions.consensus.network import (
+    Enclosed,
+    find_witness,
+    is_negative,
+    refuted_margin,
+    refutes,
+)
 from dobc_design.conditions.numbers import claimed
 from dobc_design.exact.pencil import Deviation
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -22,7 +28,9 @@ from dobc_design.exact.symmetric import SparseSymmetric
 def random_enclosed(seed):
     r = Random(seed)
     n = r.randint(1, 5)
-    entries = {(i, j): Fraction(r.randint(-6, 2 if i != j else -1)) for i in range(n) for j in range(i, n)}
+    entries = {
+        (i, j): Fraction(r.randint(-6, 2 if i != j else -1)) for i in range(n) for j in range(i, n)
+    }
     places = [(r.randrange(n), r.randrange(n), r.randrange(n)) for _ in range(r.randint(0, 4))]
     deviations = tuple(Deviation(*place, Fraction(1, r.randint(1, 30))) for place in places)
     return Enclosed(middle=SparseSymmetric(n, entries), deviations=deviations)
@@ -68,7 +76,10 @@ def test_values_enclose_every_corner_tightly_and_the_radius_bounds_the_norm_of_a
     for seed in range(200):
         matrix, r = random_enclosed(seed), Random(-seed)
         base = np.array(matrix.middle.to_dense(), dtype=float)
-        assert all(np.linalg.norm(each - base, 2) <= float(matrix.radius) + 1e-9 for each in corners(matrix))
+        assert all(
+            np.linalg.norm(each - base, 2) <= float(matrix.radius) + 1e-9
+            for each in corners(matrix)
+        )
         vector = [Fraction(r.randint(-3, 3)) for _ in range(matrix.middle.size)]
         v = np.array(vector, dtype=float)
         values = [v @ each @ v for each in corners(matrix)]
@@ -88,7 +99,8 @@ def test_zero_short_and_long_vectors_refute_nothing():
 
 
 def test_a_refuted_margin_never_says_more_than_the_vector_shows():
-    """-margin <= v'Mv / v'v, read as the decimal text that is written; 3/10 - 10^-40 rounds down, not to 0.3."""
+    """-margin <= v'Mv / v'v, read as the decimal text that is written; 3/10 - 10^-40 rounds down,
+    not to 0.3."""
     values = ("3/10", "1/3", "0", "1e320", "1e-330")
     for value in (*map(Fraction, values), Fraction(3, 10) - Fraction(1, 10**40)):
         matrix = Enclosed(middle=SparseSymmetric(1, {(0, 0): value}))
@@ -98,14 +110,19 @@ def test_a_refuted_margin_never_says_more_than_the_vector_shows():
     # candidates are preferred when they refute and ignored when not
     matrix = Enclosed(middle=SparseSymmetric(2, {(0, 1): Fraction(1), (1, 1): Fraction(-1)}))
     assert find_witness(matrix, [[1.0, 1.0]]) == (1, 1)
-    assert refutes(matrix, find_witness(matrix, [[1.0, -1.0], [float("nan"), 1.0], [float("inf"), 1.0], [0.0, 0.0]]))
+    assert refutes(
+        matrix,
+        find_witness(matrix, [[1.0, -1.0], [float("nan"), 1.0], [float("inf"), 1.0], [0.0, 0.0]]),
+    )
 
 
 def test_of_unreached_agents_those_are_shown_that_suffice_and_all_are_named():
     """4 hears 5 hears 6 hears nobody: moving 6 alone is enough."""
     problem = linked([[2, 1], [3, 2], [4, 5], [5, 6]], gains={1: 5})
     lemma = certify(problem).check("lemma1")
-    assert lemma.reason.startswith("agents 4, 5 and 6 hear no pinned agent, so nothing pulls them to the target:")
+    assert lemma.reason.startswith(
+        "agents 4, 5 and 6 hear no pinned agent, so nothing pulls them to the target:"
+    )
     assert lemma.witness.labels == ("6",)
     assert lemma.witness.values == ("0", "0", "0", "0", "0", "1")
 
@@ -115,7 +132,10 @@ def test_a_direction_that_gains_leave_free_is_that_of_the_group():
     (direction,) = network.group_directions(problem, problem.network.modes["G"])
     assert direction == [1, 0, 1, 0]
     assert certify(problem).check("lemma1").witness.values == ("1", "0", "1", "0")
-    assert network.group_directions(linked([[1, 2], [2, 1]], gains={1: 1}), problem.network.modes["G"]) == []
+    assert (
+        network.group_directions(linked([[1, 2], [2, 1]], gains={1: 1}), problem.network.modes["G"])
+        == []
+    )
 
 
 def test_that_no_gains_on_the_present_pins_can_do_is_shown_by_agents_without_a_pin():
@@ -124,7 +144,8 @@ def test_that_no_gains_on_the_present_pins_can_do_is_shown_by_agents_without_a_p
     mode, vector = network.unpinned_witness(problem, matrices, {})
     assert (mode, network.carriers(problem, vector)) == ("G", ("3",))
     assert form(Oracle(problem).lambda_("G"), list(vector)) >= 0
-    # 1 hears 2 with weight 3: Lambda = [[-6, 3], [3, -1]] fails, but k_2 > 3/4 does, so there is no such witness
+    # 1 hears 2 with weight 3: Lambda = [[-6, 3], [3, -1]] fails, but k_2 > 3/4 does, so there is no
+    # such witness
     problem = linked([[1, 2, 3]], gains={2: "1/2"})
     matrices = {"G": enclosed_lambda(state_theorems(problem), "G")}
     assert network.unpinned_witness(problem, matrices, {"G": [[1.0, 2.0]]}) is None
@@ -147,7 +168,8 @@ def test_the_main_cure_is_that_of_the_theorem_and_parts_of_it_are_not_told_again
 
 
 def test_a_matrix_with_shorter_entries_lies_below():
-    """Entries of 2000 bits; the difference is decided by its minors, and is no more than rounding makes it."""
+    """Entries of 2000 bits; the difference is decided by its minors, and is no more than rounding
+    makes it."""
     a, b, c = (Fraction(k * 3**800 + 1, 2**1300) for k in (2, -1, 3))
     M = SparseSymmetric(2, {(0, 0): a, (0, 1): b, (1, 1): c})
     below = network._shorter(M)

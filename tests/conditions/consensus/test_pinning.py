@@ -1,4 +1,5 @@
-"""The smallest pinning gains against a semidefinite program in cvxpy, known answers, and every agent tried."""
+"""The smallest pinning gains against a semidefinite program in cvxpy, known answers, and every
+agent tried."""
 
 import math
 import warnings
@@ -25,12 +26,14 @@ from dobc_design.conditions.consensus.pinning import (
 
 
 def reference(tables, allowed, costs, caps=None) -> float:
-    """The optimum of the semidefinite program, by cvxpy and Clarabel, written out dense; nan if there is none."""
+    """The optimum of the semidefinite program, by cvxpy and Clarabel, written out dense; nan if
+    there is none."""
     gains = cp.Variable(len(allowed), nonneg=True)
     place = np.eye(len(costs))[:, allowed]
     limits = [table.toarray() + 2 * cp.diag(place @ gains) >> 0 for table in tables]
     program = cp.Problem(
-        cp.Minimize(costs[allowed] @ gains), limits + ([] if caps is None else [gains <= caps[allowed]])
+        cp.Minimize(costs[allowed] @ gains),
+        limits + ([] if caps is None else [gains <= caps[allowed]]),
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "may be inaccurate" at the tolerance asked for
@@ -38,7 +41,11 @@ def reference(tables, allowed, costs, caps=None) -> float:
             program.solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10)
         except cp.SolverError:
             return math.nan
-    return math.nan if program.value is None or not math.isfinite(program.value) else float(program.value)
+    return (
+        math.nan
+        if program.value is None or not math.isfinite(program.value)
+        else float(program.value)
+    )
 
 
 def compare_with_the_program(count: int, seed: int) -> int:
@@ -61,14 +68,17 @@ def compare_with_the_program(count: int, seed: int) -> int:
     return compared
 
 
-@pytest.mark.parametrize(("count", "least"), [(15, 9), pytest.param(170, 100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("count", "least"), [(15, 9), pytest.param(170, 100, marks=pytest.mark.slow)]
+)
 def test_the_closed_form_is_the_optimum_of_the_semidefinite_program(count, least):
     """Theory, section 7: minimise sum c_i k_i subject to Lambda(K) <= -2 beta I."""
     assert compare_with_the_program(count, seed=1) >= least
 
 
 def test_one_pin_on_the_directed_ten_cycle_reaches_every_rate_below_a_bound_and_none_above(cycle):
-    """lambda_max(Lambda) > 4 (cos(pi/10) - 1) = -0.195774 however large the gain (theory, known answers)."""
+    """lambda_max(Lambda) > 4 (cos(pi/10) - 1) = -0.195774 however large the gain (theory, known
+    answers)."""
     blocks = network_blocks(cycle(10, pins={}))
     bound = 2 * (1 - math.cos(math.pi / 10))
     assert fastest_rate(blocks, [0]) == pytest.approx(bound, rel=1e-9)
@@ -79,7 +89,8 @@ def test_one_pin_on_the_directed_ten_cycle_reaches_every_rate_below_a_bound_and_
 
 @pytest.mark.parametrize("n", [2, 5, 10])
 def test_the_gain_of_one_pin_on_a_cycle_is_that_of_the_recursion(cycle, n):
-    """S v = 0 off the pin on a path of equal steps: v_j = cos((j - n/2) t) / cos(n t/2), 2 - 2 cos t = 2 beta/s."""
+    """S v = 0 off the pin on a path of equal steps: v_j = cos((j - n/2) t) / cos(n t/2), 2 - 2 cos
+    t = 2 beta/s."""
     s = 2.0  # h'(0); S is 2 s (I - half the adjacency): 4 on the diagonal, -2 beside it
     blocks = network_blocks(cycle(n, pins={}))
     beta = 0.4 * fastest_rate(blocks, [0])
@@ -90,7 +101,8 @@ def test_the_gain_of_one_pin_on_a_cycle_is_that_of_the_recursion(cycle, n):
 
 
 def test_an_agent_whose_gain_would_be_negative_is_set_free():
-    """1 hears 2 alone, strongly: pinning both costs less with k_1 = 0 than the formula of the first round."""
+    """1 hears 2 alone, strongly: pinning both costs less with k_1 = 0 than the formula of the first
+    round."""
     blocks = network_blocks(linked([[1, 2, 5], [2, 3], [3, 2]]))
     gains = smallest_gains(blocks, [0, 1, 2])
     assert gains.min() == 0
@@ -103,7 +115,9 @@ def test_an_agent_whose_gain_would_be_negative_is_set_free():
     assert math.isfinite(looseness(blocks, [0, 2]))
 
 
-def test_couplings_that_are_no_z_matrix_go_to_the_program_and_a_panic_costs_the_optimum_only(monkeypatch):
+def test_couplings_that_are_no_z_matrix_go_to_the_program_and_a_panic_costs_the_optimum_only(
+    monkeypatch,
+):
     """h = -y on a pair: Lambda = [[2, -2], [-2, 2]] - 2 K needs k = 2 on both agents."""
     blocks = network_blocks(linked([[1, 2], [2, 1]], coupling="-y"))
     assert not blocks.z
@@ -113,7 +127,8 @@ def test_couplings_that_are_no_z_matrix_go_to_the_program_and_a_panic_costs_the_
     def panic(*args, **kwargs):
         raise RuntimeError("panic")
 
-    monkeypatch.setattr(clarabel, "DefaultSolver", panic)  # gains that suffice are returned in its place
+    # gains that suffice are returned in its place
+    monkeypatch.setattr(clarabel, "DefaultSolver", panic)
     assert smallest_gains(blocks, [0, 1]) == pytest.approx([2, 2], rel=1e-4)
 
 
@@ -134,7 +149,11 @@ def case(seed: int, n: int, modes: int):
     allowed = r.sample(range(n), n // 2)
     while fastest_rate(blocks, allowed) <= 0.15:
         allowed.append(r.choice(sorted(set(range(n)) - set(allowed))))
-    return for_rate(blocks, 0.1), np.isin(range(n), allowed), np.array([r.uniform(0.5, 2) for _ in range(n)])
+    return (
+        for_rate(blocks, 0.1),
+        np.isin(range(n), allowed),
+        np.array([r.uniform(0.5, 2) for _ in range(n)]),
+    )
 
 
 @pytest.mark.parametrize(("n", "modes"), [(6, 2), (9, 3)])
@@ -157,15 +176,19 @@ def test_shared_gains_with_caps_are_those_of_the_semidefinite_program():
     held = solve_shared(blocks.tables, chosen, costs, caps)
     assert np.all(held.gains <= caps * (1 + 1e-9))
     assert costs @ held.gains > costs @ free.gains
-    assert costs @ held.gains == pytest.approx(reference(blocks.tables, np.flatnonzero(chosen), costs, caps), rel=1e-6)
-    # Agents that cannot hold all modes share none: in the second nobody is heard by 2 and 3 but each other.
+    assert costs @ held.gains == pytest.approx(
+        reference(blocks.tables, np.flatnonzero(chosen), costs, caps), rel=1e-6
+    )
+    # Agents that cannot hold all modes share none: in the second nobody is heard by 2 and 3 but
+    # each other.
     problem = linked({"A": [[2, 1], [3, 2]], "B": [[2, 3], [3, 2]]}, 3)
     blocks = for_rate(network_blocks(problem), 0.01)
     assert solve_shared(blocks.tables, np.array([True, False, False]), np.ones(3)) is None
 
 
 def test_the_rate_of_a_large_network_is_estimated_from_below_and_closely(monkeypatch):
-    """Both ways along a line of 30 agents and some chords, four of them pinned: against all eigenvalues."""
+    """Both ways along a line of 30 agents and some chords, four of them pinned: against all
+    eigenvalues."""
     pairs = [(i, i + 1) for i in range(1, 30)] + [(3, 20), (7, 25), (11, 16)]
     problem = linked([arc for i, j in pairs for arc in ([i, j], [j, i])], 30, coupling="y")
     blocks, pins = network_blocks(problem), (0, 9, 17, 28)

@@ -1,4 +1,5 @@
-"""Floating-point estimates against NumPy on the full matrices, and the float Lambda against the exact one."""
+"""Floating-point estimates against NumPy on the full matrices, and the float Lambda against the
+exact one."""
 
 from fractions import Fraction
 
@@ -39,18 +40,25 @@ H = "exp(y) - 1 + y"
 
 def ring(n: int, **given) -> Problem:
     gains = dict.fromkeys(range(1, n + 1, 10), 3)
-    return linked([[i, i % n + 1] for i in range(1, n + 1)], n, **{"coupling": H, "gains": gains} | given)
+    return linked(
+        [[i, i % n + 1] for i in range(1, n + 1)], n, **{"coupling": H, "gains": gains} | given
+    )
 
 
 @pytest.mark.parametrize("seed", range(40))
 def test_the_float_lambda_is_the_exact_one(seed):
-    """theorems.conditions.lemma1 states it: weights, exceptions, matrix gains, vectors, irrational slopes."""
+    """theorems.conditions.lemma1 states it: weights, exceptions, matrix gains, vectors, irrational
+    slopes."""
     problem = random_problem(seed)
     for mode, pencil in state_theorems(problem).lambdas.items():
-        assert np.allclose(float_lambda(problem, mode).toarray(), dense(pencil.constant), rtol=1e-14, atol=1e-14)
+        assert np.allclose(
+            float_lambda(problem, mode).toarray(), dense(pencil.constant), rtol=1e-14, atol=1e-14
+        )
 
 
-@pytest.mark.parametrize("n", [DENSE, *(pytest.param(DENSE + more, marks=pytest.mark.slow) for more in (-1, 1, 50))])
+@pytest.mark.parametrize(
+    "n", [DENSE, *(pytest.param(DENSE + more, marks=pytest.mark.slow) for more in (-1, 1, 50))]
+)
 def test_both_sides_of_the_switch_agree_with_numpy(n):
     table = float_lambda(ring(n), "G")
     top = largest_eigenvalue(table)
@@ -63,7 +71,9 @@ def test_both_sides_of_the_switch_agree_with_numpy(n):
 def test_the_largest_eigenvalue_of_the_paper_cycle():
     """Theory, known answers: one pin k = 3 gives -0.153544, all pinned k gives -2 k."""
     for gains, value in (({1: 3}, -0.153544), (3, -6), (None, 0)):
-        assert largest_eigenvalue(float_lambda(ring(10, gains=gains), "G")).value == pytest.approx(value, abs=5e-7)
+        assert largest_eigenvalue(float_lambda(ring(10, gains=gains), "G")).value == pytest.approx(
+            value, abs=5e-7
+        )
 
 
 def test_a_direction_without_the_symmetry_of_the_start_is_found():
@@ -82,7 +92,9 @@ def test_a_direction_without_the_symmetry_of_the_start_is_found():
 def test_huge_and_tiny_entries_neither_over_nor_underflow(n, factor):
     table = sparse.csr_array(sparse.diags_array(np.linspace(-1, -0.5, n)))
     scaled = sparse.csr_array(table * factor)
-    assert largest_eigenvalue(scaled).value == pytest.approx(-0.5 * factor, rel=1e-2 if factor < 1e-300 else 1e-6)
+    assert largest_eigenvalue(scaled).value == pytest.approx(
+        -0.5 * factor, rel=1e-2 if factor < 1e-300 else 1e-6
+    )
     for entry in (np.inf, -np.inf, np.nan):  # no numbers, no estimate
         top = largest_eigenvalue(sparse.csr_array(np.array([[entry, 0.0], [0.0, 1.0]])))
         assert np.isnan(top.value)
@@ -98,12 +110,16 @@ def test_without_convergence_the_dense_solver_steps_in(monkeypatch):
 
     monkeypatch.setattr(sparse.linalg, "eigsh", fail)
     table = float_lambda(ring(DENSE + 20), "G")
-    assert largest_eigenvalue(table).value == pytest.approx(np.linalg.eigvalsh(table.toarray())[-1], abs=1e-9)
+    assert largest_eigenvalue(table).value == pytest.approx(
+        np.linalg.eigvalsh(table.toarray())[-1], abs=1e-9
+    )
     assert calls == list(propose.LANCZOS)  # the second attempt has more vectors and less precision
-    monkeypatch.setattr(propose, "LARGEST_DENSE", DENSE)  # too large for that: no estimate, no exception
+    # too large for that: no estimate, no exception
+    monkeypatch.setattr(propose, "LARGEST_DENSE", DENSE)
     assert np.isnan(largest_eigenvalue(table).value)
     nothing = np.array([]), np.zeros((3, 0))
-    for answer in (lambda *_, **__: fail(ncv=None, tol=None), lambda *_, **__: nothing):  # nor does the dense solver
+    # nor does the dense solver
+    for answer in (lambda *_, **__: fail(ncv=None, tol=None), lambda *_, **__: nothing):
         monkeypatch.setattr(propose.linalg, "eigh", answer)
         assert np.isnan(largest_eigenvalue(float_lambda(ring(3), "G")).value)
 
@@ -125,7 +141,8 @@ def test_margin_and_rate_of_a_pair_are_those_of_the_full_matrix(cycle, factor):
     Q = P @ to_float(PAPER_GAIN)
     tops = lambda_tops(state_theorems(problem))
     margin, rate = (f(tops, P, Q, problem.exosystem) for f in (pair_margin, pair_rate))
-    assert margin == pytest.approx(6 - 9 / (8 * factor))  # theory, known answers: S = 9/8 for the printed pair
+    # theory, known answers: S = 9/8 for the printed pair
+    assert margin == pytest.approx(6 - 9 / (8 * factor))
     assert rate > 0
     assert np.linalg.eigvalsh(full_psi(problem, P, Q, rate * 0.999))[-1] < 0
     assert np.linalg.eigvalsh(full_psi(problem, P, Q, rate * 1.001))[-1] > 0
@@ -142,17 +159,23 @@ def test_the_decay_of_the_paper_gain(harmonic):
 
 @pytest.mark.parametrize("special", [{}, {(1, 0): "2*y"}])
 def test_weights_beyond_the_floats_give_no_warning_and_no_estimate(special):
-    """A warning in this package is an error in these tests; certify must go on without an estimate."""
-    problem = linked([[1, 2, "1e300"], [2, 1]], coupling="100000000000000000000*y", exceptions=special, gains=1)
+    """A warning in this package is an error in these tests; certify must go on without an
+    estimate."""
+    problem = linked(
+        [[1, 2, "1e300"], [2, 1]], coupling="100000000000000000000*y", exceptions=special, gains=1
+    )
     assert not np.all(np.isfinite(float_lambda(problem, "G").toarray()))
-    assert certify(problem).check("lemma1", "G").verdict is Verdict.REFUTED  # 4 (a + 1)(b + 1) < (a + b)^2
+    # 4 (a + 1)(b + 1) < (a + b)^2
+    assert certify(problem).check("lemma1", "G").verdict is Verdict.REFUTED
 
 
 def moved(vector, m):
     return {place // m for place, x in enumerate(vector) if x}
 
 
-def test_a_leader_without_a_pin_and_a_cycle_without_one_are_directions_and_what_is_held_has_none(cycle, monkeypatch):
+def test_a_leader_without_a_pin_and_a_cycle_without_one_are_directions_and_what_is_held_has_none(
+    cycle, monkeypatch
+):
     directions = witness_directions(linked([[1, 2], [2, 3]], gains={1: 5}), "G")
     assert moved(directions[0], 1) == {2}
     directions = witness_directions(cycle(8, pins={}), "G")
@@ -165,7 +188,8 @@ def test_a_leader_without_a_pin_and_a_cycle_without_one_are_directions_and_what_
 
 @pytest.mark.parametrize("seed", [75, 253, 295])
 def test_of_no_direction_an_agent_can_be_left_out(seed):
-    """The largest eigenvalue of Lambda, on the agents that move, is not negative, and on all but one of them it is."""
+    """The largest eigenvalue of Lambda, on the agents that move, is not negative, and on all but
+    one of them it is."""
     problem, several = random_problem(seed), 0
     for mode in problem.network.modes:
         table = float_lambda(problem, mode).toarray()
@@ -185,7 +209,9 @@ def test_of_no_direction_an_agent_can_be_left_out(seed):
 def wide_ring(n, *, step=10, arcs=None):
     """Both neighbours are heard; every so many agents one is pinned (step 0: none)."""
     arcs = arcs or [[i, (i + k) % n or n] for i in range(1, n + 1) for k in (1, n - 1)]
-    return linked(arcs, n, coupling=H, gains=dict.fromkeys(range(1, n + 1, step), 3) if step else None)
+    return linked(
+        arcs, n, coupling=H, gains=dict.fromkeys(range(1, n + 1, step), 3) if step else None
+    )
 
 
 @pytest.mark.parametrize("step", [1, 10, 300])
@@ -201,7 +227,8 @@ def test_the_bound_is_close_to_the_least_eigenvalue_and_not_beyond(step):
 
 
 def test_few_products_are_enough_and_one_pin_is_left_to_a_factorisation():
-    """design.md: 250 for the first bound.  With one pin conjugate gradients would need half as many as agents."""
+    """design.md: 250 for the first bound.  With one pin conjugate gradients would need half as many
+    as agents."""
     found = dominating_vector(float_lambda(wide_ring(4000), "G"))
     assert found.first <= 250
     assert found.products <= MOST_PRODUCTS + 5
@@ -222,4 +249,5 @@ def test_without_a_pin_there_is_a_direction_and_no_bound():
     found = dominating_vector(float_lambda(wide_ring(1001, arcs=arcs, step=960), "G"))
     assert not found.least > 0
     assert found.vector.any()
-    assert dominating_vector(sparse.csr_array(np.array([[-np.inf, 0.0], [0.0, -1.0]]))) is None  # no floats
+    # no floats
+    assert dominating_vector(sparse.csr_array(np.array([[-np.inf, 0.0], [0.0, -1.0]]))) is None

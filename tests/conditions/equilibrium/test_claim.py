@@ -18,20 +18,24 @@ F = Fraction
 @pytest.mark.parametrize("m", [1, 2])
 @pytest.mark.parametrize("seed", range(8))
 def test_the_field_is_that_of_the_arcs_one_by_one(seed: int, m: int):
-    """(22) with eps = 0: weights, exceptions, matrix gains; offsets take no part, e has them taken off."""
+    """(22) with eps = 0: weights, exceptions, matrix gains; offsets take no part, e has them taken
+    off."""
     problem, r = random_folded(seed, m=m), Random(seed)
     for _ in range(5):
         point = tuple(F(r.randint(-3000, 3000), 1000) for _ in range(problem.n * m))
         truth = field(problem, "G", np.array(point, dtype=float))
         found = field_at(problem, "G", point)
-        assert [float(side.midpoint) for side in found] == pytest.approx(truth, rel=1e-12, abs=1e-12)
+        assert [float(side.midpoint) for side in found] == pytest.approx(
+            truth, rel=1e-12, abs=1e-12
+        )
         assert max(side.width for side in found) < F(1, 10**25)
 
 
 @pytest.mark.parametrize("m", [1, 2])
 @pytest.mark.parametrize("seed", range(8))
 def test_the_slopes_hold_every_difference_on_the_box(seed: int, m: int):
-    """f(a) - f(b) lies in F (a - b) for a, b in the box, across kinks too (mean value theorem, Clarke)."""
+    """f(a) - f(b) lies in F (a - b) for a, b in the box, across kinks too (mean value theorem,
+    Clarke)."""
     problem, r = random_folded(seed, m=m), Random(f"box {seed}")
     size = problem.n * m
     middle = [F(r.randint(-2000, 2000), 1000) for _ in range(size)]

@@ -1,4 +1,5 @@
-"""A second equilibrium, proved by Krawczyk's test: closed forms and mpmath from outside, and what just fails."""
+"""A second equilibrium, proved by Krawczyk's test: closed forms and mpmath from outside, and what
+just fails."""
 
 from fractions import Fraction
 from random import Random
@@ -42,7 +43,8 @@ def is_proved(problem: Problem, claim: Equilibrium) -> bool:
 
 @pytest.mark.parametrize("half", [SADDLE, NODE, -SADDLE])
 def test_the_false_equilibria_of_two_agents_are_proved_around_the_true_root(half: F):
-    """2 sin y + y/10 = 0 near y = 3.31 and 5.98: e = (-y/2, y/2); the root is mpmath's at 50 digits."""
+    """2 sin y + y/10 = 0 near y = 3.31 and 5.98: e = (-y/2, y/2); the root is mpmath's at 50
+    digits."""
     problem = listening_pair()
     claim = enclose_equilibrium(problem, "G", [float(-half), float(half)])
     assert claim.box[0].contains(-half)
@@ -65,11 +67,13 @@ def test_a_box_is_proved_until_the_root_leaves_it():
     assert is_proved(problem, boxed(-SADDLE, SADDLE + half * F(9, 10)))
     assert not is_proved(problem, boxed(-SADDLE, SADDLE + half * F(11, 10)))
     assert not is_proved(problem, boxed(-SADDLE - half * F(11, 10), SADDLE))
-    # At 0 the test holds as well, so a box that holds 0 is refused, and one that only touches it holds nothing.
+    # At 0 the test holds as well, so a box that holds 0 is refused, and one that only touches it
+    # holds nothing.
     assert "target itself" in why_not(problem, boxed(F(0), F(0)))
     assert "target itself" in why_not(problem, boxed(F(0), half))
     assert "Krawczyk" in why_not(problem, boxed(F(0), half * F(1001, 1000)))
-    # Boxes made here leave room for coarser enclosures: at most nine tenths of each half width is used.
+    # Boxes made here leave room for coarser enclosures: at most nine tenths of each half width is
+    # used.
     claim = enclose_equilibrium(problem, "G", [float(-SADDLE), float(SADDLE)])
     assert why_not(problem, claim, part=F(9, 10)) is None
     tight = boxed(-SADDLE, SADDLE + SMALL * F(95, 100))
@@ -78,7 +82,8 @@ def test_a_box_is_proved_until_the_root_leaves_it():
 
 
 def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge_goals_taken_into_account():
-    """Twin: a region that ends inside the box, or exactly at the root, is not shown to hold the start."""
+    """Twin: a region that ends inside the box, or exactly at the root, is not shown to hold the
+    start."""
     claim = boxed(-SADDLE, SADDLE)
     edge = claim.box[1].hi
     inside, outside = listening_pair(reach=edge), listening_pair(reach=edge - F(1, 10**9))
@@ -87,13 +92,22 @@ def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge_goals_taken_into_a
     assert not lies_in_region(outside, claim)
     assert refuting_check(outside, claim) is None
     # A smaller box around the same root still fits there, but none around a root on the edge.
-    assert enclose_equilibrium(outside, "G", [float(-SADDLE), float(SADDLE)], within_region=True) is not None
+    assert (
+        enclose_equilibrium(outside, "G", [float(-SADDLE), float(SADDLE)], within_region=True)
+        is not None
+    )
     on_edge = listening_pair(reach=F(f"{float(SADDLE):.15f}"))
-    assert enclose_equilibrium(on_edge, "G", [float(-SADDLE), float(SADDLE)], within_region=True) is None
+    assert (
+        enclose_equilibrium(on_edge, "G", [float(-SADDLE), float(SADDLE)], within_region=True)
+        is None
+    )
     # Target 1 and an offset of 2 for agent 2: x = (1 - y/2, 3 + y/2).
     claim = boxed(-SADDLE, SADDLE)
     low, high = 1 - SADDLE - F(1, 1000), 3 + SADDLE + F(1, 1000)
-    assert refuting_check(listening_pair(target=1, offsets={2: 2}, reach=[low, high]), claim) is not None
+    assert (
+        refuting_check(listening_pair(target=1, offsets={2: 2}, reach=[low, high]), claim)
+        is not None
+    )
     for other in ([low + F(1, 500), high], [low, high - F(1, 500)]):
         assert refuting_check(listening_pair(target=1, offsets={2: 2}, reach=other), claim) is None
 
@@ -122,7 +136,10 @@ def test_couplings_of_vectors_are_decided_too():
     problem = listening_pair(["sin(y1) + y2/4", "sin(y2) - y1/4"], target=[0, 0])
     with mpmath.workdps(50):
         y = mpmath.findroot(
-            [lambda a, b: 2 * (mpmath.sin(a) + b / 4) + a / 10, lambda a, b: 2 * (mpmath.sin(b) - a / 4) + b / 10],
+            [
+                lambda a, b: 2 * (mpmath.sin(a) + b / 4) + a / 10,
+                lambda a, b: 2 * (mpmath.sin(b) - a / 4) + b / 10,
+            ],
             (3.5, 0.5),
         )
         root = (-exact(y[0]) / 2, -exact(y[1]) / 2, exact(y[0]) / 2, exact(y[1]) / 2)
@@ -134,36 +151,52 @@ def test_couplings_of_vectors_are_decided_too():
 
 
 @pytest.mark.parametrize(("m", "seeds"), [(1, (0, 1, 3, 5)), (2, (1, 2, 4))])
-def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(m: int, seeds: tuple[int, ...]):
-    """Weights, exceptions, matrix gains, offsets; SciPy finds the roots and says how far they are from zero."""
+def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(
+    m: int, seeds: tuple[int, ...]
+):
+    """Weights, exceptions, matrix gains, offsets; SciPy finds the roots and says how far they are
+    from zero."""
     proved = 0
     for seed in seeds:
         problem, r = random_folded(seed, m=m), Random(f"roots {seed}")
         for _ in range(4):
             start = [r.uniform(-6, 6) for _ in range(problem.n * m)]
-            root, _, status, _ = fsolve(lambda e, p=problem: field(p, "G", e), start, full_output=True)
-            if status != 1 or np.max(np.abs(root)) < 1e-3 or np.max(np.abs(field(problem, "G", root))) > 1e-9:
+            root, _, status, _ = fsolve(
+                lambda e, p=problem: field(p, "G", e), start, full_output=True
+            )
+            if (
+                status != 1
+                or np.max(np.abs(root)) < 1e-3
+                or np.max(np.abs(field(problem, "G", root))) > 1e-9
+            ):
                 continue
             claim = enclose_equilibrium(problem, "G", root.tolist())
             if claim is None:  # singular there, or on a kink
                 continue
             proved += 1
             middle = [float(c) for c in claim.middle]
-            polished, *_ = fsolve(lambda e, p=problem: field(p, "G", e), middle, xtol=1e-12, full_output=True)
+            polished, *_ = fsolve(
+                lambda e, p=problem: field(p, "G", e), middle, xtol=1e-12, full_output=True
+            )
             sides = zip(claim.box, polished.tolist(), strict=True)
-            assert all(side.lo - F(1, 10**11) <= F(e) <= side.hi + F(1, 10**11) for side, e in sides)
+            assert all(
+                side.lo - F(1, 10**11) <= F(e) <= side.hi + F(1, 10**11) for side, e in sides
+            )
     assert proved >= 3
 
 
 @pytest.mark.parametrize("m", [1, 2])
 def test_boxes_in_which_the_field_does_not_vanish_are_never_proved(m: int):
-    """One component of f is farther from 0 in the middle than it can change within the box: no root is there."""
+    """One component of f is farther from 0 in the middle than it can change within the box: no root
+    is there."""
     refused = 0
     for seed in range(6):
         problem, r = random_folded(seed, m=m), Random(f"no roots {seed}")
         for _ in range(4):
             half = F(1, r.choice((10, 100, 10**6)))
-            claim = boxed(*[F(r.randint(-3000, 3000), 1000) for _ in range(problem.n * m)], half=half)
+            claim = boxed(
+                *[F(r.randint(-3000, 3000), 1000) for _ in range(problem.n * m)], half=half
+            )
             slopes = slopes_on(problem, "G", claim.box)
             value = field(problem, "G", np.array(claim.middle, dtype=float))
             change = np.zeros(problem.n * m)
@@ -183,11 +216,14 @@ def test_no_equilibrium_is_proved_where_there_is_none():
         for _ in range(6):
             scale = r.choice((F(1, 1000), F(1, 10), F(1), F(5)))
             middle = [scale * F(r.randint(-100, 100), 100) for _ in range(problem.n)]
-            assert not is_proved(problem, boxed(*middle, half=scale * F(r.randint(1, 40), 100), mode="G0"))
+            assert not is_proved(
+                problem, boxed(*middle, half=scale * F(r.randint(1, 40), 100), mode="G0")
+            )
 
 
-def test_of_a_line_of_equilibria_a_point_is_proved_and_large_problems_and_wild_points_are_left_alone():
-    """Without pins every common shift is an equilibrium; the slopes are singular and nothing is isolated."""
+def test_a_point_of_a_line_of_equilibria_is_proved_and_large_problems_are_left_alone():
+    """Without pins every common shift is an equilibrium; the slopes are singular and nothing is
+    isolated."""
     found = enclose_equilibrium(listening_pair(gains=None), "G", [1.0, 1.0])
     assert found == Equilibrium(mode="G", box=(Interval.point(1),) * 2)
     assert enclose_equilibrium(listening_pair(gains=None), "G", [1.0, -1.0]) is None
@@ -206,7 +242,8 @@ def test_a_check_is_confirmed_from_its_json_and_for_no_other_problem():
     assert "-1.65387" in check.reason
     assert confirmed(check, listening_pair(gains="2/10")) is not None
     assert confirmed(check, listening_pair("tanh(y)")) is not None
-    free = listening_pair(reach=None)  # without a region the question is about every neighbourhood of the target
+    # without a region the question is about every neighbourhood of the target
+    free = listening_pair(reach=None)
     assert is_proved(free, claim)
     assert refuting_check(free, claim) is None
 

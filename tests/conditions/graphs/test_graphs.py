@@ -28,11 +28,18 @@ MOBILE = Switching(signal="mobile", radius=1)
 
 
 def problem(
-    modes: Any = CHAIN, *, n: int = 3, coupling: Any = "y", generator: Any = ((-1, 1), (2, -2)), **more: Any
+    modes: Any = CHAIN,
+    *,
+    n: int = 3,
+    coupling: Any = "y",
+    generator: Any = ((-1, 1), (2, -2)),
+    **more: Any,
 ) -> Problem:
     network = Network.from_arcs(modes, arrow="listens_to", agents=n)
     switching = Switching(guarantee="markov", generator=[list(row) for row in generator])
-    return Problem(**{"network": network, "coupling": coupling, "gains": {1: 1}, "switching": switching} | more)
+    return Problem(
+        **{"network": network, "coupling": coupling, "gains": {1: 1}, "switching": switching} | more
+    )
 
 
 def check_of(found: Any, id: str) -> Any:
@@ -79,12 +86,15 @@ def squares(systems: list[np.ndarray]) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("seed", range(60))
 def test_means_and_squares_agree_with_the_eigenvalues_of_the_moments(seed: int):
-    """Couplings of either sign; where means decay by the eigenvalues, weights are found, and the rates are those."""
+    """Couplings of either sign; where means decay by the eigenvalues, weights are found, and the
+    rates are those."""
     rng = np.random.default_rng(seed)
     n, count, sign = int(rng.integers(2, 5)), int(rng.integers(2, 4)), 1 if seed % 3 else -1
     modes, generator = drawn(rng, n=n, count=count)
     gains = {
-        i + 1: int(rng.integers(1, 8 if sign < 0 else 3)) for i in range(n) if i == 0 or sign < 0 or rng.random() < 0.2
+        i + 1: int(rng.integers(1, 8 if sign < 0 else 3))
+        for i in range(n)
+        if i == 0 or sign < 0 or rng.random() < 0.2
     }
     own = problem(modes, n=n, coupling="y" if sign > 0 else "-y", generator=generator, gains=gains)
     linear = systems(own, sign)
@@ -109,8 +119,12 @@ def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
     rng = np.random.default_rng(1000 + seed)
     n, count = int(rng.integers(2, 6)), int(rng.integers(2, 5))
     modes, generator = drawn(rng, n=n, count=count)
-    own = problem(modes, n=n, coupling=PAPER, generator=generator, region={"initial_states": [-1, 1]})
-    chain = nx.DiGraph([(p, q) for p in range(count) for q in range(count) if p != q and generator[p][q] > 0])
+    own = problem(
+        modes, n=n, coupling=PAPER, generator=generator, region={"initial_states": [-1, 1]}
+    )
+    chain = nx.DiGraph(
+        [(p, q) for p in range(count) for q in range(count) if p != q and generator[p][q] > 0]
+    )
     chain.add_nodes_from(range(count))
     classes = sorted(tuple(sorted(each)) for each in nx.attracting_components(chain))
     assert closed_classes(own.switching.generator) == classes
@@ -120,8 +134,12 @@ def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
         graph = nx.DiGraph(arcs)
         graph.add_nodes_from(range(1, n + 1))
         left = set(graph) - {1} - nx.descendants(graph, 1)
-        lost += [(tuple(f"M{p}" for p in each), tuple(str(i) for i in sorted(left)))] if left else []
-    (check,) = markov_stage(read_region(own, None, domain="consensus", everything=False), lambda _: None)
+        lost += (
+            [(tuple(f"M{p}" for p in each), tuple(str(i) for i in sorted(left)))] if left else []
+        )
+    (check,) = markov_stage(
+        read_region(own, None, domain="consensus", everything=False), lambda _: None
+    )
     assert check.verdict is (Verdict.REFUTED if lost else Verdict.PROVED)
     if lost:
         assert (tuple(check.exact["modes"]), check.witness.labels) == lost[0]
@@ -129,7 +147,10 @@ def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
 
 def test_larger_networks_in_the_mean():
     ring = [[i, i % 20 + 1] for i in range(1, 21)]
-    halves = {"odd": [arc for arc in ring if arc[0] % 2], "even": [arc for arc in ring if not arc[0] % 2]}
+    halves = {
+        "odd": [arc for arc in ring if arc[0] % 2],
+        "even": [arc for arc in ring if not arc[0] % 2],
+    }
     own = problem(halves, n=20, gains={1: 1, 11: 1}, exosystem=WAVE)
     check = check_of(certify(own), "markov")
     assert check.exact["kind"] == "mean"
@@ -143,7 +164,11 @@ def test_couplings_that_mix_components_in_mean_square():
     found = certify(own)
     assert check_of(found, "markov").exact["kind"] == "mean square"
     stiff = problem(
-        {"A": [[1, 2]], "B": [[2, 1]]}, n=2, coupling=["y1 + 9*y2", "y2 - 9*y1"], target=[0, 0], gains={1: 1}
+        {"A": [[1, 2]], "B": [[2, 1]]},
+        n=2,
+        coupling=["y1 + 9*y2", "y2 - 9*y1"],
+        target=[0, 0],
+        gains={1: 1},
     )
     assert check_of(certify(stiff), "markov").verdict is Verdict.PROVED
 
@@ -160,16 +185,30 @@ def test_an_unstable_mode_that_does_not_last_refutes_nothing():
     assert certify(problem(modes, generator=((0, 0), (9, -9)), **more)).verdict is Verdict.REFUTED
 
 
-@pytest.mark.parametrize(("guarantee", "verdict"), [("arbitrary", Verdict.REFUTED), ("markov", Verdict.UNDECIDED)])
+@pytest.mark.parametrize(
+    ("guarantee", "verdict"), [("arbitrary", Verdict.REFUTED), ("markov", Verdict.UNDECIDED)]
+)
 @only(markov_stage)
-def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(guarantee: str, verdict: Verdict):
+def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(
+    guarantee: str, verdict: Verdict
+):
     """sin vanishes at pi: agent 2 may rest there while it hears agent 1."""
     turns = Switching(signal="markov", guarantee=guarantee, generator=[[-1, 1], [1, -1]])
-    network = Network.from_arcs({"A": [[2, 1]], "B": [[2, 1], [1, 2]]}, arrow="listens_to", agents=2)
-    found = certify(
-        Problem(network=network, coupling="sin(y)", gains={1: 1}, region={"initial_states": [-4, 4]}, switching=turns)
+    network = Network.from_arcs(
+        {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}, arrow="listens_to", agents=2
     )
-    assert ("equilibrium" in {each.id for each in found.claims.checks}) == (verdict is Verdict.REFUTED)
+    found = certify(
+        Problem(
+            network=network,
+            coupling="sin(y)",
+            gains={1: 1},
+            region={"initial_states": [-4, 4]},
+            switching=turns,
+        )
+    )
+    assert ("equilibrium" in {each.id for each in found.claims.checks}) == (
+        verdict is Verdict.REFUTED
+    )
     assert found.verdict is verdict
     assert verify_twice(found.claims, found.problem).holds
 
@@ -189,15 +228,27 @@ def test_a_box_as_large_as_couplings_rise_and_nothing_without_the_guarantee():
 
 
 def test_all_pinned_agents_reach_the_target_for_every_graph():
-    own = problem(coupling=PAPER, gains={1: 1, 2: "1/2", 3: 2}, switching=MOBILE, region={"initial_states": [-2, 2]})
+    own = problem(
+        coupling=PAPER,
+        gains={1: 1, 2: "1/2", 3: 2},
+        switching=MOBILE,
+        region={"initial_states": [-2, 2]},
+    )
     found = certify(own)
     check = check_of(found, "safety")
     assert check.reason.startswith(
-        "from |e(0)| <= 2 no agent ever leaves the box |e| <= 2, whatever the graph, its switching and the"
+        "from |e(0)| <= 2 no agent ever leaves the box |e| <= 2, whatever the graph, its "
+        "switching and the"
     )
     assert (check.rate, check.claim.rate) == (0.5, Fraction(1, 2))
-    assert "All agents are pinned, so from there all reach the target for every graph and every motion" in check.reason
-    assert "in the region for every graph and every motion, at a rate of at least 0.5 1/s with" in found.reason
+    assert (
+        "All agents are pinned, so from there all reach the target for every graph and every motion"
+        in check.reason
+    )
+    assert (
+        "in the region for every graph and every motion, at a rate of at least 0.5 1/s with"
+        in found.reason
+    )
 
 
 def test_an_observer_takes_its_part_of_the_box():
@@ -228,13 +279,19 @@ def test_other_proofs_of_a_moving_graph_are_about_the_declared_modes():
     assert found.claims.covered_by == "max-separable"
     assert "every mix of their neighbour sets" in found.reason
     assert (
-        "Graphs that the modes do not list are not covered. From |e(0)| <= 1 no agent ever leaves the box |e| <= 1"
-        in found.reason
+        "Graphs that the modes do not list are not covered. From |e(0)| <= 1 no agent ever "
+        "leaves the box |e| <= 1" in found.reason
     )
 
 
 def test_no_simulated_agent_that_moves_leaves_the_box():
-    own = problem({"A": []}, n=5, coupling=PAPER, gains={1: 1}, switching=Switching(signal="mobile", radius="1/2"))
+    own = problem(
+        {"A": []},
+        n=5,
+        coupling=PAPER,
+        gains={1: 1},
+        switching=Switching(signal="mobile", radius="1/2"),
+    )
     rng = np.random.default_rng(1)
     for seed in range(3):
         start = rng.uniform(-1, 1, (5, 1))
@@ -258,15 +315,21 @@ TWO: dict[str, Any] = {"A": [[2, 1]], "B": []}
             {"region": {"initial_states": [0, 0]}},
             "proved",
         ),  # nobody starts away from the target
-        ({**TWO, "C": []}, [[-2, 1, 1], [0, -1, 1], [0, 1, -1]], {}, "refuted"),  # B and C in turn, for ever
+        # B and C in turn, for ever
+        ({**TWO, "C": []}, [[-2, 1, 1], [0, -1, 1], [0, 1, -1]], {}, "refuted"),
         ({**TWO, "C": [[2, 1]]}, [[-2, 1, 1], [0, -1, 1], [0, 1, -1]], {}, "proved"),  # C helps
     ],
 )
-def test_modes_that_are_never_left_and_hold_agents_apart_refute_consensus(modes, generator, more, verdict):
-    """Theory, section 6; simulated: a start next to the target in the mode that stays keeps its error."""
+def test_modes_that_are_never_left_and_hold_agents_apart_refute_consensus(
+    modes, generator, more, verdict
+):
+    """Theory, section 6; simulated: a start next to the target in the mode that stays keeps its
+    error."""
     own = problem(modes, n=2, generator=generator, **more)
     found = certify(own)
-    assert found.verdict.value == verdict or (more.get("region") and found.verdict is not Verdict.REFUTED)
+    assert found.verdict.value == verdict or (
+        more.get("region") and found.verdict is not Verdict.REFUTED
+    )
     assert verify_twice(found.claims, own).holds
     if verdict == "refuted":
         assert "which it never leaves, no pinned agent reaches agent 2" in found.reason
@@ -277,6 +340,8 @@ def test_modes_that_are_never_left_and_hold_agents_apart_refute_consensus(modes,
 def test_the_second_program_reads_the_generator_once(monkeypatch):
     """And not once for every mode whose Lemma 1 is refuted."""
     file, asked = checker_files.Problem(canonical_bytes(problem())), []
-    monkeypatch.setattr(checker_graphs, "read", lambda value, shape: asked.append(shape) or read(value, shape))
+    monkeypatch.setattr(
+        checker_graphs, "read", lambda value, shape: asked.append(shape) or read(value, shape)
+    )
     assert not any(checker_graphs.may_stay(file, mode) for mode in file.modes for _ in range(3))
     assert len(asked) == 1

@@ -1,4 +1,5 @@
-"""Tolerances and inputs: both programs, numbers known in closed form, twins that just fail, corners simulated."""
+"""Tolerances and inputs: both programs, numbers known in closed form, twins that just fail, corners
+simulated."""
 
 import json
 from dataclasses import replace
@@ -33,7 +34,8 @@ SMALL = {"initial_states": ["-0.1", "0.1"], "initial_disturbance": "0.05"}
 
 
 def found(problem: Problem, id: str) -> Check:
-    """The check, which both programs have confirmed: certify withdraws what the second one refuses."""
+    """The check, which both programs have confirmed: certify withdraws what the second one
+    refuses."""
     check = next(check for check in certified(problem).checks if check.id == id)
     assert "second checker" not in check.reason
     return check
@@ -52,7 +54,8 @@ def chain(h: str = "y", **more: object) -> Problem:
 
 
 def accepted(problem: Problem, checks: tuple[Check, ...], certificate: object) -> tuple[bool, bool]:
-    """Whether the package and the second checker accept these checks in place of those of the certificate."""
+    """Whether the package and the second checker accept these checks in place of those of the
+    certificate."""
     claims = replace(certificate.claims, checks=checks)
     second = examine(certificate_bytes(claims), canonical_bytes(problem))
     return recheck(claims, problem).holds, all(holds for holds, _ in second)
@@ -79,21 +82,28 @@ def test_every_arc_takes_its_worse_end():
     assert terms[1][1] == F(9, 5)
     assert [(term.weight, term.step) for term in terms[1][0]] == [(F(6, 5), 1)]
     assert [(term.weight, term.step) for term in terms[2][0]] == [(F(4, 5), -1), (F(2, 5), 0)]
-    assert largest_rate(problem, claim.v, rho=None, errors=errors) == F(2, 5)  # min(9/5 - 6/5, 4/5 / 2)
+    # min(9/5 - 6/5, 4/5 / 2)
+    assert largest_rate(problem, claim.v, rho=None, errors=errors) == F(2, 5)
     for alpha, verdict in ((F("0.4"), Verdict.PROVED), (F("0.4001"), Verdict.REFUTED)):
-        assert verify_separable(problem, replace(claim, alpha=alpha), errors=errors).verdict is verdict
+        assert (
+            verify_separable(problem, replace(claim, alpha=alpha), errors=errors).verdict is verdict
+        )
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_rows_with_errors_are_those_of_the_worst_corner(seed: int):
-    """Also of couplings that turn, and in the float tables: all corners of one row are tried, weights set by hand."""
+    """Also of couplings that turn, and in the float tables: all corners of one row are tried,
+    weights set by hand."""
     h = (*TURNING, PAPER, "tanh(y)")[seed % 5]
     problem = listening([[2, 1], [2, 3, "1/2"], [3, 1]], h, n=3, gains={1: 4, 2: 1}, target=0)
     v, rho, errors = (F(1), F(6, 5), F(5, 4)), F(1 + seed % 3, 2), Errors(F(1, 5), F(1, 10))
     rate = largest_rate(problem, v, rho=rho, errors=errors)
     corners = []
     for ends in product((F(4, 5), F(6, 5)), repeat=3):
-        arcs = [[i, j, w * end] for (i, j, w), end in zip([(2, 1, 1), (2, 3, F(1, 2)), (3, 1, 1)], ends, strict=True)]
+        arcs = [
+            [i, j, w * end]
+            for (i, j, w), end in zip([(2, 1, 1), (2, 3, F(1, 2)), (3, 1, 1)], ends, strict=True)
+        ]
         corner = listening(arcs, h, n=3, gains={1: F(18, 5), 2: F(9, 10)}, target=0)
         corners.append(largest_rate(corner, v, rho=rho))
     if None in corners:
@@ -121,13 +131,17 @@ def test_a_table_is_proved_and_a_larger_one_is_not():
     check = found(near, "tolerance")
     assert check.verdict is Verdict.PROVED
     assert check.domain == {"kind": "box", "radius": 4.0, "disturbance": 0.5}
-    far = tolerance(TWO.replace(region=WIDE, uncertainty={"weights": "0.09", "gains": "0.09"}), beside=near)
+    far = tolerance(
+        TWO.replace(region=WIDE, uncertainty={"weights": "0.09", "gains": "0.09"}), beside=near
+    )
     assert far.verdict is Verdict.UNDECIDED
     assert "times these errors it is proved" in far.reason
 
 
 @pytest.mark.parametrize("states", [True, False], ids=["stated", "not stated"])
-def test_large_networks_are_asked_for_stated_errors_only(states: bool, monkeypatch: pytest.MonkeyPatch):
+def test_large_networks_are_asked_for_stated_errors_only(
+    states: bool, monkeypatch: pytest.MonkeyPatch
+):
     """Deciding one pair of errors is linear in the arcs; looking for the largest takes many."""
     monkeypatch.setattr(stage, "TIMED_ARCS", 1)
     plain = TWO.replace(region=SMALL)
@@ -153,10 +167,13 @@ def test_at_the_target_entries_of_a_gain_err_each_on_its_own(error: str, proved:
 
 
 def test_at_the_target_of_several_modes_one_v_serves_all_corners():
-    """Rising couplings: the order of the agents alone decides, so every error below 1 is tolerated."""
+    """Rising couplings: the order of the agents alone decides, so every error below 1 is
+    tolerated."""
     modes = {"A": [[2, 1], [3, 2]], "B": [[2, 1], [3, 1]]}
     errors = {"weights": "0.8", "gains": "0.5"}
-    problem = listening(modes, PAPER, n=3, gains={1: 5}, exosystem=TWO.exosystem, uncertainty=errors)
+    problem = listening(
+        modes, PAPER, n=3, gains={1: 5}, exosystem=TWO.exosystem, uncertainty=errors
+    )
     check = found(problem, "tolerance")
     assert check.verdict is Verdict.PROVED
     assert check.domain == "consensus"
@@ -165,7 +182,9 @@ def test_at_the_target_of_several_modes_one_v_serves_all_corners():
     first, second, third = check.exact["v"]
     assert changed(problem, "tolerance", v=[first, third, second]) == (False, False)
     assert changed(problem, "tolerance", alpha="1") == (False, False)
-    rated = tuple(replace(each, rate=0.001) if each.id == "tolerance" else each for each in certificate.checks)
+    rated = tuple(
+        replace(each, rate=0.001) if each.id == "tolerance" else each for each in certificate.checks
+    )
     assert accepted(problem, rated, certificate) == (False, False)
 
 
@@ -179,11 +198,14 @@ def test_agents_that_do_not_know_tolerate_less():
     assert check.verdict is Verdict.PROVED
     eta = F(check.exact["eta"])
     assert changed(less, "tolerance", eta=number_text(eta * F(9, 10))) == (False, False)
-    assert changed(less, "tolerance", eta=number_text(eta * 100)) == (False, False)  # kappa eta > alpha
+    # kappa eta > alpha
+    assert changed(less, "tolerance", eta=number_text(eta * 100)) == (False, False)
 
 
 def test_kinks_at_the_target_are_not_decided_by_slopes():
-    problem = listening([[2, 1]], "y + abs(y)/2", n=2, gains={1: 2}, target=0, uncertainty={"weights": "0.1"})
+    problem = listening(
+        [[2, 1]], "y + abs(y)/2", n=2, gains={1: 2}, target=0, uncertainty={"weights": "0.1"}
+    )
     assert found(problem, "tolerance").reason.startswith("does not apply")
 
 
@@ -199,7 +221,9 @@ def test_kinks_at_the_target_are_not_decided_by_slopes():
         (Exosystem(A=[[1]], C=[[1]]), (2,), None),
     ],
 )
-def test_amplitudes_of_sums_of_sines(exosystem: Exosystem, start: tuple[int, ...], bound: int | None):
+def test_amplitudes_of_sums_of_sines(
+    exosystem: Exosystem, start: tuple[int, ...], bound: int | None
+):
     """sqrt(a^2 + b^2) of every frequency, and constants; what grows or decays has no bound here."""
     assert _amplitude(exosystem, tuple(map(F, start))) == bound
 
@@ -214,12 +238,15 @@ def test_the_largest_input_has_a_closed_form():
     assert small.verdict is Verdict.UNDECIDED
     assert "from starts with |e_i| <= 1." in small.reason
     assert "gain of at most 1.5" in small.reason
-    assert changed(problem.replace(actuators={"limit": 5}), "actuators") == (True, True)  # undecided claims nothing
+    # undecided claims nothing
+    assert changed(problem.replace(actuators={"limit": 5}), "actuators") == (True, True)
 
 
 def test_disturbances_without_a_bound_ask_for_the_amplitude():
     simulation = {"xi0": [1, 1]}
-    problem = listening([], "y", n=1, gains={1: 3}, target=0, exosystem=ramp(), simulation=simulation, actuators={})
+    problem = listening(
+        [], "y", n=1, gains={1: 3}, target=0, exosystem=ramp(), simulation=simulation, actuators={}
+    )
     check = found(problem, "actuators")
     assert "give actuators.amplitude" in check.reason
     assert largest_disturbance(problem.replace(actuators={"amplitude": 2})) == (2,)

@@ -41,8 +41,12 @@ def test_verdicts_agree_with_sympy_and_lyapunov():
         if problem.observer.W is not None:
             W = [list(row) for row in problem.observer.W]
             decays = hurwitz(oracle.error(W))
-            assert hurwitz_check(exosystem, problem.observer.W).verdict is (PROVED if decays else REFUTED)
-            assert observable_part_is_hurwitz(exosystem, problem.observer.W) is oracle.seen_error_decays(W)
+            assert hurwitz_check(exosystem, problem.observer.W).verdict is (
+                PROVED if decays else REFUTED
+            )
+            assert observable_part_is_hurwitz(
+                exosystem, problem.observer.W
+            ) is oracle.seen_error_decays(W)
     assert seen == {(True, True), (False, True), (False, False)}
 
 
@@ -56,7 +60,10 @@ def test_the_suggested_reduction_generates_the_same_disturbances():
         count += 1
         given = (problem.exosystem.A, problem.exosystem.C)
         suggested = (check.fix.set["exosystem.A"], check.fix.set["exosystem.C"])
-        A, C, A_o, C_o = (sp.Matrix([[sp.Rational(str(x)) for x in row] for row in M]) for M in (*given, *suggested))
+        A, C, A_o, C_o = (
+            sp.Matrix([[sp.Rational(str(x)) for x in row] for row in M])
+            for M in (*given, *suggested)
+        )
         seen = sp.Matrix.vstack(*(C * A**k for k in range(A.rows)))
         kept = sp.Matrix.vstack(*(C_o * A_o**k for k in range(A.rows)))
         assert kept.rank() == A_o.rows == seen.rank()
@@ -72,9 +79,12 @@ def test_the_reduction_keeps_what_the_problem_says_of_states():
     columns = []
     for k in (0, 1):
         W = [[int(row == column == k) for column in range(2)] for row in range(3)]
-        change = observability_check(exosystem, linked([[1, 2]], observer=Observer(W=W), **given)).fix.set
+        change = observability_check(
+            exosystem, linked([[1, 2]], observer=Observer(W=W), **given)
+        ).fix.set
         columns.append([Fraction(str(row[k])) for row in change["observer.W"]])
-    size = math.sqrt(sum(x * x for column in columns for x in column))  # T does not see the third state
+    # T does not see the third state
+    size = math.sqrt(sum(x * x for column in columns for x in column))
     bound = float(change["region.initial_disturbance"])
     assert size / 10 <= bound <= size / 10 + 1e-6
     unseen = Exosystem(A=[[0]], C=[[0], [0]])
@@ -91,11 +101,14 @@ def test_rates_are_strict_at_the_edge():
     assert not hurwitz_with_rate(error, Fraction(2))
     check = hurwitz_check(Exosystem(A=[[-2]], C=[[0]]), ((Fraction(0),),), estimate=2.5)
     assert 0 < check.rate < 2
-    assert hurwitz_check(Exosystem(A=[[-2]], C=[[0]]), ((Fraction(0),),), estimate=2.0).rate > 1.99999
+    assert (
+        hurwitz_check(Exosystem(A=[[-2]], C=[[0]]), ((Fraction(0),),), estimate=2.0).rate > 1.99999
+    )
 
 
 def test_a_defective_error_on_the_axis_is_refuted():
-    """Double integrator with W = 0; and a rotation, where NumPy's real parts are rounding errors."""
+    """Double integrator with W = 0; and a rotation, where NumPy's real parts are rounding
+    errors."""
     for A in ([[0, 1], [0, 0]], [[0, 1], [-1, 0]]):
         check = hurwitz_check(Exosystem(A=A, C=[[1, 0]]), ((Fraction(0),), (Fraction(0),)))
         assert check.verdict is REFUTED

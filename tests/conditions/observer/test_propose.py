@@ -25,7 +25,9 @@ from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwi
 def reaches(exosystem: Exosystem, W, rate: Fraction) -> bool:
     """Routh's test of A - WC + rate I."""
     error = error_matrix(exosystem, W)
-    return decide_hurwitz(add(error, scale(rate, identity(exosystem.order)))).verdict is Verdict.PROVED
+    return (
+        decide_hurwitz(add(error, scale(rate, identity(exosystem.order)))).verdict is Verdict.PROVED
+    )
 
 
 CONSTANT = Exosystem(A=[[0]], C=[[1]])
@@ -39,7 +41,9 @@ def random_exosystem(seed: int) -> Exosystem:
     r = Random(seed)
     q, m = r.randint(1, 7), r.randint(1, 2)
     A = [[r.randint(-2, 2) * (r.random() < 0.5) for _ in range(q)] for _ in range(q)]
-    return Exosystem(A=A, C=[[r.randint(-1, 1) * (r.random() < 0.5) for _ in range(q)] for _ in range(m)])
+    return Exosystem(
+        A=A, C=[[r.randint(-1, 1) * (r.random() < 0.5) for _ in range(q)] for _ in range(m)]
+    )
 
 
 @pytest.mark.parametrize("seed", [k for k in range(30) if k != 19])  # 19 takes long
@@ -55,7 +59,8 @@ def test_a_detectable_pair_has_a_placed_gain_and_an_undetectable_one_has_none(se
 
 
 def test_all_poles_stand_at_one_place():
-    """One output, all observable: det(sI - A + WC) = (s + 3)^4 for the rate 2.  Where C sees nothing, W is 0."""
+    """One output, all observable: det(sI - A + WC) = (s + 3)^4 for the rate 2.  Where C sees
+    nothing, W is 0."""
     chain = Exosystem(A=[[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0]], C=[[1, 0, 0, 0]])
     *_, W = placed_gains(chain, rate=Fraction(2))
     assert characteristic_polynomial(error_matrix(chain, W)) == (1, 12, 54, 108, 81)
@@ -89,7 +94,8 @@ def test_a_gain_that_does_not_work_gets_no_pair_that_does(harmonic):
 @pytest.mark.parametrize("pins", [{1: "1/1000000"}, {1: 10**6}])
 @pytest.mark.parametrize("factor", ["1/10000", "10000"])
 def test_wherever_lambda_is_negative_the_theorem_is_proved(cycle, pins, factor):
-    """The Decision theorem, for margins of Lambda from 1e-7 up and exosystems scaled from 1e-4 to 1e4."""
+    """The Decision theorem, for margins of Lambda from 1e-7 up and exosystems scaled from 1e-4 to
+    1e4."""
     exosystem = Exosystem(A=[[0, Fraction(factor)], [-Fraction(factor), 0]], C=[[factor, 0]])
     problem = cycle(4, pins=pins, exosystem=exosystem)
     certificate = dd.certify(problem)
@@ -106,11 +112,17 @@ def test_a_state_that_c_does_not_see_stays_in_p(cycle):
 
 @pytest.mark.parametrize(("digits", "exact"), [(20, True), (80, False)])
 def test_no_exact_equation_is_solved_that_would_take_hours(digits, exact, monkeypatch):
-    """36 unknowns, times the bits of a common denominator of 64 numbers: about 150 000 and 610 000."""
+    """36 unknowns, times the bits of a common denominator of 64 numbers: about 150 000 and 610
+    000."""
     asked = []
     monkeypatch.setattr(propose, "solve_lyapunov", lambda F, N: asked.append(F))
-    A = [[Fraction(-20 * (i == j)) + Fraction(1, 10**digits + 7 * i + j) for j in range(8)] for i in range(8)]
-    pairs = list(propose_pairs(Exosystem(A=A, C=[[1] * 8]), ((Fraction(0),),) * 8, bound=math.nan, decay=1.0))
+    A = [
+        [Fraction(-20 * (i == j)) + Fraction(1, 10**digits + 7 * i + j) for j in range(8)]
+        for i in range(8)
+    ]
+    pairs = list(
+        propose_pairs(Exosystem(A=A, C=[[1] * 8]), ((Fraction(0),),) * 8, bound=math.nan, decay=1.0)
+    )
     assert pairs == []
     assert bool(asked) is exact
 
@@ -131,12 +143,15 @@ def test_the_default_is_half_the_rate_of_the_kalman_gain(name):
 
     exosystem = STANDARD[name]
     q, m = exosystem.order, exosystem.outputs
-    _, _, poles = control.lqe(to_float(exosystem.A), np.eye(q), to_float(exosystem.C), np.eye(q), np.eye(m))
+    _, _, poles = control.lqe(
+        to_float(exosystem.A), np.eye(q), to_float(exosystem.C), np.eye(q), np.eye(m)
+    )
     found = design_gain(exosystem)
     assert float(found.rate) == pytest.approx(-np.max(poles.real) / 2, rel=6e-3)
     assert reaches(exosystem, found.W, found.rate)
     assert "half that of the Kalman gain" in found.note
-    for x in (x for row in found.W for x in row):  # at most three significant digits, decimal fractions
+    # at most three significant digits, decimal fractions
+    for x in (x for row in found.W for x in row):
         assert 10**6 % x.denominator == 0
         assert len(str(abs(x.numerator)).rstrip("0")) <= 3
 
@@ -155,7 +170,11 @@ def test_the_rate_asked_is_reached_exactly(name, rate):
 @pytest.mark.parametrize("what", ["A", "C", "both"])
 def test_badly_scaled_exosystems_get_a_gain(name, factor, what):
     one = Fraction(1)
-    time, output = {"A": (Fraction(factor), one), "C": (one, Fraction(factor)), "both": (Fraction(factor),) * 2}[what]
+    time, output = {
+        "A": (Fraction(factor), one),
+        "C": (one, Fraction(factor)),
+        "both": (Fraction(factor),) * 2,
+    }[what]
     exosystem = Exosystem(A=scale(time, STANDARD[name].A), C=scale(output, STANDARD[name].C))
     found = design_gain(exosystem)
     assert reaches(exosystem, found.W, found.rate)
@@ -172,16 +191,22 @@ def test_badly_scaled_exosystems_get_a_gain(name, factor, what):
         harmonics(1, 2, 3, outputs=((1, 0), (0, 1))),
         harmonics("1/10", 1, 10, 100),
         harmonics(1, 1000),
-        Exosystem(A=[[int(j == i + 1) for j in range(8)] for i in range(8)], C=[[1] + [0] * 7]),  # t^7
-        Exosystem(A=[[0, 1, 1, 0], [-1, 0, 0, 1], [0, 0, 0, 1], [0, 0, -1, 0]], C=[[1, 0, 0, 0]]),  # double, one chain
+        # t^7
+        Exosystem(A=[[int(j == i + 1) for j in range(8)] for i in range(8)], C=[[1] + [0] * 7]),
+        # double, one chain
+        Exosystem(A=[[0, 1, 1, 0], [-1, 0, 0, 1], [0, 0, 0, 1], [0, 0, -1, 0]], C=[[1, 0, 0, 0]]),
         Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]]),  # double and half of it unseen
         Exosystem(A=[[3, 1], [0, 3]], C=[[1, 0]]),  # unstable, double
         Exosystem(A=[[0, 1], [100, 0]], C=[[1, 0]]),
         Exosystem(A=[[-5]], C=[[0]]),
         Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 0]]),
-        Exosystem(A=[[0, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1], [0, 0, 0, 0]], C=[[1, 0, 0, 0], [0, 0, 1, 0]]),
+        Exosystem(
+            A=[[0, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1], [0, 0, 0, 0]],
+            C=[[1, 0, 0, 0], [0, 0, 1, 0]],
+        ),
         Exosystem(A=[[0] * 3] * 3, C=[[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-        Exosystem(A=[[0] * 2] * 2, C=[[1, "1/1000"], ["1/1000", "1/1000000000"]]),  # almost one signal seen twice
+        # almost one signal seen twice
+        Exosystem(A=[[0] * 2] * 2, C=[[1, "1/1000"], ["1/1000", "1/1000000000"]]),
     ],
 )
 def test_hard_pairs_get_a_gain(exosystem):
@@ -205,7 +230,8 @@ def test_numbers_at_the_ends_of_the_floats_get_a_gain(number):
 
 
 def test_a_rate_beyond_what_is_hidden_from_c_is_said_and_given_up():
-    """The second state is not seen and decays at 1 1/s: 2 and 1 itself cannot be exceeded, 0.99 can."""
+    """The second state is not seen and decays at 1 1/s: 2 and 1 itself cannot be exceeded, 0.99
+    can."""
     exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]])
     for rate in (2, 1):
         found = design_gain(exosystem, rate=Fraction(rate))

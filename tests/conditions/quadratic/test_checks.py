@@ -31,11 +31,24 @@ PAIR = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
 SMALL = 1 + Fraction(1, 10**6)
 
 
-def ring(n: int = 3, *, coupling: Any = PAPER, gains: Any = 3, side: str = "1/2", exosystem: Any = None, **more: Any):
+def ring(
+    n: int = 3,
+    *,
+    coupling: Any = PAPER,
+    gains: Any = 3,
+    side: str = "1/2",
+    exosystem: Any = None,
+    **more: Any,
+):
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     states = ((-Fraction(side), Fraction(side)),) * (2 if isinstance(coupling, list) else 1)
-    region = Region(initial_states=states, initial_disturbance=Fraction(1, 10) if exosystem is not None else None)
-    return linked(arcs, n, coupling=coupling, gains=gains, exosystem=exosystem, region=region, **more)
+    region = Region(
+        initial_states=states,
+        initial_disturbance=Fraction(1, 10) if exosystem is not None else None,
+    )
+    return linked(
+        arcs, n, coupling=coupling, gains=gains, exosystem=exosystem, region=region, **more
+    )
 
 
 def by_hand(problem: Problem, *, radius: str = "2", tau: str = "1/4", **changes: Any) -> Lure:
@@ -47,7 +60,9 @@ def by_hand(problem: Problem, *, radius: str = "2", tau: str = "1/4", **changes:
         "radius": r,
         "level": r * r / 2,
         "rate": Fraction(1, 10),
-        "multipliers": {mode: (Fraction(tau),) * len(arcs) for mode, arcs in problem.network.modes.items()},
+        "multipliers": {
+            mode: (Fraction(tau),) * len(arcs) for mode, arcs in problem.network.modes.items()
+        },
     }
     return Lure(**(given | changes))
 
@@ -56,14 +71,25 @@ def observed() -> tuple[Problem, Lure]:
     """The printed pair, doubled: S = 9/16 (theory, section 9)."""
     problem = ring(10, exosystem=HARMONIC, observer=Observer(W=PAPER_GAIN))
     P = tuple(tuple(2 * x for x in row) for row in PAIR)
-    return problem, by_hand(problem, radius="3", tau="0.12", rate=Fraction(0), P=P, Q=multiply(P, PAPER_GAIN))
+    return problem, by_hand(
+        problem, radius="3", tau="0.12", rate=Fraction(0), P=P, Q=multiply(P, PAPER_GAIN)
+    )
 
 
 def check_of(problem: Problem, lure: Lure, radius: float, disturbance: float = 0.0) -> Check:
-    return lure_check(problem, problem.observer.W, lure, radius=radius, disturbance=disturbance, domain="consensus")
+    return lure_check(
+        problem,
+        problem.observer.W,
+        lure,
+        radius=radius,
+        disturbance=disturbance,
+        domain="consensus",
+    )
 
 
-def refusal(problem: Problem, check: Check, *, domain: str = "consensus", **exact: Any) -> str | None:
+def refusal(
+    problem: Problem, check: Check, *, domain: str = "consensus", **exact: Any
+) -> str | None:
     """What is wrong with a check, or with other exact values in it, after its way through JSON."""
     changed = replace(check, claim=Values({**check.exact, **exact})) if exact else check
     return confirmed(changed, problem, W=problem.observer.W, domain=domain)
@@ -79,7 +105,9 @@ def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
     assert check.domain == {"kind": "ball", "radius": 1.41421, "disturbance": 0.0}
     assert refusal(problem, check) is None
     assert check_of(problem, lure, 1.41422).verdict is Verdict.UNDECIDED
-    assert "not inside" in str(refusal(problem, replace(check, domain={**check.domain, "radius": 1.41422})))
+    assert "not inside" in str(
+        refusal(problem, replace(check, domain={**check.domain, "radius": 1.41422}))
+    )
     assert certified_ball(problem, lure, disturbance=0.0) == pytest.approx(math.sqrt(2), rel=1e-5)
     # A ball covers the region iff it holds its corners: side 1/2, three agents, R^2 >= 3/4.
     for radius, inside in ((0.8660254, False), (0.8660255, True)):
@@ -95,18 +123,26 @@ def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
     assert radius == pytest.approx(math.sqrt(4.5 - 2.5 * (5 + math.sqrt(10)) / 6), rel=1e-5)
     check = check_of(problem, lure, radius, 0.5)
     assert refusal(problem, check) is None
-    assert "not inside" in str(refusal(problem, replace(check, domain={**check.domain, "disturbance": 0.50001})))
+    assert "not inside" in str(
+        refusal(problem, replace(check, domain={**check.domain, "disturbance": 0.50001}))
+    )
     assert "P" in check.exact
     exact = {name: value for name, value in check.exact.items() if name != "P"}
     assert "lacks P" in str(refusal(problem, replace(check, claim=Values(exact))))
-    assert "matrix inequality fails" in str(refusal(problem, check, P=[["1/8", "-1/16"], ["-1/16", "1/12"]]))
+    assert "matrix inequality fails" in str(
+        refusal(problem, check, P=[["1/8", "-1/16"], ["-1/16", "1/12"]])
+    )
     assert "symmetric" in str(refusal(problem, check, P=[["1", "-1/2"], ["-1/3", "2/3"]]))
 
 
 def test_without_a_level_every_coupling_has_to_be_linear():
-    """h = 2 y, all k = 3: everywhere; tanh with the same claim is not shown, and "consensus" is no such domain."""
+    """h = 2 y, all k = 3: everywhere; tanh with the same claim is not shown, and "consensus" is no
+    such domain."""
     linear = ring(coupling="2*y")
-    everywhere = {"ranges": enclose_ranges(linear, radius=None), "multipliers": {"G": (Fraction(0),) * 3}}
+    everywhere = {
+        "ranges": enclose_ranges(linear, radius=None),
+        "multipliers": {"G": (Fraction(0),) * 3},
+    }
     lure = replace(by_hand(linear, radius="1", **everywhere), radius=None, level=None)
     check = check_of(linear, lure, 0.0)
     assert (check.verdict, check.domain) == (Verdict.PROVED, "global")
@@ -115,13 +151,17 @@ def test_without_a_level_every_coupling_has_to_be_linear():
     in_ball = replace(check, domain={"kind": "ball", "radius": 1.0, "disturbance": 0.0})
     assert "must be global" in str(refusal(linear, in_ball, domain="global"))
     assert "need a radius" in str(refusal(ring(coupling="2*tanh(y)"), check, domain="global"))
-    assert "is not 0" in str(refusal(linear, check, domain="global", multipliers={"G": ["0", "0", "1"]}))
+    assert "is not 0" in str(
+        refusal(linear, check, domain="global", multipliers={"G": ["0", "0", "1"]})
+    )
 
 
 def test_a_list_of_expressions_has_one_channel_for_every_gain():
     """h = (y1 + tanh(y2)/5, y2): off-diagonal gains take part."""
     problem = ring(coupling=["y1 + tanh(y2)/5", "y2"])
-    lure = design_lure(problem, holds=partial(is_proved, problem), shape="identity", largest=Fraction(3))
+    lure = design_lure(
+        problem, holds=partial(is_proved, problem), shape="identity", largest=Fraction(3)
+    )
     assert lure is not None
     check = check_of(problem, lure, certified_ball(problem, lure, disturbance=0.0))
     assert check.verdict is Verdict.PROVED
@@ -136,5 +176,9 @@ def test_a_claim_comes_back_from_json_as_it_went_in_and_without_a_gain_it_does_n
     assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
     assert "does not apply" in str(confirmed(check_of(problem, lure, 1.0), problem))
     assert lure_from_json(json.loads(json.dumps(lure.to_json())), problem, PAPER_GAIN) == lure
-    full = replace(lure, P_e=SparseSymmetric(10, {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}), rate=Fraction(2, 9))
+    full = replace(
+        lure,
+        P_e=SparseSymmetric(10, {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}),
+        rate=Fraction(2, 9),
+    )
     assert lure_from_json(json.loads(json.dumps(full.to_json())), problem, PAPER_GAIN) == full

@@ -1,4 +1,5 @@
-"""The statements of the regional certificates against the block inequality of theory, section 4, in NumPy."""
+"""The statements of the regional certificates against the block inequality of theory, section 4, in
+NumPy."""
 
 import itertools
 from fractions import Fraction
@@ -10,7 +11,12 @@ from lure_cases import HARMONIC, PAPER_GAIN, cycle, identity, pins, random_probl
 
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
-from dobc_design.conditions.quadratic.claim import Lure, interval_matrix, lure_matrix, vertex_matrices
+from dobc_design.conditions.quadratic.claim import (
+    Lure,
+    interval_matrix,
+    lure_matrix,
+    vertex_matrices,
+)
 from dobc_design.conditions.quadratic.sectors import Sectors, build_sectors, enclose_ranges
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import matrix, multiply, to_float
@@ -23,7 +29,9 @@ ONE = Fraction(1)
 def random_metric(size: int, shape: str, seed: int) -> SparseSymmetric:
     r = Random(seed)
     if shape == "diagonal":
-        return SparseSymmetric(size, {(i, i): Fraction(r.randint(1, 9), r.randint(1, 5)) for i in range(size)})
+        return SparseSymmetric(
+            size, {(i, i): Fraction(r.randint(1, 9), r.randint(1, 5)) for i in range(size)}
+        )
     rows = [[Fraction(r.randint(-3, 3)) for _ in range(size)] for _ in range(size)]
     square = multiply(tuple(map(tuple, rows)), tuple(zip(*rows, strict=True)))
     return SparseSymmetric.from_dense(square) + identity(size)
@@ -41,13 +49,19 @@ def arrays(sectors: Sectors, mode: str) -> tuple[np.ndarray, np.ndarray, np.ndar
         B[channel.target, k] = 1
         C[k, channel.plus] += 1
         C[k, channel.minus] -= 1
-    return B, C, np.array([float(c.low) for c in channels]), np.array([float(c.high) for c in channels])
+    return (
+        B,
+        C,
+        np.array([float(c.low) for c in channels]),
+        np.array([float(c.high) for c in channels]),
+    )
 
 
 @pytest.mark.parametrize("shape", ["diagonal", "full"])
 @pytest.mark.parametrize("seed", [*range(8), 11])  # 11 has eight rows
 def test_the_reduced_inequality_is_the_schur_complement_of_the_one_in_theory(seed, shape):
-    """[[-P K - K'P - 2 C'mMTC + 2 beta P, P B + C'(m+M)T, P(I (x) C)], [., -2T, 0], [., ., I (x) Omega(beta)]]."""
+    """[[-P K - K'P - 2 C'mMTC + 2 beta P, P B + C'(m+M)T, P(I (x) C)], [., -2T, 0], [., ., I (x)
+    Omega(beta)]]."""
     problem = random_problem(seed, m=1 + seed % 2)
     sectors = at_radius(problem)
     B, C_E, low, high = arrays(sectors, "G0")
@@ -60,7 +74,8 @@ def test_the_reduced_inequality_is_the_schur_complement_of_the_one_in_theory(see
     first = -P @ K - K.T @ P - 2 * C_E.T @ np.diag(low * high) @ T @ C_E + 2 * float(beta) * P
     second = P @ B + C_E.T @ np.diag(low + high) @ T
     border = P @ np.kron(np.eye(problem.n), np.eye(m))
-    omega = -np.kron(np.eye(problem.n), np.linalg.inv(to_float(S)))  # C = I, so C (-Omega)^-1 C' = S
+    # C = I, so C (-Omega)^-1 C' = S
+    omega = -np.kron(np.eye(problem.n), np.linalg.inv(to_float(S)))
     none = np.zeros((count, border.shape[1]))
     block = np.block([[first, second, border], [second.T, -2 * T, none], [border.T, none.T, omega]])
     rest = block[size:, size:]
@@ -78,7 +93,9 @@ def test_the_border_of_the_observer_enters_as_the_paper_has_it():
     assert S is not None
     assert S[0][0] == Fraction(9, 8)
     with_it = lure_matrix(sectors, "G", identity(3), (ONE,) * 3, S=S)
-    assert with_it + lure_matrix(sectors, "G", identity(3), (ONE,) * 3).negated() == identity(3).scaled(Fraction(9, 8))
+    assert with_it + lure_matrix(sectors, "G", identity(3), (ONE,) * 3).negated() == identity(
+        3
+    ).scaled(Fraction(9, 8))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -96,15 +113,22 @@ def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above
     assert np.allclose(ours, wanted)
     r = Random(seed)
     taus = [Fraction(r.randint(1, 9), r.randint(1, 9)) for _ in low]
-    for upper in (interval_matrix(sectors, "G0", P_e, rate=beta), lure_matrix(sectors, "G0", P_e, taus, rate=beta)):
+    for upper in (
+        interval_matrix(sectors, "G0", P_e, rate=beta),
+        lure_matrix(sectors, "G0", P_e, taus, rate=beta),
+    ):
         bound = to_float(upper.to_dense())
-        assert min(np.linalg.eigvalsh(bound - corner)[0] for corner in wanted) > -1e-9 * np.max(np.abs(bound))
+        assert min(np.linalg.eigvalsh(bound - corner)[0] for corner in wanted) > -1e-9 * np.max(
+            np.abs(bound)
+        )
 
 
 def test_a_linear_channel_needs_no_multiplier_and_moves_into_the_linear_part():
     sectors = at_radius(cycle(4, 2, coupling="3*y"))
     J = 3 * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - 2 * np.eye(4)
-    assert np.array_equal(to_float(lure_matrix(sectors, "G", identity(4), (Fraction(0),) * 4).to_dense()), J + J.T)
+    assert np.array_equal(
+        to_float(lure_matrix(sectors, "G", identity(4), (Fraction(0),) * 4).to_dense()), J + J.T
+    )
 
 
 def test_multipliers_have_to_be_as_many_as_channels_and_positive_and_corners_not_too_many():
@@ -133,5 +157,14 @@ def test_what_cannot_be_a_claim_is_refused(change, words):
 
 
 def test_a_certificate_says_what_shape_its_p_has():
-    for dense, shape in (([[2, 0], [0, 2]], "identity"), ([[2, 0], [0, 3]], "diagonal"), ([[2, 1], [1, 2]], "full")):
-        assert Lure(P_e=SparseSymmetric.from_dense(matrix(dense)), ranges=(), radius=ONE, level=ONE).shape == shape
+    for dense, shape in (
+        ([[2, 0], [0, 2]], "identity"),
+        ([[2, 0], [0, 3]], "diagonal"),
+        ([[2, 1], [1, 2]], "full"),
+    ):
+        assert (
+            Lure(
+                P_e=SparseSymmetric.from_dense(matrix(dense)), ranges=(), radius=ONE, level=ONE
+            ).shape
+            == shape
+        )

@@ -8,11 +8,26 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from linked import linked
-from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, identity, is_proved, random_problem, values_along
+from lure_cases import (
+    HARMONIC,
+    PAPER_GAIN,
+    cycle,
+    field,
+    identity,
+    is_proved,
+    random_problem,
+    values_along,
+)
 
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import covered_radius, covers
-from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate, rate_estimate
+from dobc_design.conditions.quadratic.propose import (
+    bound_lure,
+    design_lure,
+    linear_rate,
+    raise_rate,
+    rate_estimate,
+)
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
 from dobc_design.errors import SpecError
 from dobc_design.problem.problem import Problem
@@ -47,8 +62,8 @@ def enlarged(problem: Problem, lure: Lure, part: str) -> Lure:
     ],
 )
 def test_directed_cycles_reach_the_known_radii_and_balls(n, gains, shape, radius, ball):
-    """Theory, section 9: within one per cent; what lies two per cent beyond is refuted for these unknowns.  With
-    P_e = I and equal gains the number of agents plays no part."""
+    """Theory, section 9: within one per cent; what lies two per cent beyond is refuted for these
+    unknowns.  With P_e = I and equal gains the number of agents plays no part."""
     problem = cycle(n, gains)
     lure = found(problem, shape=shape)
     assert 0.99 * radius < lure.radius < 1.01 * radius
@@ -56,7 +71,9 @@ def test_directed_cycles_reach_the_known_radii_and_balls(n, gains, shape, radius
     assert not is_proved(problem, enlarged(problem, lure, "1.02"))
 
 
-@pytest.mark.parametrize(("gains", "radius", "ball"), [(ALL, 2.1022, 1.4865), (ONE, 0.0768, 0.0543)])
+@pytest.mark.parametrize(
+    ("gains", "radius", "ball"), [(ALL, 2.1022, 1.4865), (ONE, 0.0768, 0.0543)]
+)
 def test_the_interval_bound_is_found_by_bisection(gains, radius, ball):
     """Theory, section 9."""
     problem = cycle(10, gains)
@@ -91,7 +108,8 @@ def test_more_freedom_in_p_never_costs_radius(seed):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_linear_couplings_are_certified_iff_the_loop_is_stable(seed):
-    """Lyapunov's theorem, with eigenvalues as the truth from outside; the domain is all of space."""
+    """Lyapunov's theorem, with eigenvalues as the truth from outside; the domain is all of
+    space."""
     problem = random_problem(seed, coupling="y", pin=0.4)
     J = np.column_stack([field(problem, "G0", e) for e in np.eye(problem.n)])
     abscissa = float(np.max(np.linalg.eigvals(J).real))
@@ -105,9 +123,12 @@ def test_linear_couplings_are_certified_iff_the_loop_is_stable(seed):
         assert 0 < faster.rate <= -abscissa
 
 
-@pytest.mark.parametrize("k", ["1/10", *(pytest.param(k, marks=pytest.mark.slow) for k in ("1", "3"))])
+@pytest.mark.parametrize(
+    "k", ["1/10", *(pytest.param(k, marks=pytest.mark.slow) for k in ("1", "3"))]
+)
 def test_two_agents_are_certified_up_to_their_other_equilibrium_and_never_beyond(k):
-    """h = y - y^3 both ways: z = e1 - e2 obeys z' = -(k + 2) z + 2 z^3, and z^2 = (k + 2)/2 stays where it is."""
+    """h = y - y^3 both ways: z = e1 - e2 obeys z' = -(k + 2) z + 2 z^3, and z^2 = (k + 2)/2 stays
+    where it is."""
     problem = linked([[1, 2], [2, 1]], coupling="y - y**3", gains=k)
     truth = math.sqrt((float(Fraction(k)) + 2) / 2)
     lure = found(problem)
@@ -129,15 +150,22 @@ def test_an_asked_rate_is_kept_and_can_be_raised_to_its_edge():
 
 @pytest.mark.slow
 def test_one_certificate_serves_every_mode():
-    """Stand-in modes of theory, section 9: circulants, i listens to i + s, agents 1 and 6 pinned, k = 5."""
+    """Stand-in modes of theory, section 9: circulants, i listens to i + s, agents 1 and 6 pinned, k
+    = 5."""
     steps = {"Ga": (1,), "Gb": (1, 9), "Gc": (1, 3), "Gd": (1, 2, 5)}
-    arcs = {name: [[i, (i - 1 + s) % 10 + 1] for i in range(1, 11) for s in each] for name, each in steps.items()}
+    arcs = {
+        name: [[i, (i - 1 + s) % 10 + 1] for i in range(1, 11) for s in each]
+        for name, each in steps.items()
+    }
     problem, alone = (
-        linked(each, coupling="exp(y) - 1 + y", gains={1: 5, 6: 5}) for each in (arcs, {"Ga": arcs["Ga"]})
+        linked(each, coupling="exp(y) - 1 + y", gains={1: 5, 6: 5})
+        for each in (arcs, {"Ga": arcs["Ga"]})
     )
     lure = found(problem, shape="diagonal")
     assert set(lure.multipliers) == set(steps)
-    assert covered_radius(problem, lure) < 1.01 * covered_radius(alone, found(alone, shape="diagonal"))
+    assert covered_radius(problem, lure) < 1.01 * covered_radius(
+        alone, found(alone, shape="diagonal")
+    )
     assert not is_proved(problem, enlarged(problem, lure, "1.5"))
 
 
@@ -153,7 +181,11 @@ def test_matrix_gains_weights_exceptions_and_vectors_are_certified_together():
 
 
 def test_radii_reach_as_far_as_h_is_defined_and_nowhere_if_an_agent_is_not_held():
-    assert Fraction(9, 10) < found(linked([[1, 2]], coupling="log(1 + y)", gains=3), shape="identity").radius < 1
+    assert (
+        Fraction(9, 10)
+        < found(linked([[1, 2]], coupling="log(1 + y)", gains=3), shape="identity").radius
+        < 1
+    )
     problem = linked([], 2, coupling="tanh(y)", gains={2: 1})
     assert design_lure(problem, holds=partial(is_proved, problem)) is None
 
@@ -170,7 +202,8 @@ def test_with_the_observer_starts_and_observer_errors_are_covered_together(s):
 
 
 def test_too_large_observer_errors_and_rates_faster_than_the_observer_are_not_certified():
-    """|eps_i| = 50 drives |e| to 7.0 from the ball of 2.89; A - WC has the real part -8/5 (theory, sections 4, 9)."""
+    """|eps_i| = 50 drives |e| to 7.0 from the ball of 2.89; A - WC has the real part -8/5 (theory,
+    sections 4, 9)."""
     problem = cycle(2, ALL, exosystem=HARMONIC)
     options = {"W": PAPER_GAIN, "shape": "identity", "holds": lambda each: is_proved(problem, each)}
     assert design_lure(problem, disturbance=Fraction(50), largest=Fraction(5), **options) is None
@@ -178,7 +211,12 @@ def test_too_large_observer_errors_and_rates_faster_than_the_observer_are_not_ce
     assert design_lure(problem, rate=Fraction(17, 10), **options) is None
 
 
-SEEN = {"W": PAPER_GAIN, "disturbance": Fraction(1, 10), "shape": "identity", "largest": Fraction(2)}
+SEEN = {
+    "W": PAPER_GAIN,
+    "disturbance": Fraction(1, 10),
+    "shape": "identity",
+    "largest": Fraction(2),
+}
 
 
 @pytest.mark.parametrize(("n", "gains", "options"), [(3, ONE, {}), (2, ALL, SEEN)])
@@ -233,7 +271,9 @@ def test_a_component_with_an_irrational_slope_beside_a_curved_one_has_a_radius_a
     assert lure.level is not None and lure.radius > Fraction(49, 10)
 
 
-@pytest.mark.parametrize(("coupling", "slope"), [("2*y", 2.0), ("exp(y) - 1 + y", 2.0), ("sin(y)", 1.0)])
+@pytest.mark.parametrize(
+    ("coupling", "slope"), [("2*y", 2.0), ("exp(y) - 1 + y", 2.0), ("sin(y)", 1.0)]
+)
 def test_the_linear_rate_is_that_of_the_slowest_eigenvalue(coupling, slope):
     """J - K of the directed 4-cycle with one pin, by NumPy."""
     J = slope * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - np.diag([3.0, 0, 0, 0])

@@ -1,4 +1,5 @@
-"""Couplings as bounded gains: the channels reproduce h exactly, and their ranges contain the truth."""
+"""Couplings as bounded gains: the channels reproduce h exactly, and their ranges contain the
+truth."""
 
 from fractions import Fraction
 
@@ -28,7 +29,9 @@ def test_the_secant_gain_of_the_paper_on_two_is_that_of_the_theory():
     assert Fraction((np.exp(2) - 1) / 2 + 1) - Fraction(1, 10**12) <= gain.hi < 4.19458
 
 
-@pytest.mark.parametrize("text", [PAPER, "tanh(y)", "y + y**3", "sin(2*y)", "clip(y, -1, 1)", "y*cos(3*y)"])
+@pytest.mark.parametrize(
+    "text", [PAPER, "tanh(y)", "y + y**3", "sin(2*y)", "clip(y, -1, 1)", "y*cos(3*y)"]
+)
 def test_gains_of_random_points_lie_in_the_range(text):
     """H(y)/y in floats at 2000 points."""
     coupling = make_coupling(text, dimension=1)
@@ -42,13 +45,16 @@ def test_gains_of_random_points_lie_in_the_range(text):
 
 
 def test_a_coupling_of_vectors_has_mean_jacobians_in_its_range():
-    """int_0^1 J(s y) ds at 300 points of the box, by Gauss quadrature of the Jacobian written out by hand."""
+    """int_0^1 J(s y) ds at 300 points of the box, by Gauss quadrature of the Jacobian written out
+    by hand."""
     coupling = make_coupling(["y1 + y2**3", "tanh(y2) - y1/2"], dimension=2)
     entries = gains_on(coupling, TWO)
     nodes, weights = np.polynomial.legendre.leggauss(12)
     for y in np.random.default_rng(1).uniform(-2, 2, (300, 2)):
         z = (nodes + 1) / 2 * y[1]
-        mean = np.array([[1.0, weights @ (3 * z**2) / 2], [-0.5, weights @ (1 - np.tanh(z) ** 2) / 2]])
+        mean = np.array(
+            [[1.0, weights @ (3 * z**2) / 2], [-0.5, weights @ (1 - np.tanh(z) ** 2) / 2]]
+        )
         for c, d in np.ndindex(2, 2):
             assert float(entries[c][d].lo) - 1e-6 <= mean[c, d] <= float(entries[c][d].hi) + 1e-6
     assert entries[0][0] == Interval.point(1)
@@ -89,14 +95,16 @@ def test_channels_with_the_true_gains_give_h_back(seed):
     assert np.allclose(felt, wanted.ravel(), atol=1e-12)
 
 
-def test_a_linear_coupling_is_a_single_gain_for_every_radius_and_exceptions_have_ranges_of_their_own():
+def test_a_linear_coupling_is_one_gain_for_every_radius_and_exceptions_have_their_own():
     problem = cycle(3, 1, coupling="2/3*y")
     (found,) = enclose_ranges(problem, radius=None)
     assert found.entries == ((Interval.point(Fraction(2, 3)),),)
     channel = build_sectors(problem, (found,), radius=None).modes["G"][0]
     assert channel.spread == 0
 
-    problem = linked([[1, 2, "1/2"], [2, 1], [2, 3]], coupling=PAPER, exceptions={(1, 0): "2*y"}, gains=1)
+    problem = linked(
+        [[1, 2, "1/2"], [2, 1], [2, 3]], coupling=PAPER, exceptions={(1, 0): "2*y"}, gains=1
+    )
     ranges = enclose_ranges(problem, radius=TWO)
     assert [(each.coupling, each.radius) for each in ranges] == [(0, 2), (1, 2)]
     channels = build_sectors(problem, ranges, radius=TWO).modes["G"]
@@ -126,4 +134,7 @@ def test_ranges_rely_on_the_differences_of_arcs_and_components_that_are_not_line
     problem = linked([[1, 2], [2, 1], [2, 3]], coupling=PAPER, exceptions={(1, 2): "2*y"}, gains=1)
     assert relied_differences(problem) == ((0, 1),)
     assert relied_differences(linked([[1, 2]], coupling=["y1 + y1**3", "y2"], gains=1)) == ((0, 2),)
-    assert relied_differences(linked([[1, 2]], coupling=["y1 + y1*y2**2", "y2"], gains=1)) == ((0, 2), (1, 3))
+    assert relied_differences(linked([[1, 2]], coupling=["y1 + y1*y2**2", "y2"], gains=1)) == (
+        (0, 2),
+        (1, 3),
+    )

@@ -1,4 +1,5 @@
-"""The quadratic certificate of a region: radii of the theory, when it stops, what it says where it does not reach."""
+"""The quadratic certificate of a region: radii of the theory, when it stops, what it says where it
+does not reach."""
 
 import math
 import re
@@ -22,13 +23,19 @@ from dobc_design.problem.load import read_problem_text
 SHAPES = ["P_e = I)", "a diagonal P_e)", "a full P_e)"]
 
 
-def ring(n: int, gains: Any, *, side: str | None = "1", coupling: Any = PAPER, s: str | None = None) -> Problem:
+def ring(
+    n: int, gains: Any, *, side: str | None = "1", coupling: Any = PAPER, s: str | None = None
+) -> Problem:
     """Agent i listens to agent i + 1; every |e_i| <= side; with ``s`` also the paper's observer."""
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     given: dict[str, Any] = {"coupling": coupling, "gains": gains}
     if side is not None:
-        states = ((-Fraction(side), Fraction(side)),) * (len(coupling) if isinstance(coupling, list) else 1)
-        given["region"] = Region(initial_states=states, initial_disturbance=None if s is None else Fraction(s))
+        states = ((-Fraction(side), Fraction(side)),) * (
+            len(coupling) if isinstance(coupling, list) else 1
+        )
+        given["region"] = Region(
+            initial_states=states, initial_disturbance=None if s is None else Fraction(s)
+        )
     if s is not None:
         given |= {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
     return linked(arcs, n, **given)
@@ -48,33 +55,43 @@ def stage(problem: Problem, *, everything: bool = False) -> tuple[Check, list[st
 @pytest.mark.slow
 @pytest.mark.parametrize(("gains", "ball"), [(3, 2.927), ({1: 3}, 1.138)])
 def test_the_largest_ball_is_that_of_the_theory(gains, ball):
-    """Theory, section 9, directed 10-cycle, full P_e: within 1 %; the ball asked for, about 12.6, is not reached."""
+    """Theory, section 9, directed 10-cycle, full P_e: within 1 %; the ball asked for, about 12.6,
+    is not reached."""
     check, said = stage(ring(10, gains, side="4"))
     assert check.verdict is Verdict.PROVED
     assert 0.99 * ball < check.domain["radius"] < 1.005 * ball
     assert check.domain["disturbance"] == 0.0
     assert [message.rpartition(", ")[2] for message in said] == SHAPES
-    assert "the region asks for 12.6491: beyond, no quadratic V is found. Largest |e| by method: P_e" in check.reason
+    assert (
+        "the region asks for 12.6491: beyond, no quadratic V is found. Largest |e| by method: P_e"
+        in check.reason
+    )
 
 
 def test_a_ball_that_is_too_small_is_told_with_the_one_asked_for():
-    """Theory, section 20: two agents that hear each other, one k = 3, reach 3.31; sides of 4 ask for sqrt(32)."""
+    """Theory, section 20: two agents that hear each other, one k = 3, reach 3.31; sides of 4 ask
+    for sqrt(32)."""
     check, _ = stage(ring(2, {1: 3}, side="4"))
     assert check.verdict is Verdict.PROVED
     assert check.domain["radius"] == pytest.approx(3.31, abs=0.01)
-    assert "the region asks for 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e" in check.reason
+    assert (
+        "the region asks for 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e"
+        in check.reason
+    )
 
 
 @pytest.mark.evidence
 def test_it_stops_at_the_first_form_that_covers_and_raises_the_rate():
-    """All k = 3: P_e = I reaches 2.89, the ball asked for is sqrt(6)/2; near the consensus errors decay at 3 1/s."""
+    """All k = 3: P_e = I reaches 2.89, the ball asked for is sqrt(6)/2; near the consensus errors
+    decay at 3 1/s."""
     problem = ring(6, 3, side="1/2")
     check, said = stage(problem)
     assert [message.rpartition(", ")[2] for message in said] == ["P_e = I)", "its rate)"]
     assert check.domain["radius"] >= math.sqrt(6) / 2
     assert 1.5 <= check.rate < 3
     assert "by method" not in check.reason
-    beyond, said = stage(ring(6, 3, side="1.25"))  # sqrt(6) 1.25 = 3.06, just more than any form reaches
+    # sqrt(6) 1.25 = 3.06, just more than any form reaches
+    beyond, said = stage(ring(6, 3, side="1.25"))
     assert beyond.domain["radius"] < math.sqrt(6) * 1.25
     assert len(said) == 3
 
@@ -86,19 +103,36 @@ def test_on_request_every_method_is_tried():
     methods = check.reason.partition("by method: ")[2]
     named = ["P_e = I", "a diagonal P_e", "a full P_e", "interval bounds"]
     assert [part.partition(":")[0] for part in methods.split(", ")] == named
-    assert float(methods.rpartition("interval bounds: ")[2].rstrip(".")) == pytest.approx(1.4865, rel=1e-3)
+    assert float(methods.rpartition("interval bounds: ")[2].rstrip(".")) == pytest.approx(
+        1.4865, rel=1e-3
+    )
 
 
 def test_every_form_is_tried_where_none_covers_and_few_arcs_also_corner_by_corner(monkeypatch):
-    """Two centres do for proofs, though not for the largest balls; the ball asked for, about 5.7, is not reached."""
+    """Two centres do for proofs, though not for the largest balls; the ball asked for, about 5.7,
+    is not reached."""
     monkeypatch.setattr(propose, "MOST_CENTRES", 2)
     check, said = stage(ring(2, {1: 3}, side="4"))
-    assert (check.verdict, check.exact["method"], check.domain["disturbance"]) == (Verdict.PROVED, "vertices", 0.0)
+    assert (check.verdict, check.exact["method"], check.domain["disturbance"]) == (
+        Verdict.PROVED,
+        "vertices",
+        0.0,
+    )
     assert [message.rpartition(", ")[2] for message in said] == SHAPES
-    assert "the region asks for 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e" in check.reason
-    balls = [float(each.strip(" .")) for each in re.findall(r": ([0-9.]+)", check.reason.partition("by method")[2])]
+    assert (
+        "the region asks for 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e"
+        in check.reason
+    )
+    balls = [
+        float(each.strip(" ."))
+        for each in re.findall(r": ([0-9.]+)", check.reason.partition("by method")[2])
+    ]
     assert len(balls) == 4
-    assert check.domain["radius"] == pytest.approx(balls[-1], rel=1e-3) == pytest.approx(max(balls), rel=1e-3)
+    assert (
+        check.domain["radius"]
+        == pytest.approx(balls[-1], rel=1e-3)
+        == pytest.approx(max(balls), rel=1e-3)
+    )
 
 
 def test_corners_are_tried_up_to_a_number_of_channels(monkeypatch):
@@ -106,8 +140,16 @@ def test_corners_are_tried_up_to_a_number_of_channels(monkeypatch):
     for n in (2, 3):
         problem = ring(n, 3)
         ranges, taus = enclose_ranges(problem, radius=Fraction(1)), {"G": (Fraction(1, 2),) * n}
-        lure = Lure(P_e=identity(n), ranges=ranges, radius=Fraction(1), level=Fraction(1, 2), multipliers=taus)
-        assert [each.lure.method for each in quadratic._bounds(asked(problem), lure)] == ["vertices"] * (n == 2)
+        lure = Lure(
+            P_e=identity(n),
+            ranges=ranges,
+            radius=Fraction(1),
+            level=Fraction(1, 2),
+            multipliers=taus,
+        )
+        assert [each.lure.method for each in quadratic._bounds(asked(problem), lure)] == [
+            "vertices"
+        ] * (n == 2)
 
 
 @pytest.mark.slow
@@ -122,7 +164,8 @@ def test_with_a_disturbance_the_ball_is_smaller_and_with_a_large_one_there_is_no
 
 
 def test_linear_couplings_are_certified_everywhere_with_a_rate():
-    """One pin, h = 2 y: e'e may grow, a full P_e does it; the linear system decays at the largest real part."""
+    """One pin, h = 2 y: e'e may grow, a full P_e does it; the linear system decays at the largest
+    real part."""
     check, _ = stage(ring(5, {1: 4}, coupling="2*y"))
     assert (check.verdict, check.domain) == (Verdict.PROVED, "global")
     assert check.exact["level"] is None
@@ -131,8 +174,11 @@ def test_linear_couplings_are_certified_everywhere_with_a_rate():
 
 @pytest.mark.slow
 def test_a_coupling_that_no_arc_has_still_gives_a_ball_which_both_programs_accept():
-    """e' = -k e: every level will do, and claims about all of space are for couplings that are linear as written."""
-    problem = linked([], 1, coupling="tanh(y)", gains=1, target=-3, region={"initial_states": [-4, 0]})
+    """e' = -k e: every level will do, and claims about all of space are for couplings that are
+    linear as written."""
+    problem = linked(
+        [], 1, coupling="tanh(y)", gains=1, target=-3, region={"initial_states": [-4, 0]}
+    )
     certificate = dd.certify(problem, everything=True)
     (check,) = [check for check in certificate.checks if check.id == "lure"]
     assert check.verdict is Verdict.PROVED
@@ -147,7 +193,9 @@ def test_where_nothing_is_found_where_it_is_left_out_and_where_it_does_not_apply
     assert check.reason == "no quadratic V is found, not even close to the target."
     check, said = stage(ring(61, 3))
     assert said == []
-    assert "left out, because it takes long with 61 rows n m; it is examined up to 60." in check.reason
+    assert (
+        "left out, because it takes long with 61 rows n m; it is examined up to 60." in check.reason
+    )
     asked_for = read_region(ring(3, 3, s="1"), None, domain="consensus", everything=False)
     (check,) = quadratic_stage(asked_for, lambda _: None)
     assert check.reason.startswith("does not apply:")
@@ -173,7 +221,9 @@ def test_gains_are_claimed_with_room_on_both_sides(text):
     assert tight.hi < wide.hi
     assert wide.width < tight.width + Fraction(1, 10_000) * (1 + tight.magnitude)
     linear = ring(2, 1, coupling="3*y/7")
-    assert enclose_ranges(linear, radius=Fraction(2))[0].entries == gains_on(linear.couplings[0], Fraction(2))
+    assert enclose_ranges(linear, radius=Fraction(2))[0].entries == gains_on(
+        linear.couplings[0], Fraction(2)
+    )
 
 
 @pytest.mark.slow
@@ -207,8 +257,10 @@ target = [0, 0]
 agents = 10
 arrow = "listens_to"
 [network.modes]
-g = [[1, 4], [1, 7], [1, 9], [2, 3], [2, 8], [2, 10], [3, 7], [3, 6], [4, 6], [4, 10], [5, 10], [5, 9], [5, 6], [7, 8],
-  [8, 9], [4, 1], [7, 1], [9, 1], [3, 2], [8, 2], [10, 2], [7, 3], [6, 3], [6, 4], [10, 4], [10, 5], [9, 5], [6, 5],
+g = [[1, 4], [1, 7], [1, 9], [2, 3], [2, 8], [2, 10], [3, 7], [3, 6], [4, 6], [4, 10], [5, 10],
+[5, 9], [5, 6], [7, 8],
+  [8, 9], [4, 1], [7, 1], [9, 1], [3, 2], [8, 2], [10, 2], [7, 3], [6, 3], [6, 4], [10, 4],
+  [10, 5], [9, 5], [6, 5],
   [8, 7], [9, 8]]
 [dynamics]
 f = ["x2", "-0.1*x2"]
@@ -241,7 +293,9 @@ def test_ten_swing_equations_are_proved_in_the_usual_order():
 
 
 @pytest.mark.parametrize(("n", "shapes"), [(10, SHAPES), (11, SHAPES[:2])])
-def test_a_full_p_e_of_20_rows_is_tried_after_the_others(n: int, shapes: list[str], monkeypatch: pytest.MonkeyPatch):
+def test_a_full_p_e_of_20_rows_is_tried_after_the_others(
+    n: int, shapes: list[str], monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(quadratic, "propose", lambda *_, **__: None)
     check, said = stage(ring(n, 3, coupling=["sin(y1) + y2", "sin(y2)"]))
     assert check.verdict is Verdict.UNDECIDED

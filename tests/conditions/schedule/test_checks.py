@@ -1,4 +1,5 @@
-"""The check `settling`: written, read and confirmed again; both programs refuse what is changed by hand."""
+"""The check `settling`: written, read and confirmed again; both programs refuse what is changed by
+hand."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -11,7 +12,13 @@ from searches import coarse_tables
 from tube_cases import GOOD, LINE, SEEN, STRETCHED, bent
 
 from dobc_design.conditions.check import check_from_json
-from dobc_design.conditions.schedule.checks import MOST_TIMES, confirm, read_claim, settling_check, settling_of
+from dobc_design.conditions.schedule.checks import (
+    MOST_TIMES,
+    confirm,
+    read_claim,
+    settling_check,
+    settling_of,
+)
 from dobc_design.verdict import Verdict
 
 ALL = [*GOOD.items(), ("observed, linear", SEEN), ("observed, linear", STRETCHED)]
@@ -61,6 +68,11 @@ def test_what_cannot_be_such_a_claim_raises(changes: Document, words: str):
 def test_an_undecided_settling_claims_nothing():
     problem = problems()["line"]
     claim = read_claim(check_from_json(LINE), problem, None)
-    open_one = replace(settling_of(problem, claim, ""), verdict=Verdict.UNDECIDED, reason="none was found.", claim=None)
+    open_one = replace(
+        settling_of(problem, claim, ""),
+        verdict=Verdict.UNDECIDED,
+        reason="none was found.",
+        claim=None,
+    )
     check = settling_check(problem, None, open_one, domain="consensus")
     assert (check.verdict, check.domain, check.exact) == (Verdict.UNDECIDED, "consensus", None)

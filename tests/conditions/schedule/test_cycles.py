@@ -1,4 +1,5 @@
-"""Signals that keep a guarantee: their phases, the claim, its decision, and what `certify` finds."""
+"""Signals that keep a guarantee: their phases, the claim, its decision, and what `certify`
+finds."""
 
 import json
 from fractions import Fraction
@@ -40,15 +41,26 @@ HALF, ONE, TWO = Fraction(1, 2), Fraction(1), Fraction(2)
 PAPER = "exp(y) - 1 + y"
 MODES = {"A": [[3, 2]], "B": [[2, 1]], "C": []}
 RING = [[i, i % 10 + 1] for i in range(1, 11)]
-HALVES = {"odd": [arc for arc in RING if arc[0] % 2], "even": [arc for arc in RING if not arc[0] % 2]}
+HALVES = {
+    "odd": [arc for arc in RING if arc[0] % 2],
+    "even": [arc for arc in RING if not arc[0] % 2],
+}
 
 
 def problem(
-    modes: Any = MODES, *, coupling: str = "y", n: int = 3, gains: Any = None, region: Any = None, **turns: Any
+    modes: Any = MODES,
+    *,
+    coupling: str = "y",
+    n: int = 3,
+    gains: Any = None,
+    region: Any = None,
+    **turns: Any,
 ) -> Problem:
     network = Network.from_arcs(modes, arrow="listens_to", agents=n)
     gains = {1: 1} if gains is None else gains
-    return Problem(network=network, coupling=coupling, gains=gains, region=region, switching=Switching(**turns))
+    return Problem(
+        network=network, coupling=coupling, gains=gains, region=region, switching=Switching(**turns)
+    )
 
 
 def chain(**turns: Any) -> Problem:
@@ -67,7 +79,10 @@ def schedule_of(found: Any) -> Any:
 
 
 def lengths(own: Problem) -> list[tuple[str, Fraction, Fraction | None, tuple[int, ...], bool]]:
-    return [(each.mode, each.shortest, each.longest, each.successors, each.first) for each in phases_of(own)]
+    return [
+        (each.mode, each.shortest, each.longest, each.successors, each.first)
+        for each in phases_of(own)
+    ]
 
 
 def test_after_a_dwell_any_other_mode_may_follow():
@@ -76,7 +91,9 @@ def test_after_a_dwell_any_other_mode_may_follow():
         ("B", ONE, None, (0, 2), True),
         ("C", ONE, None, (0, 1), True),
     ]
-    assert {each.longest for each in phases_of(problem(guarantee="dwell", dwell=1, longest=2))} == {TWO}
+    assert {each.longest for each in phases_of(problem(guarantee="dwell", dwell=1, longest=2))} == {
+        TWO
+    }
 
 
 @pytest.mark.parametrize(
@@ -84,7 +101,10 @@ def test_after_a_dwell_any_other_mode_may_follow():
     [
         ({"sequence": ["A", "B"], "dwell": 2}, [("A", TWO), ("B", TWO)]),
         ({"dwell": 2}, [("A", TWO), ("B", TWO), ("C", TWO)]),
-        ({"sequence": ["A", "B", "A"], "dwell": [1, 2, "1/2"]}, [("A", ONE), ("B", TWO), ("A", HALF)]),
+        (
+            {"sequence": ["A", "B", "A"], "dwell": [1, 2, "1/2"]},
+            [("A", ONE), ("B", TWO), ("A", HALF)],
+        ),
         ({"sequence": ["A", "B"], "period": 1}, [("A", HALF), ("B", HALF)]),
         ({"schedule": [[0, "B"], ["1/2", "A"]], "period": "5/2"}, [("B", HALF), ("A", TWO)]),
         ({"sequence": ["C"], "dwell": 1}, [("C", ONE)]),
@@ -101,7 +121,10 @@ def test_there_are_no_phases_without_a_guarantee_or_with_one_mode():
     assert phases_of(problem(signal="random", dwell=1)) == ()
     assert phases_of(problem(guarantee="arbitrary", dwell=1)) == ()
     assert phases_of(problem({"A": [[2, 1]]}, guarantee="dwell", dwell=1)) == ()
-    assert why_not(problem(signal="random", dwell=1), None, Cycles(phases=(), rate=None, rho=None)) is not None
+    assert (
+        why_not(problem(signal="random", dwell=1), None, Cycles(phases=(), rate=None, rho=None))
+        is not None
+    )
 
 
 def test_asking_for_phases_does_not_hash_the_generator_of_a_chain(monkeypatch):
@@ -126,10 +149,17 @@ def test_a_sequence_that_repeats_a_shorter_one_has_its_phases():
     """Also in the second program; other lengths make another sequence."""
     for times, dwell, once in ((50, 1, 1), (2, [1, 2, 1, 2], [1, 2])):
         own = problem(guarantee="sequence", sequence=["A", "B"] * times, dwell=dwell)
-        assert lengths(own) == lengths(problem(guarantee="sequence", sequence=["A", "B"], dwell=once))
+        assert lengths(own) == lengths(
+            problem(guarantee="sequence", sequence=["A", "B"], dwell=once)
+        )
         found = checker_cycles.phases(checker_files.Problem(canonical_bytes(own)))
-        assert [(each.mode, each.shortest) for each in found] == [(each.mode, each.shortest) for each in phases_of(own)]
-    assert len(phases_of(problem(guarantee="sequence", sequence=["A", "B"] * 2, dwell=[1, 2, 1, 1]))) == 4
+        assert [(each.mode, each.shortest) for each in found] == [
+            (each.mode, each.shortest) for each in phases_of(own)
+        ]
+    assert (
+        len(phases_of(problem(guarantee="sequence", sequence=["A", "B"] * 2, dwell=[1, 2, 1, 1])))
+        == 4
+    )
     assert len(phases_of(problem(guarantee="sequence", sequence=["A", "B", "A"], dwell=1))) == 3
 
 
@@ -137,8 +167,14 @@ def test_the_work_of_a_sequence_grows_like_its_phases():
     """30 and 100 phases, none of which repeats: at most 3.6 times the steps."""
 
     def steps(count: int) -> int:
-        turns = ["A", "A", *(mode for k in range(count // 2 - 1) for mode in ("B", "A" if k % 3 else "B"))]
-        own = problem({"A": [[2, 1]], "B": [[3, 2]]}, guarantee="sequence", sequence=turns, dwell="1/10")
+        turns = [
+            "A",
+            "A",
+            *(mode for k in range(count // 2 - 1) for mode in ("B", "A" if k % 3 else "B")),
+        ]
+        own = problem(
+            {"A": [[2, 1]], "B": [[3, 2]]}, guarantee="sequence", sequence=turns, dwell="1/10"
+        )
         assert len(phases_of(own)) == count
         with at_most(10**9):
             claim = next(propose_cycles.propose(own, None, rho=None, error=None))
@@ -152,14 +188,23 @@ def test_the_work_of_a_sequence_grows_like_its_phases():
 def test_a_guarantee_in_words():
     words = {
         "every signal whose modes last at least 0.5 s": {"guarantee": "dwell", "dwell": "1/2"},
-        "every signal whose modes last at least 1 s and at most 2 s": {"guarantee": "dwell", "dwell": 1, "longest": 2},
-        "every signal whose modes last exactly 1 s": {"guarantee": "dwell", "dwell": 1, "longest": 1},
+        "every signal whose modes last at least 1 s and at most 2 s": {
+            "guarantee": "dwell",
+            "dwell": 1,
+            "longest": 2,
+        },
+        "every signal whose modes last exactly 1 s": {
+            "guarantee": "dwell",
+            "dwell": 1,
+            "longest": 1,
+        },
         "the signal A for 1 s, B for 2 s, over and over": {
             "guarantee": "sequence",
             "sequence": ["A", "B"],
             "dwell": [1, 2],
         },
-        "the signal A for 1 s, A for 1 s, B for 1 s, A for 1 s, B for 1 s, A for 1 s, ..., over and over": {
+        "the signal A for 1 s, A for 1 s, B for 1 s, A for 1 s, B for 1 s, A for 1 s, ..., "
+        "over and over": {
             "guarantee": "sequence",
             "sequence": ["A", *["A", "B"] * 4],
             "dwell": 1,
@@ -190,7 +235,9 @@ def test_cycles_that_do_not_reach_every_agent(own: Problem, missed):
     assert recheck(certificate.claims, own).holds
     if missed and own.pinning.agents:
         assert f"agent {missed[0][1]}" in certificate.reason
-        assert ("as the guarantee allows" in certificate.reason) == ("in any mode" not in certificate.reason)
+        assert ("as the guarantee allows" in certificate.reason) == (
+            "in any mode" not in certificate.reason
+        )
 
 
 def test_claims_that_cannot_be_are_refused():
@@ -198,7 +245,12 @@ def test_claims_that_cannot_be_are_refused():
     for changes in ({"rate": None}, {"phases": ()}, {"rate": Fraction(0)}, {"rho": Fraction(0)}):
         with pytest.raises(SpecError):
             Cycles(**{"phases": (one,), "rate": ONE, "rho": ONE} | changes)
-    for times, v in (((), ()), ((ONE,), ((ONE,),)), ((Fraction(0),) * 2, one.v), (one.times, one.v[:1])):
+    for times, v in (
+        ((), ()),
+        ((ONE,), ((ONE,),)),
+        ((Fraction(0),) * 2, one.v),
+        (one.times, one.v[:1]),
+    ):
         with pytest.raises(SpecError):
             Cycles(phases=(Weights(times=times, v=v),), rate=ONE, rho=None)
     with pytest.raises(SpecError):
@@ -236,7 +288,8 @@ def test_half_a_ring_at_a_time_holds_by_the_graphs():
 
 @pytest.mark.slow
 def test_half_a_ring_at_a_time_has_a_rate_from_far_out():
-    """Where exp is steep it is far below that near the target; by the graphs alone there would be none."""
+    """Where exp is steep it is far below that near the target; by the graphs alone there would be
+    none."""
     result = certify(ring({1: 5, 6: 5}, region={"initial_states": [-4, 4]}))
     check = schedule_of(result)
     assert check.verdict is Verdict.PROVED, check.reason
@@ -256,9 +309,12 @@ def test_without_pins_nothing_is_proved():
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize(("pins", "dwell", "rounds"), [((1, 6), ONE, 8), ((1, 6), HALF, 16), ((1,), ONE, 15)])
+@pytest.mark.parametrize(
+    ("pins", "dwell", "rounds"), [((1, 6), ONE, 8), ((1, 6), HALF, 16), ((1,), ONE, 15)]
+)
 def test_half_a_ring_at_a_time_settles_nearly_as_soon_as_its_slowest_run(pins, dwell, rounds):
-    """Known answers: from 4 to 0.04 after so many rounds.  Runs of rising couplings lie between those from corners."""
+    """Known answers: from 4 to 0.04 after so many rounds.  Runs of rising couplings lie between
+    those from corners."""
     own = ring(dict.fromkeys(pins, 5), dwell)
     settling = certify_settling(own, tolerance="1/25", radius=4)
     assert settling.verdict is Verdict.PROVED
@@ -322,7 +378,10 @@ def test_an_unstable_mode_refutes_only_where_it_may_stay_on():
 def test_what_holds_for_every_signal_carries_the_verdict_also_where_it_is_slower():
     arcs = {"A": [[2, 1], [3, 2]], "B": [[2, 1], [3, 1]]}
     found = certify(problem(arcs, guarantee="sequence", dwell=1), everything=True)
-    assert {each.id for each in found.claims.checks if each.verdict is Verdict.PROVED} >= {"max-separable", "schedule"}
+    assert {each.id for each in found.claims.checks if each.verdict is Verdict.PROVED} >= {
+        "max-separable",
+        "schedule",
+    }
     assert found.claims.covered_by not in ("schedule", None)
     assert "arbitrary switching" in found.reason
     assert recheck(found.claims, found.problem).holds
@@ -334,13 +393,19 @@ def test_what_holds_for_every_signal_carries_the_verdict_also_where_it_is_slower
         ("y1", None, HALF_AS_FAST, 0.48),
         pytest.param("y1", None, propose_cycles.TRIED, 0.96, marks=pytest.mark.slow),
         pytest.param(
-            "tanh(y1)", {"initial_states": ["-1/20", "1/20"]}, propose_cycles.TRIED, 0.1, marks=pytest.mark.slow
+            "tanh(y1)",
+            {"initial_states": ["-1/20", "1/20"]},
+            propose_cycles.TRIED,
+            0.1,
+            marks=pytest.mark.slow,
         ),
     ],
 )
-def test_double_integrators_that_are_never_connected(coupling: str, region: Any, tried: Any, least: float):
-    """p'' = h(p_j - p_i) - 3 p' (- p of the first): the rate is close to that of the exact flow over a round, or to
-    half of it where few chords are asked for."""
+def test_double_integrators_that_are_never_connected(
+    coupling: str, region: Any, tried: Any, least: float
+):
+    """p'' = h(p_j - p_i) - 3 p' (- p of the first): the rate is close to that of the exact flow
+    over a round, or to half of it where few chords are asked for."""
     dynamics, gains = Dynamics(A=[[0, 1], [0, -3]], B=[[0], [1]]), {1: [[1, 0]]}
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=2)
     network = Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
@@ -372,11 +437,14 @@ def test_double_integrators_that_are_never_connected(coupling: str, region: Any,
 
 @pytest.mark.slow
 def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
-    """p' = q + sum of (p_j - p_i), q' = -3 q + sum of (q_j - q_i): by component the pinned agent looks unreached."""
+    """p' = q + sum of (p_j - p_i), q' = -3 q + sum of (q_j - q_i): by component the pinned agent
+    looks unreached."""
     network = Network.from_arcs({"A": [], "B": [[2, 1]]}, arrow="listens_to", agents=2)
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
     agents = Dynamics(A=[[0, 1], [0, -3]])
-    own = Problem(network=network, coupling="y", gains={1: 1}, target=[0, 0], switching=turns, dynamics=agents)
+    own = Problem(
+        network=network, coupling="y", gains={1: 1}, target=[0, 0], switching=turns, dynamics=agents
+    )
     result = certify(own)
     check, round_ = schedule_of(result), np.eye(4)
     assert result.verdict is check.verdict is Verdict.PROVED
@@ -386,7 +454,10 @@ def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
     rate = -np.log(max(abs(np.linalg.eigvals(round_)))) / 2
     assert 0.9 * rate <= float(check.rate) <= rate
     said = next(each.reason for each in result.checks if each.id == "max-separable")
-    assert "these agents are not held by a pin in every component and hear only each other: 1 in A, 2 in A" in said
+    assert (
+        "these agents are not held by a pin in every component and hear only each other: 1 "
+        "in A, 2 in A" in said
+    )
     assert accepted_by(json.loads(certificate_bytes(result.claims)), own) == (True, True)
 
 
@@ -396,7 +467,9 @@ def test_weights_settle_where_the_map_shrinks_and_end_where_it_grows_or_takes_to
     alone = [Phase(mode="A", shortest=ONE, longest=ONE, successors=(0,), first=True)]
 
     def settled(factor, *, most=100.0, steps=100):
-        return propose_cycles._settled(alone, lambda p, x: factor * x + 1, [np.ones(2)], most=most, steps=steps)
+        return propose_cycles._settled(
+            alone, lambda p, x: factor * x + 1, [np.ones(2)], most=most, steps=steps
+        )
 
     (found,) = settled(0.5)
     assert found == pytest.approx([2, 2], rel=1e-2)
@@ -404,11 +477,15 @@ def test_weights_settle_where_the_map_shrinks_and_end_where_it_grows_or_takes_to
     assert settled(0.5, most=1.5) is None  # too large
     assert settled(1.1) is None  # grows for ever
     assert settled(0.9, steps=2) is None  # not within so many steps
-    assert propose_cycles._settled(alone, lambda p, x: None, [np.ones(2)], most=1.0, steps=1) is None  # no way on
+    # no way on
+    assert (
+        propose_cycles._settled(alone, lambda p, x: None, [np.ones(2)], most=1.0, steps=1) is None
+    )
 
 
 def switched_pair(k: Any, dwell: Any, **more: Any) -> Problem:
-    """e_1' = (1 - k) e_1 - e_2 in A and the same for e_2 in B: two agents that repel each other in turn."""
+    """e_1' = (1 - k) e_1 - e_2 in A and the same for e_2 in B: two agents that repel each other in
+    turn."""
     modes = {"A": [[1, 2]], "B": [[2, 1]]}
     turns = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": dwell}
     return problem(modes, coupling="-y", n=2, gains={1: k, 2: k}, **turns, **more)
@@ -437,7 +514,10 @@ def test_a_sequence_whose_round_expands_is_refuted_in_seconds_by_both_programs()
         "Consensus fails: errors grow by a factor of about 20.09 in every round of the signal A"
     )
     assert verify_twice(found.claims, own).holds
-    assert certify(switched_pair("1/2", 3, region={"initial_states": [0, 0]})).verdict is not Verdict.REFUTED
+    assert (
+        certify(switched_pair("1/2", 3, region={"initial_states": [0, 0]})).verdict
+        is not Verdict.REFUTED
+    )
 
 
 def test_the_second_program_encloses_an_exponential():
@@ -445,15 +525,18 @@ def test_the_second_program_encloses_an_exponential():
     X = [[Fraction(1, 3), Fraction(-2)], [Fraction(5, 2), Fraction(-7, 4)]]
     rows, missed = checker_cycles.exponential(X)
     unit = 2**checker_cycles.BITS
-    assert np.array([[Fraction(x, unit) for x in row] for row in rows], dtype=float) == pytest.approx(
-        expm(np.array(X, dtype=float)), rel=1e-12
-    )
+    assert np.array(
+        [[Fraction(x, unit) for x in row] for row in rows], dtype=float
+    ) == pytest.approx(expm(np.array(X, dtype=float)), rel=1e-12)
     assert Fraction(missed, unit) < Fraction(1, 10**60)
 
 
 def test_a_false_claim_is_not_halved_all_along():
-    """A row that fails everywhere on 1000 segments: without a bound 2^11 parts of each are looked at."""
-    own = problem({"A": [[2, 1]], "B": [[3, 2]]}, guarantee="sequence", sequence=["A", "B"], dwell=1)
+    """A row that fails everywhere on 1000 segments: without a bound 2^11 parts of each are looked
+    at."""
+    own = problem(
+        {"A": [[2, 1]], "B": [[3, 2]]}, guarantee="sequence", sequence=["A", "B"], dwell=1
+    )
     rows = moving_rows(own, ONE, ["A"])
     v = [
         tuple(Fraction(2000 - k, 2000) for _ in range(3)) for k in range(1001)

@@ -72,16 +72,20 @@ def test_boxes_that_cannot_be_are_refused():
         Tube(times=(F(0), F(1)), upper=one, lower=((F(1),), (F(0),)))
 
 
-@pytest.mark.parametrize("name", ["level", "height", "stretch", "radius", "tolerance", "disturbance", "time"])
+@pytest.mark.parametrize(
+    "name", ["level", "height", "stretch", "radius", "tolerance", "disturbance", "time"]
+)
 def test_numbers_of_a_claim_that_cannot_be_are_refused(name: str):
     claim = read_claim(check_from_json(LINE), problems()["line"], None)
     with pytest.raises(SpecError, match=f"{name} must"):
         replace(claim, **{name: F(-1)})
 
 
-# --- Closed forms ---------------------------------------------------------------------------------------------------
+# --- Closed forms
+# --------------------------------------------------------------------------------------------------
 def alone(k: int, *, steps: int, room: float) -> Tube:
-    """One agent, e' = -k e: the factor 1/(1 + k h) of every step of h = 1/steps s, and a little more."""
+    """One agent, e' = -k e: the factor 1/(1 + k h) of every step of h = 1/steps s, and a little
+    more."""
     times = [F(each, steps) for each in range(steps + 1)]
     boxes = [((1 + F(k, steps)) ** -each * (1 + F(room) * each),) for each in range(steps + 1)]
     return Tube(times=tuple(times), upper=tuple(boxes), lower=tuple(boxes))
@@ -94,33 +98,54 @@ def test_the_tube_of_one_agent_is_as_close_to_its_run_as_its_steps_are_short_and
         tube = alone(k, steps=steps, room=1e-9)
         assert open_segments(problem, tube, disturbance=F(0)) == []
         assert open_segments(problem, alone(k, steps=steps, room=-1e-9), disturbance=F(0)) != []
-        excess = [float(box[0]) * math.exp(k * t) - 1 for t, box in zip(tube.times, tube.upper, strict=True)]
+        excess = [
+            float(box[0]) * math.exp(k * t) - 1
+            for t, box in zip(tube.times, tube.upper, strict=True)
+        ]
         assert min(excess) >= 0
         assert max(excess) <= k * gap * 2
 
 
 def test_a_certificate_alone_settles_at_the_logarithm_of_closed_form():
-    """e' = -2 e for two equal agents: |e| <= tol from ln(1/tol)/2 on, and not a billionth before."""
+    """e' = -2 e for two equal agents: |e| <= tol from ln(1/tol)/2 on, and not a billionth
+    before."""
     problem = listening([[2, 1]], "y", n=2, gains={1: 2, 2: 2}, target=0)
-    numbers = {"level": F(1), "height": F(1), "radius": F(1), "disturbance": F(0), "tolerance": F(1, 100)}
+    numbers = {
+        "level": F(1),
+        "height": F(1),
+        "radius": F(1),
+        "disturbance": F(0),
+        "tolerance": F(1, 100),
+    }
     last = Separable(v=(F(1), F(1)), alpha=F(2), rho=None)
     for shift in (1e-9, -1e-9):
         time = F(math.log(100) / 2 + shift)
-        claim = Descent(tube=Tube.start(problem, F(1), None), certificate=last, time=time, **numbers)
+        claim = Descent(
+            tube=Tube.start(problem, F(1), None), certificate=last, time=time, **numbers
+        )
         assert (why_not(problem, None, claim) is None) is (shift > 0)
 
 
-# --- Runs stay inside -----------------------------------------------------------------------------------------------
-def excess(problem: dd.Problem, tube: Tube, *, W: Any = None, disturbance: F | int = 0, runs: int = 60) -> float:
-    """By how much simulated runs leave the boxes, relative to their size; corners of the first box, the largest
-    observer error; another mode on every segment."""
+# --- Runs stay inside
+# -----------------------------------------------------------------------------------------------
+def excess(
+    problem: dd.Problem, tube: Tube, *, W: Any = None, disturbance: F | int = 0, runs: int = 60
+) -> float:
+    """By how much simulated runs leave the boxes, relative to their size; corners of the first box,
+    the largest observer error; another mode on every segment."""
     rng, n, q = np.random.default_rng(0), problem.n, problem.q
-    upper, lower = (np.array([[float(x) for x in box] for box in face]) for face in (tube.upper, tube.lower))
+    upper, lower = (
+        np.array([[float(x) for x in box] for box in face]) for face in (tube.upper, tube.lower)
+    )
     times = np.array([float(t) for t in tube.times])
     e = np.where(rng.random((runs, n)) < 0.5, upper[0], -lower[0])
     eps = rng.standard_normal((runs, n, q))
     eps *= float(disturbance) / np.maximum(np.linalg.norm(eps, axis=2, keepdims=True), 1e-300)
-    A, C = (to_float(problem.exosystem.A), to_float(problem.exosystem.C)) if q else (np.zeros((0, 0)), np.zeros((1, 0)))
+    A, C = (
+        (to_float(problem.exosystem.A), to_float(problem.exosystem.C))
+        if q
+        else (np.zeros((0, 0)), np.zeros((1, 0)))
+    )
     A = A - to_float(W) @ C if q else A
     worst, names = 0.0, list(problem.network.modes)
     for number, (start, end) in enumerate(pairwise(times)):
@@ -138,23 +163,37 @@ def excess(problem: dd.Problem, tube: Tube, *, W: Any = None, disturbance: F | i
         states = run.y.reshape(runs, n * (1 + q), len(at))
         part = (at - start) / (end - start)
         for k, share in enumerate(part):
-            top, low = ((1 - share) * face[number] + share * face[number + 1] for face in (upper, lower))
-            worst = max(worst, float(np.max(states[:, :n, k] / top)), float(np.max(-states[:, :n, k] / low)))
+            top, low = (
+                (1 - share) * face[number] + share * face[number + 1] for face in (upper, lower)
+            )
+            worst = max(
+                worst, float(np.max(states[:, :n, k] / top)), float(np.max(-states[:, :n, k] / low))
+            )
         e, eps = states[:, :n, -1], states[:, n:, -1].reshape(runs, n, q)
     return worst - 1
 
 
 LATER = [pytest.param("sin(y)", "1/20", nullcontext, marks=pytest.mark.slow)]
-LATER += [pytest.param(h, "1/20", nullcontext, marks=pytest.mark.evidence) for h in ("y*(1 + exp(-y**2))", "y + y**3")]
+LATER += [
+    pytest.param(h, "1/20", nullcontext, marks=pytest.mark.evidence)
+    for h in ("y*(1 + exp(-y**2))", "y + y**3")
+]
 
 
-@pytest.mark.parametrize(("h", "tolerance", "search"), [("exp(y) - 1 + y", "1/2", rough_settling), *LATER])
-def test_no_run_leaves_a_tube_that_is_proved_and_some_leave_one_that_is_refused(h: str, tolerance: str, search: Any):
+@pytest.mark.parametrize(
+    ("h", "tolerance", "search"), [("exp(y) - 1 + y", "1/2", rough_settling), *LATER]
+)
+def test_no_run_leaves_a_tube_that_is_proved_and_some_leave_one_that_is_refused(
+    h: str, tolerance: str, search: Any
+):
     """Sin falls beyond pi/2 and y (1 + exp(-y^2)) near 1.2, both within |y| <= 1.8."""
     problem = pair(h, k=2)
     with search():
         tube = dd.certify_settling(problem, radius="9/10", tolerance=tolerance).claim.tube
-        tight = replace(tube, upper=(tube.upper[0], *(tuple(x * F(9, 10) for x in box) for box in tube.upper[1:])))
+        tight = replace(
+            tube,
+            upper=(tube.upper[0], *(tuple(x * F(9, 10) for x in box) for box in tube.upper[1:])),
+        )
         assert open_segments(problem, tight, disturbance=F(0)) != []
     assert len(tube.times) > 2
     assert excess(problem, tube) <= 1e-7

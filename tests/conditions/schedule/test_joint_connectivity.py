@@ -1,6 +1,8 @@
-"""Joint connectivity, after published examples: no graph reaches every agent, their union over a period does.
+"""Joint connectivity, after published examples: no graph reaches every agent, their union over a
+period does.
 
-The theorems are theirs, the numbers are ours, because theirs are not quoted: chains, weights and gains of 1, 1 s each.
+The theorems are theirs, the numbers are ours, because theirs are not quoted: chains, weights and
+gains of 1, 1 s each.
 """
 
 import numpy as np
@@ -9,8 +11,9 @@ from scipy.linalg import expm
 
 from dobc_design import Network, Problem, Switching, Verdict, certify
 
-#: Jadbabaie, Lin and Morse 2003, followers that are jointly linked to a leader: undirected links of a chain, in two
-#: halves.  Ren and Beard 2005, a spanning tree in the union only: a chain of directed arcs, one at a time.
+#: Jadbabaie, Lin and Morse 2003, followers that are jointly linked to a leader: undirected links of
+#: a chain, in two halves.  Ren and Beard 2005, a spanning tree in the union only: a chain of
+#: directed arcs, one at a time.
 EXAMPLES = {
     "leader": (3, {"A": [(2, 1)], "B": [(3, 2)]}, True),
     "long leader": (6, {"A": [(2, 1), (4, 3), (6, 5)], "B": [(3, 2), (5, 4)]}, True),
@@ -44,7 +47,9 @@ def true_rate(name: str) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "rate", "least"), [("leader", 0.12007, 0.6), ("spanning tree", 0.25, 0.9)])
+@pytest.mark.parametrize(
+    ("name", "rate", "least"), [("leader", 0.12007, 0.6), ("spanning tree", 0.25, 0.9)]
+)
 def test_what_is_jointly_connected_is_proved_with_a_rate(name: str, rate: float, least: float):
     found = certify(stated(name, list(EXAMPLES[name][1])))
     assert found.verdict is Verdict.PROVED
@@ -55,7 +60,8 @@ def test_what_is_jointly_connected_is_proved_with_a_rate(name: str, rate: float,
 
 @pytest.mark.slow
 def test_a_long_chain_of_followers_is_proved_by_its_graphs_alone():
-    """Its true rate is 0.028 1/s, far slower than the agents within a phase; no weights are found."""
+    """Its true rate is 0.028 1/s, far slower than the agents within a phase; no weights are
+    found."""
     assert certify(stated("long leader", ["A", "B"])).verdict is Verdict.PROVED
     assert true_rate("long leader") == pytest.approx(0.028081, rel=1e-4)
 

@@ -1,4 +1,5 @@
-"""`settling` beside the other checks of a certificate: which starts, when it is left out, and what is made of it."""
+"""`settling` beside the other checks of a certificate: which starts, when it is left out, and what
+is made of it."""
 
 import json
 from dataclasses import replace
@@ -68,13 +69,18 @@ def test_the_envelope_comes_back_from_the_certificate_and_simulated_starts_stay_
     assert np.all(np.diff(bounds) <= 0)
     assert certified().regions.tolerance == 0.01
     for start in ([1, -1], [1, 1], [-1, 0.3]):
-        run = dd.simulate(certified().problem, start={"x": [[x] for x in start]}, t_final=settling.time)
+        run = dd.simulate(
+            certified().problem, start={"x": [[x] for x in start]}, t_final=settling.time
+        )
         assert np.all(run.error() <= settling.envelope(run.times) + 1e-7)
 
 
 def test_a_claim_that_cannot_be_read_says_so():
     claims = certified().claims
-    checks = tuple(replace(c, claim=Values({"time": "soon"})) if c.id == "settling" else c for c in claims.checks)
+    checks = tuple(
+        replace(c, claim=Values({"time": "soon"})) if c.id == "settling" else c
+        for c in claims.checks
+    )
     broken = replace(certified(), claims=replace(claims, checks=checks))
     with pytest.raises(CertificateError, match="cannot be read"):
         _ = broken.settling
@@ -104,12 +110,16 @@ def test_without_starts_or_without_a_certificate_it_is_left_out():
 def line(coupling: str | list[str], **more: object) -> dd.Problem:
     """Agent 1 is pinned with 5, agent 2 hears it."""
     network = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    return dd.Problem(network=network, coupling=coupling, gains={1: 5}, region={"initial_states": [-1, 1]}, **more)
+    return dd.Problem(
+        network=network, coupling=coupling, gains={1: 5}, region={"initial_states": [-1, 1]}, **more
+    )
 
 
 def test_couplings_that_do_not_act_by_component_leave_it_undecided():
     problem = line(["y1 + y2**3", "y2"], target=[0, 0])
-    check = settling_stage(problem, None, [], tolerance=F(1), domain="consensus", report=lambda stage: None)
+    check = settling_stage(
+        problem, None, [], tolerance=F(1), domain="consensus", report=lambda stage: None
+    )
     assert check.verdict is Verdict.UNDECIDED
     assert check.reason.startswith("does not apply")
     assert dd.certify_settling(problem, radius=1).reason.startswith("does not apply")
@@ -117,12 +127,18 @@ def test_couplings_that_do_not_act_by_component_leave_it_undecided():
 
 @few_chords()
 def test_agents_with_different_exosystems_settle_and_both_programs_accept_it():
-    """e_i' = -2 e_i + eps_i, eps_i' = -b_i eps_i: the slower group's error decides; twin: one percent sooner."""
+    """e_i' = -2 e_i + eps_i, eps_i' = -b_i eps_i: the slower group's error decides; twin: one
+    percent sooner."""
     groups = [
-        dd.Group(agents=[agent], exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[b]]))
+        dd.Group(
+            agents=[agent], exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[b]])
+        )
         for agent, b in ((1, 4), (2, 1))
     ]
-    network, region = dd.Network.from_arcs([], arrow="listens_to", agents=2), {"initial_states": [-1, 1]}
+    network, region = (
+        dd.Network.from_arcs([], arrow="listens_to", agents=2),
+        {"initial_states": [-1, 1]},
+    )
     region["initial_disturbance"] = 1
     problem = dd.Problem(network=network, coupling="y", gains=2, groups=groups, region=region)
     certificate = dd.certify(problem, settling="1/100")
@@ -193,7 +209,8 @@ def test_no_run_of_example_1_crosses_the_envelope(fixed):
 
 @pytest.mark.evidence
 def test_example_2_settles_three_times_sooner_than_one_rate_says_and_no_run_crosses_the_envelope():
-    """Found: 83.5 s for arbitrary switching among the four modes; the runs switch as the problem says."""
+    """Found: 83.5 s for arbitrary switching among the four modes; the runs switch as the problem
+    says."""
     settling = dd.certify_settling("paper-switching")
     assert settling.verdict is Verdict.PROVED
     assert settling.time <= 84
@@ -234,7 +251,9 @@ def test_starts_that_no_certificate_holds_leave_the_answer_undecided():
 
 
 def test_without_a_region_the_starts_have_to_be_given():
-    with pytest.raises(SpecError, match=r"radius must be given, because the problem has no \[region\]"):
+    with pytest.raises(
+        SpecError, match=r"radius must be given, because the problem has no \[region\]"
+    ):
         dd.certify_settling(cycle(3))
     with pytest.raises(SpecError, match="disturbance must be given"):
         dd.certify_settling(cycle(3, exosystem=HARMONIC), radius=1)

@@ -1,4 +1,5 @@
-"""Regional checks: what is claimed, confirmed and refused.  Every true claim has twins that just fail."""
+"""Regional checks: what is claimed, confirmed and refused.  Every true claim has twins that just
+fail."""
 
 import base64
 from dataclasses import replace
@@ -12,14 +13,25 @@ from separable_problems import fractions, listening, pair
 from dobc_design import Exosystem, Observer, Problem, Verdict
 from dobc_design.conditions.check import Values
 from dobc_design.conditions.numbers import vector_from_json, vector_to_json
-from dobc_design.conditions.separable.checks import delay_check, max_separable_check, sampling_check, stuck_check
-from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, Separable, separable_from_json, stuck_agents
+from dobc_design.conditions.separable.checks import (
+    delay_check,
+    max_separable_check,
+    sampling_check,
+    stuck_check,
+)
+from dobc_design.conditions.separable.claim import (
+    DelayBound,
+    ErrorBound,
+    Separable,
+    separable_from_json,
+    stuck_agents,
+)
 
 F = Fraction
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 
-# Two agents, h = y + y^3, k = 5 on the first, v = (1, 3/2): agent 2 has (v_2 - v_1)/v_2 + s^2 (v_2 - v_1)^3/v_2,
-# least at s -> 0: alpha = 1/3 whatever the radius.
+# Two agents, h = y + y^3, k = 5 on the first, v = (1, 3/2): agent 2 has (v_2 - v_1)/v_2 + s^2 (v_2
+# - v_1)^3/v_2, least at s -> 0: alpha = 1/3 whatever the radius.
 CUBIC = pair("y + y**3")
 V = fractions(1, "3/2")
 CLAIM = Separable(v=V, alpha=F(1, 3), rho=F(2))
@@ -27,7 +39,9 @@ BOX = {"kind": "box", "radius": 2.0, "disturbance": 0.0}
 
 
 def proved(claim=CLAIM, radius=2.0, problem=CUBIC, W=None, disturbance=0.0):
-    return max_separable_check(problem, W, claim, radius=radius, disturbance=disturbance, domain="consensus")
+    return max_separable_check(
+        problem, W, claim, radius=radius, disturbance=disturbance, domain="consensus"
+    )
 
 
 def confirmed(check, problem=CUBIC, **settings):
@@ -51,7 +65,9 @@ def test_a_true_claim_is_proved_and_confirmed():
 MORE = [(replace(CLAIM, alpha=F(1, 3) + F(1, 10**9)), 2.0), (CLAIM, 2.0000001)]
 
 
-@pytest.mark.parametrize(("claim", "radius"), [*MORE, (replace(CLAIM, v=fractions(1, "1.4999999")), 2.0)])
+@pytest.mark.parametrize(
+    ("claim", "radius"), [*MORE, (replace(CLAIM, v=fractions(1, "1.4999999")), 2.0)]
+)
 def test_a_little_more_is_undecided(claim, radius):
     """One claim that fails says nothing against the others, so it is not refuted."""
     check = proved(claim, radius)
@@ -104,7 +120,8 @@ CROSSED = listening({"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}, "tanh(y)", n
 
 
 def test_agents_that_hear_only_each_other_in_turn_are_shown():
-    """In mode A agent 3 hears 2, in mode B agent 2 hears 3: no order of the two serves both modes."""
+    """In mode A agent 3 hears 2, in mode B agent 2 hears 3: no order of the two serves both
+    modes."""
     check = stuck_check(CROSSED, None, domain="consensus")
     assert (check.verdict, check.witness.labels) == (REFUTED, ("2", "3"))
     assert confirmed(check, CROSSED) is None
@@ -112,13 +129,18 @@ def test_agents_that_hear_only_each_other_in_turn_are_shown():
     assert stuck_check(CUBIC, None, domain="consensus") is None
     assert not stuck_agents(CUBIC)
     # One agent removed: it is then heard from outside.
-    others = [replace(check.witness, labels=labels) for labels in (("2",), ("1", "2", "3"), ("2", "4"), None)]
+    others = [
+        replace(check.witness, labels=labels)
+        for labels in (("2",), ("1", "2", "3"), ("2", "4"), None)
+    ]
     for witness in (*others, None, replace(check.witness, values=("1",))):
         assert confirmed(replace(check, witness=witness), CROSSED) is not None
 
 
 def test_couplings_between_components_are_neither_proved_nor_refuted():
-    problem = Problem(network=CROSSED.network, coupling=["y1 + y2", "y2"], gains={1: 3}, target=[0, 0])
+    problem = Problem(
+        network=CROSSED.network, coupling=["y1 + y2", "y2"], gains={1: 3}, target=[0, 0]
+    )
     assert stuck_check(problem, None, domain="global") is None
     assert proved(CLAIM, problem=problem).reason.startswith("does not apply:")
     check = replace(stuck_check(CROSSED, None, domain="consensus"), domain="global")
@@ -129,7 +151,8 @@ def test_couplings_between_components_are_neither_proved_nor_refuted():
 
 
 def test_a_delay_is_proved_beside_its_proof_and_confirmed():
-    """h = y, v = (1, 3/2): alpha = 1 - theta/1.5; theta = exp(b T) = 1.2 leaves b = 1/5, so T = 5 ln(1.2) = 0.9116."""
+    """h = y, v = (1, 3/2): alpha = 1 - theta/1.5; theta = exp(b T) = 1.2 leaves b = 1/5, so T = 5
+    ln(1.2) = 0.9116."""
     problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
     proof = proved(claim, problem=problem)
     more, bound = (DelayBound(delay=F(T), rate=F(1, 5)) for T in ("0.9117", "0.9115"))
@@ -154,27 +177,36 @@ def test_with_an_observer_no_delayed_rate_exceeds_beta():
 
 
 def test_a_sampling_period_is_the_inverse_of_the_stiffest_row():
-    """h = y: agent 1 has k = 5 and agent 2 the weight 1, so T = 1/5; a thousandth is kept in hand."""
+    """h = y: agent 1 has k = 5 and agent 2 the weight 1, so T = 1/5; a thousandth is kept in
+    hand."""
     problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
     proof = proved(claim, problem=problem)
     check = sampling_check(problem, claim, proof, domain="consensus")
     assert check.exact == {"period": "999/5000", "factor": "4667/5000"}
     assert confirmed(check, problem, beside=proof) is None
     assert confirmed(bent(check, period="1/5", factor="14/15"), problem, beside=proof) is None
-    assert "overshoot" in confirmed(bent(check, period="0.2000001", factor="14/15"), problem, beside=proof)
+    assert "overshoot" in confirmed(
+        bent(check, period="0.2000001", factor="14/15"), problem, beside=proof
+    )
     assert "must be > 0" in confirmed(bent(check, period="0"), problem, beside=proof)
     equal = replace(check, domain=check.domain | {"disturbance": False})  # true equals 1
     assert "expected a number" in confirmed(equal, problem, beside=proof)
 
 
 def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
-    """k = 1, T = 1: with eps = 0 and dhat(t) the error is gone after a step; dhat held for d = sin 2t leaves some."""
+    """k = 1, T = 1: with eps = 0 and dhat(t) the error is gone after a step; dhat held for d = sin
+    2t leaves some."""
     proof = composite(COMPOSITE, radius=0.5, disturbance=0.1)
     with_estimate = sampling_check(OBSERVED, COMPOSITE, proof, domain="consensus")
     assert with_estimate.verdict is PROVED
     assert "dhat acts continuously" in with_estimate.reason
     claim = Separable(v=V, alpha=F(1, 3), rho=F(2))
-    assert "dhat" not in sampling_check(pair("y"), claim, proved(claim, problem=pair("y")), domain="consensus").reason
+    assert (
+        "dhat"
+        not in sampling_check(
+            pair("y"), claim, proved(claim, problem=pair("y")), domain="consensus"
+        ).reason
+    )
     T, e, held = 1.0, 1.0, []
     for t in np.arange(30.0):
         e += T * -e + (np.cos(2 * t) - np.cos(2 * (t + T))) / 2 - T * np.sin(2 * t)

@@ -1,4 +1,5 @@
-"""Max-separable certificates in coordinates z = T x: known answers, twins, runs from the boundary, an oracle."""
+"""Max-separable certificates in coordinates z = T x: known answers, twins, runs from the boundary,
+an oracle."""
 
 from contextlib import nullcontext
 from dataclasses import replace
@@ -25,8 +26,11 @@ T = ((ONE, Fraction(0)), (ONE, ONE / 2))
 PENDULUM = ["x2", "-sin(x1) - 4*x2"]
 
 
-def agents(n: int = 6, c: object = 8, h: object = "tanh(y1)", pins: int = 3, reach: object = 1, **given) -> Problem:
-    """p'' = sum h(p_j - p_i) - c p' on a ring that hears both neighbours; every so many-th agent has k = 1."""
+def agents(
+    n: int = 6, c: object = 8, h: object = "tanh(y1)", pins: int = 3, reach: object = 1, **given
+) -> Problem:
+    """p'' = sum h(p_j - p_i) - c p' on a ring that hears both neighbours; every so many-th agent
+    has k = 1."""
     arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
     parts = {
         "network": Network.from_arcs(arcs, arrow="listens_to", agents=n),
@@ -58,39 +62,53 @@ def claim_of(problem: Problem, v: object, rho: object = None, alpha: object = "1
         (pair(), (4, 3, 16, 14), Fraction(1, 4)),
         (pair(c=4), (4, 3, 8, 7), Fraction(0)),
         (pair(k=3), (4, 3, 8, 7), Fraction(1, 7)),
-        (pair(k=4), (4, 3, 8, 7), Fraction(-1, 3)),  # 1 - k/2 < 0: not cooperative any more, |1 - k/2| counts
-        (pair(dynamics=Dynamics(f=["x2", "-x1 - 3*x2"], B=[[0], [1]])), (4, 3, 8, 7), Fraction(1, 4)),
+        # 1 - k/2 < 0: not cooperative any more, |1 - k/2| counts
+        (pair(k=4), (4, 3, 8, 7), Fraction(-1, 3)),
+        (
+            pair(dynamics=Dynamics(f=["x2", "-x1 - 3*x2"], B=[[0], [1]])),
+            (4, 3, 8, 7),
+            Fraction(1, 4),
+        ),
     ],
 )
 def test_the_slowest_rows_that_a_hand_finds(problem, v, rate):
     own = as_integrators(problem)
-    found = slowest_row(own, T, tuple(map(Fraction, v)), enclosed_ranges(own, T, tuple(map(Fraction, v)), None))
+    found = slowest_row(
+        own, T, tuple(map(Fraction, v)), enclosed_ranges(own, T, tuple(map(Fraction, v)), None)
+    )
     assert found.rate == rate
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
-    """An oracle: z' = Z z with one gain for each arc and node; the rows of the Metzler matrix that bounds Z."""
+    """An oracle: z' = Z z with one gain for each arc and node; the rows of the Metzler matrix that
+    bounds Z."""
     r = np.random.default_rng(seed)
     m, nodes = (2, 3)[seed % 2], seed % 3 == 0
     f = ["x2", "-sin(x1) - 4*x2"] if m == 2 else ["x2", "x3 - x1", "-x1 - sin(x2) - 3*x3"]
     A = [[0, 1], [-1, -4]] if m == 2 else [[0, 1, 0], [-1, 0, 1], [-1, -1, -3]]
     own = as_integrators(
         Problem(
-            network=Network.from_arcs([[1, 2], [2, 3, "3/2"], [3, 1, 2], [1, 3]], arrow="listens_to", agents=3),
+            network=Network.from_arcs(
+                [[1, 2], [2, 3, "3/2"], [3, 1, 2], [1, 3]], arrow="listens_to", agents=3
+            ),
             coupling="tanh(y1) + y2",
             gains={1: [r.integers(0, 4, m).tolist()]},
             dynamics=Dynamics(B=[[0]] * (m - 1) + [[1]], **({"f": f} if nodes else {"A": A})),
         )
     )
     turn = tuple(
-        tuple(Fraction(int(x), 4) for x in row) for row in (4 * np.eye(m) + r.integers(-1, 2, (m, m))).tolist()
+        tuple(Fraction(int(x), 4) for x in row)
+        for row in (4 * np.eye(m) + r.integers(-1, 2, (m, m))).tolist()
     )
     v = tuple(Fraction(int(x), 8) for x in r.integers(4, 20, 3 * m))
     ranges = enclosed_ranges(own, turn, v, Fraction(1, 2))
     X, weights, worst = to_float(turn), np.array(v, dtype=float), np.inf
     S, (arcs,) = np.linalg.inv(X), own.network.modes.values()
-    ends = {each.coupling: np.array([[x.floats() for x in row] for row in each.entries]) for each in ranges}
+    ends = {
+        each.coupling: np.array([[x.floats() for x in row] for row in each.entries])
+        for each in ranges
+    }
     shared = next(each for place, each in ends.items() if place != own.node)
     for corner in np.ndindex((2,) * (4 + nodes)):
         Z = np.zeros((3 * m, 3 * m))
@@ -106,12 +124,18 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
             Z[i * m : i * m + m, i * m : i * m + m] -= G
         metzler = np.where(np.eye(3 * m, dtype=bool), Z, np.abs(Z))
         worst = min(worst, np.min(-(metzler @ weights) / weights))
-    assert worst - 1e-3 <= float(slowest_row(own, turn, v, ranges).rate) <= worst + 1e-9  # all gains are 1e-5 wider
+    # all gains are 1e-5 wider
+    assert worst - 1e-3 <= float(slowest_row(own, turn, v, ranges).rate) <= worst + 1e-9
 
 
 def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
     network = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3, optional=[[1, 3]])
-    problem = agents(h="tanh(y1)", network=network, gains={1: [[1, 0]]}, dynamics=Dynamics(f=PENDULUM, B=[[0], [1]]))
+    problem = agents(
+        h="tanh(y1)",
+        network=network,
+        gains={1: [[1, 0]]},
+        dynamics=Dynamics(f=PENDULUM, B=[[0], [1]]),
+    )
     known, r = Agents.of(as_integrators(problem), most=3), np.random.default_rng(1)
     T, v = r.normal(size=(2, 2)), r.uniform(0.5, 2, (5, 3, 2))
     gains = known.gains_at(T, v[0], 0.3)
@@ -123,15 +147,22 @@ def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
 def test_differences_reach_as_far_as_the_weights_say():
     """S = [[1, 0], [-2, 2]]: |e_i| <= rho (v_1, 2 v_1 + 2 v_2), and differences as the sums."""
     own = as_integrators(pair(h="tanh(y1)"))
-    assert reaches(own, T, tuple(map(Fraction, (4, 3, 8, 7))), Fraction(1, 2)) == {0: (6, Fraction(22))}
+    assert reaches(own, T, tuple(map(Fraction, (4, 3, 8, 7))), Fraction(1, 2)) == {
+        0: (6, Fraction(22))
+    }
 
 
 def test_a_claim_is_proved_for_what_it_says_and_not_for_a_little_more():
-    """tanh(r)/r >= 3/4 up to r = 1.0 and a little, where r = 12 rho; the last row allows 1/14 then."""
+    """tanh(r)/r >= 3/4 up to r = 1.0 and a little, where r = 12 rho; the last row allows 1/14
+    then."""
     problem, v = pair(h="tanh(y1)"), (4, 3, 8, 7)
     own, claim = as_integrators(problem), claim_of(pair(h="tanh(y1)"), v, "1/12", "1/14")
     assert verify_composite(own, None, claim).verdict is Verdict.PROVED
-    more = [replace(claim, alpha=Fraction(1, 12)), replace(claim, rho=Fraction(1, 10)), replace(claim, rho=None)]
+    more = [
+        replace(claim, alpha=Fraction(1, 12)),
+        replace(claim, rho=Fraction(1, 10)),
+        replace(claim, rho=None),
+    ]
     assert all(verify_composite(own, None, each).verdict is not Verdict.PROVED for each in more)
     assert claim.spread == Fraction(1, 2) and claim.reach == 30
     assert covers(claim, radius=Fraction(1, 6), disturbance=Fraction(0))
@@ -152,14 +183,27 @@ def test_a_claim_is_proved_for_what_it_says_and_not_for_a_little_more():
         (agents(3, c=2), Verdict.UNDECIDED),
         (agents(3, h="exp(y1) - 1 + y1"), Verdict.PROVED),
         (agents(3, dynamics=Dynamics(f=PENDULUM, B=[[0], [1]])), Verdict.PROVED),
-        (agents(3, dynamics=Dynamics(f=["x2", "sin(x1)/10 - 8*x2"], B=[[0], [1]]), h="y1", pins=1), Verdict.PROVED),
-        (agents(3, dynamics=Dynamics(f=["x2", "3*sin(x1) - 8*x2"], B=[[0], [1]]), h="y1", pins=1), Verdict.UNDECIDED),
+        (
+            agents(
+                3, dynamics=Dynamics(f=["x2", "sin(x1)/10 - 8*x2"], B=[[0], [1]]), h="y1", pins=1
+            ),
+            Verdict.PROVED,
+        ),
+        (
+            agents(
+                3, dynamics=Dynamics(f=["x2", "3*sin(x1) - 8*x2"], B=[[0], [1]]), h="y1", pins=1
+            ),
+            Verdict.UNDECIDED,
+        ),
     ],
 )
 def test_overdamped_agents_are_proved_and_others_are_left_open(problem, verdict):
-    """z is cooperative where c^2/4 > 3, the largest degree and gain times the slope: for c > 3.46."""
+    """z is cooperative where c^2/4 > 3, the largest degree and gain times the slope: for c >
+    3.46."""
     own = as_integrators(problem)
-    asked = read_region(own, None, domain="global" if own.is_linear else "consensus", everything=False)
+    asked = read_region(
+        own, None, domain="global" if own.is_linear else "consensus", everything=False
+    )
     with few_coordinates() if verdict is Verdict.PROVED else nullcontext():
         (check,) = separable_stage(asked, str)
     assert check.verdict is verdict
@@ -178,7 +222,9 @@ def test_the_largest_box_is_found_where_the_region_is_too_wide():
 @pytest.mark.evidence
 def test_no_run_from_the_boundary_leaves_a_proved_set():
     exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-    problem = agents(region={"initial_states": [-1, 1], "initial_disturbance": "1/10"}, exosystem=exosystem)
+    problem = agents(
+        region={"initial_states": [-1, 1], "initial_disturbance": "1/10"}, exosystem=exosystem
+    )
     certificate = certify(problem)
     assert certificate.covered_by == "max-separable" and verify(certificate, problem).holds
     found = falsify(problem, certified=certificate, runs=60, seed=1)
@@ -201,14 +247,19 @@ def test_pendulums_shrink_in_the_norm_of_the_certificate():
     for k in range(100):
         z = np.sign(r.normal(size=(n, 2))) if k % 2 else r.uniform(-1, 1, (n, 2))
         e = (z / np.abs(z).max() * v * float(claim.rho)) @ np.linalg.inv(turn).T
-        run = solve_ivp(slope, (0, 2), e.ravel(), rtol=1e-9, atol=1e-12, t_eval=[0, 0.01, 0.1, 0.5, 1, 2])
+        run = solve_ivp(
+            slope, (0, 2), e.ravel(), rtol=1e-9, atol=1e-12, t_eval=[0, 0.01, 0.1, 0.5, 1, 2]
+        )
         N = [np.max(np.abs(x.reshape(n, 2) @ turn.T) / v) for x in run.y.T]
-        assert np.all(np.array(N) <= float(claim.rho) * np.exp(-float(claim.alpha) * run.t) * (1 + 1e-7))
+        assert np.all(
+            np.array(N) <= float(claim.rho) * np.exp(-float(claim.alpha) * run.t) * (1 + 1e-7)
+        )
 
 
 @few_coordinates()
 def test_without_a_region_a_box_around_the_target_decides_for_many_agents():
-    """One mode, couplings that no common R serves (the gains are on the speed, too): only these rows prove it."""
+    """One mode, couplings that no common R serves (the gains are on the speed, too): only these
+    rows prove it."""
     problem = agents(40, reach=None, gains={i: [[1, 1]] for i in range(1, 41, 3)})
     certificate = certify(problem)
     assert certificate.covered_by == "max-separable" and verify(certificate, problem).holds

@@ -44,7 +44,13 @@ from dobc_design.conditions.separable.decide import (
     verify_composite,
     verify_separable,
 )
-from dobc_design.conditions.separable.large import arc_rows, float_kinds, gain_table, open_rows, turning
+from dobc_design.conditions.separable.large import (
+    arc_rows,
+    float_kinds,
+    gain_table,
+    open_rows,
+    turning,
+)
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
@@ -73,13 +79,18 @@ def test_all_pinned_with_five_has_rate_five_for_every_radius(rho: int):
 ONE_PIN = [
     (1, (1, 2.4694, 2.2292, 2.0136, 1.8198, 1.6454, 1.4884, 1.3469, 1.2193, 1.104), 0.184),
     (4, (1, 1.7183, 1.616, 1.5204, 1.4309, 1.3471, 1.2685, 1.1949, 1.1258, 1.0609), 0.108),
-    (10, (1, 1.38398, 1.33417, 1.28639, 1.24039, 1.19627, 1.15387, 1.11307, 1.07386, 1.03625), 0.064),
+    (
+        10,
+        (1, 1.38398, 1.33417, 1.28639, 1.24039, 1.19627, 1.15387, 1.11307, 1.07386, 1.03625),
+        0.064,
+    ),
 ]
 
 
 @pytest.mark.parametrize(("rho", "v", "rate"), ONE_PIN)
 def test_one_pin_has_the_rates_of_the_theory(rho: int, v, rate: float):
-    """Theory, known answers, within 1 %; 1 % more, or a larger radius, is refuted at the face shown."""
+    """Theory, known answers, within 1 %; 1 % more, or a larger radius, is refuted at the face
+    shown."""
     problem, v = cycle(), fractions(*v)
     alpha = largest_rate(problem, v, rho=F(rho))
     assert alpha == pytest.approx(rate, rel=0.01)
@@ -91,9 +102,12 @@ def test_one_pin_has_the_rates_of_the_theory(rho: int, v, rate: float):
     assert verdict(problem, (*v[:4], v[4] * F(98, 100), *v[5:]), alpha, rho) is Verdict.REFUTED
 
 
-@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 12))])
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 12))]
+)
 def test_a_claim_is_never_above_what_samples_of_the_field_allow(seed: int):
-    """Random problems, monotone couplings or not: no sampled row is positive at a proved rate, some is at 1 % more."""
+    """Random problems, monotone couplings or not: no sampled row is positive at a proved rate, some
+    is at 1 % more."""
     problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=1 + seed % 2)
     rho = F(1 + seed % 3, 3)
     proposal = propose_separable(problem, rho=float(rho))
@@ -119,7 +133,8 @@ def test_the_counterexample_of_the_theory_is_refused():
     assert refused.verdict is Verdict.REFUTED
     assert (refused.agent, refused.mode) == (1, "G")
     assert "row of agent 2 in mode G fails at s = " in refused.reason
-    # The twin: rho (v_1 + v_2) = 1.  h(-s/2)/s is weakest at the largest s: e^(1/2 - 1/50)/2 = 0.808, divided by v_2.
+    # The twin: rho (v_1 + v_2) = 1.  h(-s/2)/s is weakest at the largest s: e^(1/2 - 1/50)/2 =
+    # 0.808, divided by v_2.
     assert float(largest_rate(problem, v, rho=F(2, 5))) == pytest.approx(np.exp(0.48) / 3, rel=1e-6)
 
 
@@ -127,7 +142,9 @@ def test_a_face_that_only_the_lower_row_sees():
     """h = exp(y) - 1 at y < 0 is flatter than at y > 0, so the two faces have different rates."""
     problem, v = pair("exp(y) - 1"), fractions(1, 2)
     # s = 1: upper h(-1) = -(1 - 1/e), so 0.316 with v_2 = 2; s -> 0 (lower): 1/2.
-    assert float(largest_rate(problem, v, rho=F(1))) == pytest.approx((1 - np.exp(-1)) / 2, rel=1e-6)
+    assert float(largest_rate(problem, v, rho=F(1))) == pytest.approx(
+        (1 - np.exp(-1)) / 2, rel=1e-6
+    )
     answer = verify_separable(problem, Separable(v=v, alpha=F("0.32"), rho=F(1)))
     assert (answer.verdict, answer.face) == (Verdict.REFUTED, "upper")
     mirrored = verify_separable(pair("1 - exp(-y)"), Separable(v=v, alpha=F("0.32"), rho=F(1)))
@@ -135,7 +152,9 @@ def test_a_face_that_only_the_lower_row_sees():
 
 
 @pytest.mark.parametrize(("h", "face"), [("exp(y) - 1", "upper"), ("1 - exp(-y)", "lower")])
-def test_the_face_that_floats_leave_open_is_the_one_that_is_decided_exactly(monkeypatch, h: str, face: str):
+def test_the_face_that_floats_leave_open_is_the_one_that_is_decided_exactly(
+    monkeypatch, h: str, face: str
+):
     monkeypatch.setattr("dobc_design.conditions.separable.decide.MANY_ARCS", 0)
     answer = verify_separable(pair(h), Separable(v=fractions(1, 2), alpha=F("0.32"), rho=F(1)))
     assert (answer.verdict, answer.face) == (Verdict.REFUTED, face)
@@ -143,8 +162,12 @@ def test_the_face_that_floats_leave_open_is_the_one_that_is_decided_exactly(monk
 
 @pytest.mark.parametrize("lo", ["9/10", "99/100", "6/5"])
 def test_a_coupling_that_turns_within_one_step_counts_with_its_maximum(lo: str):
-    """10 (2 y - y^2) is 10 at y = 1 and less at 6/5: 10/s + 100 s^2 = 457/3 at s = 6/5, not 8 + 144."""
-    kinds = [profile(Curve(pair(h).coupling.components[0]), F(8)) for h in ("10*(2*y - y**2)", "100*y**3")]
+    """10 (2 y - y^2) is 10 at y = 1 and less at 6/5: 10/s + 100 s^2 = 457/3 at s = 6/5, not 8 +
+    144."""
+    kinds = [
+        profile(Curve(pair(h).coupling.components[0]), F(8))
+        for h in ("10*(2*y - y**2)", "100*y**3")
+    ]
     row = Row((Term(0, F(1), F(3), F(1)), Term(1, F(1), F(3), F(1))), F(0), F(1))
     for S in (Interval(F(lo), F(6, 5)), Floats.around(Interval(F(lo), F(6, 5)))):
         sides = _sides(row, 1, kinds, S)
@@ -155,7 +178,8 @@ def test_a_coupling_that_turns_within_one_step_counts_with_its_maximum(lo: str):
 @pytest.mark.slow
 @pytest.mark.parametrize("h", ["sin(y) + y**2/200", "sin(y) - y**2/200"])
 def test_a_maximum_inside_one_interval_counts_where_another_arc_is_worst(h: str):
-    """Agent 3 hears 1 (v = 1) and 2 (v = 1/5): at s = 3.75 the first has its maximum inside, at -3 pi/2."""
+    """Agent 3 hears 1 (v = 1) and 2 (v = 1/5): at s = 3.75 the first has its maximum inside, at -3
+    pi/2."""
     problem = listening([[3, 1], [3, 2]], h, n=3, gains={1: 9, 2: 9, 3: 2}, target=0)
     v, rho = fractions(1, "0.2", 1), F(4)
     alpha = float(largest_rate(problem, v, rho=rho))
@@ -189,7 +213,9 @@ def test_a_coupling_that_turns_at_zero_is_decided_up_to_zero():
 
 REPELLING = listening([[2, 1]], "-y/8", n=2, gains=1, target=0)
 MATRIX = listening([], "y", n=1, gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
-MIXED = listening([[2, 1], [3, 1, 5]], "y", n=3, exceptions={(1, 0): "2*y"}, gains={1: 10}, target=0)
+MIXED = listening(
+    [[2, 1], [3, 1, 5]], "y", n=3, exceptions={(1, 0): "2*y"}, gains={1: 10}, target=0
+)
 HALF = pair("y/2", weight=3)
 
 
@@ -198,10 +224,12 @@ HALF = pair("y/2", weight=3)
     [
         (HALF, (1, 1.5), None, "1/2"),  # agent 2 has 3/2 (v_1 - v_2)
         (HALF, (1, 1.5), F(10**6), "1/2"),
-        (REPELLING, (1, 1), None, "3/4"),  # the worst neighbour is at the opposite face: 1/8 (v_1 + v_2) against k
+        # the worst neighbour is at the opposite face: 1/8 (v_1 + v_2) against k
+        (REPELLING, (1, 1), None, "3/4"),
         (REPELLING, (1, 1), F(3), "3/4"),
         (MATRIX, (1,), None, "1"),  # the second component is worth 2 - 1, the first 3 - 1
-        (MIXED, (1, 2, 10), F(1), "1"),  # arc (2, 1): 2 (2 - 1)/2; arc (3, 1), weight 5: 5 (10 - 1)/10
+        # arc (2, 1): 2 (2 - 1)/2; arc (3, 1), weight 5: 5 (10 - 1)/10
+        (MIXED, (1, 2, 10), F(1), "1"),
         (MIXED, (1, 2, "1.1"), F(1), "0.454545454"),  # now 5 (1.1 - 1)/1.1
     ],
 )
@@ -220,7 +248,10 @@ def test_an_irrational_slope_is_enclosed():
 
 
 def test_every_mode_counts():
-    for modes, verdict in (({"A": [[2, 1]]}, Verdict.PROVED), ({"A": [[2, 1]], "B": []}, Verdict.REFUTED)):
+    for modes, verdict in (
+        ({"A": [[2, 1]]}, Verdict.PROVED),
+        ({"A": [[2, 1]], "B": []}, Verdict.REFUTED),
+    ):
         problem = listening(modes, "y", n=2, gains={1: 1}, target=0)
         answer = verify_separable(problem, Separable(v=fractions(1, 2), alpha=F(1, 2), rho=F(1)))
         assert answer.verdict is verdict
@@ -233,7 +264,11 @@ VECTORS = Problem(network=pair("y").network, coupling=["y1 + y2", "y2"], gains=1
 @pytest.mark.parametrize(
     ("problem", "rho", "why"),
     [
-        (VECTORS, F(1), "does not apply: the max-separable certificate is for couplings that act on each"),
+        (
+            VECTORS,
+            F(1),
+            "does not apply: the max-separable certificate is for couplings that act on each",
+        ),
         (pair("log(1 + y)"), F(1), "does not apply: log"),
         (pair("tanh(y)"), None, "does not apply: without a radius"),
     ],
@@ -247,7 +282,9 @@ def test_where_the_rows_do_not_apply_nothing_is_decided(problem, rho, why):
     assert verdict(pair("log(1 + y)"), v, F(1, 9), F("0.39")) is Verdict.PROVED
 
 
-@pytest.mark.parametrize(("v", "alpha", "rho"), [((0, 1), 1, 1), ((1, 1), 0, 1), ((1, 1), 1, 0), ((), 1, 1)])
+@pytest.mark.parametrize(
+    ("v", "alpha", "rho"), [((0, 1), 1, 1), ((1, 1), 0, 1), ((1, 1), 1, 0), ((), 1, 1)]
+)
 def test_a_claim_has_to_be_positive(v, alpha, rho):
     with pytest.raises(SpecError, match="> 0"):
         Separable(v=fractions(*v), alpha=F(alpha), rho=F(rho))
@@ -267,9 +304,15 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
     assert all(kind.is_nondecreasing for kind in kinds)
     arrays = arc_rows(problem, v)
     tables = float_kinds(kinds, arrays, rho=rho, cells=64)
-    agents = [(agent, row) for agent in range(problem.n) for row, _ in rows(problem, v, agents=[agent])]
+    agents = [
+        (agent, row) for agent in range(problem.n) for row, _ in rows(problem, v, agents=[agent])
+    ]
     for alpha in (F(1, 10), F(1)):
-        answers = {(i, f): decide_row(row, f, kinds, alpha=alpha, rho=rho)[0] for i, row in agents for f in FACES}
+        answers = {
+            (i, f): decide_row(row, f, kinds, alpha=alpha, rho=rho)[0]
+            for i, row in agents
+            for f in FACES
+        }
         failed = {place for place, answer in answers.items() if answer is not Verdict.PROVED}
         left = set(open_rows(arrays, tables, alpha=alpha, rho=rho))
         assert failed <= left
@@ -283,12 +326,16 @@ def held_ring(n: int, *, h: str = "sin(y)") -> tuple[Problem, tuple[F, ...]]:
     return problem, tuple(F(1) if i % 3 == 0 else F(5, 4) for i in range(n))
 
 
-FALLING = [("sin(y)", "3/2"), *(pytest.param(h, 1, marks=pytest.mark.slow) for h in ("y*exp((1 - y**2)/2)", "-y/8"))]
+FALLING = [
+    ("sin(y)", "3/2"),
+    *(pytest.param(h, 1, marks=pytest.mark.slow) for h in ("y*exp((1 - y**2)/2)", "-y/8")),
+]
 
 
 @pytest.mark.parametrize(("h", "rho"), FALLING)
 def test_rows_in_which_a_coupling_falls_are_decided_alike_by_floats(monkeypatch, h: str, rho):
-    """Far beyond the rising range: the same rate, and the same answer just above it, as by rows one by one."""
+    """Far beyond the rising range: the same rate, and the same answer just above it, as by rows one
+    by one."""
     problem, v = held_ring(9, h=h)
     exact = largest_rate(problem, v, rho=F(rho))
     monkeypatch.setattr("dobc_design.conditions.separable.decide.MANY_FALLING", 0)
@@ -304,9 +351,12 @@ def test_rows_in_which_a_coupling_falls_are_decided_alike_by_floats(monkeypatch,
 SLOW = ("y*exp((1 - y**2)/2)", "y/(1 + y**2)", "-y/8", "sin(y) - y**2/200")
 
 
-@pytest.mark.parametrize("h", ["sin(y)", "y**2", *(pytest.param(h, marks=pytest.mark.slow) for h in SLOW)])
+@pytest.mark.parametrize(
+    "h", ["sin(y)", "y**2", *(pytest.param(h, marks=pytest.mark.slow) for h in SLOW)]
+)
 def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
-    """sup h(s t)/s over -reach <= t <= step for s in a piece, both faces; smooth: nothing but the right end counts."""
+    """sup h(s t)/s over -reach <= t <= step for s in a piece, both faces; smooth: nothing but the
+    right end counts."""
     problem = pair(h)
     curve, (s, t) = Curve(problem.coupling.components[0]), (0.8, 1.0)
     steps, reaches = np.array([-1.4, -0.5, 0.0, 0.3, 1.0]), np.array([1.5, 2.5, 4.0, 0.9, 5.0])
@@ -329,7 +379,8 @@ def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
 
 
 def test_rows_that_look_beyond_their_tables_are_not_proved():
-    """Every row would hold with so much room, but beyond the end of its table a coupling may be anything."""
+    """Every row would hold with so much room, but beyond the end of its table a coupling may be
+    anything."""
     problem = pair("y - y**3/12")
     v, rho = (F(1), F(2)), F(1)
     arcs = arc_rows(problem, v)
@@ -355,11 +406,17 @@ def problem_of(seed: int) -> Problem:
     r = Random(seed)
     n = r.randint(2, 7)
     network = random_network(r, n=n, modes=r.randint(1, 3), density=r.choice((0.2, 0.35, 0.5)))
-    return Problem(network=network, coupling="y", gains={i: 1 for i in range(1, n + 1) if r.random() < 0.3}, target=0)
+    return Problem(
+        network=network,
+        coupling="y",
+        gains={i: 1 for i in range(1, n + 1) if r.random() < 0.3},
+        target=0,
+    )
 
 
 def has_common_v(problem: Problem) -> bool:
-    """Feasibility of  sum (v_j - v_i) - k_i v_i <= -1,  v >= 1  in every mode; linear h, so scale does not matter."""
+    """Feasibility of  sum (v_j - v_i) - k_i v_i <= -1,  v >= 1  in every mode; linear h, so scale
+    does not matter."""
     rows = [loop_by_hand(problem, mode) for mode in problem.network.modes]
     A, b = np.vstack(rows), -np.ones(problem.n * len(rows))
     answer = linprog(np.ones(problem.n), A_ub=A, b_ub=b, bounds=(1, None), method="highs")
@@ -384,7 +441,8 @@ def of_modes(modes: dict[str, list[list[int]]]) -> Problem:
 
 
 def test_orders_of_modes_that_alternate_of_a_cycle_and_of_matrix_gains():
-    """Theory, section 5: 3 hears 2 in mode A, 2 hears the pinned 1 in mode B; the twin has both arcs in each."""
+    """Theory, section 5: 3 hears 2 in mode A, 2 hears the pinned 1 in mode B; the twin has both
+    arcs in each."""
     problem = of_modes({"A": [[3, 2]], "B": [[2, 1]]})
     assert stuck_agents(problem) == {1: "A", 2: "A"}
     assert is_stuck(problem, (1, 2))
@@ -405,13 +463,17 @@ W = SWITCHING.observer.W
 # Found by the design for the paper's W; five digits.
 V = fractions(1, 1.52644, 1.50285, 1.45348, 1.33998, 1, 1.52644, 1.50285, 1.45348, 1.33998)
 BOUND = ErrorBound(
-    P=((F("1.4005"), F("-0.5035")), (F("-0.5035"), F("0.6347"))), beta=F("1.58"), kappa=F("0.6333"), size=F("1.651")
+    P=((F("1.4005"), F("-0.5035")), (F("-0.5035"), F("0.6347"))),
+    beta=F("1.58"),
+    kappa=F("0.6333"),
+    size=F("1.651"),
 )
 CLAIM = Separable(v=V, alpha=F("0.0301"), rho=F("4.41"), error=BOUND)
 
 
 def test_the_papers_own_starts_are_covered_for_arbitrary_switching():
-    """Theory, known answers: rho = 4.41, alpha = 0.0301 for all four modes, [0, 5] about 1, |eps| <= 1/2."""
+    """Theory, known answers: rho = 4.41, alpha = 0.0301 for all four modes, [0, 5] about 1, |eps|
+    <= 1/2."""
     assert verify_composite(SWITCHING, W, CLAIM).verdict is Verdict.PROVED
     assert covers(CLAIM, radius=F(4), disturbance=F(1, 2))
     assert float(BOUND.kappa) * 0.5 * np.sqrt(float(BOUND.size)) == pytest.approx(0.406, rel=0.01)
@@ -419,7 +481,11 @@ def test_the_papers_own_starts_are_covered_for_arbitrary_switching():
 
 def test_a_little_more_of_anything_is_refuted():
     """The twins: alpha 1 % larger, rho 1 % larger, v changed by 1 %."""
-    changes = {"alpha": CLAIM.alpha * F(101, 100)}, {"rho": F("4.4541")}, {"v": (*V[:2], V[2] * F(99, 100), *V[3:])}
+    changes = (
+        {"alpha": CLAIM.alpha * F(101, 100)},
+        {"rho": F("4.4541")},
+        {"v": (*V[:2], V[2] * F(99, 100), *V[3:])},
+    )
     for change in changes:
         assert verify_composite(SWITCHING, W, replace(CLAIM, **change)).verdict is Verdict.REFUTED
     assert not covers(CLAIM, radius=F("4.01"), disturbance=F(1, 2))
@@ -427,7 +493,8 @@ def test_a_little_more_of_anything_is_refuted():
 
 
 def test_the_row_bound_is_sharp_for_each_row_of_c():
-    """c'c <= P for c = (1, 0) iff the Schur complement p11 - p12^2/p22 >= 1; beta = 0.1 leaves room elsewhere."""
+    """c'c <= P for c = (1, 0) iff the Schur complement p11 - p12^2/p22 >= 1; beta = 0.1 leaves room
+    elsewhere."""
     exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]])
     gain = ((F(0),), (F(0),))
     for p11, holds in ((F(2), True), (F(2) - F(1, 10**30), False)):
@@ -440,7 +507,10 @@ def test_the_row_bound_is_sharp_for_each_row_of_c():
     bound = ErrorBound(P=unit, beta=F(1), kappa=F(2), size=F(1))
     assert error_bound_obstacle(exosystem, gain, bound) is None
     small = replace(bound, P=((F(1), F(0)), (F(0), F("0.99"))))
-    assert error_bound_obstacle(exosystem, gain, small) == "P does not bound row 2 of C: c'c <= P fails."
+    assert (
+        error_bound_obstacle(exosystem, gain, small)
+        == "P does not bound row 2 of C: c'c <= P fails."
+    )
 
 
 def test_kappa_has_to_exceed_one_over_beta_min_v():
@@ -449,7 +519,11 @@ def test_kappa_has_to_exceed_one_over_beta_min_v():
         claim = replace(CLAIM, error=replace(BOUND, kappa=kappa))
         assert verify_composite(SWITCHING, W, claim).verdict is verdict
     assert composite_rate(replace(CLAIM, error=replace(BOUND, kappa=2 * edge))) == CLAIM.alpha
-    assert 0 < composite_rate(replace(CLAIM, error=replace(BOUND, kappa=edge * F(1001, 1000)))) < F("0.0016")
+    assert (
+        0
+        < composite_rate(replace(CLAIM, error=replace(BOUND, kappa=edge * F(1001, 1000))))
+        < F("0.0016")
+    )
 
 
 def test_without_an_exosystem_v_is_n():

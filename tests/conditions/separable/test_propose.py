@@ -53,7 +53,8 @@ def rate_of(problem: Problem, plan: SeparablePlan, rho: str, *, share: float = 0
 
 
 @pytest.mark.parametrize(
-    ("gains", "rho", "rate"), [(None, "1", 0.184), (None, "4", 0.108), (None, "10", 0.064), (5, "10", 5)]
+    ("gains", "rho", "rate"),
+    [(None, "1", 0.184), (None, "4", 0.108), (None, "10", 0.064), (5, "10", 5)],
 )
 def test_the_ten_cycle_has_the_rates_of_the_theory(gains, rho: str, rate: float):
     """Theory, known answers: within 1 %, and proved; one pin, or all pinned with 5."""
@@ -65,7 +66,9 @@ MODES = [(["Ga"], 0.216), (["Gb"], 0.186), (["Gc"], 0.268), (["Gd"], 0.268), (["
 
 @pytest.mark.parametrize(("modes", "rate"), MODES)
 def test_the_modes_of_example_2_have_the_rates_of_the_theory(modes, rate: float):
-    network = replace(SWITCHING.network, modes={name: SWITCHING.network.modes[name] for name in modes})
+    network = replace(
+        SWITCHING.network, modes={name: SWITCHING.network.modes[name] for name in modes}
+    )
     gains = {SWITCHING.network.labels[i]: k for i, k in SWITCHING.pinning.gains.items()}
     problem = Problem(network=network, coupling=PAPER, gains=gains, target=0)
     assert proved_rate(problem, "4") == pytest.approx(rate, rel=0.01)
@@ -73,7 +76,8 @@ def test_the_modes_of_example_2_have_the_rates_of_the_theory(modes, rate: float)
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_single_linear_mode_has_the_spectral_abscissa_as_rate(seed: int):
-    """Perron and Frobenius: the largest alpha with M v <= -alpha v is -max Re of the spectrum of M."""
+    """Perron and Frobenius: the largest alpha with M v <= -alpha v is -max Re of the spectrum of
+    M."""
     r = Random(seed)
     n = r.randint(3, 9)
     network = random_network(r, n=n, modes=1, density=0.5, weights=(1, "1/2", 3))
@@ -83,7 +87,8 @@ def test_a_single_linear_mode_has_the_spectral_abscissa_as_rate(seed: int):
     if proposal is None:
         assert truth < 1e-5
         return
-    # min v = 1 and v > 0 need no more than that the slowest agents count; a reducible M may have v_i = 1 there.
+    # min v = 1 and v > 0 need no more than that the slowest agents count; a reducible M may have
+    # v_i = 1 there.
     assert proposal.rate == pytest.approx(truth, rel=1e-4)
     assert rate_of(problem, proposal, "1") == pytest.approx(truth, rel=0.006)
 
@@ -112,13 +117,17 @@ def test_a_bound_of_several_outputs_and_of_unseen_states_holds():
 
 def test_no_bound_is_proposed_for_an_observer_that_diverges_or_is_slower():
     exosystem = Exosystem(A=[[0]], C=[[1]])
-    found = [propose_error_bound(exosystem, ((F(w),),), rate=rate) for w, rate in ((-1, 0.0), (1, 1.5), (1, 0.5))]
+    found = [
+        propose_error_bound(exosystem, ((F(w),),), rate=rate)
+        for w, rate in ((-1, 0.0), (1, 1.5), (1, 0.5))
+    ]
     assert found[:2] == [None, None] and found[2] is not None
 
 
 @pytest.mark.parametrize("rate", [0.05, 0.0721])
 def test_a_badly_conditioned_p_keeps_enough_room_for_its_rounding(rate):
-    """Three poles next to each other: P has eigenvalues 0.003 and 5.7, and 1e-5 of room is too little."""
+    """Three poles next to each other: P has eigenvalues 0.003 and 5.7, and 1e-5 of room is too
+    little."""
     exosystem = Exosystem(A=[[0, 0, 0], [0, 0, "0.24"], [0, "-0.24", 0]], C=[[1, 1, 0]])
     W = ((F(53, 5),), (F(-9),), (F(69, 10),))
     assert error_bound_obstacle(exosystem, W, propose_error_bound(exosystem, W, rate=rate)) is None
@@ -127,7 +136,11 @@ def test_a_badly_conditioned_p_keeps_enough_room_for_its_rounding(rate):
 def holds_starts_of_the_paper(problem: Problem, claim: Separable) -> bool:
     """[0, 5] about 1 and |eps| <= 1/2; the rate of V is alpha."""
     proved = verify_composite(problem, W, claim).verdict is Verdict.PROVED
-    return proved and covers(claim, radius=F(4), disturbance=F(1, 2)) and composite_rate(claim) == claim.alpha
+    return (
+        proved
+        and covers(claim, radius=F(4), disturbance=F(1, 2))
+        and composite_rate(claim) == claim.alpha
+    )
 
 
 def test_example_2_is_proved_from_the_papers_own_starts():
@@ -154,9 +167,15 @@ def test_no_certificate_comes_out_of_vectors_that_do_not_hold():
 
 @pytest.mark.parametrize("h", [pytest.param(PAPER, marks=pytest.mark.slow), "sin(y)"])
 def test_the_search_for_many_agents_comes_near_that_for_few(monkeypatch, h: str):
-    """A grid of 6 x 6 agents that hear their neighbours, every fifth pinned: the time to one percent is near."""
+    """A grid of 6 x 6 agents that hear their neighbours, every fifth pinned: the time to one
+    percent is near."""
     side = range(6)
-    steps = [(a, b, *to) for a in side for b in side for to in ((a + 1, b), (a - 1, b), (a, b + 1), (a, b - 1))]
+    steps = [
+        (a, b, *to)
+        for a in side
+        for b in side
+        for to in ((a + 1, b), (a - 1, b), (a, b + 1), (a, b - 1))
+    ]
     arcs = [[6 * a + b + 1, 6 * c + d + 1] for a, b, c, d in steps if c in side and d in side]
     problem = listening(arcs, h, n=36, gains=dict.fromkeys(range(1, 37, 5), 3), target=0)
     few = propose_separable(problem, rho=1.2)

@@ -12,7 +12,12 @@ from scipy.optimize import linprog
 
 from dobc_design import Network, Problem, load_problem, verify
 from dobc_design.conditions.numbers import golden_section, time_to_one_percent
-from dobc_design.conditions.separable.propose import design_separable, field_of, least_solution, sooner_plan
+from dobc_design.conditions.separable.propose import (
+    design_separable,
+    field_of,
+    least_solution,
+    sooner_plan,
+)
 from dobc_design.problem.load import read_problem_text
 
 FOUND = Path(__file__).resolve().parents[2] / "found"
@@ -57,7 +62,12 @@ def test_the_least_weights_have_the_least_largest_one(rate: float):
     """A linear program: minimise t over 1 <= v <= t, (M - rate I) v >= 0."""
     M, n = stiffness() - rate * np.eye(5), 5
     rows = np.vstack([np.hstack([-M, np.zeros((n, 1))]), np.hstack([np.eye(n), -np.ones((n, 1))])])
-    answer = linprog(np.append(np.zeros(n), 1.0), A_ub=rows, b_ub=np.zeros(2 * n), bounds=[(1, None)] * n + [(0, None)])
+    answer = linprog(
+        np.append(np.zeros(n), 1.0),
+        A_ub=rows,
+        b_ub=np.zeros(2 * n),
+        bounds=[(1, None)] * n + [(0, None)],
+    )
     v = least_solution(field_of(CHAIN, rho=1.0), alpha=rate, start=np.ones(n))
     assert v is not None
     assert v.max() == pytest.approx(answer.fun, rel=1e-6)
@@ -68,7 +78,9 @@ def test_no_other_rate_of_a_chain_settles_earlier():
     plan = design_separable(CHAIN, radius=Fraction(1))
     assert plan is not None
     sooner = sooner_plan(CHAIN, plan, radius=Fraction(1), disturbance=Fraction(0), W=None)
-    grid = (time_to_one_percent(rate, (2 / (2 - rate)) ** 4) for rate in np.linspace(0.01, 1.99, 2000))
+    grid = (
+        time_to_one_percent(rate, (2 / (2 - rate)) ** 4) for rate in np.linspace(0.01, 1.99, 2000)
+    )
     assert sooner.time == pytest.approx(min(grid), rel=2e-3)
     assert sooner.time < 0.75 * plan.time
     assert sooner.rate < plan.rate
@@ -94,7 +106,8 @@ def test_a_golden_section_closes_in_on_the_minimum():
 
 
 def test_the_fastest_weights_of_eight_drones_are_not_chosen():
-    """At 0.987 1/s they reach from 1 to 1e6, and the bound starts at ten million for an error of 7."""
+    """At 0.987 1/s they reach from 1 to 1e6, and the bound starts at ten million for an error of
+    7."""
     problem = load_problem(FOUND / "drones.toml")
     certificate = certified(problem)
     check = certificate.check("max-separable")

@@ -1,4 +1,5 @@
-"""The max-separable stage of ``certify``: the box asked for, the largest one where that fails, and what is said."""
+"""The max-separable stage of ``certify``: the box asked for, the largest one where that fails, and
+what is said."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -32,42 +33,60 @@ def side(radius, disturbance=None):
 
 def stage(problem: Problem, *, W=None, domain="consensus", everything=False):
     """The checks of this stage alone, each confirmed after a way through JSON."""
-    found = separable_stage(read_region(problem, W, domain=domain, everything=everything), lambda stage: None)
+    found = separable_stage(
+        read_region(problem, W, domain=domain, everything=everything), lambda stage: None
+    )
     for check in found:
         assert confirmed(check, problem, W=W, domain=domain, beside=found[0]) is None
     return {check.id: check for check in found}
 
 
 def test_the_rate_of_the_papers_examples_is_that_of_the_theory():
-    """paper-switching 0.0301 for all four modes; single mode Ga 0.216 at rho = 4, less at the rho that eps needs."""
+    """paper-switching 0.0301 for all four modes; single mode Ga 0.216 at rho = 4, less at the rho
+    that eps needs."""
     assert certified("paper-switching").rate == pytest.approx(0.0301, rel=0.01)
     assert 0.19 < certified("paper-fixed").rate < 0.216
 
 
 def test_without_a_region_nothing_regional_is_examined_and_a_box_answers_no_question():
     """The verdict is about the consensus; with everything wanted, boxes up to 10 are tried."""
-    problem = cycle(2, exosystem=harmonics([2]), observer=Observer(W=OBSERVED), simulation={"xi0": ["0.3", "0.4"]})
+    problem = cycle(
+        2,
+        exosystem=harmonics([2]),
+        observer=Observer(W=OBSERVED),
+        simulation={"xi0": ["0.3", "0.4"]},
+    )
     certificate = certify(problem)
     assert {check.id for check in certificate.checks} & {"max-separable", "lure"} == set()
     found = stage(problem, W=problem.observer.W, everything=True)
     assert found["max-separable"].domain["radius"] == 10.0
-    assert found["max-separable"].domain["disturbance"] == pytest.approx(0.5, abs=1e-5)  # |xi(0)| of its simulation
+    # |xi(0)| of its simulation
+    assert found["max-separable"].domain["disturbance"] == pytest.approx(0.5, abs=1e-5)
     assert "No region is asked for; boxes up to 10 were tried" in found["max-separable"].reason
     faster = replace(found["max-separable"], rate=9.0)
-    assert decide_overall(problem, [*certificate.checks, faster], problem.observer.W).covered_by == "theorem1-weighted"
+    assert (
+        decide_overall(problem, [*certificate.checks, faster], problem.observer.W).covered_by
+        == "theorem1-weighted"
+    )
 
 
 def test_a_region_that_the_theorem_covers_needs_no_more():
     """Linear couplings: Lemma 1 is global."""
     problem = listening([[1, 2], [2, 1]], "2*y", gains=5, region=side(4))
     certificate = certify(problem)
-    assert {check.id for check in certificate.checks} == {"reachability", "lemma1", "theorem1-weighted", "tolerance"}
+    assert {check.id for check in certificate.checks} == {
+        "reachability",
+        "lemma1",
+        "theorem1-weighted",
+        "tolerance",
+    }
     check = stage(problem, domain="global", everything=True)["max-separable"]
     assert (check.verdict, check.domain, check.exact["rho"]) == (PROVED, "global", None)
 
 
 def test_linear_couplings_are_proved_from_everywhere_where_v_is_not_quadratic():
-    """A star with a far heavier arc: e'e grows, e'De and max |e_i|/v_i fall, however large the region."""
+    """A star with a far heavier arc: e'e grows, e'De and max |e_i|/v_i fall, however large the
+    region."""
     problem = listening([[2, 1, 50]], "y", n=2, gains={1: 1}, target=0, region=side("1e9"))
     certificate = certify(problem)
     assert certificate.check("lemma1").verdict is REFUTED
@@ -77,8 +96,8 @@ def test_linear_couplings_are_proved_from_everywhere_where_v_is_not_quadratic():
 
 
 def test_where_the_box_asked_for_is_too_large_the_largest_one_is_proved(monkeypatch):
-    """sin, one pin: pi/2 is the limit, and the whole stays undecided with both numbers in the sentence; delays and
-    sampling are left out for more than TIMED_ARCS arcs."""
+    """sin, one pin: pi/2 is the limit, and the whole stays undecided with both numbers in the
+    sentence; delays and sampling are left out for more than TIMED_ARCS arcs."""
     monkeypatch.setattr("dobc_design.conditions.separable.stage.TIMED_ARCS", 1)
     problem = cycle(2, h="sin(y)", region=side(4))
     found = stage(problem)
@@ -91,13 +110,18 @@ def test_where_the_box_asked_for_is_too_large_the_largest_one_is_proved(monkeypa
     assert f"|e_i| <= {check.domain['radius']}" in whole.reason
     assert "the region asks for |e_i| <= 4" in whole.reason
     timed = [check for check in found.values() if "the network has 2 arcs" in check.reason]
-    assert [(check.id, check.verdict) for check in timed] == [("delay", UNDECIDED), ("sampling", UNDECIDED)]
+    assert [(check.id, check.verdict) for check in timed] == [
+        ("delay", UNDECIDED),
+        ("sampling", UNDECIDED),
+    ]
 
 
 @pytest.mark.slow
 def test_the_largest_box_leaves_room_for_the_disturbance_and_none_is_found_where_there_is_none():
     def found(disturbance):
-        problem = cycle(3, h="sin(y)", exosystem=Exosystem(A=[[0]], C=[[1]]), region=side(4, disturbance))
+        problem = cycle(
+            3, h="sin(y)", exosystem=Exosystem(A=[[0]], C=[[1]]), region=side(4, disturbance)
+        )
         return stage(problem, W=((Fraction(2),),))
 
     less, more = (found(s)["max-separable"].domain["radius"] for s in ("1/10", 1))
@@ -110,7 +134,9 @@ def test_the_largest_box_leaves_room_for_the_disturbance_and_none_is_found_where
 
 def test_agents_that_no_v_holds_are_refuted_and_the_whole_is_not():
     """Each mode reaches everybody; 3 hears 2 in one and 2 hears 3 in the other."""
-    problem = listening({"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}, "tanh(y)", n=3, gains={1: 3}, region=side(1))
+    problem = listening(
+        {"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}, "tanh(y)", n=3, gains={1: 3}, region=side(1)
+    )
     check = stage(problem)["max-separable"]
     assert (check.verdict, check.witness.labels) == (REFUTED, ("2", "3"))
     whole = decide_overall(problem, [check], None)
@@ -118,7 +144,9 @@ def test_agents_that_no_v_holds_are_refuted_and_the_whole_is_not():
     assert "2 in B, 3 in A" in whole.reason
 
 
-VECTORS = Problem(network=cycle(2).network, coupling=["y1 + y2**2", "y2"], gains=1, target=[0, 0], region=side(1))
+VECTORS = Problem(
+    network=cycle(2).network, coupling=["y1 + y2**2", "y2"], gains=1, target=[0, 0], region=side(1)
+)
 BLIND = cycle(3, exosystem=Exosystem(A=[[0]], C=[[0]]), region=side(1, 1))
 
 
@@ -138,9 +166,12 @@ FAR = [("exp(y) - 1 + y", 900, PROVED), ("tanh(y)", "1e200", UNDECIDED), ("log(1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("h", "box", "verdict"), [*FAR, ("sin(y)", "1e6", UNDECIDED), ("tanh(y)", "1e-300", PROVED)])
+@pytest.mark.parametrize(
+    ("h", "box", "verdict"), [*FAR, ("sin(y)", "1e6", UNDECIDED), ("tanh(y)", "1e-300", PROVED)]
+)
 def test_far_out_boxes_end_in_an_answer(h, box, verdict):
-    """Couplings overflow, end or turn thousands of times there; nothing is claimed that is not confirmed."""
+    """Couplings overflow, end or turn thousands of times there; nothing is claimed that is not
+    confirmed."""
     problem = Problem(network=cycle(2).network, coupling=h, gains={1: 1}, region=side(box))
     assert stage(problem)["max-separable"].verdict is verdict
 
@@ -149,16 +180,23 @@ def test_claims_keep_a_part_in_hand_for_a_second_program():
     """alpha, the delayed rate and the period all hold with a little more."""
     problem = cycle(gains=5, region=side(2))
     checks = stage(problem)
-    more = {"max-separable": ("alpha", "1.00009"), "delay": ("rate", "1.00009"), "sampling": ("period", "1.0009")}
+    more = {
+        "max-separable": ("alpha", "1.00009"),
+        "delay": ("rate", "1.00009"),
+        "sampling": ("period", "1.0009"),
+    }
     for id, (name, factor) in more.items():
-        exact = dict(checks[id].exact) | {name: str(Fraction(checks[id].exact[name]) * Fraction(factor))}
+        exact = dict(checks[id].exact) | {
+            name: str(Fraction(checks[id].exact[name]) * Fraction(factor))
+        }
         more_claimed = replace(checks[id], claim=Values(exact))
         assert confirmed(more_claimed, problem, beside=checks["max-separable"]) is None
 
 
 def test_where_a_coupling_is_steep_sampling_has_flatter_weights_of_its_own():
-    """exp(y) - 1 + y on |e| <= 4: v next to 1 allow hundreds of times the period of the fastest v, and at four times
-    that one step from opposite corners leaves the proved set; tanh keeps the v of max-separable."""
+    """exp(y) - 1 + y on |e| <= 4: v next to 1 allow hundreds of times the period of the fastest v,
+    and at four times that one step from opposite corners leaves the proved set; tanh keeps the v of
+    max-separable."""
     problem = cycle(4, gains={1: 5}, region=side(4))
     checks = stage(problem)
     both = checks["max-separable"].exact, checks["sampling"].exact["certificate"]
@@ -166,12 +204,18 @@ def test_where_a_coupling_is_steep_sampling_has_flatter_weights_of_its_own():
     period, factor = (Fraction(checks["sampling"].exact[name]) for name in ("period", "factor"))
     assert period > 20 * largest_period(problem, fastest).period
     assert own.alpha < fastest.alpha
-    v, k, h = np.array([float(x) for x in own.v]), np.array([5.0, 0, 0, 0]), problem.coupling.numpy_function()
+    v, k, h = (
+        np.array([float(x) for x in own.v]),
+        np.array([5.0, 0, 0, 0]),
+        problem.coupling.numpy_function(),
+    )
     e = np.random.default_rng(0).uniform(-1, 1, (2000, 4))
     e[:1000] = np.sign(e[:1000])
     e *= float(own.rho) * v
     change = h((np.roll(e, -1, axis=1) - e)[..., None])[..., 0] - k * e
-    before, after, late = (np.max(np.abs(e + float(T) * change) / v, axis=1) for T in (0, period, 4 * period))
+    before, after, late = (
+        np.max(np.abs(e + float(T) * change) / v, axis=1) for T in (0, period, 4 * period)
+    )
     assert np.all(after <= float(factor) * before + 1e-12)
     assert np.max(late) > float(own.rho)
     calm = cycle(4, gains={1: 5}, region=side(4), h="tanh(y)")
@@ -181,7 +225,9 @@ def test_where_a_coupling_is_steep_sampling_has_flatter_weights_of_its_own():
 def ring(n: int, h: str, *, step: int, k: int, reach) -> Problem:
     """Both neighbours are heard, every so many agents one is pinned."""
     arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
-    return listening(arcs, h, n=n, gains=dict.fromkeys(range(1, n + 1, step), k), region=side(reach))
+    return listening(
+        arcs, h, n=n, gains=dict.fromkeys(range(1, n + 1, step), k), region=side(reach)
+    )
 
 
 @pytest.mark.slow
@@ -195,8 +241,11 @@ def test_a_large_network_is_certified_and_confirmed_and_v_travels_as_doubles():
 
 
 def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
-    """Five agents in a row, the first pinned: a common v exists for every radius (theory, section 5, existence)."""
-    problem = listening([[i + 1, i] for i in range(1, 5)], "exp(y) - 1 + y", n=5, gains={1: 2}, region=side(1))
+    """Five agents in a row, the first pinned: a common v exists for every radius (theory, section
+    5, existence)."""
+    problem = listening(
+        [[i + 1, i] for i in range(1, 5)], "exp(y) - 1 + y", n=5, gains={1: 2}, region=side(1)
+    )
     steep = design_separable(problem, radius=Fraction(1))
     assert steep.v.max() > 1e5
     check = stage(problem)["max-separable"]
@@ -216,4 +265,6 @@ def test_large_networks_get_no_delay_and_no_sampling_period(monkeypatch):
     assert found["max-separable"].verdict is PROVED
     for check in (found["delay"], found["sampling"]):
         assert check.verdict is UNDECIDED
-        assert check.reason.startswith("left out: the network has 1 arcs; delays and sampling are examined up to 0.")
+        assert check.reason.startswith(
+            "left out: the network has 1 arcs; delays and sampling are examined up to 0."
+        )

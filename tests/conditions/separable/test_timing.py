@@ -1,4 +1,5 @@
-"""Delays and sampling: rates and periods that are proved, their twins, and simulations that obey them."""
+"""Delays and sampling: rates and periods that are proved, their twins, and simulations that obey
+them."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -7,7 +8,17 @@ from random import Random
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from separable_problems import MONOTONE, PAPER, TURNING, cycle, float_gains, fractions, listening, pair, random_problem
+from separable_problems import (
+    MONOTONE,
+    PAPER,
+    TURNING,
+    cycle,
+    float_gains,
+    fractions,
+    listening,
+    pair,
+    random_problem,
+)
 
 from dobc_design import Problem, Verdict
 from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, SamplingBound, Separable
@@ -30,7 +41,8 @@ def certified(problem: Problem, rho: Fraction) -> Separable:
 
 
 def test_the_delayed_rate_of_two_agents_is_halanays():
-    """h = y, e_2' = v_1-bound - e_2: lambda = 1 - exp(lambda tau)/2 for v = (1, 2); at tau = 1 that is 0.31492."""
+    """h = y, e_2' = v_1-bound - e_2: lambda = 1 - exp(lambda tau)/2 for v = (1, 2); at tau = 1 that
+    is 0.31492."""
     claim = Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None)
     truth = brentq(lambda rate: rate - 1 + np.exp(rate) / 2, 0, 0.5)
     for part, verdict in ((0.999999, Verdict.PROVED), (1.000001, Verdict.REFUTED)):
@@ -42,7 +54,10 @@ def test_the_delayed_rate_of_two_agents_is_halanays():
 
 def test_every_delay_leaves_a_positive_rate():
     claim = certified(cycle(4), F(1))
-    delays = [longest_delay(cycle(4), claim, rate=claim.alpha * part).delay for part in (F("0.99"), F(1, 2), F(1, 20))]
+    delays = [
+        longest_delay(cycle(4), claim, rate=claim.alpha * part).delay
+        for part in (F("0.99"), F(1, 2), F(1, 20))
+    ]
     assert 0 < delays[0] < delays[1] < delays[2]
     assert longest_delay(cycle(4), claim, rate=claim.alpha * F("1.01")) is None
 
@@ -61,17 +76,25 @@ def test_negative_delays_are_refused():
         verify_delay(pair("y"), claim, DelayBound(delay=F(-1), rate=F(1)))
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))]
+)
 def test_delayed_simulations_obey_the_rate(seed: int):
-    """Random constant delays per arc up to tau; explicit Euler in steps far below every time constant."""
-    problem = random_problem(seed, couplings=("tanh(y)", "atan(2*y)", "y", "y + sin(y)/2"), modes=1, n=4, held=True)
+    """Random constant delays per arc up to tau; explicit Euler in steps far below every time
+    constant."""
+    problem = random_problem(
+        seed, couplings=("tanh(y)", "atan(2*y)", "y", "y + sin(y)/2"), modes=1, n=4, held=True
+    )
     claim = certified(problem, F(1))
     bound = longest_delay(problem, claim, rate=claim.alpha / 2)
     tau, dt, rate = float(bound.delay), 1e-3, float(bound.rate)
     r, v = Random(seed), np.array([float(x) for x in claim.v])
     gains, late = float_gains(problem), int(tau / dt)
     mode = next(iter(problem.network.modes.values()))
-    arcs = [(i, j, float(w), problem.coupling_of(i, j).numpy_function(), r.randint(0, late)) for i, j, w in mode]
+    arcs = [
+        (i, j, float(w), problem.coupling_of(i, j).numpy_function(), r.randint(0, late))
+        for i, j, w in mode
+    ]
     history = [v * np.array([r.choice((-1, 1)) for _ in v])] * (late + 1)
     for step in range(2500):
         e = history[-1]
@@ -82,9 +105,12 @@ def test_delayed_simulations_obey_the_rate(seed: int):
         assert np.max(np.abs(history[-1]) / v) <= 1.002 * np.exp(-rate * dt * (step + 1))
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))]
+)
 def test_sampled_simulations_obey_the_period(seed: int):
-    """The held step is an exact map; from the boundary of every box it shrinks by the factor, monotone or not."""
+    """The held step is an exact map; from the boundary of every box it shrinks by the factor,
+    monotone or not."""
     problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=2, n=4, held=True)
     claim = certified(problem, F(1, 4))
     bound = largest_period(problem, claim)
@@ -98,20 +124,24 @@ def test_sampled_simulations_obey_the_period(seed: int):
             e = level * v * rng.choice((-1, 1, rng.uniform(-1, 1)), size=len(v))  # many on a face
             after = e * (1 - period * gains)
             for i, j, w in arcs:
-                after[i] += period * float(w) * problem.coupling_of(i, j).numpy_function()([e[j] - e[i]])[0]
+                after[i] += (
+                    period * float(w) * problem.coupling_of(i, j).numpy_function()([e[j] - e[i]])[0]
+                )
             before = np.max(np.abs(e) / v)
             assert np.max(np.abs(after) / v) <= factor * before + 1e-12
 
 
 def test_the_period_of_a_linear_pair_is_the_textbooks():
-    """e_2+ = e_2 + T w (e_1 - e_2) with w = 3: T <= 1/3; agent 1: T <= 1/5, which is the smaller."""
+    """e_2+ = e_2 + T w (e_1 - e_2) with w = 3: T <= 1/3; agent 1: T <= 1/5, which is the
+    smaller."""
     claim = Separable(v=fractions(1, 2), alpha=F(1), rho=None)
     bound = largest_period(pair("y", weight=3), claim)
     assert bound == SamplingBound(period=F(1, 5), factor=F(4, 5))
 
 
 def test_the_period_of_a_convex_coupling_is_that_of_the_whole_way():
-    """h = exp(y) - 1 + y, v = (1, 2), rho = 1: on the way from -1 to 3 the mean slope is (h(3) - h(-1))/4.
+    """h = exp(y) - 1 + y, v = (1, 2), rho = 1: on the way from -1 to 3 the mean slope is (h(3) -
+    h(-1))/4.
 
     A longer period lets agent 2 jump from the lower face beyond the upper one.
     """
@@ -126,11 +156,14 @@ def test_the_period_of_a_convex_coupling_is_that_of_the_whole_way():
 def test_a_coupling_that_no_arc_has_does_not_limit_the_period(monkeypatch):
     monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", 0)
     claim, exceptions = Separable(v=fractions(1, 2), alpha=F(1, 100), rho=F(1)), {(1, 0): "tanh(y)"}
-    with_unused = listening([[2, 1]], "exp(9*y) - 1", n=2, gains={1: 5}, target=0, exceptions=exceptions)
+    with_unused = listening(
+        [[2, 1]], "exp(9*y) - 1", n=2, gains={1: 5}, target=0, exceptions=exceptions
+    )
     assert largest_period(with_unused, claim) == largest_period(pair("tanh(y)"), claim)
 
 
-@pytest.mark.parametrize("many", [100, 0])  # arcs from which on slopes are bounded on equal parts of the box
+# arcs from which on slopes are bounded on equal parts of the box
+@pytest.mark.parametrize("many", [100, 0])
 def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only(monkeypatch, many: int):
     """Slope 41/10 on -1 < y < -1/2 and 1/10 elsewhere; agent 2 starts at y = -1, so T <= 10/41."""
     monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", many)
@@ -141,13 +174,17 @@ def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only(monk
 
 @pytest.mark.parametrize("longer", [False, True])
 def test_a_period_that_holds_with_equality_is_proved_and_none_just_above_it(longer: bool):
-    """h' = 1 + 3 y^2, v = (1, 1), rho = 1/2: the mean slope over eight slices is 281/128, and with k = 231/128 that is
-    4, which floats miss by 1e-15."""
+    """h' = 1 + 3 y^2, v = (1, 1), rho = 1/2: the mean slope over eight slices is 281/128, and with
+    k = 231/128 that is 4, which floats miss by 1e-15."""
     problem = listening([[2, 1]], "y + y**3", n=2, gains={1: F(231, 128), 2: F(231, 128)}, target=0)
     claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1, 2))
     bound = SamplingBound(period=F(1, 4) + (F(1, 10**12) if longer else 0), factor=F(3, 4))
-    assert verify_sampling(problem, claim, bound).verdict is (Verdict.UNDECIDED if longer else Verdict.PROVED)
-    assert verify_sampling(problem, claim, replace(bound, factor=F(1, 2))).verdict is Verdict.REFUTED
+    assert verify_sampling(problem, claim, bound).verdict is (
+        Verdict.UNDECIDED if longer else Verdict.PROVED
+    )
+    assert (
+        verify_sampling(problem, claim, replace(bound, factor=F(1, 2))).verdict is Verdict.REFUTED
+    )
     assert largest_period(problem, claim).period == F(1, 4)
 
 
@@ -155,7 +192,9 @@ def test_a_matrix_gain_limits_the_period_by_its_diagonal():
     """T max k_cc <= 1: rows of the gain are worth 3 - 1 and 2 - 1, but a step overshoots by 3 T."""
     problem = listening([], "y", n=1, gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
     claim = Separable(v=fractions(1), alpha=F(1), rho=None)
-    assert largest_period(problem, claim) == SamplingBound(period=F("0.333333333"), factor=1 - F("0.333333333"))
+    assert largest_period(problem, claim) == SamplingBound(
+        period=F("0.333333333"), factor=1 - F("0.333333333")
+    )
     longer = SamplingBound(period=F("0.334"), factor=F("0.9"))
     assert verify_sampling(problem, claim, longer).verdict is Verdict.UNDECIDED
 
@@ -164,4 +203,6 @@ def test_matrix_gains_and_couplings_that_do_not_apply_have_no_period():
     vector = listening([[2, 1]], ["y1 + y2", "y2"], n=2, gains=1, target=[0, 0])
     claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1))
     assert largest_period(vector, claim) is None
-    assert largest_period(pair("tanh(y)"), Separable(v=fractions(1, 1), alpha=F(1), rho=None)) is None
+    assert (
+        largest_period(pair("tanh(y)"), Separable(v=fractions(1, 1), alpha=F(1), rho=None)) is None
+    )

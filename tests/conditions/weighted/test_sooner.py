@@ -18,19 +18,25 @@ DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
 
 def test_the_first_claim_settles_earlier_than_the_fastest():
     first, second, *_ = proposals(state_theorems(SLOW), None)
-    times = [time_to_one_percent(rate, math.sqrt(max(claim.D) / min(claim.D))) for claim, rate in (first, second)]
+    times = [
+        time_to_one_percent(rate, math.sqrt(max(claim.D) / min(claim.D)))
+        for claim, rate in (first, second)
+    ]
     assert first[1] < second[1]
     assert times[0] < 0.7 * times[1]
 
 
 def test_the_weights_do_for_their_rate():
-    """D (M - rate I) + (M - rate I)'D > 0 by eigenvalues, and no more than the fastest weights are apart."""
+    """D (M - rate I) + (M - rate I)'D > 0 by eigenvalues, and no more than the fastest weights are
+    apart."""
     M = stiffness(SLOW, next(iter(SLOW.network.modes)))
     found = soonest_weights({"G": M}, 1.99, None)
     assert found is not None
     X = np.diag(found.D) @ (M.toarray() - found.rate * np.eye(6))
     assert np.linalg.eigvalsh(X + X.T)[0] > 0
-    assert found.time == pytest.approx(time_to_one_percent(found.rate, math.sqrt(found.D.max() / found.D.min())))
+    assert found.time == pytest.approx(
+        time_to_one_percent(found.rate, math.sqrt(found.D.max() / found.D.min()))
+    )
 
 
 def test_an_undirected_network_needs_no_weights():
@@ -47,7 +53,9 @@ def test_the_largest_rate_is_stated_beside_the_one_that_settles_first():
 
 def test_a_line_of_double_integrators_settles_earlier_than_by_its_fastest_weights():
     """The fastest weights of a line lie apart by powers of ten for each hop."""
-    line = Problem(network=CHAIN, coupling="y1 + 2*y2", gains={1: [[1, 2]]}, dynamics=DOUBLE, target=[0, 0])
+    line = Problem(
+        network=CHAIN, coupling="y1 + 2*y2", gains={1: [[1, 2]]}, dynamics=DOUBLE, target=[0, 0]
+    )
     check = certified(line).check("theorem1-weighted")
     assert "The largest rate is about" in check.reason
     assert (check.factor or math.inf) < 100

@@ -1,4 +1,5 @@
-"""Weighted Theorems 1 and 2: known rates, proofs and their twins that just fail, both programs, both sizes."""
+"""Weighted Theorems 1 and 2: known rates, proofs and their twins that just fail, both programs,
+both sizes."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -31,7 +32,9 @@ KNOWN = [
 
 
 def row(problem: Problem) -> Check | None:
-    return next((check for check in certified(problem).checks if check.id.endswith("weighted")), None)
+    return next(
+        (check for check in certified(problem).checks if check.id.endswith("weighted")), None
+    )
 
 
 def fastest(problem: Problem) -> Check:
@@ -50,16 +53,26 @@ def without_observer(problem: Problem, **changes: object) -> Problem:
     return problem.replace(**nothing | changes)
 
 
-def digraph(seed: int, *, n: int | None = None, h: str = "exp(y) - 1 + y", **more: object) -> Problem:
-    """Weighted arcs at random, reducible or strongly connected, a few pins, some agents perhaps not reached."""
+def digraph(
+    seed: int, *, n: int | None = None, h: str = "exp(y) - 1 + y", **more: object
+) -> Problem:
+    """Weighted arcs at random, reducible or strongly connected, a few pins, some agents perhaps not
+    reached."""
     r = Random(f"weighted {seed}")
     n = n or r.randint(2, 25)
     arcs = {(i, r.randrange(n)): r.randint(1, 40) for i in range(n) for _ in range(r.randint(0, 3))}
     if seed % 2:
         arcs |= {(i, (i + 1) % n): r.randint(1, 40) for i in range(n)}
     listed = [[i + 1, j + 1, Fraction(w, 8)] for (i, j), w in sorted(arcs.items()) if i != j]
-    gains = {r.randint(1, n): Fraction(r.randint(1, 40), 4) for _ in range(r.randint(1, max(1, n // 4)))}
-    return Problem(network=Network.from_arcs(listed, arrow="listens_to", agents=n), coupling=h, gains=gains, **more)
+    gains = {
+        r.randint(1, n): Fraction(r.randint(1, 40), 4) for _ in range(r.randint(1, max(1, n // 4)))
+    }
+    return Problem(
+        network=Network.from_arcs(listed, arrow="listens_to", agents=n),
+        coupling=h,
+        gains=gains,
+        **more,
+    )
 
 
 @pytest.mark.parametrize(("gains", "rates"), KNOWN)
@@ -94,7 +107,9 @@ def fan(second, third):
         (fan(2, 3), fan(3, 2), 1, Verdict.UNDECIDED, "serve the modes m0 and m1 together"),
     ],
 )
-def test_modes_without_common_weights_are_proved_by_a_common_v_or_named(m0, m1, gain, verdict, said):
+def test_modes_without_common_weights_are_proved_by_a_common_v_or_named(
+    m0, m1, gain, verdict, said
+):
     network = Network.from_arcs({"m0": m0, "m1": m1}, arrow="listens_to", agents=3)
     problem = Problem(network=network, coupling="tanh(y)", gains={1: gain})
     certificate = certified(problem)
@@ -106,16 +121,23 @@ def test_modes_without_common_weights_are_proved_by_a_common_v_or_named(m0, m1, 
 def test_a_chain_of_ten_has_the_rate_of_one_agent():
     """Chain, gain 2, head pinned k = 3: mu = 2, although V = e'e shows 0.0888."""
     arcs = [[i + 1, i] for i in range(1, 10)]
-    chain = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=10), coupling="2*y", gains={1: 3})
+    chain = Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=10), coupling="2*y", gains={1: 3}
+    )
     assert 1.98 <= fastest(chain).rate < 2
 
 
 @pytest.mark.parametrize("ends", [False, True])
 def test_a_long_way_from_the_pin_is_proved_though_no_doubles_hold_the_fastest_weights(ends):
-    """Chain and ring that hear one way: near the true rate, weights grow by a factor from agent to agent."""
+    """Chain and ring that hear one way: near the true rate, weights grow by a factor from agent to
+    agent."""
     n = 1200
     arcs = [[i + 1, i] for i in range(1, n)] + [[1, n]] * ends
-    long = Problem(network=Network.from_arcs({"G": arcs}, arrow="listens_to", agents=n), coupling="y", gains={1: 2})
+    long = Problem(
+        network=Network.from_arcs({"G": arcs}, arrow="listens_to", agents=n),
+        coupling="y",
+        gains={1: 2},
+    )
     statements = state_theorems(long)
     (check,) = weighted_stage(statements, None)
     assert check.verdict is Verdict.PROVED
@@ -175,15 +197,20 @@ def test_what_is_accepted_is_definite_for_an_eigenvalue_solver(seed):
 
 
 def test_the_block_condition_of_the_observer_holds():
-    """[[-(DM + M'D) + 2 beta D, D (x) C], [., I (x) (Omega0 + 2 beta P)]] < 0 by an eigenvalue solver."""
+    """[[-(DM + M'D) + 2 beta D, D (x) C], [., I (x) (Omega0 + 2 beta P)]] < 0 by an eigenvalue
+    solver."""
     certificate = certified("paper-fixed")
     problem, check = certificate.problem, certificate.check("theorem1-weighted")
     D, P = np.diag(np.array(check.claim.D, float)), np.array(check.claim.P, float)
-    A, C, W = (np.array(x, float) for x in (problem.exosystem.A, problem.exosystem.C, certificate.claims.W))
+    A, C, W = (
+        np.array(x, float) for x in (problem.exosystem.A, problem.exosystem.C, certificate.claims.W)
+    )
     M, beta, F = -loop_by_hand(problem, slope=2.0), check.rate, A - W @ C
     corner = -(D @ M + M.T @ D) + 2 * beta * D
     omega = P @ F + F.T @ P + 2 * beta * P
-    unit = linalg.block_diag(np.diag(np.diag(D) ** -0.5), np.kron(np.eye(10), np.linalg.inv(linalg.cholesky(P).T).T))
+    unit = linalg.block_diag(
+        np.diag(np.diag(D) ** -0.5), np.kron(np.eye(10), np.linalg.inv(linalg.cholesky(P).T).T)
+    )
     block = np.block([[corner, np.kron(D, C)], [np.kron(D, C).T, np.kron(np.eye(10), omega)]])
     assert np.linalg.eigvalsh(unit.T @ block @ unit).max() < 0
 
@@ -200,7 +227,8 @@ def test_rounded_rows_of_large_networks_agree_with_exact_ones(seed, monkeypatch)
     assert rows_hold(mode, statements.problem, D, w, **common)
     assert not rows_hold(mode, statements.problem, D, w, rate=rate * 2, sigma=(Fraction(0),))
     tiny = Doubles(D.array * 1e-150)
-    assert not rows_hold(mode, statements.problem, tiny, w, **common)  # products below the smallest float
+    # products below the smallest float
+    assert not rows_hold(mode, statements.problem, tiny, w, **common)
 
 
 @pytest.mark.parametrize("h", ["-y", "y**3 - y"])

@@ -1,4 +1,5 @@
-"""Designs for agents with [dynamics]: what is designed is certified; eigenvalues are the oracle of what is too weak."""
+"""Designs for agents with [dynamics]: what is designed is certified; eigenvalues are the oracle of
+what is too weak."""
 
 import json
 import re
@@ -16,7 +17,9 @@ from dobc_design.problem.changes import problem_text
 
 WIND = Exosystem(A=[[0, 3, 0], [-3, 0, 0], [0, 0, 0]], C=[[1, 0, 1]])
 POLES = Dynamics(A=[[0, 1], ["1/2", 0]], B=[[0], [1]])  # unstable: each falls over by itself
-PLANE = Dynamics(A=[[0, 0, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0]], B=[[0, 0], [0, 0], [1, 0], [0, 1]])
+PLANE = Dynamics(
+    A=[[0, 0, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0]], B=[[0, 0], [0, 0], [1, 0], [0, 1]]
+)
 STILL = Dynamics(A=[[0, 1], ["-1/4", 0]], B=[[2, 0], [1, 1]])  # as many inputs as states
 
 
@@ -26,20 +29,29 @@ def digraph(n: int, seed: str = "", modes: int = 1) -> Network:
     found = {}
     for mode in range(modes):
         arcs = {(i, r.randint(1, i - 1)) for i in range(2, n + 1)}
-        arcs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.2}
+        arcs |= {
+            (i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.2
+        }
         found[f"G{mode}"] = [list(each) for each in sorted(arcs)]
     return Network.from_arcs(found, arrow="listens_to", agents=n)
 
 
 def agents(n: int = 4, dynamics: Dynamics = DOUBLE, **given) -> Problem:
     names = [f"y{c + 1}" for c in range(dynamics.dimension)]
-    one = {1: " + ".join(names), 2: ["y1 + 2*y3", "y2 + 2*y4"]}[dynamics.inputs] if dynamics is not STILL else "y"
+    one = (
+        {1: " + ".join(names), 2: ["y1 + 2*y3", "y2 + 2*y4"]}[dynamics.inputs]
+        if dynamics is not STILL
+        else "y"
+    )
     target = [0] * dynamics.dimension
-    return Problem(**{"network": digraph(n), "coupling": one, "dynamics": dynamics, "target": target} | given)
+    return Problem(
+        **{"network": digraph(n), "coupling": one, "dynamics": dynamics, "target": target} | given
+    )
 
 
 def checked(found: dd.Design, rate) -> None:
-    """Both programs accept the certificate of a proved design, and eigenvalues are as fast as claimed."""
+    """Both programs accept the certificate of a proved design, and eigenvalues are as fast as
+    claimed."""
     assert found.verdict is Verdict.PROVED, found
     again = dd.verify(found.certificate, found.problem)
     assert again.holds and again.lone_checker == "it accepts every claim", again.failures
@@ -56,11 +68,16 @@ def weaker(found: dd.Design, part: float) -> Problem:
     """The same with less coupling; gains are multiples of it."""
     p, k = found.problem, Fraction(part)
     texts = [f"({k})*({h})" for h in p.coupling.texts]
-    gains = {p.network.labels[i]: [[k * x for x in row] for row in gain] for i, gain in p.pinning.gains.items()}
+    gains = {
+        p.network.labels[i]: [[k * x for x in row] for row in gain]
+        for i, gain in p.pinning.gains.items()
+    }
     return p.replace(coupling=texts if len(texts) > 1 else texts[0], gains=gains)
 
 
-LARGE = [pytest.param(n, coupling, marks=pytest.mark.slow) for n in (8, 12) for coupling in (False, True)]
+LARGE = [
+    pytest.param(n, coupling, marks=pytest.mark.slow) for n in (8, 12) for coupling in (False, True)
+]
 
 
 @pytest.mark.parametrize(("n", "coupling"), [(4, False), (3, True), *LARGE])
@@ -69,9 +86,14 @@ def test_double_integrators_on_random_digraphs_are_proved_with_what_is_designed(
     checked(dd.design(problem, rate=str(rate), coupling=coupling), rate)
 
 
-@pytest.mark.parametrize(("n", "dynamics"), [(1, POLES), (1, PLANE), (2, STILL)], ids=["poles", "plane", "still"])
-def test_couplings_are_designed_for_other_agents_and_are_hardly_stronger_than_eigenvalues_allow(n, dynamics):
-    """Just below the part that the eigenvalues name, the loop is slower than asked; `certify` does not prove it."""
+@pytest.mark.parametrize(
+    ("n", "dynamics"), [(1, POLES), (1, PLANE), (2, STILL)], ids=["poles", "plane", "still"]
+)
+def test_couplings_are_designed_for_other_agents_and_are_hardly_stronger_than_eigenvalues_allow(
+    n, dynamics
+):
+    """Just below the part that the eigenvalues name, the loop is slower than asked; `certify` does
+    not prove it."""
     found = dd.design(agents(n, dynamics), rate="1/4", coupling=True)
     checked(found, 0.25)
     part = float(found.prices[0].split("nothing, ")[1].split(" ")[0])
@@ -83,7 +105,9 @@ def test_couplings_are_designed_for_other_agents_and_are_hardly_stronger_than_ei
 
 
 def test_modes_share_pins_and_coupling():
-    network = Network.from_arcs({"A": [[2, 1]], "B": [[2, 1], [1, 2, 2]]}, arrow="listens_to", agents=2)
+    network = Network.from_arcs(
+        {"A": [[2, 1]], "B": [[2, 1], [1, 2, 2]]}, arrow="listens_to", agents=2
+    )
     checked(dd.design(agents(network=network, exosystem=WIND), coupling=True), 0.0)
 
 
@@ -97,19 +121,27 @@ def test_gains_give_the_network_the_strength_that_the_coupling_is_known_to_need(
 
 def test_pinning_alone_says_what_the_whole_design_says():
     for problem, coupling in ((agents(2, exosystem=WIND), False), (agents(1), True)):
-        found = dd.design_pinning(problem, rate="1/20", allowed=problem.network.labels, coupling=coupling)
+        found = dd.design_pinning(
+            problem, rate="1/20", allowed=problem.network.labels, coupling=coupling
+        )
         assert found.verdict is Verdict.PROVED and found.rate == Fraction(1, 20)
         certificate = dd.certify(found.problem)
         assert certificate.check("theorem1-weighted").verdict is Verdict.PROVED
         assert found.cost == sum(found.gains.values())
-    too_much = dd.design_pinning(agents(1), rate=1)  # s^2 + b s + a with b^2 > a/c: the slow root stays below a/b
+    # s^2 + b s + a with b^2 > a/c: the slow root stays below a/b
+    too_much = dd.design_pinning(agents(1), rate=1)
     assert too_much.verdict is Verdict.UNDECIDED
 
 
 CASES = {  # A of y1 + y2 with B = (0, 1), the rate: the verdict, what is said
     "drifts": ([[0, 0], [0, -1]], None, "refuted", "mode s = 0 .*an error in it does not decay"),
     "falls": ([[-1, 0], [0, 0]], None, "proved", ""),
-    "falls slowly": ([[-1, 0], [0, 0]], 2, "refuted", "mode s = -1 .*decays no faster, and 2 1/s are asked"),
+    "falls slowly": (
+        [[-1, 0], [0, 0]],
+        2,
+        "refuted",
+        "mode s = -1 .*decays no faster, and 2 1/s are asked",
+    ),
     "as fast": ([[-1, 0], [0, 0]], 1, "undecided", "mode s = -1 "),
 }
 
@@ -123,7 +155,8 @@ def test_modes_that_no_input_reaches(name):
 
 
 def test_what_no_pin_reaches():
-    """Double integrators drift; agents that fall by themselves need no pin, so nothing is refuted."""
+    """Double integrators drift; agents that fall by themselves need no pin, so nothing is
+    refuted."""
     pair = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     assert dd.design(agents(network=pair), allowed=[2]).verdict is Verdict.REFUTED
     calm = agents(dynamics=Dynamics(A=[[-1, 0], [0, -1]], B=[[0], [1]]), network=pair)
@@ -155,7 +188,8 @@ def test_wrong_arguments():
 
 
 def test_with_as_many_inputs_as_states_gains_of_the_observer_act_on_x():
-    """W of the file then acts on x, and the error of the estimate obeys A - W B C; B = -1 turns a sign."""
+    """W of the file then acts on x, and the error of the estimate obeys A - W B C; B = -1 turns a
+    sign."""
     for dynamics in (STILL, Dynamics(A=[[1]], B=[[-1]])):
         one = [[1]] * dynamics.inputs
         problem = agents(1, dynamics, exosystem=Exosystem(A=[[0]], C=one), coupling="y")
@@ -184,7 +218,8 @@ def test_agents_that_need_no_strength_get_the_gains_of_integrators():
 
 
 def test_noise_and_periods_of_observers_are_refused_and_no_norm_is_stated():
-    """Noise reaches dhat by C (sI - F)^-1 W B+ (sI - A), not by C s (sI - F)^-1 W, and Cd of a period depends on A."""
+    """Noise reaches dhat by C (sI - F)^-1 W B+ (sI - A), not by C s (sI - F)^-1 W, and Cd of a
+    period depends on A."""
     problem = agents(1, exosystem=WIND)
     for call in (
         lambda: dd.design_observer(problem, rate=1, period="1/10"),
@@ -193,22 +228,32 @@ def test_noise_and_periods_of_observers_are_refused_and_no_norm_is_stated():
     ):
         with pytest.raises(SpecError, match="noise"):
             call()
-    assert set(dd.design_observer(problem, rate=1).measures) == {"gain", "rate", "damping", "peak_seen"}
+    assert set(dd.design_observer(problem, rate=1).measures) == {
+        "gain",
+        "rate",
+        "damping",
+        "peak_seen",
+    }
     assert "noise" not in str(dd.design(problem, coupling=True))
 
 
 def test_what_slopes_say_of_f_is_not_said_of_f():
-    """x1' = -x1^3 falls, though no input reaches it; agents that settle by themselves do not drift without a pin."""
+    """x1' = -x1^3 falls, though no input reaches it; agents that settle by themselves do not drift
+    without a pin."""
     found = dd.design(agents(1, Dynamics(f=["-x1**3", "0"], B=[[0], [1]])))
     assert found.verdict is Verdict.UNDECIDED
-    assert found.reason.endswith("does not decay by the slopes of f; what f is beside them is not looked at.")
+    assert found.reason.endswith(
+        "does not decay by the slopes of f; what f is beside them is not looked at."
+    )
     calm = dd.design(agents(1, Dynamics(A=[[-1, 0], [0, -1]], B=[[0], [1]])))
     assert calm.verdict is Verdict.PROVED and "drift" not in str(calm)
 
 
 def test_the_command_writes_a_file_that_certify_proves(command_line, tmp_path):
     (tmp_path / "old.toml").write_text(problem_text(agents(1)), encoding="utf-8")
-    code, out, _ = command_line("design", "old.toml", "--coupling", "--rate", "0.4", "--out", "new.toml", "--json")
+    code, out, _ = command_line(
+        "design", "old.toml", "--coupling", "--rate", "0.4", "--out", "new.toml", "--json"
+    )
     document = json.loads(out)
     assert code == 0 and document["problem"] == "new.toml" and document["rate"] >= 0.4
     again = dd.load_problem(tmp_path / "new.toml")

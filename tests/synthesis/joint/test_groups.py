@@ -1,4 +1,5 @@
-"""Designs where agents have different exosystems: a W for every group, judged by NumPy and by both checkers."""
+"""Designs where agents have different exosystems: a W for every group, judged by NumPy and by both
+checkers."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -14,7 +15,8 @@ from dobc_design.exact.matrix import to_float
 from dobc_design.problem.changes import changed_file, changed_problem, gain_changes
 
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-SLOW = Exosystem(A=[[0, 0], [0, "-1/2"]], C=[[1, 0]])  # the second state decays at 1/2, whatever W is
+# the second state decays at 1/2, whatever W is
+SLOW = Exosystem(A=[[0, 0], [0, "-1/2"]], C=[[1, 0]])
 REGION = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
 FILE = """\
 name = "mixed"
@@ -66,8 +68,12 @@ def test_every_group_gets_a_gain_of_its_own_that_meets_the_request():
 
 
 def test_what_one_group_cannot_do_is_refuted_and_all_groups_meet_the_nearest_request():
-    """A state that decays at 1/2, whatever W; a harmonic of 2 rad/s that is followed with a gain of 2 at least."""
-    slow, loud = dd.design_observer(mixed(other=SLOW), rate="0.51"), dd.design_observer(mixed(), noise="1.9")
+    """A state that decays at 1/2, whatever W; a harmonic of 2 rad/s that is followed with a gain of
+    2 at least."""
+    slow, loud = (
+        dd.design_observer(mixed(other=SLOW), rate="0.51"),
+        dd.design_observer(mixed(), noise="1.9"),
+    )
     for found, group in ((slow, 3), (loud, 1)):
         assert found.verdict is Verdict.REFUTED
         assert found.reason.startswith(f"group of agent {group}: ")

@@ -1,10 +1,21 @@
-"""Joint design: what is designed is certified, and what is refused is impossible by an oracle of its own."""
+"""Joint design: what is designed is certified, and what is refused is impossible by an oracle of
+its own."""
 
 from fractions import Fraction
 from itertools import combinations
 
 import pytest
-from small_designs import BOX, CONSTANT, HIDDEN, NOISY_BOX, linear_rate, problem_of, ring, star, two_leaders
+from small_designs import (
+    BOX,
+    CONSTANT,
+    HIDDEN,
+    NOISY_BOX,
+    linear_rate,
+    problem_of,
+    ring,
+    star,
+    two_leaders,
+)
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
@@ -42,7 +53,8 @@ def test_with_a_disturbance_w_is_designed_too_and_rounded_to_the_digits_asked():
 
 @pytest.mark.slow
 def test_the_papers_example_without_k_and_w_is_proved_for_its_box_with_at_most_two_pins():
-    """Starts in [0, 5] about xbar = 1 and |eps| <= 1/2; gains with the printed arcs' likeliest reading."""
+    """Starts in [0, 5] about xbar = 1 and |eps| <= 1/2; gains with the printed arcs' likeliest
+    reading."""
     paper = dd.load_problem("paper-fixed")
     bare = changed_problem(paper, {"pinning.gains": None, "observer.P": None, "observer.W": None})
     found = dd.design(bare)
@@ -52,7 +64,8 @@ def test_the_papers_example_without_k_and_w_is_proved_for_its_box_with_at_most_t
 
 
 def test_without_a_region_the_design_is_proved_at_the_consensus():
-    """Ring of 4 at the rate b with one pin: (1 + k - b) (1 - b)^3 = 1; twice as many pins are needed for V = e'e."""
+    """Ring of 4 at the rate b with one pin: (1 + k - b) (1 - b)^3 = 1; twice as many pins are
+    needed for V = e'e."""
     found = dd.design(ring(region=None), rate="0.1")
     assert is_proved(found)
     assert found.certificate.covered_by == "theorem1-weighted"
@@ -67,7 +80,10 @@ def test_without_a_region_the_design_is_proved_at_the_consensus():
 
 
 def test_gains_of_the_problem_are_not_looked_at():
-    assert dd.design(ring(2, gains={"2": 77}), rate="0.1").gains == dd.design(ring(2), rate="0.1").gains
+    assert (
+        dd.design(ring(2, gains={"2": 77}), rate="0.1").gains
+        == dd.design(ring(2), rate="0.1").gains
+    )
 
 
 def test_a_rate_beyond_the_allowed_agents_is_refuted_with_the_nearest_one():
@@ -101,7 +117,8 @@ def test_fewer_pins_than_groups_is_refuted_and_the_nearest_request_has_enough():
 
 
 def test_too_few_pins_for_a_rate_are_refuted_set_by_set():
-    """Held by two pins, one leaf of the star still returns at 1 only: both leaves need their own pin."""
+    """Held by two pins, one leaf of the star still returns at 1 only: both leaves need their own
+    pin."""
     found = dd.design(star(3, region=BOX), rate="1.2", pins=2)
     assert (found.verdict, found.binding) == (Verdict.REFUTED, "pins")
     sets = combinations(range(3), 2)
@@ -112,10 +129,16 @@ def test_too_few_pins_for_a_rate_are_refuted_set_by_set():
 
 @pytest.mark.parametrize("pins", [None, 1])
 def test_a_group_that_is_alone_in_one_mode_only_is_refuted_for_arbitrary_switching(pins):
-    """In turn, modes A (3 hears 2) and B (2 hears 1) may converge with a pin on 1; put together they need no other."""
-    for modes, several in (({"A": [[3, 2]], "B": [[2, 1]]}, True), ({"A": [[3, 2], [2, 1]]}, False)):
+    """In turn, modes A (3 hears 2) and B (2 hears 1) may converge with a pin on 1; put together
+    they need no other."""
+    for modes, several in (
+        ({"A": [[3, 2]], "B": [[2, 1]]}, True),
+        ({"A": [[3, 2], [2, 1]]}, False),
+    ):
         problem = problem_of(modes, 3)
-        found = structural_obstacle(problem, pins, structure_of(problem, range(3) if pins else (0,)))
+        found = structural_obstacle(
+            problem, pins, structure_of(problem, range(3) if pins else (0,))
+        )
         assert (found is not None) is several
         assert found is None or "under arbitrary switching" in found.text
 
@@ -147,8 +170,11 @@ def test_too_quiet_an_observer_is_refuted_and_the_nearest_bound_is_met():
 
 @pytest.mark.slow
 def test_a_region_that_no_proof_reaches_is_undecided_and_not_called_impossible():
-    """One pin cannot hold a ring of sines whose angles may be pi apart; three pins can, with large gains."""
-    found = dd.design(ring(3, coupling="sin(y)", region={"initial_states": [-3, 3]}), pins=1, allowed=["1"])
+    """One pin cannot hold a ring of sines whose angles may be pi apart; three pins can, with large
+    gains."""
+    found = dd.design(
+        ring(3, coupling="sin(y)", region={"initial_states": [-3, 3]}), pins=1, allowed=["1"]
+    )
     assert found.verdict is Verdict.UNDECIDED
     assert found.problem is None
     assert is_proved(dd.design(ring(3, coupling="sin(y)", region={"initial_states": [-3, 3]})))
@@ -167,13 +193,25 @@ def test_a_design_says_what_was_decided_and_what_each_limit_costs():
     assert "Gains: k = " in text
     assert "Price of the rate" in text
     assert "<script" not in found._repr_html_()
-    assert set(found.to_json()) >= {"verdict", "W", "P", "gains", "rate", "cost", "reason", "problem"}
+    assert set(found.to_json()) >= {
+        "verdict",
+        "W",
+        "P",
+        "gains",
+        "rate",
+        "cost",
+        "reason",
+        "problem",
+    }
 
 
 def test_the_smallest_gains_and_the_price_of_the_rate_are_those_of_closed_forms():
-    """A leader hears nobody: k = b.  Ring with one hard pin and h = y: v_j = (1 - b)^-(distance), k = b + v_2 - 1."""
+    """A leader hears nobody: k = b.  Ring with one hard pin and h = y: v_j = (1 - b)^-(distance), k
+    = b + v_2 - 1."""
     star2, ring4 = star(2, region=BOX), ring(4, coupling="y", region=BOX)
-    known = [(star2, b, b, 1.0) for b in (0.2, 0.8)] + [(ring4, 0.1, 0.1 + 0.9**-3 - 1, 1 + 3 * 0.9**-4)]
+    known = [(star2, b, b, 1.0) for b in (0.2, 0.8)] + [
+        (ring4, 0.1, 0.1 + 0.9**-3 - 1, 1 + 3 * 0.9**-4)
+    ]
     for problem, rate, total, slope in known:
         search = RegionSearch(problem, None, radius=Fraction(1), disturbance=Fraction(0))
         found = search.smallest([0], {}, rate)
@@ -182,7 +220,8 @@ def test_the_smallest_gains_and_the_price_of_the_rate_are_those_of_closed_forms(
 
 
 def test_under_a_guarantee_nothing_is_refuted_that_holds_for_arbitrary_switching_only():
-    """One pin does where A and B are on in turn; each of two agents hears nobody in one of the modes."""
+    """One pin does where A and B are on in turn; each of two agents hears nobody in one of the
+    modes."""
     arcs = {"A": [[1, 2]], "B": [[2, 1]]}
     network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
     turns = dd.Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)

@@ -12,7 +12,8 @@ from dobc_design.errors import SpecError
 
 @pytest.mark.slow
 def test_the_gain_curve_of_a_linear_ring_is_proved_and_follows_the_closed_form():
-    """One hard pin, h = y: k = b + (1 - b)^-(n - 1) - 1 at the rate b; b is 0.5 % faster, and k has three digits."""
+    """One hard pin, h = y: k = b + (1 - b)^-(n - 1) - 1 at the rate b; b is 0.5 % faster, and k has
+    three digits."""
     found = dd.trade_off(ring(4, region=BOX), points=3)
     assert len(found.points) >= 2
     for point in found.points:
@@ -23,7 +24,8 @@ def test_the_gain_curve_of_a_linear_ring_is_proved_and_follows_the_closed_form()
 
 
 def test_near_the_consensus_the_chosen_point_lies_on_the_gain_curve():
-    """Two agents that listen to each other, one pinned: 2 (1 - b) (1 + k - b) = 2 at the boundary of V = e'e."""
+    """Two agents that listen to each other, one pinned: 2 (1 - b) (1 + k - b) = 2 at the boundary
+    of V = e'e."""
     pair = ring(2)
     chosen = dd.design(pair, rate="0.2")
     found = dd.trade_off(pair, design=chosen, points=3)
@@ -44,7 +46,8 @@ def test_the_pin_curve_of_a_star_jumps_when_every_leaf_is_held():
 
 
 def test_the_noise_curve_of_a_constant_disturbance_is_w_itself():
-    """A = 0, C = 1: the error decays at W and noise reaches dhat with the gain s W / (s + W) < W."""
+    """A = 0, C = 1: the error decays at W and noise reaches dhat with the gain s W / (s + W) <
+    W."""
     found = dd.trade_off(ring(3, region=NOISY_BOX, exosystem=CONSTANT), curve="noise", points=2)
     assert len(found.points) == 2
     for point in found.points:
@@ -70,7 +73,13 @@ def test_without_pandas_the_cure_is_named(small, monkeypatch):
         small.to_pandas()
 
 
-WRONG = [{"curve": "speed"}, {"points": 1}, {"points": True}, {"curve": "noise"}, {"curve": "pins", "allowed": ["2"]}]
+WRONG = [
+    {"curve": "speed"},
+    {"points": 1},
+    {"points": True},
+    {"curve": "noise"},
+    {"curve": "pins", "allowed": ["2"]},
+]
 
 
 @pytest.mark.parametrize("changes", WRONG)

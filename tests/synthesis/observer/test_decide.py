@@ -1,4 +1,5 @@
-"""Exact decisions: the paper's W at its borders, norms in closed form and by python-control, what no W can do."""
+"""Exact decisions: the paper's W at its borders, norms in closed form and by python-control, what
+no W can do."""
 
 import math
 from fractions import Fraction
@@ -57,18 +58,29 @@ def test_the_paper_gain_has_its_rate_damping_and_disk_exactly():
     assert "with one on its border" in region_statement(F, HalfPlane(left_of="-8/5")).text
     assert "none on its border" in region_statement(F, HalfPlane(left_of="-1.5")).text
     refuted = region_statement(F, HalfPlane(left_of="-1.7"))
-    assert (refuted.verdict, refuted.exact["polynomial"]) == (Verdict.REFUTED, "s^2 + 16/5 s + 44/5")
-    # |s|^2 = 44/5 and Re s = -8/5, so damping^2 = 16/55; the bound is irrational, so both neighbours are tested.
+    assert (refuted.verdict, refuted.exact["polynomial"]) == (
+        Verdict.REFUTED,
+        "s^2 + 16/5 s + 44/5",
+    )
+    # |s|^2 = 44/5 and Re s = -8/5, so damping^2 = 16/55; the bound is irrational, so both
+    # neighbours are tested.
     below = Fraction(math.isqrt(16 * 10**24 // 55), 10**12)
     assert below**2 < Fraction(16, 55) < (below + TINY) ** 2
     assert damping_holds(F, below)
     assert not damping_holds(F, below + TINY)
     # |s|^2 = 44/5 about 0; about -8/5 the radius is (2/5) sqrt(39).
     radius = Fraction(math.isqrt(156 * 10**24 // 25), 10**12)
-    assert roots_inside(characteristic_polynomial(F), Disk(centre="-8/5", radius=radius + TINY)) == (True, True)
-    assert roots_inside(characteristic_polynomial(F), Disk(centre="-8/5", radius=radius)) == (False, False)
+    assert roots_inside(
+        characteristic_polynomial(F), Disk(centre="-8/5", radius=radius + TINY)
+    ) == (True, True)
+    assert roots_inside(characteristic_polynomial(F), Disk(centre="-8/5", radius=radius)) == (
+        False,
+        False,
+    )
     assert roots_inside(characteristic_polynomial(F), HalfPlane(right_of="-8/5")) == (True, False)
-    assert roots_inside(characteristic_polynomial(F), HalfPlane(right_of=Fraction(-8, 5) + TINY)) == (False, False)
+    assert roots_inside(
+        characteristic_polynomial(F), HalfPlane(right_of=Fraction(-8, 5) + TINY)
+    ) == (False, False)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -98,8 +110,15 @@ def test_the_sampled_error_is_that_of_scipy():
 def test_a_sampled_constant_converges_for_gains_between_zero_and_two():
     """Ad = 1, Cd = 1: the error is multiplied by 1 - W."""
     proved, refuted = Verdict.PROVED, Verdict.REFUTED
-    for gain, verdict in (("1", proved), ("1.999999", proved), ("2.000001", refuted), ("-0.1", refuted)):
-        found = sampled_statements(CONSTANT, matrix([[gain]]), period=Fraction(1), rate=None, regions=())
+    for gain, verdict in (
+        ("1", proved),
+        ("1.999999", proved),
+        ("2.000001", refuted),
+        ("-0.1", refuted),
+    ):
+        found = sampled_statements(
+            CONSTANT, matrix([[gain]]), period=Fraction(1), rate=None, regions=()
+        )
         assert [statement.verdict for statement in found] == [verdict]
 
 
@@ -107,17 +126,23 @@ def test_the_sampled_rate_is_decided_to_many_digits():
     """1 - W = exp(-rate T) with rate T = 1: W on either side of 1 - 1/e."""
     edge = Fraction(1 - math.exp(-1))
     for gain, verdict in ((edge + TINY, Verdict.PROVED), (edge - TINY, Verdict.REFUTED)):
-        found = sampled_statements(CONSTANT, ((gain,),), period=Fraction(1, 2), rate=Fraction(2), regions=())
+        found = sampled_statements(
+            CONSTANT, ((gain,),), period=Fraction(1, 2), rate=Fraction(2), regions=()
+        )
         assert [s.verdict for s in found] == [Verdict.PROVED, verdict]
 
 
 def test_disks_of_the_sampled_plane_are_decided_and_a_pole_on_the_circle_is_never_proved():
     """W = 0 leaves the harmonic on the unit circle, where an enclosure cannot decide."""
-    found = sampled_statements(PAPER, matrix([[0], [0]]), period=Fraction(1, 10), rate=None, regions=())
+    found = sampled_statements(
+        PAPER, matrix([[0], [0]]), period=Fraction(1, 10), rate=None, regions=()
+    )
     assert found[0].verdict is not Verdict.PROVED
     disk = [Disk(centre="1/2", radius="1/4")]
     for gain, verdict in (("1/2", Verdict.PROVED), ("0.8", Verdict.REFUTED)):
-        found = sampled_statements(CONSTANT, matrix([[gain]]), period=Fraction(1), rate=None, regions=disk)
+        found = sampled_statements(
+            CONSTANT, matrix([[gain]]), period=Fraction(1), rate=None, regions=disk
+        )
         assert found[-1].verdict is verdict
 
 
@@ -126,7 +151,10 @@ def random_system(seed: int) -> StateSpace:
 
     def draw(rows, columns, shift=0):
         return matrix(
-            [[Fraction(r.randint(-20, 20), 10) - shift * (i == j) for j in range(columns)] for i in range(rows)]
+            [
+                [Fraction(r.randint(-20, 20), 10) - shift * (i == j) for j in range(columns)]
+                for i in range(rows)
+            ]
         )
 
     while True:
@@ -139,10 +167,13 @@ def random_system(seed: int) -> StateSpace:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_random_systems_have_the_norms_of_python_control(seed):
-    """H-infinity is proved just above python-control's value and refuted just below; H2 is exact."""
+    """H-infinity is proved just above python-control's value and refuted just below; H2 is
+    exact."""
     system = random_system(seed)
     expected = control_norm(system, "inf")
-    assert hinf_norm(*map(to_float, (system.F, system.B, system.C, system.D))) == pytest.approx(expected, rel=1e-6)
+    assert hinf_norm(*map(to_float, (system.F, system.B, system.C, system.D))) == pytest.approx(
+        expected, rel=1e-6
+    )
     assert hinf_below(system, Fraction(expected * (1 + 1e-6)))
     assert not hinf_below(system, Fraction(expected * (1 - 1e-6)))
     square = h2_squared(system)
@@ -154,9 +185,12 @@ def test_random_systems_have_the_norms_of_python_control(seed):
 
 @pytest.mark.parametrize("w", ["1/3", "1", "7"])
 def test_the_norms_of_a_constant_are_known(w):
-    """F = -w: w/(s+w) has H2^2 = w/2 and norm 1; w s/(s+w) has norm w; 1/(s+w) has H2^2 = 1/(2w) and norm 1/w."""
+    """F = -w: w/(s+w) has H2^2 = w/2 and norm 1; w s/(s+w) has norm w; 1/(s+w) has H2^2 = 1/(2w)
+    and norm 1/w."""
     gain, x = matrix([[w]]), Fraction(w)
-    d, e, n = (channel(CONSTANT, gain, name) for name in ("disturbance", "exosystem", "measurement"))
+    d, e, n = (
+        channel(CONSTANT, gain, name) for name in ("disturbance", "exosystem", "measurement")
+    )
     assert h2_squared(d) == x / 2
     assert h2_squared(e) == 1 / (2 * x)
     assert h2_squared(n) is None
@@ -200,10 +234,16 @@ def test_channels_are_transfer_functions_of_the_simulated_observer():
     A, C, W = to_float(exosystem.A), to_float(exosystem.C), to_float(gain)
     s = 1.7j
     resolvent = np.linalg.inv(s * np.eye(2) - (A - W @ C))
-    expected = {"measurement": s * C @ resolvent @ W, "disturbance": C @ resolvent @ W, "exosystem": C @ resolvent}
+    expected = {
+        "measurement": s * C @ resolvent @ W,
+        "disturbance": C @ resolvent @ W,
+        "exosystem": C @ resolvent,
+    }
     for name in CHANNELS:
         x = channel(exosystem, gain, name)
-        value = to_float(x.C) @ np.linalg.inv(s * np.eye(2) - to_float(x.F)) @ to_float(x.B) + to_float(x.D)
+        value = to_float(x.C) @ np.linalg.inv(s * np.eye(2) - to_float(x.F)) @ to_float(
+            x.B
+        ) + to_float(x.D)
         assert value == pytest.approx(expected[name])
     with pytest.raises(SpecError, match="channel must be one of"):
         channel(exosystem, gain, "wind")
@@ -228,14 +268,26 @@ def reason(exosystem, **asked):
     ("exosystem", "possible", "impossible", "kind"),
     [
         (HALF_SEEN, {"rate": 1}, {"rate": "1.000000000001"}, "rate"),
-        (HALF_SEEN, {"region": Disk(centre=-2, radius=1)}, {"region": Disk(centre=-2, radius="0.999999")}, "region"),
+        (
+            HALF_SEEN,
+            {"region": Disk(centre=-2, radius=1)},
+            {"region": Disk(centre=-2, radius="0.999999")},
+            "region",
+        ),
         (HARMONIC, {"rate": 2, "region": AROUND}, {"rate": "2.000001", "region": AROUND}, "region"),
-        (HARMONIC, {"region": HalfPlane(right_of="-1e-9")}, {"region": HalfPlane(right_of=0)}, "region"),
+        (
+            HARMONIC,
+            {"region": HalfPlane(right_of="-1e-9")},
+            {"region": HalfPlane(right_of=0)},
+            "region",
+        ),
         (HARMONIC, {"noise": "2.000001"}, {"noise": 2}, "noise"),
         (HARMONIC, {"noise": disturbance("1.000001")}, {"noise": disturbance(1)}, "noise"),
     ],
 )
-def test_a_request_is_refuted_beyond_its_border_and_not_before(exosystem, possible, impossible, kind):
+def test_a_request_is_refuted_beyond_its_border_and_not_before(
+    exosystem, possible, impossible, kind
+):
     """The borders: the hidden eigenvalue -1; empty intersections; |s| = 2; G(2i) = 1."""
     assert reason(exosystem, **possible) is None
     found = reason(exosystem, **impossible)
@@ -251,7 +303,14 @@ def test_small_norms_of_a_decaying_exosystem_and_a_cone_alone_are_never_impossib
 
 @pytest.mark.parametrize(
     ("polynomial", "expected"),
-    [((1,), None), ((1, 1), 1), ((1, 3, 2), 1), ((1, 0, 4), None), ((1, "1/3"), "1/3"), ((1, 2, 5), 1)],
+    [
+        ((1,), None),
+        ((1, 1), 1),
+        ((1, 3, 2), 1),
+        ((1, 0, 4), None),
+        ((1, "1/3"), "1/3"),
+        ((1, 2, 5), 1),
+    ],
 )
 def test_the_hidden_rate_is_found(polynomial, expected):
     found = largest_hidden_rate(tuple(Fraction(x) for x in polynomial))

@@ -1,4 +1,5 @@
-"""design_observer: what it says is proved for the rounded W, and checked here again; wrong requests name their key."""
+"""design_observer: what it says is proved for the rounded W, and checked here again; wrong requests
+name their key."""
 
 import math
 from fractions import Fraction
@@ -33,7 +34,9 @@ SHAPES = {
 def problem(exosystem, **more) -> dd.Problem:
     target = [0] * (1 if exosystem is None else exosystem.outputs)
     network = dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
-    return dd.Problem(network=network, coupling="y", gains={1: 1}, exosystem=exosystem, target=target, **more)
+    return dd.Problem(
+        network=network, coupling="y", gains={1: 1}, exosystem=exosystem, target=target, **more
+    )
 
 
 def design(exosystem, **asked):
@@ -51,11 +54,14 @@ def distance(region, spectrum) -> float:
     if isinstance(region, dd.poles.Cone):
         return np.max(spectrum.real + float(region.damping) * np.abs(spectrum))
     low, high = region.real_ends
-    return float(low) - np.min(spectrum.real) if high is None else np.max(spectrum.real) - float(high)
+    return (
+        float(low) - np.min(spectrum.real) if high is None else np.max(spectrum.real) - float(high)
+    )
 
 
 def digits_of(W) -> int:
-    """Significant decimal digits of the longest entry, counted from the largest; 99 if it is no decimal."""
+    """Significant decimal digits of the longest entry, counted from the largest; 99 if it is no
+    decimal."""
     entries = [x for row in W for x in row if x]
     top = math.floor(math.log10(max(abs(x) for x in entries)))
     units = ((d, Fraction(10) ** (d - 1 - top)) for d in range(1, 30))
@@ -73,7 +79,8 @@ def test_the_rate_is_reached_with_the_digits_asked(shape):
     error = subtract(exosystem.A, multiply(found.W, exosystem.C))
     assert decide_hurwitz(error).verdict is Verdict.PROVED
     assert rate_holds(error, Fraction(3, 2))
-    assert np.max(poles(exosystem, found.W).real) < -1.5 + 0.01  # eigenvalues that meet are badly conditioned
+    # eigenvalues that meet are badly conditioned
+    assert np.max(poles(exosystem, found.W).real) < -1.5 + 0.01
     assert digits_of(found.W) <= 3
     assert found.measures["rate"] >= 1.5
 
@@ -86,7 +93,9 @@ def test_p_and_q_prove_the_envelope():
     assert transpose(found.P) == found.P
     envelope = next(s for s in found.statements if s.kind == "lyapunov")
     P, F = to_float(found.P), to_float(subtract(exosystem.A, multiply(found.W, exosystem.C)))
-    rate, lower, upper = (float(Fraction(envelope.exact[name])) for name in ("rate", "lower", "upper"))
+    rate, lower, upper = (
+        float(Fraction(envelope.exact[name])) for name in ("rate", "lower", "upper")
+    )
     values = np.linalg.eigvalsh(P)
     assert rate > 0 and 0 < lower <= values[0] * (1 + 1e-9) and values[-1] <= upper * (1 + 1e-9)
     assert np.max(np.linalg.eigvalsh(F.T @ P + P @ F + 2 * rate * P)) <= 1e-9 * upper
@@ -98,7 +107,11 @@ def test_p_and_q_prove_the_envelope():
         dd.poles.Cone(damping="0.8"),
         dd.poles.Disk(centre=-3, radius="2"),
         [dd.poles.HalfPlane(left_of=-1), dd.poles.HalfPlane(right_of=-4)],
-        [dd.poles.Cone(damping="1/2"), dd.poles.Disk(centre=-2, radius=1), dd.poles.HalfPlane(left_of="-3/2")],
+        [
+            dd.poles.Cone(damping="1/2"),
+            dd.poles.Disk(centre=-2, radius=1),
+            dd.poles.HalfPlane(left_of="-3/2"),
+        ],
     ],
 )
 def test_regions_hold_for_the_rounded_gain(region):
@@ -115,7 +128,11 @@ def test_regions_hold_for_the_rounded_gain(region):
     ("exosystem", "asked", "reason"),
     [
         (dd.Exosystem(A=[[0, 2], [-2, 0]], C=[[0, 0]]), {"rate": 1}, "s^2 + 4"),
-        (SHAPES["ramp"], {"region": [dd.poles.HalfPlane(left_of=-3), dd.poles.Disk(centre=0, radius=2)]}, "no point"),
+        (
+            SHAPES["ramp"],
+            {"region": [dd.poles.HalfPlane(left_of=-3), dd.poles.Disk(centre=0, radius=2)]},
+            "no point",
+        ),
         (dd.Exosystem(A=[[0]], C=[[0]]), {"period": 1}, "not detectable"),
     ],
 )
@@ -151,7 +168,11 @@ def test_a_region_of_one_point_is_met_exactly():
     """Re s <= -2 and Re s >= -2 and an almost flat cone: (s + 2)^2, W = (4, 4)."""
     found = design(
         SHAPES["ramp"],
-        region=[dd.poles.HalfPlane(left_of=-2), dd.poles.HalfPlane(right_of=-2), dd.poles.Cone(damping="0.999999")],
+        region=[
+            dd.poles.HalfPlane(left_of=-2),
+            dd.poles.HalfPlane(right_of=-2),
+            dd.poles.Cone(damping="0.999999"),
+        ],
     )
     assert found.verdict is Verdict.PROVED
     assert np.abs(poles(SHAPES["ramp"], found.W) + 2) == pytest.approx(0, abs=5e-3)
@@ -177,8 +198,11 @@ def test_bounds_on_norms_hold_by_python_control(limit, kind):
 
 
 def test_a_sampled_observer_converges_at_its_rate():
-    """Ad - W Cd by SciPy: the largest |z| is at most exp(-rate T); over pi s a sine of 2 rad/s has the mean 0."""
-    assert design(SHAPES["harmonic"], rate=1, period="3.14159265358979").verdict is Verdict.UNDECIDED
+    """Ad - W Cd by SciPy: the largest |z| is at most exp(-rate T); over pi s a sine of 2 rad/s has
+    the mean 0."""
+    assert (
+        design(SHAPES["harmonic"], rate=1, period="3.14159265358979").verdict is Verdict.UNDECIDED
+    )
     exosystem, period = SHAPES["periodic"], 0.2
     found = design(exosystem, rate=1, period="0.2")
     assert found.verdict is Verdict.PROVED
@@ -237,8 +261,14 @@ def test_numbers_are_read_as_typed():
         (lambda: read_observer_request(rate=0), "rate must be > 0"),
         (lambda: read_observer_request(digits=0), "digits must be an integer from 1 to 15"),
         (lambda: read_observer_request(period=0), "period must be > 0"),
-        (lambda: read_observer_request(period=1, noise=1), "noise cannot be asked of a sampled observer"),
-        (lambda: read_observer_request(period=1, region=Cone(damping="1/2")), "must be a Disk for a sampled observer"),
+        (
+            lambda: read_observer_request(period=1, noise=1),
+            "noise cannot be asked of a sampled observer",
+        ),
+        (
+            lambda: read_observer_request(period=1, region=Cone(damping="1/2")),
+            "must be a Disk for a sampled observer",
+        ),
         (lambda: NoiseLimit(bound=1, channel="wind"), "noise.channel must be one of"),
         (lambda: NoiseLimit(bound=1, norm="h3"), "noise.norm must be one of"),
         (lambda: NoiseLimit(bound=0), "noise must be > 0"),

@@ -1,4 +1,5 @@
-"""What floating point proposes: the inequalities by eigenvalues and python-control, norms and estimates."""
+"""What floating point proposes: the inequalities by eigenvalues and python-control, norms and
+estimates."""
 
 import math
 

@@ -21,7 +21,8 @@ RATE = Fraction(1, 10)
 
 
 def geometric_program(problem: Problem, allowed, rate: float) -> float:
-    """The least total gain for h = y: k_i + d_i - rate = the largest posynomial, in cvxpy's own geometric form."""
+    """The least total gain for h = y: k_i + d_i - rate = the largest posynomial, in cvxpy's own
+    geometric form."""
     n = problem.n
     v, total = cp.Variable(n, pos=True), cp.Variable(len(allowed), pos=True)
     place = {agent: number for number, agent in enumerate(allowed)}
@@ -45,7 +46,8 @@ def geometric_program(problem: Problem, allowed, rate: float) -> float:
 
 
 def test_one_pin_on_a_linear_cycle_has_its_gain_in_closed_form():
-    """h = 2 y on six agents: v grows by 1/(1 - rate/2) from agent to agent, and k = rate - 2 + 2 v_6."""
+    """h = 2 y on six agents: v grows by 1/(1 - rate/2) from agent to agent, and k = rate - 2 + 2
+    v_6."""
     problem = cycle(6, gains={}, h="2*y")
     design = dd.design_pinning(problem, rate=RATE, allowed=[1], region=5, digits=9)
     k = 0.1 - 2 + 2 / (1 - 0.05) ** 5
@@ -53,25 +55,33 @@ def test_one_pin_on_a_linear_cycle_has_its_gain_in_closed_form():
     assert float(design.gains["1"]) == pytest.approx(k, rel=1e-6)
     assert float(design.cost) >= k * (1 - 1e-12)
     assert abs(np.log10(float(max(design.certificate.v))) + 5 * np.log10(0.95)) < 1e-6
-    whole = dd.design_pinning(cycle(4, gains={}), rate=RATE, region=2, digits=9)  # sum log(v_j/v_i) = 0: k = rate each
+    # sum log(v_j/v_i) = 0: k = rate each
+    whole = dd.design_pinning(cycle(4, gains={}), rate=RATE, region=2, digits=9)
     assert float(whole.cost) == pytest.approx(0.4, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_linear_gains_are_those_of_the_geometric_program_and_of_the_spectrum(seed):
-    """cvxpy's geometric form is the oracle of the cost; A - D - K + rate I has to be stable, and just is."""
+    """cvxpy's geometric form is the oracle of the cost; A - D - K + rate I has to be stable, and
+    just is."""
     r = Random(seed)
     n = r.randint(4, 7)
     problem = digraph(r, n, density=2 / n)
     allowed = sorted(r.sample(range(problem.n), 2))
-    design = dd.design_pinning(problem, rate="1/20", allowed=[i + 1 for i in allowed], region=1, digits=9)
+    design = dd.design_pinning(
+        problem, rate="1/20", allowed=[i + 1 for i in allowed], region=1, digits=9
+    )
     if design.verdict is not Verdict.PROVED:
         assert design.verdict is Verdict.REFUTED
         assert linear_rate(problem, dict.fromkeys(allowed, 1e6)) < 0.05
         return
     assert float(design.cost) == pytest.approx(geometric_program(problem, allowed, 0.05), rel=1e-5)
     gains = {problem.network.index[label]: float(k) for label, k in design.gains.items()}
-    assert linear_rate(problem, gains) >= 0.05 > linear_rate(problem, {i: 0.999 * k for i, k in gains.items()})
+    assert (
+        linear_rate(problem, gains)
+        >= 0.05
+        > linear_rate(problem, {i: 0.999 * k for i, k in gains.items()})
+    )
 
 
 def test_rows_of_the_designed_gains_hold_on_a_grid_and_fail_for_smaller_gains():
@@ -85,7 +95,10 @@ def test_rows_of_the_designed_gains_hold_on_a_grid_and_fail_for_smaller_gains():
             k[int(label) - 1] = factor * float(gain)
         step = v[np.arange(1, 11) % 10] - v  # agent i listens to i + 1
         rows = [
-            [face * (np.expm1(face * s * step) + face * s * step) / s - (k - 0.05) * v for face in (1, -1)]
+            [
+                face * (np.expm1(face * s * step) + face * s * step) / s - (k - 0.05) * v
+                for face in (1, -1)
+            ]
             for s in np.linspace(1e-3, 4, 200)
         ]
         return float(np.max(rows))
@@ -93,7 +106,9 @@ def test_rows_of_the_designed_gains_hold_on_a_grid_and_fail_for_smaller_gains():
     assert worst(1.0) <= 1e-12
     assert worst(0.99) > 0
     smaller = {label: k * Fraction(99, 100) for label, k in design.gains.items()}
-    weaker = dd.design_pinning("paper-fixed", rate="1/20", allowed=[1, 6], region=4, max_gain=min(smaller.values()))
+    weaker = dd.design_pinning(
+        "paper-fixed", rate="1/20", allowed=[1, 6], region=4, max_gain=min(smaller.values())
+    )
     assert weaker.verdict is not Verdict.PROVED
 
 
@@ -109,7 +124,8 @@ def test_the_certificate_of_a_design_is_the_one_that_was_proved():
 
 
 def test_a_rate_that_the_others_cannot_have_is_refuted_by_a_slow_direction():
-    """An agent that hears with the gain 2 alone follows with a rate below 2, for every v and radius."""
+    """An agent that hears with the gain 2 alone follows with a rate below 2, for every v and
+    radius."""
     problem = cycle(2, gains={}, h="2*y")
     design = dd.design_pinning(problem, rate="2.01", allowed=[1], region=1)
     assert (design.verdict, design.statements[0].kind) == (Verdict.REFUTED, "rate")
@@ -126,7 +142,9 @@ def test_modes_in_which_no_order_serves_all_are_refuted_whatever_the_gains():
     design = dd.design_pinning(problem, rate="1/100", allowed=[1], region=1)
     assert (design.verdict, design.statements[0].kind) == (Verdict.REFUTED, "ordering")
     assert "agents 2 and 3" in design.reason
-    assert dd.design_pinning(problem, rate="1/100", allowed=[1, 2], region=1).verdict is Verdict.PROVED
+    assert (
+        dd.design_pinning(problem, rate="1/100", allowed=[1, 2], region=1).verdict is Verdict.PROVED
+    )
 
 
 @pytest.mark.slow
@@ -143,7 +161,11 @@ def test_pins_are_limited_and_the_fewest_are_found():
 def test_a_box_that_does_not_hold_the_region_is_no_proof(monkeypatch):
     """Halved weights prove the same rows, and a box of half the size."""
     propose = search.propose_for_box
-    cheaper = lambda *given, **more: ((tuple(x / 2 for x in v), k) for v, k in propose(*given, **more))  # noqa: E731
+
+    def cheaper(*given, **more):
+        for v, k in propose(*given, **more):
+            yield tuple(x / 2 for x in v), k
+
     problem = cycle(4, gains={})
     assert dd.design_pinning(problem, rate="1/10", region=1).verdict is Verdict.PROVED
     monkeypatch.setattr(search, "propose_for_box", cheaper)
@@ -152,7 +174,8 @@ def test_a_box_that_does_not_hold_the_region_is_no_proof(monkeypatch):
 
 @pytest.mark.slow
 def test_the_region_of_the_file_leaves_room_for_the_observer():
-    """Printed W, |eps_i| <= 1/2: rho is larger than 4, and the composite is proved for the designed gains."""
+    """Printed W, |eps_i| <= 1/2: rho is larger than 4, and the composite is proved for the designed
+    gains."""
     problem = dd.load_problem("paper-switching")
     design = dd.design_pinning(problem, rate="1/50", region=True, allowed=[1, 6])
     claim = design.certificate
@@ -166,8 +189,12 @@ def test_the_region_of_the_file_leaves_room_for_the_observer():
 def test_where_couplings_end_or_mix_components_there_is_no_box_and_no_error():
     problem = cycle(4, gains={}, h="sqrt(1 + y) - 1")
     for region, verdict in ((10, Verdict.UNDECIDED), ("1/10", Verdict.PROVED)):
-        assert dd.design_pinning(problem, rate="1/100", region=region, allowed=[1]).verdict is verdict
-    design = dd.design_pinning(problem_of([[1, 2], [2, 1]], coupling=["y1 + y2/2", "y2"]), rate="1/10", region=1)
+        assert (
+            dd.design_pinning(problem, rate="1/100", region=region, allowed=[1]).verdict is verdict
+        )
+    design = dd.design_pinning(
+        problem_of([[1, 2], [2, 1]], coupling=["y1 + y2/2", "y2"]), rate="1/10", region=1
+    )
     assert (design.verdict, design.statements[0].kind) == (Verdict.UNDECIDED, "method")
 
 

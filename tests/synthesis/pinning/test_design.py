@@ -1,4 +1,5 @@
-"""design_pinning by V = e'e: it is checked again by an oracle of its own, by exhaustive search and by cvxpy."""
+"""design_pinning by V = e'e: it is checked again by an oracle of its own, by exhaustive search and
+by cvxpy."""
 
 import warnings
 from fractions import Fraction
@@ -24,7 +25,14 @@ from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, s
 from dobc_design.errors import SpecError
 from dobc_design.problem.changes import changed_problem
 from dobc_design.synthesis.pinning.claim import _up, read_request
-from dobc_design.synthesis.pinning.decide import Ground, limit_of, reaches, slow_direction, structure_of, too_fast
+from dobc_design.synthesis.pinning.decide import (
+    Ground,
+    limit_of,
+    reaches,
+    slow_direction,
+    structure_of,
+    too_fast,
+)
 from dobc_design.synthesis.pinning.propose import make_proposer, slow_directions
 
 design_pinning = partial(dd.design_pinning, conservative=True)
@@ -51,14 +59,18 @@ def rate_holds(problem: Problem, gains, rate: Fraction) -> bool:
 
 
 def dual_value(problem: Problem, design, costs, caps) -> Fraction:
-    """The value that the exact multipliers of a design prove, multiplied out here; fails where they do not fit."""
+    """The value that the exact multipliers of a design prove, multiplied out here; fails where they
+    do not fit."""
     m, bound = problem.m, design.bound
     assert all(y >= 0 and i in caps for i, y in bound.cap_prices.items())
     for label in design.bound_for:
         i = problem.network.index[label]
         load = sum(x * x for _, v in bound.vectors for x in v[i * m : (i + 1) * m])
         assert load <= costs[i] + bound.cap_prices.get(i, 0)
-    total = sum(form(lambda0(problem, mode), v) + 2 * bound.rate * sum(x * x for x in v) for mode, v in bound.vectors)
+    total = sum(
+        form(lambda0(problem, mode), v) + 2 * bound.rate * sum(x * x for x in v)
+        for mode, v in bound.vectors
+    )
     return total / 2 - sum(y * caps[i] for i, y in bound.cap_prices.items())
 
 
@@ -78,14 +90,17 @@ def reference(tables, allowed, caps=None):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_designed_gains_reach_the_rate_and_slightly_smaller_ones_do_not(seed):
-    """The oracle decides Lambda < -2 rate I again; the design is within the last digit of the boundary."""
+    """The oracle decides Lambda < -2 rate I again; the design is within the last digit of the
+    boundary."""
     r = Random(seed)
     problem = digraph(r, r.randint(3, 8))
     design = design_pinning(problem, rate="1/10", allowed=[1, 2, 3], digits=6)
     assert design.verdict is Verdict.PROVED
     assert set(design.gains) <= {"1", "2", "3"}
     assert rate_holds(problem, design.gains, Fraction(1, 10))
-    assert not rate_holds(problem, {a: k * Fraction(9999, 10_000) for a, k in design.gains.items()}, Fraction(1, 10))
+    assert not rate_holds(
+        problem, {a: k * Fraction(9999, 10_000) for a, k in design.gains.items()}, Fraction(1, 10)
+    )
     assert design.problem.pinning.agents == tuple(int(label) - 1 for label in design.gains)
 
 
@@ -110,8 +125,13 @@ def test_the_lower_bound_is_weak_duality_multiplied_out_by_hand(seed):
 def ground_of(problem: Problem, **asked):
     request = read_request(problem.network.labels, **asked)
     found = state_theorems(problem).lambdas
-    lambdas = {mode: Enclosed(middle=each.constant, deviations=each.deviations) for mode, each in found.items()}
-    return Ground(problem=problem, request=request, lambdas=lambdas), make_proposer(problem, request)
+    lambdas = {
+        mode: Enclosed(middle=each.constant, deviations=each.deviations)
+        for mode, each in found.items()
+    }
+    return Ground(problem=problem, request=request, lambdas=lambdas), make_proposer(
+        problem, request
+    )
 
 
 def test_gains_on_the_boundary_do_not_reach_the_rate_and_larger_ones_do():
@@ -130,7 +150,9 @@ def test_gains_with_caps_are_those_of_the_semidefinite_program(modes):
     for _ in range(5):
         n = r.randint(3, 6)
         arcs = {f"G{k}": digraph(r, n).network.modes["G"] for k in range(modes)}
-        problem = Problem(network=Network(labels=tuple(map(str, range(n))), modes=arcs), coupling="y")
+        problem = Problem(
+            network=Network(labels=tuple(map(str, range(n))), modes=arcs), coupling="y"
+        )
         blocks = for_rate(network_blocks(problem), 0.2)
         allowed = sorted(r.sample(range(n), r.randint(2, n)))
         own = smallest_gains(blocks, allowed)
@@ -164,10 +186,14 @@ def test_the_price_of_the_rate_bounds_every_other_rate():
     for rate in ("1/10", "3/20", "21/100", "1/4"):
         other = design_pinning(problem, rate=rate, allowed=[1, 2, 4], digits=9)
         if other.verdict is Verdict.PROVED:
-            assert other.cost >= design.bound.value + design.bound.rate_price * (Fraction(rate) - Fraction(1, 5))
+            assert other.cost >= design.bound.value + design.bound.rate_price * (
+                Fraction(rate) - Fraction(1, 5)
+            )
 
 
-def test_a_rate_beyond_the_allowed_agents_is_refuted_with_a_direction_and_a_slower_one_is_proved(cycle):
+def test_a_rate_beyond_the_allowed_agents_is_refuted_with_a_direction_and_a_slower_one_is_proved(
+    cycle,
+):
     """One pin on the ten-cycle gives less than 2 (1 - cos(pi/10)) / 2 (theory, known answers)."""
     problem = cycle(10, pins={})
     limit = 2 * (1 - cos(pi / 10))
@@ -184,7 +210,8 @@ def test_a_rate_beyond_the_allowed_agents_is_refuted_with_a_direction_and_a_slow
 
 
 def test_where_no_rate_can_be_had_the_nearest_request_allows_more_agents():
-    """3 hears 2 strongly: S on {2, 3} is [[2, -100], [-100, 200]], not positive, whatever 1 does."""
+    """3 hears 2 strongly: S on {2, 3} is [[2, -100], [-100, 200]], not positive, whatever 1
+    does."""
     design = design_pinning(problem_of([[2, 1], [3, 2, 100]], 3), rate="1/10", allowed=[1])
     assert design.verdict is Verdict.REFUTED
     assert design.nearest.verdict is Verdict.PROVED
@@ -231,7 +258,9 @@ def test_the_chosen_agents_are_the_best_of_all_sets(seed):
 def test_the_fewest_pins_are_those_of_exhaustive_search(seed):
     r = Random(seed)
     problem = digraph(r, r.randint(4, 7), density=0.25, cycle=False)
-    least = next(size for size in range(1, problem.n + 1) if exhaustive(problem, 0.3, size) is not None)
+    least = next(
+        size for size in range(1, problem.n + 1) if exhaustive(problem, 0.3, size) is not None
+    )
     design = design_pinning(problem, rate="3/10", pins="fewest", digits=9)
     assert len(design.gains) == least
     assert float(design.cost) == pytest.approx(exhaustive(problem, 0.3, least), rel=1e-6)
@@ -243,14 +272,16 @@ def test_the_fewest_pins_are_those_of_exhaustive_search(seed):
 
 
 def test_independent_slow_directions_count_the_pins_that_are_needed(cycle):
-    """Six-cycle, rate 5/4: eigenvalues 4 (1 - cos(2 pi k/6)) of S0 below 5/2 are those of k = 0, 1, 5: three pins."""
+    """Six-cycle, rate 5/4: eigenvalues 4 (1 - cos(2 pi k/6)) of S0 below 5/2 are those of k = 0, 1,
+    5: three pins."""
     design = design_pinning(cycle(6, pins={}), rate="5/4", pins=2)
     assert (design.verdict, design.statements[0].exact) == (Verdict.REFUTED, {"least": "3"})
     assert design_pinning(cycle(6, pins={}), rate="5/4", pins=3).verdict is Verdict.PROVED
 
 
 def test_every_source_component_needs_a_pin():
-    """Two pairs that hear nobody else, and one agent that hears both: two pins, whatever the gains."""
+    """Two pairs that hear nobody else, and one agent that hears both: two pins, whatever the
+    gains."""
     problem = problem_of([[1, 2], [2, 1], [3, 4], [4, 3], [5, 1], [5, 3]])
     design = design_pinning(problem, rate="1/10", pins=1)
     assert (design.verdict, design.structural_minimum) == (Verdict.REFUTED, 2)
@@ -264,7 +295,11 @@ def test_every_source_component_needs_a_pin():
 
 def test_groups_of_several_modes_that_overlap_are_met_by_the_fewest_agents():
     """Sources {1, 2}, {2, 3}, {3, 1} of three modes: no single agent meets them, any two do."""
-    arcs = {"A": [[1, 2], [2, 1], [3, 1]], "B": [[2, 3], [3, 2], [1, 2]], "C": [[3, 1], [1, 3], [2, 3]]}
+    arcs = {
+        "A": [[1, 2], [2, 1], [3, 1]],
+        "B": [[2, 3], [3, 2], [1, 2]],
+        "C": [[3, 1], [1, 3], [2, 3]],
+    }
     structure = structure_of(problem := problem_of(arcs), range(3))
     assert (structure.least, structure.exact, len(structure.apart)) == (2, True, 1)
     assert design_pinning(problem, rate="1/100", pins=1).verdict is Verdict.REFUTED
@@ -275,18 +310,27 @@ def test_groups_of_several_modes_that_overlap_are_met_by_the_fewest_agents():
 def test_the_structural_minimum_is_the_smallest_hitting_set(seed):
     r = Random(seed)
     n = r.randint(3, 7)
-    arcs = {f"G{k}": digraph(r, n, density=0.2, cycle=False).network.modes["G"] for k in range(r.randint(1, 3))}
+    arcs = {
+        f"G{k}": digraph(r, n, density=0.2, cycle=False).network.modes["G"]
+        for k in range(r.randint(1, 3))
+    }
     problem = Problem(network=Network(labels=tuple(map(str, range(n))), modes=arcs), coupling="y")
     structure = structure_of(problem, range(n))
     sets = (set(chosen) for size in range(n + 1) for chosen in combinations(range(n), size))
-    least = next(len(chosen) for chosen in sets if all(chosen & set(group) for group in structure.groups))
+    least = next(
+        len(chosen) for chosen in sets if all(chosen & set(group) for group in structure.groups)
+    )
     assert (structure.least, structure.exact) == (least, True)
     assert all(set(structure.agents) & set(group) for group in structure.groups)
 
 
 def test_prices_that_are_upper_bounds_are_rounded_up():
     """To the nearest six digits 1.234562 would become 1.23456."""
-    assert (_up(Fraction("1.234562")), _up(Fraction("1/8")), _up(Fraction(0))) == ("1.23457", "0.125", "0")
+    assert (_up(Fraction("1.234562")), _up(Fraction("1/8")), _up(Fraction(0))) == (
+        "1.23457",
+        "0.125",
+        "0",
+    )
 
 
 def test_ties_are_told(cycle):
@@ -309,11 +353,14 @@ def test_irrational_slopes_are_enclosed_and_decided():
 @pytest.mark.parametrize(
     ("problem", "allowed"),
     [
-        (problem_of([[1, 2], [2, 3], [3, 1]], coupling=["y1 + y2/2", "y2"]), [1, 2]),  # no Z-matrix: a conic program
+        # no Z-matrix: a conic program
+        (problem_of([[1, 2], [2, 3], [3, 1]], coupling=["y1 + y2/2", "y2"]), [1, 2]),
         (dd.load_problem("paper-switching"), [1, 6]),
     ],
 )
-def test_mixed_components_and_modes_that_share_their_gains_are_designed_and_bounded(problem, allowed):
+def test_mixed_components_and_modes_that_share_their_gains_are_designed_and_bounded(
+    problem, allowed
+):
     design = design_pinning(problem, rate="1/10", allowed=allowed, digits=8)
     assert design.verdict is Verdict.PROVED
     assert rate_holds(problem, design.gains, Fraction(1, 10))
@@ -322,7 +369,8 @@ def test_mixed_components_and_modes_that_share_their_gains_are_designed_and_boun
 
 
 def test_certify_proves_the_designed_problem():
-    """The paper's cycle: the linearised loop of the design is what Lemma 1 and Theorem 1 ask for."""
+    """The paper's cycle: the linearised loop of the design is what Lemma 1 and Theorem 1 ask
+    for."""
     design = design_pinning("paper-fixed", rate="1/20", pins=1)
     check = next(check for check in consensus_claims(design.problem).checks if check.id == "lemma1")
     assert check.verdict is Verdict.PROVED and check.rate >= 0.05
@@ -331,7 +379,8 @@ def test_certify_proves_the_designed_problem():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_every_answer_about_a_random_problem_is_true(seed):
-    """Vectors, several modes, exceptions, any coupling: PROVED, its bound and REFUTED, by the oracle."""
+    """Vectors, several modes, exceptions, any coupling: PROVED, its bound and REFUTED, by the
+    oracle."""
     problem = random_problem(seed)
     r = Random(seed)
     allowed = sorted(r.sample(range(problem.n), r.randint(1, problem.n)))
@@ -409,14 +458,19 @@ def test_a_direction_that_moves_a_free_agent_or_has_a_negative_entry_shows_nothi
     for w, pinned in (((1, 0, 0), (0,)), ((1, 0, 0), (0, 1)), ((-1, 0, 2), (1,)), ((0, 0, 0), ())):
         assert limit_of(mode, 0, w, pinned=pinned, caps={}) is None
     assert limit_of(mode, 0, (0, 0, 1), pinned=(0,), caps={}) == 1
-    assert slow_direction(jacobians_at_consensus(ring(3, coupling="-y")), (0,), {}, slow_directions) is None
+    assert (
+        slow_direction(jacobians_at_consensus(ring(3, coupling="-y")), (0,), {}, slow_directions)
+        is None
+    )
 
 
 def test_two_pins_of_a_star_are_excluded_above_1_and_not_below():
     """Four leaves return at 1 unless held: six sets, all too slow for 1.01; none of them for 1."""
 
     def ask(rate: str):
-        return too_fast(star(4), Fraction(rate), allowed=range(4), caps={}, pins=2, propose=slow_directions)
+        return too_fast(
+            star(4), Fraction(rate), allowed=range(4), caps={}, pins=2, propose=slow_directions
+        )
 
     refuted = ask("1.01")
     assert refuted.exact["sets"] == "6"

@@ -1,4 +1,5 @@
-"""Gains for the true local rate (V = e'De): closed forms, eigenvalues, exhaustive search, against V = e'e."""
+"""Gains for the true local rate (V = e'De): closed forms, eigenvalues, exhaustive search, against V
+= e'e."""
 
 from fractions import Fraction
 from itertools import combinations
@@ -36,7 +37,9 @@ def test_one_pin_of_the_ten_ring_takes_the_gain_of_the_characteristic_polynomial
 def test_a_chain_decays_at_the_gain_of_its_head_and_at_no_more_than_2():
     chain = problem_of([[i + 1, i] for i in range(1, 5)], 5, "2*y")
     held = dd.design_pinning(chain, rate="1.99", pins="fewest")
-    assert {label: float(k) for label, k in held.gains.items()} == pytest.approx({"1": 1.99}, rel=3e-2)
+    assert {label: float(k) for label, k in held.gains.items()} == pytest.approx(
+        {"1": 1.99}, rel=3e-2
+    )
     assert any("No fewer than 1" in each.text for each in held.statements)
     plain = dd.design_pinning(chain, rate="1.99", allowed=["1"], conservative=True)
     assert plain.verdict is Verdict.REFUTED
@@ -67,7 +70,8 @@ def test_gains_reach_the_rate_tightly_and_cost_no_more_than_for_the_plain_v(seed
 
 @pytest.mark.parametrize("seed", range(6))
 def test_at_the_optimum_every_pin_raises_the_rate_alike(seed):
-    """With a cycle M is irreducible: u_i w_i of the Perron vectors is the same on pinned agents, and less elsewhere."""
+    """With a cycle M is irreducible: u_i w_i of the Perron vectors is the same on pinned agents,
+    and less elsewhere."""
     problem = digraph(Random(seed), 6)
     design = dd.design_pinning(problem, rate="3/10", digits=12)
     gains = by_index(design)
@@ -88,20 +92,27 @@ def test_the_chosen_agents_are_as_cheap_as_those_of_exhaustive_search(seed):
     design = dd.design_pinning(problem, rate="1/5", pins=pins, digits=9)
     blocks = for_rate(network_blocks(problem, weighted=True), 0.2)
     costs = [
-        float(k.sum()) for F in combinations(range(problem.n), pins) if (k := smallest_gains(blocks, F)) is not None
+        float(k.sum())
+        for F in combinations(range(problem.n), pins)
+        if (k := smallest_gains(blocks, F)) is not None
     ]
     if costs:
         assert float(design.cost) == pytest.approx(min(costs), rel=1e-4)
     else:
         assert design.verdict is Verdict.REFUTED
-        assert all(linear_rate(problem, dict.fromkeys(F, 1e9)) < 0.2 for F in combinations(range(problem.n), pins))
+        assert all(
+            linear_rate(problem, dict.fromkeys(F, 1e9)) < 0.2
+            for F in combinations(range(problem.n), pins)
+        )
 
 
 def test_several_modes_share_weights_or_fall_back_to_the_plain_v():
     r = Random(3)
     modes = {name: digraph(r, 5).network.modes["G"] for name in ("A", "B")}
     problem = Problem(network=Network(labels=tuple("12345"), modes=modes), coupling="y")
-    design, plain = (dd.design_pinning(problem, rate="1/5", conservative=which) for which in (False, True))
+    design, plain = (
+        dd.design_pinning(problem, rate="1/5", conservative=which) for which in (False, True)
+    )
     assert design.verdict is Verdict.PROVED and design.method == "weighted"
     assert design.cost < plain.cost
     D = np.diag([float(x) for x in design.weights.D])
@@ -112,7 +123,11 @@ def test_several_modes_share_weights_or_fall_back_to_the_plain_v():
     # each hears the other in one of two modes: by symmetry weights do not help
     crossed = problem_of({"A": [[1, 2, 3]], "B": [[2, 1, 3]]}, 2)
     fallback = dd.design_pinning(crossed, rate="1/5")
-    assert (fallback.verdict, fallback.method, fallback.lower_bound) == (Verdict.PROVED, "consensus", None)
+    assert (fallback.verdict, fallback.method, fallback.lower_bound) == (
+        Verdict.PROVED,
+        "consensus",
+        None,
+    )
     assert fallback.reason.endswith("by V = e'e.")
 
 

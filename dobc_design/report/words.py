@@ -463,9 +463,9 @@ def agents_table(problem: Problem) -> doc.Table | None:
             only=doc.EVERY if problem.offsets else ("markdown",),
         ),
         *(
-            doc.Column(f"listens to in {name}", lambda i, each=each: each[i], 2)
+            doc.Column(f"listens to in {name}", each.__getitem__, 2)
             for name, each in heard
-        ),  # type: ignore[misc]
+        ),
     )
 
 

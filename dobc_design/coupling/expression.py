@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.coupling import tree
-from dobc_design.coupling.functions import LATEX, WITHOUT_POWERS
+from dobc_design.coupling.functions import FUNCTIONS, Function
 from dobc_design.coupling.parser import DEEPEST, Fault, Repair, excerpt, parse
 from dobc_design.errors import ExpressionError, ShapeError, SpecError, wrong
 from dobc_design.exact.number import decimal_parts, with_exponent, without_exponent
@@ -58,6 +58,16 @@ def to_latex(node: tree.Node, *, dimension: int = 1) -> str:
     r"""Write the tree as LaTeX mathematics: exp(y) - 1 + y becomes e^{y} - 1 + y."""
     names = ["y"] if dimension == 1 else [f"y_{{{index + 1}}}" for index in range(dimension)]
     return tree.evaluate(node, [Piece(name, ATOM) for name in names], _LatexAlgebra()).text
+
+
+def formula_text(function: Function) -> str:
+    """Write what a function of y that libraries lack is by other functions."""
+    formula = function.formula
+    if formula is None:
+        raise ValueError(f"{function.name} has no formula.")
+    algebra = _TextAlgebra(compact=False)
+    written: Piece = formula(algebra, Piece("y", ATOM))
+    return written.text
 
 
 def decimal_text(value: Fraction, *, compact: bool = False) -> str | None:
@@ -176,16 +186,16 @@ class _LatexAlgebra(Infix):
         return Piece(f"{self.inside(base, ATOM)}^{{{exponent}}}", POWER)
 
     def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
-        inside, latex = (
-            ", ".join(argument.text for argument in arguments),
-            LATEX.get(name, f"\\{name}"),
-        )
-        level = POWER if name in WITHOUT_POWERS else ATOM
+        row = FUNCTIONS[name]
+        latex = row.latex or f"\\{name}"
+        level = ATOM if row.takes_powers else POWER
+        inside = ", ".join(argument.text for argument in arguments)
         if "#" in latex:
             return Piece(latex.replace("#", inside), level)
         # Between the name and its argument an exponent is usual for some, and misleading for the
         # others.
-        return Piece(rf"{latex}\left({inside}\right)", level, head=latex if level == ATOM else "")
+        head = latex if row.takes_powers else ""
+        return Piece(rf"{latex}\left({inside}\right)", level, head=head)
 
 
 LONGEST = 2000  # characters of what a user writes

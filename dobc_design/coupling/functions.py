@@ -1,8 +1,8 @@
 """The functions of the expression language: all that the package knows about a function stands in
 its row here.
 
-A new function is a row here (its LaTeX and other names in the tables below), one in the checker's
-expression module, its name in docs/reference/problem-file.md and a test.  Libraries that no proof
+A new function is a row here, one in checker/expressions.py, its name in docs/certificate-format.md
+and a row of what is known about it in tests/support/known_functions.py.  Libraries that no proof
 may rest on are named by text only.
 """
 
@@ -26,15 +26,19 @@ T = TypeVar("T")
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Function:
-    """A function f of the language.  Names elsewhere are left empty where they are the same; Python
-    texts import NumPy's by the name of the language.
+    """A function f of the language.
 
-    ``interval``: encloses f on an interval, from its monotone pieces; of two intervals for min and
-    max. ``slope``: encloses f' on x from x and f(x); ``curvature``: f'' from x, f(x) and f'(x);
-    without it f is continuous and piecewise rational, but not C1. ``steepest``: floats x and far >=
-    |x| give a bound of |f'| as far around x as far - |x|; without it 1.
+    What proofs use: ``interval`` encloses f on an interval, from its monotone pieces; of two
+    intervals for min and max. ``slope`` encloses f' on x from x and f(x), ``curvature`` f'' from x,
+    f(x) and f'(x); without it f is continuous and piecewise rational, but not C1.
+
+    What libraries use: names elsewhere (``numpy``, ``casadi``, ``sympy``, ``c`` for <math.h>) are
+    left empty where they are the same; Python texts import NumPy's by the name of the language. A
+    function that a library lacks has a ``formula``: an algebra and the arguments give the value by
+    other functions. ``steepest`` bounds |f'| in floats between x - r and x + r, asked with x and
+    |x| + r; without it the bound is 1.
     """
 
     name: str
@@ -42,16 +46,24 @@ class Function:
     slope: Callable[[Interval, Interval], Interval] | None = None
     curvature: Callable[[Interval, Interval, Interval], Interval] | None = None
     steepest: Callable[[Array, Array], Any] | None = None
+    formula: Callable[..., Any] | None = None
     numpy: str = ""
     casadi: str = ""
     sympy: str = ""
     c: str = ""
     arguments: tuple[int, float] = (1, 1)  # the fewest and the most
+    #: Another command than the name, or a text with # for the arguments.
+    latex: str = ""
+    #: Whether in LaTeX an exponent may follow, at the end or between the command and its arguments.
+    takes_powers: bool = True
+    #: What users may write for it, to be asked "did you mean".
+    others: str = ""
 
     def found_in(self, module: Any, library: str) -> Callable[..., Any]:
         """Return this function of a module: NumPy for "numpy", CasADi for "casadi", SymPy for
         "sympy"."""
-        found: Callable[..., Any] = getattr(module, getattr(self, library) or self.name)
+        name = getattr(self, library) or self.name
+        found: Callable[..., Any] = getattr(module, name)
         return found
 
 
@@ -62,117 +74,170 @@ def _root_slope(x: Interval, value: Interval) -> Interval:
 
 
 def _sign(x: Interval, value: Interval) -> Interval:
-    return Interval(Fraction(1 if x.lo > 0 else -1), Fraction(-1 if x.hi < 0 else 1))
+    """The slopes of |x|: both where x may be 0."""
+    low = 1 if x.lo > 0 else -1
+    high = -1 if x.hi < 0 else 1
+    return Interval(Fraction(low), Fraction(high))
 
 
 def _cosh(x: Array, far: Array) -> Any:
     return np.cosh(far)
 
 
+def _clip(algebra: Any, x: T, low: T, high: T) -> Any:
+    above = algebra.call("max", (x, low))
+    return algebra.call("min", (above, high))
+
+
 _ROWS: Final = (
     Function(
-        "exp",
-        interval.exp,
-        lambda x, f: f,
-        lambda x, f, s: f,
-        lambda x, far: np.exp(x + (far - np.abs(x))),
+        name="exp",
+        interval=interval.exp,
+        slope=lambda x, f: f,
+        curvature=lambda x, f, s: f,
+        steepest=lambda x, far: np.exp(x + (far - np.abs(x))),
+        latex="e^{#}",
+        takes_powers=False,
     ),
     Function(
-        "log",
-        interval.log,
-        lambda x, f: 1 / x,
-        lambda x, f, s: -1 / x**2,
-        lambda x, far: 1 / np.maximum(2 * x - far, 0),
-    ),
-    Function("sin", interval.sin, lambda x, f: interval.cos(x), lambda x, f, s: -f),
-    Function("cos", interval.cos, lambda x, f: -interval.sin(x), lambda x, f, s: -f),
-    Function(
-        "tan",
-        interval.tan,
-        lambda x, f: 1 + f**2,
-        lambda x, f, s: 2 * f * s,
-        lambda x, far: 2 * (1 + np.tan(x) ** 2),
+        name="log",
+        interval=interval.log,
+        slope=lambda x, f: 1 / x,
+        curvature=lambda x, f, s: -1 / x**2,
+        steepest=lambda x, far: 1 / np.maximum(2 * x - far, 0),
+        latex=r"\ln",
+        takes_powers=False,
+        others="ln",
     ),
     Function(
-        "tanh",
-        methodcaller("increasing", "tanh"),
-        lambda x, f: 1 - f**2,
-        lambda x, f, s: -2 * f * s,
+        name="sin",
+        interval=interval.sin,
+        slope=lambda x, f: interval.cos(x),
+        curvature=lambda x, f, s: -f,
     ),
     Function(
-        "atan",
-        methodcaller("increasing", "atan"),
-        lambda x, f: 1 / (1 + x**2),
-        lambda x, f, s: -2 * x * s**2,
+        name="cos",
+        interval=interval.cos,
+        slope=lambda x, f: -interval.sin(x),
+        curvature=lambda x, f, s: -f,
+    ),
+    Function(
+        name="tan",
+        interval=interval.tan,
+        slope=lambda x, f: 1 + f**2,
+        curvature=lambda x, f, s: 2 * f * s,
+        steepest=lambda x, far: 2 * (1 + np.tan(x) ** 2),
+        others="tg",
+    ),
+    Function(
+        name="tanh",
+        interval=methodcaller("increasing", "tanh"),
+        slope=lambda x, f: 1 - f**2,
+        curvature=lambda x, f, s: -2 * f * s,
+        others="th",
+    ),
+    Function(
+        name="atan",
+        interval=methodcaller("increasing", "atan"),
+        slope=lambda x, f: 1 / (1 + x**2),
+        curvature=lambda x, f, s: -2 * x * s**2,
         numpy="arctan",
+        latex=r"\arctan",
+        takes_powers=False,
+        others="arctan arctg",
     ),
-    Function("sinh", interval.sinh, lambda x, f: interval.cosh(x), lambda x, f, s: f, _cosh),
-    Function("cosh", interval.cosh, lambda x, f: interval.sinh(x), lambda x, f, s: f, _cosh),
     Function(
-        "asinh",
-        methodcaller("increasing", "asinh"),
-        lambda x, f: 1 / interval.sqrt(1 + x**2),
-        lambda x, f, s: -x * s**3,
+        name="sinh",
+        interval=interval.sinh,
+        slope=lambda x, f: interval.cosh(x),
+        curvature=lambda x, f, s: f,
+        steepest=_cosh,
+        others="sh",
+    ),
+    Function(
+        name="cosh",
+        interval=interval.cosh,
+        slope=lambda x, f: interval.sinh(x),
+        curvature=lambda x, f, s: f,
+        steepest=_cosh,
+        others="ch",
+    ),
+    Function(
+        name="asinh",
+        interval=methodcaller("increasing", "asinh"),
+        slope=lambda x, f: 1 / interval.sqrt(1 + x**2),
+        curvature=lambda x, f, s: -x * s**3,
         numpy="arcsinh",
+        latex=r"\operatorname{arsinh}",
+        takes_powers=False,
+        others="arcsinh arsinh",
     ),
     Function(
-        "sqrt",
-        interval.sqrt,
-        _root_slope,
-        lambda x, f, s: -1 / (4 * f**3),
-        lambda x, far: 0.5 / np.sqrt(np.maximum(2 * x - far, 0)),
-    ),
-    Function("abs", abs, _sign, casadi="fabs", sympy="Abs"),
-    Function(
-        "min", interval.minimum, numpy="minimum", casadi="fmin", sympy="Min", arguments=(2, inf)
+        name="sqrt",
+        interval=interval.sqrt,
+        slope=_root_slope,
+        curvature=lambda x, f, s: -1 / (4 * f**3),
+        steepest=lambda x, far: 0.5 / np.sqrt(np.maximum(2 * x - far, 0)),
+        latex=r"\sqrt{#}",
     ),
     Function(
-        "max", interval.maximum, numpy="maximum", casadi="fmax", sympy="Max", arguments=(2, inf)
+        name="abs",
+        interval=abs,
+        slope=_sign,
+        casadi="fabs",
+        sympy="Abs",
+        latex=r"\left|#\right|",
+        others="fabs",
     ),
-    Function("clip", interval.clip, arguments=(3, 3)),
+    Function(
+        name="min",
+        interval=interval.minimum,
+        numpy="minimum",
+        casadi="fmin",
+        sympy="Min",
+        arguments=(2, inf),
+        takes_powers=False,
+        others="minimum",
+    ),
+    Function(
+        name="max",
+        interval=interval.maximum,
+        numpy="maximum",
+        casadi="fmax",
+        sympy="Max",
+        arguments=(2, inf),
+        takes_powers=False,
+        others="maximum",
+    ),
+    Function(
+        name="clip",
+        interval=interval.clip,
+        formula=_clip,
+        arguments=(3, 3),
+        latex=r"\operatorname{clip}",
+        takes_powers=False,
+        others="sat saturate",
+    ),
 )
 FUNCTIONS: Final = {row.name: row for row in _ROWS}
 NONSMOOTH: Final = tuple(row.name for row in _ROWS if row.curvature is None)
-# In LaTeX, where it is not the name as a command: another command, or a text with # for the
-# arguments.
-LATEX: Final = {
-    "exp": "e^{#}",
-    "sqrt": r"\sqrt{#}",
-    "abs": r"\left|#\right|",
-    "log": r"\ln",
-    "atan": r"\arctan",
-} | {
-    "asinh": r"\operatorname{arsinh}",
-    "clip": r"\operatorname{clip}",
-}
-# After which in LaTeX no exponent may follow, neither at the end nor between the command and its
-# arguments.
-WITHOUT_POWERS: Final = ("exp", "log", "atan", "asinh", "min", "max", "clip")
-# What users may write for a function, to be asked "did you mean".
-_OTHERS = (
-    "ln:log tg:tan th:tanh sh:sinh ch:cosh arctan:atan arctg:atan arcsinh:asinh arsinh:asinh "
-    "fabs:abs"
-)
-_OTHERS += " minimum:min maximum:max sat:clip saturate:clip"
-OTHER_NAMES: Final[dict[str, str]] = dict(pair.split(":") for pair in _OTHERS.split())
+OTHER_NAMES: Final = {other: row.name for row in _ROWS for other in row.others.split()}
 
 
-def by_twos(name: str, arguments: tuple[T, ...], call: Callable[..., T]) -> T:
-    """Call a function through ``call(name, ...)`` of one argument, or of min or max and two.  Min
-    and max of several are taken one after the other, clip(x, lo, hi) is min(max(x, lo), hi)."""
+def applied(name: str, arguments: tuple[T, ...], algebra: Any, call: Callable[..., T]) -> T:
+    """Apply a function in an algebra whose library has the others as ``call(name, ...)``, of one
+    argument, or of min or max and two: min and max of several are taken one after the other."""
+    formula = FUNCTIONS[name].formula
+    if formula is not None:
+        found: T = formula(algebra, *arguments)
+        return found
     if len(arguments) == 1:
         return call(name, arguments[0])
-    if name == "clip":
-        inner, low, high = arguments
-        return call("min", call("max", inner, low), high)
     return reduce(lambda left, right: call(name, left, right), arguments)
 
 
 _INVERSES = [name for name in FUNCTIONS if name[0] == "a" and name[1:] in FUNCTIONS]
-_ONLY_INVERSE = (
-    f"the only inverse function{' is' if len(_INVERSES) == 1 else 's are'} "
-    f"{' and '.join(_INVERSES)}"
-)
+_ONLY_INVERSES = f"the only inverse functions are {' and '.join(_INVERSES)}"
 _INVERSES_ELSEWHERE = [
     "atan2",
     *(a + name for name in ("sin", "cos", "sinh", "cosh", "tanh") for a in ("a", "arc")),
@@ -186,7 +251,7 @@ FOREIGN: Final = {
     "expm1": "write exp(y) - 1 for expm1(y)",
     "log1p": "write log(1 + y) for log1p(y)",
     **{
-        name: _ONLY_INVERSE
+        name: _ONLY_INVERSES
         for name in _INVERSES_ELSEWHERE
         if name not in {*FUNCTIONS, *OTHER_NAMES}
     },

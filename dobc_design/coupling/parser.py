@@ -13,7 +13,7 @@ from fractions import Fraction
 
 from dobc_design._show.text import visible
 from dobc_design.coupling import tree
-from dobc_design.coupling.functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_NAMES, by_twos
+from dobc_design.coupling.functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_NAMES
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import parse_number
@@ -412,4 +412,4 @@ def _fold(name: str, values: list[Fraction | None]) -> Fraction | None:
     points = tuple(Interval.point(value) for value in values if value is not None)
     if name not in NONSMOOTH or len(points) < len(values):
         return None
-    return by_twos(name, points, lambda name, *operands: FUNCTIONS[name].interval(*operands)).lo
+    return tree.IntervalAlgebra().call(name, points).lo

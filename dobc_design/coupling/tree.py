@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from dobc_design.coupling.functions import FUNCTIONS, Array, by_twos
+from dobc_design.coupling.functions import FUNCTIONS, Array, applied
 from dobc_design.exact import interval
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import nearest, number_key
@@ -175,11 +175,10 @@ class NumpyAlgebra(Operators):
         return np.asarray(np.pi)
 
     def call(self, name: str, arguments: tuple[Array, ...]) -> Array:
-        return by_twos(
-            name,
-            arguments,
-            lambda name, *operands: FUNCTIONS[name].found_in(np, "numpy")(*operands),
-        )
+        return applied(name, arguments, self, self._called)
+
+    def _called(self, name: str, *operands: Array) -> Any:
+        return FUNCTIONS[name].found_in(np, "numpy")(*operands)
 
 
 class IntervalAlgebra(Operators):
@@ -194,7 +193,10 @@ class IntervalAlgebra(Operators):
     def call(self, name: str, arguments: tuple[Interval, ...]) -> Interval:
         if len(arguments) == 1:  # at once, being asked most often
             return FUNCTIONS[name].interval(arguments[0])
-        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].interval(*operands))
+        return applied(name, arguments, self, self._called)
+
+    def _called(self, name: str, *operands: Interval) -> Interval:
+        return FUNCTIONS[name].interval(*operands)
 
 
 class Jet(NamedTuple):
@@ -309,12 +311,9 @@ class GradientAlgebra:
         )
 
     def call(self, name: str, arguments: tuple[Jet, ...]) -> Jet:
-        return by_twos(name, arguments, self._called)
-
-    def _called(self, name: str, *operands: Jet) -> Jet:
-        if len(operands) == 2:
-            return self._extreme(name, *operands)
-        (argument,) = operands
+        if len(arguments) > 1:
+            return applied(name, arguments, self, self._extreme)
+        (argument,) = arguments
         row, x = FUNCTIONS[name], argument.value
         value, slope, curvature = row.interval(x), row.slope, row.curvature
         if slope is None or curvature is None:  # abs

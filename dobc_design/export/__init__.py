@@ -7,9 +7,12 @@ from functools import partial
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.coupling.expression import formula_text
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
@@ -281,14 +284,17 @@ def python_script(problem: Source) -> str:
         message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
         cure = "Use dobc_design.to_control(problem) in Python: it needs no file."
         raise SpecError(message, key="--python-control", cure=cure)
-    # The functions of couplings come from NumPy; min and max of several have definitions of their
-    # own.
-    plain = sorted(["pi", *(row.name for row in FUNCTIONS.values() if not row.numpy)])
-    renamed = [row for row in FUNCTIONS.values() if row.numpy and row.name not in ("min", "max")]
-    imports = [
-        f"from numpy import {', '.join(plain)}",
-        *(f"from numpy import {r.numpy} as {r.name}" for r in renamed),
-    ]
+    # The functions of couplings come from NumPy; min and max of several, and what it lacks, have
+    # definitions of their own.
+    plain, renamed, defined = ["pi"], [], []
+    for row in FUNCTIONS.values():
+        if row.numpy and row.name not in ("min", "max"):
+            renamed.append(f"from numpy import {row.numpy} as {row.name}")
+        elif not row.numpy and hasattr(np, row.name):
+            plain.append(row.name)
+        elif row.formula is not None:
+            defined.append(f"\n\ndef {row.name}(y):\n    return {formula_text(row)}")
+    imports = [f"from numpy import {', '.join(sorted(plain))}", *renamed, *defined]
     A, C = arrays.exosystem_arrays(problem)
     W = arrays.required_gain(as_integrators(problem), gain)
     named = {"A": A, "C": C, "W": W, "GOALS": arrays.goals(problem)}

@@ -23,7 +23,7 @@ from dobc_design.coupling.expression import (
     evaluated,
     variables_used,
 )
-from dobc_design.coupling.functions import FUNCTIONS, by_twos
+from dobc_design.coupling.functions import FUNCTIONS, applied
 from dobc_design.errors import SpecError
 
 PRECISIONS = ("double", "float")
@@ -125,7 +125,7 @@ class CAlgebra(Infix):
         return Piece(f"dobc_power({base.text}, {exponent})", ATOM)
 
     def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
-        return by_twos(name, arguments, self._called)
+        return applied(name, arguments, self, self._called)
 
     def _called(self, name: str, *operands: Piece) -> Piece:
         inside = ", ".join(each.text for each in operands)

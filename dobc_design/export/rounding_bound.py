@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.coupling.expression import Expression, evaluated
-from dobc_design.coupling.functions import FUNCTIONS, by_twos
+from dobc_design.coupling.functions import FUNCTIONS, applied
 from dobc_design.exact.matrix import to_float
 from dobc_design.export.c_controller import AgentNumbers, Controller
 from dobc_design.problem.dynamics import expressions_of
@@ -81,7 +81,7 @@ class ErringAlgebra:
         return positive if exponent >= 0 else self.divide(self.constant(Fraction(1)), positive)
 
     def call(self, name: str, arguments: tuple[Erring, ...]) -> Erring:
-        return by_twos(name, arguments, self._called)
+        return applied(name, arguments, self, self._called)
 
     def _called(self, name: str, *operands: Erring) -> Erring:
         row = FUNCTIONS[name]

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from dobc_design._show.cards import Card, Headed
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.functions import FUNCTIONS, by_twos
+from dobc_design.coupling.functions import FUNCTIONS, applied
 from dobc_design.coupling.tree import Operators, evaluate, variable_names
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.number import nearest
@@ -38,11 +38,10 @@ class CasadiAlgebra(Operators):
         return ca.DM(np.pi)
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
-        return by_twos(
-            name,
-            arguments,
-            lambda name, *operands: FUNCTIONS[name].found_in(ca, "casadi")(*operands),
-        )
+        return applied(name, arguments, self, self._called)
+
+    def _called(self, name: str, *operands: Any) -> Any:
+        return FUNCTIONS[name].found_in(ca, "casadi")(*operands)
 
 
 class SympyAlgebra(Operators):
@@ -60,12 +59,10 @@ class SympyAlgebra(Operators):
         return self.library.pi
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
-        found = self.library
-        return by_twos(
-            name,
-            arguments,
-            lambda name, *operands: FUNCTIONS[name].found_in(found, "sympy")(*operands),
-        )
+        return applied(name, arguments, self, self._called)
+
+    def _called(self, name: str, *operands: Any) -> Any:
+        return FUNCTIONS[name].found_in(self.library, "sympy")(*operands)
 
 
 def to_sympy(expression: Expression) -> tuple[Any, tuple[Any, ...]]:

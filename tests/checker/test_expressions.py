@@ -8,6 +8,7 @@ import mpmath
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_functions import KNOWN, OF_SEVERAL
 
 from dobc_design import Network, Problem
 from dobc_design.checker import intervals
@@ -23,26 +24,12 @@ from dobc_design.checker.intervals import ONE, Exact
 from dobc_design.checker.reading import Refused
 from dobc_design.checker.separable import Curve
 
-DERIVATIVES = {
-    "exp": (mpmath.exp, mpmath.exp),
-    "log": (mpmath.log, lambda x: 1 / x),
-    "sqrt": (mpmath.sqrt, lambda x: 1 / (2 * mpmath.sqrt(x))),
-    "sin": (mpmath.sin, mpmath.cos),
-    "cos": (mpmath.cos, lambda x: -mpmath.sin(x)),
-    "tan": (mpmath.tan, lambda x: 1 + mpmath.tan(x) ** 2),
-    "atan": (mpmath.atan, lambda x: 1 / (1 + x * x)),
-    "tanh": (mpmath.tanh, lambda x: 1 / mpmath.cosh(x) ** 2),
-    "sinh": (mpmath.sinh, mpmath.cosh),
-    "cosh": (mpmath.cosh, mpmath.sinh),
-    "asinh": (mpmath.asinh, lambda x: 1 / mpmath.sqrt(1 + x * x)),
-    "abs": (abs, mpmath.sign),
-}
 RATIONALS = st.builds(Fraction, st.integers(-4000, 4000), st.integers(1, 500))
 
 
 def test_every_function_of_the_grammar_is_enclosed_here():
-    assert set(DERIVATIVES) == set(SMOOTH)
-    assert set(DERIVATIVES) | {"min", "max", "clip"} == set(FUNCTIONS)
+    assert set(KNOWN) == set(SMOOTH)
+    assert {*KNOWN, *OF_SEVERAL} == set(FUNCTIONS)
 
 
 # --- On rationals
@@ -54,7 +41,7 @@ def contains(enclosure: Exact, value: mpmath.mpf) -> bool:
     return bool(low - slack <= value <= high + slack)
 
 
-@pytest.mark.parametrize("name", sorted(DERIVATIVES))
+@pytest.mark.parametrize("name", sorted(KNOWN))
 @settings(max_examples=20)
 @given(x=RATIONALS)
 def test_values_and_derivatives_are_those_of_mpmath(name, x):
@@ -63,11 +50,11 @@ def test_values_and_derivatives_are_those_of_mpmath(name, x):
         x = abs(x) + Fraction(1, 1000)
     elif name == "abs" and not x:
         x = Fraction(1)
-    function, derivative = DERIVATIVES[name]
+    known = KNOWN[name]
     with mpmath.workdps(120):
         at = mpmath.mpf(x.numerator) / x.denominator
         value, (slope,) = applied(SMOOTH[name], *variables([(x, x)]))
-        for found, true in ((value, function(at)), (slope, derivative(at))):
+        for found, true in ((value, known.value(at)), (slope, known.slope(at))):
             assert contains(found, true)
             assert found[1] - found[0] <= Fraction(1, 10**60) * (1 + abs(found[1]))
 
@@ -157,7 +144,7 @@ def pieces(name: str, count: int) -> list[tuple[float, float]]:
 
 
 COMPOSED = {
-    **{f"{name}(y)": function for name, (function, _) in DERIVATIVES.items()},
+    **{f"{name}(y)": known.value for name, known in KNOWN.items()},
     "min(y, y**2, 1 - y)": lambda y: min(y, y**2, 1 - y),
     "max(y**3 - y, -y/2)": lambda y: max(y**3 - y, -y / 2),
     "clip(2*y, -1, y**2 + 1/3)": lambda y: max(-1, min(2 * y, y**2 + mpmath.mpf(1) / 3)),

@@ -10,16 +10,18 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
+from known_functions import KNOWN, OF_SEVERAL
 
 from dobc_design.coupling.expression import numpy_function, parse_expression
 from dobc_design.coupling.functions import FUNCTIONS, NONSMOOTH
-from dobc_design.coupling.tree import evaluate
+from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.exact.interval import Interval
 from dobc_design.export.c_text import CAlgebra, Piece
 from dobc_design.model.model import CasadiAlgebra, to_sympy
 
 ROOT = Path(__file__).resolve().parents[2]
 SMOOTH = [name for name in FUNCTIONS if name not in NONSMOOTH]
+IN_LIBRARIES = [name for name in SMOOTH if FUNCTIONS[name].formula is None]
 POINTS = (Fraction(1, 10), Fraction(2, 3), Fraction(7, 5))
 
 
@@ -30,7 +32,7 @@ def near(enclosure: Interval, value: mpmath.mpf) -> bool:
     return low - slack <= value <= high + slack and high - low <= slack * (1 + abs(value))
 
 
-WRITTEN = [f"{name}(y)" for name in FUNCTIONS if name not in ("min", "max", "clip")]
+WRITTEN = [f"{name}(y)" for name in KNOWN]
 WRITTEN += ["min(y, 1/2, 2 - y)", "max(y, -y, 0.3)", "clip(2*y, 1/3, 1)", "clip(y, 0.5, 0.5)"]
 COMPOSED = [
     "log(1 + y**2)/sqrt(4 - y)",
@@ -45,6 +47,26 @@ COMPOSED += [
     "1e300*y*1e-300",
     "atan(y)**3 - sinh(y)/cosh(y)",
 ]
+
+
+def test_every_function_of_the_language_is_tried():
+    assert {*KNOWN, *OF_SEVERAL} == set(FUNCTIONS)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_values_slopes_and_numpy_are_those_of_mpmath(name: str):
+    h = parse_expression(f"{name}(y)")
+    algebra = GradientAlgebra(1, second=True)
+    for y in POINTS:
+        found = evaluate(h.node, algebra.variables([Interval.point(y)]), algebra)
+        with mpmath.workprec(200):
+            at = mpmath.mpf(y.numerator) / y.denominator
+            value = KNOWN[name].value(at)
+            assert near(found.value, value)
+            assert near(found.slope, KNOWN[name].slope(at))
+            if found.curvature is not None:
+                assert near(found.curvature, mpmath.diff(KNOWN[name].slope, at))
+        assert numpy_function(h)(float(y)) == pytest.approx(float(value), rel=1e-14)
 
 
 @pytest.mark.parametrize("text", WRITTEN + COMPOSED)
@@ -63,7 +85,7 @@ def test_numpy_casadi_and_sympy_agree(text: str):
         )
 
 
-@pytest.mark.parametrize("name", SMOOTH)
+@pytest.mark.parametrize("name", IN_LIBRARIES)
 def test_c_and_python_know_the_function_by_the_name_that_is_written(name: str):
     """<math.h> has the names of Python's math module."""
     algebra = CAlgebra("double")
@@ -78,7 +100,7 @@ def test_the_slope_that_errors_are_carried_on_with_is_not_exceeded(name: str):
     row = FUNCTIONS[name]
     for x in (0.3, 0.9):
         around = np.linspace(x - 0.05, x + 0.05, 21)
-        most = max(abs(float(mpmath.diff(getattr(mpmath, name), y))) for y in around)
+        most = max(abs(float(mpmath.diff(KNOWN[name].value, y))) for y in around)
         assert (
             most
             <= (1.0 if row.steepest is None else row.steepest(np.asarray(x), np.asarray(x + 0.05)))

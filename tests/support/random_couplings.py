@@ -13,25 +13,14 @@ from typing import Any
 
 import mpmath
 import sympy
+from known_functions import KNOWN, OF_SEVERAL
 from sympy.printing.pycode import MpmathPrinter
 
 BITS = 200
 # "#" is an argument that stays within about +-2.
 OUTER = (
-    "exp(#)",
-    "log(3 + #)",
-    "sin(3*#)",
-    "cos(2*#)",
-    "tan(#/2)",
-    "tanh(2*#)",
-    "atan(#)",
-    "sinh(#)",
-    "cosh(#)",
-    "sqrt(3 + #)",
-    "abs(#)",
-    "min(#, 1/2)",
-    "max(#, -1/3)",
-    "clip(#, -1/2, 3/4)",
+    *(known.example for known in KNOWN.values()),
+    *OF_SEVERAL.values(),
     "(#)**2",
     "(#)**3",
     "(4 + #)**-2",
@@ -82,8 +71,16 @@ PRINTER = _Printer(
 
 def names(variables: dict[str, Any]) -> dict[str, Any]:
     """What SymPy reads a coupling with."""
-    clip = {"clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(x, hi))}
-    return {**variables, "abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max, **clip}
+    found = {
+        **variables,
+        "min": sympy.Min,
+        "max": sympy.Max,
+        "clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(x, hi)),
+    }
+    for name, known in KNOWN.items():
+        if known.symbolic is not None:
+            found[name] = known.symbolic
+    return found
 
 
 @cache

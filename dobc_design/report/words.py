@@ -462,10 +462,7 @@ def agents_table(problem: Problem) -> doc.Table | None:
             lambda i: _goal(problem, i),
             only=doc.EVERY if problem.offsets else ("markdown",),
         ),
-        *(
-            doc.Column(f"listens to in {name}", each.__getitem__, 2)
-            for name, each in heard
-        ),
+        *(doc.Column(f"listens to in {name}", each.__getitem__, 2) for name, each in heard),
     )
 
 

@@ -1,0 +1,48 @@
+"""What a report is made from: a certificate, and what was computed beside it to be shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.exact.matrix import Matrix
+from dobc_design.problem.problem import Problem
+from dobc_design.report.checks import Facts, fingerprints
+from dobc_design.verdict import Verdict
+
+if TYPE_CHECKING:
+    from dobc_design.analysis.analysis import Analysis
+    from dobc_design.falsification.suspect import Falsification
+    from dobc_design.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings:
+    """A certificate with what its report shows; what is None or empty is left out."""
+
+    certificate: Certificate
+    analysis: Analysis | None = None  # graphs and eigenvalues, in floating point
+    trajectory: Trajectory | None = None  # one simulated run
+    worst: Trajectory | None = None  # the run with a slow signal that keeps the guarantee
+    lambdas: Mapping[str, Matrix] = field(default_factory=dict)  # mode -> Lambda(J) at the target
+    searches: Sequence[Falsification] = ()  # for starts that do not converge
+    kernel: str = ""  # what Coq says of the motions
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was certified."""
+        return self.certificate.problem
+
+    @property
+    def proved(self) -> bool:
+        """Whether the overall verdict is."""
+        return self.certificate.verdict is Verdict.PROVED
+
+    # Hashing writes the whole certificate, which takes time where it is large.
+    @cached_property
+    def prints(self) -> Facts:
+        """The fingerprints of the problem and of the certificate."""
+        return fingerprints(self.certificate)

@@ -1,0 +1,235 @@
+"""What was certified: the loop at a glance, the problem with its equations, who listens to whom."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from dobc_design._show.text import latex_matrix, latex_number
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.problem.dynamics import Dynamics
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.words import caution_lines
+from dobc_design.report import document as doc
+from dobc_design.report import pictures, words
+from dobc_design.report.words import number
+
+if TYPE_CHECKING:
+    from dobc_design.analysis.analysis import Analysis, GraphFacts, ModeSpectrum
+
+MOST_NOTES = 60
+MOST_GRAPHS = 12  # rows
+LONGEST_VECTOR = 12  # entries that are printed
+#: Equations that are the same for all kinds of agents.
+_SHARED = {latex for _, latex, _ in words.TEXTS["loop"]["disturbed"]}
+
+
+def loop_section(certificate: Certificate) -> doc.Section:
+    """The network as a drawing, beside it what the engineer has designed, in decimals; what looks
+    like a slip."""
+    drawn, legend = pictures.network_pictures(certificate)
+    picture = (doc.Pictures(drawn, small=True), doc.Text(legend, "caption"))
+    told: list[doc.Block] = [doc.Facts(words.loop_facts(certificate))]
+    for line in caution_lines(certificate.problem):
+        told.append(doc.Text(words.sentence(line), "warning"))
+    notes = words.shown_notes(certificate)[:MOST_NOTES]
+    if notes:
+        told.append(doc.Section("Given and assumed", (doc.List(notes),)))
+    # Several drawings need the whole width.
+    if len(drawn) == 1:
+        both = doc.on_pages(doc.Beside((picture, told), second_wider=True))
+    else:
+        both = doc.on_pages(*picture, *told)
+    return doc.Section("The loop", (both, doc.in_markdown(*told)), "loop")
+
+
+def problem_section(problem: Problem) -> doc.Section:
+    """The problem in a few sentences, and its equations with the numbers of the paper."""
+    blocks: list[doc.Block] = [doc.Text(words.problem_words(problem)), *_equations(problem)]
+    if problem.dynamics is not None:
+        blocks.append(doc.Matrices(tuple(_matrices(problem.dynamics))))
+    blocks += [
+        doc.Only(("html", *doc.TEXTS), tuple(_functions(problem))),
+        doc.Only(("pdf",), (doc.Facts(tuple(_plain_functions(problem))),)),
+        doc.Text(_letters(problem)),
+        *_listed("Each agent has the A, C and W of its group:", words.group_sentences(problem)),
+        *_listed("Arcs with a coupling of their own:", words.exception_sentences(problem)),
+    ]
+    return doc.Section("The problem", blocks, "problem", "Problem")
+
+
+def _listed(head: str, sentences: Sequence[str]) -> Iterator[doc.Block]:
+    if sentences:
+        yield doc.Text(head)
+        yield doc.List(sentences)
+
+
+def _equations(problem: Problem) -> Iterator[doc.Formula]:
+    """The equations of the loop, under the names that the template of the PDF has for them."""
+    dynamics = problem.dynamics
+    loop, disturbed = [], ""
+    if dynamics is not None:
+        loop.append("dynamic")
+    if problem.groups:
+        loop.append("disturbed")
+        disturbed = ", disturbed"
+    kind = disturbed
+    if dynamics is not None:
+        kind += ", dynamic" if dynamics.f is None else ", nonlinear"
+    if problem.leader is not None:
+        kind += ", led in formation" if problem.offsets else ", led"
+    for name, latex, equation in words.TEXTS["loop"][" ".join(loop) or "plain"]:
+        ending = disturbed if latex in _SHARED else kind
+        yield doc.Formula(_own(latex, problem), name, equation, name + ending)
+
+
+def _own(latex: str, problem: Problem) -> str:
+    """An equation of the loop, with f(x) in place of A x where that is given, and with a leader as
+    the target."""
+    dynamics = problem.dynamics
+    if problem.leader is not None and problem.offsets:
+        latex = latex.replace(r"x_i - \bar x_i", "x_i - s - o_i").replace(r"\bar x_i", "o_i")
+    elif problem.leader is not None:
+        held = r" + u^0_i, \quad A_x \bar x_i + B u^0_i = 0"
+        latex = latex.replace(r"x_i - \bar x_i", "x_i - s").replace(held, "")
+    if dynamics is None or dynamics.f is None:
+        return latex
+    return latex.replace("A_x x_i", "f(x_i)").replace(r"A_x \bar x_i", r"f(\bar x_i)")
+
+
+def _matrices(dynamics: Dynamics) -> Iterator[doc.ShownMatrix]:
+    """A_x and B of agents with [dynamics]."""
+    if dynamics.A is not None:
+        what = "how the state of an agent moves by itself, A of [dynamics]"
+        yield doc.ShownMatrix("A_x", what, dynamics.A)
+    yield doc.ShownMatrix("B", "how inputs, couplings and disturbance act on it", dynamics.B)
+
+
+def _functions(problem: Problem) -> Iterator[doc.Formula]:
+    """What the problem itself gives, typeset: f, h and the target."""
+    dynamics = problem.dynamics
+    if dynamics is not None and dynamics.f is not None:
+        f = _column(dynamics.latex, alone=dynamics.dimension == 1)
+        yield doc.Formula(f"f(x) = {f}", "own dynamics")
+    coupling = problem.coupling
+    h = _column(coupling.latex, alone=coupling.by_component)
+    yield doc.Formula(f"h_{{ij}}(y) = {h}", "coupling")
+    yield doc.Formula(_target(problem), "target")
+
+
+def _column(latex: Sequence[str], *, alone: bool) -> str:
+    """A function, or a column of functions."""
+    if alone:
+        return latex[0]
+    rows = r" \\ ".join(latex)
+    return rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}"
+
+
+def _plain_functions(problem: Problem) -> Iterator[tuple[str, str]]:
+    """The same as it was typed, for the PDF, which does not read LaTeX."""
+    coupling, dynamics = problem.coupling, problem.dynamics
+    h = "h(y)" if coupling.by_component else "h(y) by components"
+    yield "coupling", f"{h} = {', '.join(coupling.texts)}"
+    if dynamics is not None and dynamics.f is not None:
+        yield "own dynamics", f"f(x) = ({', '.join(dynamics.f)})"
+    yield "target", words.target_words(problem)
+
+
+def _target(problem: Problem) -> str:
+    """LaTeX of the target, as a number if it has one entry, else as a transposed row."""
+    target = problem.target
+    if problem.leader is not None and problem.dynamics is not None:
+        return _leader(problem)
+    if len(target) > LONGEST_VECTOR:
+        return rf"\bar{{x}} \in \mathbb{{R}}^{{{len(target)}}}"
+    if len(target) == 1:
+        return rf"\bar{{x}} = {latex_number(target[0])}"
+    return rf"\bar{{x}} = {latex_matrix([target])}'"
+
+
+def _leader(problem: Problem) -> str:
+    """LaTeX of a target that moves as an agent would, and of where it starts."""
+    leader, dynamics = problem.leader, problem.dynamics
+    if leader is None or dynamics is None:
+        return ""
+    moves = "A_x s" if dynamics.f is None else "f(s)"
+    if len(problem.target) > LONGEST_VECTOR:
+        return rf"\dot s = {moves}"
+    sides = [f"[{latex_number(lo)}, {latex_number(hi)}]" for lo, hi in leader.initial]
+    starts = r" \times ".join(sides)
+    return rf"\dot s = {moves},\quad s(0) \in {starts}"
+
+
+def _letters(problem: Problem) -> doc.Words:
+    """What the letters of the equations mean."""
+    heard = (
+        "Here ",
+        doc.Math("N_i", "N_i"),
+        " are the agents that i listens to, ",
+        doc.Math("w_ij", "w_{ij}"),
+        " weights (1 unless said), ",
+    )
+    if problem.dynamics is not None:
+        return (*heard, *_letters_of_errors(problem))
+    gain = (doc.Math("k_i", "k_i"), " the gain of a pin (a number or a matrix), 0 without one.")
+    if not problem.offsets:
+        return (*heard, *gain)
+    keep = " Agents keep their formation: "
+    measured = " is measured from the offset of agent i."
+    return (*heard, *gain, keep, doc.Math("x_i", "x_i"), measured)
+
+
+def _letters_of_errors(problem: Problem) -> Iterator[str | doc.Math]:
+    """The letters that only agents with [dynamics] have, in their errors."""
+    leader = problem.leader
+    goal = "target" if leader is None else "leader s"
+    if problem.offsets:
+        goal += " plus its offset"
+    yield doc.Math("e_i", "e_i")
+    yield f" how far agent i is from the {goal}, "
+    yield doc.Math("K_i", "K_i")
+    gain = " the gain of a pin, 0 without one"
+    if leader is not None:
+        gain += " (pinned agents know s, the others do not)"
+    # Beside a leader an agent without an offset is held by no constant input.
+    if leader is None or problem.offsets:
+        yield f"{gain}, and "
+        yield doc.Math("u⁰_i", "u^0_i")
+        yield " the constant input that holds the agent at its goal."
+    else:
+        yield f"{gain}."
+
+
+def network_section(problem: Problem, analysis: Analysis | None) -> doc.Section:
+    """Every mode in a sentence, the agents as a table, and facts about the graphs."""
+    sentences = words.mode_sentences(problem)
+    blocks: list[doc.Block] = [doc.List(sentences)]
+    hidden = len(problem.network.modes) - len(sentences)
+    if hidden:
+        blocks.append(doc.on_pages(doc.Text(f"And {hidden} more modes.")))
+    agents = words.agents_table(problem)
+    if agents is not None:
+        blocks.append(agents)
+    if analysis is not None and analysis.graphs:
+        blocks.append(_graphs(analysis))
+    return doc.Section("Who listens to whom", blocks, "network", "Network")
+
+
+def _graphs(analysis: Analysis) -> doc.Table:
+    def components(row: tuple[GraphFacts, ModeSpectrum]) -> str:
+        graph = row[0]
+        return "one" if graph.is_strongly_connected else str(len(graph.components))
+
+    rows = list(zip(analysis.graphs, analysis.modes, strict=False))[:MOST_GRAPHS]
+    return doc.table_of(
+        "Facts about the graph of each mode; eigenvalues in floating point, for orientation",
+        rows,
+        doc.Column("mode", lambda row: row[0].mode, 1.4),
+        doc.Column("arcs", lambda row: str(row[0].arcs)),
+        doc.Column("strong components", components, 1.2),
+        doc.Column("balanced", lambda row: "yes" if row[0].balanced else "no"),
+        doc.Column("not reached", lambda row: words.names_in_words(row[0].unreached, 6), 1.2),
+        doc.Column("λmax(Λ) in 1/s", lambda row: number(row[1].lambda_max), 1.2, style="number"),
+        doc.Column("decay in 1/s", lambda row: number(row[1].decay_rate), 1.2, style="number"),
+        cards=True,
+    )

@@ -78,7 +78,7 @@ class Command:
 
 
 def commands(each: Input) -> Iterator[Command]:
-    """What is asked about a problem: every one is checked and certified, its claims are verified; of
+    """What is asked about a problem: all are checked and certified, their claims are verified; of
     the other commands each problem gets a share."""
     source, result = each.source, "certificate"
     yield Command("check", ("check", source))

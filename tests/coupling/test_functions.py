@@ -10,8 +10,9 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from known_functions import KNOWN, OF_SEVERAL
+from known_functions import KNOWN, OF_SEVERAL, SOFTSIGN
 
+from dobc_design.coupling.enclosures import Curve, jet
 from dobc_design.coupling.expression import numpy_function, parse_expression
 from dobc_design.coupling.functions import FUNCTIONS, NONSMOOTH
 from dobc_design.coupling.tree import GradientAlgebra, evaluate
@@ -106,6 +107,22 @@ def test_the_slope_that_errors_are_carried_on_with_is_not_exceeded(name: str):
             <= (1.0 if row.steepest is None else row.steepest(np.asarray(x), np.asarray(x + 0.05)))
             + 1e-9
         )
+
+
+def test_one_row_is_enough_for_a_function_that_libraries_lack(monkeypatch: pytest.MonkeyPatch):
+    """Its formula gives softsign(y) = y/(1 + |y|) wherever a library has no name for it."""
+    monkeypatch.setitem(FUNCTIONS, "softsign", SOFTSIGN)
+    h = parse_expression("softsign(2*y)")
+    assert numpy_function(h)([-1.0, 0.0, 3.0]).tolist() == [-2 / 3, 0.0, 6 / 7]
+    y = ca.SX.sym("y")
+    by_casadi = ca.Function("h", [y], [evaluate(h.node, [y], CasadiAlgebra())])
+    assert float(by_casadi(3)) == pytest.approx(6 / 7)
+    symbolic, (symbol,) = to_sympy(h)
+    assert symbolic.subs(symbol, -1) == sympy.Rational(-2, 3)
+    in_c = evaluate(h.node, [Piece("y", 5)], CAlgebra("double"))
+    assert in_c.text == "2.0 * y / (1.0 + dobc_abs(2.0 * y))"
+    at_zero = jet(Curve(h), Interval.point(0))
+    assert (at_zero.value, at_zero.slope) == (Interval.point(0), Interval.point(2))
 
 
 def test_every_function_is_documented():

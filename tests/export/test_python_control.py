@@ -11,10 +11,12 @@ import control
 import numpy as np
 import pytest
 from c_harness import planar
+from known_functions import SOFTSIGN
 from loops import simulate
 
 import dobc_design as dd
 from dobc_design import Network, Problem, load_problem
+from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
 from dobc_design.export import python_script, to_control
 from dobc_design.model.model import build_model
@@ -75,6 +77,18 @@ def test_states_that_an_integrator_tries_far_away_overflow_without_a_warning(tmp
                 assert not np.isfinite(found).all()
             outputs = system.output(0.0, state, w), loop.outputs(state)
     assert not np.isfinite(outputs).all(axis=1).any()
+
+
+def test_a_function_that_numpy_lacks_is_defined_in_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setitem(FUNCTIONS, "softsign", SOFTSIGN)
+    network = Network.from_arcs([[1, 2]], arrow="listens_to")
+    problem = Problem(network=network, coupling="softsign(y)", gains={2: 1})
+    (tmp_path / "loop.py").write_text(python_script(problem), encoding="utf-8")
+    loop = module_of(tmp_path / "loop.py")
+    found = loop.derivative("G", np.array([1.0, 4.0]), np.zeros(2))
+    assert found == pytest.approx([3 / 4, -4.0])
 
 
 def test_the_input_is_a_disturbance_besides_the_modelled_one():

@@ -7,10 +7,14 @@ here.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import mpmath
 import sympy
+
+from dobc_design.coupling.functions import Function
+from dobc_design.exact.interval import Interval
 
 Real = Callable[[Any], Any]
 
@@ -43,5 +47,15 @@ KNOWN: dict[str, Known] = {
         value=mpmath.asinh, slope=lambda x: 1 / mpmath.sqrt(1 + x * x), example="asinh(2*#)"
     ),
 }
+#: A function that no library has, and that the language does not have either.
+SOFTSIGN = Function(
+    name="softsign",
+    interval=lambda x: x / (1 + abs(x)),
+    slope=lambda x, f: 1 / (1 + abs(x)) ** 2,
+    curvature=lambda x, f, s: Interval(-2, 2) / (1 + abs(x)) ** 3,
+    formula=lambda algebra, x: algebra.divide(
+        x, algebra.add(algebra.constant(Fraction(1)), algebra.call("abs", (x,)))
+    ),
+)
 #: Examples of those with several arguments.
 OF_SEVERAL = {"min": "min(#, 1/2)", "max": "max(#, -1/3)", "clip": "clip(#, -1/2, 3/4)"}

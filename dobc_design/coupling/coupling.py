@@ -28,6 +28,7 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import NumberText, counted, is_list, shown
 
 T = TypeVar("T")
+# Where h has to have a bounded slope: Lipschitz continuity around 0 cannot be seen at 0 alone.
 NEARZERO = Interval(Fraction(-1, 2**40), Fraction(1, 2**40))
 _LONGEST_SUGGESTION = 100
 _LONGEST_NUMBER = 40
@@ -50,10 +51,12 @@ class Coupling(Shown):
     key: InitVar[str] = "coupling.h"
 
     def __post_init__(self, key: str) -> None:
-        count = 1 if self.by_component else self.dimension
         dimensions = [expression.dimension for expression in self.components]
-        alike = dimensions == [count] * (1 if self.by_component else len(dimensions)) and dimensions
-        if not alike or (self.dimension == 1 and not self.by_component):
+        if self.by_component:
+            fits = dimensions == [1]
+        else:
+            fits = set(dimensions) == {self.dimension} and self.dimension > 1
+        if not fits:
             what = (
                 f"must be one expression in y, or {self.dimension} in"
                 f" {tree.names_in_words(self.dimension)}; got expressions in {dimensions} "
@@ -62,8 +65,9 @@ class Coupling(Shown):
             raise wrong(key, what, kind=ShapeError)
         errors: list[SpecError] = []
         for position, expression in enumerate(self.components):
+            own_key = key if self.by_component else f"{key}[{position}]"
             with kept(errors):
-                _check_at_zero(expression, key=key if self.by_component else f"{key}[{position}]")
+                _check_at_zero(expression, key=own_key)
         raise_all(errors)
 
     @property
@@ -92,24 +96,22 @@ class Coupling(Shown):
     def nonsmooth(self) -> tuple[str, ...]:
         """Which of abs, min, max, clip, Lipschitz but not C1, are applied to what is not constant;
         empty if h is C1 wherever it is defined (theory, section 1)."""
-        parts = (part for expression in self.components for part in tree.postorder(expression.node))
-        found = {
-            part.own for part in parts if part.kind == "call" and language.variables_used(part)
-        }
+        found: set[str] = set()
+        for expression in self.components:
+            for part in tree.postorder(expression.node):
+                if part.kind == "call" and language.variables_used(part):
+                    found.add(part.own)
         return tuple(name for name in NONSMOOTH if name in found)
 
     def _card(self) -> Card:
-        names = ["h"] if self.by_component else [f"h_{{{k + 1}}}" for k in range(self.outputs)]
-        shown = [
-            ("coupling", Formula(f"{h}(y) = {text}"))
-            for h, text in zip(names, self.latex, strict=True)
-        ]
-        every = (
-            f"applied to each of {self.dimension} components"
-            if self.by_component and self.dimension > 1
-            else ""
-        )
-        return Card(title="Coupling", text=every, facts=shown)
+        facts: list[tuple[str, Any]] = []
+        for place, text in enumerate(self.latex, start=1):
+            name = "h" if self.by_component else f"h_{{{place}}}"
+            facts.append(("coupling", Formula(f"{name}(y) = {text}")))
+        note = ""
+        if self.by_component and self.dimension > 1:
+            note = f"applied to each of {self.dimension} components"
+        return Card(title="Coupling", text=note, facts=facts)
 
     def __repr__(self) -> str:
         return f"<Coupling {cut('; '.join(self.texts))}>"
@@ -125,14 +127,16 @@ class Coupling(Shown):
         rows = [_gradient(expression, at=tree.ZERO) for expression in self.components]
         if not self.by_component:
             return tuple(rows)
-        m = range(self.dimension)
-        return tuple(tuple(rows[0][0] if i == j else tree.ZERO for j in m) for i in m)
+        slope = rows[0][0]
+        places = range(self.dimension)
+        return tuple(tuple(slope if i == j else tree.ZERO for j in places) for i in places)
 
     def numpy_function(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
         """Return h as a function of arrays, (..., m) to (..., m); overflow gives inf, undefined
         places give nan."""
         functions = [language.numpy_function(expression) for expression in self.components]
-        dimension, by_component = self.dimension, self.by_component
+        dimension = self.dimension
+        by_component = self.by_component
 
         def function(y: ArrayLike) -> NDArray[np.float64]:
             array = np.asarray(y, dtype=np.float64)
@@ -164,46 +168,60 @@ def make_coupling(
     as the one text; one text alone may stand without a list.  A SymPy expression stands for its
     text.  ``longest``: characters of each."""
     parsed = partial(parse_expression, longest=longest)
-    h, count = _text(h), dimension if outputs is None else outputs
-    h = [h] if count == 1 < dimension and not is_list(h) else h
-    if isinstance(h, str) and not isinstance(h, NumberText):
+    count = dimension if outputs is None else outputs
+    given = _text(h)
+    if count == 1 < dimension and not is_list(given):
+        given = [given]  # one input needs no list, and reads all components
+    if isinstance(given, str) and not isinstance(given, NumberText):
         if count != dimension:
-            what = (
-                f"must be a list of {counted(count, 'expression')}, one per input; got {shown(h)}."
-            )
-            raise wrong(
-                key, what, f"Give a list in {tree.names_in_words(dimension)}.", kind=ShapeError
-            )
-        _refuse_numbered_names(h, dimension=dimension, key=key)
-        return Coupling(
-            components=(parsed(h, key=key),), by_component=True, dimension=dimension, key=key
-        )
-    if not is_list(h):
-        what = f"must be an expression in y, in quotes, or a list of them; got {shown(h)}."
-        raise wrong(key, what, 'Write for example "tanh(y)".', kind=ExpressionError)
-    if len(h) != count:
-        each = "state component" if count == dimension else "input"
-        what = f"must have {counted(count, 'expression')}, one per {each}; got {len(h)}."
-        more = f"Give a list in {tree.names_in_words(dimension)}."
-        cure = (
-            "Or give one expression in y, which is applied to each component."
-            if count == dimension
-            else more
-        )
-        raise wrong(key, what, cure, kind=ShapeError)
+            expressions = counted(count, "expression")
+            what = f"must be a list of {expressions}, one per input; got {shown(given)}."
+            cure = f"Give a list in {tree.names_in_words(dimension)}."
+            raise wrong(key, what, cure, kind=ShapeError)
+        _refuse_numbered_names(given, dimension=dimension, key=key)
+        alone = parsed(given, key=key)
+        return Coupling(components=(alone,), by_component=True, dimension=dimension, key=key)
+    _check_list(given, count, dimension=dimension, key=key)
     read: list[Expression] = []
     errors: list[SpecError] = []
-    for position, text in enumerate(h):
+    for position, text in enumerate(given):
         with kept(errors):
             read.append(parsed(_text(text), dimension=dimension, key=f"{key}[{position}]"))
     raise_all(errors)
-    own = count == dimension and all(
-        set(language.variables_used(x.node)) <= {c} for c, x in enumerate(read)
+    # Written by components, or once for all: the same problem, with the same hash.
+    common = _common_text(read) if count == dimension else None
+    if common is not None:
+        read = [parsed(common, key=key)]
+    return Coupling(
+        components=tuple(read), by_component=common is not None, dimension=dimension, key=key
     )
-    functions = {re.sub(r"\by[0-9]+\b", "y", str(each)) for each in read}
-    alike = own and len(functions) == 1  # one function of its own component each
-    read = [parsed(functions.pop(), key=key)] if alike else read
-    return Coupling(components=tuple(read), by_component=alike, dimension=dimension, key=key)
+
+
+def _check_list(given: Any, count: int, *, dimension: int, key: str) -> None:
+    """Raises: ExpressionError unless it is a list; ShapeError unless it has ``count`` entries."""
+    if not is_list(given):
+        what = f"must be an expression in y, in quotes, or a list of them; got {shown(given)}."
+        raise wrong(key, what, 'Write for example "tanh(y)".', kind=ExpressionError)
+    if len(given) == count:
+        return
+    each = "input"
+    cure = f"Give a list in {tree.names_in_words(dimension)}."
+    if count == dimension:
+        each = "state component"
+        cure = "Or give one expression in y, which is applied to each component."
+    what = f"must have {counted(count, 'expression')}, one per {each}; got {len(given)}."
+    raise wrong(key, what, cure, kind=ShapeError)
+
+
+def _common_text(read: Sequence[Expression]) -> str | None:
+    """The one function that every component applies to its own variable, as a text in y; None if
+    there is none."""
+    texts: set[str] = set()
+    for component, expression in enumerate(read):
+        if not set(language.variables_used(expression.node)) <= {component}:
+            return None
+        texts.add(re.sub(r"\by[0-9]+\b", "y", str(expression)))
+    return texts.pop() if len(texts) == 1 else None
 
 
 def _text(h: Any) -> Any:
@@ -229,10 +247,9 @@ def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:
 
 def _check_at_zero(expression: Expression, *, key: str) -> None:
     quoted = f"{key} {excerpt(expression.text)}"
+    origin = (tree.ZERO,) * expression.dimension
     try:
-        value = tree.evaluate(
-            expression.node, (tree.ZERO,) * expression.dimension, tree.IntervalAlgebra()
-        )
+        value = tree.evaluate(expression.node, origin, tree.IntervalAlgebra())
     except UndefinedError as error:
         raise ExpressionError(
             f"{quoted} must vanish at y = 0 but is undefined there: {error}", key=key
@@ -251,7 +268,7 @@ def _check_at_zero(expression: Expression, *, key: str) -> None:
 
 def _not_zero(expression: Expression, value: Interval, *, key: str) -> ExpressionError:
     quoted = f"{key} {excerpt(expression.text)}"
-    if value.contains(0):
+    if value.contains(0):  # irrational constants may cancel, but rounding hides it
         return ExpressionError(
             f"{quoted} cannot be shown to vanish at y = 0 (all that is known is {value}); "
             "rewrite it.",
@@ -274,18 +291,20 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
 def _lowered(node: tree.Node, value: Fraction) -> tree.Node:
     """Return the tree of node - value; where the value is the last term itself, without that
     term."""
-    if node.kind in ("add", "subtract") and not language.variables_used(node.operands[1]):
-        last = tree.evaluate(node.operands[1], (), tree.IntervalAlgebra())
-        if (last if node.kind == "add" else -last) == Interval.point(value):
-            return node.operands[0]
-    return tree.Node(
-        "subtract" if value > 0 else "add", (node, tree.Node("constant", own=abs(value)))
-    )
+    if node.kind in ("add", "subtract"):
+        rest, last = node.operands
+        if not language.variables_used(last):
+            term = tree.evaluate(last, (), tree.IntervalAlgebra())
+            if (term if node.kind == "add" else -term) == Interval.point(value):
+                return rest
+    kind = "subtract" if value > 0 else "add"
+    return tree.Node(kind, (node, tree.Node("constant", own=abs(value))))
 
 
 @lru_cache(maxsize=256)
 def _gradient(expression: Expression, *, at: Interval) -> tuple[Interval, ...]:
-    """Enclose the partial derivatives where every variable lies in ``at``."""
+    """Enclose the partial derivatives where every variable lies in ``at``; remembered, since every
+    problem with this coupling asks for them."""
     algebra = tree.GradientAlgebra(expression.dimension)
     variables = algebra.variables((at,) * expression.dimension)
     return tree.evaluate(expression.node, variables, algebra).partials

@@ -23,6 +23,7 @@ from dobc_design.coupling.tree import (
     GradientAlgebra,
     IntervalAlgebra,
     Jet,
+    Node,
     postorder,
     program,
     run,
@@ -66,15 +67,19 @@ class _Programs:
 
     def __init__(self, expression: Expression) -> None:
         self.values = program(expression.node, _VALUES)
-        self.jets, self.restricted = (
-            program(expression.node, algebra) for algebra in (_JETS, _RESTRICTED)
-        )
-        parts = postorder(expression.node)
+        self.jets = program(expression.node, _JETS)
+        self.restricted = program(expression.node, _RESTRICTED)
         #: Steps that one evaluation takes, about.
-        self.cost = sum(
-            _CALL if x.kind == "call" else abs(x.own).bit_length() if x.kind == "power" else 1
-            for x in parts
-        )
+        self.cost = sum(map(_cost, postorder(expression.node)))
+
+
+def _cost(part: Node) -> int:
+    """About how many sums an operation costs."""
+    if part.kind == "call":
+        return _CALL
+    if part.kind == "power":
+        return abs(int(part.own)).bit_length()
+    return 1
 
 
 @lru_cache(maxsize=4096)
@@ -127,7 +132,7 @@ def secant(curve: Curve, Y: Interval) -> Secant:
     (h' - g)/y away from 0, and g'(y) = int_0^1 s h''(s y) ds lies in half the hull of h'' between 0
     and y. Raises: UndefinedError where h has no value on Y, or no bounded slope on a Y that
     contains 0."""
-    if Y.is_narrow:
+    if Y.is_narrow:  # a quotient of differences over it would be nothing but rounding
         return Secant(_secant_at(curve, Y), None)
     known, slope = _from_zero(curve, Y) if Y.contains(0) else _from_both(curve, Y)
     if slope is None:
@@ -147,7 +152,8 @@ def _from_zero(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
 def _from_both(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
     """g and g' on Y without 0, from h on Y itself and from h' and h'' between 0 and Y where these
     are bounded."""
-    known, slope = value(curve, Y) / Y, None
+    known = value(curve, Y) / Y
+    slope = None
     try:
         mean, slope = _from_zero(curve, Y.hull(ZERO))
         known = mean.meet(known)
@@ -175,9 +181,11 @@ def secant_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) 
     """Enclose {g(y) : y in Y}, g(y) = h(y)/y and g(0) = h'(0), at most about ``tolerance`` too wide
     at each end.
     Raises: UndefinedError naming h and the interval where h is not defined between 0 and Y."""
-    return tight_range(
-        curve, lambda h, piece: secant(h, piece).value, Y, tolerance=tolerance, what="h(y)/y"
-    )
+    return tight_range(curve, _gains, Y, tolerance=tolerance, what="h(y)/y")
+
+
+def _gains(curve: Curve, Y: Interval) -> Interval:
+    return secant(curve, Y).value
 
 
 def value_form(curve: Curve, Y: Interval) -> Interval:
@@ -243,15 +251,13 @@ def tight_range(
         highest = _supremum(form, pieces, tolerance)
         if not lower:
             return Interval.point(highest)
-        lowest = -_supremum(
-            lambda piece: -form(piece), [(-values, piece) for values, piece in pieces], tolerance
-        )
+        mirrored = [(-values, piece) for values, piece in pieces]
+        lowest = -_supremum(lambda piece: -form(piece), mirrored, tolerance)
     except UndefinedError as error:
-        what = (
-            f'{what} of h = "{curve.expression}" cannot be enclosed on [{_shown(Y.lo)}, '
-            f"{_shown(Y.hi)}]: {error}"
-        )
-        raise UndefinedError(what) from error
+        place = f"[{_shown(Y.lo)}, {_shown(Y.hi)}]"
+        raise UndefinedError(
+            f'{what} of h = "{curve.expression}" cannot be enclosed on {place}: {error}'
+        ) from error
     return Interval(lowest, highest)
 
 
@@ -280,10 +286,11 @@ def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fr
     """An upper bound of the form's values on the pieces: branch and bound, the highest piece
     first."""
     attained = max(form(end).bottom for _, piece in pieces for end in piece.ends())
-    count = len(pieces)
+    narrow = max(piece.width for _, piece in pieces) * _NARROWEST
+    # The heap keeps the least first, so upper bounds stand in it with the other sign.
     heap = [(-values.top, number, piece) for number, (values, piece) in enumerate(pieces)]
     heapq.heapify(heap)
-    narrow = max(piece.width for _, piece in pieces) * _NARROWEST
+    count = len(pieces)
     while True:
         highest, _, piece = heap[0]
         slack = float(tolerance) * max(1.0, abs(float(highest)))
@@ -295,7 +302,8 @@ def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fr
         attained = max(attained, form(piece.middle()).bottom)
         for half in piece.halves():
             count += 1
-            heapq.heappush(heap, (-min(form(half).top, -highest), count, half))
+            bound = min(form(half).top, -highest)  # a part is nowhere above the whole
+            heapq.heappush(heap, (-bound, count, half))
 
 
 def _shown(number: Fraction) -> str:
@@ -341,12 +349,13 @@ def profile(curve: Curve, radius: Fraction) -> Profile:
                 "its values are beyond what a second program can follow in floating point."
             )
     except UndefinedError as error:
-        what = (
-            f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, '
-            f"{float(radius):.6g}]: {error}"
-        )
-        raise UndefinedError(what) from error
-    return Profile(curve, radius, cells, _turns(curve, cells, +1), _turns(curve, cells, -1))
+        place = f"[-{float(radius):.6g}, {float(radius):.6g}]"
+        raise UndefinedError(
+            f'h = "{curve.expression}" cannot be enclosed on {place}: {error}'
+        ) from error
+    tops = _turns(curve, cells, +1)
+    bottoms = _turns(curve, cells, -1)
+    return Profile(curve, radius, cells, tops, bottoms)
 
 
 def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
@@ -394,15 +403,13 @@ def _tight_slope(curve: Curve, place: Interval) -> Interval:
 
 def _merged(curve: Curve, pieces: list[tuple[Interval, int]]) -> tuple[Cell, ...]:
     """Neighbours of one direction as one cell; cells of unknown direction stay narrow."""
-    joined: list[tuple[Interval, int]] = []
+    cells: list[Cell] = []
     for direction, group in groupby(pieces, key=lambda piece: piece[1]):
         places = [place for place, _ in group]
-        joined += (
-            [(places[0].hull(places[-1]), direction)]
-            if direction
-            else [(place, 0) for place in places]
-        )
-    return tuple(Cell(place, direction, value_form(curve, place)) for place, direction in joined)
+        if direction:
+            places = [places[0].hull(places[-1])]
+        cells += [Cell(place, direction, value_form(curve, place)) for place in places]
+    return tuple(cells)
 
 
 def _turns(curve: Curve, cells: tuple[Cell, ...], rising: int) -> tuple[Cell, ...]:

@@ -57,7 +57,8 @@ def to_text(node: tree.Node, *, dimension: int = 1, compact: bool = False) -> st
 def to_latex(node: tree.Node, *, dimension: int = 1) -> str:
     r"""Write the tree as LaTeX mathematics: exp(y) - 1 + y becomes e^{y} - 1 + y."""
     names = ["y"] if dimension == 1 else [f"y_{{{index + 1}}}" for index in range(dimension)]
-    return tree.evaluate(node, [Piece(name, ATOM) for name in names], _LatexAlgebra()).text
+    variables = [Piece(name, ATOM) for name in names]
+    return tree.evaluate(node, variables, _LatexAlgebra()).text
 
 
 def formula_text(function: Function) -> str:
@@ -75,7 +76,8 @@ def decimal_text(value: Fraction, *, compact: bool = False) -> str | None:
     parts = decimal_parts(value)
     if parts is None:
         return None
-    plain, scientific = without_exponent(*parts), with_exponent(*parts).removesuffix("e0")
+    plain = without_exponent(*parts)
+    scientific = with_exponent(*parts).removesuffix("e0")
     if not compact:
         return plain if len(plain) <= _LONGEST_PLAIN_NUMBER else scientific
     shortest = min(plain, scientific, key=len)
@@ -98,22 +100,25 @@ class Infix:
         return Piece("-" + self.inside(operand, self.negated), self.negative)
 
     def add(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.text}{self.space}+{self.space}{self.inside(right, PRODUCT)}", SUM)
+        return self._sum(left, "+", right)
 
     def subtract(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.text}{self.space}-{self.space}{self.inside(right, PRODUCT)}", SUM)
+        return self._sum(left, "-", right)
 
     def multiply(self, left: Piece, right: Piece) -> Piece:
-        return Piece(
-            f"{self.inside(left, PRODUCT)}{self.times}*{self.times}{self.inside(right, UNARY)}",
-            PRODUCT,
-        )
+        return self._product(left, "*", right)
 
     def divide(self, left: Piece, right: Piece) -> Piece:
-        return Piece(
-            f"{self.inside(left, PRODUCT)}{self.times}/{self.times}{self.inside(right, UNARY)}",
-            PRODUCT,
-        )
+        return self._product(left, "/", right)
+
+    def _sum(self, left: Piece, sign: str, right: Piece) -> Piece:
+        last = self.inside(right, PRODUCT)
+        return Piece(f"{left.text}{self.space}{sign}{self.space}{last}", SUM)
+
+    def _product(self, left: Piece, sign: str, right: Piece) -> Piece:
+        first = self.inside(left, PRODUCT)
+        last = self.inside(right, UNARY)
+        return Piece(f"{first}{self.times}{sign}{self.times}{last}", PRODUCT)
 
 
 class _TextAlgebra(Infix):
@@ -127,11 +132,9 @@ class _TextAlgebra(Infix):
 
     def constant(self, value: Fraction) -> Piece:
         text = decimal_text(value, compact=self.compact)
-        return (
-            Piece(f"{value.numerator}/{value.denominator}", PRODUCT)
-            if text is None
-            else Piece(text, ATOM)
-        )
+        if text is None:
+            return Piece(f"{value.numerator}/{value.denominator}", PRODUCT)
+        return Piece(text, ATOM)
 
     def pi(self) -> Piece:
         return Piece("pi", ATOM)
@@ -158,22 +161,22 @@ class _LatexAlgebra(Infix):
         if not exponent:
             return Piece(text, ATOM, number=True)
         power = f"10^{{{exponent}}}"
-        return (
-            Piece(power, POWER) if mantissa == "1" else Piece(rf"{mantissa} \cdot {power}", PRODUCT)
-        )
+        if mantissa == "1":
+            return Piece(power, POWER)
+        return Piece(rf"{mantissa} \cdot {power}", PRODUCT)
 
     def pi(self) -> Piece:
         return Piece(r"\pi", ATOM)
 
     def multiply(self, left: Piece, right: Piece) -> Piece:
         factor = self.inside(right, PRODUCT)
+        # A number beside a number would read as one, and f beside (y) as f of y.
         if factor[0].isdigit() or (factor.startswith(r"\left(") and not left.number):
             dot = r" \cdot "
         else:
             dot = " " if left.number else r" \, "
-        return Piece(
-            self.inside(left, SIGN) + dot + factor, SIGN if left.level == SIGN else PRODUCT
-        )
+        level = SIGN if left.level == SIGN else PRODUCT
+        return Piece(self.inside(left, SIGN) + dot + factor, level)
 
     def divide(self, left: Piece, right: Piece) -> Piece:
         return Piece(rf"\frac{{{left.text}}}{{{right.text}}}", POWER)
@@ -216,11 +219,9 @@ class Expression:
 
     def __str__(self) -> str:
         pretty = to_text(self.node, dimension=self.dimension)
-        return (
-            pretty
-            if len(pretty) <= LONGEST
-            else to_text(self.node, dimension=self.dimension, compact=True)
-        )
+        if len(pretty) <= LONGEST:
+            return pretty
+        return to_text(self.node, dimension=self.dimension, compact=True)
 
     def __repr__(self) -> str:
         return f"parse_expression({str(self)!r}, dimension={self.dimension})"
@@ -228,9 +229,8 @@ class Expression:
     def __reduce__(self) -> tuple[Callable[..., Expression], tuple[str]]:
         # Long sums are deep trees, on which pickle and deepcopy would meet Python's recursion
         # limit.
-        return partial(parse_expression, dimension=self.dimension, longest=LONGEST_MADE), (
-            self.text,
-        )
+        read_again = partial(parse_expression, dimension=self.dimension, longest=LONGEST_MADE)
+        return read_again, (self.text,)
 
     @property
     def latex(self) -> str:
@@ -262,6 +262,7 @@ def parse_expression(
         expression = Expression(text, parse(text, dimension=dimension), dimension)
     except Fault as fault:
         raise _refusal(text, fault, dimension=dimension, key=key) from None
+    # The canonical text has to be read again: from a file, and where it is pickled.
     canonical = str(expression)
     nesting = max(accumulate((character == "(") - (character == ")") for character in canonical))
     if len(canonical) > longest or nesting > DEEPEST:
@@ -276,7 +277,8 @@ def parse_expression(
 def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.float64]]:
     """Return the expression as a function of arrays; overflow gives inf, undefined places nan,
     without warnings."""
-    steps, dimension = tree.program(expression.node, tree.NumpyAlgebra()), expression.dimension
+    steps = tree.program(expression.node, tree.NumpyAlgebra())
+    dimension = expression.dimension
 
     def function(y: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(y, dtype=np.float64)
@@ -295,30 +297,29 @@ def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.f
 def polynomial_degree(node: tree.Node) -> int | None:
     """Return a bound on the degree as written (y**2 - y**2 counts 2), so that 0 and 1 are proofs;
     None without one."""
-    degree = tree.evaluate(
-        node, (1.0,) * (1 + max(variables_used(node), default=-1)), _DegreeAlgebra()
-    )
+    count = 1 + max(variables_used(node), default=-1)
+    degree = tree.evaluate(node, (1.0,) * count, _DegreeAlgebra())
     return None if degree == inf else int(degree)
 
 
 def variables_used(node: tree.Node) -> tuple[int, ...]:
     """Return the indices, from 0 and increasing, of the variables that occur."""
-    return tuple(sorted({part.own for part in tree.postorder(node) if part.kind == "variable"}))
+    found = {part.own for part in tree.postorder(node) if part.kind == "variable"}
+    return tuple(sorted(found))
 
 
 def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> SpecError:
     place = f"column {fault.start + 1}" if text.strip() else "an empty text"
     found = f"{fault.found} in {place}" if text.strip() else place
     guess = _repaired(text, fault.repair, dimension=dimension)
+    cure = None if guess is None else f'did you mean "{guess}"?'
     what = f"{excerpt(text, fault.start)}: found {found}; {fault.why}"
-    return wrong(
-        key, what, None if guess is None else f'did you mean "{guess}"?', kind=ExpressionError
-    )
+    return wrong(key, what, cure, kind=ExpressionError)
 
 
 def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None:
     """Apply repairs until the text can be read; None if it cannot, or is too long to show."""
-    for _ in range(_MOST_REPAIRS):
+    for _ in range(_MOST_REPAIRS):  # one repair may show the next fault
         if repair is None or len(text) > _LONGEST_SUGGESTION:
             return None
         text = text[: repair.start] + repair.replacement + text[repair.end :]
@@ -348,7 +349,7 @@ class _DegreeAlgebra:
         return left if right == 0 else inf
 
     def power(self, base: float, exponent: int) -> float:
-        if base in (0, inf):
+        if base in (0, inf):  # a constant stays one, and what is no polynomial does not become one
             return base
         return base * exponent if exponent >= 0 else inf
 

@@ -238,10 +238,7 @@ def applied(name: str, arguments: tuple[T, ...], algebra: Any, call: Callable[..
 
 _INVERSES = [name for name in FUNCTIONS if name[0] == "a" and name[1:] in FUNCTIONS]
 _ONLY_INVERSES = f"the only inverse functions are {' and '.join(_INVERSES)}"
-_INVERSES_ELSEWHERE = [
-    "atan2",
-    *(a + name for name in ("sin", "cos", "sinh", "cosh", "tanh") for a in ("a", "arc")),
-]
+_INVERSES_ELSEWHERE = "atan2 asin acos acosh atanh arcsin arccos arccosh arctanh"
 _STEEP = "a coupling must be continuous; a steep one is tanh(100*y)"
 # Names of other languages, and what to write here.
 FOREIGN: Final = {
@@ -250,11 +247,6 @@ FOREIGN: Final = {
     "log2": "write log(y)/log(2) for log2(y)",
     "expm1": "write exp(y) - 1 for expm1(y)",
     "log1p": "write log(1 + y) for log1p(y)",
-    **{
-        name: _ONLY_INVERSES
-        for name in _INVERSES_ELSEWHERE
-        if name not in {*FUNCTIONS, *OTHER_NAMES}
-    },
     "sign": _STEEP,
     "sgn": _STEEP,
-}
+} | dict.fromkeys(_INVERSES_ELSEWHERE.split(), _ONLY_INVERSES)

@@ -17,6 +17,7 @@ from dobc_design.coupling.functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import counted
 
 Kind = Enum("Kind", "NUMBER NAME SIGN END")
 
@@ -50,7 +51,10 @@ class Fault(Exception):
 
     def __init__(self, start: int, found: str, why: str, *, repair: Repair | None = None) -> None:
         super().__init__(why)
-        self.start, self.found, self.why, self.repair = start, found, why, repair
+        self.start = start
+        self.found = found
+        self.why = why
+        self.repair = repair
 
 
 LONGEST_QUOTE = 40
@@ -60,24 +64,26 @@ _WORD = re.compile(
     r"|(?P<sign>\*\*|[-+*/(),])"
 )
 _BLANKS = " \t\r\n"
-_LOOKALIKES: dict[str, tuple[str | None, str]] = {
+# Characters, what may stand for each of them, and why they are not taken.
+_STRANGERS: tuple[tuple[str, str | None, str], ...] = (
+    ("^", "**", "a power is written y**2"),
+    ("[{", "(", "only round parentheses are used"),
+    ("]}", ")", "only round parentheses are used"),
+    ("|", None, "the absolute value is written abs(y)"),
+    ("=", None, "give the right-hand side only"),
+    (".", None, "functions are written without a module, as in exp(y)"),
+    ("\u2212\u2013", "-", "it only looks like a minus"),
+    ("\u00d7\u00b7\u22c5", "*", "a product is written *"),
+    ("\u00f7", "/", "a quotient is written /"),
+    ("\u03c0", "pi", "the number is written pi"),
+    ("\u00b2", "**2", "a power is written y**2"),
+    ("\u00b3", "**3", "a power is written y**3"),
+    ("\u221a", "sqrt", "the square root is written sqrt(y)"),
+    ("\u00a0", " ", "it only looks like a space"),
+)
+_LOOKALIKES = {
     character: (replacement, why)
-    for characters, replacement, why in (
-        ("^", "**", "a power is written y**2"),
-        ("[{", "(", "only round parentheses are used"),
-        ("]}", ")", "only round parentheses are used"),
-        ("|", None, "the absolute value is written abs(y)"),
-        ("=", None, "give the right-hand side only"),
-        (".", None, "functions are written without a module, as in exp(y)"),
-        ("\u2212\u2013", "-", "it only looks like a minus"),
-        ("\u00d7\u00b7\u22c5", "*", "a product is written *"),
-        ("\u00f7", "/", "a quotient is written /"),
-        ("\u03c0", "pi", "the number is written pi"),
-        ("\u00b2", "**2", "a power is written y**2"),
-        ("\u00b3", "**3", "a power is written y**3"),
-        ("\u221a", "sqrt", "the square root is written sqrt(y)"),
-        ("\u00a0", " ", "it only looks like a space"),
-    )
+    for characters, replacement, why in _STRANGERS
     for character in characters
 }
 _ALLOWED = "only numbers, names, + - * / ** ( ) and commas are allowed, in ASCII"
@@ -95,7 +101,8 @@ def tokenize(text: str) -> list[Token]:
         match = _WORD.match(text, place)
         if match is None:
             raise _stranger(text, place)
-        words.append(Token(Kind[str(match.lastgroup).upper()], match.group(), place))
+        kind = Kind[str(match.lastgroup).upper()]
+        words.append(Token(kind, match.group(), place))
         place = match.end()
     return [*words, Token(Kind.END, "", len(text))]
 
@@ -118,8 +125,10 @@ def excerpt(text: str, place: int | None = None, *, width: int = 70) -> str:
     if len(text) <= width:
         return f'"{visible(text)}"'
     first = min(max(0, (place or 0) - width // 2), len(text) - width)
-    shown = visible(text[first : first + width])
-    return f'"{"..." if first else ""}{shown}{"..." if first + width < len(text) else ""}"'
+    end = first + width
+    before = "..." if first else ""
+    after = "..." if end < len(text) else ""
+    return f'"{before}{visible(text[first:end])}{after}"'
 
 
 def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
@@ -128,22 +137,18 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
     word = token.text.lower()
     if word in FOREIGN:
         return Fault(token.start, quote(token), FOREIGN[word])
-    if word[0] == "y" and (word[1:].strip("_").isdigit() or word == "y"):
-        guess = "y" + (word[1:].strip("_") or "1") if word != "y" or dimension > 1 else "y"
+    number = word[1:].strip("_")  # of y_2
+    if word[0] == "y" and (number.isdigit() or word == "y"):
+        why = "the only variable is y"
+        if dimension > 1:
+            why = f"the variables are {tree.names_in_words(dimension)}"
+        guess = "y" if word == "y" and dimension == 1 else f"y{number or 1}"
         repair = Repair(token.start, token.end, guess) if guess in names else None
-        why = (
-            f"the variables are {tree.names_in_words(dimension)}"
-            if dimension > 1
-            else "the only variable is y"
-        )
         return Fault(token.start, quote(token), why, repair=repair)
-    why = (
-        f"the names are {tree.names_in_words(dimension)}, pi, and the functions "
-        f"{' '.join(FUNCTIONS)}"
-    )
-    return Fault(
-        token.start, quote(token), why, repair=_guess_name(token, names=names, called=called)
-    )
+    variables, functions = tree.names_in_words(dimension), " ".join(FUNCTIONS)
+    why = f"the names are {variables}, pi, and the functions {functions}"
+    repair = _guess_name(token, names=names, called=called)
+    return Fault(token.start, quote(token), why, repair=repair)
 
 
 def _guess_name(token: Token, *, names: tuple[str, ...], called: bool) -> Repair | None:
@@ -190,8 +195,10 @@ class _Parser:
     """Recursive descent; the only recursion is into parentheses, which are counted."""
 
     def __init__(self, text: str, *, dimension: int) -> None:
-        self.tokens, self.dimension = tokenize(text), dimension
-        self.place = self.depth = 0
+        self.tokens = tokenize(text)
+        self.dimension = dimension
+        self.place = 0  # of the next token
+        self.depth = 0  # of open parentheses
         self.names = {name: index for index, name in enumerate(tree.variable_names(dimension))}
         if dimension == 1:
             self.names["y1"] = 0
@@ -241,14 +248,13 @@ class _Parser:
             minuses += self._advance().text == "-"
         operand = self._power()
         for _ in range(minuses):
-            operand = _Operand(
-                tree.Node("negate", (operand.node,)),
-                None if operand.value is None else -operand.value,
-            )
+            negated = None if operand.value is None else -operand.value
+            operand = _Operand(tree.Node("negate", (operand.node,)), negated)
         return operand
 
     def _power(self) -> _Operand:
-        base, sign = self._atom(), self.token
+        base = self._atom()
+        sign = self.token
         if not self._skip("**"):
             return base
         exponent = self._exponent()
@@ -264,7 +270,8 @@ class _Parser:
         return _Operand(node, _bounded(base.value**exponent.numerator, sign))
 
     def _exponent(self) -> Fraction:
-        first, parenthesised = self.token, self._skip("(")
+        first = self.token
+        parenthesised = self._skip("(")
         negative = self._skip("-")
         if not negative:
             self._skip("+")
@@ -277,9 +284,8 @@ class _Parser:
         value = -value if negative else value
         if value != _HALF and (value.denominator != 1 or abs(value) > tree.LARGEST_EXPONENT):
             hint = "; y**-0.5 is written 1/sqrt(y)" if value == -_HALF else ""
-            used = "".join(
-                token.text for token in self.tokens[: self.place] if token.start >= first.start
-            )
+            read = self.tokens[: self.place]
+            used = "".join(token.text for token in read if token.start >= first.start)
             raise Fault(first.start, f'"{used[:LONGEST_QUOTE]}"', _EXPONENTS + hint)
         return value
 
@@ -389,14 +395,10 @@ def _bounded(value: Fraction, token: Token) -> Fraction:
 def _check_arguments(name: Token, arguments: list[_Operand]) -> None:
     fewest, most = FUNCTIONS[name.text].arguments
     if not fewest <= len(arguments) <= most:
-        wanted = f"{fewest} argument{'s' if fewest > 1 else ''}" + (
-            "" if most == fewest else " or more"
-        )
-        raise Fault(
-            name.start,
-            f"{quote(name)} with {len(arguments)} argument(s)",
-            f"{name.text} takes {wanted}",
-        )
+        found = f"{quote(name)} with {len(arguments)} argument(s)"
+        more = "" if most == fewest else " or more"
+        wanted = counted(fewest, "argument") + more
+        raise Fault(name.start, found, f"{name.text} takes {wanted}")
     if name.text != "clip":
         return
     low, high = arguments[1].value, arguments[2].value

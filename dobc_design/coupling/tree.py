@@ -47,12 +47,10 @@ class Node:
             raise ValueError(
                 f"an exponent must be at most {LARGEST_EXPONENT} in size; got {self.own}."
             )
-        if self.kind == "call":
-            fewest, most = FUNCTIONS[self.own].arguments if self.own in FUNCTIONS else (1, 0)
-            if not fewest <= len(self.operands) <= most:
-                raise ValueError(
-                    f"{self.own} with {len(self.operands)} argument(s) is not in the whitelist."
-                )
+        if self.kind == "call" and not _is_known(self.own, len(self.operands)):
+            raise ValueError(
+                f"{self.own} with {len(self.operands)} argument(s) is not in the whitelist."
+            )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Node):
@@ -61,6 +59,14 @@ class Node:
 
     def __hash__(self) -> int:
         return hash(_signature(self))
+
+
+def _is_known(name: str, count: int) -> bool:
+    """Whether the language has the function, with so many arguments."""
+    if name not in FUNCTIONS:
+        return False
+    fewest, most = FUNCTIONS[name].arguments
+    return fewest <= count <= most
 
 
 class Algebra(Protocol[T]):
@@ -132,6 +138,7 @@ def run(steps: Sequence[Step[T]], variables: Sequence[T]) -> T:
     for operation, number in steps:
         if operation is None:
             stack.append(variables[number])
+        # Nearly all operations have one operand or two: these are not taken as slices.
         elif number == 1:
             stack[-1] = operation(stack[-1])
         elif number == 2:
@@ -158,7 +165,11 @@ def _step(node: Node, algebra: Algebra[T]) -> Step[T]:
 
 
 def _signature(node: Node) -> tuple[object, ...]:
-    return tuple((x.kind, len(x.operands), number_key(x.own)) for x in postorder(node))
+    """What two trees have in common iff they are equal, without recursion."""
+    signature: list[object] = []
+    for part in postorder(node):
+        signature += (part.kind, len(part.operands), number_key(part.own))
+    return tuple(signature)
 
 
 ZERO: Final = Interval.point(0)
@@ -234,13 +245,13 @@ class GradientAlgebra:
 
     def variables(self, box: Sequence[Interval]) -> tuple[Jet, ...]:
         """Return the variables themselves, y_i in box[i]."""
-        indices = range(len(self.no_slope))
-        return tuple(
-            Jet(
-                side, tuple(ONE if i == j else ZERO for j in indices), ZERO if self.second else None
-            )
-            for i, side in zip(indices, box, strict=True)
-        )
+        count = len(self.no_slope)
+        curvature = ZERO if self.second else None
+        found: list[Jet] = []
+        for own, side in zip(range(count), box, strict=True):
+            partials = tuple(ONE if own == each else ZERO for each in range(count))
+            found.append(Jet(side, partials, curvature))
+        return tuple(found)
 
     def constant(self, value: Fraction) -> Jet:
         return self._still(Interval.point(value))
@@ -249,73 +260,77 @@ class GradientAlgebra:
         return self._still(interval.pi())
 
     def negate(self, operand: Jet) -> Jet:
+        partials = tuple(u if u is ZERO else -u for u in operand.partials)
         curvature = None if operand.curvature is None else -operand.curvature
-        return Jet(
-            -operand.value, tuple(u if u is ZERO else -u for u in operand.partials), curvature
-        )
+        return Jet(-operand.value, partials, curvature)
 
     def add(self, left: Jet, right: Jet) -> Jet:
         u, v = left.curvature, right.curvature
         curvature = None if u is None or v is None else _plus(u, v)
         pairs = zip(left.partials, right.partials, strict=True)
-        return Jet(left.value + right.value, tuple(_plus(u, v) for u, v in pairs), curvature)
+        partials = tuple(_plus(u, v) for u, v in pairs)
+        return Jet(left.value + right.value, partials, curvature)
 
     def subtract(self, left: Jet, right: Jet) -> Jet:
         return self.add(left, self.negate(right))
 
     def multiply(self, left: Jet, right: Jet) -> Jet:
+        x, y = left.value, right.value
         if left.partials is self.no_slope and left.curvature is ZERO:  # a constant
-            factor, (value, partials, curvature) = left.value, right
-            scaled = tuple(_times(u, factor) for u in partials)
-            return Jet(
-                factor * value, scaled, None if curvature is None else _times(curvature, factor)
-            )
+            return self._scaled(x, right)
+        pairs = zip(left.partials, right.partials, strict=True)
+        partials = tuple(_plus(_times(u, y), _times(v, x)) for u, v in pairs)
         curvature = None
-        if left.curvature is not None and right.curvature is not None:
-            twice = (
-                ZERO
-                if left.slope is ZERO or right.slope is ZERO
-                else _times(left.slope, right.slope) * 2
-            )
-            curvature = _plus(
-                _plus(_times(left.curvature, right.value), twice),
-                _times(right.curvature, left.value),
-            )
-        partials = tuple(
-            _plus(_times(u, right.value), _times(v, left.value))
-            for u, v in zip(left.partials, right.partials, strict=True)
-        )
-        return Jet(left.value * right.value, partials, curvature)
+        if left.curvature is not None and right.curvature is not None:  # x''y + 2 x'y' + xy''
+            twice = ZERO
+            if left.slope is not ZERO and right.slope is not ZERO:
+                twice = _times(left.slope, right.slope) * 2
+            first = _plus(_times(left.curvature, y), twice)
+            curvature = _plus(first, _times(right.curvature, x))
+        return Jet(x * y, partials, curvature)
+
+    def _scaled(self, factor: Interval, jet: Jet) -> Jet:
+        partials = tuple(_times(u, factor) for u in jet.partials)
+        curvature = None if jet.curvature is None else _times(jet.curvature, factor)
+        return Jet(factor * jet.value, partials, curvature)
 
     def divide(self, left: Jet, right: Jet) -> Jet:
-        quotient = left.value / right.value
+        y = right.value
+        quotient = left.value / y
         partials = tuple(
-            ZERO if u is v is ZERO else (u - _times(v, quotient)) / right.value
+            ZERO if u is v is ZERO else (u - _times(v, quotient)) / y
             for u, v in zip(left.partials, right.partials, strict=True)
         )
         curvature = None
-        if left.curvature is not None and right.curvature is not None:
+        if left.curvature is not None and right.curvature is not None:  # of x = quotient y
             twice = _times(right.slope, partials[0]) * 2
-            curvature = (left.curvature - twice - _times(right.curvature, quotient)) / right.value
+            curvature = (left.curvature - twice - _times(right.curvature, quotient)) / y
         return Jet(quotient, partials, curvature)
 
     def power(self, base: Jet, exponent: int) -> Jet:
-        x, value = base.value, base.value**exponent
-        if exponent in (0, 1):
-            return self._still(value) if exponent == 0 else base
-        return self._chain(
-            base,
-            value,
-            lambda: x ** (exponent - 1) * exponent,
-            lambda slope: x ** (exponent - 2) * (exponent * (exponent - 1)),
-        )
+        x = base.value
+        value = x**exponent
+        if exponent == 0:
+            return self._still(value)
+        if exponent == 1:
+            return base
+
+        def slope() -> Interval:
+            return x ** (exponent - 1) * exponent
+
+        def curvature(first: Interval) -> Interval:
+            return x ** (exponent - 2) * (exponent * (exponent - 1))
+
+        return self._chain(base, value, slope, curvature)
 
     def call(self, name: str, arguments: tuple[Jet, ...]) -> Jet:
         if len(arguments) > 1:
             return applied(name, arguments, self, self._extreme)
         (argument,) = arguments
-        row, x = FUNCTIONS[name], argument.value
-        value, slope, curvature = row.interval(x), row.slope, row.curvature
+        row = FUNCTIONS[name]
+        x = argument.value
+        value = row.interval(x)
+        slope, curvature = row.slope, row.curvature
         if slope is None or curvature is None:  # abs
             found = self._extreme("max", argument, self.negate(argument))
             return Jet(value, found.partials, found.curvature)
@@ -333,6 +348,8 @@ class GradientAlgebra:
         outer: Callable[[], Interval],
         curved: Callable[[Interval], Interval],
     ) -> Jet:
+        """The chain rule for f(inner) with this ``value``: ``outer`` gives f' there, and ``curved``
+        from it f''; both are asked only where they are needed."""
         if inner.curvature is ZERO and inner.slope is ONE:  # of y itself, which is asked most often
             first = outer()
             return Jet(value, (first,), curved(first))
@@ -345,22 +362,24 @@ class GradientAlgebra:
         if inner.curvature is None:
             return Jet(value, partials, None)
         square = ONE if inner.slope is ONE else inner.slope**2
-        return Jet(
-            value, partials, _plus(_times(square, curved(first)), _times(inner.curvature, first))
-        )
+        curvature = _plus(_times(square, curved(first)), _times(inner.curvature, first))
+        return Jet(value, partials, curvature)
 
     def _extreme(self, name: str, left: Jet, right: Jet) -> Jet:
+        """min or max of two: one of them where that is sure, else the hull of both slopes."""
         below, above = (left, right) if name == "min" else (right, left)
         if self._is_below(below, above):
             return left
         if self._is_below(above, below):
             return right
-        still = left.curvature == ZERO == right.curvature and left.slope == right.slope == ZERO
         value = FUNCTIONS[name].interval(left.value, right.value)
         pairs = zip(left.partials, right.partials, strict=True)
-        return Jet(value, tuple(u.hull(v) for u, v in pairs), ZERO if still else None)
+        partials = tuple(u.hull(v) for u, v in pairs)
+        still = left.curvature == ZERO == right.curvature and left.slope == right.slope == ZERO
+        return Jet(value, partials, ZERO if still else None)
 
     def _is_below(self, left: Jet, right: Jet) -> bool:
+        """Whether the left one is the smaller one on the whole box."""
         if left.value.hi < right.value.lo:
             return True
         return self.restricted and left.value.hi == right.value.lo
@@ -374,6 +393,7 @@ def _plus(u: Interval, v: Interval) -> Interval:
 
 
 def _times(derivative: Interval, factor: Interval) -> Interval:
+    # And many others are the slope 1 of a variable, which no product has to round.
     if derivative is ZERO:
         return ZERO
     return factor if derivative is ONE else derivative * factor

@@ -28,7 +28,7 @@ from dobc_design.problem.groups import Group as Group
 from dobc_design.problem.groups import Observer as Observer
 from dobc_design.problem.load import load_problem as load_problem
 from dobc_design.problem.network import Network as Network
-from dobc_design.problem.problem import Pinning as Pinning
+from dobc_design.problem.pinning import Pinning as Pinning
 from dobc_design.problem.problem import Problem as Problem
 from dobc_design.problem.settings import Region as Region
 from dobc_design.problem.settings import Switching as Switching

@@ -14,7 +14,7 @@ import gc
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -198,17 +198,32 @@ def circles(house: House) -> Iterator[str]:
         for other in others:
             if "__init__" not in (module, other) and room_of(module) != room_of(other):
                 near[room_of(module)][room_of(other)] = f"{module} imports {other}"
-    left = {room: set(others) for room, others in near.items()}
+    yield from (f"circle: {near[room][other]}" for room, other in on_circles(near))
+
+
+def inner_circles(house: House) -> Iterator[str]:
+    """Modules of one room that import each other, directly or not, also inside functions."""
+    near = {
+        module: {other for other in others if room_of(other) == room_of(module)}
+        for module, others in house.uses.items()
+    }
+    for module, other in on_circles(near):
+        yield f"circle in {room_of(module)}: {module} imports {other}"
+
+
+def on_circles(near: Mapping[str, Collection[str]]) -> Iterator[tuple[str, str]]:
+    """The arcs of a graph among the nodes that are left when those without an arc to one that is
+    left, or from one, have gone again and again."""
+    left = {node: set(others) for node, others in near.items()}
     while outside := [
-        room
-        for room in left
-        if not left[room] & left.keys() or not any(room in o for o in left.values())
+        node
+        for node in left
+        if not left[node] & left.keys() or not any(node in others for others in left.values())
     ]:
-        for room in outside:
-            del left[room]
-    for room, others in sorted(left.items()):
-        for other in sorted(others & left.keys()):
-            yield f"circle: {near[room][other]}"
+        for node in outside:
+            del left[node]
+    for node, others in sorted(left.items()):
+        yield from ((node, other) for other in sorted(others & left.keys()))
 
 
 def trust_violations(house: House) -> Iterator[str]:
@@ -293,7 +308,7 @@ def is_named(node: ast.expr, name: str) -> bool:
     return isinstance(node, ast.Name) and node.id == name
 
 
-RULES = (circles, trust_violations, package_violations, word_violations)
+RULES = (circles, inner_circles, trust_violations, package_violations, word_violations)
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -327,7 +342,7 @@ SOUND = {
     "errors": "",
     "exact.matrix": "import flint\nfrom ..errors import ShapeError",
     "problem.problem": "from dobc_design.exact.matrix import Matrix",
-    "problem.load": "import pydantic",
+    "problem.load": "import pydantic\nfrom dobc_design.problem.problem import Problem",
     "solvers.conic": "import clarabel",
     "conditions.check": "",
     "conditions.lure.claim": "from dobc_design.problem.problem import Problem",
@@ -388,6 +403,16 @@ def test_a_sound_house_is_left_in_peace():
             "exact.matrix",
             "from ..problem import problem",
             "circle: exact.matrix imports problem.problem",
+        ),
+        (
+            "problem.problem",
+            "def f():\n    from dobc_design.problem import load",
+            "circle in problem: problem.load imports problem.problem",
+        ),
+        (
+            "problem.problem",
+            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .load import Problem",
+            "circle in problem: problem.problem imports problem.load",
         ),
         (
             "conditions.check",

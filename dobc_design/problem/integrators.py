@@ -31,7 +31,8 @@ from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.leader import Box, Leader, enclosure, not_enclosed
-from dobc_design.problem.problem import Pinning, Problem
+from dobc_design.problem.pinning import Pinning
+from dobc_design.problem.problem import Problem
 
 
 @lru_cache(maxsize=16)

@@ -31,7 +31,8 @@ from dobc_design.problem.meaning import disturbance_words, time_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region
-from dobc_design.problem.words import leader_words, switching_words
+from dobc_design.problem.tables import switching_words
+from dobc_design.problem.words import leader_words
 from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
@@ -535,7 +536,8 @@ def problem_words(problem: Problem) -> str:
             allowed = f"{allowed}, except those that say for which signals they hold"
         if problem.switching.guarantee in ("dwell", "sequence"):
             run = "switches like that"
-        told.append(f"Switching in simulations: {switching_words(problem)}.")
+        simulated = switching_words(problem.switching, tuple(problem.network.modes))
+        told.append(f"Switching in simulations: {simulated}.")
         told.append(f"The run shown here {run}, and the proofs {allowed}.")
     return " ".join(told)
 

@@ -16,6 +16,7 @@ from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.meaning import remarks
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.signs import turned_text, two_sides
+from dobc_design.problem.words import describe
 from dobc_design.report.words import shown_notes
 from dobc_design.verdict import Verdict
 
@@ -466,7 +467,7 @@ frequencies = 1
 
 def test_agents_in_no_group_have_no_disturbance_and_the_words_say_so():
     problem = read(ONE_DISTURBED)
-    assert "Disturbance of 2: sine of 1 rad/s" in str(problem)
-    assert "Disturbance of 1, 3: none." in str(problem)
+    assert "Disturbance of 2: sine of 1 rad/s" in describe(problem)
+    assert "Disturbance of 1, 3: none." in describe(problem)
     assert "disturbance of 1, 3" in problem._repr_html_()
     assert certify(problem).verdict is Verdict.PROVED

@@ -8,7 +8,7 @@ from dynamic_agents import double_integrators, pendulums, three_states
 
 import dobc_design as dd
 from dobc_design.problem.meaning import remarks, time_words
-from dobc_design.problem.words import facts
+from dobc_design.problem.words import describe, facts
 from dobc_design.report import pages
 from dobc_design.report.content import report_document
 from dobc_design.report.pages import html_page, markdown_page
@@ -18,17 +18,17 @@ from dobc_design.report.write import render_report
 def test_check_tells_the_equation_the_inputs_and_the_row_gains():
     """x' = A x + B (couplings + u + d); no u0 where it is 0; k = [2 4] stands for 2 times y1 + 2
     y2."""
-    text = str(double_integrators())
+    text = describe(double_integrators())
     assert (
         "Agents: x' = A x + B (couplings + u + d), 1 input each, A = [0 1; 0 0], B = [0; 1]."
         in text
     )
     assert "Pinned: a (k = [2 4]), b (k = [1 2])." in text
     assert "u0" not in text
-    assert "x' = f(x) + B (couplings + u + d), 1 input each, f = (x2, -x1**3 - x2/2)" in str(
+    assert "x' = f(x) + B (couplings + u + d), 1 input each, f = (x2, -x1**3 - x2/2)" in describe(
         pendulums()
     )
-    assert "Inputs u0 that hold the goals: 1." in str(pendulums())
+    assert "Inputs u0 that hold the goals: 1." in describe(pendulums())
     assert facts(double_integrators())["inputs"] == 1 and "inputs" not in facts(
         dd.load_problem("paper-fixed")
     )
@@ -36,7 +36,7 @@ def test_check_tells_the_equation_the_inputs_and_the_row_gains():
 
 def test_inputs_that_hold_the_goals_are_named_by_agent():
     """A goal + B u0 = 0: at (1, 0, 2) for a and b, at (2, 0, 3) for c."""
-    assert "Inputs u0 that hold the goals: (0.625, 2.375) for c, (0.25, 1.75) for a." in str(
+    assert "Inputs u0 that hold the goals: (0.625, 2.375) for c, (0.25, 1.75) for a." in describe(
         three_states()
     )
 
@@ -47,7 +47,7 @@ def test_agents_that_no_pin_reaches_are_not_said_to_drift():
     held = dd.Problem(network=alone, coupling="y", dynamics={"A": [[-1]]})
     assert (
         "NOT REACHED from a pinned agent: a, b (nothing but their own dynamics holds them)."
-        in str(held)
+        in describe(held)
     )
     assert not any("pinned" in remark for remark in remarks(held))
     free = dd.Problem(network=alone, coupling="y", dynamics={"A": [[0]]})
@@ -137,5 +137,5 @@ def test_full_report_has_diagnostics_runs_and_the_slow_signal_of_a_guarantee(mon
 def test_a_row_gain_with_one_entry_is_no_number():
     """k = [[10, 0]] is not 10, which stands for 10 times the coupling."""
     problem = double_integrators().replace(gains={"a": [[10, 0]]})
-    assert "Pinned: a (k = [10 0])." in str(problem)
+    assert "Pinned: a (k = [10 0])." in describe(problem)
     assert "(k = a matrix)" in str(problem._card().facts)

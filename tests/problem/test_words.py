@@ -134,14 +134,14 @@ TABLES = (
     ("tables", "words"), TABLES, ids=[next(iter(tables)) for tables, _ in TABLES]
 )
 def test_every_table_of_the_file_is_repeated_in_words(tables: dict[str, Any], words: str):
-    """In the text of `check` and of print(problem), and in the HTML view."""
+    """In the text of `check`, of print(problem), and in the HTML view."""
     given = {"exosystem": Exosystem(A=[[0]], C=[[1]]), **tables}
     problem = Problem(network=CHAIN, coupling="y", gains={"c": 1}, **given)
-    assert words in str(problem)
+    assert words in describe(problem)
     name, _, sentence = words.rstrip(".").partition(": ")
-    shown = unescape(problem._repr_html_())
-    assert (sentence or name) in shown
-    assert not sentence or name.lower() in shown.lower()
+    for shown in (str(problem), unescape(problem._repr_html_())):
+        assert (sentence or name) in shown
+        assert not sentence or name.lower() in shown.lower()
 
 
 def test_long_lists_are_cut():

@@ -44,7 +44,8 @@ from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs
-from dobc_design.problem.problem import Pinning, Problem
+from dobc_design.problem.pinning import Pinning
+from dobc_design.problem.problem import Problem
 
 Gain = tuple[tuple[Interval, ...], ...]  # m x m
 Entries = dict[tuple[int, int], Fraction]

@@ -51,7 +51,7 @@ from dobc_design.exact.number import float_above, float_below, number_text
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
-from dobc_design.problem.words import lasting
+from dobc_design.problem.tables import lasting
 
 ZERO, ONE = Fraction(0), Fraction(1)
 FARTHEST: Final = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)

@@ -1,0 +1,242 @@
+"""Pins: the agents that know the target, and their gains, as somebody writes them by label.
+
+u_i = -k_i (x_i - xbar) pulls a pinned agent to the target; zero gains are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from fractions import Fraction
+from functools import partial
+from itertools import islice
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+from dobc_design._checks import put
+from dobc_design._show.cards import Card, Shown, plain
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.errors import SpecError, about, kept, raise_all, wrong
+from dobc_design.exact import reading
+from dobc_design.exact.definite import decide_positive_semidefinite
+from dobc_design.exact.matrix import Matrix, add, identity, scale, transpose, zeros
+from dobc_design.exact.number import number_key, parse_number
+from dobc_design.exact.reading import (
+    counted,
+    is_list,
+    is_scalar_matrix,
+    named,
+    shown,
+    shown_number,
+)
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem import settings
+from dobc_design.problem.dynamics import Dynamics
+from dobc_design.problem.network import Network, one_form
+from dobc_design.verdict import Verdict
+
+T = TypeVar("T")
+SHOWN_MODES = 6  # with pins of their own, in a message
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Pinning(Shown):
+    """Gains by agent index (from 0), each an m x m matrix, p x m with [dynamics]; zero gains are
+    left out."""
+
+    gains: Mapping[int, Matrix]
+
+    def __post_init__(self) -> None:
+        acting = {i: k for i, k in sorted(self.gains.items()) if any(map(any, k))}
+        put(self, gains=MappingProxyType(acting))
+
+    def _card(self) -> Card:
+        text = f"of {counted(len(self.gains), 'agent')}, by index"
+        return Card(title="Pinning", text=text, facts=self._gains())
+
+    def __repr__(self) -> str:
+        gains = {int(i): k for i, k in self._gains()}
+        return f"Pinning(gains={plain(gains)})"
+
+    def _gains(self) -> list[tuple[str, Any]]:
+        return [(str(i), k[0][0] if is_scalar_matrix(k) else k) for i, k in self.gains.items()]
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.gains.items()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # the read-only mapping itself cannot be pickled
+        return partial(Pinning, gains=dict(self.gains)), ()
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        """Indices of the agents with a gain that is not zero."""
+        return tuple(self.gains)
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether every gain is a multiple of the identity."""
+        return all(map(is_scalar_matrix, self.gains.values()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GainForm:
+    """What gains may be: ``unit`` is what the number 1 stands for, None where a number says
+    nothing."""
+
+    unit: Matrix | None
+    shape: tuple[int, int]
+    pulling: bool  # k + k' >= 0 is asked
+
+    @classmethod
+    def of(cls, m: int, dynamics: Dynamics | None, coupling: Coupling | None) -> GainForm:
+        """The form for m states; ``coupling`` is None where it was refused, and then nothing is
+        said of gains."""
+        if dynamics is None or dynamics.inputs == m:
+            return cls(unit=identity(m), shape=(m, m), pulling=dynamics is None)
+        shape = (dynamics.inputs, m)
+        if coupling is None:
+            return cls(unit=zeros(*shape), shape=shape, pulling=False)
+        if not coupling.is_linear:
+            return cls(unit=None, shape=shape, pulling=False)
+        # With fewer inputs than states 1 is the coupling itself, which is linear.
+        slopes = coupling.jacobian_at_zero()
+        unit = tuple(tuple(x.midpoint for x in row) for row in slopes)
+        return cls(unit=unit, shape=shape, pulling=False)
+
+    def check(self, gain: Matrix, *, key: str) -> None:
+        """Refuse a gain that may push away from the target.  Raises: SpecError."""
+        if not self.pulling:
+            return
+        symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
+        if decide_positive_semidefinite(symmetric).verdict is Verdict.PROVED:
+            return
+        what = (
+            "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from "
+            "the target; this one does not."
+        )
+        raise about(key, what, "Make its symmetric part positive semidefinite.")
+
+    def read(self, value: Any, *, key: str) -> Matrix:
+        """A gain, given as a number or as a matrix.  Raises: SpecError, ShapeError."""
+        if not is_list(value):
+            return self._read_number(value, key=key)
+        p, m = self.shape
+        because = "one row per input, one column per component"
+        if p == m:
+            because = "one row and column per state component"
+        gain = reading.read_matrix(value, key=key, shape=self.shape, because=because)
+        self.check(gain, key=key)
+        return gain
+
+    def _read_number(self, value: Any, *, key: str) -> Matrix:
+        if self.unit is None:
+            p, m = self.shape
+            what = f"must be a {p} x {m} matrix, because the coupling is not linear;"
+            cure = "It acts on x_i - xbar: one row per input, one column per state component."
+            raise wrong(key, f"{what} got {shown(value)}.", cure)
+        number = parse_number(value, key=key)
+        if number < 0:
+            what = "must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target;"
+            cure = "Use a positive gain, or leave the agent out."
+            raise wrong(key, f"{what} got {shown_number(number)}.", cure)
+        return scale(number, self.unit)
+
+
+def read_pinning(gains: Any, *, network: Network, form: GainForm) -> Pinning:
+    """Read label -> gain, or one number for all agents.  Raises: SpecError with every wrong gain by
+    its key."""
+    labels = network.labels
+    if gains is None:
+        return Pinning(gains={})
+    if isinstance(gains, Pinning):
+        # agents often share one
+        for gain in {id(k): k for k in gains.gains.values()}.values():
+            form.check(gain, key="pinning.gains")
+        return gains
+    if is_list(gains):
+        what = f"must be a table of label = gain, or one number for all agents; got {shown(gains)}."
+        raise wrong("pinning.gains", what, "For example gains = { 1 = 5.0, 6 = 2 }.")
+    if not isinstance(gains, Mapping):
+        gain = form.read(gains, key="pinning.gains")
+        return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
+    modes = [mode for mode in map(str, gains) if mode in network.modes and mode not in labels]
+    if modes:
+        raise _pins_of_modes(gains, modes, network, form)
+    known: dict[str, Matrix] = {}
+
+    def read(value: Any, key: str) -> Matrix:
+        """The gain; of equal numbers the same object."""
+        if isinstance(value, bool) or not isinstance(value, (str, int, Fraction)):
+            return form.read(value, key=key)
+        token = number_key(value)
+        if token not in known:
+            known[token] = form.read(value, key=key)
+        return known[token]
+
+    return Pinning(gains=by_label(gains, read, labels=labels, key="pinning.gains"))
+
+
+def _pins_of_modes(
+    gains: Mapping[Any, Any], modes: Sequence[str], network: Network, form: GainForm
+) -> SpecError:
+    """Says how pins of single modes are written today: as arcs to an agent that stands for the
+    target."""
+    names = ("target", "goal", f"target-{network.size}")
+    goal = next(name for name in names if name not in network.labels)
+    arcs = [f"in {named(mode)} {_as_arcs(gains[mode])}" for mode in modes[:SHOWN_MODES]]
+    p, m = form.shape
+    linear = ""
+    if p == m:
+        linear = '; give these arcs h = "y" in [[coupling.exceptions]]'
+    what = (
+        f"{named(modes[0])} is a mode; gains are given by agent, and pins of single modes are "
+        "not supported yet."
+    )
+    cure = (
+        f"Today an agent can stand for the target: add {goal} to network.agents, pin it alone "
+        f"(gains = {{ {goal} = 1 }}), and let agents listen to it: {'; '.join(arcs)}{linear}."
+    )
+    return about(f"pinning.gains.{named(modes[0])}", what, cure)
+
+
+def _as_arcs(pins: Any) -> str:
+    """The pins of one mode as arcs with weights."""
+    if not isinstance(pins, Mapping) or not pins:
+        return "its pinned agents"
+    each = []
+    for label, k in islice(pins.items(), SHOWN_MODES):
+        weight = shown(k).strip("'")
+        each.append(f"agent {named(str(label))} with weight {weight}")
+    return ", ".join(each)
+
+
+def by_label(
+    value: Any, read: Callable[[Any, str], T], *, labels: Sequence[str], key: str
+) -> dict[int, T]:
+    """Agent index -> what ``read(value, key)`` makes of a table by label; every wrong entry is
+    named."""
+    index = {label: i for i, label in enumerate(labels)}
+    result: dict[int, T] = {}
+    errors: list[SpecError] = []
+    for label, entry in settings.items(value, key=key):
+        own = f"{key}.{named(str(label))}"
+        with kept(errors):
+            place = None if isinstance(label, bool) else index.get(one_form(label))
+            if place is None:
+                raise _no_agent(label, labels, key=own)
+            if place in result:
+                raise wrong(own, "appears twice (labels are text).", "Keep one.")
+            result[place] = read(entry, own)
+        if len(errors) >= reading.MOST_ERRORS:
+            break
+    raise_all(errors)
+    return result
+
+
+def _no_agent(label: object, labels: Sequence[str], *, key: str) -> SpecError:
+    what = f"there is no agent {shown(str(label))} in network.agents."
+    near = get_close_matches(str(label)[:100], labels[:1000], n=1)
+    cure = f'Did you mean "{near[0]}"?' if near else "Use the label of an agent."
+    return about(key, what, cure)

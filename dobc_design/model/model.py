@@ -70,9 +70,8 @@ def to_sympy(expression: Expression) -> tuple[Any, tuple[Any, ...]]:
     parsed."""
     import sympy
 
-    variables = tuple(
-        sympy.Symbol(name, real=True) for name in variable_names(expression.dimension)
-    )
+    names = variable_names(expression.dimension)
+    variables = tuple(sympy.Symbol(name, real=True) for name in names)
     return evaluate(expression.node, variables, SympyAlgebra()), variables
 
 
@@ -129,7 +128,7 @@ class Model(Headed):
         return Card(
             title=title,
             heads=("function", "takes", "returns"),
-            rows=[*map(_signature, self.functions)],
+            rows=[_signature(each) for each in self.functions],
         )
 
 
@@ -147,110 +146,188 @@ def build_model(
     integrators = as_integrators(problem)
     W = arrays.required_gain(integrators, gain)
     h, jacobian = _couplings(problem, name)
-    found = _loop(problem, h, arrays.disturbance_arrays(integrators, gain)) | {
-        "W": W,
-        "h": h,
-        "jacobian": jacobian,
-    }
-    return Model(problem=problem, mode=name, n=problem.n, m=problem.m, q=problem.q, **found)
-
-
-def _loop(problem: Problem, h: Any, disturbance: arrays.Disturbance) -> dict[str, Any]:
-    n, widths, plant = (
-        problem.n,
-        {"m": problem.m, "p": problem.inputs, "q": problem.q},
-        arrays.plant_arrays(problem),
+    equations = _Equations(problem, h, arrays.disturbance_arrays(integrators, gain))
+    return Model(
+        problem=problem,
+        mode=name,
+        n=problem.n,
+        m=problem.m,
+        q=problem.q,
+        W=W,
+        h=h,
+        jacobian=jacobian,
+        observer=equations.observer(),
+        controller=equations.controller(),
+        closed_loop=equations.closed_loop(),
+        error_dynamics=equations.error_dynamics(),
     )
-    A, C, F = (
-        ca.DM(each)
-        for each in (disturbance.A, disturbance.C if plant is None else plant.C, disturbance.F)
-    )
-    K, goal = _constant(arrays.pinning_matrix(problem)), ca.DM(arrays.goals(problem).reshape(-1))
-    u0 = ca.DM(0 if plant is None else plant.u0.reshape(-1))
 
-    def per_agent(factor: Any, stacked: Any) -> Any:
+
+class _Equations:
+    """The numbers of a problem as CasADi matrices, and the equations that they make.
+
+    ``u0`` holds the goals, without a leader.  ``leader`` is its state s (m,), None without one, and
+    ``drift`` what moves it, for all agents.  ``plant`` is None for single integrators.
+    """
+
+    def __init__(self, problem: Problem, h: Any, disturbance: arrays.Disturbance) -> None:
+        plant = arrays.plant_arrays(problem)
+        self.problem = problem
+        self.h = h
+        self.plant = plant
+        self.A = ca.DM(disturbance.A)
+        self.C = ca.DM(disturbance.C if plant is None else plant.C)
+        self.F = ca.DM(disturbance.F)
+        self.W = disturbance.W
+        self.K = _constant(arrays.pinning_matrix(problem))
+        self.goal = ca.DM(arrays.goals(problem).reshape(-1))
+        self.u0 = ca.DM(0 if plant is None else plant.u0.reshape(-1))
+        self.leader: Any = None
+        self.drift: Any = 0
+        if problem.leader is not None:
+            drift = ca.DM(arrays.leaders_drift(problem))
+            self.leader = ca.SX.sym("s", problem.m)
+            self.drift = ca.repmat(drift, problem.n, 1)
+
+    def observer(self) -> Any:
+        """z_dot, xihat and dhat of (13) from z, x and u."""
+        z = self._symbol("z")
+        x = self._symbol("x")
+        u = self._symbol("u")
+        z_dot = self._observer_slope(z, x, u)
+        xihat = z + self._corrected(x)
+        dhat = self._per_agent(self.C, xihat)
+        outputs = {"z_dot": z_dot, "xihat": xihat, "dhat": dhat}
+        return _function("observer", {"z": z, "x": x, "u": u}, outputs)
+
+    def controller(self) -> Any:
+        """u of (19) from x and dhat."""
+        x = self._symbol("x")
+        dhat = self._symbol("dhat")
+        inputs = {"x": x, "dhat": dhat}
+        u = self._control(x, dhat)
+        return _function("controller", inputs | self._led(), {"u": u})
+
+    def closed_loop(self) -> Any:
+        """(1), (12), (13) and (19) together."""
+        x = self._symbol("x")
+        xi = self._symbol("xi")
+        z = self._symbol("z")
+        d = self._per_agent(self.C, xi)
+        dhat = self._per_agent(self.C, z + self._corrected(x))
+        u = self._control(x, dhat)
+        e = x - self.goal
+        x_dot = self._moved(e, self.h(e) + u - self.u0 + d) + self.drift
+        xi_dot = self._per_agent(self.A, xi)
+        z_dot = self._observer_slope(z, x, u)
+        outputs = {"x_dot": x_dot, "xi_dot": xi_dot, "z_dot": z_dot}
+        if self.leader is not None:
+            motion = self._led_motion() + self.drift
+            outputs["s_dot"] = motion[: self.problem.m]
+        inputs = {"x": x, "xi": xi, "z": z}
+        return _function("closed_loop", inputs | self._led(), outputs)
+
+    def error_dynamics(self) -> Any:
+        """(22), the error and the estimation error."""
+        e = self._symbol("e")
+        eps = self._symbol("eps")
+        unknown = self._per_agent(self.C, eps)
+        e_dot = self._moved(e + self._beside(), self.h(e) - self.K @ e + unknown)
+        if self.leader is not None:
+            e_dot = e_dot - self._led_motion()
+        eps_dot = self._per_agent(self.F, eps)
+        outputs = {"e_dot": e_dot, "eps_dot": eps_dot}
+        inputs = {"e": e, "eps": eps}
+        return _function("error_dynamics", inputs | self._led(), outputs)
+
+    def _symbol(self, name: str) -> Any:
+        """A vector of all agents; its width is that of the states, inputs or exosystem."""
+        problem = self.problem
+        if name in ("x", "e"):
+            width = problem.m
+        elif name in ("u", "dhat"):
+            width = problem.inputs
+        else:
+            width = problem.q
+        return ca.SX.sym(name, problem.n * width)
+
+    def _led(self) -> dict[str, Any]:
+        """The last input of functions that a leader enters."""
+        return {} if self.leader is None else {"s": self.leader}
+
+    def _beside(self) -> Any:
+        """The leader's state for every agent, beside which they have their goals; else 0."""
+        if self.leader is None:
+            return 0
+        return ca.repmat(self.leader, self.problem.n, 1)
+
+    def _per_agent(self, factor: Any, stacked: Any) -> Any:
         """(I_n (x) factor) stacked."""
-        return ca.vec(factor @ ca.reshape(stacked, factor.size2(), n))
+        columns = ca.reshape(stacked, factor.size2(), self.problem.n)
+        return ca.vec(factor @ columns)
 
-    def correction(y: Any) -> Any:
+    def _corrected(self, y: Any) -> Any:
         """W y of every agent, whose gains are blocks of a large matrix where they differ."""
-        W = disturbance.W
-        return (
-            per_agent(ca.DM(W), y)
-            if W.ndim == 2
-            else _constant(sp.block_diag([*map(sp.csr_array, W)])) @ y
-        )
+        if self.W.ndim == 2:
+            return self._per_agent(ca.DM(self.W), y)
+        blocks = [sp.csr_array(each) for each in self.W]
+        return _constant(sp.block_diag(blocks)) @ y
 
-    s = ca.SX.sym("s", problem.m)
-    led, beside = ({}, 0) if problem.leader is None else ({"s": s}, ca.repmat(s, n, 1))
-    # else u0 holds the goal
-    drift = ca.repmat(ca.DM(arrays.leaders_drift(problem)), n, 1) if led else 0
-
-    def moved(e: Any, v: Any) -> Any:
+    def _moved(self, e: Any, v: Any) -> Any:
         """A x + B v of every agent, or f(x) + B v, for v less the u0 with A goal + B u0 = 0."""
-        if plant is None:
+        if self.plant is None:
             return v
-        return (
-            per_agent(_constant(plant.A), e) + _bent(problem, e) + per_agent(_constant(plant.B), v)
-        )
+        A = _constant(self.plant.A)
+        B = _constant(self.plant.B)
+        alone = self._per_agent(A, e) + _bent(self.problem, e)
+        return alone + self._per_agent(B, v)
 
-    def observe(z: Any, x: Any, u: Any) -> tuple[Any, Any, Any]:
-        """z_dot, xihat and dhat of (13)."""
-        xihat = z + correction(x)
-        x_dot = moved(x - goal, h(x - goal) + u - u0) + drift
-        return per_agent(F, xihat) - correction(x_dot), xihat, per_agent(C, xihat)
+    def _led_motion(self) -> Any:
+        """What the dynamics make of the leader's state, for every agent: nothing acts on it."""
+        nothing = ca.SX(self.problem.n * self.problem.inputs, 1)
+        return self._moved(self._beside(), nothing)
 
-    def control(x: Any, dhat: Any) -> Any:
-        return -K @ (x - goal - beside) - dhat + u0
+    def _observer_slope(self, z: Any, x: Any, u: Any) -> Any:
+        """z_dot of (13)."""
+        e = x - self.goal
+        x_dot = self._moved(e, self.h(e) + u - self.u0) + self.drift
+        xihat = z + self._corrected(x)
+        return self._per_agent(self.F, xihat) - self._corrected(x_dot)
 
-    kinds = {"z": "q", "x": "m", "u": "p", "xi": "q", "dhat": "p", "e": "m", "eps": "q"}
-    z, x, u, xi, dhat, e, eps = (ca.SX.sym(name, n * widths[kind]) for name, kind in kinds.items())
-    applied = control(x, per_agent(C, z + correction(x)))
-    x_dot = moved(x - goal, h(x - goal) + applied - u0 + per_agent(C, xi)) + drift
-    none = ca.SX(n * problem.inputs, 1)
-    e_dot = moved(e + beside, h(e) - K @ e + per_agent(C, eps)) - (
-        moved(beside, none) if led else 0
-    )
-    z_dot, xihat, estimate = observe(z, x, u)
-    closed = {"x_dot": x_dot, "xi_dot": per_agent(A, xi), "z_dot": observe(z, x, applied)[0]}
-    closed |= {"s_dot": (moved(beside, none) + drift)[: problem.m]} if led else {}
-    rows = {
-        "observer": ({"z": z, "x": x, "u": u}, {"z_dot": z_dot, "xihat": xihat, "dhat": estimate}),
-        "controller": ({"x": x, "dhat": dhat, **led}, {"u": control(x, dhat)}),
-        "closed_loop": ({"x": x, "xi": xi, "z": z, **led}, closed),
-        "error_dynamics": (
-            {"e": e, "eps": eps, **led},
-            {"e_dot": e_dot, "eps_dot": per_agent(F, eps)},
-        ),
-    }
-    return {name: _function(name, *each) for name, each in rows.items()}
+    def _control(self, x: Any, dhat: Any) -> Any:
+        e = x - self.goal - self._beside()
+        return -self.K @ e - dhat + self.u0
 
 
 def _couplings(problem: Problem, mode: str) -> tuple[Any, Any]:
     """h and dh/de of (9) as functions of e; arcs of one coupling are one vector operation."""
-    n, m, p = problem.n, problem.m, problem.inputs
-    e = ca.SX.sym("e", n * m)
-    h, jacobian = ca.SX(n * p, 1), ca.SX(n * p, n * m)
+    n = problem.n
+    e = ca.SX.sym("e", n * problem.m)
+    h = ca.SX(n * problem.inputs, 1)
+    jacobian = ca.SX(n * problem.inputs, n * problem.m)
     if problem.node is not None:
         h += _bent(problem, e)
         jacobian += ca.jacobian(h, e)
     for group in arrays.arc_groups(problem, mode):
-        differences = [
-            _constant(sp.kron(arrays.difference_matrix(group, n), np.eye(m)[[c]])) for c in range(m)
-        ]
-        gather = [
-            _constant(sp.kron(arrays.gathering_matrix(group, n), np.eye(p)[:, [c]]))
-            for c in range(p)
-        ]
+        # A row of a difference takes one component of e_j - e_i for an arc (i, j) ...
+        along = arrays.difference_matrix(group, n)
+        differences = [_constant(sp.kron(along, row)) for row in _rows(problem.m)]
+        # ... and a gathering adds up what every agent feels there, with the weights of its arcs.
+        onto = arrays.gathering_matrix(group, n)
+        gathering = [_constant(sp.kron(onto, row.T)) for row in _rows(problem.inputs)]
         values, slopes = _on_arcs(group, [difference @ e for difference in differences])
-        for c in range(p):
-            h += gather[c] @ values[c]
-            for d in range(m):
-                if slopes[c][d] is not None:
-                    jacobian += gather[c] @ ca.diag(slopes[c][d]) @ differences[d]
-    return _function("h", {"e": e}, {"h": h}), ca.Function(
-        "jacobian", [e], [jacobian], ["e"], ["dh_de"]
-    )
+        for gathered, value, row in zip(gathering, values, slopes, strict=True):
+            h += gathered @ value
+            for slope, difference in zip(row, differences, strict=True):
+                if slope is not None:
+                    jacobian += gathered @ ca.diag(slope) @ difference
+    sparse = ca.Function("jacobian", [e], [jacobian], ["e"], ["dh_de"])
+    return _function("h", {"e": e}, {"h": h}), sparse
+
+
+def _rows(size: int) -> list[arrays.Array]:
+    """The rows (1, size) of the identity."""
+    return np.split(np.eye(size), size)
 
 
 def _bent(problem: Problem, e: Any) -> Any:
@@ -258,35 +335,39 @@ def _bent(problem: Problem, e: Any) -> Any:
     nonlinear; else 0."""
     own = as_integrators(problem) if problem.origin is None else problem
     result = ca.SX(problem.n * problem.m, 1)
-    if own.node is not None:
-        parts = [e[c :: problem.m] for c in range(problem.m)]
-        values = own.couplings[own.node].evaluated(parts, CasadiAlgebra())
-        for c, row in enumerate(to_float(slopes_of_nodes(own))):
-            result[c :: problem.m] = values[c] - sum(
-                slope * part for slope, part in zip(row, parts, strict=True)
-            )
+    if own.node is None:
+        return result
+    parts = [e[c :: problem.m] for c in range(problem.m)]
+    values = own.couplings[own.node].evaluated(parts, CasadiAlgebra())
+    slopes = to_float(slopes_of_nodes(own))
+    for c, value in enumerate(values):
+        linear = sum(slope * part for slope, part in zip(slopes[c], parts, strict=True))
+        result[c :: problem.m] = value - linear
     return result
 
 
 def _on_arcs(group: arrays.ArcGroup, y: Sequence[Any]) -> tuple[list[Any], list[list[Any | None]]]:
     """Components of h, and slopes[c][d] = dh_c/dy_d (None where it is 0), on every arc; y[c] has
     one row per arc."""
-    count, m, p = len(group.weights), len(y), group.coupling.outputs
+    count, m = len(group.weights), len(y)
+    p = group.coupling.outputs
     variables = [ca.SX.sym(f"y{c + 1}", count) for c in range(m)]
-    found = group.coupling.evaluated(variables, CasadiAlgebra())
-    values = [ca.SX.zeros(count, 1) + value for value in found]  # a component may be a constant 0
-    ones = ca.DM.ones(count, 1)
-    pairs = [
-        (c, d) for c in range(p) for d in range(m) if c == d or not group.coupling.by_component
-    ]
+    components = group.coupling.evaluated(variables, CasadiAlgebra())
+    # A component may be a constant, which has to be one for every arc.
+    values = [ca.SX.zeros(count, 1) + value for value in components]
+    pairs = [(c, d) for c in range(p) for d in range(m)]
+    if group.coupling.by_component:
+        pairs = [(c, d) for c, d in pairs if c == d]
     # Each arc's value depends on that arc's y alone, so J times a vector of ones is the diagonal of
     # J.
+    ones = ca.DM.ones(count, 1)
     slopes = [ca.jtimes(values[c], variables[d], ones) for c, d in pairs]
-    arcs = ca.Function("arcs", variables, [*values, *slopes])(*y)
+    function = ca.Function("arcs", variables, [*values, *slopes])
+    found = function(*y)
     table: list[list[Any | None]] = [[None] * m for _ in range(p)]
-    for (c, d), slope in zip(pairs, arcs[p:], strict=True):
+    for (c, d), slope in zip(pairs, found[p:], strict=True):
         table[c][d] = slope
-    return list(arcs[:p]), table
+    return list(found[:p]), table
 
 
 def _constant(matrix: sp.sparray) -> Any:
@@ -295,23 +376,20 @@ def _constant(matrix: sp.sparray) -> Any:
 
 
 def _function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> Any:
-    return ca.Function(
-        name, [*inputs.values()], [*map(ca.densify, outputs.values())], [*inputs], [*outputs]
-    )
+    dense = [ca.densify(each) for each in outputs.values()]
+    return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs))
 
 
 def _signature(function: Any) -> tuple[str, str, str]:
     """Name, inputs and outputs with their shapes, for showing."""
-    inputs = ((function.name_in(i), *function.size_in(i)) for i in range(function.n_in()))
-    outputs = ((function.name_out(i), *function.size_out(i)) for i in range(function.n_out()))
-    shown = (
-        ", ".join(
-            f"{name} ({rows})" if columns == 1 else f"{name} ({rows}, {columns})"
-            for name, rows, columns in each
-        )
-        for each in (inputs, outputs)
-    )
-    return function.name(), *shown
+    inputs = [_sized(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]
+    outputs = [_sized(function.name_out(i), function.size_out(i)) for i in range(function.n_out())]
+    return function.name(), ", ".join(inputs), ", ".join(outputs)
+
+
+def _sized(name: str, size: tuple[int, int]) -> str:
+    rows, columns = size
+    return f"{name} ({rows})" if columns == 1 else f"{name} ({rows}, {columns})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -346,20 +424,18 @@ def build_flow(
     """The flow of one mode, the first unless ``mode`` names another, with W = ``gain`` (q, m).
     Raises: SpecError."""
     model = build_model(problem, mode, gain=gain)
-    rows, size = model.n * model.m, model.n * (model.m + model.q)
+    rows = model.n * model.m
+    size = rows + model.n * model.q
     state = ca.SX.sym("state", size)
-    slope = ca.vertcat(*model.error_dynamics(state[:rows], state[rows:]))
-    runge_kutta = ca.simpleRK(
-        ca.Function("slope", [state, ca.SX.sym("nothing", 0)], [slope]), steps
-    )
-    start, weight = ca.MX.sym("start", size), ca.MX.sym("weight", size)
+    slopes = model.error_dynamics(state[:rows], state[rows:])
+    nothing = ca.SX.sym("nothing", 0)  # the parameters that simpleRK wants
+    dynamics = ca.Function("slope", [state, nothing], [ca.vertcat(*slopes)])
+    runge_kutta = ca.simpleRK(dynamics, steps)
+    start = ca.MX.sym("start", size)
+    weight = ca.MX.sym("weight", size)
     end = runge_kutta(start, [], horizon)
-    pull = [end, ca.jtimes(end, start, weight, True)]
-    return Flow(
-        rows=rows,
-        size=size,
-        end_function=ca.Function("end", [start], [end], ["start"], ["end"]),
-        pull_function=ca.Function(
-            "pull", [start, weight], pull, ["start", "weight"], ["end", "gradient"]
-        ),
-    )
+    gradient = ca.jtimes(end, start, weight, True)
+    to_end = _function("end", {"start": start}, {"end": end})
+    inputs = {"start": start, "weight": weight}
+    back = _function("pull", inputs, {"end": end, "gradient": gradient})
+    return Flow(rows=rows, size=size, end_function=to_end, pull_function=back)

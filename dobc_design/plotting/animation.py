@@ -52,27 +52,32 @@ def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bo
     if path.suffix.lower() != ".html":
         told = f"an animation is saved as .html; got {path.name[:40]!r}."
         raise SpecError(told, key="path", cure="Choose that ending.")
-    return write_new(path, animation_page(run, arcs=arcs).encode("utf-8"), force=force)
+    page = animation_page(run, arcs=arcs)
+    return write_new(path, page.encode("utf-8"), force=force)
 
 
 def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
     """The page: agents on their first two components, or one component against the agents'
     numbers."""
     frames = thinned_rows(len(run.times), MOST_FRAMES)
+    times = run.times[frames]
+    # A leader that moves carries the goals with it: they are not drawn.
+    goals = run.goal[:0] if run.leader.any() else run.goal
     data = {
         "title": run.name,
         "labels": [short(label, 12) for label in run.labels],
-        "times": run.times[frames].tolist(),
+        "times": times.tolist(),
         "places": _rounded(_in_plane(run.x)[frames]),
-        "goals": _rounded(_in_plane(_still(run))),
+        "goals": _rounded(_in_plane(goals)),
         "links": [pairs.tolist() for pairs in _links(run, arcs)],
-        "mode": run.switches.at(run.times[frames]).tolist(),
+        "mode": run.switches.at(times).tolist(),
         "modes": list(run.switches.names),
         "axes": _axis_names(run),
         "colours": COLOURS,
         "pace": PACE,
     }
-    text = json.dumps(data, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c")
+    text = json.dumps(data, ensure_ascii=True, separators=(",", ":"))
+    text = text.replace("<", "\\u003c")  # so that nothing of it ends the script
     page = (files("dobc_design.plotting") / "animation.html").read_text("utf-8")
     return page.replace("{title}", escape(run.name)).replace("{data}", text)
 
@@ -82,15 +87,9 @@ def _in_plane(values: Array) -> Array:
     numbers."""
     if values.shape[-1] >= 2:
         return np.asarray(values[..., :2])
-    return np.stack(
-        [values[..., 0], np.broadcast_to(np.arange(1.0, values.shape[-2] + 1), values.shape[:-1])],
-        axis=-1,
-    )
-
-
-def _still(run: Run) -> Array:
-    """The goals, which are not drawn beside a leader that moves."""
-    return np.asarray(run.goal[:0] if run.leader.any() else run.goal)
+    states = values[..., 0]
+    numbers = np.arange(1.0, values.shape[-2] + 1)
+    return np.stack([states, np.broadcast_to(numbers, states.shape)], axis=-1)
 
 
 def _axis_names(run: Run) -> tuple[str, str]:
@@ -102,20 +101,28 @@ def _axis_names(run: Run) -> tuple[str, str]:
 def _links(run: Run, arcs: Arcs | None) -> list[NDArray[np.int64]]:
     """Pairs of agents (k, 2) by mode, each pair once.  Raises: SpecError for a network that is too
     large."""
-    known = arcs or {}
-    found = [np.asarray(graph).T for graph in run.switches.graphs] or [
-        np.array(known.get(name, ()), dtype=np.int64).reshape(-1, 2) for name in run.switches.names
-    ]
-    pairs = [np.unique(np.sort(each, axis=1), axis=0) for each in found]
-    agents, links = len(run.labels), sum(map(len, pairs))
-    if agents > MOST_AGENTS or links > MOST_LINKS:
+    if run.switches.graphs:
+        found = [np.asarray(graph).T for graph in run.switches.graphs]
+    else:
+        found = [_pairs(arcs, name) for name in run.switches.names]
+    # A link is drawn once, whoever hears whom.
+    links = [np.unique(np.sort(each, axis=1), axis=0) for each in found]
+    agents = len(run.labels)
+    count = sum(map(len, links))
+    if agents > MOST_AGENTS or count > MOST_LINKS:
         most = f"an animation shows at most {MOST_AGENTS} agents and {MOST_LINKS} links"
-        told = f"{most}; there are {agents} agents and {links} links."
+        told = f"{most}; there are {agents} agents and {count} links."
         raise SpecError(told, key="animation", cure="Draw a part of them yourself.")
-    return pairs
+    return links
+
+
+def _pairs(arcs: Arcs | None, mode: str) -> NDArray[np.int64]:
+    known = () if arcs is None else arcs.get(mode, ())
+    return np.array(known, dtype=np.int64).reshape(-1, 2)
 
 
 def _rounded(values: Array) -> Any:
     """Lists with five digits of the range, which is finer than a pixel."""
     size = float(np.abs(values).max(initial=0.0)) or 1.0
-    return np.round(values, max(0, 5 - int(np.floor(np.log10(size))))).tolist()
+    exponent = int(np.floor(np.log10(size)))
+    return np.round(values, max(0, 5 - exponent)).tolist()

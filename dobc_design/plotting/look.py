@@ -69,11 +69,10 @@ class Sheet:
     def file(self, kind: str) -> bytes:
         """The figure as a file: "png", "svg" or "pdf"; no dates in it."""
         buffer = io.BytesIO()
+        made_by = NOTHING[kind]
         # an axis that ends at 1e300 has ticks beyond the floats
         with styled(), np.errstate(all="ignore"):
-            self.figure.savefig(
-                buffer, format=kind, dpi=DOTS, facecolor="white", metadata=NOTHING[kind]
-            )
+            self.figure.savefig(buffer, format=kind, dpi=DOTS, facecolor="white", metadata=made_by)
         return buffer.getvalue()
 
     def save(self, path: str | PathLike[str], *, force: bool = True) -> Path:
@@ -94,19 +93,16 @@ def sheet_or_axes(
 ) -> Sheet | Axes:
     """What ``draw`` puts into ``ax``, which is returned; without it a sheet of its own, sizes in
     inches."""
-    return (
-        Sheet(lambda figure: draw(figure.subplots()), width=width, height=height)
-        if ax is None
-        else draw(ax)
-    )
+    if ax is not None:
+        return draw(ax)
+    return Sheet(lambda figure: draw(figure.subplots()), width=width, height=height)
 
 
 def write_new(place: Path, data: bytes, *, force: bool) -> Path:
     """Write a file that must not be there yet, unless ``force``.  Raises: SpecError."""
     if place.exists() and not force:
-        raise SpecError(
-            f"{str(place)!r} exists already.", key="path", cure="Replace it with force=True."
-        )
+        told = f"{str(place)!r} exists already."
+        raise SpecError(told, key="path", cure="Replace it with force=True.")
     place.write_bytes(data)
     return place
 
@@ -140,20 +136,24 @@ def shown_agents(n: int, first: set[int], most: int = MOST_AGENTS) -> list[int]:
     """The agents that are drawn: those in ``first`` (at most half), then others, evenly taken."""
     if n <= most:
         return list(range(n))
-    kept, others = sorted(first)[: most // 2], [agent for agent in range(n) if agent not in first]
+    kept = sorted(first)[: most // 2]
+    others = [agent for agent in range(n) if agent not in first]
     count = min(most - len(kept), len(others))
-    return sorted([*kept, *(others[i] for i in np.linspace(0, len(others) - 1, count).astype(int))])
+    evenly = np.linspace(0, len(others) - 1, count).astype(int)
+    return sorted([*kept, *(others[i] for i in evenly)])
 
 
 def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
     """Indices of at most ``most`` of ``count`` samples, first and last included."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+    evenly = np.linspace(0, count - 1, min(count, most))
+    return np.unique(evenly.round().astype(np.intp))
 
 
 def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> Axes:
     """The axes, above them a legend of at least ``least`` entries, each once; in two columns beyond
     ``widest``."""
-    entries = {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    handles, labels = ax.get_legend_handles_labels()
+    entries = dict(zip(labels, handles, strict=True))
     if len(entries) < least:
         return ax
     legend = ax.legend(

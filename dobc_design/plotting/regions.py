@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from textwrap import fill
-from typing import Any, Final
+from typing import Final, Protocol
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -26,11 +26,64 @@ from dobc_design.plotting.look import (
     Sheet,
     short,
 )
-from dobc_design.plotting.weights import plot_weights
+from dobc_design.plotting.weights import Phase, Weights, plot_weights
 
 ALONE: Final = 5.2  # inches, of one drawing in a file
 MOST_STARTS: Final = 24  # agents
 _LONGEST: Final = 18  # letters of a line of a method's name
+
+
+class Claim(Protocol):
+    """What one method proves: ``kind`` is "everywhere", "box", "ball", "near" or "none"; starts
+    with |e|_inf <= box and those with |e| <= ball are covered; ``starts`` says it in words."""
+
+    @property
+    def method(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def box(self) -> float | None: ...
+    @property
+    def ball(self) -> float | None: ...
+    @property
+    def starts(self) -> str: ...
+
+
+class Agent(Protocol):
+    """An agent may start within ``bound`` of its goal, which it has with one state component."""
+
+    @property
+    def label(self) -> str: ...
+    @property
+    def bound(self) -> float: ...
+    @property
+    def pinned(self) -> bool: ...
+    @property
+    def goal(self) -> float | None: ...
+
+
+class Asked(Protocol):
+    """What was asked for: |e|_inf <= box, as an interval of states where they are numbers."""
+
+    @property
+    def box(self) -> float: ...
+    @property
+    def interval(self) -> tuple[float, float] | None: ...
+
+
+class Regions(Protocol):
+    """All of a problem; ``rest``: how far away another equilibrium is proved."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def asked(self) -> Asked | None: ...
+    @property
+    def claims(self) -> Sequence[Claim]: ...
+    @property
+    def agents(self) -> Sequence[Agent]: ...
+    @property
+    def rest(self) -> float | None: ...
 
 
 def name_rows(ax: Axes, names: Sequence[str]) -> None:
@@ -40,52 +93,51 @@ def name_rows(ax: Axes, names: Sequence[str]) -> None:
     ax.grid(visible=False, axis="y")
 
 
-def plot_regions(ax: Axes, regions: Any) -> Axes:
+def plot_regions(ax: Axes, regions: Regions) -> Axes:
     """One row per method: the |e|_inf that it proves for all agents at once, and for one agent
     alone.
 
     The dashed line is what was asked for.  Sizes in the unit of the states.
     """
-    claims = regions.claims
     asked = None if regions.asked is None else regions.asked.box
-    # Room for every bar with its numbers, two for a ball, and for the lines.
-    ends = [
-        claim.ball * (1.45 if claim.kind == "ball" else 1.2)
-        for claim in claims
-        if claim.ball is not None
-    ]
-    farthest = max((line for line in (asked, regions.rest) if line is not None), default=0.0)
-    reach = max([*ends, 1.15 * farthest]) or 1.0
-    for row, claim in enumerate(claims):
+    reach = _drawn_reach(regions.claims, (asked, regions.rest))
+    for row, claim in enumerate(regions.claims):
         _draw_reach(ax, row, claim, reach)
     if asked is not None:
-        ax.axvline(
-            asked, color=VERMILLION, linewidth=1.3, linestyle=DASHED, zorder=3, label="asked for"
-        )
+        line = ax.axvline(asked, color=VERMILLION, linewidth=1.3, linestyle=DASHED, zorder=3)
+        line.set_label("asked for")
     if regions.rest is not None:
-        ax.axvline(
-            regions.rest,
-            color=INK,
-            linewidth=1.4,
-            linestyle=DOTTED,
-            zorder=3,
-            label="other equilibrium",
-        )
+        line = ax.axvline(regions.rest, color=INK, linewidth=1.4, linestyle=DOTTED, zorder=3)
+        line.set_label("other equilibrium")
     ax.set_xlim(0, reach)
-    # The method above its variant, so that names leave room for bars.
-    names = (claim.method.partition(", ") for claim in claims)
-    parts = [
-        [fill(short(part, 2 * _LONGEST), _LONGEST) for part in each[::2] if part] for each in names
-    ]
-    name_rows(ax, ["\n".join(each) for each in parts])
+    name_rows(ax, [_in_lines(claim.method) for claim in regions.claims])
     ax.tick_params(axis="y", length=0)
     ax.set_xlabel("distance from the goals at the start, in the unit of x")
     return look.legend_above(ax, least=1)
 
 
-def _draw_reach(ax: Axes, row: int, claim: Any, reach: float) -> None:
+def _drawn_reach(claims: Sequence[Claim], lines: Sequence[float | None]) -> float:
+    """Where the axis ends: room for every bar with its numbers, two for a ball, and for lines."""
+    ends = []
+    for claim in claims:
+        if claim.ball is not None:
+            room = 1.45 if claim.kind == "ball" else 1.2
+            ends.append(claim.ball * room)
+    farthest = max((line for line in lines if line is not None), default=0.0)
+    return max([*ends, 1.15 * farthest]) or 1.0
+
+
+def _in_lines(method: str) -> str:
+    """The method above its variant, so that names leave room for bars."""
+    name, _, variant = method.partition(", ")
+    parts = [fill(short(part, 2 * _LONGEST), _LONGEST) for part in (name, variant) if part]
+    return "\n".join(parts)
+
+
+def _draw_reach(ax: Axes, row: int, claim: Claim, reach: float) -> None:
     """The bar of one method; where there is no radius, words in its place."""
-    begin, colour, ground = reach * 0.02, MUTED, PAPER
+    margin = reach * 0.02
+    begin, colour, ground = margin, MUTED, PAPER
     note = "nothing proved" if claim.kind == "none" else claim.starts
     if claim.kind == "everywhere":
         ax.barh(row, reach, height=0.52, color=BLUE)
@@ -93,75 +145,46 @@ def _draw_reach(ax: Axes, row: int, claim: Any, reach: float) -> None:
     elif claim.box is not None and claim.ball is not None:
         ax.barh(row, claim.box, height=0.52, color=BLUE, zorder=2, label="all at once")
         if claim.ball > claim.box:
-            ends = [claim.box, claim.ball]
-            (end,) = ax.plot(
-                ends, [row, row], color=BLUE, linewidth=1.3, zorder=2, label="one alone"
-            )
-            end.set(marker="|", markersize=9, markeredgewidth=1.6, markevery=[1])
-        begin, colour = claim.ball + reach * 0.02, INK
-        note = lower(claim.box) + ("" if claim.box == claim.ball else f" … {lower(claim.ball)}")
-    # readable where a line runs behind it
-    box = {"facecolor": ground, "edgecolor": "none", "alpha": 0.85, "pad": 0.8} if ground else None
-    text = ax.text(
-        begin,
-        row,
-        note,
-        va="center_baseline",
-        fontsize=8.5,
-        color=colour,
-        parse_math=False,
-        bbox=box,
-    )
+            _draw_end(ax, row, claim.box, claim.ball)
+        begin, colour = claim.ball + margin, INK
+        note = lower(claim.box)
+        if claim.box != claim.ball:
+            note += f" … {lower(claim.ball)}"
+    text = ax.text(begin, row, note, va="center_baseline", color=colour, parse_math=False)
+    text.set_fontsize(8.5)
     text.set_zorder(4)
+    if ground:  # readable where a line runs behind it
+        text.set_bbox({"facecolor": ground, "edgecolor": "none", "alpha": 0.85, "pad": 0.8})
 
 
-def drawn_agents(regions: Any) -> list[Any]:
+def _draw_end(ax: Axes, row: int, box: float, ball: float) -> None:
+    """A thin line from the bar on, as far as one agent alone may be off."""
+    (line,) = ax.plot([box, ball], [row, row], color=BLUE, linewidth=1.3, zorder=2)
+    line.set_label("one alone")
+    line.set(marker="|", markersize=9, markeredgewidth=1.6, markevery=[1])
+
+
+def drawn_agents(regions: Regions) -> list[Agent]:
     """The agents whose starts are drawn."""
-    pinned = {place for place, agent in enumerate(regions.agents) if agent.pinned}
-    return [
-        regions.agents[place]
-        for place in look.shown_agents(len(regions.agents), pinned, MOST_STARTS)
-    ]
+    agents = regions.agents
+    pinned = {place for place, agent in enumerate(agents) if agent.pinned}
+    return [agents[place] for place in look.shown_agents(len(agents), pinned, MOST_STARTS)]
 
 
-def plot_starts(ax: Axes, regions: Any) -> Axes:
+def plot_starts(ax: Axes, regions: Regions) -> Axes:
     """From where each agent may start, all at once: a bar around its goal, pinned agents in blue.
     Bars are in the unit of x, around the goals; with several state components they show the error,
     around 0.  The band is what was asked for.  At most 24 agents are drawn."""
-    agents, asked = regions.agents, regions.asked
     chosen = drawn_agents(regions)
     for column, agent in enumerate(chosen):
-        goal = agent.goal or 0.0
-        fill, outline, label = (
-            (BLUE, BLUE, "pinned") if agent.pinned else ("none", MUTED, "not pinned")
-        )
-        low, size = goal - agent.bound, 2 * agent.bound
-        bar = ax.bar(
-            column,
-            size,
-            bottom=low,
-            width=0.56,
-            zorder=2,
-            linewidth=1.2,
-            color=fill,
-            edgecolor=outline,
-        )
-        bar.set_label(label)
-        ax.plot(
-            [column - 0.36, column + 0.36],
-            [goal, goal],
-            color=INK,
-            linewidth=1.3,
-            zorder=3,
-            label="goal",
-        )
+        _draw_start(ax, column, agent)
+    asked = regions.asked
     if asked is not None:
         band = asked.interval or (-asked.box, asked.box)
         ax.axhspan(*band, facecolor=VERMILLION, alpha=0.16, linewidth=0, zorder=1)
         for edge in band:
-            ax.axhline(
-                edge, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=4, label="asked for"
-            )
+            line = ax.axhline(edge, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=4)
+            line.set_label("asked for")
     names = [short(agent.label, 10) for agent in chosen]
     ax.set_xticks(range(len(names)), names, parse_math=False)
     if max(map(len, names), default=0) > 3:
@@ -172,21 +195,43 @@ def plot_starts(ax: Axes, regions: Any) -> Axes:
     ax.use_sticky_edges = False  # room below the longest bar
     ax.margins(y=0.06)
     ax.set_xlabel("agent")
-    in_states = all(agent.goal is not None for agent in agents)
+    in_states = all(agent.goal is not None for agent in regions.agents)
     ax.set_ylabel("xᵢ(0), in its own unit" if in_states else "error at the start")
     return look.legend_above(ax, widest=4, least=1)
 
 
-def height_of(regions: Any) -> float:
+def _draw_start(ax: Axes, column: int, agent: Agent) -> None:
+    goal = agent.goal or 0.0
+    low, size = goal - agent.bound, 2 * agent.bound
+    bar = ax.bar(column, size, bottom=low, width=0.56, zorder=2, linewidth=1.2)
+    (patch,) = bar
+    if agent.pinned:
+        patch.set(facecolor=BLUE, edgecolor=BLUE)
+        bar.set_label("pinned")
+    else:
+        patch.set(facecolor="none", edgecolor=MUTED)
+        bar.set_label("not pinned")
+    mark = [column - 0.36, column + 0.36]
+    ax.plot(mark, [goal, goal], color=INK, linewidth=1.3, zorder=3, label="goal")
+
+
+def height_of(regions: Regions) -> float:
     """Inches; every method has its row."""
     return max(2.9, 1.1 + 0.42 * len(regions.claims))
 
 
-def region_sheet(regions: Any, *, weights: Sequence[Any] = (), labels: Sequence[str] = ()) -> Sheet:
+def region_sheet(
+    regions: Regions,
+    *,
+    weights: Sequence[tuple[Phase, Weights]] = (),
+    labels: Sequence[str] = (),
+) -> Sheet:
     """The pictures side by side, with ``weights`` their own, to be shown in a notebook or saved."""
     plots: list[Callable[[Axes], object]] = [partial(plot_regions, regions=regions)]
-    plots += [partial(plot_starts, regions=regions)] if regions.agents else []
-    plots += [partial(plot_weights, weights=weights, labels=labels)] if weights else []
+    if regions.agents:
+        plots.append(partial(plot_starts, regions=regions))
+    if weights:
+        plots.append(partial(plot_weights, weights=weights, labels=labels))
     return side_by_side(regions.name, plots, height_of(regions) + 0.3)
 
 
@@ -195,9 +240,8 @@ def side_by_side(name: str, drawn: Sequence[Callable[[Axes], object]], height: f
 
     def draw(figure: Figure) -> None:
         figure.suptitle(name, x=0.01, ha="left", fontsize=10, parse_math=False)
-        for space, each in zip(
-            figure.subplots(1, len(drawn), squeeze=False)[0], drawn, strict=True
-        ):
+        spaces = figure.subplots(1, len(drawn), squeeze=False)[0]
+        for space, each in zip(spaces, drawn, strict=True):
             each(space)
 
     return Sheet(draw, width=ALONE * len(drawn), height=height)

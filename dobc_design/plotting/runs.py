@@ -1,13 +1,14 @@
 """Figures of one run and of many: states, disturbance and estimate, errors, the active mode.
 
-Runs come as anything that has a Trajectory's or an Ensemble's arrays.  A certified envelope is
-handed over as points (t, bound on |e|_inf); nothing is certified here.
+A Trajectory is a Run and an Ensemble is Runs; their room rests on this one, so that what a figure
+needs of them is said here.  A certified envelope is handed over as points (t, bound on |e|_inf);
+nothing is certified here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib import colormaps
@@ -33,8 +34,6 @@ from dobc_design.plotting.look import (
 
 Array = NDArray[np.float64]
 Envelope = ArrayLike | Callable[[Array], Array]
-Run = Any  # a simulation.trajectory.Trajectory, or what has its arrays; that room rests on this one
-Runs = Any  # a simulation.runs.Ensemble
 MOST_COMPONENTS = 3
 MOST_ESTIMATES = 3
 MOST_BOUNDS = 200  # points at which a certified bound is asked for
@@ -43,6 +42,73 @@ FEW_DECADES = 3
 WIDTH, PANEL, BAND = 7.0, 1.75, 0.32  # inches
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+class Switches(Protocol):
+    """Mode ``names[modes[k]]`` is active from ``times[k]`` s on."""
+
+    @property
+    def times(self) -> ArrayLike: ...
+    @property
+    def modes(self) -> ArrayLike: ...
+    @property
+    def names(self) -> Sequence[str]: ...
+
+
+class RunSwitches(Switches, Protocol):
+    """Those of a run: their number, the mode at given times, graphs (2, arcs) where agents move."""
+
+    @property
+    def graphs(self) -> Sequence[NDArray[np.int64]]: ...
+    def __len__(self) -> int: ...
+    def at(self, times: Array, /) -> NDArray[np.int64]: ...
+
+
+class Goals(Protocol):
+    """Times (T,) in s; goals (n, m), relative to the states of leaders (T, m) or (runs, T, m)."""
+
+    @property
+    def times(self) -> Array: ...
+    @property
+    def goal(self) -> Array: ...
+    @property
+    def leader(self) -> Array: ...
+
+
+class Run(Goals, Protocol):
+    """One run: states x (T, n, m), disturbance d and its estimate dhat (T, n, p)."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def labels(self) -> Sequence[str]: ...
+    @property
+    def x(self) -> Array: ...
+    @property
+    def d(self) -> Array: ...
+    @property
+    def dhat(self) -> Array: ...
+    @property
+    def diverged(self) -> bool: ...
+    @property
+    def switches(self) -> RunSwitches: ...
+    def errors(self) -> Array: ...
+
+
+class Runs(Goals, Protocol):
+    """Many runs: errors (R, T), nan after the end of a run; states (S, T, n, m) of the first."""
+
+    @property
+    def seeds(self) -> NDArray[np.int64]: ...
+    @property
+    def error(self) -> Array: ...
+    @property
+    def estimation_error(self) -> Array: ...
+    @property
+    def diverged(self) -> NDArray[np.bool_]: ...
+    @property
+    def states(self) -> Array: ...
+    def __len__(self) -> int: ...
 
 
 def trajectory_sheet(
@@ -55,28 +121,29 @@ def trajectory_sheet(
     components = min(run.x.shape[2], MOST_COMPONENTS)
     has_estimate = bool(run.d.size and (run.d.any() or run.dhat.any()))
     has_band = len(run.switches) > 1
-    heights = [BAND] * has_band + [PANEL] * (components + has_estimate + 1)
+    heights = [PANEL] * (components + has_estimate + 1)
+    if has_band:
+        heights = [BAND, *heights]
 
     def draw(figure: Figure) -> None:
-        rows = list(
-            np.atleast_1d(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights))
-        )
+        panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        rows = list(np.atleast_1d(panels))
         if has_band:
             plot_modes(rows.pop(0), run.switches, float(run.times[-1]))
         for c in range(components):
             plot_agents(rows.pop(0), run, component=c, pinned=pinned)
-        if has_estimate:
-            plot_estimates(rows.pop(0), run)
         errors = {"|e|∞": _largest(run.errors())}
         if has_estimate:
+            plot_estimates(rows.pop(0), run)
             unit = "per s" if run.d.shape == run.x.shape else "unit of d"
             errors[f"|d − d̂|∞, {unit}"] = _largest(run.d - run.dhat)
-        plot_errors(rows[0], run.times, errors, envelope=points)
+        last = plot_errors(rows[0], run.times, errors, envelope=points)
         if run.diverged:
-            rows[0].set_title(f"ended early, at t = {run.times[-1]:.4g} s")
-        in_time(rows[0], run.times)
+            last.set_title(f"ended early, at t = {run.times[-1]:.4g} s")
+        in_time(last, run.times)
 
-    return Sheet(draw, width=WIDTH, height=sum(heights) + 0.5 + 0.25 * len(heights))
+    height = sum(heights) + 0.5 + 0.25 * len(heights)
+    return Sheet(draw, width=WIDTH, height=height)
 
 
 def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
@@ -84,7 +151,9 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
     diverged being infinite. ``envelope``: points (t, bound), (k, 2), or the bound as a function of
     times, drawn into |e|_inf."""
     has_estimate = bool(np.nan_to_num(runs.estimation_error).any())
-    components = min(runs.states.shape[3], MOST_COMPONENTS) if len(runs.states) else 0
+    components = 0
+    if len(runs.states):
+        components = min(runs.states.shape[3], MOST_COMPONENTS)
     count = components + 1 + has_estimate
 
     def draw(figure: Figure) -> None:
@@ -92,16 +161,12 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
         for c in range(components):
             plot_states(rows[c], runs, component=c)
         plot_bands(rows[components], runs, envelope)
+        last = rows[-1]
         if has_estimate:
             rows[components].set_xlabel("")
-            plot_quantiles(
-                rows[-1],
-                runs.times,
-                runs.estimation_error,
-                colour=PURPLE,
-                what="|d − d̂|∞, unit of d",
-            )
-        in_time(rows[-1], runs.times)
+            what = "|d − d̂|∞, unit of d"
+            plot_quantiles(last, runs.times, runs.estimation_error, colour=PURPLE, what=what)
+        in_time(last, runs.times)
 
     return Sheet(draw, width=WIDTH, height=0.7 + 2.2 * count)
 
@@ -109,19 +174,14 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
 def plot_states(ax: Axes, runs: Runs, *, component: int) -> Axes:
     """One component of the states of at most 30 agents in the first runs, one colour for each
     run."""
-    rows, chosen = (
-        look.thinned_rows(len(runs.times)),
-        look.shown_agents(runs.states.shape[2], set()),
-    )
+    rows = look.thinned_rows(len(runs.times))
+    chosen = look.shown_agents(runs.states.shape[2], set())
+    times = runs.times[rows]
     for x, seed, colour in zip(runs.states, runs.seeds, SERIES, strict=False):
-        ax.plot(
-            runs.times[rows],
-            x[rows][:, chosen, component],
-            color=colour,
-            linewidth=0.7,
-            label=f"seed {seed}",
-        )
-    return look.legend_above(_goals(ax, runs, chosen, component), right=True, widest=7)
+        curves = x[rows][:, chosen, component]
+        ax.plot(times, curves, color=colour, linewidth=0.7, label=f"seed {seed}")
+    _goals(ax, runs, chosen, component)
+    return look.legend_above(ax, right=True, widest=7)
 
 
 def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
@@ -130,29 +190,37 @@ def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
     plot_quantiles(ax, runs.times, runs.error, colour=BLUE, what="|e|∞, in the unit of x")
     if points is not None:
         _draw_bound(ax, points[:, 0], look.resolved(points[:, 1]))
+    title = f"{len(runs)} runs"
     bad = int(np.count_nonzero(runs.diverged))
-    ax.set_title(f"{len(runs)} runs" + (f", {bad} diverged" if bad else ""))
-    return in_time(look.legend_above(ax, right=True, widest=4), runs.times)
+    if bad:
+        title += f", {bad} diverged"
+    ax.set_title(title)
+    look.legend_above(ax, right=True, widest=4)
+    return in_time(ax, runs.times)
 
 
 def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
     """|e|_inf of one run over time."""
     errors = {"|e|∞": _largest(run.errors())}
     points = checked_envelope(envelope, run.times)
-    return in_time(plot_errors(ax, run.times, errors, envelope=points), run.times)
+    plot_errors(ax, run.times, errors, envelope=points)
+    return in_time(ax, run.times)
 
 
 def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = ()) -> Axes:
     """One component of the states of at most 30 agents, and their goals (dashed); ``pinned`` ones
     are blue."""
-    rows, held = look.thinned_rows(len(run.times)), set(pinned)
+    rows = look.thinned_rows(len(run.times))
+    held = set(pinned)
     chosen = look.shown_agents(run.x.shape[1], held)
     few = len(chosen) <= len(SERIES)
-    shades = SERIES if few else colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
+    shades: Any = SERIES
+    if not few:
+        shades = colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
+    times, marker = run.times[rows], _marker(rows)
     for agent, shade in zip(chosen, shades, strict=False):
-        (line,) = ax.plot(
-            run.times[rows], run.x[rows, agent, component], linewidth=1.0, marker=_marker(rows)
-        )
+        x = run.x[rows, agent, component]
+        (line,) = ax.plot(times, x, linewidth=1.0, marker=marker)
         if agent in held:
             line.set(color=BLUE, label="pinned", linewidth=1.7, zorder=2.1)
         elif held:
@@ -160,27 +228,30 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
         else:
             line.set(color=shade, label=f"agent {look.short(run.labels[agent])}")
     _goals(ax, run, chosen, component)
-    if component == 0 and (few or held):
-        look.legend_above(ax, right=True, widest=7)
-    elif component == 0:
-        dark, light = (look.short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
-        ax.set_title(
-            f"agents {dark} (dark) to {light} (light); goals dashed", loc="right", parse_math=False
-        )
+    if component > 0:
+        return ax
+    if few or held:
+        return look.legend_above(ax, right=True, widest=7)
+    dark = look.short(run.labels[chosen[0]])
+    light = look.short(run.labels[chosen[-1]])
+    title = f"agents {dark} (dark) to {light} (light); goals dashed"
+    ax.set_title(title, loc="right", parse_math=False)
     return ax
 
 
-def _goals(ax: Axes, run: Run | Runs, chosen: Sequence[int], component: int) -> Axes:
+def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
     """The axes of a state component, with the goals of these agents; those beside a leader move
     with it."""
     rows = look.thinned_rows(len(run.times))
-    style: dict[str, Any] = {"linewidth": 1.1, "linestyle": DASHED, "zorder": 1.5}
+    times = run.times[rows]
     leaders = run.leader[..., component].reshape(-1, len(run.times))
     for goal in sorted({float(run.goal[agent, component]) for agent in chosen})[:12]:
-        for s in leaders if run.leader.any() else ():
-            ax.plot(run.times[rows], s[rows] + goal, color=VERMILLION, label="leader", **style)
-        if not run.leader.any():
-            ax.axhline(goal, color=VERMILLION, label="goal", **style)
+        if run.leader.any():
+            drawn = [ax.plot(times, s[rows] + goal, label="leader")[0] for s in leaders]
+        else:
+            drawn = [ax.axhline(goal, label="goal")]
+        for line in drawn:
+            line.set(color=VERMILLION, linewidth=1.1, linestyle=DASHED, zorder=1.5)
     ax.set_ylabel(f"{state_symbol(component, run.goal.shape[1])}\nin its own unit")
     return ax
 
@@ -197,17 +268,13 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
     chosen = look.shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)
     times = run.times[rows]
     for rank, agent in enumerate(chosen):
-        values, label = run.dhat[rows, agent, 0], f"d̂, agent {look.short(run.labels[agent])}"
-        ax.plot(
-            times,
-            values,
-            color=SERIES[rank],
-            linewidth=3.2 - rank,
-            marker=_marker(rows),
-            label=label,
-        )
+        label = f"d̂, agent {look.short(run.labels[agent])}"
+        values = run.dhat[rows, agent, 0]
+        (line,) = ax.plot(times, values, color=SERIES[rank], marker=_marker(rows), label=label)
+        line.set_linewidth(3.2 - rank)  # thinner from agent to agent: none hides another
     for agent in chosen:  # on top of all estimates
-        ax.plot(times, run.d[rows, agent, 0], color=INK, linestyle=DOTTED, linewidth=1.3, label="d")
+        (line,) = ax.plot(times, run.d[rows, agent, 0], color=INK, label="d")
+        line.set(linestyle=DOTTED, linewidth=1.3)
     unit = "units of x per s" if run.d.shape == run.x.shape else "their own units"
     ax.set_ylabel(f"d and estimate d̂\nin {unit}")
     return look.legend_above(ax, right=True, widest=4)
@@ -227,8 +294,9 @@ def plot_errors(
     rows = look.thinned_rows(len(times))
     every = np.concatenate(list(errors.values()))
     falls = any(values[-1] < values[0] for values in errors.values())
-    # no decades to be shown
-    level = envelope is None and not falls and bool(every.max() < 10 * every.min())
+    # Errors that stay where they are have no decades to be shown.
+    narrow = bool(every.max() < 10 * every.min())
+    level = envelope is None and not falls and narrow
     ax.set_yscale("linear" if level else "log")
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
         shown = np.where(values[rows] > look.SMALLEST, values[rows], np.nan)
@@ -237,11 +305,11 @@ def plot_errors(
         _draw_bound(ax, envelope[:, 0], look.resolved(envelope[:, 1]))
     elif rate is not None:
         error = next(iter(errors.values()))
-        slope = error[0] * np.exp(np.clip(-rate * (times[rows] - times[0]), -700, 0))
-        visible = slope > max(0.5 * float(np.nanmin(error)), look.SMALLEST)
-        _draw_bound(
-            ax, times[rows], np.where(visible, slope, np.nan), "slope of the certified rate"
-        )
+        exponent = -rate * (times[rows] - times[0])
+        slope = error[0] * np.exp(np.clip(exponent, -700, 0))
+        lowest = max(0.5 * float(np.nanmin(error)), look.SMALLEST)
+        visible = np.where(slope > lowest, slope, np.nan)
+        _draw_bound(ax, times[rows], visible, "slope of the certified rate")
     if level:
         ax.set_ylim(0, 1.1 * float(every.max()))
     else:
@@ -254,45 +322,44 @@ def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: 
     """Bands of 5 to 95 and of 25 to 75 percent, and the median; errors (R, T) with nan counted as
     infinite."""
     rows = look.thinned_rows(len(times))
-    ordered = np.sort(np.where(np.isnan(errors[:, rows]), np.inf, errors[:, rows]), axis=0)
+    chosen = errors[:, rows]
+    ordered = np.sort(np.where(np.isnan(chosen), np.inf, chosen), axis=0)
     places = [max(0, int(np.ceil(level * len(ordered))) - 1) for level in LEVELS]
     bands = np.clip(ordered[places], look.SMALLEST, None)
     finite = bands[np.isfinite(bands)]
+    # Bands that end in infinity leave the picture at its top; a median stops there.
     top = 10 * float(finite.max()) if len(finite) else 1.0
-    shown = np.where(np.isfinite(bands), bands, top)
+    low, lower, _, upper, high = np.where(np.isfinite(bands), bands, top)
+    median = np.where(np.isfinite(bands[2]), bands[2], np.nan)
+    shown = times[rows]
     ax.set_yscale("log")
-    ax.fill_between(
-        times[rows], shown[0], shown[4], color=colour, alpha=0.18, linewidth=0, label="5 to 95 %"
-    )
-    ax.fill_between(
-        times[rows], shown[1], shown[3], color=colour, alpha=0.34, linewidth=0, label="25 to 75 %"
-    )
-    ax.plot(
-        times[rows], np.where(np.isfinite(bands[2]), bands[2], np.nan), color=colour, label="median"
-    )
+    wide = ax.fill_between(shown, low, high, color=colour, alpha=0.18, linewidth=0)
+    wide.set_label("5 to 95 %")
+    narrow = ax.fill_between(shown, lower, upper, color=colour, alpha=0.34, linewidth=0)
+    narrow.set_label("25 to 75 %")
+    ax.plot(shown, median, color=colour, label="median")
     tick_decades(ax)
     ax.set_ylabel(what)
     return ax
 
 
-def plot_modes(ax: Axes, switches: Any, end: float) -> Axes:
+def plot_modes(ax: Axes, switches: Switches, end: float) -> Axes:
     """A band that shows which mode is active when: names for few modes, shades for many."""
-    times, modes = np.asarray(switches.times), np.asarray(switches.modes)
+    times = np.asarray(switches.times)
+    modes = np.asarray(switches.modes)
     ends = np.minimum(np.append(times[1:], end), end)
+    lengths = ends - times
     used = np.unique(modes).tolist()
     named = len(used) <= MOST_NAMED_MODES
-    shades = (
-        [*SERIES[:4], INK, MUTED]
-        if named
-        else list(colormaps["cividis"](np.linspace(0, 1, len(used))))
-    )
-    for place, mode in enumerate(used):
+    shades: Any = (*SERIES[:4], INK, MUTED)
+    if not named:
+        shades = colormaps["cividis"](np.linspace(0, 1, len(used)))
+    for shade, mode in zip(shades, used, strict=False):
         here = modes == mode
-        spans = list(zip(times[here].tolist(), (ends - times)[here].tolist(), strict=True))
-        alpha, label = (0.75, look.short(switches.names[mode])) if named else (1.0, None)
-        ax.broken_barh(
-            spans, (0, 1), facecolors=shades[place], alpha=alpha, linewidth=0, label=label
-        )
+        spans = list(zip(times[here].tolist(), lengths[here].tolist(), strict=True))
+        bars = ax.broken_barh(spans, (0, 1), facecolors=shade, linewidth=0)
+        if named:
+            bars.set(alpha=0.75, label=look.short(switches.names[mode]))
     ax.set_yticks([])
     ax.set_ylim(0, 1)
     ax.grid(visible=False)
@@ -311,7 +378,8 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
         return None
     if callable(envelope):
         chosen = times[look.thinned_rows(len(times), MOST_BOUNDS)]
-        envelope = np.stack([chosen, np.asarray(envelope(chosen), dtype=np.float64)], axis=1)
+        bound = np.asarray(envelope(chosen), dtype=np.float64)
+        envelope = np.stack([chosen, bound], axis=1)
     points = np.asarray(envelope, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
         told = f"envelope must be points (t, bound), shape (k, 2) with k >= 2; got {points.shape}."

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.plotting import look
 from dobc_design.plotting.look import (
@@ -59,178 +60,192 @@ class Places:
     even_ratios: bool = False
 
 
-def heat_map(
-    x: Places,
-    y: Places,
-    value: Array,
-    outcome: Sequence[str],
-    *,
-    label: str,
-    title: str,
-    note: str,
-    ax: Axes | None = None,
-) -> Sheet | Axes:
-    """The median of ``value`` at each place of a grid, and the worst outcome there as a sign."""
-    grid, signs = _on_grid(x, y, value, outcome)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cases:
+    """One number of many cases: ``value`` and ``outcome`` (cases,), and what is said about it.
+
+    ``series`` names the line of each case; where cases were ``drawn`` at random there is none, but
+    a point for each case.
+    """
+
+    value: Array
+    outcome: Sequence[str]
+    label: str
+    title: str
+    note: str
+    series: Sequence[str] = ()
+    drawn: bool = False
+
+    @property
+    def lines(self) -> list[str]:
+        """The names of the lines, at most six."""
+        return list(dict.fromkeys(self.series))[:MOST_SERIES]
+
+    def with_outcome(self, name: str) -> NDArray[np.bool_]:
+        return np.array([each == name for each in self.outcome])
+
+    def of(self, line: str) -> NDArray[np.bool_]:
+        """The cases of a line."""
+        return np.array([each == line for each in self.series])
+
+
+def heat_map(x: Places, y: Places, cases: Cases, *, ax: Axes | None = None) -> Sheet | Axes:
+    """The median at each place of a grid, and the worst outcome there as a sign."""
+    grid, signs = _on_grid(x, y, cases)
 
     def draw(ax: Axes) -> Axes:
         ax.grid(visible=False)
         shown = np.ma.masked_invalid(grid)
-        mesh = ax.pcolormesh(
-            _edges(x),
-            _edges(y),
-            shown,
-            cmap="cividis",
-            shading="flat",
-            linewidth=0,
-            rasterized=False,
-        )
+        mesh = ax.pcolormesh(_edges(x), _edges(y), shown, cmap="cividis", shading="flat")
+        mesh.set(linewidth=0, rasterized=False)
         bar = ax.figure.colorbar(mesh, ax=ax, pad=0.02)
         bar.outline.set_linewidth(0.5)
-        bar.set_label(label)
+        bar.set_label(cases.label)
         _name_axis(ax, x, along="x")
         _name_axis(ax, y, along="y")
-        bright = np.nanmean([np.nanmin(grid), np.nanmax(grid)]) if np.isfinite(grid).any() else 0.0
-        for row, column in np.ndindex(grid.shape) if grid.size <= MOST_MARKS else ():
-            sign, colour = (
-                MARKS.get(signs[row][column], ("",))[0],
-                "white" if grid[row, column] < bright else INK,
-            )
-            if sign:
-                at = float(x.ticks[column]), float(y.ticks[row])
-                ax.text(*at, sign, ha="center", va="center", color=colour, fontsize=8)
-        present = {each for row in signs for each in row}
-        told = ", ".join(
-            f"{sign} {name}" for name, (sign, _, _) in MARKS.items() if sign and name in present
-        )
-        white = {signs[row][column] for row, column in np.argwhere(~np.isfinite(grid)).tolist()}
-        empty = "white: none" if white & {"proved", "undecided", "converged"} else ""
-        return _title(ax, title, "; ".join(filter(None, [note, told, empty])))
+        if grid.size <= MOST_MARKS:
+            _draw_signs(ax, x, y, grid, signs)
+        notes = [cases.note, *_told(grid, signs)]
+        return _title(ax, cases.title, "; ".join(filter(None, notes)))
 
     return look.sheet_or_axes(draw, ax, width=6.2, height=4.4)
 
 
-def lines(
-    x: Places,
-    value: Array,
-    outcome: Sequence[str],
-    series: Sequence[str],
-    *,
-    label: str,
-    title: str,
-    note: str,
-    drawn: bool,
-    ax: Axes | None = None,
-) -> Sheet | Axes:
-    """``value`` over ``x``: a line through the medians of each series; where x was ``drawn`` one
-    point per case."""
-    names = list(dict.fromkeys(series))[:MOST_SERIES]
+def _draw_signs(ax: Axes, x: Places, y: Places, grid: Array, signs: list[list[str]]) -> None:
+    """The sign of the worst outcome in every cell, so that it can be seen on the cell's colour."""
+    bright = 0.0
+    if np.isfinite(grid).any():
+        bright = float(np.nanmean([np.nanmin(grid), np.nanmax(grid)]))
+    for row, column in np.ndindex(grid.shape):
+        outcome = signs[row][column]
+        sign = MARKS[outcome][0] if outcome else ""
+        if sign:
+            colour = "white" if grid[row, column] < bright else INK
+            at = float(x.ticks[column]), float(y.ticks[row])
+            ax.text(*at, sign, ha="center", va="center", color=colour, fontsize=8)
+
+
+def _told(grid: Array, signs: list[list[str]]) -> tuple[str, str]:
+    """What the signs mean, and what white cells do, for those that are there."""
+    present = {each for row in signs for each in row}
+    meanings = [f"{MARKS[name][0]} {name}" for name in MARKS if name in present and MARKS[name][0]]
+    cells = np.argwhere(~np.isfinite(grid)).tolist()
+    white = {signs[row][column] for row, column in cells}
+    empty = "white: none" if white & {"proved", "undecided", "converged"} else ""
+    return ", ".join(meanings), empty
+
+
+def lines(x: Places, cases: Cases, *, ax: Axes | None = None) -> Sheet | Axes:
+    """The number over ``x``: a line through the medians of each series, or a point per case."""
 
     def draw(ax: Axes) -> Axes:
         if x.even_ratios:
             ax.set_xscale("log")
-        if drawn:
-            _points(ax, x.position, value, outcome, series)
-        for place, name in enumerate(() if drawn else names):
-            _line(ax, x, value, np.array([each == name for each in series]), name=name, place=place)
+        if cases.drawn:
+            _points(ax, x.position, cases)
+        else:
+            for place, name in enumerate(cases.lines):
+                _line(ax, x, cases, name=name, place=place)
         _name_axis(ax, x, along="x")
-        ax.set_ylabel(label)
-        if drawn or len(names) > 1:
+        ax.set_ylabel(cases.label)
+        if cases.drawn or len(cases.lines) > 1:
             ax.legend(loc="best", handlelength=1.6)
-        return _title(ax, title, note)
+        return _title(ax, cases.title, cases.note)
 
     return look.sheet_or_axes(draw, ax, width=6.2, height=3.8)
 
 
-def _line(
-    ax: Axes, x: Places, value: Array, own: NDArray[np.bool_], *, name: str, place: int
-) -> None:
-    middle, low, high = (np.full(len(x.ticks), np.nan) for _ in range(3))
+def _line(ax: Axes, x: Places, cases: Cases, *, name: str, place: int) -> None:
+    own = cases.of(name) & np.isfinite(cases.value)
+    middle = np.full(len(x.ticks), np.nan)
+    low, high = middle.copy(), middle.copy()
     for tick, where in enumerate(x.ticks):
-        found = value[own & (x.position == where) & np.isfinite(value)]
+        found = cases.value[own & (x.position == where)]
         if len(found):
-            middle[tick], low[tick], high[tick] = np.median(found), found.min(), found.max()
+            middle[tick] = np.median(found)
+            low[tick] = found.min()
+            high[tick] = found.max()
     colour = SERIES[place % len(SERIES)]
-    ax.plot(
-        x.ticks,
-        middle,
-        color=colour,
-        marker=look.MARKERS[place % len(look.MARKERS)],
-        label=short(name) or None,
-    )
+    marker = look.MARKERS[place % len(look.MARKERS)]
+    ax.plot(x.ticks, middle, color=colour, marker=marker, label=short(name) or None)
     if np.nanmax(high - low, initial=0.0) > 0:
         ax.fill_between(x.ticks, low, high, color=colour, alpha=0.15, linewidth=0)
 
 
-def _points(
-    ax: Axes, position: Array, value: Array, outcome: Sequence[str], series: Sequence[str]
-) -> None:
+def _points(ax: Axes, position: Array, cases: Cases) -> None:
     """One marker per case: its shape is the outcome; its colour, too, or the series where there are
     several."""
-    names = list(dict.fromkeys(series))[:MOST_SERIES]
-    for place, series_name in enumerate(names if len(names) > 1 else ()):
-        ax.plot([], [], linestyle="none", marker="s", color=SERIES[place], label=short(series_name))
-    for name, (_, marker, colour) in MARKS.items():
-        own = np.array([each == name for each in outcome]) & np.isfinite(value)
+    names = cases.lines
+    several = len(names) > 1
+    if several:
+        for name, shade in zip(names, SERIES, strict=False):
+            _marks(ax, (), (), marker="s", color=shade).set_label(short(name))
+    for outcome, (_, marker, colour) in MARKS.items():
+        own = cases.with_outcome(outcome) & np.isfinite(cases.value)
         if own.any():
-            ax.plot(
-                [],
-                [],
-                linestyle="none",
-                marker=marker,
-                color=MUTED if len(names) > 1 else colour,
-                label=name,
-            )
-        for place, series_name in enumerate(names):
-            here = own & np.array([each == series_name for each in series])
-            shade = SERIES[place] if len(names) > 1 else colour
-            ax.plot(
-                position[here], value[here], linestyle="none", marker=marker, color=shade, alpha=0.7
-            )
+            entry = _marks(ax, (), (), marker=marker, color=MUTED if several else colour)
+            entry.set_label(outcome)
+        for name, shade in zip(names, SERIES, strict=False):
+            here = own & cases.of(name)
+            points = _marks(ax, position[here], cases.value[here], marker=marker, color=colour)
+            points.set_alpha(0.7)
+            if several:
+                points.set_color(shade)
 
 
-def _on_grid(
-    x: Places, y: Places, value: Array, outcome: Sequence[str]
-) -> tuple[Array, list[list[str]]]:
+def _marks(ax: Axes, x: ArrayLike, y: ArrayLike, *, marker: str, color: str) -> Line2D:
+    """Markers without a line."""
+    (made,) = ax.plot(x, y, linestyle="none", marker=marker, color=color)
+    return made
+
+
+def _on_grid(x: Places, y: Places, cases: Cases) -> tuple[Array, list[list[str]]]:
     """Medians by place, (y, x), nan where there is none; and the worst outcome of each place."""
     grid = np.full((len(y.ticks), len(x.ticks)), np.nan)
     signs = [["" for _ in x.ticks] for _ in y.ticks]
-    columns, rows = np.searchsorted(x.ticks, x.position), np.searchsorted(y.ticks, y.position)
+    columns = np.searchsorted(x.ticks, x.position)
+    rows = np.searchsorted(y.ticks, y.position)
+    worst = list(MARKS).index
     for row, column in np.ndindex(grid.shape):
         own = np.flatnonzero((rows == row) & (columns == column)).tolist()
-        found = value[own][np.isfinite(value[own])]
+        found = cases.value[own]
+        found = found[np.isfinite(found)]
         if len(found):
             grid[row, column] = np.median(found)
-        signs[row][column] = max((outcome[k] for k in own), key=list(MARKS).index, default="")
+        outcomes = [cases.outcome[k] for k in own]
+        signs[row][column] = max(outcomes, key=worst, default="")
     return grid, signs
 
 
 def _edges(axis: Places) -> Array:
     ticks = np.log(axis.ticks) if axis.even_ratios else axis.ticks
     middle = (ticks[1:] + ticks[:-1]) / 2
-    first, last = (middle[0], middle[-1]) if len(ticks) > 1 else (ticks[0] + 0.5, ticks[0] - 0.5)
-    borders = np.concatenate([[2 * ticks[0] - first], middle, [2 * ticks[-1] - last]])
+    # The first and the last place are as wide as their neighbours, a single one as 1.
+    if len(ticks) > 1:
+        first, last = middle[0], middle[-1]
+    else:
+        first, last = ticks[0] + 0.5, ticks[0] - 0.5
+    begin = 2 * ticks[0] - first
+    end = 2 * ticks[-1] - last
+    borders = np.concatenate([[begin], middle, [end]])
     return np.exp(borders) if axis.even_ratios else borders
 
 
 def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:
     own = ax.xaxis if along == "x" else ax.yaxis
     if axis.even_ratios:
-        (ax.set_xscale if along == "x" else ax.set_yscale)("log")
+        ax.set(**{f"{along}scale": "log"})
     own.set_label_text(axis.name, parse_math=False)
     if axis.names is not None:
         step = -(-len(axis.names) // MOST_TICKS)
-        own.set_ticks(
-            axis.ticks[::step], [short(name) for name in axis.names[::step]], parse_math=False
-        )
+        names = [short(name) for name in axis.names[::step]]
+        own.set_ticks(axis.ticks[::step], names, parse_math=False)
         own.set_tick_params(length=0)
         if along == "x" and max(map(len, axis.names)) > 8:
             own.set_tick_params(rotation=20)
-    elif (
-        not axis.even_ratios
-        and np.all(axis.ticks == np.round(axis.ticks))
-        and len(axis.ticks) <= MOST_TICKS
-    ):
+        return
+    are_whole = np.all(axis.ticks == np.round(axis.ticks))
+    if not axis.even_ratios and are_whole and len(axis.ticks) <= MOST_TICKS:
         own.set_major_locator(MaxNLocator(integer=True))
 
 
@@ -259,91 +274,101 @@ TITLES = {
 }
 
 
+class Sweep(Protocol):
+    """Late errors (S,), part of the error at the start, inf where a run diverged, at severities
+    (S,) of one stress: in their ``unit``, and in ``relative``, natural units.  ``breaks``: the
+    first severity that is too much."""
+
+    @property
+    def option(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def severity(self) -> Array: ...
+    @property
+    def relative(self) -> Array: ...
+    @property
+    def late(self) -> Array: ...
+    @property
+    def breaks(self) -> float | None: ...
+
+
 def breaking_sheet(
-    sweeps: Sequence[Any],
+    sweeps: Sequence[Sweep],
     *,
     tolerance: float,
     period: float | None,
     certified: float | None,
     name: str,
 ) -> Sheet:
-    """A panel for each ``simulation.breaking.Sweep``; ``period``, ``certified``: the longest
-    sampling periods, in s."""
+    """A panel for each stress; ``period``, ``certified``: the longest sampling periods, in s."""
     rows = -(-len(sweeps) // COLUMNS)
+    columns = min(COLUMNS, len(sweeps))
+    limits = _limits(sweeps, tolerance)
 
     def draw(figure: Figure) -> None:
-        grid = np.atleast_1d(
-            figure.subplots(rows, min(COLUMNS, len(sweeps)), sharey=True, squeeze=False)
-        ).ravel()
-        shown = [each.late[np.isfinite(each.late)] for each in sweeps]
-        top = max(
-            10 * tolerance, 2 * max((float(each.max()) for each in shown if len(each)), default=1.0)
-        )
-        bottom = max(
-            min([tolerance / 3, *(float(each.min()) for each in shown if len(each))]) / 2, 1e-12
-        )
+        panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
+        grid = np.atleast_1d(panels).ravel()
         for place, (ax, sweep) in enumerate(zip(grid, sweeps, strict=False)):
-            _panel(ax, sweep, tolerance=tolerance, bottom=bottom, top=top)
+            _panel(ax, sweep, tolerance=tolerance, limits=limits)
             if sweep.option == "period":
                 _periods(ax, period, certified)
             if place % COLUMNS == 0:
                 ax.set_ylabel("late error / start")
         for ax in grid[len(sweeps) :]:
             ax.set_axis_off()
-        figure.suptitle(
-            f"{name}: what breaks first", fontsize=10, x=0.01, ha="left", parse_math=False
-        )
+        title = f"{name}: what breaks first"
+        figure.suptitle(title, fontsize=10, x=0.01, ha="left", parse_math=False)
 
     return Sheet(draw, width=7.4, height=0.5 + 2.1 * rows)
 
 
-def plot_breaking(ax: Axes, sweeps: Sequence[Any], *, tolerance: float, name: str) -> Axes:
+def _limits(sweeps: Sequence[Sweep], tolerance: float) -> tuple[float, float]:
+    """Where the axis of late errors, which all panels share, begins, and half way of its end."""
+    finite = [each.late[np.isfinite(each.late)] for each in sweeps]
+    shown = [each for each in finite if len(each)]
+    largest = max((float(each.max()) for each in shown), default=1.0)
+    least = min([tolerance / 3, *(float(each.min()) for each in shown)])
+    return max(least / 2, 1e-12), max(10 * tolerance, 2 * largest)
+
+
+def plot_breaking(ax: Axes, sweeps: Sequence[Sweep], *, tolerance: float, name: str) -> Axes:
     """All stresses in one picture: the late error over the severity in natural units, 0 to about
     1."""
     for place, each in enumerate(sweeps):
         late = np.where(np.isfinite(each.late), each.late, np.nan)
-        colour, marker = SERIES[place % len(SERIES)], look.MARKERS[place % len(look.MARKERS)]
-        ax.plot(
-            each.relative,
-            late,
-            color=colour,
-            marker=marker,
-            label=TITLES.get(each.option, each.option),
-        )
+        label = TITLES.get(each.option, each.option)
+        (line,) = ax.plot(each.relative, late, label=label)
+        line.set_color(SERIES[place % len(SERIES)])
+        line.set_marker(look.MARKERS[place % len(look.MARKERS)])
     ax.axhline(tolerance, color=VERMILLION, linewidth=1.0, linestyle=DASHED, label="breaks above")
     ax.set(yscale="log", xlabel="severity in natural units", ylabel="late error / start")
     ax.legend(loc="best", handlelength=1.4)
     return _title(ax, f"{short(name, 60)}: what breaks first")
 
 
-def _panel(ax: Axes, sweep: Any, *, tolerance: float, bottom: float, top: float) -> None:
+def _panel(ax: Axes, sweep: Sweep, *, tolerance: float, limits: tuple[float, float]) -> None:
+    bottom, top = limits
     late = np.where(np.isfinite(sweep.late), sweep.late, top)
     good = late <= tolerance
+    linear = sweep.option in LINEAR
     ax.set_yscale("log")
-    if sweep.option not in LINEAR:
+    if not linear:
         ax.set_xscale("log")
     ax.axhspan(tolerance, 1e6 * top, color=VERMILLION, alpha=0.1, linewidth=0)
     ax.axhline(tolerance, color=VERMILLION, linewidth=1.0)
     ax.plot(sweep.severity, late, color=INK, linewidth=0.9)
-    ax.plot(sweep.severity[good], late[good], linestyle="none", marker="o", color=BLUE)
-    ax.plot(
-        sweep.severity[~good],
-        late[~good],
-        linestyle="none",
-        marker="X",
-        markersize=7,
-        color=VERMILLION,
-    )
+    _marks(ax, sweep.severity[good], late[good], marker="o", color=BLUE)
+    crosses = _marks(ax, sweep.severity[~good], late[~good], marker="X", color=VERMILLION)
+    crosses.set_markersize(7)
     ax.set_ylim(bottom, 1.5 * top)
     if sweep.option == "saturation":
         ax.invert_xaxis()  # severe is to the right, as everywhere
     ax.set_title(TITLES.get(sweep.option, sweep.option))
-    ax.set_xlabel(
-        ("never breaks; " if sweep.breaks is None else "")
-        + UNITS.get(sweep.unit, f"in {sweep.unit}")
-    )
+    said = "never breaks; " if sweep.breaks is None else ""
+    ax.set_xlabel(said + UNITS.get(sweep.unit, f"in {sweep.unit}"))
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
-    if sweep.option not in LINEAR:
+    if not linear:
         look.tick_numbers(ax.xaxis)
     elif sweep.option == "failures":
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -362,57 +387,70 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
             ax.xaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
             ax.minorticks_off()
     if period is not None or certified is not None:
-        ax.legend(
-            loc="center left",
-            bbox_to_anchor=(0.06, 0.45),
-            handlelength=1.4,
-            frameon=True,
-            edgecolor="none",
-        )
+        legend = ax.legend(loc="center left", bbox_to_anchor=(0.06, 0.45), handlelength=1.4)
+        legend.set_frame_on(True)
+        legend.get_frame().set_edgecolor("none")
 
 
 STEEP = 30  # times the least y from which the axis is logarithmic
 
 
-def trade_off_plot(
-    points: Sequence[tuple[float, float]],
-    *,
-    x_name: str,
-    y_name: str,
-    chosen: tuple[float, float] | None,
-    name: str,
-    steps: bool,
-    ax: Axes | None = None,
-) -> Sheet | Axes:
-    """The points in order of x; ``steps``: x counts, so that nothing lies between two points."""
+class Point(Protocol):
+    """A design: what it costs and what it gives."""
+
+    @property
+    def x(self) -> float: ...
+    @property
+    def y(self) -> float: ...
+
+
+class TradeOff(Protocol):
+    """Designs in the order of x, and the one that was chosen."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def x_name(self) -> str: ...
+    @property
+    def y_name(self) -> str: ...
+    @property
+    def points(self) -> Sequence[Point]: ...
+    @property
+    def chosen(self) -> Point | None: ...
+
+
+def trade_off_plot(found: TradeOff, *, steps: bool, ax: Axes | None = None) -> Sheet | Axes:
+    """The designs as points; ``steps``: x counts, so that nothing lies between two points."""
 
     def draw(ax: Axes) -> Axes:
-        xs, ys = [x for x, _ in points], [y for _, y in points]
+        xs = [point.x for point in found.points]
+        ys = [point.y for point in found.points]
         if steps:
             ax.vlines(xs, 0, ys, color=MUTED, linewidth=0.8)
-            ax.plot(xs, ys, linestyle="none", marker="o", color=BLUE)
+            _marks(ax, xs, ys, marker="o", color=BLUE)
             ax.xaxis.set_major_locator(MaxNLocator(integer=True))
             ax.set_xlim(0, max(xs, default=1.0) + 1)
         else:
             ax.plot(xs, ys, marker="o", markersize=4, color=BLUE)
-        if chosen is not None:
-            ax.plot(*chosen, linestyle="none", marker="D", markersize=8, color=VERMILLION, zorder=3)
-            ax.annotate(
-                "chosen",
-                chosen,
-                xytext=(8, -3),
-                textcoords="offset points",
-                color=VERMILLION,
-                va="top",
-            )
-        heights = [y for y in (*ys, *([] if chosen is None else chosen[1:])) if y > 0]
+        if found.chosen is not None:
+            _draw_chosen(ax, found.chosen)
+            ys = [*ys, found.chosen.y]
+        heights = [y for y in ys if y > 0]
         if heights and max(heights) > STEEP * min(heights):
             ax.set_yscale("log")
             look.tick_numbers(ax.yaxis)
             ax.minorticks_off()
         else:
             ax.set_ylim(bottom=0)
-        ax.set(xlabel=x_name, ylabel=y_name)
-        return _title(ax, short(name, 60))
+        ax.set(xlabel=found.x_name, ylabel=found.y_name)
+        return _title(ax, short(found.name, 60))
 
     return look.sheet_or_axes(draw, ax, width=5.2, height=3.4)
+
+
+def _draw_chosen(ax: Axes, point: Point) -> None:
+    at = point.x, point.y
+    mark = _marks(ax, [point.x], [point.y], marker="D", color=VERMILLION)
+    mark.set(markersize=8, zorder=3)
+    note = ax.annotate("chosen", at, xytext=(8, -3), textcoords="offset points", va="top")
+    note.set_color(VERMILLION)

@@ -4,60 +4,91 @@ a picture."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from dobc_design.plotting import look
 from dobc_design.plotting.look import DOTTED, SERIES, short
-from dobc_design.plotting.runs import MOST_NAMED_MODES, plot_modes, tick_decades
+from dobc_design.plotting.runs import MOST_NAMED_MODES, Switches, plot_modes, tick_decades
 
 
-def plot_weights(ax: Axes, weights: Sequence[tuple[Any, Any]], *, labels: Sequence[str]) -> Axes:
+class Phase(Protocol):
+    """A mode that is on for at least ``shortest`` s."""
+
+    @property
+    def mode(self) -> str: ...
+    @property
+    def shortest(self) -> Fraction: ...
+
+
+class Weights(Protocol):
+    """Weights ``v`` of all agents at ``times`` in s, from the beginning of a phase."""
+
+    @property
+    def times(self) -> Sequence[Fraction]: ...
+    @property
+    def v(self) -> Sequence[Sequence[Fraction]]: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Round:
+    """Which mode is on when, as ``plot_modes`` takes it."""
+
+    times: Sequence[float]
+    modes: Sequence[int]
+    names: Sequence[str]
+
+
+def plot_weights(
+    ax: Axes, weights: Sequence[tuple[Phase, Weights]], *, labels: Sequence[str]
+) -> Axes:
     """Weights of the agents with the largest, the least and two in between, phase after phase, at
     most six: solid until the mode may change, dotted as long as it may last.  ``weights``: as
     ``Certificate.weights``."""
-    shown, ends = weights[:MOST_NAMED_MODES], [0.0]
-    heights = np.max([np.array(each.v, dtype=float).max(axis=0) for _, each in weights], axis=0)
-    ranks = np.linspace(0, len(heights) - 1, min(4, len(heights))).round().astype(int)
-    chosen = np.argsort(-heights, kind="stable")[ranks].tolist()
+    shown = weights[:MOST_NAMED_MODES]
+    chosen = _drawn_agents([each for _, each in weights])
+    begins = [0.0]
     for phase, each in shown:
-        times, v, first = (
-            np.array(each.times, dtype=float),
-            np.array(each.v, dtype=float),
-            float(phase.shortest),
-        )
+        times = np.array(each.times, dtype=float)
+        v = np.array(each.v, dtype=float)
+        held = times <= float(phase.shortest)
+        left = times >= float(phase.shortest)
+        after = begins[-1] + times
         for agent, colour in zip(chosen, SERIES, strict=False):
-            for part, line in ((times <= first, "solid"), (times >= first, DOTTED)):
-                label = f"agent {short(labels[agent])}" if line == "solid" else None
-                ax.plot(
-                    ends[-1] + times[part],
-                    v[part, agent],
-                    color=colour,
-                    linestyle=line,
-                    label=label,
-                )
-        ends.append(ends[-1] + float(times[-1]))
-    ax.vlines(ends[1:-1], 0, 1, transform=ax.get_xaxis_transform(), color=look.MUTED, linewidth=0.7)
-    ax.set(
-        yscale="log",
-        xlim=(0, ends[-1]),
-        xlabel="time t in s, one phase after another",
-        ylabel="weight vᵢ(t)",
-    )
+            label = f"agent {short(labels[agent])}"
+            ax.plot(after[held], v[held, agent], color=colour, linestyle="solid", label=label)
+            ax.plot(after[left], v[left, agent], color=colour, linestyle=DOTTED)
+        begins.append(begins[-1] + float(times[-1]))
+    end = begins.pop()
+    across = ax.get_xaxis_transform()
+    ax.vlines(begins[1:], 0, 1, transform=across, color=look.MUTED, linewidth=0.7)
+    ax.set(yscale="log", xlim=(0, end))
+    ax.set(xlabel="time t in s, one phase after another", ylabel="weight vᵢ(t)")
     tick_decades(ax)
-    names = tuple(dict.fromkeys(phase.mode for phase, _ in shown))
+    names = list(dict.fromkeys(phase.mode for phase, _ in shown))
     modes = [names.index(phase.mode) for phase, _ in shown]
     look.legend_above(ax, widest=4)
-    return draw_band(ax, SimpleNamespace(times=ends[:-1], modes=modes, names=names), ends[-1])
+    return draw_band(ax, _Round(times=begins, modes=modes, names=names), end)
 
 
-def draw_band(ax: Axes, switches: Any, end: float) -> Axes:
+def _drawn_agents(weights: Sequence[Weights]) -> list[int]:
+    """At most four, from the one with the largest weight to the one with the least."""
+    heights = np.max([np.array(each.v, dtype=float).max(axis=0) for each in weights], axis=0)
+    ranks = np.linspace(0, len(heights) - 1, min(4, len(heights))).round().astype(int)
+    descending = np.argsort(-heights, kind="stable")
+    chosen: list[int] = descending[ranks].tolist()
+    return chosen
+
+
+def draw_band(ax: Axes, switches: Switches, end: float) -> Axes:
     """The axes, beneath them the band of active modes, if there are several and the axes stand in a
     grid."""
-    if (place := ax.get_subplotspec()) is None or len(switches.times) < 2:
+    place = ax.get_subplotspec()
+    if place is None or np.size(switches.times) < 2:
         return ax
     grid = place.subgridspec(2, 1, height_ratios=[13, 1])
     ax.set_subplotspec(grid[0])

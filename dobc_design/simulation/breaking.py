@@ -120,8 +120,13 @@ class Breaking(Headed):
         if ax is not None:
             return plot_breaking(ax, self.sweeps, tolerance=self.tolerance, name=self.name)
         limit = self.period or PeriodLimit(converges=None, fails=None)
-        borders = {"period": limit.converges, "certified": limit.certified}
-        return breaking_sheet(self.sweeps, tolerance=self.tolerance, name=self.name, **borders)
+        return breaking_sheet(
+            self.sweeps,
+            tolerance=self.tolerance,
+            period=limit.converges,
+            certified=limit.certified,
+            name=self.name,
+        )
 
     def _card(self) -> Card:
         text = (

@@ -17,7 +17,7 @@ import math
 import os
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -375,41 +375,45 @@ class SweepResult(Headed):
         Returns: a Sheet; with Matplotlib's ``ax`` these axes.
         Raises: SpecError for a name that does not fit.
         """
-        from dobc_design.plotting.sweeps import heat_map, lines
+        from dobc_design.plotting.sweeps import Cases, heat_map, lines
 
         name = value or DRAWN[self.plan.task.kind]
-        meanings = {
+        meaning = self._meaning_of(name)
+        column = [math.nan if each is None else float(each) for each in self.column(name)]
+        numbers = np.array(column)
+        if not np.isfinite(numbers).any():
+            message = f"no case has a {name}, so there is nothing to be drawn."
+            raise SpecError(message, key="value", cure="Choose another column.")
+        chosen = self._drawn_axes(x, y)
+        places = [self._places(each) for each in chosen]
+        cases = Cases(
+            value=numbers,
+            outcome=[outcome_of(line) for line in self.lines],
+            label=meaning,
+            title=f"{self.plan.name}: {meaning}",
+            note=self._note(chosen),
+        )
+        if len(chosen) == 2:
+            return heat_map(places[0], places[1], cases, ax=ax)
+        series, used = self._series(chosen[0])
+        axis = self.plan.axes[self.axes.index(chosen[0])]
+        if axis.draw is not None and places[0].names is None:
+            cases = replace(cases, series=series, drawn=True, note="")
+        else:
+            cases = replace(cases, series=series, note=self._note([*chosen, *used]))
+        return lines(places[0], cases, ax=ax)
+
+    def _meaning_of(self, name: str) -> str:
+        """What a numeric column holds.  Raises: SpecError for another one."""
+        numeric = {
             column: text
             for column, kind, text in self.plan.task.columns
             if kind in ("number", "count")
         }
-        if name not in meanings:
-            raise SpecError(
-                f"{shown(name)} is no numeric column.",
-                key="value",
-                cure=f"One of {', '.join(meanings)}.",
-            )
-        numbers = np.array(
-            [math.nan if each is None else float(each) for each in self.column(name)]
-        )
-        if not np.isfinite(numbers).any():
-            cure = "Choose another column."
-            raise SpecError(
-                f"no case has a {name}, so there is nothing to be drawn.", key="value", cure=cure
-            )
-        chosen = self._drawn_axes(x, y)
-        outcome = [outcome_of(line) for line in self.lines]
-        words = {"title": f"{self.plan.name}: {meanings[name]}", "label": meanings[name]}
-        first = self._places(chosen[0])
-        if len(chosen) == 2:
-            note = self._note(chosen)
-            return heat_map(
-                first, self._places(chosen[1]), numbers, outcome, note=note, ax=ax, **words
-            )
-        drawn = self.plan.axes[self.axes.index(chosen[0])].draw is not None and first.names is None
-        series, used = self._series(chosen[0])
-        note = "" if drawn else self._note([chosen[0], *used])
-        return lines(first, numbers, outcome, series, note=note, drawn=drawn, ax=ax, **words)
+        if name not in numeric:
+            cure = f"One of {', '.join(numeric)}."
+            raise SpecError(f"{shown(name)} is no numeric column.", key="value", cure=cure)
+        return numeric[name]
 
     def _drawn_axes(self, x: str | None, y: str | None) -> list[str]:
         """One axis, or two for a heat map: those named, else the first two that are listed, else

@@ -244,10 +244,7 @@ class TradeOff(Headed):
         axes."""
         from dobc_design.plotting.sweeps import trade_off_plot
 
-        points = [(point.x, point.y) for point in self.points]
-        chosen = None if self.chosen is None else (self.chosen.x, self.chosen.y)
-        names = {"x_name": self.x_name, "y_name": self.y_name, "name": self.name}
-        return trade_off_plot(points, chosen=chosen, steps=self.curve == "pins", ax=ax, **names)
+        return trade_off_plot(self, steps=self.curve == "pins", ax=ax)
 
     def to_pandas(self) -> pd.DataFrame:
         """One row per point: x, y, pinned, proved, chosen.  Raises: SpecError if pandas is not

@@ -236,8 +236,8 @@ def record_one(task: Task) -> Recorded:
 def write_input(each: Input, folder: Path) -> None:
     if each.text:
         (folder / "problem.toml").write_text(each.text, encoding="utf-8")
-    for name, text in each.files.items():
-        (folder / name).write_text(text, encoding="utf-8")
+    for name, text_of in each.files.items():
+        (folder / name).write_text(text_of(), encoding="utf-8")
 
 
 @contextmanager

@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -21,15 +22,14 @@ TURNING = ("sin(y)", "y/(1 + y**2)", "y - y**3/9")
 WEIGHTS = (1, 1, 2, "1/2", "7/5", 3)
 SINE: Table = {"A": [[0, 2], [-2, 0]], "C": [[1, 0]]}
 SINE_GAIN = [["16/5"], ["12/5"]]
-LARGE = 2000  # agents, beyond which sparse methods and searches of their own are used
 
 
 @dataclass(frozen=True, kw_only=True)
 class Input:
     """A problem file (``text`` is empty for a built-in problem) and what is asked about it.
 
-    ``options``: of ``dobc certify``.  ``files``: name -> text of files beside it.  ``number``: its
-    place in its kind, by which a share of each kind is also designed, simulated or exported.
+    ``options``: of ``dobc certify``.  ``files``: name -> what writes a file beside it.  ``number``:
+    its place in its kind, by which a share of each kind is also designed, simulated or exported.
     ``long``: takes minutes, and is recorded last.
     """
 
@@ -38,7 +38,7 @@ class Input:
     number: int
     text: str = ""
     options: tuple[str, ...] = ()
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, Callable[[], str]] = field(default_factory=dict)
     long: bool = False
 
     @property
@@ -580,6 +580,8 @@ def dynamics_overdamped(r: Random, k: int) -> Table:
     """Drag in place of speeds in the coupling: coordinates in which the largest weighted error
     falls."""
     n, drag = r.randint(2, 5), r.choice((4, 6, 9))
+    if k % 4 == 1:
+        n = 2  # a region is decided by semidefinite programs
     found = problem(tree(r, n, extra=0), ("y1", "tanh(y1)", "sin(y1)")[k % 3], {"1": [[1, 0]]}, n=n)
     found["dynamics"] = {"A": [[0, 1], [0, -drag]], "B": [[0], [1]]}
     if k % 4 == 1:
@@ -613,10 +615,9 @@ def dynamics_f(r: Random, k: int) -> Table:
 
 def dynamics_regions(r: Random, k: int) -> Table:
     """Boxes for linear agents with curved couplings."""
-    found = dynamics_inputs(r, 0)
+    found = problem([[2, 1]], "", {}, n=2, dynamics=DOUBLE)
     found["coupling"] = {"h": ("tanh(y1 + 2*y2)", "sin(y1) + 2*y2", "y1 + 2*y2")[k % 3]}
-    found["pinning"] = {"gains": {"1": [[2, 3]]}}
-    found["target"] = [0, 0]
+    found["pinning"] = {"gains": {"1": [[2, r.randint(2, 4)]]}}
     return found | {"region": {"initial_states": [["-1/2", "1/2"], ["-1/4", "1/4"]]}}
 
 
@@ -702,11 +703,90 @@ def leader_f(r: Random, k: int) -> Table:
     return found | {"leader": {"initial": [["-1/4", "1/4"], ["-1/4", "1/4"]]}}
 
 
+# ---- Kinds: what is refuted on purpose -----------------------------------------------------------
+
+
+def lost(r: Random, k: int) -> Table:
+    """A problem of each kind in which nobody is pinned."""
+    makers = (
+        disturbed,
+        several_modes,
+        spatial,
+        exceptions,
+        formations,
+        regions,
+        planar_regions,
+        sequences,
+        mobile,
+        optional_arcs,
+        groups,
+        groups_none,
+        tolerances,
+        accuracies,
+        actuators,
+    )
+    return makers[k](r, 0) | {"pinning": {"gains": {}}}
+
+
+def lost_optional(r: Random, k: int) -> Table:
+    """An agent that only an optional arc reaches, in one mode or by turns."""
+    found = problem({"G": {"arcs": [[2, 1]], "optional": [[3, 2]]}}, "tanh(y)", {"1": 2}, n=3)
+    if k:
+        found["network"]["modes"]["H"] = [[2, 1], [1, 2]]
+        found["switching"] = {"guarantee": "sequence", "sequence": ["G", "H"], "dwell": 1}
+    return found
+
+
+def not_kept(r: Random, k: int) -> Table:
+    """Tables that state more than the loop withstands, for a reason in closed form."""
+    box_of_one: Table = {"initial_states": [-1, 1]}
+    if k == 0:  # the disturbance alone needs more
+        found = held(r, couplings=("y",), exosystem=SINE, observer={"W": SINE_GAIN})
+        found["region"] = box_of_one | {"initial_disturbance": "1/10"}
+        return found | {"actuators": {"limit": "1/2", "amplitude": 1}}
+    if k == 1:  # agent 1 needs k R at its start
+        found = problem([[2, 1]], "tanh(y)", {"1": 3}, n=2, region=box_of_one)
+        return found | {"actuators": {"limit": {"1": 2}}}
+    if k == 2:  # e_1 - e_2 grows where 2 w (1 + error) > k (1 - error)
+        found = problem([[1, 2, "1/2"], [2, 1, "1/2"]], "-y", 2, n=2)
+        return found | {"uncertainty": {"weights": "9/10", "gains": "1/10"}}
+    if k == 3:  # a gain [[1, c], [c, 1]] is indefinite where 1 - error < c (1 + error)
+        found = problem([], "y", {"1": [[1, "1/2"], ["1/2", 1]]}, n=1, target=[0, 0])
+        return found | {"uncertainty": {"gains": "1/2"}}
+    # the coupling gives less than what acts
+    found = problem([[2, 1, 1]], "tanh(y)", {"1": 20}, n=2, region=box_of_one)
+    if k == 4:
+        return found | {"uncertainty": {"disturbance": "6/5"}}
+    return found | {"uncertainty": {"disturbance": "3/4", "weights": "2/5"}}
+
+
+def dynamics_unstable(r: Random, k: int) -> Table:
+    """Gains of the wrong sign, agents that grow faster than their gains hold."""
+    if k % 4 == 0:
+        return problem(tree(r, 3), "y", {"1": 2}, n=3, dynamics={"A": [[3]]})
+    if k % 4 == 1:
+        return problem(tree(r, 3), "y1 + 2*y2", {"1": [[-1, 1]]}, n=3, dynamics=DOUBLE)
+    drag: Table = {"A": [[0, 1], [0, -6]], "B": [[0], [1]]}
+    found = problem(tree(r, 3), "y1", {"1": [[-1, 0]]}, n=3, dynamics=drag)
+    if k % 4 == 2:
+        found["uncertainty"] = {"disturbance": "1/20"}
+    if k % 4 == 3:
+        found["dynamics"] = {"f": ["x2", "sin(x1) - x2"], "B": [[0], [1]]}
+    if k > 3:
+        found["exosystem"] = SINE | {"groups": [{"agents": [2], "none": True}]}
+    return found
+
+
+def leader_unstable(r: Random, k: int) -> Table:
+    """Followers that leave a growing leader, and some that nobody tells where it is."""
+    if k:
+        found = problem([[2, 1]], "y", {"1": 4}, n=3, dynamics={"A": [["1/2"]]})
+    else:
+        found = problem(tree(r, 3), "y", {"1": 2}, n=3, dynamics={"A": [[3]]})
+    return found | {"leader": {"initial": [[-1, 1]]}}
+
+
 # ---- Kinds: large networks -----------------------------------------------------------------------
-
-
-def csv(arcs: list[Any]) -> str:
-    return "".join(",".join(map(str, arc)) + "\n" for arc in arcs)
 
 
 def ring(n: int) -> list[Any]:
@@ -731,10 +811,19 @@ def geometric(r: Random, n: int) -> list[Any]:
     return found
 
 
-def large(r: Random, k: int) -> tuple[Table, str]:
-    """Rings and geometric graphs of 2,100 to 5,000 agents, and the text of their arcs."""
-    n = (2500, 3000, 2200, 5000, 2100, 2400, 2300, 2600)[k]
-    arcs = geometric(r, n) if k % 2 else ring(n)
+LARGE_SIZES = (2500, 3000, 2200, 5000, 2100, 2400, 2300, 2600)
+
+
+def large_arcs(k: int) -> str:
+    """The text of the arcs of a ring or a geometric graph."""
+    n = LARGE_SIZES[k]
+    arcs = geometric(Random(f"golden large {k}"), n) if k % 2 else ring(n)
+    return "".join(",".join(map(str, arc)) + "\n" for arc in arcs)
+
+
+def large(k: int) -> Table:
+    """Rings and geometric graphs, all of more than the 2,000 agents where sparse methods begin."""
+    n = LARGE_SIZES[k]
     pins = {str(i): 2 for i in range(1, n + 1, 10)}
     h = ("tanh(y)", "exp(y) - 1 + y", "y", "tanh(y)", "y1", "y", "tanh(y)", "y")[k]
     found = problem({"G": {"file": "arcs.csv"}}, h, pins, n=n)
@@ -753,7 +842,7 @@ def large(r: Random, k: int) -> tuple[Table, str]:
         found["uncertainty"] = {"weights": "1/100", "gains": "1/100"}
     if k == 7:
         found["uncertainty"] = {"disturbance": "1/50"}
-    return found, csv(arcs)
+    return found
 
 
 # ---- Malformed files -----------------------------------------------------------------------------
@@ -806,7 +895,7 @@ MISTAKES = {
         'guarantee = "markov"\ngenerator = [[-1, 0.9], [1, -1]]',
     ),
     "several-at-once": ("agents = 4", 'agents = 4\nweights = 3\nlabels = ["a"]'),
-    "dynamics-and-target": ("[region]", "[dynamics]\nA = [[1]]\n[region]"),
+    "dynamics-without-A": ("[region]", "[dynamics]\nB = [[1]]\n[region]"),
     "uncertainty-too-large": ("[region]", "[uncertainty]\nweights = 1.5\n[region]"),
     "actuators-of-nobody": ("[region]", "[actuators]\nlimit = { 7 = 3 }\n[region]"),
     "arcs-file-missing": ("H = [[1, 2], [2, 1], [3, 2], [4, 3]]", 'H = { file = "no.csv" }'),
@@ -861,6 +950,11 @@ KINDS: dict[str, tuple[int, Maker]] = {
     "dynamics-groups": (2, dynamics_groups),
     "leader-A": (8, leader_linear),
     "leader-f": (6, leader_f),
+    "lost": (15, lost),
+    "lost-optional": (2, lost_optional),
+    "not-kept": (6, not_kept),
+    "dynamics-unstable": (8, dynamics_unstable),
+    "leader-unstable": (2, leader_unstable),
 }
 #: Kind -> whose problems, and what ``certify`` is asked beside them.
 ASKED: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -871,10 +965,10 @@ ASKED: dict[str, tuple[str, tuple[str, ...]]] = {
     "option-search": ("second-equilibrium", ("--search",)),
     "option-theorem": ("disturbed", ("--theorem", "theorem1")),
     "option-fix": ("unreached", ("--apply-fix", "cured.toml")),
+    "option-search-stated": ("not-kept", ("--search",)),
 }
 #: The first of each, so many.
 ASKED_COUNT = 3
-NUMBER_OF_LARGE = 8
 BUILTIN = (
     "paper-fixed",
     "paper-switching",
@@ -917,7 +1011,7 @@ def _random() -> Iterator[Input]:
 
 def _asked() -> Iterator[Input]:
     for kind, (whose, options) in ASKED.items():
-        for number in range(ASKED_COUNT):
+        for number in range(KINDS[whose][0] if whose == "not-kept" else ASKED_COUNT):
             text = text_of(whose, number)
             yield Input(
                 name=f"{kind}-{number:02}", kind=kind, number=number, text=text, options=options
@@ -925,11 +1019,11 @@ def _asked() -> Iterator[Input]:
 
 
 def _large() -> Iterator[Input]:
-    for number in range(NUMBER_OF_LARGE):
-        made, arcs = large(Random(f"golden large {number}"), number)
+    for number in range(len(LARGE_SIZES)):
         name = f"large-{number:02}"
-        text = toml_text({"name": name, **made})
-        yield Input(name=name, kind="large", number=number, text=text, files={"arcs.csv": arcs})
+        text = toml_text({"name": name, **large(number)})
+        arcs = {"arcs.csv": partial(large_arcs, number)}
+        yield Input(name=name, kind="large", number=number, text=text, files=arcs)
 
 
 def _malformed() -> Iterator[Input]:

@@ -23,6 +23,7 @@ Facts = tuple[tuple[str, str], ...]
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
 MOST_ROWS = 150
 MOST_ENTRIES = 24  # of a vector
+MOST_LINES = 20  # of a cure
 POINTER = "named above."  # where the cure of a check is part of the main one
 _ORDER = (Verdict.REFUTED, Verdict.UNDECIDED, Verdict.PROVED)
 _FIXED: Final = words.TEXTS["fixed"]
@@ -31,6 +32,10 @@ _EXACT = {
     "value": "v′Λv",
     "routh": "first column of Routh’s table",
 }
+_READING: Final = """\
+“Proved” and “refuted” rest on exact arithmetic alone.
+Margins and rates are in 1/s and rounded towards zero, factors up: they hold as printed.
+Rate and factor: |e(t)| ≤ factor · |e(0)| · exp(−rate t) + what the estimation error adds."""
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them
 #: is not repeated.
 SWITCHES: Final = ("--all", "--search")
@@ -46,40 +51,46 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
     check = main_cure(checks)
     if check is None or check.fix is None:
         return
-    head = "What would cure it" if check.kind.role == "paper" else f"What would cure {check.id}"
     if check.verdict is not Verdict.REFUTED:
         head = f"What would help {check.id}"
+    elif check.kind.role == "paper":
+        head = "What would cure it"
+    else:
+        head = f"What would cure {check.id}"
+    blocks: list[doc.Block] = [doc.Text(words.shortened(check.fix.text))]
     lines = _fix_lines(check.fix)
-    blocks = (
-        doc.Text(words.shortened(check.fix.text)),
-        *((doc.Text("In the problem file:"), doc.Code(lines)) if lines else ()),
-        doc.Text(_FIXED["cured"]),
-        doc.Code((CURE_COMMAND,), command=True),
-    )
+    if lines:
+        blocks += [doc.Text("In the problem file:"), doc.Code(lines)]
+    blocks += [doc.Text(_FIXED["cured"]), doc.command(CURE_COMMAND)]
     yield doc.Section(head, blocks, "cure", "Cure")
 
 
 def checks_section(checks: Sequence[Check], *, proved: bool = False) -> doc.Section:
     """Every check with its verdict, numbers and reason.  ``proved``: the overall verdict is,
     whatever else failed."""
-    rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
-    cut = (
-        "Margins and rates are in 1/s and rounded towards zero, factors up: they hold as printed.\n"
-    )
-    cut += (
-        "Rate and factor: |e(t)| ≤ factor · |e(0)| · exp(−rate t) + what the estimation error adds."
-    )
-    blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)), *_checks_table(checks))
     counts = words.verdict_counts(checks) or "none"
     failed = sum(check.verdict is not Verdict.PROVED for check in checks)
+    # Beside a proof a failed check is no failure: it was tried and is not needed.
     if proved and failed:
         counts = f"{len(checks) - failed} proved, {failed} not needed"
+    told = doc.Only(doc.READ, (doc.Text(doc.Own(_READING)),))
+    blocks = (told, *_checks_table(checks))
     return doc.Section(f"Checks: {counts}", blocks, "checks", "Checks")
 
 
 def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
+
+    def reason(check: Check) -> doc.Reason:
+        return _reason(check, own_cure=id(check) in own_cures)
+
+    def margin(check: Check) -> str:
+        return significant_towards_zero(check.margin)
+
+    def rate(check: Check) -> str:
+        return significant_towards_zero(check.rate)
+
     ordered = sorted(range(len(checks)), key=lambda i: (_ORDER.index(checks[i].verdict), i))
     yield doc.table_of(
         "Checks with verdict, domain, margin, rate, factor and reason",
@@ -88,28 +99,10 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
         doc.Column("condition", _name, 1.5),
         doc.Column("id", lambda check: check.id, only=("markdown",)),
         doc.Column("where", lambda check: words.domain_words(check.domain), 1.1),
-        doc.Column(
-            "margin",
-            lambda check: significant_towards_zero(check.margin),
-            0.8,
-            unit="1/s",
-            style="number",
-        ),
-        doc.Column(
-            "rate",
-            lambda check: significant_towards_zero(check.rate),
-            0.8,
-            unit="1/s",
-            style="number",
-        ),
+        doc.Column("margin", margin, 0.8, unit="1/s", style="number"),
+        doc.Column("rate", rate, 0.8, unit="1/s", style="number"),
         doc.Column("factor", lambda check: words.factor_words(check.factor), 0.8, style="number"),
-        doc.Column(
-            "reason",
-            lambda check: _reason(check, id(check) in own_cures),
-            3,
-            style="why",
-            only=doc.READ,
-        ),
+        doc.Column("reason", reason, 3, style="why", only=doc.READ),
         doc.Column("reason", _brief_reason, 3, only=("latex",)),
         cards=True,
     )
@@ -124,41 +117,48 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
 
 
 def _name(check: Check) -> doc.Name:
-    mode = () if check.mode is None else (f"mode {check.mode}",)
-    group = () if check.group is None else (f"group of agent {check.group}",)
-    return doc.Name((check.kind.name, *mode, *group), id=check.id)
+    parts = [check.kind.name]
+    if check.mode is not None:
+        parts.append(f"mode {check.mode}")
+    if check.group is not None:
+        parts.append(f"group of agent {check.group}")
+    return doc.Name(tuple(parts), id=check.id)
 
 
-def _reason(check: Check, own_cure: bool) -> doc.Reason:
+def _reason(check: Check, *, own_cure: bool) -> doc.Reason:
     """Everything that is said about a check; a cure that stands above the table or in another row
     is pointed to."""
-    details = [*_exact(check)] + (
-        [] if check.witness is None else [_witness(check.witness, check.id)]
-    )
+    text = words.sentence(words.shortened(check.reason))
+    details = list(_exact(check))
+    if check.witness is not None:
+        details.append(_witness(check.witness, check.id))
     fix = check.fix
-    return doc.Reason(
-        text=words.sentence(words.shortened(check.reason)),
-        details=details,
-        cure=None if fix is None else words.shortened(fix.text) if own_cure else POINTER,
-        lines=_fix_lines(fix) if fix is not None and own_cure else (),
-    )
+    if fix is None:
+        return doc.Reason(text=text, details=details)
+    if not own_cure:
+        return doc.Reason(text=text, details=details, cure=POINTER)
+    cure = words.shortened(fix.text)
+    return doc.Reason(text=text, details=details, cure=cure, lines=_fix_lines(fix))
 
 
 def _brief_reason(check: Check) -> str:
-    reason = words.capitalize_first(words.shortened(check.reason))
-    return " ".join([reason, *(f"{key}: {value}." for key, value in _exact(check))])
+    parts = [words.capitalize_first(words.shortened(check.reason))]
+    for name, value in _exact(check):
+        parts.append(f"{name}: {value}.")
+    return " ".join(parts)
 
 
 def _exact(check: Check) -> Iterator[tuple[str, str]]:
+    """Exact values by what they are called; others stand in the reason, or among the matrices."""
     for key, value in (check.exact or {}).items():
-        if key in _EXACT:  # the other values stand in the reason, or among the matrices
-            yield (
-                _EXACT[key],
-                _entries(value) if isinstance(value, (list, tuple)) else _number(str(value)),
-            )
+        if key not in _EXACT:
+            continue
+        listed = isinstance(value, (list, tuple))
+        yield _EXACT[key], _entries(value) if listed else _number(str(value))
 
 
 def _witness(witness: Witness, id: str) -> tuple[str, str]:
+    """What a witness is, and its values."""
     who = f" (agents {words.names_in_words(witness.labels)})" if witness.labels else ""
     values = _entries(witness.values) if witness.values else ""
     match witness.kind:
@@ -169,9 +169,8 @@ def _witness(witness: Witness, id: str) -> tuple[str, str]:
         case "agents":
             return "Agents that no pin reaches", words.names_in_words(witness.labels or (), 30)
         case "polynomial":
-            return "The factor that does not decay", words.shortened(
-                ", ".join(witness.values or ())
-            )
+            factor = ", ".join(witness.values or ())
+            return "The factor that does not decay", words.shortened(factor)
         case "routh_row":
             return "First column of Routh’s table", values
         case kind:
@@ -179,18 +178,20 @@ def _witness(witness: Witness, id: str) -> tuple[str, str]:
 
 
 def _fix_lines(fix: Fix) -> tuple[str, ...]:
-    return tuple(words.shortened(" ".join(line.split())) for line in change_lines(fix.set)[:20])
+    """The lines of the problem file that a cure sets, each on one line."""
+    lines = change_lines(fix.set)[:MOST_LINES]
+    return tuple(words.shortened(" ".join(line.split())) for line in lines)
 
 
 def _entries(values: Sequence[Any]) -> str:
+    """A number, or a vector of which the first entries are shown."""
     shown = [_number(str(value)) for value in values[:MOST_ENTRIES]]
     if len(values) == 1:
         return shown[0]
-    return (
-        f"({', '.join(shown)})"
-        if len(values) <= MOST_ENTRIES
-        else f"({', '.join(shown)}, …), {len(values)} entries"
-    )
+    text = ", ".join(shown)
+    if len(values) <= MOST_ENTRIES:
+        return f"({text})"
+    return f"({text}, …), {len(values)} entries"
 
 
 def _number(text: str) -> str:
@@ -202,9 +203,10 @@ def _number(text: str) -> str:
 
 def trace_section(checks: Sequence[Check]) -> doc.Section:
     """One row per condition of the certificate, in its order."""
+    ids = dict.fromkeys(check.id for check in checks)
     table = doc.table_of(
         "Every condition, its source, and where it is decided",
-        [KINDS[id] for id in dict.fromkeys(check.id for check in checks)],
+        [KINDS[id] for id in ids],
         doc.Column("check", lambda kind: f"{kind.name} ({kind.id})", 1.2, only=doc.TEXTS),
         doc.Column("check", lambda kind: doc.Name((kind.name,), id=kind.id), 1.2, only=doc.PAGES),
         doc.Column("condition in words", lambda kind: words.sentence(kind.meaning), 1.9),
@@ -212,39 +214,34 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
         doc.Column("decided in", lambda kind: ", ".join(kind.decided_in), 1.4, style="code"),
         doc.Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
     )
-    return doc.Section(
-        "Traceability",
-        (doc.Only(doc.READ, (doc.Text(doc.Own(_FIXED["traced"])),)), table),
-        "traceability",
-    )
+    told = doc.Only(doc.READ, (doc.Text(doc.Own(_FIXED["traced"])),))
+    return doc.Section("Traceability", (told, table), "traceability")
 
 
 def recheck_section(certificate: Certificate, prints: Facts, kernel: str = "") -> doc.Section:
     """The commands that decide the certificate again and make it again, and what it was made
     from."""
     claims = certificate.claims
+    blocks: list[doc.Block] = [
+        doc.Text(_FIXED["both_files"]),
+        doc.command(VERIFY),
+        doc.Text(_FIXED["trusts"]),
+        doc.command(ALONE),
+    ]
+    if kernel:
+        blocks += [doc.Text(f"{kernel} {_FIXED['kernel']}"), doc.command("coqc proof.v")]
     versions = (
         ("program", f"dobc_design {claims.version}"),
         ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
         ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
     )
-    proof = (
-        (doc.Text(f"{kernel} {_FIXED['kernel']}"), doc.Code(("coqc proof.v",), command=True))
-        if kernel
-        else ()
-    )
-    blocks = (
-        doc.Text(_FIXED["both_files"]),
-        doc.Code((VERIFY,), command=True),
-        doc.Text(_FIXED["trusts"]),
-        doc.Code((ALONE,), command=True),
-        *proof,
+    blocks += [
         doc.Text("To make the certificate again, byte for byte with the same version:"),
-        doc.Code((certify_command(certificate),), command=True),
+        doc.command(certify_command(certificate)),
         doc.Text(doc.Own(_FIXED["made_with"])),
         doc.Text("Compare the problem with the one you meant. The fingerprints and versions are"),
         doc.Facts((("problem", claims.problem_name), *prints, *versions)),
-    )
+    ]
     return doc.Section("Check it yourself", blocks, "recheck")
 
 
@@ -261,24 +258,30 @@ def certify_command(certificate: Certificate) -> str:
     """The command that decides the same conditions: options that are known here, and the settling
     time proved."""
     options = certificate.claims.options
-    asked = [option.removeprefix(SETTLING) for option in options if option.startswith(SETTLING)]
-    proved = [
-        str((check.exact or {}).get("tolerance"))
-        for check in certificate.checks
-        if check.id == "settling" and check.verdict is Verdict.PROVED and "--all" not in options
-    ]
-    tolerances = [number for number in map(words.rational, (*asked, *proved)) if number is not None]
-    known: list[str] = [option for option in SWITCHES if option in options]
-    known += [
-        x
-        for x in options
-        if x.startswith(TIMED) and words.rational(x.removeprefix(TIMED)) is not None
-    ][:1]
-    return " ".join(
-        [
-            "dobc certify problem.json",
-            *known,
-            *(f"{SETTLING}{x}" for x in tolerances[:1]),
-            "--out again",
-        ]
-    )
+    command = ["dobc certify problem.json"]
+    command += [option for option in SWITCHES if option in options]
+    # A certificate comes from a file: of its texts only numbers become part of a command.
+    limits = [option for option in options if _is_number_after(TIMED, option)]
+    command += limits[:1]
+    tolerances = [words.rational(text) for text in _tolerances(certificate)]
+    known = [number for number in tolerances if number is not None]
+    if known:
+        command.append(f"{SETTLING}{known[0]}")
+    return " ".join([*command, "--out again"])
+
+
+def _is_number_after(name: str, option: str) -> bool:
+    return option.startswith(name) and words.rational(option.removeprefix(name)) is not None
+
+
+def _tolerances(certificate: Certificate) -> Iterator[str]:
+    """Tolerances of settling times that were asked for, then those that were proved unasked."""
+    options = certificate.claims.options
+    for option in options:
+        if option.startswith(SETTLING):
+            yield option.removeprefix(SETTLING)
+    if "--all" in options:
+        return
+    for check in certificate.checks:
+        if check.id == "settling" and check.verdict is Verdict.PROVED:
+            yield str((check.exact or {}).get("tolerance"))

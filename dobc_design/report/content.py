@@ -56,9 +56,9 @@ def _summary(found: Findings) -> Iterator[doc.Block]:
 
 
 def _meaning(found: Findings) -> Iterator[doc.Block]:
-    yes, no = words.what_it_means(found.certificate)
-    says = doc.Section("It says", (doc.List(yes),))
-    says_not = doc.Section("It does not say", (doc.List(no),))
+    meaning = words.what_it_means(found.certificate)
+    says = doc.Section("It says", (doc.List(meaning.says),))
+    says_not = doc.Section("It does not say", (doc.List(meaning.says_not),))
     both = doc.Beside(((says,), (says_not,)))
     yield doc.Section("What this says, and what it does not", (both,), "meaning")
 
@@ -95,7 +95,7 @@ def _next_step(found: Findings) -> Iterator[doc.Block]:
         command = _DESIGN
     else:
         return
-    yield doc.Section(title, (doc.Text(told), doc.Code((command,), command=True)), "next")
+    yield doc.Section(title, (doc.Text(told), doc.command(command)), "next")
 
 
 def _review(certificate: Certificate) -> doc.Section:
@@ -106,7 +106,7 @@ def _review(certificate: Certificate) -> doc.Section:
     )
     blocks = (
         doc.Text(told),
-        doc.Code((checks.VERIFY,), command=True),
+        doc.command(checks.VERIFY),
         doc.Text(words.deployment_words(certificate)),
     )
     return doc.Section("What to do next", blocks, "next")

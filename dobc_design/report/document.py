@@ -304,6 +304,11 @@ def in_markdown(*blocks: Block) -> Only:
     return Only(("markdown",), blocks)
 
 
+def command(*lines: str) -> Code:
+    """A command to be typed, or one for each of several."""
+    return Code(lines, command=True)
+
+
 def table_of(caption: str, rows: Iterable[Any], *columns: Column, cards: bool = False) -> Table:
     """A table from its rows, each column with what it shows of a row."""
     cells = tuple(tuple(column.shown(row) for column in columns) for row in rows)

@@ -3,9 +3,8 @@ tolerance."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
-from typing import Any
 
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
@@ -25,140 +24,150 @@ _ABSOLUTE = (
     ("drift", "drift |ξᵢ′ − Aξᵢ|"),
     ("measurement", "error of every measured state"),
 )
+_LARGEST = (("actuators", "inputs", "largest |u|"), ("accuracy", "bounds", "largest final |e|"))
+
+Values = Mapping[str, Fraction]  # by the name of an agent, or of one of its components
 
 
 def plant_section(certificate: Certificate) -> Iterator[doc.Section]:
     """What is proved under [uncertainty] and [actuators]; nothing where the problem has neither."""
     problem = certificate.problem
-    assumed = list(_assumed(problem))
-    told = [
-        _told(problem, check) for id in _NAMES for check in certificate.checks if check.id == id
-    ]
-    if (problem.uncertainty is None and problem.actuators is None) or not (assumed or told):
+    if problem.uncertainty is None and problem.actuators is None:
         return
-    given = doc.table_of(
-        "Assumed about the plant",
-        assumed,
-        doc.Column("assumed by component", lambda row: row[0]),
-        doc.Column("at most", lambda row: row[1], style="number"),
-    )
-    nothing = doc.Text(
-        "Nothing is proved about this, because the conditions that it would rest on fail."
-    )
-    blocks = (
-        *([given] if assumed else []),
-        doc.Beside([(each,) for each in told]) if told else nothing,
-    )
+    assumed = list(_assumed(problem))
+    told: list[tuple[doc.Block, ...]] = []
+    for id in _NAMES:
+        told += [(_told(problem, check),) for check in certificate.checks if check.id == id]
+    if not (assumed or told):
+        return
+    blocks: list[doc.Block] = []
+    if assumed:
+        given = doc.table_of(
+            "Assumed about the plant",
+            assumed,
+            doc.Column("assumed by component", lambda row: row[0]),
+            doc.Column("at most", lambda row: row[1], style="number"),
+        )
+        blocks.append(given)
+    if told:
+        blocks.append(doc.Beside(told))
+    else:
+        nothing = "Nothing is proved about this, because the conditions that it would rest on fail."
+        blocks.append(doc.Text(nothing))
     yield doc.Section("Model error, noise and input limits", blocks, "plant", "Plant")
 
 
 def plant_numbers(certificate: Certificate) -> list[str]:
     """In a few words each: the largest input, the largest final bound, the tolerance, as far as
     proved."""
-    proved = {
-        check.id: check
-        for check in certificate.checks
-        if check.verdict is Verdict.PROVED and check.exact
-    }
+    proved: dict[str, Check] = {}
+    for check in certificate.checks:
+        if check.verdict is Verdict.PROVED and check.exact:
+            proved[check.id] = check
     told = []
-    for id, key, what in (
-        ("actuators", "inputs", "largest |u|"),
-        ("accuracy", "bounds", "largest final |e|"),
-    ):
-        if id in proved and (values := _numbers(proved[id], key)):
+    for id, key, what in _LARGEST:
+        values = _numbers(proved[id], key) if id in proved else {}
+        if values:
             label = max(values, key=values.__getitem__)
             told.append(f"{what} ≤ {significant_away_from_zero(values[label])} (agent {label})")
     if "tolerance" in proved:
         exact = proved["tolerance"].exact or {}
-        weights, gains = (
-            significant_towards_zero(100 * read_rational(exact[key]))
-            for key in ("weights", "gains")
-        )
+        weights, gains = (_percent_below(exact[key]) for key in ("weights", "gains"))
         told.append(f"weights may be off by {weights} %, gains by {gains} %")
     return told
+
+
+def _percent_below(part: object) -> str:
+    return significant_towards_zero(100 * read_rational(part))
 
 
 def _assumed(problem: Problem) -> Iterator[tuple[str, str]]:
     """Names and bounds of what the two tables of the problem give."""
     table, actuators = problem.uncertainty, problem.actuators
     if table is not None:
-        yield from (
-            (name, words.decimal(x)) for key, name in _ABSOLUTE if (x := getattr(table, key))
-        )
-        yield from (
-            (name, f"{words.decimal(100 * x)} %")
-            for key, name in _RELATIVE
-            if (x := getattr(table, key))
-        )
+        for key, name in _ABSOLUTE:
+            bound = getattr(table, key)
+            if bound:
+                yield name, words.decimal(bound)
+        for key, name in _RELATIVE:
+            part = getattr(table, key)
+            if part:
+                yield name, f"{words.decimal(100 * part)} %"
         if not table.known_to_agents:
             yield "weights in the observers", "as uncertain"
-    if actuators is not None:
-        if actuators.amplitude is not None:
-            yield "disturbance |dᵢ|", words.decimal(actuators.amplitude)
-        if isinstance(actuators.limit, Mapping) and actuators.limit:
-            ends = (words.decimal(end(actuators.limit.values())) for end in (min, max))
-            yield (
-                f"inputs |uᵢ| of {counted(len(actuators.limit), 'agent')}",
-                " to ".join(dict.fromkeys(ends)),
-            )
-        elif isinstance(actuators.limit, Fraction):
-            yield "inputs |uᵢ|", words.decimal(actuators.limit)
+    if actuators is None:
+        return
+    if actuators.amplitude is not None:
+        yield "disturbance |dᵢ|", words.decimal(actuators.amplitude)
+    limit = actuators.limit
+    if isinstance(limit, Fraction):
+        yield "inputs |uᵢ|", words.decimal(limit)
+    elif isinstance(limit, Mapping) and limit:
+        least, most = words.decimal(min(limit.values())), words.decimal(max(limit.values()))
+        shown = least if least == most else f"{least} to {most}"
+        yield f"inputs |uᵢ| of {counted(len(limit), 'agent')}", shown
 
 
 def _told(problem: Problem, check: Check) -> doc.Section:
     """What one of the checks says, where it is proved with its numbers."""
-    text, table, proved = check.reason, tuple[doc.Block, ...](), check.verdict is Verdict.PROVED
-    if proved and check.id == "accuracy":
-        text = words.TEXTS["fixed"]["accuracy"]
-        table = _worst(_numbers(check, "bounds"), "final |eᵢ| ≤", {})
-    elif proved and check.id == "actuators":
-        inputs = _numbers(check, "inputs")
-        limits = (
-            {label: problem.actuators.limit_of(label) for label in inputs}
-            if problem.actuators
-            else {}
-        )
-        text = "No component of an input is ever larger than this"
-        text += ", so no actuator with a limit saturates." if any(limits.values()) else "."
-        table = _worst(inputs, "|uᵢ| ≤", limits)
-    where = f"{'' if check.domain == 'consensus' else ' for'} {words.domain_words(check.domain)}"
-    head = f"{check.verdict.value.capitalize()}{where if proved else ''}"
-    return doc.Section(_NAMES[check.id], (doc.Text(f"{head}. {words.sentence(text)}"), *table))
+    text, table = check.reason, list[doc.Block]()
+    where = ""
+    if check.verdict is Verdict.PROVED:
+        where = f" {words.domain_words(check.domain)}"
+        if check.domain != "consensus":
+            where = f" for{where}"
+        if check.id == "accuracy":
+            text = words.TEXTS["fixed"]["accuracy"]
+            table = _worst(_numbers(check, "bounds"), "final |eᵢ| ≤", {})
+        elif check.id == "actuators":
+            inputs = _numbers(check, "inputs")
+            limits = _limits(problem, inputs)
+            text = "No component of an input is ever larger than this"
+            text += ", so no actuator with a limit saturates." if limits else "."
+            table = _worst(inputs, "|uᵢ| ≤", limits)
+    told = doc.Text(f"{check.verdict.value.capitalize()}{where}. {words.sentence(text)}")
+    return doc.Section(_NAMES[check.id], (told, *table))
+
+
+def _limits(problem: Problem, labels: Iterable[str]) -> dict[str, Fraction]:
+    """The limits of those agents whose actuators have one."""
+    limits: dict[str, Fraction] = {}
+    if problem.actuators is not None:
+        for label in labels:
+            limit = problem.actuators.limit_of(label)
+            if limit is not None:
+                limits[label] = limit
+    return limits
 
 
 def _numbers(check: Check, key: str) -> dict[str, Fraction]:
     """One number for each agent, or for each component of each."""
-    found = dict[str, Any]()
+    found: dict[str, Fraction] = {}
     for label, given in (check.exact or {})[key].items():
-        listed = (
-            {f"{label}, component {c}": x for c, x in enumerate(given, 1)}
-            if isinstance(given, list)
-            else {}
-        )
-        found |= listed or {label: given}
-    return {name: read_rational(x) for name, x in found.items()}
+        # An agent with no components keeps its own name, as one that has a number does.
+        if isinstance(given, list) and given:
+            for component, value in enumerate(given, 1):
+                found[f"{label}, component {component}"] = read_rational(value)
+        else:
+            found[label] = read_rational(given)
+    return found
 
 
-def _worst(
-    values: Mapping[str, Fraction], head: str, limits: Mapping[str, Fraction | None]
-) -> tuple[doc.Block, ...]:
+def _worst(values: Values, head: str, limits: Values) -> list[doc.Block]:
     """The agents with the largest values, rounded up, closest to their limits first; equal ones
     share a row."""
-    worst = sorted(
-        values,
-        key=lambda x: (limits.get(x) is not None, values[x] / (limits.get(x) or 1)),
-        reverse=True,
-    )
-    rows: dict[tuple[str, str], list[str]] = {}
-    for label in worst:
+
+    def closeness(label: str) -> tuple[bool, Fraction]:
         limit = limits.get(label)
-        shown = (
-            typeset(significant_away_from_zero(values[label])),
-            "–" if limit is None else words.decimal(limit),
-        )
-        rows.setdefault(shown, []).append(label)
+        return limit is not None, values[label] / (limit or 1)
+
+    rows: dict[tuple[str, str], list[str]] = {}
+    for label in sorted(values, key=closeness, reverse=True):
+        value = typeset(significant_away_from_zero(values[label]))
+        limit = limits.get(label)
+        shown = "–" if limit is None else words.decimal(limit)
+        rows.setdefault((value, shown), []).append(label)
     first = list(rows.items())[:MOST_ROWS]
-    more = len(values) - sum(len(labels) for _, labels in first)
     table = doc.table_of(
         head,
         first,
@@ -168,8 +177,11 @@ def _worst(
             "limit",
             lambda row: row[0][1],
             style="number",
-            only=doc.EVERY if any(limits.values()) else (),
+            only=doc.EVERY if limits else (),
         ),
     )
-    rest = doc.Text(f"And {more} more, with less; certificate.json has them all.", "caption")
-    return (table, rest) if more else (table,)
+    more = len(values) - sum(len(labels) for _, labels in first)
+    if not more:
+        return [table]
+    rest = f"And {more} more, with less; certificate.json has them all."
+    return [table, doc.Text(rest, "caption")]

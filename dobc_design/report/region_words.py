@@ -17,8 +17,9 @@ from dobc_design._show.text import lower, upper
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.numbers import read_rational
-from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.decide import Settling, Stage
 from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.reading import counted
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
@@ -45,33 +46,40 @@ def region_section(
     region."""
     if not regions.tried:
         return
-    asked, rest = asked_sentence(regions), rest_sentence(regions)
     norms = TEXTS["fixed"]["norms"].format(size=problem.n * problem.m)
-    timing = timing_sentences(regions)
-    told = (
-        (doc.Section("Time, communication delay and sampling", (doc.List(timing),)),)
-        if timing
-        else ()
-    )
-    blocks = (
-        doc.Text(asked),
+    blocks: list[doc.Block] = [
+        doc.Text(asked_sentence(regions)),
         doc.on_pages(doc.Pictures(pictures)),
         regions_table(regions, disturbed=bool(problem.groups)),
         doc.Only(doc.READ, (doc.Text(norms, "caption"),)),
-        doc.in_markdown(*((doc.Text(agents_sentence(regions)),) if regions.agents else ())),
-        doc.Only(doc.READ, () if rest is None else (doc.Text(rest),)),
-        doc.Only(doc.READ, told),
-    )
+    ]
+    if regions.agents:
+        blocks.append(doc.in_markdown(doc.Text(agents_sentence(regions))))
+    rest = rest_sentence(regions)
+    if rest is not None:
+        blocks.append(doc.Only(doc.READ, (doc.Text(rest),)))
+    timing = timing_sentences(regions)
+    if timing:
+        told = doc.Section("Time, communication delay and sampling", (doc.List(timing),))
+        blocks.append(doc.Only(doc.READ, (told,)))
     yield doc.Section("From which starts it is proved", blocks, "region", "Region")
 
 
 def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
     """One row per method; Markdown has sizes in columns of their own."""
     markdown: tuple[doc.Form, ...] = ("markdown",)
-    settled = (
-        "settled after" if regions.tolerance is None else f"|e|∞ ≤ {lower(regions.tolerance)} after"
-    )
-    covered = {True: "yes", False: "no"} if regions.asked is not None else {}
+    settled = "settled after"
+    if regions.tolerance is not None:
+        settled = f"|e|∞ ≤ {lower(regions.tolerance)} after"
+
+    def time(claim: RegionClaim) -> str:
+        return NONE if claim.time is None else f"{upper(claim.time)} s"
+
+    def covers(claim: RegionClaim) -> str:
+        if regions.asked is None:
+            return NONE
+        return "yes" if claim.covers else "no"
+
     return doc.table_of(
         "Certified regions, method by method",
         regions.claims,
@@ -86,13 +94,8 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
         doc.Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
         doc.Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
         doc.Column("factor", lambda claim: upper(claim.factor), 0.8, style="number"),
-        doc.Column(
-            settled,
-            lambda claim: NONE if claim.time is None else f"{upper(claim.time)} s",
-            0.8,
-            style="number",
-        ),
-        doc.Column("covers it", lambda claim: covered.get(claim.covers, NONE), 0.7),
+        doc.Column(settled, time, 0.8, style="number"),
+        doc.Column("covers it", covers, 0.7),
         doc.Column("why not further", limit_words, 1.7, style="why", only=doc.READ),
         cards=True,
     )
@@ -101,12 +104,11 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
 def starts_words(claim: RegionClaim) -> str:
     """The certified starts in a few words."""
     errors = f", every |εᵢ| ≤ {lower(claim.disturbance)}" if claim.disturbance else ""
+    box, ball = f"box |e|∞ ≤ {lower(claim.box)}", f"ball |e|₂ ≤ {lower(claim.ball)}"
     if claim.kind == "box":
-        return f"box |e|∞ ≤ {lower(claim.box)}{errors}"
+        return f"{box}{errors}"
     if claim.kind == "ball":
-        return (
-            f"ball |e|₂ ≤ {lower(claim.ball)}{errors}; it holds the box |e|∞ ≤ {lower(claim.box)}"
-        )
+        return f"{ball}{errors}; it holds the {box}"
     return claim.starts
 
 
@@ -117,25 +119,27 @@ def size_words(claim: RegionClaim, value: float | None) -> str:
 
 def limit_words(claim: RegionClaim) -> str:
     """Why no more is certified."""
-    if claim.limit or claim.kind != "everywhere":
-        none = "It covers what was asked for; more was not tried." if claim.covers else NONE
-        return sentence(claim.limit) or none
-    return "No limit: it holds for every start."
+    if claim.limit:
+        return sentence(claim.limit)
+    if claim.kind == "everywhere":
+        return "No limit: it holds for every start."
+    return "It covers what was asked for; more was not tried." if claim.covers else NONE
 
 
 def asked_sentence(regions: Regions) -> str:
     """What was asked for, as one number for boxes and one for balls."""
     asked = regions.asked
     if asked is None:
-        found = any(claim.box for claim in regions.claims)
-        return "No region was asked for" + (
-            ": the largest that was found is shown." if found else "."
-        )
-    errors = (
-        f" and |εᵢ| ≤ {upper(asked.disturbance)} for every agent i" if asked.disturbance else ""
+        if any(claim.box for claim in regions.claims):
+            return "No region was asked for: the largest that was found is shown."
+        return "No region was asked for."
+    errors = ""
+    if asked.disturbance:
+        errors = f" and |εᵢ| ≤ {upper(asked.disturbance)} for every agent i"
+    return (
+        f"Asked for: every start with |e|∞ ≤ {upper(asked.box)}{errors}. A ball covers these only "
+        f"if its radius is at least {upper(asked.ball)}."
     )
-    text = f"Asked for: every start with |e|∞ ≤ {upper(asked.box)}{errors}."
-    return f"{text} A ball covers these only if its radius is at least {upper(asked.ball)}."
 
 
 def timing_sentences(regions: Regions) -> list[str]:
@@ -146,14 +150,18 @@ def timing_sentences(regions: Regions) -> list[str]:
     if settling is not None and settling.verdict is not Verdict.PROVED:
         sentences.append(sentence(f"Settling: {settling.reason}"))
     for check, words in ((regions.delay, _delay), (regions.sampling, _sampling)):
-        if check is not None:
-            proved = check.verdict is Verdict.PROVED
-            sentences.append(words(check) if proved else sentence(f"{check.id}: {check.reason}"))
+        if check is None:
+            continue
+        if check.verdict is Verdict.PROVED:
+            sentences.append(words(check))
+        else:
+            sentences.append(sentence(f"{check.id}: {check.reason}"))
     return sentences
 
 
 def _delay(check: Check) -> str:
-    late, text = _exact(check, "delay"), str(TEXTS["fixed"]["late"])
+    text: str = TEXTS["fixed"]["late"]
+    late = _exact(check, "delay")
     if late and check.rate:
         text += (
             f" For delays up to {lower(late)} s the error decays at every rate below "
@@ -169,9 +177,8 @@ def _sampling(check: Check) -> str:
         "still holds"
     )
     if factor < 1:
-        text += (
-            f": the largest weighted error falls by at least {lower(100 * (1 - factor))} % a sample"
-        )
+        fall = lower(100 * (1 - factor))
+        text += f": the largest weighted error falls by at least {fall} % a sample"
         disturbed = isinstance(check.domain, Mapping) and check.domain.get("disturbance")
         text += ", up to what the estimation error adds." if disturbed else "."
     if 0 < period * _FAST < 1:
@@ -180,6 +187,7 @@ def _sampling(check: Check) -> str:
 
 
 def _exact(check: Check, key: str) -> Fraction:
+    """A number of a check, 0 where it has none."""
     return read_rational((check.exact or {}).get(key, "0"))
 
 
@@ -196,14 +204,12 @@ def rest_sentence(regions: Regions) -> str | None:
 def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     """What the picture of single agents shows; ``drawn``: how many of them, if not all."""
     bounds = [agent.bound for agent in regions.agents]
-    least, most = lower(min(bounds)), lower(max(bounds))
+    reach, most = lower(min(bounds)), lower(max(bounds))
+    if reach != most:
+        reach += f", for some agents up to {most}"
     text = (
         "By the max-separable certificate each agent may start anywhere in its bar, "
-        "independently of the others:"
-    )
-    text += (
-        " |eᵢ| may be up to "
-        f"{least if least == most else f'{least}, for some agents up to {most}'}."
+        f"independently of the others: |eᵢ| may be up to {reach}."
     )
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
@@ -217,10 +223,9 @@ def settling_section(
     how = "One certificate covers the whole time."
     if len(settling.stages) > 1:
         how = TEXTS["fixed"]["moving_box"]
-    pictured = doc.on_pages(doc.Pictures(pictures))
     blocks = (
         doc.Text(settling_sentence(settling)),
-        pictured,
+        doc.on_pages(doc.Pictures(pictures)),
         doc.Text(how),
         stages_table(settling),
     )
@@ -229,63 +234,71 @@ def settling_section(
 
 def stages_table(settling: Settling) -> doc.Table:
     """What proves the settling time, in the order in which it takes over."""
+
+    def start(stage: Stage) -> str:
+        return f"{upper(float_above(stage.start))} s"
+
+    def bound(stage: Stage) -> str:
+        return upper(float_above(stage.bound))
+
+    def rate(stage: Stage) -> str:
+        return NONE if stage.rate is None else lower(float_below(stage.rate))
+
     return doc.table_of(
         "What proves the settling time",
         settling.stages,
         doc.Column("proof", lambda stage: stage.kind),
-        doc.Column(
-            "from t =", lambda stage: f"{upper(float_above(stage.start))} s", style="number"
-        ),
-        doc.Column("where |e|∞ ≤", lambda stage: upper(float_above(stage.bound)), style="number"),
-        doc.Column(
-            "rate in 1/s",
-            lambda stage: NONE if stage.rate is None else lower(float_below(stage.rate)),
-            style="number",
-        ),
+        doc.Column("from t =", start, style="number"),
+        doc.Column("where |e|∞ ≤", bound, style="number"),
+        doc.Column("rate in 1/s", rate, style="number"),
     )
 
 
 def settling_sentence(settling: Settling) -> str:
     """The whole claim; a time is never shown shorter than it is, nor the box of starts larger."""
-    errors = (
-        f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i" if settling.disturbance else ""
+    whose = "From" if settling.guarantee is None else f"For {settling.guarantee}, from"
+    errors = ""
+    if settling.disturbance:
+        errors = f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i"
+    tolerance = upper(float_above(settling.tolerance))
+    proof = "a moving box and a certificate" if len(settling.stages) != 1 else "one certificate"
+    return (
+        f"{whose} every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that "
+        f"|e(t)|∞ ≤ {tolerance} for all t ≥ {upper(settling.time or 0.0)} s, by {proof}."
     )
-    starts = (
-        f"rom every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
-    )
-    text = f"F{starts}" if settling.guarantee is None else f"For {settling.guarantee}, f{starts}"
-    text += (
-        f" {upper(float_above(settling.tolerance))} for all t ≥ {upper(settling.time or 0.0)} s,"
-    )
-    alone = len(settling.stages) == 1
-    return f"{text} {'by one certificate' if alone else 'by a moving box and a certificate'}."
 
 
 def envelope_alt(settling: Settling) -> str:
     """The picture of the envelope in words."""
-    text = f"Certified bound of |e|∞ over time: from {upper(float(settling.envelope(0.0)))} down to"
-    return text + f" {lower(settling.tolerance)} at {upper(settling.time)} s."
+    first = upper(float(settling.envelope(0.0)))
+    return (
+        f"Certified bound of |e|∞ over time: from {first} down to {lower(settling.tolerance)} at "
+        f"{upper(settling.time)} s."
+    )
 
 
 def search_sections(
     searches: Sequence[Falsification], pictures: Sequence[doc.Picture | None] = ()
 ) -> tuple[doc.Section, ...]:
-    """One section for each search: what was tried and found, what is proved, the worst suspects, a
-    warning, notes."""
-    sections = []
-    for search, picture in zip_longest(searches, pictures):
-        proved, suspects = equilibrium_sentences(search), suspects_table(search)
-        warned = any(each.kind != RESTS for each in search.suspects)
-        blocks = (
-            doc.Text(f"{_tried(search)} {found_sentence(search)}"),
-            *((doc.List(proved),) if proved else ()),
-            *((doc.on_pages(doc.Pictures((picture,))),) if picture is not None else ()),
-            *((suspects,) if suspects.rows else ()),
-            *((doc.Text(WARNING, "warning"),) if warned else ()),
-            *map(doc.Text, search.notes),
-        )
-        sections.append(doc.Section(f"Search: {search.target}", blocks))
-    return tuple(sections)
+    """One section for each search; ``pictures``: one for each, where they are shown."""
+    both = zip_longest(searches, pictures)
+    return tuple(_search_section(search, picture) for search, picture in both)
+
+
+def _search_section(search: Falsification, picture: doc.Picture | None) -> doc.Section:
+    """What was tried and found, what is proved, the worst suspects, a warning, notes."""
+    blocks: list[doc.Block] = [doc.Text(f"{_tried(search)} {found_sentence(search)}")]
+    proved = equilibrium_sentences(search)
+    if proved:
+        blocks.append(doc.List(proved))
+    if picture is not None:
+        blocks.append(doc.on_pages(doc.Pictures((picture,))))
+    if search.suspects:
+        blocks.append(suspects_table(search))
+    if any(each.kind != RESTS for each in search.suspects):
+        blocks.append(doc.Text(WARNING, "warning"))
+    blocks += [doc.Text(note) for note in search.notes]
+    return doc.Section(f"Search: {search.target}", blocks)
 
 
 def _tried(search: Falsification) -> str:
@@ -302,7 +315,7 @@ def found_sentence(search: Falsification) -> str:
     """What came out, in one sentence."""
     runs = sum(each.kind != RESTS for each in search.suspects)
     if runs:
-        return f"{runs} suspect{'s' if runs > 1 else ''} remained."
+        return f"{counted(runs, 'suspect')} remained."
     if search.proved:
         return "The only suspects are runs that rest at another equilibrium."
     text = "No suspect was found, which proves nothing."
@@ -320,21 +333,23 @@ def equilibrium_sentences(search: Falsification) -> list[str]:
     for claim in search.proved:
         size = max(abs(float(x)) for x in claim.middle)
         resting = next((each for each in search.suspects if each.equilibrium is claim), None)
-        place = ""
-        if resting is not None:
-            shown = [", ".join(map(number, row)) for row in resting.start[:MOST_STATES].tolist()]
-            place = f", x = ({'; '.join(shown)}{', …' if len(resting.start) > MOST_STATES else ''})"
+        place = "" if resting is None else f", x = ({_states(resting)})"
         told.append(
             f"Proved: in mode {claim.mode} the agents may also rest at |e|∞ ≈ "
             f"{number(size)}{place}."
         )
     if told:
         told.append("No proof of consensus can include it, and none in this certificate does.")
-        if search.check is not None:
-            told.append(
-                "The region asked for contains such an equilibrium and is therefore refuted."
-            )
+    if told and search.check is not None:
+        told.append("The region asked for contains such an equilibrium and is therefore refuted.")
     return told
+
+
+def _states(suspect: Suspect) -> str:
+    """Where the first agents are."""
+    rows = suspect.start[:MOST_STATES].tolist()
+    shown = "; ".join(", ".join(map(number, row)) for row in rows)
+    return f"{shown}, …" if len(suspect.start) > MOST_STATES else shown
 
 
 def suspects_table(search: Falsification) -> doc.Table:
@@ -343,15 +358,20 @@ def suspects_table(search: Falsification) -> doc.Table:
         "Suspects",
         search.suspects[:MOST_SUSPECTS],
         doc.Column("what", lambda each: _WHAT[each.kind]),
-        doc.Column("|e|∞ at the start", lambda each: number(float(each.error[0]))),
-        doc.Column(
-            "|e|∞ at the end",
-            lambda each: "unbounded" if math.isinf(each.final_error) else number(each.final_error),
-        ),
+        doc.Column("|e|∞ at the start", _first_error),
+        doc.Column("|e|∞ at the end", lambda each: _last_error(each, "unbounded")),
         doc.Column("after", lambda each: f"{number(float(each.times[-1]))} s"),
         doc.Column("farthest from the target", lambda each: names_in_words(list(each.labels), 6)),
         doc.Column("mode", _modes),
     )
+
+
+def _first_error(suspect: Suspect) -> str:
+    return number(float(suspect.error[0]))
+
+
+def _last_error(suspect: Suspect, unbounded: str) -> str:
+    return unbounded if math.isinf(suspect.final_error) else number(suspect.final_error)
 
 
 def _modes(suspect: Suspect) -> str:
@@ -362,9 +382,8 @@ def _modes(suspect: Suspect) -> str:
 def search_alt(search: Falsification) -> str:
     """The picture of a search in words."""
     shown = search.suspects[:MOST_SUSPECTS]
-    told = "; ".join(
-        f"{_WHAT[each.kind]}, from {number(float(each.error[0]))} to"
-        f" {'infinity' if math.isinf(each.final_error) else number(each.final_error)}"
+    told = [
+        f"{_WHAT[each.kind]}, from {_first_error(each)} to {_last_error(each, 'infinity')}"
         for each in shown
-    )
-    return f"Largest error over time of {len(shown)} run(s): {told}."
+    ]
+    return f"Largest error over time of {len(shown)} run(s): {'; '.join(told)}."

@@ -7,15 +7,16 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from importlib.resources import files
 from typing import Any, Final
 
 from dobc_design._show.cards import SIGNS
 from dobc_design._show.text import (
+    lower,
     significant,
     significant_away_from_zero,
-    significant_towards_zero,
     typeset,
     upper,
 )
@@ -26,7 +27,7 @@ from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational, time_to_one_percent
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
-from dobc_design.exact.reading import counted, is_scalar_matrix
+from dobc_design.exact.reading import counted, is_scalar_matrix, some
 from dobc_design.problem.meaning import disturbance_words, time_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
@@ -37,11 +38,10 @@ from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
 NO_DELAY = (
-    "No delay is certified: for agents with [dynamics] only some max-separable proofs "
-    "state one. `dobc stress FILE` "
-    "looks for the longest sampling period at which runs converge (all readings, also of "
-    "oneself, are then up to a "
-    "period old); `dobc stress FILE --period 0.03` makes one run."
+    "No delay is certified: for agents with [dynamics] only some max-separable proofs state one. "
+    "`dobc stress FILE` looks for the longest sampling period at which runs converge (all "
+    "readings, also of oneself, are then up to a period old); `dobc stress FILE --period 0.03` "
+    "makes one run."
 )
 NO_DELAY_OF_LEADERS = (
     "No delay is certified: for agents with [dynamics] only some max-separable proofs state one. "
@@ -51,6 +51,9 @@ MOST_LISTED = 40  # agents listed one by one
 MOST_MODES = 6
 MOST_NAMES = 12
 MOST_EIGENVALUES = 8
+MOST_STEPS = 4  # around a circle
+#: Conditions whose proofs are about some signals, and not about all.
+OF_SIGNALS = ("schedule", "markov", "safety")
 GIVEN, FOUND = "the P given", "the P found"
 _TEXT = (files("dobc_design.report") / "templates" / "texts.toml").read_text("utf-8")
 TEXTS: Final[dict[str, Any]] = tomllib.loads(_TEXT)
@@ -85,14 +88,12 @@ def mark_of(verdict: Verdict) -> doc.Mark:
 
 def domain_words(domain: Domain) -> str:
     """Where a check holds, in a few words."""
-    if isinstance(domain, Mapping):
-        disturbance = domain.get("disturbance")
-        text = (
-            f"starts with {'|e|∞' if domain.get('kind') == 'box' else '|e|₂'} ≤ "
-            f"{_number(domain.get('radius'))}"
-        )
-        return text if disturbance is None else f"{text} and every |εᵢ| ≤ {_number(disturbance)}"
-    return {"global": "every start", "consensus": "near the target"}.get(domain, domain)
+    if not isinstance(domain, Mapping):
+        return {"global": "every start", "consensus": "near the target"}.get(domain, domain)
+    norm = "|e|∞" if domain.get("kind") == "box" else "|e|₂"
+    text = f"starts with {norm} ≤ {_number(domain.get('radius'))}"
+    disturbance = domain.get("disturbance")
+    return text if disturbance is None else f"{text} and every |εᵢ| ≤ {_number(disturbance)}"
 
 
 def covering_domain(certificate: Certificate) -> Domain | None:
@@ -101,13 +102,18 @@ def covering_domain(certificate: Certificate) -> Domain | None:
 
 
 def _covering(certificate: Certificate) -> list[Check]:
-    proved = [each for each in certificate.checks if each.verdict is Verdict.PROVED]
-    return [each for each in proved if each.id == certificate.covered_by]
+    """The proved checks that carry the verdict."""
+    return [each for each in _proved_of(certificate) if each.id == certificate.covered_by]
+
+
+def _proved_of(certificate: Certificate) -> list[Check]:
+    return [each for each in certificate.checks if each.verdict is Verdict.PROVED]
 
 
 def facts(certificate: Certificate) -> dict[str, str]:
     """A certificate in a few words by name; an en dash where it says nothing."""
-    domain, rate, proof = covering_domain(certificate), certificate.rate, certificate.covered_by
+    domain, rate = covering_domain(certificate), certificate.rate
+    proof = certificate.covered_by
     return {
         "Holds for": "–" if domain is None else domain_words(domain),
         "Certified decay rate": "–" if rate is None else f"{_number(rate)} 1/s",
@@ -141,11 +147,8 @@ def number(value: float | None) -> str:
 
 
 def _number(value: object) -> str:
-    return (
-        typeset(significant_towards_zero(value))
-        if isinstance(value, (int, float, Fraction))
-        else "?"
-    )
+    """A certified number, cut towards zero; a question mark for what is none."""
+    return lower(value) if isinstance(value, (int, float, Fraction)) else "?"
 
 
 def rational(value: object) -> Fraction | None:
@@ -168,19 +171,19 @@ def observer_blocks(certificate: Certificate) -> dict[str, Matrix]:
     found: dict[str, Matrix] = {}
     for name, rows in _of_theorems(certificate, "S"):
         try:
-            found.setdefault(
-                name, matrix([[read_rational(entry) for entry in row] for row in rows])
-            )
+            S = matrix([[read_rational(entry) for entry in row] for row in rows])
         except (TypeError, ValueError):
             continue
+        found.setdefault(name, S)
     return found
 
 
 def _of_theorems(certificate: Certificate, key: str) -> Iterator[tuple[str, Any]]:
+    """An exact value of Theorems 1 and 2, by the name of the P that it is about."""
     for check in certificate.checks:
-        values = (check.exact or {}) if check.id.startswith("theorem") else {}
-        if key in values:
-            yield GIVEN if check.id.endswith("printed") else FOUND, values[key]
+        exact = check.exact or {}
+        if check.id.startswith("theorem") and key in exact:
+            yield GIVEN if check.id.endswith("printed") else FOUND, exact[key]
 
 
 def verdict_counts(checks: Iterable[Check], order: Iterable[Verdict] = Verdict) -> str:
@@ -191,12 +194,16 @@ def verdict_counts(checks: Iterable[Check], order: Iterable[Verdict] = Verdict) 
 
 def eigenvalues(values: Sequence[complex]) -> str:
     """The first eigenvalues, and how many more there are."""
-    shown = [
-        number(v.real) + (f" {'−' if v.imag < 0 else '+'} {number(abs(v.imag))}i" if v.imag else "")
-        for v in map(complex, values[:MOST_EIGENVALUES])
-    ]
-    hidden = len(values) - len(shown)
-    return ", ".join(shown) + (f" and {hidden} more" if hidden else "")
+    shown = ", ".join(map(_eigenvalue, values[:MOST_EIGENVALUES]))
+    hidden = len(values) - MOST_EIGENVALUES
+    return f"{shown} and {hidden} more" if hidden > 0 else shown
+
+
+def _eigenvalue(value: complex) -> str:
+    if not value.imag:
+        return number(value.real)
+    sign = "−" if value.imag < 0 else "+"
+    return f"{number(value.real)} {sign} {number(abs(value.imag))}i"
 
 
 def shortened(text: str, longest: int = 1200) -> str:
@@ -217,88 +224,100 @@ def capitalize_first(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Meaning:
+    """What the overall verdict says, and what it does not, in sentences."""
+
+    says: Sequence[str]
+    says_not: Sequence[str]
+
+
+def what_it_means(certificate: Certificate) -> Meaning:
     """What the overall verdict says, and what it does not."""
-    checks = certificate.checks
-    safe = [
-        each.reason for each in checks if each.id == "safety" and each.verdict is Verdict.PROVED
-    ]
+    checks, texts = certificate.checks, TEXTS["fixed"]
+    proved = _proved_of(certificate)
+    messages = texts["ideal"]
     if certificate.verdict is Verdict.PROVED:
-        yes, no = _proved(certificate)
-        return [*yes, *map(capitalize_first, safe)], no
-    counts = {
-        "proved": sum(check.verdict is Verdict.PROVED for check in checks),
-        "all": len(checks),
-    }
-    yes, no = (list(TEXTS[certificate.verdict.value][part]) for part in ("says", "says_not"))
-    yes = [text.format(**counts) for text in yes]
-    return [*yes, *map(capitalize_first, safe)], [
-        *no,
-        _about_the_model(certificate.problem, TEXTS["fixed"]["ideal"]),
-    ]
+        says, says_not = _proved(certificate), _left_open(certificate)
+        timing = [each for each in proved if each.kind.role == "timing"]
+        if len(timing) == len(ids_of("timing")):
+            messages = texts["timed"]
+    else:
+        own = TEXTS[certificate.verdict.value]
+        says = [text.format(proved=len(proved), all=len(checks)) for text in own["says"]]
+        says_not = own["says_not"]
+    # What is proved of graphs that move holds whatever the verdict is.
+    says += [capitalize_first(each.reason) for each in proved if each.id == "safety"]
+    model = _about_the_model(certificate.problem, messages)
+    return Meaning(says=says, says_not=[*says_not, model])
 
 
-def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
-    problem, domain, no = certificate.problem, covering_domain(certificate), []
+def _proved(certificate: Certificate) -> list[str]:
+    """What a proof says: from where agents go where, for which signals, how fast."""
+    problem, domain = certificate.problem, covering_domain(certificate)
     final = certificate.covered_by == "accuracy"
     goes = "ends near its goal, within the final bounds below," if final else "goes to its goal"
     if domain == "global":
-        yes = [f"Every agent {goes} from every start, however far: the proof is global."]
+        says = [f"Every agent {goes} from every start, however far: the proof is global."]
     elif isinstance(domain, Mapping):
-        yes = [f"Every agent {goes} from all {domain_words(domain)}: {_norms(domain)}."]
-        no = ["It says nothing about starts outside that set. They may converge or not."]
+        says = [f"Every agent {goes} from all {domain_words(domain)}: {_norms(domain)}."]
     else:
-        yes = [f"There is a neighbourhood of the target from which every agent {goes}."]
-    if domain == "consensus":
-        no = [TEXTS["fixed"]["local"]]
+        says = [f"There is a neighbourhood of the target from which every agent {goes}."]
     if problem.groups and not final:
-        yes.append(
+        says.append(
             "The estimates converge to the true disturbances, wherever observer and "
             "disturbance start."
         )
-    if certificate.covered_by in ("schedule", "markov", "safety"):
-        yes += [f"It holds {signals_in_words(problem, each)}." for each in _covering(certificate)]
-        no += ["It says nothing about other signals."] if certificate.covered_by != "safety" else []
+    if certificate.covered_by in OF_SIGNALS:
+        signals = [signals_in_words(problem, each) for each in _covering(certificate)]
+        says += [f"It holds {each}." for each in signals]
     elif len(problem.network.modes) > 1:
-        yes.append(
+        says.append(
             "The modes may switch at any times and in any order, arbitrarily fast: one V "
             "holds for all modes."
         )
     if certificate.rate:
-        rate = _number(certificate.rate)
-        bound = f"The errors decay at least like exp(−{rate} t), t in seconds"
-        if certificate.factor is not None:
-            beside = " plus what the estimation error adds" if problem.groups else ""
-            bound = (
-                f"The errors stay below {factor_words(certificate.factor)} |e(0)| exp(−{rate} "
-                f"t){beside}, t in seconds"
-            )
-            bound += f": one percent after {one_percent_words(certificate)}"
-        yes.append(f"{bound}. The real decay may be faster.")
-    proved = [
-        each
-        for each in certificate.checks
-        if each.kind.role == "timing" and each.verdict is Verdict.PROVED
-    ]
-    messages = TEXTS["fixed"]["timed" if len(proved) == len(ids_of("timing")) else "ideal"]
-    return yes, [*no, _about_the_model(problem, messages)]
+        says.append(f"{_decay(certificate)}. The real decay may be faster.")
+    return says
+
+
+def _left_open(certificate: Certificate) -> list[str]:
+    """What a proof does not say about starts and signals."""
+    domain = covering_domain(certificate)
+    says_not = []
+    if isinstance(domain, Mapping):
+        says_not.append("It says nothing about starts outside that set. They may converge or not.")
+    elif domain == "consensus":
+        says_not.append(TEXTS["fixed"]["local"])
+    if certificate.covered_by in OF_SIGNALS and certificate.covered_by != "safety":
+        says_not.append("It says nothing about other signals.")
+    return says_not
+
+
+def _decay(certificate: Certificate) -> str:
+    """How fast errors are proved to decay, with the factor where one is proved."""
+    rate = _number(certificate.rate)
+    if certificate.factor is None:
+        return f"The errors decay at least like exp(−{rate} t), t in seconds"
+    beside = " plus what the estimation error adds" if certificate.problem.groups else ""
+    return (
+        f"The errors stay below {factor_words(certificate.factor)} |e(0)| exp(−{rate} t){beside}, "
+        f"t in seconds: one percent after {one_percent_words(certificate)}"
+    )
 
 
 def deployment_words(certificate: Certificate) -> str:
     """How fast the code has to be, as far as that is proved, and where the code is."""
-    exact = {
-        each.id: each.exact or {} for each in certificate.checks if each.verdict is Verdict.PROVED
-    }
-    late, held = (
-        rational(exact.get(id, {}).get(key))
-        for id, key in (("delay", "delay"), ("sampling", "period"))
-    )
-    allowed = [f"communication delays of up to {_number(late)} s"] if late else []
-    allowed += (
-        [f"couplings and pins that are held for up to {_number(held)} s between samples"]
-        if held
-        else []
-    )
+    exact = {each.id: each.exact or {} for each in _proved_of(certificate)}
+    late = rational(exact.get("delay", {}).get("delay"))
+    held = rational(exact.get("sampling", {}).get("period"))
+    allowed = []
+    if late:
+        allowed.append(f"communication delays of up to {_number(late)} s")
+    if held:
+        allowed.append(
+            f"couplings and pins that are held for up to {_number(held)} s between samples"
+        )
     covered = f"The proof allows {' or '.join(allowed)}. " if allowed else ""
     if certificate.problem.dynamics is not None:
         return f"{covered}dobc_design.to_control gives the loop to python-control."
@@ -310,81 +329,69 @@ def deployment_words(certificate: Certificate) -> str:
 
 def _norms(domain: Mapping[str, Any]) -> str:
     """What the norms of a domain measure."""
-    box = domain.get("kind") == "box"
-    what = (
-        "|e|∞ is the largest distance of an agent from its goal"
-        if box
-        else "|e|₂² is the sum of all squared distances"
-    )
-    return what + (
-        " and |εᵢ| the error of its disturbance estimate"
-        if domain.get("disturbance") is not None
-        else ""
-    )
+    what = "|e|₂² is the sum of all squared distances"
+    if domain.get("kind") == "box":
+        what = "|e|∞ is the largest distance of an agent from its goal"
+    if domain.get("disturbance") is None:
+        return what
+    return f"{what} and |εᵢ| the error of its disturbance estimate"
 
 
 def _about_the_model(problem: Problem, messages: str) -> str:
-    disturbances = "one (A, C) for all agents, " if problem.groups else ""
-    disturbances = "one (A, C) for each group of agents, " if problem.is_grouped else disturbances
-    disturbances += "none for the others, " if problem.undisturbed else ""
-    agents = (
-        "single integrators"
-        if problem.dynamics is None
-        else "agents with the dynamics given, the same for all"
-    )
-    text = (
+    agents = "single integrators"
+    if problem.dynamics is not None:
+        agents = "agents with the dynamics given, the same for all"
+    disturbances = ""
+    if problem.is_grouped:
+        disturbances = "one (A, C) for each group of agents, "
+    elif problem.groups:
+        disturbances = "one (A, C) for all agents, "
+    if problem.undisturbed:
+        disturbances += "none for the others, "
+    return (
         f"It is about the model as given: {agents}, {disturbances}{messages}. Whether the "
-        "model fits the"
+        "model fits the plant is not decided here."
     )
-    return text + " plant is not decided here."
 
 
 def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     """What is assumed, and what the proof leaves open that people look for."""
-    notes = certificate.claims.notes
-    proved = certificate.verdict is Verdict.PROVED
-    if (
-        not proved
-        or certificate.problem.dynamics is None
-        or any(each.id == "delay" for each in certificate.checks)
-    ):
+    notes, problem = certificate.claims.notes, certificate.problem
+    if certificate.verdict is not Verdict.PROVED or problem.dynamics is None:
         return notes
-    return (*notes, NO_DELAY if certificate.problem.leader is None else NO_DELAY_OF_LEADERS)
+    if any(each.id == "delay" for each in certificate.checks):
+        return notes
+    return (*notes, NO_DELAY if problem.leader is None else NO_DELAY_OF_LEADERS)
 
 
 def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
     """What acts on the agents and what was designed against it, numbers in decimals."""
-    problem, W = certificate.problem, certificate.claims.W
-    facts = [
-        (
-            f"Disturbance of {names_in_words(group.agents, 4)}"
-            if problem.is_grouped
-            else "Disturbance",
-            told,
-        )
-        for group in problem.groups[:MOST_MODES]
-        for told in [disturbance_words(problem, group)]
-    ]
-    if problem.undisturbed:
-        facts.append((f"Disturbance of {names_in_words(problem.undisturbed, 4)}", "none"))
+    problem, claims = certificate.problem, certificate.claims
+    facts = list(_disturbances(problem))
     facts += [("Agents", told) for told in dynamics_words(problem)]
-    facts += [
-        ("Coupling", f"h(y) = {', '.join(problem.coupling.texts).replace('-', '−')}"),
-        ("Target", target_words(problem)),
-    ]
+    h = ", ".join(problem.coupling.texts).replace("-", "−")
+    facts += [("Coupling", f"h(y) = {h}"), ("Target", target_words(problem))]
     if problem.region is not None:
         facts.append(("Starts asked for", _starts(problem.region)))
+    W = claims.W
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
-        rows = ["; ".join(decimal(x) for x in row) for row in W]
-        facts.append(
-            (
-                "Observer gain W",
-                f"({', '.join(rows)})′, {certificate.claims.gain_source or 'given'}",
-            )
-        )
+        rows = ["; ".join(map(decimal, row)) for row in W]
+        shown = f"({', '.join(rows)})′, {claims.gain_source or 'given'}"
+        facts.append(("Observer gain W", shown))
     facts.append(("Pinning gains", _pins(problem)))
-    facts += [("Time scales", times)] if (times := time_words(problem)) else []
+    times = time_words(problem)
+    if times:
+        facts.append(("Time scales", times))
     return facts
+
+
+def _disturbances(problem: Problem) -> Iterator[tuple[str, str]]:
+    """What disturbs the agents, by group where they differ."""
+    for group in problem.groups[:MOST_MODES]:
+        whose = f" of {names_in_words(group.agents, 4)}" if problem.is_grouped else ""
+        yield f"Disturbance{whose}", disturbance_words(problem, group)
+    if problem.undisturbed:
+        yield f"Disturbance of {names_in_words(problem.undisturbed, 4)}", "none"
 
 
 def dynamics_words(problem: Problem) -> list[str]:
@@ -393,44 +400,44 @@ def dynamics_words(problem: Problem) -> list[str]:
     own = problem.dynamics
     if own is None:
         return []
-    rows = [
-        [decimal_text(x) for x in problem.input_at(problem.goal_of(i))] for i in range(problem.n)
-    ]
-    by_input: dict[str, list[str]] = {}
-    for agent, row in enumerate(rows):
-        by_input.setdefault(f"({', '.join(row)})", []).append(problem.network.labels[agent])
-    told = [
-        f"{u0} on {names_in_words(names, 4)}" for u0, names in list(by_input.items())[:MOST_MODES]
-    ]
-    what = (
-        f"x′ = {'Aₓ x' if own.f is None else 'f(x)'} + B (couplings + u + d), "
-        f"{counted(own.inputs, 'input')} each"
-    )
-    if not any(x != "0" for row in rows for x in row):
+    moves = "Aₓ x" if own.f is None else "f(x)"
+    inputs = counted(own.inputs, "input")
+    what = f"x′ = {moves} + B (couplings + u + d), {inputs} each"
+    held = [tuple(problem.input_at(problem.goal_of(i))) for i in range(problem.n)]
+    if not any(any(row) for row in held):
         return [what]
+    texts = [f"({', '.join(map(decimal_text, row))})" for row in held]
+    alike = _shared(zip(texts, problem.network.labels, strict=True))
+    told = [f"{u0} on {names_in_words(names, 4)}" for u0, names in alike[:MOST_MODES]]
     return [f"{what}; constant inputs u⁰ that hold the goals: {'; '.join(told)}"]
+
+
+def _shared(rows: Iterable[tuple[str, str]]) -> list[tuple[str, list[str]]]:
+    """Every text once, with the agents that it is said of."""
+    alike: dict[str, list[str]] = {}
+    for text, agent in rows:
+        alike.setdefault(text, []).append(agent)
+    return list(alike.items())
 
 
 def _starts(region: Region) -> str:
     pairs = [f"[{decimal(lo)}, {decimal(hi)}]" for lo, hi in region.initial_states]
     inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
-    errors = region.initial_disturbance
-    return f"every state in {inside}" + (
-        "" if errors is None else f", every estimation error up to {decimal(errors)}"
-    )
+    text, errors = f"every state in {inside}", region.initial_disturbance
+    return text if errors is None else f"{text}, every estimation error up to {decimal(errors)}"
 
 
 def _pins(problem: Problem) -> str:
     """Who is pinned with which gain; agents of one gain together."""
-    by_gain: dict[str, list[str]] = {}
-    for agent, gain in problem.pinning.gains.items():
-        by_gain.setdefault(_gain(gain), []).append(problem.network.labels[agent])
+    labels = problem.network.labels
+    alike = _shared((_gain(gain), labels[i]) for i, gain in problem.pinning.gains.items())
+    if not alike:
+        return "nobody is pinned"
     unit = "" if problem.dynamics is not None else " 1/s"
-    shown = [
-        f"{gain}{unit} on {names_in_words(names, 6)}"
-        for gain, names in list(by_gain.items())[:MOST_MODES]
-    ]
-    return "; ".join(shown) + ("; …" if len(by_gain) > MOST_MODES else "") or "nobody is pinned"
+    told = [f"{gain}{unit} on {names_in_words(names, 6)}" for gain, names in alike[:MOST_MODES]]
+    if len(alike) > MOST_MODES:
+        told.append("…")
+    return "; ".join(told)
 
 
 def decimal(value: Fraction) -> str:
@@ -445,40 +452,37 @@ def agents_table(problem: Problem) -> doc.Table | None:
     if problem.n > MOST_LISTED:
         return None
     labels, gains = problem.network.labels, problem.pinning.gains
-    heard = [
-        (name, _heard(arcs, labels))
-        for name, arcs in list(problem.network.modes.items())[:MOST_MODES]
-    ]
-    return doc.table_of(
-        f"Gain k of the pins{', goals' if problem.offsets else ''}, and whom each agent listens to",
-        range(problem.n),
+    moved = bool(problem.offsets)
+
+    def gain(agent: int) -> str:
+        return _gain(gains[agent]) if agent in gains else "–"
+
+    columns = [
         doc.Column("agent", lambda i: labels[i], 1.2),
-        doc.Column(
-            "k in 1/s" if problem.dynamics is None else "K",
-            lambda i: _gain(gains[i]) if i in gains else "–",
-            0.8,
-        ),
-        doc.Column(
-            "goal",
-            lambda i: _goal(problem, i),
-            only=doc.EVERY if problem.offsets else ("markdown",),
-        ),
-        *(doc.Column(f"listens to in {name}", each.__getitem__, 2) for name, each in heard),
-    )
+        doc.Column("k in 1/s" if problem.dynamics is None else "K", gain, 0.8),
+        doc.Column("goal", lambda i: _goal(problem, i), only=doc.EVERY if moved else ("markdown",)),
+    ]
+    for name, arcs in list(problem.network.modes.items())[:MOST_MODES]:
+        heard = _heard(arcs, labels)
+        columns.append(doc.Column(f"listens to in {name}", heard.__getitem__, 2))
+    goals = ", goals" if moved else ""
+    caption = f"Gain k of the pins{goals}, and whom each agent listens to"
+    return doc.table_of(caption, range(problem.n), *columns)
 
 
 def _heard(arcs: Arcs, labels: Sequence[str]) -> list[str]:
     """Whom each agent listens to, with what weight."""
     heard: list[list[tuple[int, str]]] = [[] for _ in labels]
     for listener, speaker, weight in arcs:
-        heard[listener].append(
-            (speaker, labels[speaker] + ("" if weight == 1 else f" ({number_text(weight)}×)"))
-        )
-    named = [[name for _, name in sorted(own)] for own in heard]
-    more = [f" and {len(own) - MOST_NAMES} more" if len(own) > MOST_NAMES else "" for own in named]
-    return [
-        (", ".join(own[:MOST_NAMES]) + rest) or "–" for own, rest in zip(named, more, strict=True)
-    ]
+        times = "" if weight == 1 else f" ({number_text(weight)}×)"
+        heard[listener].append((speaker, labels[speaker] + times))
+    told = []
+    for own in heard:
+        names = [name for _, name in sorted(own)]
+        text = ", ".join(names[:MOST_NAMES]) or "–"
+        hidden = len(names) - MOST_NAMES
+        told.append(f"{text} and {hidden} more" if hidden > 0 else text)
+    return told
 
 
 def _gain(gain: Matrix) -> str:
@@ -494,22 +498,23 @@ def mode_sentences(problem: Problem) -> list[str]:
 
 
 def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
+    """How many arcs there are, and what their pattern is where it has a name."""
     weights = {(listener, speaker): weight for listener, speaker, weight in arcs}
+    n = problem.n
     if not weights:
         return "nobody listens to anybody."
-    count = counted(len(weights), "arc") + (
-        "" if set(weights.values()) == {1} else ", with weights"
-    )
-    steps = common_offsets(weights, problem.n)
-    if steps is not None and problem.n > 2 and len(steps) <= 4 and len(steps) < problem.n - 1:
-        whom = names_in_words(
-            [f"i + {s}" if 2 * s <= problem.n else f"i − {problem.n - s}" for s in steps]
-        )
-        return f"{count}; every agent i listens to {whom}, counted around a circle of {problem.n}."
-    if all((j, i) in weights for i, j in weights):
-        alike = all(weights[i, j] == weights[j, i] for i, j in weights) and not problem.exceptions
-        return f"{count}; whoever listens is also listened to{' (undirected)' if alike else ''}."
-    return f"{count}."
+    count = counted(len(weights), "arc")
+    if set(weights.values()) != {1}:
+        count += ", with weights"
+    steps = common_offsets(weights, n)
+    if steps is not None and n > 2 and len(steps) <= MOST_STEPS and len(steps) < n - 1:
+        whom = names_in_words([f"i + {s}" if 2 * s <= n else f"i − {n - s}" for s in steps])
+        return f"{count}; every agent i listens to {whom}, counted around a circle of {n}."
+    if any((j, i) not in weights for i, j in weights):
+        return f"{count}."
+    count += "; whoever listens is also listened to"
+    alike = all(weights[i, j] == weights[j, i] for i, j in weights)
+    return f"{count} (undirected)." if alike and not problem.exceptions else f"{count}."
 
 
 def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
@@ -525,16 +530,15 @@ def problem_words(problem: Problem) -> str:
     told = [size_sentence(problem), pin_sentence(problem)]
     if problem.region is not None:
         told.append(f"The proof has to cover all starts with {_starts(problem.region)}.")
-    if problem.switching is not None:
-        allowed = (
-            "are about the arcs of the modes"
-            if problem.switching.signal == "mobile"
-            else "allow any signal"
-        )
+    switching = problem.switching
+    if switching is not None:
+        allowed = "allow any signal"
+        if switching.signal == "mobile":
+            allowed = "are about the arcs of the modes"
+        if switching.is_guaranteed:
+            allowed += ", except those that say for which signals they hold"
         run = "stays in one mode"
-        if problem.switching.is_guaranteed:
-            allowed = f"{allowed}, except those that say for which signals they hold"
-        if problem.switching.guarantee in ("dwell", "sequence"):
+        if switching.guarantee in ("dwell", "sequence"):
             run = "switches like that"
         simulated = switching_words(problem.switching, tuple(problem.network.modes))
         told.append(f"Switching in simulations: {simulated}.")
@@ -543,32 +547,37 @@ def problem_words(problem: Problem) -> str:
 
 
 def _goal(problem: Problem, agent: int) -> str:
+    """Where an agent is to be; beside a leader s, at its offset from it."""
     goal = vector_text(problem.goal_of(agent))
-    return goal if problem.leader is None else f"s + {goal}" if agent in problem.offsets else "s"
+    if problem.leader is None:
+        return goal
+    return f"s + {goal}" if agent in problem.offsets else "s"
 
 
 def size_sentence(problem: Problem) -> str:
     """n, m, q and the number of modes."""
-    modes, disturbance = len(problem.network.modes), "no disturbance"
-    if problem.is_grouped:
-        disturbed = problem.n - len(problem.undisturbed)
-        whom = f"{disturbed} of {problem.n} agents" if problem.undisturbed else "every agent"
-        kinds = f", of {len(problem.groups)} kinds" if len(problem.groups) > 1 else ""
-        disturbance = f"a disturbance on {whom}{kinds}"
-    elif problem.groups:
-        disturbance = (
-            f"a disturbance on every agent, generated by {counted(problem.q, 'exosystem state')}"
-        )
-    topology = (
-        "one fixed topology" if modes == 1 else f"{modes} modes between which the topology switches"
-    )
     size = f"{counted(problem.n, 'agent')}; {counted(problem.m, 'state component')} each"
-    size += (
-        ""
-        if problem.dynamics is None
-        else f", {counted(problem.inputs, 'input')} and dynamics of their own"
-    )
-    return f"{size}; {topology}; {disturbance}."
+    if problem.dynamics is not None:
+        size += f", {counted(problem.inputs, 'input')} and dynamics of their own"
+    modes = len(problem.network.modes)
+    topology = "one fixed topology"
+    if modes != 1:
+        topology = f"{modes} modes between which the topology switches"
+    return f"{size}; {topology}; {_disturbance(problem)}."
+
+
+def _disturbance(problem: Problem) -> str:
+    """On whom a disturbance acts."""
+    if not problem.groups:
+        return "no disturbance"
+    if not problem.is_grouped:
+        states = counted(problem.q, "exosystem state")
+        return f"a disturbance on every agent, generated by {states}"
+    whom = "every agent"
+    if problem.undisturbed:
+        whom = f"{problem.n - len(problem.undisturbed)} of {problem.n} agents"
+    kinds = f", of {len(problem.groups)} kinds" if len(problem.groups) > 1 else ""
+    return f"a disturbance on {whom}{kinds}"
 
 
 def pin_sentence(problem: Problem) -> str:
@@ -579,79 +588,69 @@ def pin_sentence(problem: Problem) -> str:
     if len(pinned) == problem.n:
         return "Every agent is pinned." if problem.n > 1 else "The agent is pinned."
     names = names_in_words([problem.network.labels[i] for i in pinned])
-    return (
-        f"{len(pinned)} of {problem.n} agents {'is' if len(pinned) == 1 else 'are'} pinned: "
-        f"{names}."
-    )
+    are = "is" if len(pinned) == 1 else "are"
+    return f"{len(pinned)} of {problem.n} agents {are} pinned: {names}."
 
 
 def group_sentences(problem: Problem) -> list[str]:
     """Which agents have which exosystem, where they have different ones."""
-    told = [
-        f"group of agent {group.name}: {names_in_words(group.agents)};"
-        f" {counted(group.exosystem.order, 'exosystem state')}"
-        for group in problem.groups
-    ]
+    if not problem.is_grouped:
+        return []
+    told = []
+    for group in problem.groups:
+        states = counted(group.exosystem.order, "exosystem state")
+        told.append(f"group of agent {group.name}: {names_in_words(group.agents)}; {states}")
     if problem.undisturbed:
         told.append(f"without a disturbance: {names_in_words(problem.undisturbed)}")
-    return _first(told) if problem.is_grouped else []
+    return _first(told)
 
 
 def exception_sentences(problem: Problem) -> list[str]:
     """Arcs with a coupling of their own, in words."""
-    labels = problem.network.labels
-    return _first(
-        [
-            f"{labels[i]} listening to {labels[j]}: h = {', '.join(coupling.texts)}"
-            for (i, j), coupling in problem.exceptions.items()
-        ]
-    )
+    labels, told = problem.network.labels, []
+    for (i, j), coupling in problem.exceptions.items():
+        h = ", ".join(coupling.texts)
+        told.append(f"{labels[i]} listening to {labels[j]}: h = {h}")
+    return _first(told)
 
 
 def _first(rows: list[str]) -> list[str]:
-    return (
-        rows
-        if len(rows) <= MOST_NAMES
-        else [*rows[:MOST_NAMES], f"and {len(rows) - MOST_NAMES} more"]
-    )
+    hidden = len(rows) - MOST_NAMES
+    return rows if hidden <= 0 else [*rows[:MOST_NAMES], f"and {hidden} more"]
 
 
 def unreached_agents(certificate: Certificate, mode: str) -> set[int]:
     """Agents that no pin reaches in this mode, as the refuted check names them."""
     for check in certificate.checks:
         if check.id == "reachability" and check.mode == mode and check.verdict is Verdict.REFUTED:
-            named = set(check.witness.labels or ()) if check.witness is not None else set()
-            return {
-                i for i, label in enumerate(certificate.problem.network.labels) if label in named
-            }
+            witness = check.witness
+            named = set() if witness is None else set(witness.labels or ())
+            labels = certificate.problem.network.labels
+            return {i for i, label in enumerate(labels) if label in named}
     return set()
 
 
 def names_in_words(names: Sequence[str], most: int = MOST_NAMES) -> str:
     """List names: "1", "1 and 6", "1, 2, 3 and 40 more"."""
+    if not names:
+        return "nobody"
     if len(names) > most:
-        return f"{', '.join(names[:most])} and {len(names) - most} more"
-    return (
-        names[0]
-        if len(names) == 1
-        else f"{', '.join(names[:-1])} and {names[-1]}"
-        if names
-        else "nobody"
-    )
+        return some(names, most)
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def target_words(problem: Problem) -> str:
     """The target, a vector or a leader."""
-    return typeset(leader_words(problem)).replace(" x [", " × [").replace(
-        "s'", "s′"
-    ) or vector_text(problem.target)
+    leader = typeset(leader_words(problem)).replace(" x [", " × [").replace("s'", "s′")
+    return leader or vector_text(problem.target)
 
 
 def vector_text(vector: Vector) -> str:
     """A vector as text."""
     entries = [decimal_text(x) for x in vector[:MOST_NAMES]]
-    return (
-        entries[0]
-        if len(vector) == 1
-        else f"({', '.join(entries)}{', …' if len(vector) > MOST_NAMES else ''})"
-    )
+    if len(vector) == 1:
+        return entries[0]
+    if len(vector) > MOST_NAMES:
+        entries.append("…")
+    return f"({', '.join(entries)})"

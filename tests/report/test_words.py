@@ -87,7 +87,7 @@ def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_wi
         (problem_with(groups=groups, observer=None), "one (A, C) for each group of agents"),
         (problem_with(exosystem=None, observer=None), "single integrators, messages"),
     ):
-        assert said in words.what_it_means(certificate_of(problem))[1][-1]
+        assert said in words.what_it_means(certificate_of(problem)).says_not[-1]
 
 
 def test_a_ring_is_said_in_words(problem_with):

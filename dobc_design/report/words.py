@@ -540,7 +540,7 @@ def problem_words(problem: Problem) -> str:
         run = "stays in one mode"
         if switching.guarantee in ("dwell", "sequence"):
             run = "switches like that"
-        simulated = switching_words(problem.switching, tuple(problem.network.modes))
+        simulated = switching_words(switching, tuple(problem.network.modes))
         told.append(f"Switching in simulations: {simulated}.")
         told.append(f"The run shown here {run}, and the proofs {allowed}.")
     return " ".join(told)

@@ -90,6 +90,9 @@ def commands(each: Input) -> Iterator[Command]:
     yield Command("verify-json", ("verify", result, "--problem", source, "--json"))
     if each.kind == "large" or each.long:
         return
+    if each.kind == "thorough":
+        yield from thorough(each)
+        return
     small, k = each.kind != "builtin", each.number
     short = ("--t-final", "2", "--runs", "2")
     if not small or k % 3 == 0:
@@ -115,6 +118,26 @@ def commands(each: Input) -> Iterator[Command]:
     if not small or k % 6 == 5:
         yield Command("region", ("region", source, "--out", "starts", "--json"))
         yield Command("export-sdpa", ("export", source, "--sdpa", "lmi.dat-s"))
+
+
+def thorough(each: Input) -> Iterator[Command]:
+    """What a share of the problems is not asked, because it takes long or says much."""
+    source, result = each.source, "certificate"
+    latex = ("--latex", "latex", "--full", "--json")
+    yield Command("report", ("report", result, "--out", "pages", *latex))
+    yield Command("certify-all", ("certify", source, "--out", "all", "--all", "--json"))
+    yield Command("compare", ("report", result, "all", "--out", "two"))
+    yield Command("region-text", ("region", source, "--out", "starts", "--all"))
+    yield Command("design-text", ("design", source, "--out", "designed.toml"))
+    yield Command("design-rate", ("design", source, "--out", "a.toml", "--rate", "1/10", "--json"))
+    yield Command("design-coupling", ("design", source, "--out", "b.toml", "--coupling", "--json"))
+    yield Command("simulate-out", ("simulate", source, "--t-final", "1", "--out", "runs"))
+    noisy = ("--noise", "0.01", "--saturation", "2", "--loss", "0.1")
+    yield Command("stress-noise", ("stress", source, *noisy, "--t-final", "1", "--json"))
+    yield Command("export-fmu", ("export", source, "--fmu", "agent.fmu", "--period", "1/100"))
+    yield Command("export-rocq", ("export", result, "--rocq", "motions.v"))
+    yield Command("export-theorem", ("export", result, "--rocq", "theorem.v", "--theorem"))
+    yield Command("canonical", ("check", source, "--canonical", "canonical.json"))
 
 
 EXPLAINED = (
@@ -270,15 +293,15 @@ def outcome_of(folder: Path) -> str:
 def keep(folder: Path, target: Path, *, version: str) -> None:
     """Copy what was written, in words that do not vary; of pictures and archives only what they are
     called."""
-    fingerprint = ""
-    certificate = folder / "certificate" / "certificate.json"
-    if certificate.exists():
-        fingerprint = hashlib.sha256(certificate.read_bytes()).hexdigest()
+    named = re.compile(rf'(dobc\\?_design |"version": "|Version ){re.escape(version)}')
+    certificates = folder.rglob("certificate.json")
+    fingerprints = [hashlib.sha256(path.read_bytes()).hexdigest() for path in certificates]
 
     def steady(text: str) -> str:
-        text = text.replace(str(folder), FOLDER)
-        text = re.sub(rf'(dobc\\?_design |"version": "){re.escape(version)}', rf"\1{VERSION}", text)
-        return text.replace(fingerprint, FINGERPRINT) if fingerprint else text
+        text = named.sub(rf"\1{VERSION}", text.replace(str(folder), FOLDER))
+        for fingerprint in fingerprints:
+            text = text.replace(fingerprint, FINGERPRINT)
+        return text
 
     if target.exists():
         shutil.rmtree(target)

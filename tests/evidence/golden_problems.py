@@ -967,6 +967,17 @@ ASKED: dict[str, tuple[str, tuple[str, ...]]] = {
     "option-fix": ("unreached", ("--apply-fix", "cured.toml")),
     "option-search-stated": ("not-kept", ("--search",)),
 }
+#: Of these, one problem goes through the commands that take long or say much (see ``golden.py``).
+THOROUGH = (
+    "disturbed",
+    "region",
+    "planar",
+    "sequence",
+    "accuracy",
+    "dynamics-inputs",
+    "dynamics-overdamped",
+    "leader-A",
+)
 #: The first of each, so many.
 ASKED_COUNT = 3
 BUILTIN = (
@@ -993,7 +1004,7 @@ def text_of(kind: str, number: int) -> str:
 
 def inputs() -> list[Input]:
     """All of them, the long ones last."""
-    found = [*_random(), *_asked(), *_large(), *_malformed(), *_kept()]
+    found = [*_random(), *_asked(), *_thorough(), *_large(), *_malformed(), *_kept()]
     for number, name in enumerate(BUILTIN):
         found.append(
             Input(name=f"builtin-{name}", kind="builtin", number=number, long=name in LONG)
@@ -1016,6 +1027,12 @@ def _asked() -> Iterator[Input]:
             yield Input(
                 name=f"{kind}-{number:02}", kind=kind, number=number, text=text, options=options
             )
+
+
+def _thorough() -> Iterator[Input]:
+    for number, whose in enumerate(THOROUGH):
+        name = f"thorough-{whose}"
+        yield Input(name=name, kind="thorough", number=number, text=text_of(whose, 0))
 
 
 def _large() -> Iterator[Input]:

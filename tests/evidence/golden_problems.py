@@ -992,11 +992,13 @@ BUILTIN = (
     "uav-swarm",
 )
 LONG = {
+    "builtin-karate-club",
+    "builtin-microgrid-ieee14",
+    "builtin-swing-ieee39",
+    "builtin-uav-swarm",
     "dynamics-overdamped-01",
     "dynamics-overdamped-05",
     "dynamics-overdamped-07",
-    "dynamics-f-07",
-    "dynamics-f-09",
     "dynamics-region-00",
     "dynamics-region-01",
     "dynamics-region-02",

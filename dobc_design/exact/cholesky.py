@@ -41,12 +41,15 @@ def bad_direction(
     (< 0).  ``flint`` chooses the arithmetic; by default the size does. ``most_work``: products of
     numbers of 64 bits, about; counted, not timed, so that every machine answers the same. Raises:
     UnfinishedError beyond it."""
-    long = M.size >= FLINT_SIZE if flint is None else flint
+    if flint is None:
+        flint = M.size >= FLINT_SIZE
     rows: list[dict[int, Scalar]] = M.rows()
-    if long:
+    if flint:
         rows = [{j: to_fmpq(value) for j, value in row.items()} for row in rows]
     found = _eliminate(rows, [], strict=strict, most_work=most_work)
-    return found and {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
+    if found is None:
+        return None
+    return {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +68,10 @@ def squares_of(M: SparseSymmetric, *, strict: bool = True) -> tuple[Square, ...]
     steps: list[Step] = []
     if _eliminate(M.rows(), steps, strict=strict, most_work=None) is not None:
         return None
-    return tuple(
-        Square(weight, pivot, dict(sorted(others.items()))) for pivot, weight, others in steps
-    )
+    squares: list[Square] = []
+    for pivot, weight, others in steps:
+        squares.append(Square(weight, pivot, dict(sorted(others.items()))))
+    return tuple(squares)
 
 
 def _eliminate(
@@ -76,9 +80,10 @@ def _eliminate(
     """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
     ``rows`` hold both triangles without zeros, and are consumed: the open ones hold the Schur
     complement.  ``steps`` gets every pivot."""
-    bad_rows = (_bad_diagonal(rows, i, strict=strict) for i in range(len(rows)))
-    if (bad := next(filter(None, bad_rows), None)) is not None:
-        return bad
+    for i in range(len(rows)):
+        bad = _bad_diagonal(rows, i, strict=strict)
+        if bad is not None:
+            return bad
     queue = [(len(row), i) for i, row in enumerate(rows)]
     heapq.heapify(queue)
     closed = [False] * len(rows)
@@ -94,7 +99,9 @@ def _eliminate(
             continue
         pivot = row.pop(k)
         if most_work is not None:
-            work += len(row) * (len(row) + 1) // 2 * (1 + int(pivot.denominator).bit_length() // 64)
+            products = len(row) * (len(row) + 1) // 2
+            words = 1 + int(pivot.denominator).bit_length() // 64
+            work += products * words
             if work > most_work:
                 raise UnfinishedError(
                     f"elimination stopped at pivot {len(steps) + 1} of {len(rows)}"
@@ -103,7 +110,8 @@ def _eliminate(
         steps.append((k, pivot, factors))
         _subtract_outer(rows, k, factors)
         for i in row:
-            if (bad := _bad_diagonal(rows, i, strict=strict)) is not None:
+            bad = _bad_diagonal(rows, i, strict=strict)
+            if bad is not None:
                 return _back_substitute(bad, steps)
             heapq.heappush(queue, (len(rows[i]), i))
     return None
@@ -196,12 +204,13 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     found = _whole_entries(M, bits)
     if found is None:
         return None
-    exponents, rows, columns, whole = found
-    large = np.flatnonzero((rows != columns) & ((whole >= 1 << bits) | (whole < -(1 << bits))))
+    rows, columns, whole = found.rows, found.columns, found.values
+    beyond_one = (whole >= 1 << bits) | (whole < -(1 << bits))
+    large = np.flatnonzero((rows != columns) & beyond_one)
     if len(large):
-        return _against(
-            int(rows[large[0]]), int(columns[large[0]]), int(whole[large[0]]), exponents
-        )
+        first = large[0]
+        i, j = int(rows[first]), int(columns[first])
+        return _against(i, j, int(whole[first]), found.exponents)
 
     def dense(values: NDArray[Any]) -> NDArray[Any]:
         full = np.zeros((M.size, M.size), dtype=values.dtype)
@@ -211,7 +220,7 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     mask = (1 << low_bits) - 1
     return Scaled(
         size=M.size,
-        exponents=exponents,
+        exponents=found.exponents,
         low_bits=low_bits,
         high=dense((whole >> 2 * low_bits).astype(np.int64)),
         middle=dense(((whole >> low_bits) & mask).astype(np.int64)),
@@ -220,43 +229,57 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     )
 
 
-def _whole_entries(
-    M: SparseSymmetric | IntegerSymmetric, bits: int
-) -> tuple[Whole, Whole, Whole, NDArray[Any]] | None:
-    """Exponents, rows, columns, and 2^bits D M D there rounded down; None as above.  A denominator
-    is left out."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Entries:
+    """D = diag(2^-exponents), and 2^bits D M D at (rows, columns), rounded down, in Python's
+    integers."""
+
+    exponents: Whole
+    rows: Whole
+    columns: Whole
+    values: NDArray[Any]
+
+
+def _whole_entries(M: SparseSymmetric | IntegerSymmetric, bits: int) -> _Entries | None:
+    """The entries of D M D; None if the diagonal is not positive.  A common denominator is left
+    out: M > 0 does not depend on it."""
     if isinstance(M, IntegerSymmetric):
-        rows, columns, numerators = M.rows, M.columns, M.values.astype(object)
+        rows = M.rows
+        columns = M.columns
+        numerators = M.values.astype(object)
         denominators = np.ones(len(rows), dtype=object)
     else:
-        rows, columns = (
-            np.array([place[k] for place in M.entries], dtype=np.int64) for k in (0, 1)
-        )
+        rows = np.array([i for i, _ in M.entries], dtype=np.int64)
+        columns = np.array([j for _, j in M.entries], dtype=np.int64)
         numerators = np.array([x.numerator for x in M.entries.values()], dtype=object)
         denominators = np.array([x.denominator for x in M.entries.values()], dtype=object)
     on = rows == columns
     if np.count_nonzero(on) < M.size or not (numerators[on] > 0).all():
         return None
-    below = denominators[on].tolist()
     # M_ii lies in (2^(e-1), 2^(e+1)), e the difference of the bit lengths; hence (D M D)_ii in
     # [1/8, 1).
-    lengths = [
-        x.bit_length() - y.bit_length() for x, y in zip(numerators[on].tolist(), below, strict=True)
-    ]
+    halves: list[int] = []
+    for above, below in zip(numerators[on].tolist(), denominators[on].tolist(), strict=True):
+        e = above.bit_length() - below.bit_length()
+        halves.append((e + 2) // 2)
     exponents = np.zeros(M.size, dtype=np.int64)
-    exponents[rows[on]] = [(e + 2) // 2 for e in lengths]
+    exponents[rows[on]] = halves
     shift = bits - exponents[rows] - exponents[columns]
-    left, right = (np.maximum(x, 0).astype(object) for x in (shift, -shift))
-    return exponents, rows, columns, (numerators << left) // (denominators << right)
+    left = np.maximum(shift, 0).astype(object)
+    right = np.maximum(-shift, 0).astype(object)
+    whole = (numerators << left) // (denominators << right)  # // rounds down, also below 0
+    return _Entries(exponents=exponents, rows=rows, columns=columns, values=whole)
 
 
 def _against(i: int, j: int, entry: int, exponents: Whole) -> list[int]:
     """Return D (e_i -+ e_j) as integers: its value is d_ii + d_jj - 2 |d_ij| < 0 for D M D =
     (d_ij)."""
-    top = max(int(exponents[i]), int(exponents[j]))
+    e_i = int(exponents[i])
+    e_j = int(exponents[j])
+    top = max(e_i, e_j)
     direction = [0] * len(exponents)
-    direction[i] = 1 << (top - int(exponents[i]))
-    direction[j] = (-1 if entry > 0 else 1) << (top - int(exponents[j]))
+    direction[i] = 1 << (top - e_i)
+    direction[j] = (-1 if entry > 0 else 1) << (top - e_j)
     return direction
 
 
@@ -286,12 +309,15 @@ def integer_factors(S: Scaled) -> Iterator[tuple[Floats, Floats]]:
 def leaves_dominated_rest(S: Scaled, high: Floats, low: Floats) -> bool:
     """Whether D M D - L L' is dominated by its diagonal, any integers L; products in doubles stay
     below 2^53."""
-    if not all(np.array_equal(part, np.rint(part)) for part in (high, low)):
+    longest = 0.0  # of all rows: no product of two is larger than its square
+    for part in (high, low):
+        if not np.array_equal(part, np.rint(part)):
+            return False
+        longest = max(longest, float(np.sqrt((part * part).sum(axis=1).max())))
+    if not longest**2 * _UPWARDS < _EXACT:
         return False
-    longest, shortest = (float(np.sqrt((part * part).sum(axis=1).max())) for part in (high, low))
-    if max(longest, shortest) ** 2 * _UPWARDS >= _EXACT:
-        return False
-    n, shift = S.size, S.low_bits
+    n = S.size
+    shift = S.low_bits
 
     def product(left: Floats, right: Floats) -> Whole:
         return (left @ right.T).astype(np.int64)
@@ -320,8 +346,10 @@ def low_directions(S: Scaled, eigenvectors: Floats) -> list[list[int]]:
     """Return D w for the columns w of ``eigenvectors`` (n, k), as integers: v'Mv is w'(D M D)w but
     for a factor."""
     lift = (S.exponents.max() - S.exponents).tolist()
-    whole = np.rint(np.ldexp(eigenvectors.T, _DIRECTION_BITS)).tolist()
-    return [[int(x) << e for x, e in zip(w, lift, strict=True)] for w in whole]
+    found: list[list[int]] = []
+    for whole in np.rint(np.ldexp(eigenvectors.T, _DIRECTION_BITS)).tolist():
+        found.append([int(x) << e for x, e in zip(whole, lift, strict=True)])
+    return found
 
 
 def _factor(A: Floats, shift: float) -> Floats | None:
@@ -356,31 +384,31 @@ def decide_lifted(
     few = int(np.count_nonzero(values < 2**10 * margin(S)))
     if not 0 < few <= max(4, S.size // _SHARE):
         return None
+    # B = D M D + V V' has no small eigenvalues; M > 0 iff G = I - V' B^-1 V > 0 (Schur).
     lift = np.rint(np.ldexp(vectors[:, :few], _LIFT_BITS)).astype(np.int64)
     square = lift @ lift.T
-    B = replace(
-        S,
-        high=S.high + (square << 2 * (HIGH_BITS - _LIFT_BITS)),
-        floats=S.floats + np.ldexp(square, -2 * _LIFT_BITS),
-    )
-    if not proves_by_integers(B):
+    high = S.high + (square << 2 * (HIGH_BITS - _LIFT_BITS))
+    floats = S.floats + np.ldexp(square, -2 * _LIFT_BITS)
+    if not proves_by_integers(replace(S, high=high, floats=floats)):
         return None
     Z = from_fmpq_mat(_solved(M, S, square, lift))
     unit = Fraction(1, 2**_LIFT_BITS)
     V = [[unit * x for x in row] for row in lift.tolist()]
-    pairs = [(a, b) for a in range(few) for b in range(a, few)]
-    G = {
-        (a, b): (a == b)
-        - sum((v[a] * z[b] for v, z in zip(V, Z, strict=True) if v[a]), Fraction(0))
-        for a, b in pairs
-    }
+    G: dict[tuple[int, int], Fraction] = {}
+    for a in range(few):
+        for b in range(a, few):
+            products = (v[a] * z[b] for v, z in zip(V, Z, strict=True) if v[a])
+            G[a, b] = (a == b) - sum(products, Fraction(0))
     found = bad_direction(SparseSymmetric(few, G), strict=strict)
     if found is None:
         return {}
     # With w'Gw <= 0 and v = -Z w: v'(D M D)v <= [v; w]'[[B, V], [V', I]][v; w] = w'Gw.
-    exponents = S.exponents.tolist()
-    direction = [sum((row[b] * w for b, w in found.items()), Fraction(0)) for row in Z]
-    return {i: Fraction(2) ** -exponents[i] * x for i, x in enumerate(direction) if x}
+    direction: dict[int, Fraction] = {}
+    for i, (row, exponent) in enumerate(zip(Z, S.exponents.tolist(), strict=True)):
+        x = sum((row[b] * w for b, w in found.items()), Fraction(0))
+        if x:
+            direction[i] = Fraction(2) ** -exponent * x
+    return direction
 
 
 def _solved(
@@ -396,9 +424,8 @@ def _solved(
     entries = [[unit * x for x in row] for row in square.tolist()]
     places: Iterable[tuple[int, int, fmpq]]
     if isinstance(M, IntegerSymmetric):
-        places = zip(
-            M.rows.tolist(), M.columns.tolist(), (fmpq(x) for x in M.values.tolist()), strict=True
-        )
+        values = map(fmpq, M.values.tolist())
+        places = zip(M.rows.tolist(), M.columns.tolist(), values, strict=True)
     else:
         places = ((i, j, to_fmpq(x)) for (i, j), x in M.entries.items())
     for i, j, x in places:
@@ -407,7 +434,6 @@ def _solved(
         entries[i][j] += entry
         if i != j:
             entries[j][i] += entry
-    right = fmpq_mat(
-        n, lift.shape[1], [fmpq(x, 2**_LIFT_BITS) for row in lift.tolist() for x in row]
-    )
-    return fmpq_mat(n, n, [x for row in entries for x in row]).solve(right)
+    right = [fmpq(x, 2**_LIFT_BITS) for x in lift.ravel().tolist()]
+    left = [x for row in entries for x in row]
+    return fmpq_mat(n, n, left).solve(fmpq_mat(n, lift.shape[1], right))

@@ -76,15 +76,16 @@ def first_refuting(
 ) -> Definiteness | None:
     """Return the decision REFUTED by the first candidate, a vector of integers, that refutes; else
     None."""
+    refuted = Verdict.REFUTED
     for candidate in filter(any, candidates):
         # Without a common factor, and the first entry that is not 0 positive.
-        factor = math.gcd(*candidate) * (1 if next(filter(None, candidate)) > 0 else -1)
+        factor = math.gcd(*candidate)
+        if next(filter(None, candidate)) < 0:
+            factor = -factor
         witness = tuple(Fraction(x // factor) for x in candidate)
         value = M.quadratic_form(witness)
         if value < 0 or (strict and value == 0):
-            return Definiteness(
-                verdict=Verdict.REFUTED, method=method, witness=witness, value=value
-            )
+            return Definiteness(verdict=refuted, method=method, witness=witness, value=value)
     return None
 
 
@@ -137,9 +138,8 @@ def decide_quickly(M: Matrix | Symmetric) -> Definiteness:
     case = _Case(given=_symmetric(M), strict=True)
     if case.size == 0:
         return case.proved("no rows")
-    unknown = Definiteness(
-        verdict=Verdict.UNDECIDED, method=case.named("Cholesky factor in integers")
-    )
+    method = case.named("Cholesky factor in integers")
+    unknown = Definiteness(verdict=Verdict.UNDECIDED, method=method)
     return _by_diagonal(case) or _by_integers(case) or _by_eigenvector(case) or unknown
 
 
@@ -176,15 +176,15 @@ class _Case:
     def matrix(self) -> Symmetric:
         """The same matrix, in arrays of integers where these are not long: they multiply out
         faster."""
-        return self.given if self.size < FLINT_SIZE else in_integers(self.given) or self.given
+        if self.size < FLINT_SIZE:
+            return self.given
+        return in_integers(self.given) or self.given
 
     @cached_property
     def entries(self) -> int:
-        return (
-            len(self.matrix.values)
-            if isinstance(self.matrix, IntegerSymmetric)
-            else len(self.matrix.entries)
-        )
+        if isinstance(self.matrix, IntegerSymmetric):
+            return len(self.matrix.values)
+        return len(self.matrix.entries)
 
     @cached_property
     def scaled(self) -> Scaled | list[int] | None:
@@ -210,18 +210,19 @@ class _Case:
 
 
 def _decide(case: _Case) -> Definiteness:
-    for most, path in _PATHS if case.size >= FLINT_SIZE else ():
-        if case.size <= most and (decision := path(case)) is not None:
-            return decision
+    paths = _PATHS if case.size >= FLINT_SIZE else ()
+    for most, path in paths:
+        if case.size <= most:
+            decision = path(case)
+            if decision is not None:
+                return decision
     return _by_elimination(case)
 
 
 def _by_elimination(case: _Case) -> Definiteness:
-    method = (
-        "LDL' over the rationals"
-        if case.size < FLINT_SIZE
-        else "LDL' over the rationals (python-flint)"
-    )
+    method = "LDL' over the rationals"
+    if case.size >= FLINT_SIZE:
+        method += " (python-flint)"
     M = case.given.to_sparse() if isinstance(case.given, IntegerSymmetric) else case.given
     most_work = case.most_work if case.size > _DENSE_SIZE else None
     try:
@@ -235,13 +236,12 @@ def _by_elimination(case: _Case) -> Definiteness:
 
 
 def _by_diagonal(case: _Case) -> Definiteness | None:
-    diagonal = case.matrix.diagonal()
-    bad = next((i for i, x in enumerate(diagonal) if x < 0 or (case.strict and x == 0)), None)
-    return (
-        None
-        if bad is None
-        else _first(case, ([int(i == bad) for i in range(case.size)],), "entry of the diagonal")
-    )
+    """Refute by the first entry of the diagonal that is not positive."""
+    for bad, x in enumerate(case.matrix.diagonal()):
+        if x < 0 or (case.strict and x == 0):
+            unit = [int(i == bad) for i in range(case.size)]
+            return _first(case, (unit,), "entry of the diagonal")
+    return None
 
 
 def _by_vector(case: _Case) -> Definiteness | None:
@@ -270,11 +270,13 @@ def _by_eigenvector(case: _Case) -> Definiteness | None:
     if case.scaled is None or case.spectrum is None:
         return None
     values, vectors = case.spectrum
-    low = vectors[:, : min(_EIGENVECTORS, int(np.count_nonzero(values < margin(case.scaled))))]
+    below = int(np.count_nonzero(values < margin(case.scaled)))
+    low = vectors[:, : min(_EIGENVECTORS, below)]
     return _first(case, low_directions(case.scaled, low), "eigenvector, rounded and multiplied out")
 
 
 def _by_lift(case: _Case) -> Definiteness | None:
+    """Decide next to the edge, where few eigenvalues are small."""
     if not isinstance(case.scaled, Scaled) or case.spectrum is None:
         return None
     values, vectors = case.spectrum
@@ -286,6 +288,7 @@ def _by_lift(case: _Case) -> Definiteness | None:
 
 
 def _first(case: _Case, directions: Iterable[list[int]], method: str) -> Definiteness | None:
+    """Refute by the first direction or rounding of one that does; None if none does."""
     candidates = (each for d in directions for each in (*roundings(d), d))
     return first_refuting(case.matrix, candidates, strict=case.strict, method=case.named(method))
 
@@ -296,18 +299,16 @@ def _read(given: object) -> Matrix | Symmetric:
     if isinstance(given, np.ndarray) and given.dtype != object:
         if given.ndim != 2 or given.shape[0] != given.shape[1]:
             raise wrong("matrix", f"must be square; got shape {given.shape}.", kind=ShapeError)
-        large = len(given) >= FLINT_SIZE and given.dtype in (np.float32, np.float64)
-        return IntegerSymmetric.from_floats(given) if large else from_float(given, None)
+        if len(given) >= FLINT_SIZE and given.dtype in (np.float32, np.float64):
+            return IntegerSymmetric.from_floats(given)
+        return from_float(given, None)
     if not isinstance(given, (Sequence, np.ndarray)):
-        raise wrong(
-            "matrix", f"must be a list of rows; got {type(given).__name__}.", kind=ShapeError
-        )
-    numeric = [
-        isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object for row in given
-    ]
-    rows: list[Any] = [
-        from_float(row[None], None)[0] if x else row for row, x in zip(given, numeric, strict=True)
-    ]
+        what = f"must be a list of rows; got {type(given).__name__}."
+        raise wrong("matrix", what, kind=ShapeError)
+    rows: list[Any] = []
+    for row in given:
+        numeric = isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object
+        rows.append(from_float(row[None], None)[0] if numeric else row)
     return matrix(rows)
 
 

@@ -59,9 +59,10 @@ class Floats(Interval):
         """An end as a rational, made when it is first asked for."""
         if name not in ("lo", "hi"):
             raise AttributeError(name)
-        end = Fraction(*(self.bottom if name == "lo" else self.top).as_integer_ratio())
-        setattr(self, name, end)
-        return end
+        end = self.bottom if name == "lo" else self.top
+        rational = Fraction(*end.as_integer_ratio())
+        setattr(self, name, rational)
+        return rational
 
     def __reduce__(self) -> tuple[type[Floats], tuple[float, float]]:
         return Floats, (self.bottom, self.top)
@@ -82,15 +83,18 @@ class Floats(Interval):
 
     def __add__(self, other: Interval | Fraction | int) -> Floats:
         y = other if type(other) is Floats else Floats.around(other)
-        lo, hi = self.bottom + y.bottom, self.top + y.top
-        return Floats(
-            nextafter(lo, -inf) if self.bottom and y.bottom else lo,  # with 0 there is no rounding
-            nextafter(hi, inf) if self.top and y.top else hi,
-        )
+        lo = self.bottom + y.bottom
+        hi = self.top + y.top
+        if self.bottom and y.bottom:  # with 0 there is no rounding
+            lo = nextafter(lo, -inf)
+        if self.top and y.top:
+            hi = nextafter(hi, inf)
+        return Floats(lo, hi)
 
     def __mul__(self, other: Interval | Fraction | int) -> Floats:
         y = other if type(other) is Floats else Floats.around(other)
         a, b, c, d = self.bottom, self.top, y.bottom, y.top
+        # The least product is p q, the largest r s.
         if a >= 0:
             p, q, r, s = a if c >= 0 else b, c, b if d >= 0 else a, d
         elif b <= 0:
@@ -100,21 +104,31 @@ class Floats(Interval):
         elif d <= 0:
             p, q, r, s = b, c, a, c
         else:
-            (p, q), (r, s) = (
-                (a, d) if a * d <= b * c else (b, c),
-                (a, c) if a * c >= b * d else (b, d),
-            )
-        lo, hi = p * q, r * s
+            p, q = (a, d) if a * d <= b * c else (b, c)
+            r, s = (a, c) if a * c >= b * d else (b, d)
+        lo = p * q
+        hi = r * s
         # With 0 there is no rounding; a product that is too small to be written has one.
-        return Floats(nextafter(lo, -inf) if p and q else lo, nextafter(hi, inf) if r and s else hi)
+        if p and q:
+            lo = nextafter(lo, -inf)
+        if r and s:
+            hi = nextafter(hi, inf)
+        return Floats(lo, hi)
 
     def __truediv__(self, other: Interval | Fraction | int) -> Floats:
         y = other if type(other) is Floats else Floats.around(other)
         if y.bottom <= 0 <= y.top:
             raise UndefinedError(f"division by {y}, which contains 0, is not defined.")
-        x, near, far = (self, y.bottom, y.top) if y.bottom > 0 else (-self, -y.top, -y.bottom)
-        lo, hi = x.bottom / (far if x.bottom >= 0 else near), x.top / (near if x.top >= 0 else far)
-        return Floats(nextafter(lo, -inf) if x.bottom else lo, nextafter(hi, inf) if x.top else hi)
+        x, near, far = self, y.bottom, y.top
+        if y.bottom < 0:  # x / y = -x / -y
+            x, near, far = -self, -y.top, -y.bottom
+        lo = x.bottom / (far if x.bottom >= 0 else near)
+        hi = x.top / (near if x.top >= 0 else far)
+        if x.bottom:
+            lo = nextafter(lo, -inf)
+        if x.top:
+            hi = nextafter(hi, inf)
+        return Floats(lo, hi)
 
     __radd__ = __add__
     __rmul__ = __mul__
@@ -123,10 +137,10 @@ class Floats(Interval):
         return Floats.around(other) / self
 
     def increasing(self, name: str) -> Floats:
-        low = float_values(name, self.bottom)
-        return Floats(
-            low[0], low[1] if self.bottom == self.top else float_values(name, self.top)[1]
-        )
+        low, high = float_values(name, self.bottom)
+        if self.bottom != self.top:
+            _, high = float_values(name, self.top)
+        return Floats(low, high)
 
     def wave(self, name: str) -> Floats:
         a, b, shift = self.bottom, self.top, WAVES[name]
@@ -136,13 +150,22 @@ class Floats(Interval):
         last = math.floor(b / math.pi - shift + _MARGIN)
         if last > first:
             return Floats(-1.0, 1.0)
-        (low, high), (low_there, high_there) = float_values(name, a), float_values(name, b)
-        turns = None if last < first else first % 2
-        return Floats(
-            -1.0 if turns == 1 else min(low, low_there),
-            1.0 if turns == 0 else max(high, high_there),
-        )
+        low, high = float_values(name, a)
+        low_there, high_there = float_values(name, b)
+        low = min(low, low_there)
+        high = max(high, high_there)
+        if last == first:  # one extremum lies inside, or may
+            if first % 2 == 0:
+                high = 1.0
+            else:
+                low = -1.0
+        return Floats(low, high)
 
     def root(self) -> Floats:
-        lo, hi = math.sqrt(self.bottom), math.sqrt(self.top)
-        return Floats(nextafter(lo, -inf) if lo else lo, nextafter(hi, inf) if hi else hi)
+        lo = math.sqrt(self.bottom)
+        hi = math.sqrt(self.top)
+        if lo:
+            lo = nextafter(lo, -inf)
+        if hi:
+            hi = nextafter(hi, inf)
+        return Floats(lo, hi)

@@ -105,11 +105,14 @@ def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
         return Fraction(known), Fraction(known)
     from flint import arb, ctx
 
-    with FLINT, ctx.workprec(BITS + _GUARD + min(height(x), _MAX_HEIGHT)):
+    bits = BITS + _GUARD + min(height(x), _MAX_HEIGHT)
+    with FLINT, ctx.workprec(bits):
         lower, upper = _ends(getattr(arb(to_fmpq(x)), name)())
-    return max(lower, Fraction(_LEAST.get(name, lower))), min(
-        upper, Fraction(_GREATEST.get(name, upper))
-    )
+    if name in _LEAST:
+        lower = max(lower, Fraction(_LEAST[name]))
+    if name in _GREATEST:
+        upper = min(upper, Fraction(_GREATEST[name]))
+    return lower, upper
 
 
 @lru_cache(maxsize=1 << 14)
@@ -122,11 +125,14 @@ def float_values(name: str, x: float) -> tuple[float, float]:
     from flint import arb, ctx
 
     with FLINT:  # workprec alone would take a quarter of the time
-        before, ctx.prec = ctx.prec, 64
+        before = ctx.prec
+        ctx.prec = 64
         ball = getattr(arb(x), name)()
-        low, high = float(ball.lower()), float(ball.upper())
+        low = float(ball.lower())
+        high = float(ball.upper())
         ctx.prec = before
-    low, high = math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+    low = math.nextafter(low, -math.inf)  # float() rounds to the nearest
+    high = math.nextafter(high, math.inf)
     return max(low, _LEAST.get(name, low)), min(high, _GREATEST.get(name, high))
 
 
@@ -142,7 +148,8 @@ def _ends(ball: arb) -> tuple[Fraction, Fraction]:
     # arb.lower() and upper() would round once more; middle and radius are exact numbers.
     if not ball.is_finite():
         raise OverflowError("there is no finite enclosure")
-    (middle, error), (radius, more) = _dyadic(ball.mid()), _dyadic(ball.rad())
+    middle, error = _dyadic(ball.mid())
+    radius, more = _dyadic(ball.rad())
     around = radius + error + more
     return middle - around, middle + around
 
@@ -150,14 +157,15 @@ def _ends(ball: arb) -> tuple[Fraction, Fraction]:
 def _dyadic(number: arb) -> tuple[Fraction, Fraction]:
     """An exact ball's value and the error of dropping tiny exponents: fmpq() ends the process at
     radii of 2^-15000."""
-    mantissa, exponent = (int(part) for part in number.man_exp())
-    if exponent < -_MAX_EXPONENT and mantissa.bit_length() + exponent < 0:
-        return Fraction(0), Fraction(1, 1 << min(_MAX_EXPONENT, -exponent - mantissa.bit_length()))
+    mantissa, exponent = map(int, number.man_exp())
+    below_one = -exponent - mantissa.bit_length()  # |number| < 2^-below_one
+    if exponent < -_MAX_EXPONENT and below_one > 0:
+        return Fraction(0), Fraction(1, 1 << min(_MAX_EXPONENT, below_one))
     if exponent > _MAX_EXPONENT:
         raise OverflowError("there is no finite enclosure")
-    return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(
-        mantissa, 1 << -exponent
-    ), Fraction(0)
+    if exponent >= 0:
+        return Fraction(mantissa << exponent), Fraction(0)
+    return Fraction(mantissa, 1 << -exponent), Fraction(0)
 
 
 # End points of this many bits stay as they are. Points have more: 1e-400 is a number of 1329 bits,
@@ -304,17 +312,16 @@ class Interval(Told):
         if x._mixed:
             x, y = y, x
         if x._mixed:
-            return _enclose(min(x.lo * y.hi, x.hi * y.lo), max(x.lo * y.lo, x.hi * y.hi), "*", x, y)
+            low = min(x.lo * y.hi, x.hi * y.lo)
+            high = max(x.lo * y.lo, x.hi * y.hi)
+            return _enclose(low, high, "*", x, y)
+        # x has one sign: two products, chosen by the signs of y's ends, are enough.
         if x.lo.numerator >= 0:
-            low, high = (
-                y.lo * (x.lo if y.lo.numerator >= 0 else x.hi),
-                y.hi * (x.hi if y.hi.numerator >= 0 else x.lo),
-            )
+            low = y.lo * (x.lo if y.lo.numerator >= 0 else x.hi)
+            high = y.hi * (x.hi if y.hi.numerator >= 0 else x.lo)
         else:
-            low, high = (
-                y.hi * (x.lo if y.hi.numerator >= 0 else x.hi),
-                y.lo * (x.hi if y.lo.numerator >= 0 else x.lo),
-            )
+            low = y.hi * (x.lo if y.hi.numerator >= 0 else x.hi)
+            high = y.lo * (x.hi if y.lo.numerator >= 0 else x.lo)
         return _enclose(low, high, "*", self, y)
 
     def __truediv__(self, other: Interval | Fraction | int) -> Interval:
@@ -322,11 +329,11 @@ class Interval(Told):
         y = _interval(other)
         if y.lo.numerator <= 0 <= y.hi.numerator:
             raise UndefinedError(f"division by {y}, which contains 0, is not defined.")
-        x, near, far = (self, y.lo, y.hi) if y.lo.numerator > 0 else (-self, -y.hi, -y.lo)
-        low, high = (
-            x.lo / (far if x.lo.numerator >= 0 else near),
-            x.hi / (near if x.hi.numerator >= 0 else far),
-        )
+        x, near, far = self, y.lo, y.hi
+        if y.lo.numerator < 0:  # x / y = -x / -y
+            x, near, far = -self, -y.hi, -y.lo
+        low = x.lo / (far if x.lo.numerator >= 0 else near)
+        high = x.hi / (near if x.hi.numerator >= 0 else far)
         return _enclose(low, high, "/", self, y)
 
     def __pow__(self, exponent: int) -> Interval:
@@ -344,7 +351,8 @@ class Interval(Told):
             low, high = self.ends()
             return (low**exponent).hull(high**exponent)
         half = self ** (exponent // 2) if exponent > 3 else self
-        return half * half * self if exponent % 2 else half * half
+        square = half * half
+        return square * self if exponent % 2 else square
 
     def increasing(self, name: str) -> Interval:
         """Enclose an increasing function, by the name that python-flint has for it."""
@@ -357,11 +365,17 @@ class Interval(Told):
         turns = _multiples_of_pi(self, shift=Fraction(WAVES[name]))
         if turns is None or turns[1] > turns[0]:
             return Interval(Fraction(-1), Fraction(1))
-        ends = [bounds(name, end) for end in dict.fromkeys((self.lo, self.hi))]
-        lo, hi = min(end[0] for end in ends), max(end[1] for end in ends)
-        if turns[0] == turns[1]:
-            lo, hi = (lo, Fraction(1)) if turns[0] % 2 == 0 else (Fraction(-1), hi)
-        return _enclose(lo, hi, name, self)
+        low, high = bounds(name, self.lo)
+        if not self.is_point:
+            low_there, high_there = bounds(name, self.hi)
+            low = min(low, low_there)
+            high = max(high, high_there)
+        if turns[0] == turns[1]:  # one extremum lies inside, or may
+            if turns[0] % 2 == 0:
+                high = Fraction(1)
+            else:
+                low = Fraction(-1)
+        return _enclose(low, high, name, self)
 
     def root(self) -> Interval:
         return _enclose(sqrt_bounds(self.lo)[0], sqrt_bounds(self.hi)[1], "sqrt", self)
@@ -453,7 +467,8 @@ def _rational(value: object) -> Fraction:
 def _interval(value: Interval | Fraction | int) -> Interval:
     if isinstance(value, Interval):
         return value if type(value) is Interval else Interval(value.lo, value.hi)
-    return Interval(_rational(value), _rational(value))
+    number = _rational(value)
+    return Interval(number, number)
 
 
 def _enclose(
@@ -469,7 +484,8 @@ def _enclose(
         kept = _KEPT_POINT if lo == hi else _KEPT
     try:
         low = lo if height(lo) <= kept else round_down(lo, bits)
-        return Interval(low, hi if height(hi) <= kept else round_up(hi, bits))
+        high = hi if height(hi) <= kept else round_up(hi, bits)
+        return Interval(low, high)
     except OverflowError as cause:
         shown = " and ".join(str(operand) for operand in operands)
         raise UndefinedError(
@@ -485,7 +501,8 @@ def _growing(name: str, x: Interval) -> Interval:
         )
     if x.lo >= _MIN_EXP:
         return x.increasing(name)
-    return Interval(Fraction(0), Interval.point(max(x.hi, Fraction(_MIN_EXP))).increasing(name).hi)
+    right = Interval.point(max(x.hi, Fraction(_MIN_EXP)))
+    return Interval(Fraction(0), right.increasing(name).hi)
 
 
 def _multiples_of_pi(x: Interval, *, shift: Fraction) -> tuple[int, int] | None:
@@ -531,38 +548,41 @@ def discretise(A: Matrix, period: Fraction) -> Discretisation:
         raise SpecError(f"the sampling period must be > 0 (s); got {period}.")
     q = len(A)
     with FLINT, ctx.workprec(320):
-        blocks = [[*(arb(to_fmpq(x * period)) for x in row), *[arb(0)] * q] for row in A]
-        blocks += [[arb(0)] * 2 * q for _ in A]
-        for i in range(q):
-            blocks[i][q + i] = arb(to_fmpq(period))
-        found = arb_mat(blocks).exp()
+        blocks = arb_mat(2 * q, 2 * q)
+        for i, row in enumerate(A):
+            for j, x in enumerate(row):
+                blocks[i, j] = arb(to_fmpq(x * period))
+            blocks[i, q + i] = arb(to_fmpq(period))
+        found = blocks.exp()
         try:
             ends = [[_ends(found[i, j]) for j in range(2 * q)] for i in range(q)]
         except OverflowError as cause:
             raise SpecError(
                 "exp(A T) must be finite; A T is too large.", cure="Sample faster."
             ) from cause
-    rounded = [[Interval(lo, hi).rounded(2 * BITS) for lo, hi in row] for row in ends]
-    mean = tuple(tuple(x * (1 / period) for x in row[q:]) for row in rounded)
-    return Discretisation(transition=tuple(tuple(row[:q]) for row in rounded), mean=mean)
+    transition: list[tuple[Interval, ...]] = []
+    mean: list[tuple[Interval, ...]] = []
+    for pairs in ends:
+        rounded = tuple(Interval(lo, hi).rounded(2 * BITS) for lo, hi in pairs)
+        transition.append(rounded[:q])
+        mean.append(tuple(x * (1 / period) for x in rounded[q:]))
+    return Discretisation(transition=tuple(transition), mean=tuple(mean))
 
 
 def interval_characteristic_polynomial(F: Sequence[Sequence[Interval]]) -> tuple[Interval, ...]:
     """Enclose det(s I - F) for every F in an interval matrix (q, q): Faddeev and LeVerrier in
     intervals."""
-    size = len(F)
+    places = range(len(F))
     coefficients = [Interval.point(1)]
-    product = [[Interval.point(int(i == j)) for j in range(size)] for i in range(size)]
-    for k in range(1, size + 1):
-        image = [
-            [_total([F[i][r] * product[r][j] for r in range(size)]) for j in range(size)]
-            for i in range(size)
-        ]
-        value = _total([image[i][i] for i in range(size)]) * Fraction(-1, k)
+    product = [[Interval.point(int(i == j)) for j in places] for i in places]
+    for k in range(1, len(F) + 1):
+        columns = list(zip(*product, strict=True))
+        image = [[_dot(row, column) for column in columns] for row in F]
+        value = _total([image[i][i] for i in places]) * Fraction(-1, k)
         coefficients.append(value)
-        product = [
-            [x + value if i == j else x for j, x in enumerate(row)] for i, row in enumerate(image)
-        ]
+        for i in places:
+            image[i][i] = image[i][i] + value
+        product = image
     return tuple(coefficients)
 
 
@@ -581,6 +601,10 @@ def interval_routh(coefficients: Sequence[Interval | Fraction]) -> Verdict:
     except UndefinedError:
         return Verdict.UNDECIDED
     return Verdict.PROVED
+
+
+def _dot(v: Sequence[Interval], w: Sequence[Interval]) -> Interval:
+    return _total([x * y for x, y in zip(v, w, strict=True)])
 
 
 def _total(terms: Sequence[Interval]) -> Interval:

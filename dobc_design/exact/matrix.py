@@ -33,18 +33,21 @@ def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matr
     the key ``name[i][j]``, counted from 0."""
     if not _is_list(rows):
         raise wrong(name, f"must be a list of rows; got {type(rows).__name__}.", kind=ShapeError)
-    for row in (row for row in rows if not _is_list(row)):
-        raise wrong(
-            name, f"must have lists as rows; got {str(row)[:40]!r} as one.", kind=ShapeError
-        )
+    for row in rows:
+        if not _is_list(row):
+            what = f"must have lists as rows; got {str(row)[:40]!r} as one."
+            raise wrong(name, what, kind=ShapeError)
     require_shape(rows, (None, None), name=name)
 
     def read(entry: object, i: int, j: int) -> Fraction:
-        return entry if type(entry) is Fraction else parse_number(entry, key=f"{name}[{i}][{j}]")
+        if type(entry) is Fraction:
+            return entry
+        return parse_number(entry, key=f"{name}[{i}][{j}]")
 
-    return tuple(
-        tuple(read(entry, i, j) for j, entry in enumerate(row)) for i, row in enumerate(rows)
-    )
+    found: list[Vector] = []
+    for i, row in enumerate(rows):
+        found.append(tuple(read(entry, i, j) for j, entry in enumerate(row)))
+    return tuple(found)
 
 
 def shape(M: Matrix) -> tuple[int, int]:
@@ -54,12 +57,16 @@ def shape(M: Matrix) -> tuple[int, int]:
 
 def identity(size: int) -> Matrix:
     """Return the identity, (size, size)."""
-    return tuple(tuple(Fraction(int(i == j)) for j in range(size)) for i in range(size))
+    rows: list[Vector] = []
+    for i in range(size):
+        rows.append(tuple(Fraction(int(i == j)) for j in range(size)))
+    return tuple(rows)
 
 
 def zeros(rows: int, columns: int) -> Matrix:
     """Return the zero matrix, (rows, columns)."""
-    return tuple((Fraction(0),) * columns for _ in range(rows))
+    row = (Fraction(0),) * columns
+    return (row,) * rows
 
 
 def transpose(M: Matrix) -> Matrix:
@@ -84,7 +91,8 @@ def scale(factor: Fraction | int, M: Matrix) -> Matrix:
 
 def multiply(M: Matrix, N: Matrix) -> Matrix:
     """Return M N for M (a, b) and N (b, c). Raises: ShapeError if they do not fit."""
-    (a, b), (rows, c) = shape(M), shape(N)
+    a, b = shape(M)
+    rows, c = shape(N)
     if b != rows:
         raise ShapeError(
             f"the right factor must have {b} rows, one per column of the left; got {rows}."
@@ -92,15 +100,21 @@ def multiply(M: Matrix, N: Matrix) -> Matrix:
     if a * b * c > _FLINT_WORK:
         return from_fmpq_mat(to_fmpq_mat(M) * to_fmpq_mat(N))
     columns = transpose(N)
-    return tuple(
-        tuple(sum((x * y for x, y in zip(p, q, strict=True)), Fraction(0)) for q in columns)
-        for p in M
-    )
+    return tuple(tuple(dot(row, column) for column in columns) for row in M)
+
+
+def dot(v: Vector, w: Vector) -> Fraction:
+    """Return v'w, both of one length."""
+    return sum((x * y for x, y in zip(v, w, strict=True)), Fraction(0))
 
 
 def kronecker(M: Matrix, N: Matrix) -> Matrix:
     """Return the Kronecker product: M (a, b), N (c, d) give (a c, b d)."""
-    return tuple(tuple(x * y for x in p for y in q) for p in M for q in N)
+    rows: list[Vector] = []
+    for left in M:
+        for right in N:
+            rows.append(tuple(x * y for x in left for y in right))
+    return tuple(rows)
 
 
 def inverse(M: Matrix) -> Matrix:
@@ -119,7 +133,8 @@ def row_echelon(M: Matrix) -> tuple[Matrix, tuple[int, ...]]:
         return (), ()
     reduced, rank_found = to_fmpq_mat(M).rref()
     kept = from_fmpq_mat(reduced)[:rank_found]
-    return kept, tuple(next(j for j, x in enumerate(row) if x) for row in kept)
+    pivots = tuple(next(j for j, x in enumerate(row) if x) for row in kept)
+    return kept, pivots
 
 
 def rank(M: Matrix) -> int:
@@ -131,11 +146,17 @@ def nullspace(M: Matrix) -> tuple[Vector, ...]:
     """Return a basis of {v : M v = 0}, M (a, b): each vector is 1 at its own free column, 0 at
     those of the others."""
     reduced, pivots = row_echelon(M)
-    row, columns = dict(zip(pivots, reduced, strict=True)), range(shape(M)[1])
-    free = [k for k in columns if k not in row]
-    return tuple(
-        tuple(-row[j][k] if j in row else Fraction(int(j == k)) for j in columns) for k in free
-    )
+    size = shape(M)[1]
+    basis: list[Vector] = []
+    for free in range(size):
+        if free in pivots:
+            continue
+        vector = [Fraction(0)] * size
+        vector[free] = Fraction(1)
+        for pivot, row in zip(pivots, reduced, strict=True):
+            vector[pivot] = -row[free]
+        basis.append(tuple(vector))
+    return tuple(basis)
 
 
 def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Vector | None:
@@ -147,41 +168,46 @@ def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Ve
         return None
     if any(lo > 0 or hi < 0 for lo, hi in box):
         return _solve(M, box)
-    cone: list[tuple[Bound, Bound]] = [
-        (-math.inf if lo else lo, math.inf if hi else hi) for lo, hi in box
-    ]
-    for k, x in ((k, Fraction(x)) for k in range(len(box)) for x in (1, -1)):
-        found = (
-            _solve(M, [*cone[:k], (x, x), *cone[k + 1 :]])
-            if cone[k][0] <= x <= cone[k][1]
-            else None
-        )
-        if found is not None:
-            size = min(max(lo / x, hi / x) for x, (lo, hi) in zip(found, box, strict=True) if x)
-            return tuple(size * x for x in found)
+    cone: list[tuple[Bound, Bound]] = []
+    for lo, hi in box:
+        cone.append((-math.inf if lo else lo, math.inf if hi else hi))
+    for k in range(len(box)):
+        for x in (Fraction(1), Fraction(-1)):
+            if not cone[k][0] <= x <= cone[k][1]:
+                continue
+            found = _solve(M, [*cone[:k], (x, x), *cone[k + 1 :]])
+            if found is not None:
+                return _shortened(found, box)
     return None
+
+
+def _shortened(v: Vector, box: Sequence[tuple[Fraction, Fraction]]) -> Vector:
+    """The largest positive multiple of v in a box with 0 inside, v in the cone that it spans."""
+    pairs = zip(v, box, strict=True)
+    size = min(max(lo / x, hi / x) for x, (lo, hi) in pairs if x)
+    return tuple(size * x for x in v)
 
 
 def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
     """A v in a nonempty box with M v = 0, by the simplex method with Bland's rule, so that it
     ends."""
-    order, v = list(range(len(box))), [Fraction(max(lo, min(hi, 0))) for lo, hi in box]
+    order = list(range(len(box)))  # the columns from which pivots are taken first
+    v = [Fraction(max(lo, min(hi, 0))) for lo, hi in box]
     while True:
-        reduced, pivots = row_echelon(tuple(tuple(row[k] for k in order) for row in M))
-        rows = {
-            order[p]: {order[k]: -x for k, x in enumerate(row) if x and k != p}
-            for p, row in zip(pivots, reduced, strict=True)
-        }
+        rows = _solved_for(M, order)
         for p, row in rows.items():  # the entries of v that follow from the others
             v[p] = sum((x * v[k] for k, x in row.items()), Fraction(0))
         leaving = min((p for p in rows if not box[p][0] <= v[p] <= box[p][1]), default=None)
         if leaving is None:
             return tuple(v)
-        goal = Fraction(max(box[leaving][0], min(box[leaving][1], v[leaving])))
-        up, row = goal > v[leaving], rows.pop(leaving)
-        able = [
-            k for k, x in row.items() if (v[k] < box[k][1] if (x > 0) == up else v[k] > box[k][0])
-        ]
+        lo, hi = box[leaving]
+        goal = Fraction(max(lo, min(hi, v[leaving])))
+        up = goal > v[leaving]
+        able: list[int] = []  # entries that may move so that the leaving one moves to its goal
+        for k, x in rows.pop(leaving).items():
+            rises = (x > 0) == up
+            if v[k] < box[k][1] if rises else v[k] > box[k][0]:
+                able.append(k)
         if not able:
             return None
         v[leaving] = goal
@@ -189,16 +215,31 @@ def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
         order = [*first, *(k for k in order if k not in first)]
 
 
+def _solved_for(M: Matrix, order: Sequence[int]) -> dict[int, dict[int, Fraction]]:
+    """M v = 0 solved for entries of v, the earlier ones in ``order`` first: entry -> the others
+    that it is a sum of, with their factors."""
+    arranged = tuple(tuple(row[k] for k in order) for row in M)
+    reduced, pivots = row_echelon(arranged)
+    solved: dict[int, dict[int, Fraction]] = {}
+    for pivot, row in zip(pivots, reduced, strict=True):
+        others = {order[k]: -x for k, x in enumerate(row) if x and k != pivot}
+        solved[order[pivot]] = others
+    return solved
+
+
 def is_symmetric(M: Matrix) -> bool:
     """Return whether M is square and equals its transpose exactly."""
     rows, columns = shape(M)
-    return rows == columns and all(M[i][j] == M[j][i] for i in range(rows) for j in range(i))
+    if rows != columns:
+        return False
+    return all(M[i][j] == M[j][i] for i in range(rows) for j in range(i))
 
 
 def to_float(M: Matrix) -> NDArray[np.float64]:
     """Return the nearest floats, (a, b). Raises: SpecError if an entry is beyond their range."""
     try:
-        return np.array([[float(x) for x in row] for row in M], dtype=np.float64).reshape(shape(M))
+        rows = [list(map(float, row)) for row in M]
+        return np.array(rows, dtype=np.float64).reshape(shape(M))
     except OverflowError as cause:
         raise SpecError("matrix entries must be below 1.8e308 to become floats.") from cause
 
@@ -215,22 +256,29 @@ def from_float(array: NDArray[Any], digits: int | None) -> Matrix:
     if not np.isfinite(array).all():
         i, j = np.argwhere(~np.isfinite(array))[0]
         raise SpecError(f"array entry [{i}][{j}] must be finite; got {array[i, j]}.")
-    if digits is not None:
-        return tuple(tuple(Fraction(f"{float(x):.{digits - 1}e}") for x in row) for row in array)
-    # as_integer_ratio also for longdouble, which float() would round.
-    kind = int if array.dtype.kind in "iu" else lambda x: Fraction(*x.as_integer_ratio())
-    return tuple(tuple(Fraction(kind(x)) for x in row) for row in array)
+
+    def read(x: Any) -> Fraction:
+        if digits is not None:
+            return Fraction(f"{float(x):.{digits - 1}e}")
+        if array.dtype.kind in "iu":
+            return Fraction(int(x))
+        # as_integer_ratio also for longdouble, which float() would round.
+        return Fraction(*x.as_integer_ratio())
+
+    return tuple(tuple(map(read, row)) for row in array)
 
 
 def _is_list(value: object) -> bool:
-    array = isinstance(value, np.ndarray) and value.ndim > 0
-    return array or (isinstance(value, Sequence) and not isinstance(value, (str, bytes)))
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, (str, bytes))
 
 
 def _entrywise(operation: Callable[[Fraction, Fraction], Fraction], M: Matrix, N: Matrix) -> Matrix:
     if shape(M) != shape(N):
         raise ShapeError(f"both matrices must have one shape; got {shape(M)} and {shape(N)}.")
-    return tuple(tuple(map(operation, p, q)) for p, q in zip(M, N, strict=True))
+    pairs = zip(M, N, strict=True)
+    return tuple(tuple(map(operation, *pair)) for pair in pairs)
 
 
 def solve_lyapunov(F: Matrix, N: Matrix) -> Matrix | None:
@@ -240,13 +288,18 @@ def solve_lyapunov(F: Matrix, N: Matrix) -> Matrix | None:
     q = require_square(F, name="F")
     require_shape(N, (q, q), name="N", because="as F")
     places = [(i, j) for i in range(q) for j in range(i, q)]
-    index = {place: k for k, (i, j) in enumerate(places) for place in ((i, j), (j, i))}
-    rows = [[Fraction(0)] * len(places) + [-N[i][j]] for i, j in places]
-    for row, (i, j) in zip(rows, places, strict=True):
+    index: dict[tuple[int, int], int] = {}  # of the unknown that stands at a place
+    for k, (i, j) in enumerate(places):
+        index[i, j] = index[j, i] = k
+    equations: list[Vector] = []
+    for i, j in places:
+        row = [Fraction(0)] * len(places)
         for r in range(q):  # (F'X + XF)_ij = sum_r F_ri X_rj + X_ir F_rj
             row[index[r, j]] += F[r][i]
             row[index[i, r]] += F[r][j]
-    reduced, pivots = row_echelon(tuple(map(tuple, rows)))
+        equations.append((*row, -N[i][j]))
+    reduced, pivots = row_echelon(tuple(equations))
     if pivots != tuple(range(len(places))):
         return None
-    return tuple(tuple(reduced[index[i, j]][-1] for j in range(q)) for i in range(q))
+    unknowns = [row[-1] for row in reduced]
+    return tuple(tuple(unknowns[index[i, j]] for j in range(q)) for i in range(q))

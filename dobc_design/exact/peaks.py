@@ -13,12 +13,15 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.interval import FLINT, _ends
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import to_fmpq
+
+if TYPE_CHECKING:
+    from flint import arb_mat
 
 MOST_STEPS: Final = 20_000
 MOST_GROWTH: Final = 2000  # of |F| steps h: what rounding errors may grow to, as a power of e
@@ -36,7 +39,10 @@ def peak_gains(
 ) -> tuple[Fraction, ...] | None:
     """As ``peak_gains_by_row``, for every block the largest of all rows of C."""
     found = peak_gains_by_row(F, C, inputs, step=step, steps=steps)
-    return None if found is None else tuple(map(max, zip(*found, strict=True)))
+    if found is None:
+        return None
+    blocks = zip(*found, strict=True)
+    return tuple(map(max, blocks))
 
 
 def peak_gains_by_row(
@@ -46,55 +52,68 @@ def peak_gains_by_row(
     one for I and then for every B (q, m) of ``inputs``.  ``step`` > 0 (s).  None where no bound is
     shown: F (q, q) is not Hurwitz, or the steps end too early or are too many; a bound proves that
     F is Hurwitz."""
-    from flint import arb, arb_mat, ctx
+    from flint import arb, ctx
 
-    size = len(F)
-    if not 0 < step * row_norm(F) < LONGEST or not 0 < steps <= MOST_STEPS:
+    growth = row_norm(F) * step
+    if not 0 < growth < LONGEST or not 0 < steps <= MOST_STEPS or growth * steps > MOST_GROWTH:
         return None
-    if row_norm(F) * step * steps > MOST_GROWTH:
-        return None
-    blocks = [exact.identity(size), *inputs]
-    ends = [sum(len(B[0]) for B in blocks[:k]) for k in range(len(blocks) + 1)]
+    blocks = [exact.identity(len(F)), *inputs]
+    widths = [len(B[0]) for B in blocks]
+    ends = [sum(widths[:k]) for k in range(len(blocks) + 1)]
 
     def sums(rows: Any) -> list[list[Any]]:
         """Sums of absolute values, by row and block."""
-        table = [[abs(x) for x in row] for row in rows.tolist()]
-        return [[sum(row[a:b], arb(0)) for a, b in pairwise(ends)] for row in table]
+        found: list[list[Any]] = []
+        for row in rows.tolist():
+            sizes = [abs(x) for x in row]
+            found.append([sum(sizes[a:b], arb(0)) for a, b in pairwise(ends)])
+        return found
 
     with FLINT, ctx.workprec(192 + 2 * _error_growth(F, step, steps)):
-        h, G = arb(to_fmpq(step)), arb_mat([[arb(to_fmpq(x)) for x in row] for row in C])
-        phi = arb_mat([[arb(to_fmpq(x * step)) for x in row] for row in F]).exp()
-        Z = arb_mat([[arb(to_fmpq(x)) for B in blocks for x in B[i]] for i in range(size)])
-        total, mass = [[arb(0)] * len(blocks) for _ in C], [arb(0)] * len(blocks)
+        h = arb(to_fmpq(step))
+        G = _balls(C)
+        phi = _balls(exact.scale(step, F)).exp()
+        side_by_side = tuple(sum(rows, ()) for rows in zip(*blocks, strict=True))
+        Z = _balls(side_by_side)
+        chords = [[arb(0)] * len(blocks) for _ in C]  # of every row of C and block
+        mass = [arb(0)] * len(blocks)  # sum of |exp(F t) B|_inf at the beginnings of all steps
         for k in range(steps + 1):
             share = h / 2 if k in (0, steps) else h
-            total = [
-                [x + share * y for x, y in zip(*rows, strict=True)]
-                for rows in zip(total, sums(G * Z), strict=True)
-            ]
+            for row, sizes in zip(chords, sums(G * Z), strict=True):
+                for block, size in enumerate(sizes):
+                    row[block] = row[block] + share * size
             norms = [_largest(column) for column in zip(*sums(Z), strict=True)]
             if k < steps:
                 mass = [x + y for x, y in zip(mass, norms, strict=True)]
                 Z = phi * Z
-        bend = h**3 / 12 * arb(to_fmpq(row_norm(F) * step)).exp()
-        curved = [
-            sum(map(abs, row), Fraction(0)) for row in exact.multiply(C, exact.multiply(F, F))
-        ]
-        if not norms[0] < 1:
+        if not norms[0] < 1:  # |exp(F T)|_inf
             return None
+        bend = h**3 / 12 * arb(to_fmpq(growth)).exp()
+        second = exact.multiply(C, exact.multiply(F, F))  # C F^2, of f''
         found: list[tuple[Fraction, ...]] = []
-        for row, most in zip(total, curved, strict=True):
+        for row, derivative in zip(chords, second, strict=True):
+            most = sum(map(abs, derivative), Fraction(0))
             bounds = [x + bend * arb(to_fmpq(most)) * y for x, y in zip(row, mass, strict=True)]
-            whole = bounds[0] / (1 - norms[0])
+            whole = bounds[0] / (1 - norms[0])  # of I: what is left after T is a part of it
             found.append(tuple(_ends(x + whole * y)[1] for x, y in zip(bounds, norms, strict=True)))
         return tuple(found)
+
+
+def _balls(M: Matrix) -> arb_mat:
+    """The same matrix for Arb, at the precision of the moment."""
+    from flint import arb, arb_mat
+
+    return arb_mat([[arb(to_fmpq(x)) for x in row] for row in M])
 
 
 def _error_growth(F: Matrix, step: Fraction, steps: int) -> int:
     """About how much rounding errors grow, as a power of e: |exp(F h)| <= |I + F h| + (|F| h)^2 for
     |F| h < 1."""
-    euler = [[(i == j) + float(x * step) for j, x in enumerate(row)] for i, row in enumerate(F)]
-    norm = max(sum(map(abs, row)) for row in euler) + float(row_norm(F) * step) ** 2
+    euler = 0.0  # |I + F h|, in the norm of the largest row sum
+    for i, row in enumerate(F):
+        entries = [(i == j) + float(x * step) for j, x in enumerate(row)]
+        euler = max(euler, sum(map(abs, entries)))
+    norm = euler + float(row_norm(F) * step) ** 2
     return math.ceil(steps * max(0.0, math.log(norm)))
 
 

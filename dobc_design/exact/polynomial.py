@@ -41,32 +41,34 @@ class RouthTable(Shown):
 def characteristic_polynomial(A: Matrix) -> Coefficients:
     """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1. Raises: ShapeError if A
     is not square."""
-    size = require_square(A, name="A")
-    return (
-        tuple(from_fmpq(x) for x in reversed(to_fmpq_mat(A).charpoly().coeffs()))
-        if size
-        else (Fraction(1),)
-    )
+    if not require_square(A, name="A"):
+        return (Fraction(1),)
+    from_the_lowest = to_fmpq_mat(A).charpoly().coeffs()
+    return tuple(map(from_fmpq, reversed(from_the_lowest)))
 
 
 def routh(coefficients: Sequence[Fraction | int]) -> RouthTable:
     """Decide exactly whether all roots of a polynomial lie in the open left half plane.  Leading
     zeros are dropped; a nonzero constant has no roots, and is PROVED. Raises: SpecError for the
     zero polynomial. Source: Routh 1877; theory, section 3."""
-    column = []
-    for entry in routh_column([to_fmpq(x) for x in _monic(coefficients)]):
+    monic = [to_fmpq(x) for x in _monic(coefficients)]
+    column: list[Fraction] = []
+    verdict = Verdict.PROVED
+    failing_row = None
+    for row, entry in enumerate(routh_column(monic)):
         column.append(from_fmpq(entry))
         if entry <= 0:
-            return RouthTable(
-                first_column=tuple(column), verdict=Verdict.REFUTED, failing_row=len(column) - 1
-            )
-    return RouthTable(first_column=tuple(column), verdict=Verdict.PROVED, failing_row=None)
+            verdict = Verdict.REFUTED
+            failing_row = row
+            break
+    return RouthTable(first_column=tuple(column), verdict=verdict, failing_row=failing_row)
 
 
 def routh_column(coefficients: Sequence[Any]) -> Iterator[Any]:
     """Return the entries of Routh's first column, rationals or intervals, as long as they are asked
     for."""
-    upper, lower = coefficients[0::2], coefficients[1::2]
+    upper = coefficients[0::2]
+    lower = coefficients[1::2]
     yield upper[0]
     while lower:
         yield lower[0]
@@ -92,42 +94,55 @@ def count_right_half_plane(coefficients: Sequence[Fraction | int]) -> int:
     monic = _monic(coefficients)
     degree = len(monic) - 1
     # i^k runs through 1, i, -1, -i: split by parity of the power k, with signs alternating.
-    real, imaginary = (
-        [x * (0, 1, 0, -1)[(degree - n + k) % 4] for n, x in enumerate(monic)] for k in (1, 0)
-    )
+    real: list[Fraction] = []
+    imaginary: list[Fraction] = []
+    for n, x in enumerate(monic):
+        power = (degree - n) % 4
+        real.append(x * (1, 0, -1, 0)[power])
+        imaginary.append(x * (0, 1, 0, -1)[power])
     high, low = (real, imaginary) if degree % 2 == 0 else (imaginary, real)
     chain = _sturm_chain(_flint(high), _flint(low))
     # The argument of p(iw) grows by pi (left - right) and falls by pi at each step up of V/U.
     surplus = _real_roots(chain) if degree % 2 else -_real_roots(chain)
     symmetric = chain[-1]
-    paired, on_axis = symmetric.degree(), 0
+    paired = symmetric.degree()
+    on_axis = 0
     # gcd(p, p') has every root of p once less: the others are counted again and again
     while symmetric.degree() > 0:
         chain = _sturm_chain(symmetric, symmetric.derivative())
-        on_axis, symmetric = on_axis + _real_roots(chain), chain[-1]
+        on_axis += _real_roots(chain)
+        symmetric = chain[-1]
     return (degree - paired - surplus) // 2 + (paired - on_axis) // 2
 
 
 def polynomial_text(coefficients: Sequence[Fraction | int], variable: str = "s") -> str:
     """Return a polynomial as text, "s^2 - 1/2 s + 4"; "0" for the zero polynomial."""
     text = ""
-    for position, value in enumerate(Fraction(x) for x in coefficients):
+    degree = len(coefficients) - 1
+    for position, value in enumerate(map(Fraction, coefficients)):
         if not value:
             continue
-        power = len(coefficients) - 1 - position
-        name = "" if power == 0 else variable if power == 1 else f"{variable}^{power}"
-        size = "" if abs(value) == 1 and name else quotient_text(abs(value))
-        sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
-        text += sign + " ".join(part for part in (size, name) if part)
+        if text:
+            text += " - " if value < 0 else " + "
+        elif value < 0:
+            text = "-"
+        text += _term(abs(value), variable, degree - position)
     return text or "0"
+
+
+def _term(size: Fraction, variable: str, power: int) -> str:
+    if power == 0:
+        return quotient_text(size)
+    name = variable if power == 1 else f"{variable}^{power}"
+    return name if size == 1 else f"{quotient_text(size)} {name}"
 
 
 def _monic(coefficients: Sequence[Fraction | int]) -> Coefficients:
     values = [Fraction(x) for x in coefficients]
-    start = next((n for n, x in enumerate(values) if x), None)
-    if start is None:
-        raise SpecError("the polynomial must have a coefficient that is not 0.")
-    return tuple(x / values[start] for x in values[start:])
+    for start, leading in enumerate(values):
+        if leading:
+            return tuple(x / leading for x in values[start:])
+    raise SpecError("the polynomial must have a coefficient that is not 0.")
 
 
 def _flint(coefficients: Sequence[Fraction]) -> fmpq_poly:
@@ -158,9 +173,8 @@ def _changes_at_minus_infinity(chain: list[fmpq_poly]) -> int:
 def _real_roots(chain: list[fmpq_poly]) -> int:
     """Return the sign changes that the chain loses from -infinity to infinity: of p and p' the real
     roots of p."""
-    return _changes_at_minus_infinity(chain) - _changes(
-        each.leading_coefficient() > 0 for each in chain
-    )
+    at_infinity = _changes(each.leading_coefficient() > 0 for each in chain)
+    return _changes_at_minus_infinity(chain) - at_infinity
 
 
 def shifted(coefficients: Sequence[Any], by: Fraction) -> tuple[Any, ...]:
@@ -216,17 +230,21 @@ def cone_image(coefficients: Coefficients, *, damping: Fraction) -> Coefficients
         for k, y in enumerate(coefficients):
             result[j + k] += x * y * cosines[abs(j - k)]
     # The coefficient of s^i is rational for even i, and a rational times cos phi for odd i.
-    return tuple(x * squared ** ((2 * degree - n + 1) // 2) for n, x in enumerate(result))
+    scaled: list[Fraction] = []
+    for n, x in enumerate(result):
+        power = 2 * degree - n
+        scaled.append(x * squared ** ((power + 1) // 2))
+    return tuple(scaled)
 
 
 def decide_images(images: Sequence[Coefficients], *, degree: int) -> tuple[bool, bool]:
     """(All roots of all images left or on the axis, all strictly); roots lost to infinity are on
     the border."""
     inside = all(count_right_half_plane(image) == 0 for image in images)
-    strictly = inside and all(
-        len(image) == degree + 1 and image[0] != 0 and routh(image).verdict is Verdict.PROVED
-        for image in images
-    )
+    strictly = inside
+    for image in images:
+        complete = len(image) == degree + 1 and image[0] != 0
+        strictly = strictly and complete and routh(image).verdict is Verdict.PROVED
     return inside, strictly
 
 
@@ -237,9 +255,8 @@ def has_root_up_to_zero(coefficients: Sequence[Fraction]) -> bool:
     if polynomial[0] == 0:
         return True
     chain = _sturm_chain(polynomial, polynomial.derivative())
-    return _changes_at_minus_infinity(chain) > _changes(
-        each[0] > 0 for each in chain if each[0] != 0
-    )
+    at_zero = _changes(each[0] > 0 for each in chain if each[0] != 0)
+    return _changes_at_minus_infinity(chain) > at_zero
 
 
 def _cosines(count: int, squared: Fraction) -> list[Fraction]:

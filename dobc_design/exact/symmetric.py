@@ -18,6 +18,9 @@ from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import common_denominator
 
+# rows, columns and values
+Triplets: TypeAlias = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SparseSymmetric(Shown):
@@ -36,11 +39,10 @@ class SparseSymmetric(Shown):
                 raise ShapeError(
                     f"entry ({i}, {j}) must lie in the upper triangle, 0 <= i <= j < {self.size}."
                 )
-        kept = {
-            place: x if type(x) is Fraction else Fraction(x)
-            for place, x in self.entries.items()
-            if x
-        }
+        kept: dict[tuple[int, int], Fraction] = {}
+        for place, x in self.entries.items():
+            if x:
+                kept[place] = x if type(x) is Fraction else Fraction(x)
         object.__setattr__(self, "entries", kept)
 
     def _card(self) -> Card:
@@ -56,15 +58,18 @@ class SparseSymmetric(Shown):
         """Return the sparse form of M (n, n). Raises: ShapeError if M is not square, or not exactly
         symmetric."""
         size = require_square(M, name=name)
-        places = [(i, j) for i in range(size) for j in range(i, size)]
-        for i, j in ((i, j) for i, j in places if M[i][j] != M[j][i]):
-            what = f"must be exactly symmetric; entries [{i}][{j}] and [{j}][{i}] differ."
-            raise wrong(
-                name, what, "Take (M + M')/2 if its symmetric part is meant.", kind=ShapeError
-            )
-        return cls(size, {(i, j): M[i][j] for i, j in places})
+        entries: dict[tuple[int, int], Fraction] = {}
+        for i in range(size):
+            for j in range(i, size):
+                if M[i][j] != M[j][i]:
+                    what = f"must be exactly symmetric; entries [{i}][{j}] and [{j}][{i}] differ."
+                    cure = "Take (M + M')/2 if its symmetric part is meant."
+                    raise wrong(name, what, cure, kind=ShapeError)
+                entries[i, j] = M[i][j]
+        return cls(size, entries)
 
     def to_dense(self) -> Matrix:
+        """Return the full matrix, (size, size)."""
         rows = [[Fraction(0)] * self.size for _ in range(self.size)]
         for (i, j), value in self.entries.items():
             rows[i][j] = rows[j][i] = value
@@ -84,12 +89,13 @@ class SparseSymmetric(Shown):
         return self.scaled(-1)
 
     def scaled(self, factor: Fraction | int) -> SparseSymmetric:
-        return SparseSymmetric(self.size, {place: factor * x for place, x in self.entries.items()})
+        entries = {place: factor * x for place, x in self.entries.items()}
+        return SparseSymmetric(self.size, entries)
 
     def shifted(self, shift: Fraction | int) -> SparseSymmetric:
-        return self + SparseSymmetric(
-            self.size, {(i, i): Fraction(shift) for i in range(self.size)}
-        )
+        """Return M + shift I."""
+        diagonal = {(i, i): Fraction(shift) for i in range(self.size)}
+        return self + SparseSymmetric(self.size, diagonal)
 
     def __add__(self, other: SparseSymmetric) -> SparseSymmetric:
         """Return the sum. Raises: ShapeError if the sizes differ."""
@@ -105,12 +111,12 @@ class SparseSymmetric(Shown):
     def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
         """Return the matrix of these rows and columns, in their order."""
         place = {row: k for k, row in enumerate(rows)}
-        kept = {
-            (place[i], place[j]): x
-            for (i, j), x in self.entries.items()
-            if i in place and j in place
-        }
-        return SparseSymmetric(len(place), {(min(p), max(p)): x for p, x in kept.items()})
+        kept: dict[tuple[int, int], Fraction] = {}
+        for (i, j), x in self.entries.items():
+            if i in place and j in place:
+                low, high = sorted((place[i], place[j]))
+                kept[low, high] = x
+        return SparseSymmetric(len(place), kept)
 
     def quadratic_form(self, vector: Sequence[Fraction | int]) -> Fraction:
         """Return v' M v for a vector of length n. Raises: ShapeError if the length differs."""
@@ -123,22 +129,29 @@ class SparseSymmetric(Shown):
         sums: dict[int, int] = {}
         for (i, j), value in self.entries.items():
             if v[i] and v[j]:
-                product = (1 if i == j else 2) * value.numerator * v[i] * v[j]
+                often = 1 if i == j else 2
+                product = often * value.numerator * v[i] * v[j]
                 sums[value.denominator] = sums.get(value.denominator, 0) + product
-        return _pairwise_sum([Fraction(x, y) for y, x in sums.items()]) / (common * common)
+        total = _pairwise_sum([Fraction(x, y) for y, x in sums.items()])
+        return total / (common * common)
 
-    def triplets(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    def triplets(self) -> Triplets:
         """Return rows, columns and nearest floats of the full matrix, both triangles."""
-        upper = {place: float(x) for place, x in self.entries.items()}
-        full = sorted((upper | {(j, i): x for (i, j), x in upper.items()}).items())
-        rows, columns = (np.array([place[k] for place, _ in full], dtype=np.intp) for k in (0, 1))
-        return rows, columns, np.array([x for _, x in full], dtype=np.float64)
+        full: dict[tuple[int, int], float] = {}
+        for (i, j), x in self.entries.items():
+            full[i, j] = full[j, i] = float(x)
+        places = sorted(full)
+        rows = np.array([i for i, _ in places], dtype=np.intp)
+        columns = np.array([j for _, j in places], dtype=np.intp)
+        values = np.array([full[place] for place in places], dtype=np.float64)
+        return rows, columns, values
 
 
 def _pairwise_sum(terms: list[Fraction]) -> Fraction:
     """Add up by halves, so that long denominators arise in the last sums only."""
     while len(terms) > 1:
-        terms = [sum(terms[k : k + 2], Fraction(0)) for k in range(0, len(terms), 2)]
+        pairs = (terms[k : k + 2] for k in range(0, len(terms), 2))
+        terms = [sum(pair, Fraction(0)) for pair in pairs]
     return terms[0] if terms else Fraction(0)
 
 
@@ -179,31 +192,34 @@ class IntegerSymmetric(Shown):
             raise ShapeError(f"rows, columns and values must have one length; got {lengths}.")
         if self.denominator < 1:
             raise SpecError(f"denominator must be at least 1; got {self.denominator}.")
-        rows, columns = (np.asarray(x, dtype=np.int64) for x in (self.rows, self.columns))
-        inside = not len(rows) or (
-            rows.min() >= 0 and columns.max() < self.size and (rows <= columns).all()
-        )
-        if self.size < 0 or not inside:
+        rows = np.asarray(self.rows, dtype=np.int64)
+        columns = np.asarray(self.columns, dtype=np.int64)
+        if not self._holds(rows, columns):
             raise ShapeError(
                 f"every entry must lie in the upper triangle, 0 <= i <= j < {self.size}."
             )
         values = _integers(self.values)
-        numbered = self.size < 1 << 31  # then places are numbers of 64 bits
-        order = (
-            np.argsort(rows * self.size + columns, kind="stable")
-            if numbered
-            else np.lexsort((columns, rows))
-        )
+        if self.size < 1 << 31:  # then places are numbers of 64 bits, which are sorted faster
+            order = np.argsort(rows * self.size + columns, kind="stable")
+        else:
+            order = np.lexsort((columns, rows))
         rows, columns, values = _added_up(rows[order], columns[order], values[order])
         for name, array in (("rows", rows), ("columns", columns), ("values", values)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    def _holds(self, rows: Places, columns: Places) -> bool:
+        """Whether all places lie in the upper triangle."""
+        if self.size < 0:
+            return False
+        if not len(rows):
+            return True
+        return bool(rows.min() >= 0 and columns.max() < self.size and (rows <= columns).all())
+
     def _card(self) -> Card:
         text = f"{self.size} × {self.size}, {len(self.values)} entries in the upper triangle"
-        return Card(
-            title="Symmetric matrix of integers", text=f"{text}, over {plain(self.denominator)}"
-        )
+        text += f", over {plain(self.denominator)}"
+        return Card(title="Symmetric matrix of integers", text=text)
 
     def __repr__(self) -> str:
         return f"<IntegerSymmetric of size {self.size} with {len(self.values)} entries>"
@@ -212,36 +228,31 @@ class IntegerSymmetric(Shown):
     def from_sparse(cls, M: SparseSymmetric) -> IntegerSymmetric:
         """Return the same matrix. The common denominator is the least one; it may be long."""
         denominator = math.lcm(1, *{x.denominator for x in M.entries.values()})
-        return cls._of(
-            M,
-            [x.numerator * (denominator // x.denominator) for x in M.entries.values()],
-            denominator,
-        )
+        values = [x.numerator * (denominator // x.denominator) for x in M.entries.values()]
+        return cls._of(M, values, denominator)
 
     @classmethod
     def weakened(cls, M: Symmetric, *, bits: int) -> IntegerSymmetric:
         """Return a matrix over 2^bits, rounded to where domination by the diagonal is harder
         (``zmatrix``)."""
-        rounded = [
-            (x.numerator << bits) // x.denominator
-            if i == j or x < 0
-            else -((-x.numerator << bits) // x.denominator)
-            for (i, j), x in M.entries.items()
-        ]
+        rounded: list[int] = []
+        for (i, j), x in M.entries.items():
+            # Downwards, which makes the diagonal smaller and what is < 0 beside it larger in size;
+            # what is > 0 beside it upwards.
+            if i == j or x < 0:
+                rounded.append((x.numerator << bits) // x.denominator)
+            else:
+                rounded.append(-((-x.numerator << bits) // x.denominator))
         return cls._of(M, rounded, 1 << bits)
 
     @classmethod
     def _of(cls, M: Symmetric, values: list[int], denominator: int) -> IntegerSymmetric:
+        """The matrix with these values, over the denominator, at the places of M, in its order."""
         count = len(M.entries)
         rows = np.fromiter((i for i, _ in M.entries), dtype=np.int64, count=count)
         columns = np.fromiter((j for _, j in M.entries), dtype=np.int64, count=count)
-        return cls(
-            size=M.size,
-            rows=rows,
-            columns=columns,
-            values=as_integers(values),
-            denominator=denominator,
-        )
+        whole = as_integers(values)
+        return cls(size=M.size, rows=rows, columns=columns, values=whole, denominator=denominator)
 
     @classmethod
     def from_floats(cls, matrix: NDArray[np.floating[Any]]) -> IntegerSymmetric:
@@ -254,34 +265,34 @@ class IntegerSymmetric(Shown):
         if not np.array_equal(matrix, matrix.T):
             raise wrong("matrix", "must be exactly symmetric.", "Take (M + M')/2.", kind=ShapeError)
         rows, columns = np.nonzero(np.triu(matrix))
+        # Every entry is fraction 2^exponent, fraction 2^53 an integer; the lowest power of two is
+        # what all have in common.
         fractions, exponents = np.frexp(matrix[rows, columns].astype(np.float64))
-        lowest = int(exponents.min(initial=_MANTISSA)) - _MANTISSA
         whole = np.ldexp(fractions, _MANTISSA).astype(np.int64)
+        lowest = int(exponents.min(initial=_MANTISSA)) - _MANTISSA
         shifts = exponents - _MANTISSA - lowest
-        values = (
-            whole << shifts
-            if shifts.max(initial=0) < 10
-            else whole.astype(object) << shifts.astype(object)
-        )
-        values = as_integers(values * (1 << lowest)) if lowest > 0 else values
-        return cls(
-            size=len(matrix),
-            rows=rows,
-            columns=columns,
-            values=values,
-            denominator=1 << max(-lowest, 0),
-        )
+        if shifts.max(initial=0) < 10:  # 53 bits and these stay below 64
+            values = whole << shifts
+        else:
+            values = whole.astype(object) << shifts.astype(object)
+        if lowest > 0:
+            values = as_integers(values * (1 << lowest))
+        denominator = 1 << max(-lowest, 0)
+        size = len(matrix)
+        return cls(size=size, rows=rows, columns=columns, values=values, denominator=denominator)
 
     def to_sparse(self) -> SparseSymmetric:
+        """Return the same matrix, with reduced fractions."""
+        entries: dict[tuple[int, int], Fraction] = {}
         listed = zip(self.rows.tolist(), self.columns.tolist(), self.values.tolist(), strict=True)
-        return SparseSymmetric(
-            self.size, {(i, j): Fraction(x, self.denominator) for i, j, x in listed}
-        )
+        for i, j, x in listed:
+            entries[i, j] = Fraction(x, self.denominator)
+        return SparseSymmetric(self.size, entries)
 
     def to_dense(self) -> Matrix:
         return self.to_sparse().to_dense()
 
-    def triplets(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    def triplets(self) -> Triplets:
         return self.to_sparse().triplets()
 
     @property
@@ -293,12 +304,15 @@ class IntegerSymmetric(Shown):
         return replace(self, values=-self.values)
 
     def shifted(self, shift: Fraction | int) -> IntegerSymmetric:
-        places = np.arange(self.size)
+        """Return M + shift I."""
         top, bottom = Fraction(shift).as_integer_ratio()
-        ones = np.full(self.size, top, dtype=np.int64 if abs(top) < _LIMIT else object)
-        return self + IntegerSymmetric(
-            size=self.size, rows=places, columns=places, values=ones, denominator=bottom
+        kind = np.int64 if abs(top) < _LIMIT else object
+        places = np.arange(self.size)
+        tops = np.full(self.size, top, dtype=kind)
+        diagonal = IntegerSymmetric(
+            size=self.size, rows=places, columns=places, values=tops, denominator=bottom
         )
+        return self + diagonal
 
     def __add__(self, other: SparseSymmetric | IntegerSymmetric) -> IntegerSymmetric:
         """Return the sum.  Raises: ShapeError if the sizes differ."""
@@ -308,29 +322,32 @@ class IntegerSymmetric(Shown):
             raise ShapeError(f"both matrices must have one size; got {self.size} and {other.size}.")
         more = other if isinstance(other, IntegerSymmetric) else IntegerSymmetric.from_sparse(other)
         common = math.lcm(self.denominator, more.denominator)
-        return IntegerSymmetric(
+        own = _times(self.values, common // self.denominator)
+        others = _times(more.values, common // more.denominator)
+        return IntegerSymmetric(  # which adds up what lies at one place
             size=self.size,
             rows=np.concatenate((self.rows, more.rows)),
             columns=np.concatenate((self.columns, more.columns)),
-            values=np.concatenate(
-                [_times(x.values, common // x.denominator) for x in (self, more)]
-            ),
+            values=np.concatenate([own, others]),
             denominator=common,
         )
 
     __radd__ = __add__
 
     def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
+        """Return the matrix of these rows and columns, in their order."""
         place = np.full(self.size, -1, dtype=np.int64)
         place[list(rows)] = np.arange(len(rows))
-        i, j = place[self.rows], place[self.columns]
+        i = place[self.rows]
+        j = place[self.columns]
         chosen = (i >= 0) & (j >= 0)
-        part = zip(
-            i[chosen].tolist(), j[chosen].tolist(), self.values[chosen].tolist(), strict=True
-        )
-        return SparseSymmetric(
-            len(rows), {(min(p), max(p)): Fraction(x, self.denominator) for *p, x in part}
-        )
+        low = np.minimum(i, j)[chosen].tolist()
+        high = np.maximum(i, j)[chosen].tolist()
+        values = self.values[chosen].tolist()
+        entries: dict[tuple[int, int], Fraction] = {}
+        for first, second, x in zip(low, high, values, strict=True):
+            entries[first, second] = Fraction(x, self.denominator)
+        return SparseSymmetric(len(rows), entries)
 
     def diagonal(self) -> list[Fraction]:
         on = self.rows == self.columns
@@ -349,15 +366,11 @@ class IntegerSymmetric(Shown):
         total = 0
         for start in range(0, len(where), _CHUNK):
             k = where[start : start + _CHUNK]
-            rows, columns = self.rows[k], self.columns[k]
-            total += int(
-                np.sum(
-                    np.where(rows == columns, 1, 2)
-                    * self.values[k].astype(object)
-                    * v[rows]
-                    * v[columns]
-                )
-            )
+            rows = self.rows[k]
+            columns = self.columns[k]
+            often = np.where(rows == columns, 1, 2)
+            products = often * self.values[k].astype(object) * v[rows] * v[columns]
+            total += int(np.sum(products))
         return Fraction(total, self.denominator * common * common)
 
 
@@ -394,12 +407,8 @@ def both_triangles(M: IntegerSymmetric) -> Rows | None:
     if M.size == 0 or np.bincount(rows, minlength=M.size).min() == 0:
         return None
     columns = np.concatenate((M.columns, M.rows[beside]))[order]
-    return Rows(
-        starts=starts,
-        rows=rows,
-        columns=columns,
-        values=np.concatenate((M.values, M.values[beside]))[order],
-    )
+    values = np.concatenate((M.values, M.values[beside]))[order]
+    return Rows(starts=starts, rows=rows, columns=columns, values=values)
 
 
 def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
@@ -407,16 +416,20 @@ def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
     pairs per level."""
     degree = int(np.diff(M.starts, append=len(M.rows)).max())
     bits = (58 - degree.bit_length()) // 2
-    left, right = limbs(M.values, bits), limbs(vector, bits)
+    left = limbs(M.values, bits)
+    right = limbs(vector, bits)
     if min(len(left), len(right)) > 16:
         product = np.add.reduceat(M.values.astype(object) * vector[M.columns], M.starts)
         return (product > 0).astype(np.int64) - (product < 0)
-    levels = [np.zeros(len(M.starts), dtype=np.int64) for _ in range(len(left) + len(right) - 1)]
+    size = len(M.starts)
+    # Limb times limb: a product belongs to the level of the power of two that both stand for.
+    levels = [np.zeros(size, dtype=np.int64) for _ in range(len(left) + len(right) - 1)]
     for upper, y in enumerate(right):
         gathered = y[M.columns]
         for lower, x in enumerate(left):
             levels[lower + upper] += np.add.reduceat(x * gathered, M.starts)
-    carry, rest = np.zeros_like(levels[0]), np.zeros(len(M.starts), dtype=bool)
+    carry = np.zeros(size, dtype=np.int64)
+    rest = np.zeros(size, dtype=bool)  # whether anything is left below the carry
     for level in levels:
         total = level + carry
         carry = total >> bits
@@ -430,8 +443,9 @@ def limbs(values: Integers, bits: int) -> list[NDArray[np.int64]]:
     """Cut integers into limbs in [0, 2^bits), low first; the last one has the sign, and is in
     [-2^bits, 2^bits)."""
     found: list[NDArray[np.int64]] = []
+    mask = (1 << bits) - 1
     while True:
-        found.append((values & ((1 << bits) - 1)).astype(np.int64))
+        found.append((values & mask).astype(np.int64))
         values = values >> bits
         if len(values) == 0 or (values.min() >= -1 and values.max() <= 0):
             found[-1] += values.astype(np.int64) << bits
@@ -448,13 +462,14 @@ def _times(values: Integers, factor: int) -> Integers:
     """The products, in 64 bits where they fit."""
     if factor == 1:
         return values
-    if (
-        values.dtype != object
-        and len(values)
-        and max(int(values.max()), -int(values.min())) * factor < _LIMIT
-    ):
+    if values.dtype != object and len(values) and _magnitude(values) * factor < _LIMIT:
         return values * factor
     return as_integers(values.astype(object) * factor)
+
+
+def _magnitude(values: Integers) -> int:
+    """The largest size of some integers, at least one."""
+    return max(int(values.max()), -int(values.min()))
 
 
 def _is_short(array: Integers) -> bool:
@@ -478,14 +493,18 @@ def _added_up(rows: Places, columns: Places, values: Integers) -> tuple[Places, 
     new[1:] = (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])
     if not new.all():
         starts = np.flatnonzero(new)
-        rows, columns = rows[starts], columns[starts]
-        most = int(np.diff(starts, append=len(new)).max())
-        if values.dtype == object or most * max(int(values.max()), -int(values.min())) >= _LIMIT:
+        rows = rows[starts]
+        columns = columns[starts]
+        most = int(np.diff(starts, append=len(new)).max())  # values at one place
+        if values.dtype == object or most * _magnitude(values) >= _LIMIT:
             values = values.astype(object)
         values = np.add.reduceat(values, starts)
-        values = as_integers(values) if values.dtype == object else values
+        if values.dtype == object:
+            values = as_integers(values)
     kept = values != 0
-    return (rows, columns, values) if kept.all() else (rows[kept], columns[kept], values[kept])
+    if kept.all():
+        return rows, columns, values
+    return rows[kept], columns[kept], values[kept]
 
 
 class Doubles(Sequence[Fraction]):
@@ -511,7 +530,9 @@ class Doubles(Sequence[Fraction]):
 
     def __getitem__(self, place: int | slice) -> Fraction | tuple[Fraction, ...]:
         found = self.array[place].tolist()
-        return tuple(map(Fraction, found)) if isinstance(found, list) else Fraction(found)
+        if isinstance(found, list):
+            return tuple(map(Fraction, found))
+        return Fraction(found)
 
     def __iter__(self) -> Iterator[Fraction]:
         return map(Fraction, self.array.tolist())

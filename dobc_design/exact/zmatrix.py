@@ -61,8 +61,10 @@ def proves(M: Symmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
     rows = both_triangles(_weakened(M))
     if rows is None:
         return M.size == 0
-    v = np.array(vector, dtype=np.int64 if max(vector) < 1 << 62 else object)
-    return bool((signs_of_product(_comparison(rows), v) >= int(strict)).all())
+    kind = np.int64 if max(vector) < 1 << 62 else object
+    v = np.array(vector, dtype=kind)
+    signs = signs_of_product(_comparison(rows), v)
+    return bool((signs >= int(strict)).all())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,11 +86,11 @@ class FloatRows:
         if len(vector) != len(self.own) or not len(vector) or not vector.min() > _SMALLEST:
             return math.inf
         with np.errstate(over="ignore", invalid="ignore"):
+            # In place, because these are the longest arrays of a large network.
             heard = vector[self.columns]
             heard *= self.sizes
-            total: Floats = np.bincount(self.rows, weights=heard, minlength=len(vector)).astype(
-                np.float64, copy=False
-            )
+            sums = np.bincount(self.rows, weights=heard, minlength=len(vector))
+            total: Floats = sums.astype(np.float64, copy=False)  # without an arc they are integers
             heard = vector[self.rows]
             heard *= self.sizes
             total += np.bincount(self.columns, weights=heard, minlength=len(vector))
@@ -108,15 +110,19 @@ def float_rows(M: IntegerSymmetric) -> FloatRows | None:
     if values is None or (len(values) and np.abs(values).min() < _SMALLEST):
         return None
     on = M.rows == M.columns
+    diagonal = values[on]
     own = np.zeros(M.size)
-    own[M.rows[on]] = values[on] + np.abs(values[on]) * 2.0**-50
-    i, j = M.rows[~on], M.columns[~on]
+    own[M.rows[on]] = diagonal + np.abs(diagonal) * 2.0**-50
+    largest = float(np.abs(own).max(initial=0.0))
+    i = M.rows[~on]
+    j = M.columns[~on]
     counts = np.bincount(i, minlength=M.size) + np.bincount(j, minlength=M.size)
     # An entry is off by 3 half units, its product and the sums by one each; this factor and the
     # quotient by one more.
-    slack = 1 + (np.maximum(counts[i], counts[j]) + 8).astype(np.float64) * 2.0**-52
-    largest = float(np.abs(own).max(initial=0.0))
-    return FloatRows(own=own, largest=largest, rows=i, columns=j, sizes=np.abs(values[~on]) * slack)
+    roundings = np.maximum(counts[i], counts[j]) + 8
+    slack = 1 + roundings.astype(np.float64) * 2.0**-52
+    sizes = np.abs(values[~on]) * slack
+    return FloatRows(own=own, largest=largest, rows=i, columns=j, sizes=sizes)
 
 
 def row_bound(M: IntegerSymmetric, vector: Floats) -> float:
@@ -151,38 +157,44 @@ def search(M: Symmetric, *, strict: bool) -> Found:
     diagonal = rows.values[rows.rows == rows.columns]
     if len(diagonal) < M.size or not (diagonal > 0).all():
         return Found()  # elimination finds the bad entry at its first glance
-    compared, least = _comparison(rows), int(strict)
+    compared = _comparison(rows)
+    least = int(strict)
     signs = signs_of_product(compared, np.ones(M.size, dtype=np.int64))
     if (signs >= least).all():
         return Found(vector=(1,) * M.size)
     z_matrix = is_z_matrix(M)
-    if z_matrix and (group := _unheld(rows, signs, strict=strict)) is not None:
-        return Found(directions=(group,), kind="a group of rows whose sums are all <= 0")
+    if z_matrix:
+        group = _unheld(rows, signs, strict=strict)
+        if group is not None:
+            return Found(directions=(group,), kind="a group of rows whose sums are all <= 0")
     x, p = _conjugate_gradients(compared)
     if x is not None and (x > 0).all():
         for bits in _VECTOR_BITS:
             v = _rounded(x, bits)
             if (v > 0).all() and (signs_of_product(compared, v) >= least).all():
                 return Found(vector=tuple(v.tolist()))
-    if not z_matrix:
+    if not z_matrix:  # p'Mp counts with the signs that the entries have
         x, p = _conjugate_gradients(rows)
     return Found(directions=tuple(_directions(x, p, z_matrix=z_matrix)))
 
 
 def _weakened(M: Symmetric) -> IntegerSymmetric:
     """Return M in integers, exactly or with every entry rounded to where domination is harder."""
-    if (exact := in_integers(M)) is not None:
+    exact = in_integers(M)
+    if exact is not None:
         return exact
     # The diagonal keeps as many bits as a common denominator may have.
-    smallest = min((x for (i, j), x in M.entries.items() if i == j and x > 0), default=Fraction(1))
+    positive = (x for (i, j), x in M.entries.items() if i == j and x > 0)
+    smallest = min(positive, default=Fraction(1))
     lift = max(0, smallest.denominator.bit_length() - smallest.numerator.bit_length())
     return IntegerSymmetric.weakened(M, bits=DENOMINATOR_BITS + lift)
 
 
 def _comparison(rows: Rows) -> Rows:
-    return replace(
-        rows, values=np.where(rows.rows == rows.columns, rows.values, -np.abs(rows.values))
-    )
+    """The same matrix with -|m_ij| beside the diagonal."""
+    on = rows.rows == rows.columns
+    values = np.where(on, rows.values, -np.abs(rows.values))
+    return replace(rows, values=values)
 
 
 def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
@@ -195,7 +207,10 @@ def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
     if not strict:
         unheld &= np.isin(np.arange(len(labels)), labels[signs < 0])
     groups = np.flatnonzero(unheld)
-    return [int(x) for x in labels == groups[np.argmin(sizes[groups])]] if len(groups) else None
+    if not len(groups):
+        return None
+    smallest = groups[np.argmin(sizes[groups])]
+    return [int(x) for x in labels == smallest]
 
 
 def _components(rows: Rows) -> Places:
@@ -204,38 +219,48 @@ def _components(rows: Rows) -> Places:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    size, entries = len(rows.starts), len(rows.columns)
-    graph = csr_array(
-        (np.ones(entries), rows.columns, np.append(rows.starts, entries)), shape=(size, size)
-    )
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    size = len(rows.starts)
+    entries = len(rows.columns)
+    starts = np.append(rows.starts, entries)
+    graph = csr_array((np.ones(entries), rows.columns, starts), shape=(size, size))
+    _, labels = connected_components(graph, directed=False)
+    return np.asarray(labels, dtype=np.int64)
 
 
 def _directions(x: Floats | None, p: Floats | None, *, z_matrix: bool) -> list[list[int]]:
     """Return what may refute: p, the negative part of x, and x; of Z-matrices |p| and |x|, which
     are never worse."""
-    found = [] if p is None else [np.abs(p) if z_matrix else p]
-    if x is not None:
-        found += [np.maximum(-x, 0), np.abs(x)] if z_matrix else [x]
+    found: list[Floats] = []
+    if p is not None:
+        found.append(np.abs(p) if z_matrix else p)
+    if x is not None and z_matrix:
+        found += [np.maximum(-x, 0), np.abs(x)]
+    elif x is not None:
+        found.append(x)
     return [_rounded(each, _DIRECTION_BITS).tolist() for each in found if each.any()]
 
 
 def _rounded(x: Floats, bits: int) -> Places:
-    return np.rint(np.ldexp(x, bits - math.frexp(float(np.abs(x).max()))[1])).astype(np.int64)
+    """x, times a power of two, in integers of which the largest has so many bits."""
+    _, exponent = math.frexp(float(np.abs(x).max()))
+    return np.rint(np.ldexp(x, bits - exponent)).astype(np.int64)
 
 
 def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
     """Guess x with M x = diag(M), every row met by half, or None; and a direction p if p'Mp is
     about <= 0."""
     longest = max(int(M.values.max()).bit_length(), int(M.values.min()).bit_length())
-    values = (M.values >> max(0, longest - 1000)).astype(np.float64)
+    values = (M.values >> max(0, longest - 1000)).astype(np.float64)  # which end at 2^1024
     root = np.sqrt(values[M.rows == M.columns])
     if not (root > 0).all():
         return None, None
     with np.errstate(over="ignore", invalid="ignore"):
-        found = _iterate(M, values, root)
-    x, p = (None if each is None or not np.isfinite(each).all() else each / root for each in found)
-    return x, p
+        x, p = _iterate(M, values, root)
+    return _unscaled(x, root), _unscaled(p, root)
+
+
+def _unscaled(found: Floats | None, root: Floats) -> Floats | None:
+    return None if found is None or not np.isfinite(found).all() else found / root
 
 
 def _iterate(M: Rows, values: Floats, root: Floats) -> tuple[Floats, Floats | None]:
@@ -243,17 +268,20 @@ def _iterate(M: Rows, values: Floats, root: Floats) -> tuple[Floats, Floats | No
     diagonal."""
     scaled = values / root[M.rows] / root[M.columns]
     x = np.zeros(len(root))
-    residual, direction = root.copy(), root.copy()
+    residual = root.copy()
+    direction = root.copy()
     square = float(residual @ residual)
     for _ in range(min(2 * len(root) + 50, _MOST_STEPS)):
         product = np.add.reduceat(scaled * direction[M.columns], M.starts)
         curvature = float(direction @ product)
         if not curvature > _FLAT * float(direction @ direction):
             return x, direction
-        x += square / curvature * direction
-        residual -= square / curvature * product
+        step = square / curvature
+        x += step * direction
+        residual -= step * product
         if (np.abs(residual) <= 0.5 * root).all():
             return x, None
-        previous, square = square, float(residual @ residual)
+        previous = square
+        square = float(residual @ residual)
         direction = residual + square / previous * direction
     return x, direction

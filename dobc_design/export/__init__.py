@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -69,14 +68,17 @@ def to_c(
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
         message = "certificate must be one of this problem; it is about another one."
         raise SpecError(message, key="certificate", cure="Certify this problem.")
-    gains = {
-        "gain": observer_gain(problem) if claims is None else claims.W,
-        "sampled_gain": sampled_gain,
-    }
-    recorder = Recorder(**gains, signal=signal_of(problem)[0])
-    chosen: Any = [agents] if isinstance(agents, (str, int)) else agents
-    given: dict[str, Any] = gains | {"agents": chosen, "objection": recorder.objection}
-    controller = make_controller(problem, period=period, precision=precision, **given)
+    gain = observer_gain(problem) if claims is None else claims.W
+    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=signal_of(problem)[0])
+    controller = make_controller(
+        problem,
+        period=period,
+        precision=precision,
+        agents=[agents] if isinstance(agents, (str, int)) else agents,
+        gain=gain,
+        sampled_gain=sampled_gain,
+        objection=recorder.objection,
+    )
     certified = None if claims is None else certified_sampling(problem, claims, controller.period)
     return c_code(controller, recorder.recorded(controller), certified=certified)
 
@@ -95,17 +97,20 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
 
     problem = _loaded(problem)
     problem.require_no_leader("an FMU")
-    label = None if agent is None else str(agent)
     if agent is None:
         pinned = problem.pinning.agents
-        label = problem.network.labels[pinned[0] if pinned else 0]
-    gains = {"gain": observer_gain(problem), "sampled_gain": sampled_gain}
-    recorder = Recorder(**gains, signal=signal_of(problem)[0])
-    return make_fmu(
-        make_controller(
-            problem, period=period, agents=[label], objection=recorder.objection, **gains
-        )
+        agent = problem.network.labels[pinned[0] if pinned else 0]
+    gain = observer_gain(problem)
+    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=signal_of(problem)[0])
+    controller = make_controller(
+        problem,
+        period=period,
+        agents=[str(agent)],
+        gain=gain,
+        sampled_gain=sampled_gain,
+        objection=recorder.objection,
     )
+    return make_fmu(controller)
 
 
 def to_sdpa(problem: Source) -> str:
@@ -146,14 +151,11 @@ def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | Non
     from dobc_design.model.model import build_model
 
     problem = _loaded(problem)
-    found = {
-        each.name(): each
-        for each in build_model(problem, mode, gain=observer_gain(problem)).functions
-    }
+    model = build_model(problem, mode, gain=observer_gain(problem))
+    found = {each.name(): each for each in model.functions}
     if function not in found:
-        raise SpecError(
-            f"function must be one of {', '.join(found)}; got {function[:60]!r}.", key="function"
-        )
+        message = f"function must be one of {', '.join(found)}; got {function[:60]!r}."
+        raise SpecError(message, key="function")
     return found[function]
 
 
@@ -262,11 +264,9 @@ def to_control(
     if signal is None and mode is None:
         signal = signal_of(problem)[0]
     if isinstance(signal, Mobile):
-        message = (
-            "signal must not depend on the states, because python-control keeps no graph "
-            "between calls."
-        )
-        raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
+        message = "signal must not depend on the states, because python-control keeps no graph "
+        cure = "Give a mode, or another signal."
+        raise SpecError(f"{message}between calls.", key="signal", cure=cure)
     seed = problem.simulation.seed if seed is None else seed
     return run(problem, mode=mode, signal=signal, seed=seed, gain=observer_gain(problem))
 
@@ -278,33 +278,24 @@ def python_script(problem: Source) -> str:
     for more than 20 000 arcs."""
     problem = _loaded(problem)
     problem.require_no_leader("the Python file")
-    gain, plant, own = observer_gain(problem), arrays.plant_arrays(problem), problem.dynamics
+    gain = observer_gain(problem)
     arcs = sum(len(each) for each in problem.network.modes.values())
     if arcs > MOST_ARCS:
         message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
         cure = "Use dobc_design.to_control(problem) in Python: it needs no file."
         raise SpecError(message, key="--python-control", cure=cure)
-    # The functions of couplings come from NumPy; min and max of several, and what it lacks, have
-    # definitions of their own.
-    plain, renamed, defined = ["pi"], [], []
-    for row in FUNCTIONS.values():
-        if row.numpy and row.name not in ("min", "max"):
-            renamed.append(f"from numpy import {row.numpy} as {row.name}")
-        elif not row.numpy and hasattr(np, row.name):
-            plain.append(row.name)
-        elif row.formula is not None:
-            defined.append(f"\n\ndef {row.name}(y):\n    return {formula_text(row)}")
-    imports = [f"from numpy import {', '.join(sorted(plain))}", *renamed, *defined]
     A, C = arrays.exosystem_arrays(problem)
     W = arrays.required_gain(as_integrators(problem), gain)
     named = {"A": A, "C": C, "W": W, "GOALS": arrays.goals(problem)}
+    plant = arrays.plant_arrays(problem)
     if plant is not None:
         named |= {"C": plant.C, "B": plant.B, "U0": plant.u0, "AX": plant.A}
-    K, groups = arrays.pinning_matrix(problem).tocoo(), partial(arrays.arc_groups, problem)
+    own = problem.dynamics
+    K = arrays.pinning_matrix(problem).tocoo()
     return template("loop.py.j2").render(
         title=_inside_docstring(problem.name),
         mode=_inside_docstring(next(iter(problem.network.modes))),
-        imports="\n".join(imports),
+        imports="\n".join(_imports()),
         couplings=problem.couplings,
         n=problem.n,
         m=problem.m,
@@ -315,11 +306,28 @@ def python_script(problem: Source) -> str:
         nodes=() if own is None else own.f or (),
         named=named,
         gains=zip(K.row.tolist(), K.col.tolist(), K.data.tolist(), strict=True),
-        arcs={
-            repr(mode): [(problem.couplings.index(group.coupling), group) for group in groups(mode)]
-            for mode in problem.network.modes
-        },
+        arcs={repr(mode): _numbered_groups(problem, mode) for mode in problem.network.modes},
     )
+
+
+def _imports() -> list[str]:
+    """What makes the text of couplings Python: their functions come from NumPy; min and max of
+    several, and what it lacks, have definitions of their own."""
+    plain, renamed, defined = ["pi"], [], []
+    for row in FUNCTIONS.values():
+        if row.numpy and row.name not in ("min", "max"):
+            renamed.append(f"from numpy import {row.numpy} as {row.name}")
+        elif not row.numpy and hasattr(np, row.name):
+            plain.append(row.name)
+        elif row.formula is not None:
+            defined.append(f"\n\ndef {row.name}(y):\n    return {formula_text(row)}")
+    return [f"from numpy import {', '.join(sorted(plain))}", *renamed, *defined]
+
+
+def _numbered_groups(problem: Problem, mode: str) -> list[tuple[int, arrays.ArcGroup]]:
+    """The arcs of each coupling, with its place among the couplings."""
+    groups = arrays.arc_groups(problem, mode)
+    return [(problem.couplings.index(group.coupling), group) for group in groups]
 
 
 def _inside_docstring(text: str) -> str:

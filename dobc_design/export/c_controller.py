@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
 from typing import Any
 
 from dobc_design.certificate.claims import Claims, certified_period
@@ -25,6 +24,7 @@ from dobc_design.conditions.consensus.claim import (
     linearisation,
 )
 from dobc_design.conditions.numbers import bisected, rounded_down
+from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
@@ -40,6 +40,7 @@ from dobc_design.exact.matrix import (
     shape,
     subtract,
     transpose,
+    zeros,
 )
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
@@ -47,6 +48,7 @@ from dobc_design.exact.reading import named, shown
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import PRECISIONS, rounded
 from dobc_design.problem.arrays import Gain, chosen_gain
+from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.integrators import as_integrators, slopes_of_nodes
@@ -63,28 +65,25 @@ def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> St
     if longest is None:
         return undecided("certified-sampling", "the certificate has no proved check `sampling`.")
     domain = next(check.domain for check in claims.checks if check.id == "sampling")
-    where = ", from every start" if domain == "global" else ""
-    if isinstance(domain, dict) and "radius" in domain:
-        rest = f" and |eps_i| <= {domain['disturbance']:g}" if domain.get("disturbance") else ""
-        where = f", from every start with |e|_inf <= {domain['radius']:g}{rest}"
-    verdict, limit = Verdict.PROVED, f"{float(longest):.4g} s{where}"
-    text = (
-        "the certificate's check `sampling` covers this period: couplings and pinning may be "
-        "held for"
-    )
-    text += f" {limit} (observer and estimate: those of (13), in continuous time)."
+    limit = f"{float(longest):.4g} s"
+    if domain == "global":
+        limit += ", from every start"
+    elif isinstance(domain, dict) and "radius" in domain:
+        limit += f", from every start with |e|_inf <= {domain['radius']:g}"
+        if domain.get("disturbance"):
+            limit += f" and |eps_i| <= {domain['disturbance']:g}"
     if period > longest:
-        verdict, text = (
-            Verdict.UNDECIDED,
-            f"the certificate's check `sampling` proves periods up to {limit};",
-        )
+        verdict = Verdict.UNDECIDED
+        text = f"the certificate's check `sampling` proves periods up to {limit};"
         text += f" {float(period):.4g} s is longer."
-    return Statement(
-        kind="certified-sampling",
-        verdict=verdict,
-        text=text,
-        exact={"period": number_text(longest)},
-    )
+    else:
+        verdict = Verdict.PROVED
+        text = (
+            "the certificate's check `sampling` covers this period: couplings and pinning may be "
+        )
+        text += f"held for {limit} (observer and estimate: those of (13), in continuous time)."
+    exact = {"period": number_text(longest)}
+    return Statement(kind="certified-sampling", verdict=verdict, text=text, exact=exact)
 
 
 MOST_ROWS = 40  # n m up to which a sampled network is decided by its characteristic polynomial
@@ -94,72 +93,75 @@ _HALVINGS = 40
 _BISECTIONS = 10
 
 
+#: What is said of the eigenvalues of the sampled observer.
+OBSERVER_WORDS = {
+    Verdict.PROVED: "with the numbers as written, every eigenvalue of the sampled observer is "
+    "inside the unit disk",
+    Verdict.REFUTED: "the sampled observer diverges: an eigenvalue is outside the unit disk",
+    Verdict.UNDECIDED: "the error of the sampled observer does not die out: an eigenvalue is on "
+    "the unit circle",
+}
+
+
 def sampled_observer_statement(Ad: Matrix, Cd: Matrix, L: Matrix, *, period: Fraction) -> Statement:
     """State whether the error of the sampled observer, eps_(k+1) = (Ad - L Cd) eps_k, dies out:
     exact.  Shapes: Ad (q, q), Cd (m, q), L (q, m), the numbers as they stand in the code.
     ``period`` in s, for the text."""
     verdict = _in_unit_disk(subtract(Ad, multiply(L, Cd)))
-    words = {
-        Verdict.PROVED: "with the numbers as written, every eigenvalue of "
-        "the sampled observer is inside "
-        "the unit disk",
-        Verdict.REFUTED: "the sampled observer diverges: an eigenvalue is outside the unit disk",
-        Verdict.UNDECIDED: "the error of the sampled observer does not die "
-        "out: an eigenvalue is on the unit "
-        "circle",
-    }[verdict]
-    text = f"{words} (period {float(period):.4g} s)."
-    return Statement(
-        kind="sampled", verdict=verdict, text=text, exact={"period": number_text(period)}
-    )
+    text = f"{OBSERVER_WORDS[verdict]} (period {float(period):.4g} s)."
+    exact = {"period": number_text(period)}
+    return Statement(kind="sampled", verdict=verdict, text=text, exact=exact)
 
 
-def sampled_network_statement(problem: Problem, period: Fraction, *written: Matrix) -> Statement:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """How a state moves near its goal in one period, without a disturbance: x + motion (x - goal) +
+    push v, motion (m, m), push (m, p)."""
+
+    motion: Matrix
+    push: Matrix
+
+
+def sampled_network_statement(
+    problem: Problem, period: Fraction, written: Step | None = None
+) -> Statement:
     """State whether e_(k+1) = (I + T (J - K)) e_k dies out in every mode: exact, at the consensus.
     UNDECIDED for n m > 40 (200 where J - K is symmetric), for slopes that are not rational, and
-    where an agent that nothing pins keeps its error.  ``written``: motion and push, with which
-    agents with [dynamics] move near it (no disturbance)."""
-    answer = partial(Statement, kind="sampled-network", exact={"period": number_text(period)})
+    where an agent that nothing pins keeps its error.  ``written``: how agents with [dynamics] move,
+    with the numbers of the code."""
+    verdict, text = _network_verdict(problem, period, written)
+    exact = {"period": number_text(period)}
+    return Statement(kind="sampled-network", verdict=verdict, text=text, exact=exact)
+
+
+def _network_verdict(
+    problem: Problem, period: Fraction, written: Step | None
+) -> tuple[Verdict, str]:
     if problem.n * problem.m > MOST_SYMMETRIC:
         text = f"the sampled network is not decided for more than {MOST_SYMMETRIC} rows."
-        return answer(verdict=Verdict.UNDECIDED, text=text)
+        return Verdict.UNDECIDED, text
+    integrators = as_integrators(problem)
     try:
-        modes = jacobians_at_consensus(as_integrators(problem)).modes
+        modes = jacobians_at_consensus(integrators).modes
     except UndefinedError:
-        return answer(
-            verdict=Verdict.UNDECIDED, text="the coupling has no derivative at the consensus."
-        )
-    which = "its matrix (with the numbers as written)" if written else "I + T (J - K)"
-    found = {
-        mode.name: _mode_verdict(as_integrators(problem), mode, period, written) for mode in modes
-    }
-    bad, unknown = (
-        [n for n, each in found.items() if each is v] for v in (Verdict.REFUTED, Verdict.UNDECIDED)
-    )
+        return Verdict.UNDECIDED, "the coupling has no derivative at the consensus."
+    found = {mode.name: _mode_verdict(integrators, mode, period, written) for mode in modes}
+    bad = [name for name, verdict in found.items() if verdict is Verdict.REFUTED]
+    unknown = [name for name, verdict in found.items() if verdict is Verdict.UNDECIDED]
+    which = "I + T (J - K)" if written is None else "its matrix (with the numbers as written)"
     if bad:
-        text = (
-            f"held over {float(period):.4g} s, couplings and pinning drive the agents apart in "
-            f'mode "{bad[0]}": an'
-        )
-        return answer(
-            verdict=Verdict.REFUTED,
-            text=f"{text} eigenvalue of {which} lies outside the unit disk.",
-        )
+        text = f"held over {float(period):.4g} s, couplings and pinning drive the agents apart in "
+        text += f'mode "{bad[0]}": an eigenvalue of {which} lies outside the unit disk.'
+        return Verdict.REFUTED, text
     if unknown:
-        text = (
-            f'in mode "{unknown[0]}" it stays open whether the sampled network converges at '
-            "the consensus: an agent"
-        )
-        text += (
-            " that nothing reaches keeps its error, a slope is not rational, or there are more than"
-        )
-        return answer(verdict=Verdict.UNDECIDED, text=f"{text} {MOST_ROWS} rows.")
-    text = (
-        f"{'without a disturbance ' * bool(written)}in every mode the sampled network "
-        "converges near the consensus: all"
-    )
-    text += f" eigenvalues of {which} lie inside the unit disk (period {float(period):.4g} s)."
-    return answer(verdict=Verdict.PROVED, text=text)
+        text = f'in mode "{unknown[0]}" it stays open whether the sampled network converges at '
+        text += "the consensus: an agent that nothing reaches keeps its error, a slope is not "
+        text += f"rational, or there are more than {MOST_ROWS} rows."
+        return Verdict.UNDECIDED, text
+    text = "" if written is None else "without a disturbance "
+    text += "in every mode the sampled network converges near the consensus: all eigenvalues of "
+    text += f"{which} lie inside the unit disk (period {float(period):.4g} s)."
+    return Verdict.PROVED, text
 
 
 def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fraction | None:
@@ -181,34 +183,49 @@ def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fracti
 
 
 def _mode_verdict(
-    problem: Problem, mode: ModeJacobian, period: Fraction, written: Sequence[Matrix]
+    problem: Problem, mode: ModeJacobian, period: Fraction, written: Step | None
 ) -> Verdict:
-    size, origin = problem.n * problem.m, problem.origin
-    if not mode.is_point or (written and size > MOST_ROWS):
+    size = problem.n * problem.m
+    if not mode.is_point:
         return Verdict.UNDECIDED
-    loop, rows = linearisation(mode, problem.pinning, problem.m), range(size)
-    F = tuple(tuple((i == j) + period * loop.get((i, j), Fraction(0)) for j in rows) for i in rows)
-    if written and origin is not None and origin.dynamics is not None:
-        # loop = I (x) A + (I (x) B) X
-        A, left = slopes_of_nodes(problem), origin.dynamics.left_inverse
-        X = subtract(
-            scale(1 / period, subtract(F, identity(size))), block_diagonal([A] * problem.n)
-        )
-        held = multiply(block_diagonal([multiply(written[1], left)] * problem.n), X)
-        F = add(block_diagonal([add(identity(problem.m), written[0])] * problem.n), held)
+    if written is not None and size > MOST_ROWS:
+        return Verdict.UNDECIDED
+    entries = linearisation(mode, problem.pinning, problem.m)
+    rows = range(size)
+    loop = tuple(tuple(entries.get((i, j), Fraction(0)) for j in rows) for i in rows)
+    F = add(identity(size), scale(period, loop))
+    origin = problem.origin
+    if written is not None and origin is not None and origin.dynamics is not None:
+        F = _held(problem, origin.dynamics, loop, written)
     if transpose(F) == F:
         return _symmetric_in_unit_disk(F)
     return _in_unit_disk(F) if len(F) <= MOST_ROWS else Verdict.UNDECIDED
 
 
+def _held(problem: Problem, dynamics: Dynamics, loop: Matrix, written: Step) -> Matrix:
+    """What becomes of the error in a period over which what neighbours and pins do is held.
+
+    That is the X of loop = I (x) A + (I (x) B) X, times B.
+    """
+    n = problem.n
+    A = slopes_of_nodes(problem)
+    felt = subtract(loop, block_diagonal([A] * n))
+    onto_inputs = multiply(written.push, dynamics.left_inverse)
+    alone = add(identity(problem.m), written.motion)
+    return add(block_diagonal([alone] * n), multiply(block_diagonal([onto_inputs] * n), felt))
+
+
 def _symmetric_in_unit_disk(F: Matrix) -> Verdict:
     """The same for a symmetric F: all eigenvalues inside iff I - F > 0 and I + F > 0."""
     one = identity(len(F))
-    sides = [SparseSymmetric.from_dense(each) for each in (subtract(one, F), add(one, F))]
-    if all(decide_positive_definite(each).verdict is Verdict.PROVED for each in sides):
+    below = SparseSymmetric.from_dense(subtract(one, F))
+    above = SparseSymmetric.from_dense(add(one, F))
+    strict = [decide_positive_definite(each).verdict for each in (below, above)]
+    if all(verdict is Verdict.PROVED for verdict in strict):
         return Verdict.PROVED
-    inside = all(decide_positive_semidefinite(each).verdict is Verdict.PROVED for each in sides)
-    return Verdict.UNDECIDED if inside else Verdict.REFUTED
+    weak = [decide_positive_semidefinite(each).verdict for each in (below, above)]
+    on_border = all(verdict is Verdict.PROVED for verdict in weak)
+    return Verdict.UNDECIDED if on_border else Verdict.REFUTED
 
 
 def _in_unit_disk(F: Matrix) -> Verdict:
@@ -216,7 +233,9 @@ def _in_unit_disk(F: Matrix) -> Verdict:
     border."""
     image = disk_image(characteristic_polynomial(F), centre=Fraction(0), radius=Fraction(1))
     inside, strictly = decide_images([image], degree=len(F))
-    return Verdict.PROVED if strictly else Verdict.UNDECIDED if inside else Verdict.REFUTED
+    if strictly:
+        return Verdict.PROVED
+    return Verdict.UNDECIDED if inside else Verdict.REFUTED
 
 
 SHORTEST, LONGEST = Fraction(1, 10**6), Fraction(10**6)  # periods, s
@@ -294,130 +313,177 @@ def make_controller(
     or the observer's error does not die out, or to which there is an objection; the message says
     which period works."""
     if precision not in PRECISIONS:
-        cure = "double is the default."
-        raise SpecError(
-            f"precision must be double or float; got {shown(precision)}.",
-            key="--precision",
-            cure=cure,
-        )
+        message = f"precision must be double or float; got {shown(precision)}."
+        raise SpecError(message, key="--precision", cure="double is the default.")
     W = chosen_gain(as_integrators(problem), gain)
     if problem.groups and W is None:
-        raise SpecError(
-            "observer.W must be known to write the observer.",
-            key="observer.W",
-            cure="Give or design W.",
-        )
+        message = "observer.W must be known to write the observer."
+        raise SpecError(message, key="observer.W", cure="Give or design W.")
     L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
     if L is not None:
         check_sampled_gain(shape(L), q=problem.q, m=problem.inputs, grouped=problem.is_grouped)
-    asked, chosen = _read_period(period), _chosen(problem, agents)
+    asked = _read_period(period)
+    chosen = _chosen(problem, agents)
     numbers = tuple(_numbers(problem, agent) for agent in chosen)
-    exosystem, own, states = _observed(problem, W, chosen)
-
-    def made(value: Fraction) -> Controller:
-        decided = _decided(problem, exosystem, own, L, value, precision)
-        return Controller(
-            problem=problem,
-            period=value,
-            precision=precision,
-            agents=numbers,
-            states=states,
-            **decided,
-        )
-
-    controller = made(asked)
+    observed = _observed(problem, W, chosen)
+    plan = _Plan(
+        problem=problem, precision=precision, agents=numbers, observed=observed, sampled_gain=L
+    )
+    controller = plan.at(asked)
     failed = _obstacle(controller, objection)
     if failed:
-        works = longest_period(lambda value: _obstacle(made(value), objection) == "", asked)
+        works = longest_period(lambda value: not _obstacle(plan.at(value), objection), asked)
         cure = "No shorter period that was tried works either: look at the gains and at W."
         if works is not None:
             cure = f"The longest of those tried that works: --period {float(works):.4g}."
-        raise SpecError(
-            f"a period of {float(asked):.4g} s is too long: {failed}", key="--period", cure=cure
-        )
+        message = f"a period of {float(asked):.4g} s is too long: {failed}"
+        raise SpecError(message, key="--period", cure=cure)
     return controller
 
 
-def _observed(
-    problem: Problem, W: Matrix | None, agents: Sequence[int]
-) -> tuple[Exosystem | None, Matrix | None, range]:
-    """The exosystem and the W of these agents, who have to share them, and the places of its states
-    among all."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Observed:
+    """The exosystem and the W (q, p) that agents share, None without a disturbance, and the places
+    of its states among those of all groups."""
+
+    exosystem: Exosystem | None
+    W: Matrix | None
+    states: range
+
+
+def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Observed:
+    """What these agents observe.  Raises: SpecError where they do not share it."""
     if not problem.is_grouped or W is None:
-        return problem.joint_exosystem, W, range(problem.q)
+        return _Observed(exosystem=problem.joint_exosystem, W=W, states=range(problem.q))
     numbers = group_numbers(problem.groups, problem.network.labels)
     found = {numbers[agent] for agent in agents}
     if len(found) > 1:
         names = ", ".join(named(group.name) for group in problem.groups[:6])
-        message = (
-            "the code of one folder is for agents with one exosystem, and these have different ones"
-        )
-        cure = (
-            "Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a "
-            "folder for each group"
-        )
-        cure += f"; the groups begin with agent {names}."
-        raise SpecError(f"{message} (exosystem.groups).", key="--agent", cure=cure)
+        message = "the code of one folder is for agents with one exosystem, and these have "
+        message += "different ones (exosystem.groups)."
+        cure = "Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a "
+        cure += f"folder for each group; the groups begin with agent {names}."
+        raise SpecError(message, key="--agent", cure=cure)
     place = found.pop()
-    if place == len(problem.groups):
-        return None, None, range(0)
-    before = sum(group.exosystem.order for group in problem.groups[:place])
+    if place == len(problem.groups):  # agents in no group
+        return _Observed(exosystem=None, W=None, states=range(0))
     exosystem = problem.groups[place].exosystem
-    return (
-        exosystem,
-        gains_of(as_integrators(problem).groups, W)[place],
-        range(before, before + exosystem.order),
-    )
+    own = gains_of(as_integrators(problem).groups, W)[place]
+    before = sum(group.exosystem.order for group in problem.groups[:place])
+    states = range(before, before + exosystem.order)
+    return _Observed(exosystem=exosystem, W=own, states=states)
 
 
-def _decided(
-    problem: Problem,
-    exosystem: Exosystem | None,
-    W: Matrix | None,
-    L: Matrix | None,
-    period: Fraction,
-    precision: str,
-) -> dict[str, Any]:
-    """The rounded matrices of this period, and what is decided about them and about the network."""
-    dynamics, m, p = problem.dynamics, problem.m, problem.inputs
-    moves, B, left = scale(0, identity(m)), identity(m), identity(m)
-    if dynamics is not None:
-        moves, B, left = dynamics.about(problem.target)[0], dynamics.B, dynamics.left_inverse
-    A, C = ((), ((),) * p) if exosystem is None or W is None else (exosystem.A, exosystem.C)
-    rows = [
-        a + b + c
-        for a, b, c in zip(moves, identity(m), multiply(B, C) if A else ((),) * m, strict=True)
-    ]
-    rows += [(Fraction(0),) * (2 * m + len(A))] * m + [(Fraction(0),) * 2 * m + row for row in A]
-    flow = _middle(discretise(tuple(rows), period).transition)  # of x, a speed that is held, and xi
-    hold = tuple(row[m : 2 * m] for row in flow[:m])
-    push, nodes = multiply(hold, B), dynamics is not None and dynamics.f is not None
-    parts = {
-        "motion": hold if nodes else subtract(tuple(row[:m] for row in flow[:m]), identity(m)),
-        "push": push,
-    }
-    parts["watch"] = watch = multiply(inverse(multiply(left, push)), left)
-    parts |= {"Ad": (), "Cd": (), "L": ()}
-    if A and W is not None:
-        parts["Ad"] = tuple(row[2 * m :] for row in flow[2 * m :])
-        parts["Cd"] = multiply(watch, tuple(row[2 * m :] for row in flow[:m]))
-        W = multiply(W, B)
-        error = discretise(subtract(A, multiply(W, C)), period).mean if L is None else ()
-        parts["L"] = multiply(scale(period, _middle(error)), W) if L is None else L
-    found: dict[str, Any] = {
-        name: tuple(tuple(rounded(x, precision) for x in row) for row in each)
-        for name, each in parts.items()
-    }
-    motion = multiply(found["motion"], moves) if nodes else found["motion"]
-    network = sampled_network_statement(
-        problem, period, *((motion, found["push"]) if dynamics else ())
-    )
-    observer = (
-        [sampled_observer_statement(found["Ad"], found["Cd"], found["L"], period=period)]
-        if A
-        else []
-    )
-    return found | {"statements": (*observer, network)}
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plan:
+    """What a controller is at every period: whose it is, and what its numbers come from."""
+
+    problem: Problem
+    precision: str
+    agents: tuple[AgentNumbers, ...]
+    observed: _Observed
+    sampled_gain: Matrix | None
+
+    def at(self, period: Fraction) -> Controller:
+        """The controller of this period, with what is decided about it."""
+        problem, A = self.problem, self._generator()
+        m, own = problem.m, 2 * problem.m
+        B, left = self._inputs()
+        # Of a state x, its speed that is held, and xi, over one period.
+        flow = _middle(discretise(self._held_motion(), period).transition)
+        hold = tuple(row[m:own] for row in flow[:m])
+        exact_push = multiply(hold, B)
+        exact_watch = multiply(inverse(multiply(left, exact_push)), left)
+        motion = self._rounded(hold if self._bends() else self._moved(flow))
+        push = self._rounded(exact_push)
+        watch = self._rounded(exact_watch)
+        Ad: Matrix = ()
+        Cd: Matrix = ()
+        L: Matrix = ()
+        statements = []
+        if A:
+            Ad = self._rounded(tuple(row[own:] for row in flow[own:]))
+            Cd = self._rounded(multiply(exact_watch, tuple(row[own:] for row in flow[:m])))
+            L = self._rounded(self._sampled_gain(period))
+            statements.append(sampled_observer_statement(Ad, Cd, L, period=period))
+        statements.append(sampled_network_statement(problem, period, self._step(motion, push)))
+        return Controller(
+            problem=problem,
+            period=period,
+            precision=self.precision,
+            Ad=Ad,
+            Cd=Cd,
+            L=L,
+            agents=self.agents,
+            statements=tuple(statements),
+            states=self.observed.states,
+            motion=motion,
+            push=push,
+            watch=watch,
+        )
+
+    def _generator(self) -> Matrix:
+        """A of the exosystem, () without one."""
+        exosystem = self.observed.exosystem
+        return () if exosystem is None or self.observed.W is None else exosystem.A
+
+    def _bends(self) -> bool:
+        """Whether the agents' own motion is an f and not a matrix."""
+        dynamics = self.problem.dynamics
+        return dynamics is not None and dynamics.f is not None
+
+    def _slopes(self) -> Matrix:
+        """A of [dynamics], or the slopes of f at the target; 0 of integrators, (m, m)."""
+        dynamics = self.problem.dynamics
+        if dynamics is None:
+            return zeros(self.problem.m, self.problem.m)
+        return dynamics.about(self.problem.target)[0]
+
+    def _inputs(self) -> tuple[Matrix, Matrix]:
+        """B (m, p) and its left inverse."""
+        dynamics = self.problem.dynamics
+        if dynamics is None:
+            return identity(self.problem.m), identity(self.problem.m)
+        return dynamics.B, dynamics.left_inverse
+
+    def _held_motion(self) -> Matrix:
+        """x' = A x + v + B C xi, v' = 0, xi' = A_xi xi, as one matrix."""
+        m, A = self.problem.m, self._generator()
+        exosystem = self.observed.exosystem
+        felt: Matrix = ((),) * m
+        if exosystem is not None and A:
+            felt = multiply(self._inputs()[0], exosystem.C)
+        moved = zip(self._slopes(), identity(m), felt, strict=True)
+        rows = [slopes + speeds + disturbance for slopes, speeds, disturbance in moved]
+        rows += zeros(m, 2 * m + len(A))
+        rows += [nothing + row for nothing, row in zip(zeros(len(A), 2 * m), A, strict=True)]
+        return tuple(rows)
+
+    def _moved(self, flow: Matrix) -> Matrix:
+        """What a period adds to a state by itself, (m, m)."""
+        m = self.problem.m
+        return subtract(tuple(row[:m] for row in flow[:m]), identity(m))
+
+    def _sampled_gain(self, period: Fraction) -> Matrix:
+        """L (q, p): the one that was given, else the mean of exp((A - W C) s) over a period times
+        it and W."""
+        exosystem, W = self.observed.exosystem, self.observed.W
+        if self.sampled_gain is not None or exosystem is None or W is None:
+            return self.sampled_gain or ()
+        gain = multiply(W, self._inputs()[0])
+        error = discretise(error_matrix(exosystem, gain), period).mean
+        return multiply(scale(period, _middle(error)), gain)
+
+    def _step(self, motion: Matrix, push: Matrix) -> Step | None:
+        """How a state moves near its goal; None of integrators."""
+        if self.problem.dynamics is None:
+            return None
+        # Of an f, ``motion`` is what it is multiplied with: at the target it has these slopes.
+        near = multiply(motion, self._slopes()) if self._bends() else motion
+        return Step(motion=near, push=push)
+
+    def _rounded(self, exact: Matrix) -> Matrix:
+        return tuple(tuple(rounded(x, self.precision) for x in row) for row in exact)
 
 
 def _middle(found: IntervalMatrix) -> Matrix:
@@ -439,9 +505,8 @@ def _read_period(given: Any) -> Fraction:
 def _obstacle(controller: Controller, objection: Callable[[Controller], str] | None) -> str:
     """Why a period cannot be used, or ""."""
     for each in controller.statements:
-        if each.verdict is Verdict.REFUTED or (
-            each.kind == "sampled" and each.verdict is not Verdict.PROVED
-        ):
+        undecided = each.kind == "sampled" and each.verdict is not Verdict.PROVED
+        if undecided or each.verdict is Verdict.REFUTED:
             return each.text
     return "" if objection is None else objection(controller)
 
@@ -450,27 +515,24 @@ def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
     index = problem.network.index
     if agents is None:
         if problem.n > MOST_AGENTS:
-            message = (
-                f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem has "
-                f"{problem.n}."
-            )
-            raise SpecError(
-                message, key="--agent", cure="Name the agent whose code you want: --agent LABEL."
-            )
+            message = f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem "
+            message += f"has {problem.n}."
+            cure = "Name the agent whose code you want: --agent LABEL."
+            raise SpecError(message, key="--agent", cure=cure)
         return list(range(problem.n))
-    names = list(map(one_form, agents))
+    names = [one_form(agent) for agent in agents]
     unknown = [name for name in names if name not in index]
     if unknown or not names:
+        which = shown(unknown[0] if unknown else "")
         first = ", ".join(map(named, problem.network.labels[:6]))
-        message = f"there is no agent {shown(unknown[0] if unknown else '')} in the network."
-        raise SpecError(
-            message, key="--agent", cure=f"Labels are {first}{', ...' if problem.n > 6 else ''}."
-        )
+        more = ", ..." if problem.n > 6 else ""
+        message = f"there is no agent {which} in the network."
+        raise SpecError(message, key="--agent", cure=f"Labels are {first}{more}.")
     return [index[name] for name in names]
 
 
 def _numbers(problem: Problem, agent: int) -> AgentNumbers:
-    neighbours: dict[int, int] = {}
+    neighbours: dict[int, int] = {}  # index -> place in the code
     modes = []
     for arcs in problem.network.modes.values():
         own = (arcs.listeners == agent).nonzero()[0].tolist()
@@ -481,15 +543,14 @@ def _numbers(problem: Problem, agent: int) -> AgentNumbers:
             coupling = problem.coupling_place(agent, speaker)
             hearings.append(Hearing(neighbour=place, coupling=coupling, weight=arcs.weights[arc]))
         modes.append(tuple(hearings))
-    m = problem.m
-    nothing = tuple((Fraction(0),) * m for _ in range(problem.inputs))
-    dynamics, goal = problem.dynamics, problem.goal_of(agent)
+    dynamics = problem.dynamics
+    goal = problem.goal_of(agent)
     return AgentNumbers(
         index=agent,
         label=problem.network.labels[agent],
         goal=goal,
         rest=None if dynamics is None else dynamics.feedforward(goal),
-        gain=problem.pinning.gains.get(agent, nothing),
+        gain=problem.pinning.gains.get(agent, zeros(problem.inputs, problem.m)),
         neighbours=tuple(neighbours),
         modes=tuple(modes),
     )

@@ -16,6 +16,7 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dobc_design import __version__
 from dobc_design._show.cards import Card, Headed
@@ -23,7 +24,7 @@ from dobc_design._show.text import significant
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
-from dobc_design.export.c_controller import AgentNumbers, Controller
+from dobc_design.export.c_controller import AgentNumbers, Controller, Hearing
 from dobc_design.export.c_text import (
     CAlgebra,
     array,
@@ -43,6 +44,7 @@ from dobc_design.simulation.runs import run_once
 from dobc_design.simulation.setting import Stress, make_setting
 from dobc_design.simulation.signals import Mobile, Signal
 from dobc_design.simulation.trajectory import Trajectory
+from dobc_design.verdict import Verdict
 
 SECONDS = 10.0
 MOST_SAMPLES = 400
@@ -63,42 +65,47 @@ class Recorder:
         sampled_gain: Gain | None = None,
         signal: Signal | None = None,
     ) -> None:
-        self.gain, self.signal = gain, None if isinstance(signal, Mobile) else signal
-        self.sampled = (
-            None if sampled_gain is None else tuple(tuple(map(float, row)) for row in sampled_gain)
-        )
+        self.gain = gain
+        self.signal = None if isinstance(signal, Mobile) else signal
+        self.sampled = None
+        if sampled_gain is not None:
+            self.sampled = tuple(tuple(map(float, row)) for row in sampled_gain)
         self.last: tuple[Fraction, Trajectory] | None = None
 
     def objection(self, controller: Controller) -> str:
         """Why this period does not do in a simulation, or "".  Raises: SpecError where none
         does."""
         run = self.run(controller)
-        if run.diverged and (free := self.simulated(controller, None)).diverged:
-            message = (
-                f"in a simulation {free.reason}, although nothing is sampled: no period helps."
-            )
+        if not run.diverged:
+            return ""
+        free = self.simulated(controller, None)
+        if free.diverged:
+            message = f"in a simulation {free.reason}, although nothing is sampled: no period "
             cure = "Give starts from which the loop converges: simulation.x0, or a [region]."
-            raise SpecError(message, key="simulation", cure=cure)
-        return f"in a simulation {run.reason}." if run.diverged else ""
+            raise SpecError(f"{message}helps.", key="simulation", cure=cure)
+        return f"in a simulation {run.reason}."
 
     def run(self, controller: Controller) -> Trajectory:
         """The sampled loop at the controller's period."""
         if self.last is None or self.last[0] != controller.period:
             given = _limits(controller).get(_recorded_agent(controller).label)
             limit = None if given is None else float(rounded(given, "double"))
-            stress = Stress(
-                period=float(controller.period), sampled_gain=self.sampled, saturation=limit
-            )
+            period = float(controller.period)
+            stress = Stress(period=period, sampled_gain=self.sampled, saturation=limit)
             self.last = controller.period, self.simulated(controller, stress)
         return self.last[1]
 
     def simulated(self, controller: Controller, stress: Stress | None) -> Trajectory:
         """The loop at the multiples of the period."""
         period = float(controller.period)
-        times = [k * period for k in range(max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1))]
+        count = max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1)
+        times = [k * period for k in range(count)]
+        mode = None
+        if self.signal is None:
+            mode = next(iter(controller.problem.network.modes))
         setting = make_setting(
             controller.problem,
-            mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
+            mode=mode,
             signal=self.signal,
             t_final=times[-1],
             samples=times,
@@ -113,105 +120,107 @@ class Recorder:
         first.  Raises: SpecError when the simulated loop diverges."""
         why = self.objection(controller)
         if why:
-            raise SpecError(
-                f"there are no test vectors: {why}", key="--period", cure="Take a shorter period."
-            )
+            message = f"there are no test vectors: {why}"
+            raise SpecError(message, key="--period", cure="Take a shorter period.")
         run = self.run(controller)
         agent = _recorded_agent(controller)
-        i, others, names = (
-            agent.index,
-            list(agent.neighbours),
-            list(controller.problem.network.modes),
+        i = agent.index
+        others = list(agent.neighbours)
+        u = run.u[:, i]
+        measured = Recorded(
+            agent=agent,
+            modes=_modes_in_code(controller, run),
+            x=run.x[:, i],
+            heard=run.x[:, others] - run.goal[others],
+            xihat=run.xihat[:, i, controller.states],
+            dhat=run.dhat[:, i],
+            u=u,
+            v=u,
         )
-        modes = np.array([names.index(name) for name in run.switches.names])[run.mode_index]
-        heard = run.x[:, others] - run.goal[others]
-        u, own = (
-            run.u[:, i],
-            {"x": run.x[:, i], "dhat": run.dhat[:, i], "xihat": run.xihat[:, i, controller.states]},
-        )
-        bare = Recorded(agent=agent, modes=modes, heard=heard, u=u, v=u, **own)
         e = run.x[:, i] - run.goal[i]
-        return replace(bare, v=felt_with_error(controller, bare, e, np.zeros_like(e), 0.0)[0] + u)
+        exact = np.zeros_like(e)
+        felt = felt_with_error(controller, measured, e, exact, 0.0)
+        return replace(measured, v=felt.value + u)
+
+
+def _modes_in_code(controller: Controller, run: Trajectory) -> NDArray[np.int64]:
+    """The place of the active mode among those of the problem, sample by sample."""
+    names = list(controller.problem.network.modes)
+    places = np.array([names.index(name) for name in run.switches.names])
+    return places[run.mode_index]
 
 
 def _recorded_agent(controller: Controller) -> AgentNumbers:
-    return next(
-        (each for each in controller.agents if any(map(any, each.gain))), controller.agents[0]
-    )
+    """The first that is pinned, else the first."""
+    for agent in controller.agents:
+        if any(map(any, agent.gain)):
+            return agent
+    return controller.agents[0]
 
 
 def _limits(controller: Controller) -> dict[str, Fraction]:
     """label -> largest |u| of a component, for the agents of the code that have a limit in
     [actuators]."""
-    table, labels = controller.problem.actuators, [agent.label for agent in controller.agents]
-    found = {label: None if table is None else table.limit_of(label) for label in labels}
-    return {label: limit for label, limit in found.items() if limit is not None}
+    table = controller.problem.actuators
+    found: dict[str, Fraction] = {}
+    for agent in controller.agents:
+        limit = None if table is None else table.limit_of(agent.label)
+        if limit is not None:
+            found[agent.label] = limit
+    return found
 
 
 def _limits_text(controller: Controller) -> str:
     """The limits for a comment: one number where all agents have the same, else agent by agent."""
     limits = _limits(controller)
-    if len(limits) == len(controller.agents) and len(set(limits.values())) == 1:
-        return significant(next(iter(limits.values())), 6)
-    first = [
-        f"{significant(limit, 6)} (agent {label})" for label, limit in list(limits.items())[:12]
-    ]
-    return ", ".join([*first, *(["..."] if len(limits) > 12 else [])])
+    values = set(limits.values())
+    if len(limits) == len(controller.agents) and len(values) == 1:
+        return significant(values.pop(), 6)
+    texts = [f"{significant(limit, 6)} (agent {label})" for label, limit in limits.items()]
+    if len(texts) > 12:
+        texts = [*texts[:12], "..."]
+    return ", ".join(texts)
 
 
 def vectors_csv(controller: Controller, recorded: Recorded) -> str:
     """The samples as CSV: time, mode, x, heard values, u, v, dhat; numbers in full double
     precision."""
-    problem, agent = controller.problem, recorded.agent
-    m, p, neighbours = (
-        range(1, problem.m + 1),
-        range(1, problem.inputs + 1),
-        range(len(agent.neighbours)),
-    )
-    head = [
-        "time",
-        "mode",
-        *(f"x{c}" for c in m),
-        *(f"heard{j}_{c}" for j in neighbours for c in m),
-    ]
-    head += [f"{name}{c}" for name in ("u", "v", "dhat") for c in p]
+    m = range(1, controller.problem.m + 1)
+    p = range(1, controller.problem.inputs + 1)
+    head = ["time", "mode", *(f"x{c}" for c in m)]
+    for j in range(len(recorded.agent.neighbours)):
+        head += [f"heard{j}_{c}" for c in m]
+    for name in ("u", "v", "dhat"):
+        head += [f"{name}{c}" for c in p]
     lines = [",".join(head)]
-    for k in range(len(recorded.x)):
-        numbers = [
-            recorded.x[k],
-            recorded.heard[k].ravel(),
-            recorded.u[k],
-            recorded.v[k],
-            recorded.dhat[k],
-        ]
-        texts = [repr(float(value)) for part in numbers for value in part]
-        lines.append(
-            ",".join([repr(k * float(controller.period)), str(int(recorded.modes[k])), *texts])
-        )
+    heard = recorded.heard.reshape(len(recorded.x), -1)
+    numbers = np.hstack([recorded.x, heard, recorded.u, recorded.v, recorded.dhat])
+    for k, row_of_sample in enumerate(numbers.tolist()):
+        time = repr(k * float(controller.period))
+        mode = str(int(recorded.modes[k]))
+        lines.append(",".join([time, mode, *map(repr, row_of_sample)]))
     return "\n".join(lines) + "\n"
 
 
 def vectors_header(controller: Controller, recorded: Recorded) -> str:
     """vectors.h: the same as constant arrays, with the tolerance that is derived for this
     precision."""
-    problem, agent = controller.problem, recorded.agent
+    agent = recorded.agent
     place = next(i for i, each in enumerate(controller.agents) if each.index == agent.index)
     count = len(recorded.x)
-    heard = recorded.heard if agent.neighbours else np.zeros((count, 1, problem.m))
+    heard = recorded.heard
+    if not agent.neighbours:  # C has no arrays of length 0
+        heard = np.zeros((count, 1, controller.problem.m))
     tolerance = rounding_bound(controller, recorded)
     if not np.isfinite(tolerance):
-        message = (
-            "the rounding errors of the test vectors have no finite bound: a coupling is near "
-            "a singularity."
-        )
-        raise SpecError(
-            message,
-            key="export",
-            cure="Simulate from other starts ([region]), or use --precision double.",
-        )
+        message = "the rounding errors of the test vectors have no finite bound: a coupling is "
+        message += "near a singularity."
+        cure = "Simulate from other starts ([region]), or use --precision double."
+        raise SpecError(message, key="export", cure=cure)
 
     def entries(values: Array) -> str:
-        return ", ".join(bare(Fraction(float(value)), controller.precision) for value in values)
+        texts = [bare(Fraction(float(value)), controller.precision) for value in values]
+        return ", ".join(texts)
 
     return template("vectors.h.j2").render(
         label=comment(agent.label),
@@ -265,11 +274,10 @@ class CCode(Headed):
         )
 
     def __str__(self) -> str:
-        controller, count = self.controller, len(self.controller.agents)
-        head = (
-            f"C99 of {count} agent{'s' if count != 1 else ''} of {controller.problem.name}, "
-            f"{controller.precision}"
-        )
+        controller = self.controller
+        count = len(controller.agents)
+        agents = "1 agent" if count == 1 else f"{count} agents"
+        head = f"C99 of {agents} of {controller.problem.name}, {controller.precision}"
         head += f", every {float(controller.period):g} s"
         return "\n".join([head, *(f"  {each}" for each in self.statements)])
 
@@ -287,6 +295,7 @@ def check_free(folder: Path, *, force: bool) -> None:
 def header_text(controller: Controller) -> str:
     """dobc_agent.h."""
     problem = controller.problem
+    modes = list(problem.network.modes)
     return template("agent.h.j2").render(
         controller=controller,
         problem=problem,
@@ -294,8 +303,7 @@ def header_text(controller: Controller) -> str:
         period=f"{float(controller.period):.10g}",
         version=__version__,
         literal=c_literal(controller.period, controller.precision),
-        names=comment(", ".join(list(problem.network.modes)[:12])),
-        estimate="\n    dobc_real estimate[DOBC_ORDER]; /* xihat */" if controller.q else "",
+        names=comment(", ".join(modes[:12])),
         neighbours=max(1, *(len(agent.neighbours) for agent in controller.agents)),
         limits=comment(_limits_text(controller)),
     )
@@ -305,83 +313,81 @@ def source_text(controller: Controller) -> str:
     """dobc_agent.c."""
     problem, precision = controller.problem, controller.precision
     algebra = CAlgebra(precision)
-    own, made = problem.dynamics, partial(function, algebra=algebra, m=problem.m)
-    couplings = [
-        made(f"coupling_{number}(y, h)", each.components, each.texts, size="DOBC_INPUTS")
-        for number, each in enumerate(problem.couplings)
-    ]
-    drift = (
-        own and own.f and made("drift(x, f)", expressions_of(own), own.f, size="DOBC_COMPONENTS")
-    )
+    made = partial(function, algebra=algebra, m=problem.m)
+    couplings = []
+    for number, each in enumerate(problem.couplings):
+        head = f"coupling_{number}(y, h)"
+        couplings.append(made(head, each.components, each.texts, size="DOBC_INPUTS"))
+    plant = problem.dynamics
+    drift = None
+    if plant is not None and plant.f:
+        expressions = expressions_of(plant)
+        drift = made("drift(x, f)", expressions, plant.f, size="DOBC_COMPONENTS")
     return template("agent.c.j2").render(
+        controller=controller,
+        array=partial(array, precision=precision),
         title=comment(problem.name),
         uses_math=algebra.library,
-        q=controller.q,
-        plant=own,
+        plant=plant,
         drift=drift,
-        motion=array(controller.motion, precision),
-        push=array(controller.push, precision),
-        watch=array(controller.watch, precision),
-        Ad=array(controller.Ad, precision),
-        Cd=array(controller.Cd, precision),
-        L=array(controller.L, precision),
         tables="".join(_tables(controller)),
         used=algebra.used,
-        functions=couplings,
-        couplings=len(couplings),
+        couplings=couplings,
         limited=bool(_limits(controller)),
     )
 
 
 def _tables(controller: Controller) -> Iterator[str]:
     """Arcs and neighbours of every agent, then the table of agents."""
-    precision, labels, limits = (
-        controller.precision,
-        controller.problem.network.labels,
-        _limits(controller),
-    )
+    labels = controller.problem.network.labels
+    precision = controller.precision
     for place, agent in enumerate(controller.agents):
         for mode, hearings in enumerate(agent.modes):
             if hearings:
-                arcs = ", ".join(
-                    f"{{{arc.neighbour}, {arc.coupling}, {c_literal(arc.weight, precision)}}}"
-                    for arc in hearings
-                )
+                arcs = ", ".join(_arc(arc, precision) for arc in hearings)
                 yield f"static const dobc_arc arcs_{place}_{mode}[] = {{{arcs}}};\n"
         if agent.neighbours:
             names = ", ".join(string(labels[index]) for index in agent.neighbours)
             yield f"static const char *const neighbours_{place}[] = {{{names}}};\n"
     yield "\nconst dobc_config dobc_agents[DOBC_AGENTS] = {\n"
-    rows = (_config(place, agent, precision) for place, agent in enumerate(controller.agents))
-    if limits:  # -1 stands for no limit
-        ends = (
-            bare(limits.get(agent.label, Fraction(-1)), precision) for agent in controller.agents
-        )
-        rows = (f"{row[:-1]}, {end}}}" for row, end in zip(rows, ends, strict=True))
+    limits = _limits(controller)
+    rows = []
+    for place, agent in enumerate(controller.agents):
+        fields = _config(place, agent, precision)
+        if limits:
+            no_limit = Fraction(-1)  # which no limit is
+            fields += f", {bare(limits.get(agent.label, no_limit), precision)}"
+        rows.append(f"    {{{fields}}}")
     yield ",\n".join(rows)
     yield "\n};\n"
 
 
+def _arc(arc: Hearing, precision: str) -> str:
+    return f"{{{arc.neighbour}, {arc.coupling}, {c_literal(arc.weight, precision)}}}"
+
+
 def _config(place: int, agent: AgentNumbers, precision: str) -> str:
-    counts = ", ".join(str(len(hearings)) for hearings in agent.modes)
-    arcs = ", ".join(
-        f"arcs_{place}_{mode}" if hearings else "0" for mode, hearings in enumerate(agent.modes)
-    )
+    """The fields of an agent's row in the table."""
     gain = ", ".join(row(each, precision) for each in agent.gain)
-    neighbours = f"neighbours_{place}" if agent.neighbours else "0"
-    rest = "" if agent.rest is None else f" {row(agent.rest, precision)},"
-    text = (
-        f"    {{{string(agent.label)}, {row(agent.goal, precision)}, {{{gain}}},{rest} "
-        f"{len(agent.neighbours)},"
-    )
-    return text + f" {neighbours}, {{{counts}}}, {{{arcs}}}}}"
+    counts = ", ".join(str(len(hearings)) for hearings in agent.modes)
+    arcs = []
+    for mode, hearings in enumerate(agent.modes):
+        arcs.append(f"arcs_{place}_{mode}" if hearings else "0")
+    fields = [string(agent.label), row(agent.goal, precision), f"{{{gain}}}"]
+    if agent.rest is not None:
+        fields.append(row(agent.rest, precision))
+    fields.append(str(len(agent.neighbours)))
+    fields.append(f"neighbours_{place}" if agent.neighbours else "0")
+    return ", ".join([*fields, f"{{{counts}}}", f"{{{', '.join(arcs)}}}"])
 
 
 def c_code(
     controller: Controller, recorded: Recorded, *, certified: Statement | None = None
 ) -> CCode:
     """All files.  ``certified``: what a certificate says about the sampling period."""
-    statements = (*controller.statements, *([] if certified is None else [certified]))
+    statements = controller.statements
+    if certified is not None:
+        statements = (*statements, certified)
     texts = {
         "dobc_agent.h": header_text(controller),
         "dobc_agent.c": source_text(controller),
@@ -400,39 +406,35 @@ def c_code(
 
 def readme(controller: Controller, recorded: Recorded, statements: Sequence[Statement]) -> str:
     """README.txt."""
-    problem, agents = controller.problem, controller.agents
-    labels = [agent.label for agent in agents]
-    names = ", ".join(labels[:8]) + (", ..." if len(labels) > 8 else "")
-    proved = [each.text for each in statements if each.verdict.value == "proved"]
-    undecided = [each.text for each in statements if each.verdict.value == "undecided"]
-    certified = any(each.kind == "certified-sampling" for each in statements)
+    problem = controller.problem
+    labels = [agent.label for agent in controller.agents]
+    heard = [problem.network.labels[index] for index in recorded.agent.neighbours]
+    names = ", ".join(labels[:8])
+    if len(labels) > 8:
+        names += ", ..."
+    agents = "1 agent" if len(labels) == 1 else f"{len(labels)} agents"
+    proved = [each.text for each in statements if each.verdict is Verdict.PROVED]
+    undecided = [each.text for each in statements if each.verdict is Verdict.UNDECIDED]
     return template("README.txt.j2").render(
-        name=problem.name,
-        rule="=" * (len(problem.name) + 45),
-        who=f"{len(labels)} agent{'s' if len(labels) != 1 else ''} ({names})",
+        controller=controller,
+        problem=problem,
+        who=f"{agents} ({names})",
         samples=len(recorded.x),
         agent=recorded.agent.label,
-        neighbours=", ".join(problem.network.labels[index] for index in recorded.agent.neighbours)
-        or "none",
+        neighbours=", ".join(heard) or "none",
         compile=COMPILE,
         period=f"{float(controller.period):.6g}",
-        observes=controller.q > 0,
-        plant=problem.dynamics,
-        drift=problem.dynamics and problem.dynamics.f,
         proved=proved or ["nothing"],
         undecided=undecided,
-        certified=certified,
+        certified=any(each.kind == "certified-sampling" for each in statements),
         limits=_limits_text(controller),
         items=_items,
         fill=partial(textwrap.fill, width=WIDTH),
-        precision=controller.precision,
         bound=f"{rounding_bound(controller, recorded):.1e}",
         version=__version__,
     )
 
 
 def _items(sentences: Sequence[str]) -> str:
-    return "\n".join(
-        textwrap.fill(each, WIDTH, initial_indent="  - ", subsequent_indent="    ")
-        for each in sentences
-    )
+    wrapper = textwrap.TextWrapper(WIDTH, initial_indent="  - ", subsequent_indent="    ")
+    return "\n".join(wrapper.fill(each) for each in sentences)

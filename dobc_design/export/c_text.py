@@ -47,14 +47,14 @@ def rounded(value: Fraction, precision: str) -> Fraction:
     try:
         near = np.float64(value.numerator / value.denominator)
         with np.errstate(over="ignore"):
-            return Fraction(float(near if precision == "double" else np.float32(near)))
+            written = near if precision == "double" else np.float32(near)
+            return Fraction(float(written))
     except OverflowError:
-        about = len(str(abs(value.numerator))) - len(str(value.denominator))
-        message = (
-            f"every number of the code must fit into a {precision}; one of the problem's does not"
-        )
+        digits = len(str(abs(value.numerator))) - len(str(value.denominator))
+        message = f"every number of the code must fit into a {precision}; one of the problem's "
+        message += f"does not (about 10^{digits})."
         cure = "Use other units." if precision == "double" else "Use --precision double."
-        raise SpecError(f"{message} (about 10^{about}).", key="export", cure=cure) from None
+        raise SpecError(message, key="export", cure=cure) from None
 
 
 def literal(value: Fraction, precision: str) -> str:
@@ -69,9 +69,7 @@ def literal(value: Fraction, precision: str) -> str:
 
 def array(rows: Sequence[Sequence[Fraction]], precision: str) -> str:
     """A two-dimensional initializer, one row a line."""
-    inside = ",\n".join(
-        "    {" + ", ".join(bare(entry, precision) for entry in row) + "}" for row in rows
-    )
+    inside = ",\n".join(f"    {row(each, precision)}" for each in rows)
     return "{\n" + inside + "\n}"
 
 
@@ -89,11 +87,8 @@ def string(text: str) -> str:
     """A C string literal of the UTF-8 bytes of ``text``; octal escapes end by themselves and make
     no trigraphs."""
     plain = set(range(32, 127)) - {ord('"'), ord("\\"), ord("?")}
-    return (
-        '"'
-        + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode("utf-8"))
-        + '"'
-    )
+    written = [chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode("utf-8")]
+    return '"' + "".join(written) + '"'
 
 
 def comment(text: str) -> str:
@@ -149,11 +144,11 @@ def function(
     with m."""
     name, y, h = re.findall(r"\w+", head)
     lines = [f"/* {h}({y}) = {comment(', '.join(texts))} */"]
-    values = evaluated(expressions, [Piece(f"{y}[{c}]", ATOM) for c in range(m)], algebra)
-    lines += [
-        f"static void {name}(const dobc_real {y}[DOBC_COMPONENTS], dobc_real {h}[{size}])",
-        "{",
-    ]
-    lines += [] if any(variables_used(each.node) for each in expressions) else [f"    (void){y};"]
-    lines += [f"    {h}[{c}] = {value.text};" for c, value in enumerate(values)]
+    parameters = f"const dobc_real {y}[DOBC_COMPONENTS], dobc_real {h}[{size}]"
+    lines += [f"static void {name}({parameters})", "{"]
+    if not any(variables_used(each.node) for each in expressions):
+        lines.append(f"    (void){y};")
+    components = [Piece(f"{y}[{c}]", ATOM) for c in range(m)]
+    for c, value in enumerate(evaluated(expressions, components, algebra)):
+        lines.append(f"    {h}[{c}] = {value.text};")
     return "\n".join([*lines, "}", ""])

@@ -33,9 +33,22 @@ from dobc_design.export.c_text import string, template
 MODEL = "dobc_agent"
 COMPILERS = ("cc", "gcc", "clang")
 DATE = (1980, 1, 1, 0, 0, 0)  # of the files in the zip
+CURE = "`dobc export --c DIR` writes the sources alone."
+OPTIONS = ("-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden")
+SOURCES = ("dobc_agent.c", "fmi3_agent.c")
+_LISTED = "".join(f'<SourceFile name="{name}"/>' for name in SOURCES)
 TIME_LIMIT = 120  # s for the compiler
 SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
 MACHINES = {"AMD64": "x86_64", "arm64": "aarch64"}
+
+
+BUILD = f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0">
+  <BuildConfiguration modelIdentifier="{MODEL}">
+    <SourceFileSet language="C99">{_LISTED}</SourceFileSet>
+  </BuildConfiguration>
+</fmiBuildDescription>
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -47,11 +60,9 @@ class Fmu(Shown):
     platform: str | None
 
     def _card(self) -> Card:
-        made = (
-            "sources only, there is no compiler"
-            if self.platform is None
-            else f"library for {self.platform}"
-        )
+        made = "sources only, there is no compiler"
+        if self.platform is not None:
+            made = f"library for {self.platform}"
         return Card(title="FMU (FMI 3.0)", text=f"{len(self.data)} bytes, {made}")
 
     def __repr__(self) -> str:
@@ -76,12 +87,11 @@ class Variable(NamedTuple):
 def make_fmu(controller: Controller) -> Fmu:
     """Build the FMU of the controller's only agent.  Raises: SolverError if the compiler refuses
     the code."""
-    token = hashlib.sha256(
-        (header_text(controller) + source_text(controller)).encode("utf-8")
-    ).hexdigest()
-    files = {
-        f"sources/{name}": text.encode("utf-8") for name, text in sources(controller, token).items()
-    }
+    code = header_text(controller) + source_text(controller)
+    token = hashlib.sha256(code.encode("utf-8")).hexdigest()
+    files = {}
+    for name, text in sources(controller, token).items():
+        files[f"sources/{name}"] = text.encode("utf-8")
     library = _compiled(files)
     described = {"modelDescription.xml": description(controller, token).encode("utf-8"), **files}
     if library is not None:
@@ -99,68 +109,50 @@ def make_fmu(controller: Controller) -> Fmu:
 def sources(controller: Controller, token: str) -> dict[str, str]:
     """The C files of the FMU and buildDescription.xml, by name."""
     folder = resources.files("dobc_design.export") / "templates"
-    code, heard = (folder / "fmi3_agent.c").read_text("utf-8"), len(controller.agents[0].neighbours)
-    for mark, text in {
+    code = (folder / "fmi3_agent.c").read_text("utf-8")
+    marks = {
         "TOKEN": string(token),
-        "HEARD": str(heard),
-        "STUBS": template("fmi3_stubs.c.j2").render(),
-    }.items():
-        code = code.replace(f"@{mark}@", text.removesuffix("\n"))
-    listed = "".join(f'<SourceFile name="{name}"/>' for name in ("dobc_agent.c", "fmi3_agent.c"))
-    build = '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
-    build += (
-        f'  <BuildConfiguration modelIdentifier="{MODEL}">\n    <SourceFileSet '
-        f'language="C99">{listed}'
-    )
-    build += "</SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n"
+        "HEARD": str(len(controller.agents[0].neighbours)),
+        "STUBS": template("fmi3_stubs.c.j2").render().removesuffix("\n"),
+    }
+    for mark, text in marks.items():
+        code = code.replace(f"@{mark}@", text)
     return {
         "dobc_agent.h": header_text(controller),
         "dobc_agent.c": source_text(controller),
         "fmi3_types.h": (folder / "fmi3_types.h").read_text("utf-8"),
         "fmi3_agent.c": code,
-        "buildDescription.xml": build,
+        "buildDescription.xml": BUILD,
     }
 
 
 def variables(controller: Controller) -> list[Variable]:
     """The real variables in the order of their numbers: x, y, u, v, dhat, and what is heard of
     every neighbour."""
-    problem, labels, agent = (
-        controller.problem,
-        controller.problem.network.labels,
-        controller.agents[0],
-    )
+    problem = controller.problem
     wanted = [
-        ("x", "input", "measured state"),
-        ("y", "output", "x - goal: the packet for those who listen"),
-        ("u", "output", "input (19), held until the next sample"),
-        ("v", "output", "couplings + u, held until the next sample"),
-        ("dhat", "output", "estimated disturbance"),
+        ("x", "input", "measured state", problem.m),
+        ("y", "output", "x - goal: the packet for those who listen", problem.m),
+        ("u", "output", "input (19), held until the next sample", problem.inputs),
+        ("v", "output", "couplings + u, held until the next sample", problem.inputs),
+        ("dhat", "output", "estimated disturbance", problem.inputs),
     ]
-    wanted += [
-        (f"heard[{labels[j]}]", "input", f"packet y of agent {labels[j]}") for j in agent.neighbours
-    ]
-    sizes = {
-        name: problem.inputs if name in ("u", "v", "dhat") else problem.m for name, _, _ in wanted
-    }
-    rows = [
-        (f"{name}[{c + 1}]" if sizes[name] > 1 else name, causality, text)
-        for name, causality, text in wanted
-        for c in range(sizes[name])
-    ]
-    return [
-        Variable(name, 2 + place, causality, text)
-        for place, (name, causality, text) in enumerate(rows)
-    ]
+    for j in controller.agents[0].neighbours:
+        label = problem.network.labels[j]
+        wanted.append((f"heard[{label}]", "input", f"packet y of agent {label}", problem.m))
+    found: list[Variable] = []
+    for name, causality, text, size in wanted:
+        for c in range(size):
+            full = f"{name}[{c + 1}]" if size > 1 else name
+            found.append(Variable(full, 2 + len(found), causality, text))
+    return found
 
 
 def description(controller: Controller, token: str) -> str:
     """modelDescription.xml."""
-    problem, agent, period = (
-        controller.problem,
-        controller.agents[0],
-        repr(float(controller.period)),
-    )
+    problem, agent = controller.problem, controller.agents[0]
+    period = repr(float(controller.period))
+    modes = list(problem.network.modes)
     return template("modelDescription.xml.j2").render(
         quoted=quoteattr,
         name=f"{problem.name}: agent {agent.label}",
@@ -170,7 +162,7 @@ def description(controller: Controller, token: str) -> str:
         version=__version__,
         model=MODEL,
         period=period,
-        modes=f"which graph holds: {', '.join(list(problem.network.modes)[:12])}",
+        modes=f"which graph holds: {', '.join(modes[:12])}",
         variables=variables(controller),
     )
 
@@ -183,7 +175,8 @@ class _Library(NamedTuple):
 
 def _compiled(files: Mapping[str, bytes]) -> _Library | None:
     """The shared library; None where there is no compiler, or none for shared libraries."""
-    compiler = next((found for name in COMPILERS if (found := shutil.which(name))), None)
+    compilers = filter(None, map(shutil.which, COMPILERS))
+    compiler = next(compilers, None)
     if compiler is None or platform.system() not in SYSTEMS:
         return None
     system, suffix = SYSTEMS[platform.system()]
@@ -191,30 +184,21 @@ def _compiled(files: Mapping[str, bytes]) -> _Library | None:
         for name, data in files.items():
             (Path(folder) / Path(name).name).write_bytes(data)
         library = Path(folder) / f"{MODEL}{suffix}"
-        options = [
-            "-std=c99",
-            "-O2",
-            "-shared",
-            "-fPIC",
-            "-fvisibility=hidden",
-            "dobc_agent.c",
-            "fmi3_agent.c",
-            "-o",
-        ]
-        command = [compiler, *options, library.name, "-lm"]
-        cure = "`dobc export --c DIR` writes the sources alone."
-        try:
-            done = subprocess.run(
-                command, cwd=folder, capture_output=True, check=False, text=True, timeout=TIME_LIMIT
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise SolverError(
-                f"the C compiler could not be run: {error}.", key="--fmu", cure=cure
-            ) from error
+        command = [compiler, *OPTIONS, *SOURCES, "-o", library.name, "-lm"]
+        done = _run(command, folder)
         if done.returncode != 0 or not library.exists():
-            first = next(iter(done.stderr.strip().splitlines()), "no message")
-            raise SolverError(
-                f"the C compiler refused the FMU's code: {first[:200]}.", key="--fmu", cure=cure
-            )
+            said = done.stderr.strip().splitlines() or ["no message"]
+            message = f"the C compiler refused the FMU's code: {said[0][:200]}."
+            raise SolverError(message, key="--fmu", cure=CURE)
         machine = MACHINES.get(platform.machine(), platform.machine())
         return _Library(f"{machine}-{system}", library.name, library.read_bytes())
+
+
+def _run(command: list[str], folder: str) -> subprocess.CompletedProcess[str]:
+    try:
+        return subprocess.run(
+            command, cwd=folder, capture_output=True, check=False, text=True, timeout=TIME_LIMIT
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        message = f"the C compiler could not be run: {error}."
+        raise SolverError(message, key="--fmu", cure=CURE) from error

@@ -33,6 +33,7 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.pencil import Pencil, Place, below, positive
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.integrators import as_integrators
+from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -46,40 +47,49 @@ def exact_matrices(
     """All matrices by name, as rationals; W, P and Q are those of the problem or certificate, where
     there are any.
     Raises: SpecError for more than 500 rows."""
-    n, m, p, dynamics = problem.n, problem.m, problem.inputs, problem.dynamics
+    n, m = problem.n, problem.m
     if n * m > MOST_ROWS:
-        message = (
-            f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}."
-        )
-        raise SpecError(
-            message, key="problem", cure="model.arrays has them as SciPy sparse matrices."
-        )
+        message = f"dense matrices are written for at most {MOST_ROWS} rows; this problem has "
+        cure = "model.arrays has them as SciPy sparse matrices."
+        raise SpecError(f"{message}{n * m}.", key="problem", cure=cure)
     found: dict[str, Matrix] = {}
     exosystem = problem.joint_exosystem  # of several groups: block diagonal, as in certificates
     if exosystem is not None:
-        found |= {"A": exosystem.A, "C": exosystem.C}
+        found["A"], found["C"] = exosystem.A, exosystem.C
+    dynamics = problem.dynamics
     if dynamics is not None:
-        found |= {"Ax": dynamics.about(problem.target)[0], "B": dynamics.B}
-    found |= {name: each for name, each in (("W", W), ("P", P), ("Q", Q)) if each is not None}
+        found["Ax"] = dynamics.about(problem.target)[0]
+        found["B"] = dynamics.B
+    for name, each in (("W", W), ("P", P), ("Q", Q)):
+        if each is not None:
+            found[name] = each
+    found["K"] = _gains(problem)
+    found["xbar"] = tuple((x,) for x in problem.target)
+    several = len(problem.network.modes) > 1
+    for mode, arcs in problem.network.modes.items():
+        found[f"L_{mode}" if several else "L"] = _laplacian(n, arcs)
+    for mode, pencil in state_theorems(as_integrators(problem)).lambdas.items():
+        if isinstance(pencil.constant, SparseSymmetric) and not pencil.deviations:
+            found[f"Lambda_{mode}" if several else "Lambda"] = pencil.constant.to_dense()
+    return found
+
+
+def _gains(problem: Problem) -> Matrix:
+    """K, (n p, n m), the gains of the agents along its diagonal."""
+    n, m, p = problem.n, problem.m, problem.inputs
     K = [[Fraction(0)] * (n * m) for _ in range(n * p)]
     for agent, gain in problem.pinning.gains.items():
         for c in range(p):
             K[agent * p + c][agent * m : agent * m + m] = gain[c]
-    found["K"] = tuple(map(tuple, K))
-    found["xbar"] = tuple((x,) for x in problem.target)
-    ending = {
-        mode: f"_{mode}" if len(problem.network.modes) > 1 else "" for mode in problem.network.modes
-    }
-    for mode, arcs in problem.network.modes.items():
-        L = [[Fraction(0)] * n for _ in range(n)]
-        for listener, speaker, weight in arcs:
-            L[listener][speaker] -= weight
-            L[listener][listener] += weight
-        found[f"L{ending[mode]}"] = tuple(map(tuple, L))
-    for mode, pencil in state_theorems(as_integrators(problem)).lambdas.items():
-        if isinstance(pencil.constant, SparseSymmetric) and not pencil.deviations:
-            found[f"Lambda{ending[mode]}"] = pencil.constant.to_dense()
-    return found
+    return tuple(map(tuple, K))
+
+
+def _laplacian(n: int, arcs: Arcs) -> Matrix:
+    L = [[Fraction(0)] * n for _ in range(n)]
+    for listener, speaker, weight in arcs:
+        L[listener][speaker] -= weight
+        L[listener][listener] += weight
+    return tuple(map(tuple, L))
 
 
 def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, Any]:
@@ -89,12 +99,11 @@ def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, A
 
     from dobc_design.model.model import to_sympy
 
-    result: dict[str, Any] = {
-        name: sympy.Matrix(
-            [[sympy.Rational(x.numerator, x.denominator) for x in row] for row in each]
-        )
-        for name, each in found.items()
-    }
+    def rationals(M: Matrix) -> Any:
+        rows = [[sympy.Rational(x.numerator, x.denominator) for x in row] for row in M]
+        return sympy.Matrix(rows)
+
+    result = {name: rationals(each) for name, each in found.items()}
     result["h"] = sympy.Matrix([to_sympy(each)[0] for each in problem.coupling.components])
     return result
 
@@ -103,18 +112,20 @@ def latex_of(found: Mapping[str, Matrix], problem: Problem) -> str:
     """h and the matrices as displayed LaTeX equations, one after the other; above 12 rows only
     their size.  Rationals of more than 12 digits are rounded to four."""
     h = problem.coupling.latex
-    column = (
-        h[0]
-        if problem.coupling.by_component
-        else r"\begin{pmatrix} " + r" \\ ".join(h) + r" \end{pmatrix}"
-    )
+    column = h[0]
+    if not problem.coupling.by_component:
+        column = r"\begin{pmatrix} " + r" \\ ".join(h) + r" \end{pmatrix}"
     lines = [f"h(y) = {column}"]
     for name, each in found.items():
         head, _, mode = name.partition("_")
-        shown = _LATEX_NAMES.get(head, head) + (rf"_{{{latex_text(mode)}}}" if mode else "")
+        shown = _LATEX_NAMES.get(head, head)
+        if mode:
+            shown += rf"_{{{latex_text(mode)}}}"
         entries = latex_matrix(each)
-        size = rf" \in \mathbb{{R}}^{{{len(each)} \times {len(each[0])}}}"
-        lines.append(shown + (size if entries is None else f" = {entries}"))
+        if entries is None:  # too large to be shown
+            lines.append(rf"{shown} \in \mathbb{{R}}^{{{len(each)} \times {len(each[0])}}}")
+        else:
+            lines.append(f"{shown} = {entries}")
     return "\n".join(f"\\[ {line} \\]" for line in lines) + "\n"
 
 
@@ -147,17 +158,19 @@ def sdpa_text(
         message = f"there is no linear matrix inequality to write: {statements.inapplicable}"
         cure = "The max-separable certificate has linear rows instead: see `dobc certify`."
         raise SpecError(message, key="--sdpa", cure=cure)
-    if any(not isinstance(each.constant, SparseSymmetric) for each in statements.lambdas.values()):
+    lambdas = tuple(statements.lambdas.values())
+    if any(not isinstance(each.constant, SparseSymmetric) for each in lambdas):
         raise _too_large(len(problem.network.labels), "agents with so many arcs")
-    pencils = tuple(statements.lambdas.values()) if problem.exosystem is None else statements.psi()
+    pencils = lambdas if problem.exosystem is None else statements.psi()
     limits = normalisation(pair)
     places = [place for unknown in pencils[0].unknowns for place in unknown.places()]
     blocks = list(_blocks(pencils, limits, places))
     lines = [f'"{line}' for line in _remarks(problem, statements, limits, verdict)]
-    lines += [f"{len(places) + 1}", f"{len(blocks)}", " ".join(str(size) for size, _ in blocks)]
-    lines.append(" ".join(["0.0"] * len(places) + ["1.0"]))
-    for number, (_, entries) in enumerate(blocks, start=1):
-        for (variable, i, j), value in sorted(entries.items()):
+    lines += [str(len(places) + 1), str(len(blocks))]
+    lines.append(" ".join(str(block.size) for block in blocks))
+    lines.append(" ".join(["0.0"] * len(places) + ["1.0"]))  # of all unknowns t is minimised
+    for number, block in enumerate(blocks, start=1):
+        for (variable, i, j), value in sorted(block.entries.items()):
             if value:
                 lines.append(f"{variable} {number} {i + 1} {j + 1} {float(value)!r}")
     return "\n".join([*lines, ""])
@@ -175,60 +188,69 @@ def normalisation(pair: tuple[Matrix, Matrix] | None) -> Normalisation:
         P, Q = (to_float(each) for each in pair)
         with np.errstate(all="ignore"):
             eigenvalues = np.linalg.eigvalsh(P)
-            scale = max(1.0, 1.0 / float(eigenvalues[0])) if eigenvalues[0] > 0 else math.inf
-            ratio, radius = (
-                ROOM * scale * float(eigenvalues[-1]),
-                ROOM * scale * float(np.linalg.norm(Q)),
-            )
+            least, largest = float(eigenvalues[0]), float(eigenvalues[-1])
+            scale = max(1.0, 1.0 / least) if least > 0 else math.inf
+            ratio = ROOM * scale * largest
+            radius = ROOM * scale * float(np.linalg.norm(Q))
         if math.isfinite(ratio) and math.isfinite(radius):
-            return Normalisation(
-                ratio=_above(ratio), radius=_above(radius), why="twice what the proved pair needs"
-            )
+            why = "twice what the proved pair needs"
+            return Normalisation(ratio=_above(ratio), radius=_above(radius), why=why)
     return Normalisation(ratio=DEFAULT, radius=DEFAULT, why="chosen; no pair is known")
 
 
 def _above(value: float) -> Fraction:
     """A power of ten or twice or five times one, not below ``value``."""
-    exponent = math.floor(math.log10(max(value, 1.0)))
-    bounds = (factor * Fraction(10) ** exponent for factor in (1, 2, 5, 10, 20))
-    return next(bound for bound in bounds if bound >= Fraction(max(value, 1.0)))
+    least = max(value, 1.0)
+    decade = Fraction(10) ** math.floor(math.log10(least))
+    bounds = (factor * decade for factor in (1, 2, 5, 10, 20))
+    return next(bound for bound in bounds if bound >= Fraction(least))
 
 
 Entries = dict[tuple[int, int, int], Fraction]  # number of F, row, column (upper triangle)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Block:
+    """A block along the diagonal of every F; F_0 has the number 0."""
+
+    size: int
+    entries: Entries
+
+
 def _blocks(
     pencils: tuple[Pencil, ...], limits: Normalisation, places: list[Place]
-) -> Iterator[tuple[int, Entries]]:
-    """Size and entries of every block; F_0 has the number 0."""
+) -> Iterator[_Block]:
     last = len(places) + 1
     for pencil in pencils:
         entries = _negated(pencil, places)
-        entries |= {(last, i, i): Fraction(1) for i in range(pencil.size)}
-        yield pencil.size, entries
+        for i in range(pencil.size):  # t I - Psi >= 0
+            entries[last, i, i] = Fraction(1)
+        yield _Block(size=pencil.size, entries=entries)
     if not pencils[0].unknowns:
         return
     P = pencils[0].unknowns[0]
     for pencil in (positive(P, floor=Fraction(1)), below(P, ceiling=limits.ratio)):
-        yield pencil.size, _negated(pencil, places)
+        yield _Block(size=pencil.size, entries=_negated(pencil, places))
+    # |Q| <= r: the entries of Q beside r I, an arrow that is positive semidefinite.
     gains = [number for number, place in enumerate(places, start=1) if place[0] == "Q"]
     size = len(gains) + 1
     ball: Entries = {(0, i, i): -limits.radius for i in range(size)}
-    ball |= {(number, 0, k): Fraction(1) for k, number in enumerate(gains, start=1)}
-    yield size, ball
+    for k, number in enumerate(gains, start=1):
+        ball[number, 0, k] = Fraction(1)
+    yield _Block(size=size, entries=ball)
 
 
 def _negated(pencil: Pencil, places: list[Place]) -> Entries:
     """-F(x) >= 0 of a pencil F(x) <= 0: F_0 is its constant, every F_k minus its coefficient."""
-    constant = pencil.constant
-    entries = (
-        {(0, i, j): x for (i, j), x in constant.entries.items()}
-        if isinstance(constant, SparseSymmetric)
-        else {}
-    )
+    entries: Entries = {}
+    if isinstance(pencil.constant, SparseSymmetric):
+        for (i, j), x in pencil.constant.entries.items():
+            entries[0, i, j] = x
     for number, place in enumerate(places, start=1):
-        coefficient = pencil.coefficients.get(place, SparseSymmetric(pencil.size, {}))
-        entries |= {(number, i, j): -value for (i, j), value in coefficient.entries.items()}
+        coefficient = pencil.coefficients.get(place)
+        if coefficient is not None:
+            for (i, j), x in coefficient.entries.items():
+                entries[number, i, j] = -x
     return entries
 
 
@@ -236,21 +258,19 @@ def _remarks(
     problem: Problem, statements: Statements, limits: Normalisation, verdict: Verdict | None
 ) -> Iterator[str]:
     modes = len(problem.network.modes)
-    name = "Lemma 1" if problem.exosystem is None else "Theorem 1" if modes == 1 else "Theorem 2"
+    name = "Theorem 1" if modes == 1 else "Theorem 2"
+    if problem.exosystem is None:
+        name = "Lemma 1"
     title = "".join(each if 32 <= ord(each) < 127 and each != '"' else "?" for each in problem.name)
     yield f"{title}: {name} ({statements.domain}), written by dobc_design {__version__}"
     if problem.exosystem is None:
         yield "minimise t subject to Lambda(J) <= t I in every mode; holds iff t* < 0"
     else:
-        yield (
-            "minimise t subject to Psi(J) <= t I in every mode, I <= P <= rho I, |Q| <= r; x = "
-            "P (upper), Q, t"
-        )
+        goal = "minimise t subject to Psi(J) <= t I in every mode, I <= P <= rho I, |Q| <= r"
+        yield f"{goal}; x = P (upper), Q, t"
         yield f"rho = {float(limits.ratio):g}, r = {float(limits.radius):g} ({limits.why})"
-        yield (
-            "t* < 0 proposes a pair (P, Q); t* >= 0 alone says nothing, because rho and r "
-            "bound the search"
-        )
+        alone = "t* >= 0 alone says nothing, because rho and r bound the search"
+        yield f"t* < 0 proposes a pair (P, Q); {alone}"
     if any(each.deviations for each in statements.lambdas.values()):
         yield "slopes of the coupling are irrational: midpoints of their enclosures stand here"
     if verdict is not None:

@@ -34,32 +34,34 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
     def __init__(
         self, loop: Loop, update: Callable[..., Array], output: Callable[..., Array], name: str
     ) -> None:
-        n, m, q, p = loop.n, loop.m, loop.q, len(loop.output)
-        states = [
-            *_names("x", n, m),
-            *_names("xi", n, q),
-            *_names("z", n, q),
-            *_names("s", loop.rows // m - n, m),
-        ]
+        n, m, q = loop.n, loop.m, loop.q
+        p = len(loop.output)
+        agents = [*_names("x", n, m), *_names("xi", n, q), *_names("z", n, q)]
+        leader = _names("s", loop.rows // m - n, m)
         outputs = [*_names("x", n, m), *_names("dhat", n, p), *_names("u", n, p)]
         super().__init__(
             update,
             output,
-            states=states,
+            states=[*agents, *leader],
             inputs=_names("w", n, p),
             outputs=outputs,
             name=name,
             dt=0,
         )
         self.loop = loop
-        self.exosystem = None if q == 0 else exosystem_of(loop)
-        self.observer = None if q == 0 or loop.bend is not None else observer_of(loop)
+        self.exosystem = None
+        self.observer = None
+        if q > 0:
+            self.exosystem = exosystem_of(loop)
+            if loop.bend is None:
+                self.observer = observer_of(loop)
 
     def start_of(self, trajectory: Trajectory) -> Array:
         """The state at which a trajectory begins: x, xi and z = xihat - W x at its first sample."""
         z = trajectory.xihat[0] - trajectory.x[0] @ self.loop.W.T
+        x, xi = trajectory.x[0], trajectory.xi[0]
         s = trajectory.leader[0] if self.loop.lead else ()
-        return np.concatenate([trajectory.x[0].ravel(), trajectory.xi[0].ravel(), z.ravel(), s])
+        return np.concatenate([x.ravel(), xi.ravel(), z.ravel(), s])
 
 
 def to_control(
@@ -75,12 +77,17 @@ def to_control(
     """
     problem.require_one_exosystem()
     problem = as_integrators(problem)
-    names, loop = tuple(problem.network.modes), make_loop(problem, gain)
+    names = tuple(problem.network.modes)
+    loop = make_loop(problem, gain)
     signal = Fixed(mode=mode) if signal is None else signal
     switches = scheduled_switches(signal, names, float(problem.simulation.t_final), seed)
     used = np.unique(switches.modes).tolist()
     networks = {number: network_of(loop, arc_groups(problem, names[number])) for number in used}
-    return _system(problem, loop, lambda time: networks[int(switches.at(np.array([time]))[0])])
+
+    def network_at(time: float) -> Network:
+        return networks[int(switches.at(np.array([time]))[0])]
+
+    return _system(problem, loop, network_at)
 
 
 def _system(problem: Problem, loop: Loop, network_at: Callable[[float], Network]) -> ConsensusLoop:
@@ -88,59 +95,71 @@ def _system(problem: Problem, loop: Loop, network_at: Callable[[float], Network]
 
     @np.errstate(all="ignore")  # trial steps far from the target overflow
     def update(time: float, state: Array, w: Array, params: Any) -> Array:
-        (x, xi, z), s = loop.split(state[:size]), state[size:]
+        x, xi, z = loop.split(state[:size])
+        s = state[size:]
+        e = x - loop.goal - (s if len(s) else 0.0)
+        network = network_at(max(0.0, float(time)))
+        slopes = network(np.concatenate([e.ravel(), s]))
+        felt, s_dot = np.split(slopes, [e.size])
+        x_dot = felt.reshape(x.shape)
+        if len(s):  # goals move with the leader
+            x_dot = x_dot + s_dot
         xihat = z + applied(loop.W, x)
-        e = (x - loop.goal - (s if len(s) else 0.0)).ravel()
-        felt, s_dot = np.split(network_at(max(0.0, float(time)))(np.concatenate([e, s])), [len(e)])
-        felt = (felt.reshape(x.shape) + (s_dot if len(s) else 0.0)).ravel() - (
-            xihat @ loop.C.T
-        ).ravel()
-        z_dot = xihat @ loop.F.T - applied(loop.W, felt.reshape(x.shape))
-        w = w if loop.plant is None else (w.reshape(loop.n, -1) @ loop.plant.B.T).ravel()
-        return np.concatenate(
-            [felt + (xi @ loop.C.T).ravel() + w, (xi @ loop.A.T).ravel(), z_dot.ravel(), s_dot]
-        )
+        x_dot = x_dot - xihat @ loop.C.T
+        z_dot = xihat @ loop.F.T - applied(loop.W, x_dot)
+        d = xi @ loop.C.T
+        if loop.plant is not None:
+            w = (w.reshape(loop.n, -1) @ loop.plant.B.T).ravel()
+        disturbed = x_dot.ravel() + d.ravel() + w
+        xi_dot = xi @ loop.A.T
+        return np.concatenate([disturbed, xi_dot.ravel(), z_dot.ravel(), s_dot])
 
     @np.errstate(all="ignore")
     def output(time: float, state: Array, w: Array, params: Any) -> Array:
-        (x, _, z), s = loop.split(state[:size]), state[size:]
+        x, _, z = loop.split(state[:size])
+        s = state[size:]
         dhat = (z + x @ loop.W.T) @ loop.output.T
         e = x - loop.goal - (s if len(s) else 0.0)
         return np.concatenate([x.ravel(), dhat.ravel(), loop.control(e, dhat).ravel()])
 
-    return ConsensusLoop(
-        loop, update, output, "".join(c if c.isalnum() else "_" for c in problem.name)
-    )
+    name = "".join(c if c.isalnum() else "_" for c in problem.name)
+    return ConsensusLoop(loop, update, output, name)
 
 
 def exosystem_of(loop: Loop) -> Any:
     """(12) of one agent as control.StateSpace: output d_i; the input is a dummy that does
     nothing."""
-    states, outputs = (
-        [f"{letter}[{k + 1}]" for k in range(size)]
-        for letter, size in (("xi", loop.q), ("d", len(loop.output)))
+    p = len(loop.output)
+    states = _names("xi", loop.q, 1)
+    outputs = _names("d", p, 1)
+    B, D = np.zeros((loop.q, 1)), np.zeros((p, 1))
+    return control.ss(
+        loop.A, B, loop.output, D, name="exosystem", states=states, inputs=["none"], outputs=outputs
     )
-    nothing = np.zeros((loop.q, 1)), np.zeros((len(loop.output), 1))
-    names = {"name": "exosystem", "states": states, "inputs": ["none"], "outputs": outputs}
-    return control.ss(loop.A, nothing[0], loop.output, nothing[1], **names)
 
 
 def observer_of(loop: Loop) -> Any:
     """(13) of one agent as control.StateSpace: inputs x_i and v_i = couplings + u_i, output
     dhat_i."""
-    F, m, C, p, plant = loop.A - loop.W @ loop.C, loop.m, loop.output, len(loop.output), loop.plant
-    by_x, by_v = (
-        (F @ loop.W, -loop.W)
-        if plant is None
-        else (F @ loop.W - loop.W @ plant.A, -loop.W @ plant.B)
+    p = len(loop.output)
+    F = loop.A - loop.W @ loop.C
+    by_x, by_v = F @ loop.W, -loop.W
+    if loop.plant is not None:
+        by_x = by_x - loop.W @ loop.plant.A
+        by_v = by_v @ loop.plant.B
+    B = np.hstack([by_x, by_v])
+    D = np.hstack([loop.output @ loop.W, np.zeros((p, p))])
+    states = _names("z", loop.q, 1)
+    inputs = _names("x", loop.m, 1) + _names("v", p, 1)
+    outputs = _names("dhat", p, 1)
+    return control.ss(
+        F, B, loop.output, D, name="observer", states=states, inputs=inputs, outputs=outputs
     )
-    B, D = np.hstack([by_x, by_v]), np.hstack([C @ loop.W, np.zeros((p, p))])
-    inputs = [f"{name}[{c + 1}]" for name, width in (("x", m), ("v", p)) for c in range(width)]
-    states, outputs = [f"z[{k + 1}]" for k in range(loop.q)], [f"dhat[{c + 1}]" for c in range(p)]
-    return control.ss(F, B, C, D, name="observer", states=states, inputs=inputs, outputs=outputs)
 
 
 def _names(letter: str, n: int, width: int) -> list[str]:
     """Signals agent by agent, counted from 1: x[3], or x[3,2] with several components."""
-    endings = [f",{c + 1}" for c in range(width)] if width > 1 else [""] * width
-    return [f"{letter}[{i + 1}{ending}]" for i in range(n) for ending in endings]
+    places = [f"{i + 1}" for i in range(n)]
+    if width != 1:
+        places = [f"{i},{c + 1}" for i in places for c in range(width)]
+    return [f"{letter}[{place}]" for place in places]

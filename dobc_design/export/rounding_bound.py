@@ -58,46 +58,46 @@ class ErringAlgebra:
         return self.add(left, self.negate(right))
 
     def multiply(self, left: Erring, right: Erring) -> Erring:
-        carried = (
-            np.abs(left.value) * right.error
-            + np.abs(right.value) * left.error
-            + left.error * right.error
-        )
+        carried = np.abs(left.value) * right.error
+        carried = carried + np.abs(right.value) * left.error
+        carried = carried + left.error * right.error
         return self._made(left.value * right.value, carried)
 
     def divide(self, left: Erring, right: Erring) -> Erring:
-        value, room = left.value / right.value, np.abs(right.value) - right.error
-        carried = np.where(
-            room > 0,
-            (left.error + np.abs(value) * right.error) / np.where(room > 0, room, 1),
-            np.inf,
-        )
-        return self._made(value, carried)
+        value = left.value / right.value
+        room = np.abs(right.value) - right.error
+        safe = room > 0  # else the divisor may be 0
+        carried = (left.error + np.abs(value) * right.error) / np.where(safe, room, 1)
+        return self._made(value, np.where(safe, carried, np.inf))
 
     def power(self, base: Erring, exponent: int) -> Erring:
         count = abs(exponent)
         largest = (np.abs(base.value) + base.error) ** max(0, count - 1)
-        positive = self._made(base.value**count, count * largest * base.error, times=count)
-        return positive if exponent >= 0 else self.divide(self.constant(Fraction(1)), positive)
+        carried = count * largest * base.error
+        positive = self._made(base.value**count, carried, times=count)
+        if exponent >= 0:
+            return positive
+        return self.divide(self.constant(Fraction(1)), positive)
 
     def call(self, name: str, arguments: tuple[Erring, ...]) -> Erring:
         return applied(name, arguments, self, self._called)
 
     def _called(self, name: str, *operands: Erring) -> Erring:
         row = FUNCTIONS[name]
-        value = row.found_in(np, "numpy")(*(each.value for each in operands))
+        of = row.found_in(np, "numpy")
         if len(operands) == 2:
-            return Erring(value, np.maximum(operands[0].error, operands[1].error))
+            left, right = operands
+            return Erring(of(left.value, right.value), np.maximum(left.error, right.error))
         (inner,) = operands
-        slope = (
-            1.0
-            if row.steepest is None
-            else row.steepest(inner.value, np.abs(inner.value) + inner.error)
-        )
-        return self._made(np.asarray(value), np.asarray(slope * inner.error), times=LIBRARY)
+        slope = 1.0
+        if row.steepest is not None:
+            slope = row.steepest(inner.value, np.abs(inner.value) + inner.error)
+        value = np.asarray(of(inner.value))
+        return self._made(value, np.asarray(slope * inner.error), times=LIBRARY)
 
     def _made(self, value: Array, carried: Array, *, times: float = 1.0) -> Erring:
-        return Erring(np.asarray(value), np.asarray(carried + times * self.u * np.abs(value)))
+        rounding = times * self.u * np.abs(value)
+        return Erring(np.asarray(value), np.asarray(carried + rounding))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,79 +119,75 @@ def rounding_bound(controller: Controller, recorded: Recorded) -> float:
     """The largest difference of u, v and dhat between C code of the controller's precision and the
     recorded samples."""
     with np.errstate(all="ignore"):
-        parts = [
-            _bound(controller, recorded, ROUNDOFF[name])
-            for name in (controller.precision, "double")
-        ]
-    return 2 * sum(parts)
+        own = _bound(controller, recorded, ROUNDOFF[controller.precision])
+        loops = _bound(controller, recorded, ROUNDOFF["double"])
+    return 2 * (own + loops)
 
 
 def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
-    agent, m, q = recorded.agent, controller.problem.m, controller.q
-    goal, gain = to_float((agent.goal,))[0], np.abs(to_float(agent.gain))
+    agent, q = recorded.agent, controller.q
+    m = controller.problem.m
+    goal = to_float((agent.goal,))[0]
+    gain = np.abs(to_float(agent.gain))
     e = recorded.x - goal
     # of e: its input, the goal, the difference
-    own = u * (np.abs(recorded.x) + np.abs(goal) + np.abs(e))
-    felt, felt_error = felt_with_error(controller, recorded, e, own, u)
-    pull = own @ gain.T + (m + 2) * u * np.abs(e) @ gain.T
-    sized = (
-        np.abs(felt)
-        + np.abs(e) @ gain.T
-        + (0.0 if agent.rest is None else np.abs(to_float((agent.rest,))[0]))
-    )
+    size_of_e = np.abs(e)
+    own = u * (np.abs(recorded.x) + np.abs(goal) + size_of_e)
+    felt = felt_with_error(controller, recorded, e, own, u)
+    pull = own @ gain.T + (m + 2) * u * size_of_e @ gain.T
+    sized = np.abs(felt.value) + size_of_e @ gain.T
+    if agent.rest is not None:
+        sized = sized + np.abs(to_float((agent.rest,))[0])
     if q == 0:
-        return float(np.max(felt_error + pull + 3 * u * sized))
-    Ad, Cd, L = (np.abs(to_float(each)) for each in (controller.Ad, controller.Cd, controller.L))
+        return float(np.max(felt.error + pull + 3 * u * sized))
+    Ad = to_float(controller.Ad)
+    Cd = np.abs(to_float(controller.Cd))
+    L = np.abs(to_float(controller.L))
     size = np.abs(recorded.xihat) @ Cd.T
-    held = felt_error + pull + (q + 2) * u * size + 3 * u * (sized + size)
-    surprise, local = _innovation(controller, recorded, held, u)
-    local = local + (q + 2) * u * size[:-1]
-    estimate = (q + m + 3) * u * (np.abs(recorded.xihat[:-1]) @ Ad.T + surprise @ L.T) + local @ L.T
-    powers = accumulate(
-        repeat(to_float(controller.Ad), len(recorded.x) - 2), np.matmul, initial=np.eye(q)
-    )
+    held = felt.error + pull + (q + 2) * u * size + 3 * u * (sized + size)
+    surprise = _innovation(controller, recorded, held, u)
+    local = surprise.error + (q + 2) * u * size[:-1]
+    moved = np.abs(recorded.xihat[:-1]) @ np.abs(Ad).T + surprise.value @ L.T
+    estimate = (q + m + 3) * u * moved + local @ L.T
+    # What every sample adds to the error of the estimate lives on, with the powers of Ad.
+    powers = accumulate(repeat(Ad, len(recorded.x) - 2), np.matmul, initial=np.eye(q))
     carried = sum(map(np.abs, powers), np.zeros((q, q))) @ np.max(estimate, axis=0, initial=0.0)
     return float(np.max(held) + np.max(Cd @ carried))
 
 
-def _innovation(
-    controller: Controller, recorded: Recorded, held: Array, u: float
-) -> tuple[Array, Array]:
+def _innovation(controller: Controller, recorded: Recorded, held: Array, u: float) -> Erring:
     """Sizes of what the samples tell beside the expected disturbance, and bounds on the errors, (S
     - 1, p) each."""
-    motion, push, watch = (
-        to_float(each) for each in (controller.motion, controller.push, controller.watch)
-    )
-    x, before, v = recorded.x[1:], recorded.x[:-1], recorded.v[:-1]
-    own, dynamics = Erring(before, np.zeros_like(before)), controller.problem.dynamics
+    motion = to_float(controller.motion)
+    push = to_float(controller.push)
+    watch = to_float(controller.watch)
+    x, before = recorded.x[1:], recorded.x[:-1]
+    v = recorded.v[:-1]
+    own = Erring(before, np.zeros_like(before))
+    dynamics = controller.problem.dynamics
     if dynamics is not None and dynamics.f is not None:
-        own = with_errors(
-            expressions_of(dynamics), Erring(before, u * np.abs(before)), ErringAlgebra(u)
-        )
-    apart, terms = (
-        x - before - own.value @ motion.T - v @ push.T,
-        np.count_nonzero(motion) + np.count_nonzero(push),
-    )
-    moved = (
-        np.abs(x)
-        + np.abs(before)
-        + np.abs(own.value) @ np.abs(motion).T
-        + np.abs(v) @ np.abs(push).T
-    )
-    error = (
-        held[:-1] @ np.abs(push).T + (terms + 3) * u * moved + (len(motion) + 2) * u * np.abs(apart)
-    )
+        measured = Erring(before, u * np.abs(before))
+        own = with_errors(expressions_of(dynamics), measured, ErringAlgebra(u))
+    apart = x - before - own.value @ motion.T - v @ push.T
+    moved = np.abs(x) + np.abs(before)
+    moved = moved + np.abs(own.value) @ np.abs(motion).T + np.abs(v) @ np.abs(push).T
+    terms = np.count_nonzero(motion) + np.count_nonzero(push)
+    rounding = (terms + 3) * u * moved
+    error = held[:-1] @ np.abs(push).T + rounding + (len(motion) + 2) * u * np.abs(apart)
     error += own.error @ np.abs(motion).T
-    return np.abs(apart @ watch.T - recorded.dhat[:-1]), error @ np.abs(watch).T
+    size = np.abs(apart @ watch.T - recorded.dhat[:-1])
+    return Erring(size, error @ np.abs(watch).T)
 
 
 def felt_with_error(
     controller: Controller, recorded: Recorded, e: Array, own: Array, u: float
-) -> tuple[Array, Array]:
+) -> Erring:
     """The couplings at every sample with bounds on their errors, (S, p) each; ``own`` bounds the
     error of e."""
-    algebra, couplings = ErringAlgebra(u), controller.problem.couplings
-    total, error, size = (np.zeros((len(e), controller.problem.inputs)) for _ in range(3))
+    algebra = ErringAlgebra(u)
+    couplings = controller.problem.couplings
+    total = np.zeros((len(e), controller.problem.inputs))
+    error, size = total.copy(), total.copy()
     for mode, hearings in enumerate(recorded.agent.modes):
         here = recorded.modes == mode
         for arc in hearings:
@@ -203,15 +199,17 @@ def felt_with_error(
             total[here] += weight * h.value
             size[here] += np.abs(weight * h.value)
             error[here] += weight * h.error
-    return total, error + (
-        max((len(each) for each in recorded.agent.modes), default=0) + 2
-    ) * u * size
+    most = max((len(each) for each in recorded.agent.modes), default=0)
+    return Erring(total, error + (most + 2) * u * size)
 
 
 def with_errors(functions: Sequence[Expression], y: Erring, algebra: ErringAlgebra) -> Erring:
     """Functions of y (S, m), as ``evaluated`` takes them, with a bound on their errors."""
-    parts = evaluated(
-        functions, [Erring(*each) for each in zip(y.value.T, y.error.T, strict=True)], algebra
-    )
-    found = [np.broadcast_arrays(each.value, each.error, y.value[:, 0])[:2] for each in parts]
-    return Erring(*np.moveaxis(np.array(found), 0, -1))
+    components = zip(y.value.T, y.error.T, strict=True)
+    values, errors = [], []
+    for each in evaluated(functions, [Erring(*each) for each in components], algebra):
+        # A constant is one number for all samples.
+        value, error, _ = np.broadcast_arrays(each.value, each.error, y.value[:, 0])
+        values.append(value)
+        errors.append(error)
+    return Erring(np.stack(values, axis=-1), np.stack(errors, axis=-1))

@@ -20,7 +20,7 @@ from dobc_design.errors import SolverError, SpecError
 THEOREM: Final = "every_motion_converges"
 FILE: Final = "proof.v"
 MINUTES, GIBIBYTES = 30, 8  # after which, and beyond which, coqc is ended
-PACKAGES: Final = "coq libcoq-coquelicot libcoq-interval"
+CURE: Final = "On Debian or Ubuntu: apt install coq libcoq-coquelicot libcoq-interval."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,17 +59,13 @@ def judged(text: str) -> Judgement:
     missing, SolverError where it does not end in time or the machine fails."""
     coqc = shutil.which("coqc")
     if coqc is None:
-        raise SpecError(
-            "coqc is not installed.",
-            key="--rocq",
-            cure=f"On Debian or Ubuntu: apt install {PACKAGES}.",
-        )
-    version = subprocess.run(
-        [coqc, "--print-version"], capture_output=True, text=True, check=False
-    ).stdout.split()
+        raise SpecError("coqc is not installed.", key="--rocq", cure=CURE)
+    asked = subprocess.run([coqc, "--print-version"], capture_output=True, text=True, check=False)
+    version = asked.stdout.split()
     begun, most = time.monotonic(), GIBIBYTES * 2**30
     with tempfile.TemporaryDirectory() as folder:
-        (path := Path(folder) / FILE).write_text(text, "ascii")
+        path = Path(folder) / FILE
+        path.write_text(text, "ascii")
         try:
             done = subprocess.run(
                 [coqc, "-q", str(path)],
@@ -85,7 +81,7 @@ def judged(text: str) -> Judgement:
             ) from error
     if "Cannot find a physical path" in done.stderr or "Unable to locate library" in done.stderr:
         message = "Coq is installed, but Coquelicot or Interval is not."
-        raise SpecError(message, key="--rocq", cure=f"On Debian or Ubuntu: apt install {PACKAGES}.")
+        raise SpecError(message, key="--rocq", cure=CURE)
     said = done.stderr.rpartition("Error:")[2].split()
     return Judgement(
         accepted=done.returncode == 0,

@@ -9,7 +9,8 @@ refuses.  Coq does not see h: h'(0) enter as numbers.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.certificate.certificate import Certificate
@@ -21,6 +22,7 @@ from dobc_design.conditions.consensus.claim import (
 )
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
+from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.cholesky import Square, squares_of
 from dobc_design.exact.matrix import Matrix, multiply
@@ -35,15 +37,12 @@ WIDTH = 110  # characters of a line, where numbers allow it
 def comment(*paragraphs: str) -> str:
     """A comment, whatever the text: it can neither end the comment nor open a comment or string in
     it."""
-    harmless = (
-        text.replace('"', "'").replace("(*", "( *").replace("*)", "* )") for text in paragraphs
-    )
-    plain = (text.encode("ascii", "backslashreplace").decode("ascii") for text in harmless)
-    return (
-        "(* "
-        + "\n   ".join([line for text in plain for line in textwrap.wrap(text, WIDTH - 6)])
-        + " *)"
-    )
+    lines: list[str] = []
+    for text in paragraphs:
+        harmless = text.replace('"', "'").replace("(*", "( *").replace("*)", "* )")
+        plain = harmless.encode("ascii", "backslashreplace").decode("ascii")
+        lines += textwrap.wrap(plain, WIDTH - 6)
+    return "(* " + "\n   ".join(lines) + " *)"
 
 
 def number(x: Fraction) -> str:
@@ -55,7 +54,8 @@ def number(x: Fraction) -> str:
 
 def matrix(M: Matrix) -> str:
     """A matrix by its rows."""
-    return "matrix [" + "; ".join("[" + "; ".join(number(x) for x in row) + "]" for row in M) + "]"
+    rows = ["; ".join(number(x) for x in row) for row in M]
+    return "matrix [" + "; ".join(f"[{row}]" for row in rows) + "]"
 
 
 def wrapped_list(items: Iterable[str]) -> str:
@@ -73,11 +73,9 @@ def square_list(squares: Iterable[Square]) -> str:
     """The columns of L with their entries of D, in the order of elimination."""
     items = []
     for each in squares:
+        head = f"Square {number(each.weight)} {each.pivot}"
         terms = [f"Term {i} {number(x)}" for i, x in each.others.items()]
-        items.append(
-            f"Square {number(each.weight)} {each.pivot}"
-            + ("\n  " + wrapped_list(terms) if terms else " []")
-        )
+        items.append(f"{head}\n  {wrapped_list(terms)}" if terms else f"{head} []")
     return "  [" + ";\n   ".join(items) + "]"
 
 
@@ -96,60 +94,95 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
     the problem is too large for Coq, or if the numbers in the certificate do not prove what it
     claims. Source: theory, sections 2 and 3.  Tested with Coq 8.16."""
     require_own(certificate)
-    problem, claims = certificate.problem, certificate.claims
+    problem = certificate.problem
     id = _proved_id(certificate)
+    title = KINDS[id].short
     statements = state_theorems(problem)
     jacobians = _rational_jacobians(statements)
-    W, P, Q, exosystem = claims.W, claims.P, claims.Q, problem.exosystem
-    pair, matrices = None, dict[str, Matrix]()
+    matrices = _matrices(certificate)
     P_squares: Factors = ()
-    if exosystem is not None:
-        if W is None or P is None or Q is None or multiply(P, W) != Q:
-            raise _unsound("the certificate must hold W, P and Q with Q = P W.")
-        pair, matrices = (
-            {"P": P, "Q": Q},
-            {"A": exosystem.A, "C": exosystem.C, "W": W, "P": P, "Qm": Q},
-        )
-        P_squares = _factored(SparseSymmetric.from_dense(P, name="P"), "P")
+    if matrices:
+        P_squares = _factored(SparseSymmetric.from_dense(matrices["P"], name="P"), "P")
     claimed_rate = _rate(certificate, id) if rate else None
-    factors = _factors(statements, pair, Fraction(0))
-    rate_factors = factors if claimed_rate is None else _factors(statements, pair, claimed_rate)
-    slopes = dict.fromkeys(
-        _slope(mode, kind) for mode in jacobians.modes for kind in range(len(mode.gains))
-    )
-    slopes = {slope: f"slope_{place}" for place, slope in enumerate(slopes, start=1)}
-    modes = [
-        {
-            "name": mode.name,
-            "arcs": [
-                f"Arc {listener} {speaker} {slopes[_slope(mode, kind)]}"
-                for (listener, speaker, _), kind in zip(mode.arcs, mode.kind.tolist(), strict=True)
-            ],
-            "squares": factors[mode.name],
-            "rate_squares": rate_factors[mode.name],
-        }
-        for mode in jacobians.modes
-    ]
-    gains = {
-        gain: f"gain_{place}"
-        for place, gain in enumerate(dict.fromkeys(problem.pinning.gains.values()), start=1)
-    }
+    factors = _factors(statements, matrices, Fraction(0))
+    rate_factors = factors
+    if claimed_rate is not None:
+        rate_factors = _factors(statements, matrices, claimed_rate)
+    slopes = _named("slope", [each for mode in jacobians.modes for each in _slopes(mode)])
+    modes = []
+    for mode in jacobians.modes:
+        squares, rate_squares = factors[mode.name], rate_factors[mode.name]
+        modes.append(
+            _Mode(
+                name=mode.name,
+                arcs=_arcs(mode, slopes),
+                squares=squares,
+                rate_squares=rate_squares,
+            )
+        )
+    pinning = problem.pinning.gains
+    gains = _named("gain", pinning.values())
     return template("rocq_matrices.v.j2").render(
-        head=_head(certificate, KINDS[id].short),
+        head=_head(certificate, title),
         id=id,
-        title=KINDS[id].short,
+        title=title,
         problem=problem,
         agents=", ".join(f"{i} is {label}" for i, label in enumerate(problem.network.labels)),
         couplings=", and ".join("; ".join(coupling.texts) for coupling in problem.couplings),
         slopes=slopes,
         modes=modes,
         gains=gains,
-        pins=[f"Pin {agent} {gains[gain]}" for agent, gain in problem.pinning.gains.items()],
+        pins=[f"Pin {agent} {gains[gain]}" for agent, gain in pinning.items()],
         pair=matrices,
         P_squares=P_squares,
         rate=claimed_rate,
-        **{each.__name__: each for each in (comment, number, matrix, wrapped_list, square_list)},
+        comment=comment,
+        number=number,
+        matrix=matrix,
+        wrapped_list=wrapped_list,
+        square_list=square_list,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Mode:
+    """A graph: its arcs as Coq reads them, and the squares that -Psi is the sum of, and -(Psi + 2
+    rate V)."""
+
+    name: str
+    arcs: list[str]
+    squares: Factors
+    rate_squares: Factors
+
+
+def _matrices(certificate: Certificate) -> dict[str, Matrix]:
+    """The matrices of exosystem and observer by their names in Coq; none without an exosystem."""
+    exosystem, claims = certificate.problem.exosystem, certificate.claims
+    if exosystem is None:
+        return {}
+    W, P, Q = claims.W, claims.P, claims.Q
+    if W is None or P is None or Q is None or multiply(P, W) != Q:
+        raise _unsound("the certificate must hold W, P and Q with Q = P W.")
+    return {"A": exosystem.A, "C": exosystem.C, "W": W, "P": P, "Qm": Q}
+
+
+def _named(word: str, matrices: Iterable[Matrix]) -> dict[Matrix, str]:
+    """Every matrix once, with a name: slope_1, slope_2, ..."""
+    distinct = dict.fromkeys(matrices)
+    return {each: f"{word}_{place}" for place, each in enumerate(distinct, start=1)}
+
+
+def _slopes(mode: ModeJacobian) -> list[Matrix]:
+    """The slopes h'(0) of the mode's kinds of arcs, each a point."""
+    return [tuple(tuple(entry.lo for entry in row) for row in gain) for gain in mode.gains]
+
+
+def _arcs(mode: ModeJacobian, names: Mapping[Matrix, str]) -> list[str]:
+    slopes = [names[each] for each in _slopes(mode)]
+    found = []
+    for (listener, speaker, _), kind in zip(mode.arcs, mode.kind.tolist(), strict=True):
+        found.append(f"Arc {listener} {speaker} {slopes[kind]}")
+    return found
 
 
 def require_own(certificate: Certificate) -> None:
@@ -163,13 +196,18 @@ def require_own(certificate: Certificate) -> None:
 def _head(certificate: Certificate, title: str) -> str:
     problem, claims = certificate.problem, certificate.claims
     modes = len(problem.network.modes)
-    linear = "" if problem.is_linear else ", linearised at the consensus"
+    claim = "Claim: Psi is negative definite"
+    if modes > 1:
+        claim += f" in each of the {modes} modes"
+    claim += ", and so V = e'e"
+    if problem.exosystem is not None:
+        claim += " + sum over i of eps_i' P eps_i"
+    claim += " decreases along the closed loop"
+    if not problem.is_linear:
+        claim += ", linearised at the consensus"
     return comment(
         f"{title} for the problem {problem.name}, to be checked by Coq.",
-        "Claim: Psi is negative "
-        f"definite{'' if modes == 1 else f' in each of the {modes} modes'}, and so V = e'e"
-        + ("" if problem.exosystem is None else " + sum over i of eps_i' P eps_i")
-        + f" decreases along the closed loop{linear}.",
+        f"{claim}.",
         "Check it by: coqc FILE.v (standard library only; tested with Coq 8.16).",
         "What is proved stands in parts 1, 2 and 5; parts 3 and 4 are proofs, which only "
         "Coq has to read. Coq does not"
@@ -177,10 +215,6 @@ def _head(certificate: Certificate, title: str) -> str:
         f"Made by dobc_design {claims.version}. SHA-256 of the problem: {claims.problem_sha256}.",
         *(f"Note: {note}" for note in problem.notes),
     )
-
-
-def _slope(mode: ModeJacobian, kind: int) -> Matrix:
-    return tuple(tuple(entry.lo for entry in row) for row in mode.gains[kind])
 
 
 def _proved_id(certificate: Certificate) -> str:
@@ -195,10 +229,9 @@ def _proved_id(certificate: Certificate) -> str:
         if verdict is not Verdict.PROVED:
             title = id if mode is None else f"{id} ({mode})"
             said = "missing" if verdict is None else verdict.value
-            message = (
-                f"only a proved theorem can be exported; {title} is {said} in this certificate."
-            )
-            raise SpecError(message, key="checks", cure="Certify a problem for which it is proved.")
+            message = f"only a proved theorem can be exported; {title} is {said} in this "
+            cure = "Certify a problem for which it is proved."
+            raise SpecError(f"{message}certificate.", key="checks", cure=cure)
     return id
 
 
@@ -209,25 +242,20 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
         limit = f"at most {LARGEST_SIZE} rows, so that Coq ends within a quarter of an hour"
         raise _too_large(f"Psi must have {limit}; it has {size}.")
     if jacobians is None:
+        message = f"the theorem cannot be exported: {statements.inapplicable}"
         cure = "Check the certificate with `dobc verify`."
-        raise SpecError(
-            f"the theorem cannot be exported: {statements.inapplicable}",
-            key="coupling.h",
-            cure=cure,
-        )
+        raise SpecError(message, key="coupling.h", cure=cure)
     if not all(mode.is_point for mode in jacobians.modes):
-        texts = next(
-            each.texts
-            for each in problem.couplings
-            if not all(entry.is_point for row in each.jacobian_at_zero() for entry in row)
-        )
-        name = f'coupling "{"; ".join(texts)}"'
-        why = "because Coq is given Psi in rationals; it is known as an interval only."
+        bent = next(each for each in problem.couplings if not _has_rational_slopes(each))
+        message = f'coupling "{"; ".join(bent.texts)}": its slope h\'(0) must be a rational '
+        message += "number, because Coq is given Psi in rationals; it is known as an interval only."
         cure = "Use a coupling with a rational slope at 0, or rely on `dobc verify`."
-        raise SpecError(
-            f"{name}: its slope h'(0) must be a rational number, {why}", key="coupling.h", cure=cure
-        )
+        raise SpecError(message, key="coupling.h", cure=cure)
     return jacobians
+
+
+def _has_rational_slopes(coupling: Coupling) -> bool:
+    return all(entry.is_point for row in coupling.jacobian_at_zero() for entry in row)
 
 
 def _rate(certificate: Certificate, id: str) -> Fraction:
@@ -235,33 +263,28 @@ def _rate(certificate: Certificate, id: str) -> Fraction:
     rates = [check.rate for check in certificate.checks if check.id == id]
     known = [claimed(each) for each in rates if each]
     if not known or len(known) != len(rates):
-        raise SpecError(
-            f"the certificate claims no decay rate for {id}.",
-            key="rate",
-            cure="Export it without one.",
-        )
+        message = f"the certificate claims no decay rate for {id}."
+        raise SpecError(message, key="rate", cure="Export it without one.")
     return min(known)
 
 
 def _factors(
-    statements: Statements, pair: dict[str, Matrix] | None, rate: Fraction
+    statements: Statements, known: Mapping[str, Matrix], rate: Fraction
 ) -> dict[str, Factors]:
-    """Mode -> LDL' of -(Psi + 2 rate V)."""
+    """Mode -> LDL' of -(Psi + 2 rate V); ``known``: P and Q, where there is an exosystem."""
     constants = [each.constant for each in statements.lambdas.values()]
     matrices = [each.shifted(2 * rate) for each in constants if isinstance(each, SparseSymmetric)]
     if len(matrices) < len(constants):
         raise _too_large("Lambda of so large a network would take Coq hours.")
-    if pair is not None:
+    if known:
+        pair = {"P": known["P"], "Q": known["Qm"]}
         matrices = [each.at(pair) for each in statements.psi(rate=rate)]
-    result = {
-        mode: _factored(matrix.negated(), f"-Psi of mode {mode}")
-        for mode, matrix in zip(statements.lambdas, matrices, strict=True)
-    }
+    result = {}
+    for mode, matrix in zip(statements.lambdas, matrices, strict=True):
+        result[mode] = _factored(matrix.negated(), f"-Psi of mode {mode}")
     if sum(_work(factors) for factors in result.values()) > LARGEST_WORK:
-        raise _too_large(
-            "the fractions in L and D of Psi are too long for Coq to end within a quarter "
-            "of an hour."
-        )
+        message = "the fractions in L and D of Psi are too long for Coq to end within a quarter "
+        raise _too_large(f"{message}of an hour.")
     return result
 
 
@@ -287,6 +310,5 @@ def _too_large(message: str) -> SpecError:
 
 
 def _unsound(message: str) -> SpecError:
-    return SpecError(
-        message, key="observer", cure="Check the certificate with `dobc verify`, and make it again."
-    )
+    cure = "Check the certificate with `dobc verify`, and make it again."
+    return SpecError(message, key="observer", cure=cure)

@@ -18,7 +18,7 @@ from fractions import Fraction
 from functools import cached_property
 from importlib.resources import files
 from itertools import pairwise, product
-from typing import Any, Final
+from typing import Final
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of, reading_claims
@@ -27,6 +27,7 @@ from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, rounded_up
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, holding_gains
+from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, jet
 from dobc_design.coupling.expression import ATOM, POWER, Infix, Piece
 from dobc_design.coupling.tree import evaluate
@@ -46,6 +47,7 @@ THEORY: Final = ("Statement", "Comparison", "Consensus", "Rows")
 MOST_ARCS, MOST_STATES = 400, 6  # of all modes together, and of one exosystem
 DEEPEST: Final = 12  # halvings of a piece, until a row is seen to hold
 MOST_PARTS: Final = 200  # of one row
+VERIFY: Final = "`dobc verify` checks the certificate."
 CUTS: Final = 64  # of a range of arguments, where a turn is looked for
 #: Functions of the expression language in Coq; {0} is the argument, in brackets where it needs
 #: them.
@@ -65,15 +67,19 @@ Cell = tuple[Interval, Interval, Interval]  # of arguments; h and h' there
 
 def real(x: Fraction | int) -> str:
     """A rational as a real number: 3, (- 3), (3 / 7)."""
-    top = str(abs(Fraction(x).numerator)) + (
-        "" if Fraction(x).denominator == 1 else f" / {Fraction(x).denominator}"
-    )
-    return f"(- ({top}))" if x < 0 else f"({top})" if " " in top else top
+    value = Fraction(x)
+    text = str(abs(value.numerator))
+    if value.denominator != 1:
+        text += f" / {value.denominator}"
+    if value < 0:
+        return f"(- ({text}))"
+    return text if value.denominator == 1 else f"({text})"
 
 
 def matrix(M: Matrix) -> str:
     """A matrix by its rows."""
-    return "matrix [" + "; ".join("[" + "; ".join(map(real, row)) + "]" for row in M) + "]"
+    rows = ["; ".join(map(real, row)) for row in M]
+    return "matrix [" + "; ".join(f"[{row}]" for row in rows) + "]"
 
 
 class RocqAlgebra(Infix):
@@ -91,11 +97,9 @@ class RocqAlgebra(Infix):
 
     def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
         if name not in CALLS:
-            message = (
-                f"a coupling has {name}, which has no derivative everywhere or is not known to "
-                "Coq's Interval."
-            )
-            raise SpecError(message, key="coupling.h", cure="`dobc verify` checks the certificate.")
+            message = f"a coupling has {name}, which has no derivative everywhere or is not known "
+            message += "to Coq's Interval."
+            raise SpecError(message, key="coupling.h", cure=VERIFY)
         inside = (x.text if x.text.isalnum() else f"({x.text})" for x in arguments)
         return Piece(CALLS[name].format(*inside), ATOM)
 
@@ -162,61 +166,63 @@ class Rows:
         for arcs in self.problem.network.modes.values():
             for i, j, _ in arcs:
                 place = self.problem.coupling_place(i, j)
-                found[place] = max(
-                    found.get(place, Fraction(0)), self.rho * (self.claim.v[i] + self.claim.v[j])
-                )
+                reach = self.rho * (self.claim.v[i] + self.claim.v[j])
+                found[place] = max(found.get(place, Fraction(0)), reach)
         return found
 
     @cached_property
     def rising(self) -> dict[int, bool]:
         """Whether a coupling rises as far as that."""
-        return {
-            k: all(slope.lo >= 0 for *_, slope in self._cells(k, 1, -far, far))
-            for k, far in self.far.items()
-        }
+        found = {}
+        for place, far in self.far.items():
+            cells = self._cells(place, 1, -far, far)
+            found[place] = all(slope.lo >= 0 for *_, slope in cells)
+        return found
 
     def all(self) -> Iterator[Row]:
         """Every row, mode by mode, agent by agent.  Raises: SpecError if one has too little room,
         UndefinedError."""
         gains = holding_gains(self.problem)
-        for face, (p, mode), i in product(
-            (1, -1), enumerate(self.problem.network.modes), range(self.problem.n)
-        ):
-            arcs = [
-                (j, w, self.problem.coupling_place(i, j))
-                for a, j, w in self.problem.network.modes[mode]
-                if a == i
-            ]
+        modes = list(self.problem.network.modes)
+        for face, mode, i in product((1, -1), range(len(modes)), range(self.problem.n)):
             room = (gains[i] - self.claim.alpha) * self.claim.v[i]
-            parts = self._parts(arcs, i, face, room)
+            parts = self._parts(self._heard(modes[mode], i), i, face, room)
             if parts is None:
-                message = (
-                    f"the row of agent {self.problem.network.labels[i]} in mode {mode} has too "
-                    "little room for Coq."
-                )
-                raise SpecError(message, key="checks", cure="`dobc verify` checks the certificate.")
-            yield Row(mode=p, agent=i, face=face, room=room, parts=tuple(parts))
+                message = f"the row of agent {self.problem.network.labels[i]} in mode {modes[mode]}"
+                message += " has too little room for Coq."
+                raise SpecError(message, key="checks", cure=VERIFY)
+            yield Row(mode=mode, agent=i, face=face, room=room, parts=tuple(parts))
+
+    def _heard(self, mode: str, agent: int) -> list[Heard]:
+        found = []
+        for i, j, weight in self.problem.network.modes[mode]:
+            if i == agent:
+                found.append((j, weight, self.problem.coupling_place(i, j)))
+        return found
 
     def _parts(
         self, arcs: Sequence[Heard], agent: int, face: int, room: Fraction
     ) -> list[Part] | None:
         """Parts of (0, rho] on which a row is seen to be at most ``room`` s; None if they are not
         found."""
-        high, found, waiting = self.rho, list[Part](), list[tuple[Fraction, Fraction]]()
+        high = self.rho
+        found: list[Part] = []
+        waiting: list[tuple[Fraction, Fraction]] = []
+        # Near 0, where a row is 0, its slope has to decide: how far that is enough ...
         for _ in range(DEEPEST):
             near = self._part(arcs, agent, face, Fraction(0), high)
-            if all(arc.kind in ("rises", "rising", "falling") for arc in near.arcs) and self._holds(
-                near, face, room
-            ):
-                found, waiting = [near], [(high, self.rho)] if high < self.rho else []
+            exact = all(arc.kind in ("rises", "rising", "falling") for arc in near.arcs)
+            if exact and self._holds(near, face, room):
+                found.append(near)
+                if high < self.rho:
+                    waiting.append((high, self.rho))
                 break
             high /= 2
+        # ... and beyond, the row itself, on pieces as short as it takes.
         while waiting:
             low, high = waiting.pop()
-            part, middle = (
-                self._part(arcs, agent, face, low, high),
-                Fraction(round((low + high) * 2**19), 2**20),
-            )
+            part = self._part(arcs, agent, face, low, high)
+            middle = Fraction(round((low + high) * 2**19), 2**20)
             if self._holds(part, face, room):
                 found.append(part)
             elif len(found) + len(waiting) < MOST_PARTS and low < middle < high:
@@ -228,19 +234,21 @@ class Rows:
     def _part(
         self, arcs: Sequence[Heard], agent: int, face: int, low: Fraction, high: Fraction
     ) -> Part:
-        return Part(
-            low=low,
-            high=high,
-            near=low == 0,
-            arcs=tuple(self._arc(each, agent, face, low, high) for each in arcs),
-        )
+        found = tuple(self._arc(each, agent, face, low, high) for each in arcs)
+        return Part(low=low, high=high, near=low == 0, arcs=found)
 
     def _arc(self, heard: Heard, agent: int, face: int, low: Fraction, high: Fraction) -> Arc:
-        (j, w, place), v = heard, self.claim.v
+        j, weight, place = heard
+        v = self.claim.v
         step, reach = v[j] - v[agent], v[j] + v[agent]
-        ends = -high * reach, max(low * step, high * step)
         arc = Arc(
-            who=j, weight=Fraction(w), law=place, kind="rises", low=ends[0], high=ends[1], step=step
+            who=j,
+            weight=Fraction(weight),
+            law=place,
+            kind="rises",
+            low=-high * reach,
+            high=max(low * step, high * step),
+            step=step,
         )
         if self.rising[place]:
             return arc
@@ -250,11 +258,12 @@ class Rows:
             return replace(arc, kind="rising")
         if all(slope.hi <= 0 for *_, slope in cells):
             return replace(arc, kind="falling", step=-reach)
-        below, rest = cells[: falling[-1] + 1], cells[falling[-1] + 1 :]
-        most = self._most(place, face, below)
-        least = min(self._jet(place, face, Interval.point(s * step))[0].lo for s in (low, high))
-        if rest and most <= least:
-            return replace(arc, kind="peak", bound=most, turn=rest[0][0].lo)
+        # Behind the last cell in which it may fall it rises: is it above all before at both ends?
+        turn = falling[-1] + 1
+        most = self._most(place, face, cells[:turn])
+        ends = [self._jet(place, face, Interval.point(s * step))[0].lo for s in (low, high)]
+        if turn < len(cells) and most <= min(ends):
+            return replace(arc, kind="peak", bound=most, turn=cells[turn][0].lo)
         return replace(arc, kind="bounded", step=None, bound=self._most(place, face, cells))
 
     def _jet(self, place: int, face: int, Y: Interval) -> tuple[Interval, Interval, Interval]:
@@ -262,67 +271,80 @@ class Rows:
         found = jet(self.curves[place], Y if face > 0 else -Y)
         if found.curvature is None:
             raise UndefinedError("it has a kink.")
-        return (found.value if face > 0 else -found.value), found.slope, found.curvature * face
+        value = found.value if face > 0 else -found.value
+        return value, found.slope, found.curvature * face
 
     def _cells(self, place: int, face: int, low: Fraction, high: Fraction) -> Iterator[Cell]:
         """A range of arguments in cells, with h and h' on each."""
         cuts = [low + (high - low) * k / CUTS for k in range(CUTS + 1)]
-        for cell in (Interval(a, b) for a, b in pairwise(cuts)):
-            yield (cell, *self._jet(place, face, cell)[:2])
+        for a, b in pairwise(cuts):
+            cell = Interval(a, b)
+            value, slope, _ = self._jet(place, face, cell)
+            yield cell, value, slope
 
     def _most(self, place: int, face: int, cells: Sequence[Cell]) -> Fraction:
         """What a coupling does not exceed on cells, rounded up: where it is monotone, at an end."""
-        ends = (cell.ends()[slope.lo >= 0] if slope.sign else cell for cell, _, slope in cells)
-        return Fraction(
-            math.ceil(max(self._jet(place, face, end)[0].hi for end in ends) * 2**20) + 1, 2**20
-        )
+        tops = []
+        for cell, _, slope in cells:
+            where = _highest_end(cell, slope) if slope.sign else cell
+            tops.append(self._jet(place, face, where)[0].hi)
+        return Fraction(math.ceil(max(tops) * 2**20) + 1, 2**20)
 
     def _holds(self, part: Part, face: int, room: Fraction) -> bool:
         exact = all(arc.step is not None for arc in part.arcs)
-        return self._below(part, face, room, Interval(part.low, part.high), DEEPEST if exact else 4)
+        depth = DEEPEST if exact else 4
+        return self._below(part, face, room, Interval(part.low, part.high), depth)
 
     def _below(self, part: Part, face: int, room: Fraction, S: Interval, depth: int) -> bool:
         """Whether the row (near 0: its slope) is at most what the pin leaves, on S or in halves of
         it."""
         value, slope = self._row(part, face, room, S)
-        if value.hi <= 0 or (
-            slope.sign and self._row(part, face, room, S.ends()[slope.lo >= 0])[0].hi <= 0
-        ):
+        if value.hi <= 0:
             return True
-        return depth > 0 and all(
-            self._below(part, face, room, half, depth - 1) for half in S.halves()
-        )
+        if slope.sign and self._row(part, face, room, _highest_end(S, slope))[0].hi <= 0:
+            return True
+        if depth == 0:
+            return False
+        return all(self._below(part, face, room, half, depth - 1) for half in S.halves())
 
     def _row(self, part: Part, face: int, room: Fraction, S: Interval) -> tuple[Interval, Interval]:
         """What the row (near 0: its slope) has beyond what the pin leaves, and its derivative by
         s."""
         none = Interval.point(Fraction(0))
-        value, slope = (none - room, none) if part.near else (-S * room, none - room)
+        value, slope = -S * room, none - room
+        if part.near:
+            value, slope = none - room, none
         for arc in part.arcs:
-            step, h = arc.step or Fraction(0), none + arc.bound
             if arc.step is None:
-                value = value + h * arc.weight
+                value = value + (none + arc.bound) * arc.weight
                 continue
-            h, first, second = self._jet(arc.law, face, S * step)
-            value, slope = (
-                value + (first * step if part.near else h) * arc.weight,
-                slope + (second * step if part.near else first) * (step * arc.weight),
-            )
+            h, first, second = self._jet(arc.law, face, S * arc.step)
+            if part.near:
+                value = value + first * arc.step * arc.weight
+                slope = slope + second * arc.step * (arc.step * arc.weight)
+            else:
+                value = value + h * arc.weight
+                slope = slope + first * (arc.step * arc.weight)
         return value, slope
+
+
+def _highest_end(S: Interval, slope: Interval) -> Interval:
+    """The end of S at which a function with this slope, of one sign, is largest."""
+    low, high = S.ends()
+    return high if slope.lo >= 0 else low
 
 
 def proved_in_states(certificate: Certificate) -> tuple[Check, Separable] | None:
     """The max-separable check that is proved, in the states themselves, with its claim; None
     without one."""
+    problem = certificate.problem
+    if problem.dynamics is not None:
+        return None
     for check in certificate.checks:
-        known = (
-            check.verdict is Verdict.PROVED
-            and check.rate is not None
-            and certificate.problem.dynamics is None
-        )
-        if check.id == "max-separable" and known:
+        proved = check.verdict is Verdict.PROVED and check.rate is not None
+        if check.id == "max-separable" and proved:
             with reading_claims():
-                claim = claim_of(check, certificate.problem, certificate.claims.W)
+                claim = claim_of(check, problem, certificate.claims.W)
             if isinstance(claim, Separable) and claim.T is None:
                 return check, claim
     return None
@@ -342,118 +364,128 @@ def motions_proof(certificate: Certificate) -> str:
         message = "no max-separable proof is in this certificate."
         raise SpecError(message, key="checks", cure="Give a [region], or certify with --all.")
     check, claim = found
-    for wrong, what in (
-        (any(arcs.optional for arcs in problem.network.modes.values()), "arcs that come and go"),
-        (sum(map(len, problem.network.modes.values())) > MOST_ARCS, f"more than {MOST_ARCS} arcs"),
-        (
-            any(len(each.exosystem.A) > MOST_STATES for each in problem.groups),
-            f"exosystems of more than {MOST_STATES}",
-        ),
-    ):
-        if wrong:
-            message = f"a proof about motions is not made for {what}."
-            raise SpecError(message, key="--rocq", cure="`dobc verify` checks the certificate.")
-    box = (
-        check.domain
-        if not isinstance(check.domain, str)
-        else {"radius": 1.0, "disturbance": float(bool(problem.q))}
-    )
-    radius, off = claimed(box["radius"]), claimed(box["disturbance"])
+    _refuse_what_is_not_written(problem)
+    radius, off = Fraction(1), Fraction(bool(problem.q))
+    if not isinstance(check.domain, str):
+        radius, off = claimed(check.domain["radius"]), claimed(check.domain["disturbance"])
     rate = claimed(check.rate or 0)
-    error = claim.error or ErrorBound(P=(), beta=rate + 1, kappa=1 / claim.least, size=Fraction(0))
+    error = claim.error
+    if error is None:  # nothing is observed
+        error = ErrorBound(P=(), beta=rate + 1, kappa=1 / claim.least, size=Fraction(0))
     share = root_above(error.size * off**2, unit=10**15)
     rho = claim.rho or rounded_up(radius / claim.least + error.kappa * share, digits=6)
     rows = Rows(problem, claim, rho)
     try:
         listed = list(rows.all())
     except UndefinedError as undefined:
-        raise SpecError(
-            f"a coupling is not smooth as far out: {undefined}", key="coupling.h"
-        ) from undefined
-    region, groups = problem.region, [*_groups(problem, claims.W, error)]
+        message = f"a coupling is not smooth as far out: {undefined}"
+        raise SpecError(message, key="coupling.h") from undefined
+    groups = [] if claims.W is None else _groups(problem, claims.W, error)
     group = {label: g for g, each in enumerate(problem.groups) for label in each.agents}
-    inside = (
-        region is not None
-        and max(asked_radius(problem)) <= radius
-        and (region.initial_disturbance or 0) <= off
-    )
-    asked = set(region.initial_states) if region is not None and inside else set()
-    values = {
-        "problem": problem,
-        "claims": claims,
-        "claim": claim,
-        "error": error,
-        "share": share,
-        "rho": rho,
-    }
     return template("rocq_motions.v.j2").render(
-        **values,
-        **{
-            "radius": radius,
-            "off": off,
-            "rate": rate,
-            "rows": listed,
-            "far": rows.far,
-            "rising": rows.rising,
-        },
-        **{each.__name__: each for each in (comment, matrix, real)},
+        problem=problem,
+        claims=claims,
+        claim=claim,
+        error=error,
+        share=share,
+        rho=rho,
+        radius=radius,
+        off=off,
+        rate=rate,
+        rows=listed,
+        far=rows.far,
+        rising=rows.rising,
+        comment=comment,
+        matrix=matrix,
+        real=real,
         theory=[_theory(name) for name in THEORY],
-        laws=[
-            evaluate(h.components[0].node, [Piece("y", ATOM)], RocqAlgebra()).text
-            for h in problem.couplings
-        ],
+        laws=[_law(h) for h in problem.couplings],
         group=[group.get(label, len(groups)) for label in problem.network.labels],
         groups=groups,
         k=holding_gains(problem),
-        asked=asked.pop() if len(asked) == 1 else None,
+        asked=_asked(problem, radius, off),
     )
+
+
+def _refuse_what_is_not_written(problem: Problem) -> None:
+    """Raise SpecError for what the library does not know, or what Coq would take too long for."""
+    arcs = problem.network.modes.values()
+    refused = None
+    if any(each.optional for each in arcs):
+        refused = "arcs that come and go"
+    elif sum(map(len, arcs)) > MOST_ARCS:
+        refused = f"more than {MOST_ARCS} arcs"
+    elif any(len(each.exosystem.A) > MOST_STATES for each in problem.groups):
+        refused = f"exosystems of more than {MOST_STATES}"
+    if refused is not None:
+        message = f"a proof about motions is not made for {refused}."
+        raise SpecError(message, key="--rocq", cure=VERIFY)
+
+
+def _law(coupling: Coupling) -> str:
+    """h(y) as Coq writes it."""
+    return evaluate(coupling.components[0].node, [Piece("y", ATOM)], RocqAlgebra()).text
+
+
+def _asked(problem: Problem, radius: Fraction, off: Fraction) -> tuple[Fraction, Fraction] | None:
+    """The interval of states that the problem asks for, where it is one for all components and the
+    box holds it."""
+    region = problem.region
+    if region is None or max(asked_radius(problem)) > radius:
+        return None
+    intervals = set(region.initial_states)
+    if (region.initial_disturbance or 0) > off or len(intervals) != 1:
+        return None
+    return intervals.pop()
 
 
 def _theory(name: str) -> str:
     """A file of the library without what it requires."""
     text = (files("dobc_design.export.rocq") / "theory" / f"{name}.v").read_text("utf-8")
-    return (
-        re.sub(r"^(Require|From|Import|Open Scope) .*\n", "", text, flags=re.MULTILINE).strip()
-        + "\n"
-    )
+    required = r"^(Require|From|Import|Open Scope) .*\n"
+    return re.sub(required, "", text, flags=re.MULTILINE).strip() + "\n"
 
 
-def _groups(problem: Problem, W: Matrix | None, error: ErrorBound) -> Iterator[dict[str, Any]]:
-    """A, C, W, P of every group of agents, and their inequalities as sums of squares."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Group:
+    """Exosystem and observer of agents, and inequalities about P as sums of squares, by name."""
+
+    A: Matrix
+    C: Matrix
+    W: Matrix
+    P: Matrix
+    facts: dict[str, list[str]]
+
+
+def _groups(problem: Problem, W: Matrix, error: ErrorBound) -> list[_Group]:
+    """Every group of agents; its P is a block of the joint one."""
+    found = []
     above = 0
-    if W is None:
-        return
     for each, gain in zip(problem.groups, gains_of(problem.groups, W), strict=True):
-        A, C, q = each.exosystem.A, each.exosystem.C, len(each.exosystem.A)
+        exosystem, q = each.exosystem, len(each.exosystem.A)
         P = tuple(tuple(row[above : above + q]) for row in error.P[above : above + q])
         above += q
-        PF = multiply(P, error_matrix(each.exosystem, gain))
+        PF = multiply(P, error_matrix(exosystem, gain))
+        decrease = scale(-1, add(add(PF, transpose(PF)), scale(2 * error.beta, P)))
         facts = {
-            "contracts": scale(-1, add(add(PF, transpose(PF)), scale(2 * error.beta, P))),
-            "sized": subtract(scale(error.size, identity(q)), P),
-            **{
-                f"seen{c}": subtract(P, multiply(transpose((row,)), (row,)))
-                for c, row in enumerate(C)
-            },
+            "contracts": _squares(decrease),
+            "sized": _squares(subtract(scale(error.size, identity(q)), P)),
         }
-        yield {
-            "A": A,
-            "C": C,
-            "W": gain,
-            "P": P,
-            "facts": {name: _squares(M) for name, M in facts.items()},
-        }
+        for c, row in enumerate(exosystem.C):
+            facts[f"seen{c}"] = _squares(subtract(P, multiply(transpose((row,)), (row,))))
+        found.append(_Group(A=exosystem.A, C=exosystem.C, W=gain, P=P, facts=facts))
+    return found
 
 
 def _squares(M: Matrix) -> list[str]:
     """The squares that M is the sum of.  Raises: SpecError if M is not positive semidefinite."""
     found = squares_of(SparseSymmetric.from_dense(M), strict=False)
     if found is None:
-        raise SpecError(
-            "the numbers of the observer do not prove what the certificate claims.", key="observer"
-        )
-    sums = (
-        " + ".join([f"a {x.pivot}%nat", *(f"{real(y)} * a {i}%nat" for i, y in x.others.items())])
-        for x in found
-    )
-    return [f"{real(x.weight)} * ({text}) ^ 2" for x, text in zip(found, sums, strict=True)]
+        message = "the numbers of the observer do not prove what the certificate claims."
+        raise SpecError(message, key="observer")
+    texts = []
+    for each in found:
+        terms = [f"a {each.pivot}%nat"]
+        terms += [f"{real(factor)} * a {i}%nat" for i, factor in each.others.items()]
+        texts.append(f"{real(each.weight)} * ({' + '.join(terms)}) ^ 2")
+    return texts

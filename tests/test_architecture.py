@@ -63,6 +63,14 @@ TRUSTED_FILES = (
     "sectors",
     "timing",
 )
+# Optional parts, and the modules that may import them, there where they are used and not before.
+OPTIONAL = {
+    "export.rocq": ("cli.",),
+    "export.fmu": ("cli.", "export.__init__"),
+    "designer": ("cli.",),
+    "report.pdf": ("cli.", "report.write"),
+}
+
 # What no proof may rest on, however indirectly.
 UNTRUSTED_ROOMS = ("solvers", "model", "simulation", "falsification", "synthesis")
 UNTRUSTED_PACKAGES = ("casadi", "clarabel", "control", "cvxpy")
@@ -263,6 +271,34 @@ def package_violations(house: House) -> Iterator[str]:
                 )
 
 
+def optional_part(module: str | None) -> str | None:
+    """The optional part that a module belongs to; None for the others."""
+    for part in OPTIONAL:
+        if module is not None and f"{module}.".startswith(f"{part}."):
+            return part
+    return None
+
+
+def optional_violations(house: House) -> Iterator[str]:
+    """Optional parts say what they need, and nothing else rests on them."""
+    for part in OPTIONAL:
+        for module in (part, f"{part}.__init__"):
+            if module in house.trees:
+                said = ast.get_docstring(house.trees[module]) or ""
+                if "Optional: needs " not in said:
+                    yield f"{module}: its docstring must say what it needs (Optional: needs ...)"
+    for module, targets in house.imports.items():
+        at_once = {node.lineno for node in house.trees[module].body}
+        for line, name in targets:
+            part = optional_part(house.module_of(name))
+            if part is None or part == optional_part(module):
+                continue
+            if not module.startswith(OPTIONAL[part]):
+                yield f"{module}:{line}: {part} is optional, and only {OPTIONAL[part]} may use it"
+            elif line in at_once:
+                yield f"{module}:{line}: {part} is optional: import it where it is used"
+
+
 def word_violations(house: House) -> Iterator[str]:
     """Asserts, bare excepts, star imports, print, and whatever runs text as code."""
     for module, tree in house.trees.items():
@@ -308,7 +344,14 @@ def is_named(node: ast.expr, name: str) -> bool:
     return isinstance(node, ast.Name) and node.id == name
 
 
-RULES = (circles, inner_circles, trust_violations, package_violations, word_violations)
+RULES = (
+    circles,
+    inner_circles,
+    trust_violations,
+    package_violations,
+    optional_violations,
+    word_violations,
+)
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -355,6 +398,8 @@ SOUND = {
     "checker.main": "import math\nfrom dobc_design.checker.rows import row",
     "checker.rows": "",
     "cli.main": "import typer\ntyper.echo('x')\nfrom dobc_design import __version__",
+    "designer.__init__": "'''A widget.  Optional: needs anywidget.'''",
+    "cli.widget": "def show():\n    from dobc_design.designer import widget",
     "__init__": "from importlib import import_module\nimport_module('dobc_design.errors')",
 }
 
@@ -425,6 +470,9 @@ def test_a_sound_house_is_left_in_peace():
         ("checker.main", "from dobc_design.exact import matrix", "imports nothing of the package"),
         ("checker.rows", "import numpy", "numpy is not allowed in checker"),
         ("cli.main", "def f(x):\n    assert x", "cli.main:2: assert"),
+        ("designer.__init__", "'A widget.'", "must say what it needs"),
+        ("solvers.conic", "def f():\n    import dobc_design.designer", "designer is optional, and"),
+        ("cli.widget", "from dobc_design.designer import x", "import it where it is used"),
         ("cli.main", "print('hello')", "print is forbidden"),
         ("cli.main", "show = print", "print is forbidden"),
         ("cli.main", "try:\n    pass\nexcept:\n    pass", "bare except"),

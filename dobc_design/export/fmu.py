@@ -1,6 +1,9 @@
 """One agent's controller as an FMU: FMI 3.0, co-simulation, with the C sources and, where a
 compiler is, the library.
 
+Optional: needs a C compiler for the library, and the package fmpy (extra `fmu`) where an FMU is
+tried; nothing where sources are enough.
+
 The FMU is a zip file: modelDescription.xml, sources/, binaries/PLATFORM/.  The same controller
 gives the same bytes, as far as the compiler does.
 """

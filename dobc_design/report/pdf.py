@@ -1,9 +1,9 @@
 """A document as a PDF on A4, set by Typst: tagged, with text alternatives, without a date, the same
 bytes every time.
 
-Needs the package typst (extra `pdf`).  Nothing is read from the network.  The template never reads
-text as markup: everything reaches it as strings in JSON, with places where long words may be
-broken.
+Optional: needs the package typst (extra `pdf`).  Nothing is read from the network.  The template
+never reads text as markup: everything reaches it as strings in JSON, with places where long words
+may be broken.
 """
 
 from __future__ import annotations

@@ -54,15 +54,16 @@ class Basis:
         return Y
 
     def unknowns(self, Y: Array) -> Array:
-        return (
-            np.asarray([np.mean(np.diag(Y))])
-            if self.tied
-            else np.asarray(Y[self.rows, self.columns])
-        )
+        """The numbers that ``matrix`` makes Y of."""
+        if self.tied:
+            return np.asarray([np.mean(np.diag(Y))])
+        return np.asarray(Y[self.rows, self.columns])
 
     def traces(self, M: Array) -> Array:
         """tr(E M) for every unit matrix E of the basis, M any (n, n)."""
-        return self._tie((M[self.rows, self.columns] + M[self.columns, self.rows]) * self._weights)
+        i, j = self.rows, self.columns
+        both = M[i, j] + M[j, i]
+        return self._tie(both * self._weights)
 
     def products(self, M: Array, N: Array) -> Array:
         """p_i q_j + p_j q_i of every unit matrix (i, j) and column p of M, q of N: p'E q, (size,
@@ -70,27 +71,28 @@ class Basis:
         i, j = self.rows, self.columns
         if np.array_equal(i, j):
             return self._tie(M[i] * N[i])
-        return self._tie((M[i] * N[j] + M[j] * N[i]) * self._weights[:, None])
+        both = M[i] * N[j] + M[j] * N[i]
+        return self._tie(both * self._weights[:, None])
 
     def quadratic(self, *pairs: tuple[Array, Array]) -> Array:
         """The sum of tr(M E N E') over the pairs (M, N), for all pairs of unit matrices E, E',
         (size, size)."""
         i, j = self.rows, self.columns
         if np.array_equal(i, j):
-            total = sum((M.T * N for M, N in pairs), np.zeros((self.n, self.n)))
+            total = np.zeros((self.n, self.n))
+            for M, N in pairs:
+                total += M.T * N
             return self._tie(self._tie(total).T)
         total = np.zeros((len(i), len(i)))
         for M, N in pairs:
-            mi, mj, ni, nj = M.T.take(i, 0), M.T.take(j, 0), N.take(i, 0), N.take(j, 0)
-            for first, second, left, right in (
-                (mi, nj, j, i),
-                (mi, nj, i, j),
-                (mj, ni, j, i),
-                (mj, ni, i, j),
-            ):
-                product = first.take(left, 1)
-                product *= second.take(right, 1)
-                total += product
+            # E and E' have two entries each: four products of entries of M and of N.
+            for first, second in ((i, j), (j, i)):
+                rows_of_M = M.T.take(first, 0)
+                rows_of_N = N.take(second, 0)
+                for left, right in ((j, i), (i, j)):
+                    product = rows_of_M.take(left, 1)
+                    product *= rows_of_N.take(right, 1)
+                    total += product
         total *= self._weights[:, None]
         total *= self._weights
         return total
@@ -126,6 +128,7 @@ class Block:
     dense: Mapping[int, Array] = field(default_factory=dict)
 
     def value(self, Y: Array, x: Array) -> Array:
+        """F(Y, x), (N, N)."""
         F = self.constant + self.plain * Y if self.plain else self.constant.copy()
         if self.sides is not None:
             product = self.sides[0] @ Y @ self.sides[1].T
@@ -151,10 +154,14 @@ class Inequalities:
     limits: Array = field(default_factory=lambda: np.zeros(0))
 
     def split(self, point: Array) -> tuple[Array, Array]:
-        return self.basis.matrix(point[: self.basis.size]), point[self.basis.size :]
+        """Y and the scalars of a point."""
+        size = self.basis.size
+        return self.basis.matrix(point[:size]), point[size:]
 
     def join(self, Y: Array, scalars: Sequence[float] | Array) -> Array:
-        return np.concatenate([self.basis.unknowns(Y), np.asarray(scalars, dtype=float)])
+        """The point of Y and the scalars."""
+        unknowns = self.basis.unknowns(Y)
+        return np.concatenate([unknowns, np.asarray(scalars, dtype=float)])
 
     def barrier(self, point: Array) -> float:
         """-log det of all blocks and bounds; inf outside."""
@@ -176,29 +183,36 @@ class Inequalities:
 
     def _room(self, point: Array) -> Array:
         """What has to be > 0: the positive scalars, then what the bounds leave."""
-        positive = point[self.basis.size :][self.positive]
+        size = self.basis.size
+        positive = point[size:][self.positive]
         if self.forms is None:
             return positive
-        return np.concatenate([positive, self.limits - self.forms @ point[: self.basis.size]])
+        return np.concatenate([positive, self.limits - self.forms @ point[:size]])
 
     def holds(self, point: Array) -> bool:
+        """Whether the point lies inside."""
         return math.isfinite(self.barrier(point))
 
     def derivatives(self, point: Array) -> tuple[Array, Array]:
         """Gradient and Hessian of the barrier at a point inside."""
         size = self.basis.size
-        gradient, hessian = np.zeros(size + self.count), np.zeros((size + self.count,) * 2)
+        length = size + self.count
+        gradient = np.zeros(length)
+        hessian = np.zeros((length, length))
         Y, x = self.split(point)
-        room, places = self._room(point), size + self.positive
-        gradient[places] -= 1 / room[: len(places)]
-        hessian[places, places] += 1 / room[: len(places)] ** 2
+        room = self._room(point)
+        places = size + self.positive
+        positive = room[: len(places)]
+        gradient[places] -= 1 / positive
+        hessian[places, places] += 1 / positive**2
         if self.forms is not None:
             scaled = self.forms / room[len(places) :, None]
             gradient[:size] += np.sum(scaled, axis=0)
             hessian[:size, :size] += scaled.T @ scaled
         for block in self.blocks:
-            inverse = np.asarray(np.linalg.inv(block.value(Y, x)), dtype=np.float64)
-            _add_block(block, self.basis, inverse, gradient, hessian)
+            inverse = np.linalg.inv(block.value(Y, x))
+            G = np.asarray(inverse, dtype=np.float64)
+            _add_block(block, self.basis, G, gradient, hessian)
         return gradient, hessian
 
 
@@ -211,13 +225,15 @@ def centre(
 ) -> Array:
     """Minimise cost'x + barrier by Newton steps, halved as needed, from inside or until ``stop``:
     the best point."""
-    cost = np.zeros(len(point)) if cost is None else cost
+    if cost is None:
+        cost = np.zeros(len(point))
     value = float(cost @ point) + problem.barrier(point)
-    rows = len(point) ** 3 + sum(len(block.constant) ** 3 for block in problem.blocks)
+    cubes = len(point) ** 3 + sum(len(block.constant) ** 3 for block in problem.blocks)
+    work = STEP + BLOCK * len(problem.blocks) + cubes // CUBES
     for _ in range(MOST_STEPS):
         if stop is not None and stop(point):
             break
-        spend(STEP + BLOCK * len(problem.blocks) + rows // CUBES)
+        spend(work)
         gradient, hessian = problem.derivatives(point)
         step = _solve(hessian, gradient + cost)
         if step is None:
@@ -225,7 +241,8 @@ def centre(
         decrement = float((gradient + cost) @ step)
         if not decrement > CENTRED**2:
             break
-        for trial in (0.5**k for k in range(24)):  # until the value falls
+        for halvings in range(24):  # until the value falls
+            trial = 0.5**halvings
             candidate = point - trial * step
             after = float(cost @ candidate) + problem.barrier(candidate)
             if after < value - 1e-3 * trial * decrement:
@@ -247,22 +264,20 @@ def minimise(
 ) -> Array:
     """Follow the central path of cost'x from inside until the gap is ``accuracy`` |cost'x|, or
     ``stop`` holds, or it cannot come below ``hopeless``.  A point inside."""
-    order = (
-        len(problem.positive)
-        + len(problem.limits)
-        + sum(len(block.constant) for block in problem.blocks)
-    )
+    order = len(problem.positive) + len(problem.limits)
+    order += sum(len(block.constant) for block in problem.blocks)
     gradient, _ = problem.derivatives(point)
     size = float(cost @ cost)
-    weight = max(1e-3, min(1e6, abs(float(gradient @ cost)) / size)) if size else 1.0
+    weight = 1.0
+    if size:  # where the first centre is about the point itself
+        weight = max(1e-3, min(1e6, abs(float(gradient @ cost)) / size))
     for _ in range(40):
         point = centre(problem, point, cost=weight * cost, stop=stop)
-        value, gap = float(cost @ point), order / weight
-        if (
-            (stop is not None and stop(point))
-            or gap <= accuracy * max(1e-9, abs(value))
-            or value - gap > hopeless
-        ):
+        if stop is not None and stop(point):
+            break
+        value = float(cost @ point)
+        gap = order / weight  # the optimum is at least value - gap
+        if gap <= accuracy * max(1e-9, abs(value)) or value - gap > hopeless:
             break
         weight *= 8
     return point
@@ -280,7 +295,8 @@ def _solve(hessian: Array, gradient: Array) -> Array | None:
             factor: Any = linalg.cho_factor(scaled, lower=True, check_finite=False)
         except (linalg.LinAlgError, ValueError):
             continue
-        step = np.asarray(linalg.cho_solve(factor, gradient / root, check_finite=False) / root)
+        solved = linalg.cho_solve(factor, gradient / root, check_finite=False)
+        step = np.asarray(solved / root)
         return step if bool(np.all(np.isfinite(step))) else None
     return None
 
@@ -293,25 +309,29 @@ def _add_block(block: Block, basis: Basis, G: Array, gradient: Array, hessian: A
         hessian[:size, :size] += block.plain**2 * basis.quadratic((G, G))
     if block.sides is not None:
         L, R = block.sides
-        GL, GR = G @ L, G @ R
+        GL = G @ L
+        GR = G @ R
         b = R.T @ GL
+        pairs = (b, b), (L.T @ GL, R.T @ GR)
         gradient[:size] += 2 * basis.traces(b)
-        hessian[:size, :size] += 2 * basis.quadratic((b, b), (L.T @ GL, R.T @ GR))
+        hessian[:size, :size] += 2 * basis.quadratic(*pairs)
     if block.columns is not None:
         _add_columns(block, block.columns, basis, G, gradient, hessian)
-    for k, GMG in [(k, G @ M @ G) for k, M in block.dense.items()]:
-        gradient[size + k] -= float(np.sum(G * block.dense[k]))
-        for l, M in block.dense.items():  # noqa: E741  k, l as in matrix entries
-            hessian[size + k, size + l] += float(np.sum(GMG * M))
-        if block.sides is not None or block.plain:
-            inner = (
-                block.plain * GMG
-                if block.sides is None
-                else -2 * (block.sides[1].T @ GMG @ block.sides[0])
-            )
-            cross = basis.traces(inner)
-            hessian[:size, size + k] += cross
-            hessian[size + k, :size] += cross
+    for k, M in block.dense.items():
+        row = size + k
+        GMG = G @ M @ G
+        gradient[row] -= float(np.sum(G * M))
+        for other, N in block.dense.items():
+            hessian[row, size + other] += float(np.sum(GMG * N))
+        if block.sides is None and not block.plain:
+            continue
+        if block.sides is None:
+            cross = basis.traces(block.plain * GMG)
+        else:
+            L, R = block.sides
+            cross = basis.traces(-2 * (R.T @ GMG @ L))
+        hessian[:size, row] += cross
+        hessian[row, :size] += cross
 
 
 def _add_columns(
@@ -324,12 +344,15 @@ def _add_columns(
 ) -> None:
     """The scalars that multiply columns: gradient, Hessian among themselves, with Y and with dense
     scalars."""
-    (U, signs, scalars), size = columns, basis.size
+    U, signs, scalars = columns
+    size = basis.size
     GU = G @ U
     table = U.T @ GU
     rows = size + scalars
+    # Several columns may belong to one scalar: ``add.at`` adds them all, where += takes the last.
     np.add.at(gradient, rows, -signs * np.diag(table))
-    np.add.at(hessian, np.ix_(rows, rows), table**2 * signs[:, None] * signs)
+    squares = table**2 * signs[:, None] * signs
+    np.add.at(hessian, np.ix_(rows, rows), squares)
     if block.sides is not None:
         L, R = block.sides
         cross = -2 * basis.products(L.T @ GU, R.T @ GU) * signs

@@ -17,7 +17,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from scipy import sparse
 
-from dobc_design.exact.pencil import Pencil, positive
+from dobc_design.exact.pencil import Pencil, Place, positive
 from dobc_design.exact.symmetric import Symmetric
 from dobc_design.exact.work import seconds_left, spend
 from dobc_design.solvers.program import (
@@ -59,17 +59,9 @@ def solve_cones(
     import clarabel
 
     spend(ROW * sum(len(cone.right) for cone in cones))
-    size, curved = len(cost), np.zeros(len(cost)) if squares is None else squares
-    kept = np.flatnonzero(curved)
-
-    def kind(cone: Cone) -> Any:
-        rows = len(cone.right)
-        positive = cone.kind == "nonnegative"
-        return (
-            clarabel.NonnegativeConeT(rows) if positive else clarabel.PSDTriangleConeT(_order(rows))
-        )
-
-    stack = np.vstack if all(isinstance(each.rows, np.ndarray) for each in cones) else sparse.vstack
+    size = len(cost)
+    dense = all(isinstance(each.rows, np.ndarray) for each in cones)
+    stack = np.vstack if dense else sparse.vstack
     try:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
@@ -79,17 +71,12 @@ def solve_cones(
         settings.chordal_decomposition_merge_method = "parent_child"
         if accuracy is not None:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
-        answer = clarabel.DefaultSolver(
-            sparse.csc_matrix(
-                (curved[kept], kept, np.searchsorted(kept, np.arange(size + 1))), shape=(size, size)
-            ),
-            cost,
-            sparse.csc_matrix(stack([each.rows for each in cones])),
-            np.concatenate([each.right for each in cones]),
-            [kind(each) for each in cones],
-            settings,
-        ).solve()
-        return _read(answer, size)
+        curvature = _diagonal(np.zeros(size) if squares is None else squares)
+        rows = sparse.csc_matrix(stack([each.rows for each in cones]))
+        right = np.concatenate([each.right for each in cones])
+        kinds = [_kind_of(each) for each in cones]
+        solver = clarabel.DefaultSolver(curvature, cost, rows, right, kinds, settings)
+        return _read(solver.solve(), size)
     # Clarabel panics with pyo3's PanicException, which is no Exception
     except BaseException as error:
         if not is_solver_failure(error):
@@ -97,12 +84,33 @@ def solve_cones(
         return Solution(status=f"{FAILED}{type(error).__name__}")
 
 
+def _diagonal(entries: Array) -> Any:
+    """The diagonal matrix of these entries, those that are 0 left out."""
+    size = len(entries)
+    kept = np.flatnonzero(entries)
+    starts = np.searchsorted(kept, np.arange(size + 1))
+    return sparse.csc_matrix((entries[kept], kept, starts), shape=(size, size))
+
+
+def _kind_of(cone: Cone) -> Any:
+    """The cone in Clarabel's words."""
+    import clarabel
+
+    rows = len(cone.right)
+    if cone.kind == "nonnegative":
+        return clarabel.NonnegativeConeT(rows)
+    return clarabel.PSDTriangleConeT(_order(rows))
+
+
 def _read(answer: Any, size: int) -> Solution:
     """What the solver answered.  Raises what comes of it if that is no point at all."""
-    status, objective = str(answer.status), float(answer.obj_val)
-    x, multipliers = (np.asarray(each, dtype=np.float64).ravel() for each in (answer.x, answer.z))
+    status = str(answer.status)
+    objective = float(answer.obj_val)
+    x = np.asarray(answer.x, dtype=np.float64).ravel()
+    multipliers = np.asarray(answer.z, dtype=np.float64).ravel()
+    finite = np.all(np.isfinite(x)) and math.isfinite(objective)
     # The x of an infeasible or unbounded problem is the ray that shows it, not a point.
-    if "Infeasible" in status or not (np.all(np.isfinite(x)) and math.isfinite(objective)):
+    if "Infeasible" in status or not finite:
         return Solution(status=status)
     if len(x) < size:
         raise ValueError(f"a solver answered with {len(x)} numbers, not {size}")
@@ -121,7 +129,8 @@ def svec_exact(matrix: Symmetric) -> Array:
     """``svec`` of an exact matrix, from its entries.  Raises: OverflowError beyond the floats."""
     result = np.zeros(matrix.size * (matrix.size + 1) // 2)
     for (i, j), entry in matrix.entries.items():
-        result[j * (j + 1) // 2 + i] = float(entry) * (1.0 if i == j else ROOT2)
+        weight = 1.0 if i == j else ROOT2
+        result[j * (j + 1) // 2 + i] = float(entry) * weight
     return result
 
 
@@ -143,6 +152,7 @@ def smat(vector: Array) -> Array:
 
 
 def _order(length: int) -> int:
+    """n of a vector of n (n + 1)/2."""
     return (math.isqrt(8 * length + 1) - 1) // 2
 
 
@@ -154,39 +164,35 @@ def svec_diagonal(size: int) -> Any:
 
 def symmetric_basis(size: int) -> list[Array]:
     """The symmetric matrices (n, n) with one entry 1 in the upper triangle, column by column."""
-    return [np.where(unit > 0, 1.0, 0.0) for unit in map(smat, np.eye(size * (size + 1) // 2))]
+    units = map(smat, np.eye(size * (size + 1) // 2))
+    return [np.where(unit > 0, 1.0, 0.0) for unit in units]  # without the weights of ``svec``
 
 
 def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
     """Solve a Program by Clarabel, without a modelling layer.  A failure is a Solution without
     values."""
-    places = [place for unknown in program.pencils[0].unknowns for place in unknown.places()]
+    first = program.pencils[0]
+    places = [place for unknown in first.unknowns for place in unknown.places()]
     cost = np.array([float(name == "P" and i == j) for name, i, j in places])
     squares = np.array([2.0 * (name == "Q") for name, _, _ in places])
-
-    def cone(pencil: Pencil) -> Cone:
-        rows = np.zeros((pencil.size * (pencil.size + 1) // 2, len(places)))
-        for k, place in enumerate(places):
-            if place in pencil.coefficients:
-                rows[:, k] = svec_exact(pencil.coefficients[place])
-        return Cone("semidefinite", rows, -svec_exact(pencil.constant))
-
+    floor = positive(first.unknowns[0], floor=program.floor)
     try:
-        cones = [
-            cone(each)
-            for each in (
-                *program.pencils,
-                positive(program.pencils[0].unknowns[0], floor=program.floor),
-            )
-        ]
+        cones = [_cone_of(each, places) for each in (*program.pencils, floor)]
     except (ArithmeticError, ValueError) as error:  # a number beyond the floats
         return Solution(status=f"{FAILED}{type(error).__name__}")
     answer = solve_cones(cost, cones, squares=squares, time_limit=time_limit)
-    return (
-        replace(answer, values=assemble(program.pencils[0], answer.x.tolist()))
-        if answer.found
-        else answer
-    )
+    if not answer.found:
+        return answer
+    return replace(answer, values=assemble(first, answer.x.tolist()))
+
+
+def _cone_of(pencil: Pencil, places: Sequence[Place]) -> Cone:
+    """-F(x) >= 0, for the unknowns at these places."""
+    rows = np.zeros((pencil.size * (pencil.size + 1) // 2, len(places)))
+    for k, place in enumerate(places):
+        if place in pencil.coefficients:
+            rows[:, k] = svec_exact(pencil.coefficients[place])
+    return Cone("semidefinite", rows, -svec_exact(pencil.constant))
 
 
 def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
@@ -195,17 +201,18 @@ def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
     import cvxpy as cp
 
     first = program.pencils[0]
-    variables: dict[str, Any] = {
-        unknown.name: cp.Variable(
-            (unknown.rows, unknown.columns), symmetric=unknown.symmetric, name=unknown.name
-        )
-        for unknown in first.unknowns
-    }
-    P, Q = variables["P"], variables.get("Q")
+    variables: dict[str, Any] = {}
+    for unknown in first.unknowns:
+        shape = (unknown.rows, unknown.columns)
+        name = unknown.name
+        variables[name] = cp.Variable(shape, symmetric=unknown.symmetric, name=name)
+    P = variables["P"]
     constraints = [_affine(cp, each, variables) << 0 for each in program.pencils]
     constraints.append(P >> np.eye(first.unknowns[0].rows) * float(program.floor))
-    objective = cp.Minimize(cp.trace(P) + (cp.sum_squares(Q) if Q is not None else 0))
-    return cp.Problem(objective, constraints), variables
+    cost = cp.trace(P)
+    if "Q" in variables:
+        cost = cost + cp.sum_squares(variables["Q"])
+    return cp.Problem(cp.Minimize(cost), constraints), variables
 
 
 def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:

@@ -53,7 +53,8 @@ class Solution:
     def found(self) -> bool:
         """Whether there is a finite point to look at, whatever the status says."""
         points = [point for point in (self.x, *self.values.values()) if len(point)]
-        return bool(points) and all(bool(np.all(np.isfinite(point))) for point in points)
+        finite = (bool(np.all(np.isfinite(point))) for point in points)
+        return bool(points) and all(finite)
 
     @property
     def broken(self) -> bool:
@@ -79,25 +80,30 @@ def as_sparse(matrix: Symmetric) -> Any:
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
     """Turn the vector of independent entries into one array per unknown; there may be more
     numbers."""
-    places = [(unknown, i, j) for unknown in pencil.unknowns for _, i, j in unknown.places()]
-    result = {
-        unknown.name: np.zeros((unknown.rows, unknown.columns)) for unknown in pencil.unknowns
-    }
-    for (unknown, i, j), number in zip(places, numbers, strict=False):
-        result[unknown.name][i, j] = number
-        if unknown.symmetric:
-            result[unknown.name][j, i] = number
+    result: dict[str, Array] = {}
+    remaining = iter(numbers)
+    for unknown in pencil.unknowns:
+        array = np.zeros((unknown.rows, unknown.columns))
+        for (_, i, j), number in zip(unknown.places(), remaining, strict=False):
+            array[i, j] = number
+            if unknown.symmetric:
+                array[j, i] = number
+        result[unknown.name] = array
     return result
 
 
 def round_matrix(array: Array, digits: int) -> Matrix:
     """Round to ``digits`` significant decimal digits of the largest entry; symmetry is kept."""
     largest = float(np.max(np.abs(array))) if array.size else 0.0
-    places = digits - 1 - math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
+    places = 0
+    if 0 < largest < math.inf:
+        places = digits - 1 - math.floor(math.log10(largest))
     unit = Fraction(10) ** places
-    return tuple(
-        tuple(Fraction(round(Fraction(float(x)) * unit)) / unit for x in row) for row in array
-    )
+
+    def rounded(x: float) -> Fraction:
+        return Fraction(round(Fraction(float(x)) * unit)) / unit
+
+    return tuple(tuple(map(rounded, row)) for row in array)
 
 
 def factored(matrix: Any, **options: Any) -> Any:
@@ -107,6 +113,7 @@ def factored(matrix: Any, **options: Any) -> Any:
     columns = sparse.csc_array(matrix)
     if not np.all(np.isfinite(columns.data)):
         raise RuntimeError("not finite")
-    if np.any(columns.diagonal() == 0) and structural_rank(columns) < columns.shape[0]:
+    doubtful = np.any(columns.diagonal() == 0)  # a full diagonal is a matching already
+    if doubtful and structural_rank(columns) < columns.shape[0]:
         raise RuntimeError("singular by its places")
     return splu(columns, **options)

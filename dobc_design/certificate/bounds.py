@@ -87,11 +87,9 @@ class CertifiedBound(Shown):
     reason: str = ""
 
     def _card(self) -> Card:
-        text = (
-            f"of |e(t)|_inf, from {listed(self.sources)}"
-            if self.sources
-            else f"none: {self.reason}"
-        )
+        text = f"none: {self.reason}"
+        if self.sources:
+            text = f"of |e(t)|_inf, from {listed(self.sources)}"
         return Card(title="Certified bound", text=text)
 
     def __repr__(self) -> str:
@@ -100,10 +98,10 @@ class CertifiedBound(Shown):
     @property
     def sources(self) -> tuple[str, ...]:
         """The ids of the checks it follows from."""
-        return (
-            *(each.id for each in self.envelopes),
-            *(() if self.settling is None else ("settling",)),
-        )
+        ids = [each.id for each in self.envelopes]
+        if self.settling is not None:
+            ids.append("settling")
+        return tuple(ids)
 
     def __call__(self, times: ArrayLike) -> Array:
         """The bound at times >= 0 in s, rounded up, same shape.  Raises: SpecError if there is
@@ -117,11 +115,11 @@ class CertifiedBound(Shown):
             raise SpecError(
                 "times must be finite and >= 0 s.", key="times", cure="Leave out the others."
             )
-        bounds = [
-            float_above(each.height) * (1 + IN_HAND) * np.exp(-float_below(each.rate) * t)
-            + np.finfo(float).tiny
-            for each in self.envelopes
-        ]
+        bounds: list[Array] = []
+        for each in self.envelopes:
+            height = float_above(each.height) * (1 + IN_HAND)
+            falling = np.exp(-float_below(each.rate) * t)
+            bounds.append(height * falling + np.finfo(float).tiny)  # exp may underflow
         if self.settling is not None:
             bounds.append(self.settling.envelope(t.ravel()).reshape(t.shape))
         return np.asarray(np.minimum.reduce(bounds))
@@ -136,10 +134,11 @@ def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[E
             if found is not None:
                 yield found
     lemmas = [check for check in claims.checks if check.id == "lemma1"]
-    proved = [
-        check for check in lemmas if check.verdict is Verdict.PROVED and check.domain == "global"
-    ]
-    rates = [check.rate for check in proved if check.rate is not None]
+    rates: list[float] = []
+    for check in lemmas:
+        if check.verdict is Verdict.PROVED and check.domain == "global" and check.rate is not None:
+            rates.append(check.rate)
+    # e'e falls under every signal where Lemma 1 holds in every mode.
     if not problem.groups and lemmas and len(rates) == len(lemmas):
         yield Envelope(id="lemma1", height=starts.ball, rate=claimed(min(rates)))
 
@@ -152,7 +151,9 @@ def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
         if found is None or found.verdict is not Verdict.PROVED:
             return None
         descent = claim_of(found, problem, claims.W)
-        return settling_of(problem, descent, found.reason) if isinstance(descent, Descent) else None
+        if not isinstance(descent, Descent):
+            return None
+        return settling_of(problem, descent, found.reason)
 
 
 def is_inside(domain: object, starts: Starts) -> bool:
@@ -160,22 +161,23 @@ def is_inside(domain: object, starts: Starts) -> bool:
     target only."""
     if not isinstance(domain, Mapping):
         return domain == "global"
-    reach = starts.box if domain["kind"] == "box" else starts.ball
     room = 1 + ROUNDING
-    return (
-        reach <= claimed(domain["radius"]) * room
-        and starts.disturbance <= claimed(domain["disturbance"]) * room
-    )
+    reach = starts.box if domain["kind"] == "box" else starts.ball
+    if reach > claimed(domain["radius"]) * room:
+        return False
+    return starts.disturbance <= claimed(domain["disturbance"]) * room
 
 
 def envelope_of(
     problem: Problem, check: Check, claim: Claim | None, starts: Starts
 ) -> Envelope | None:
     """The bound of one check; None for one that gives none by itself."""
-    domain, disturbance = check.domain, starts.disturbance
+    domain = check.domain
+    disturbance = starts.disturbance
     radius = starts.box if isinstance(claim, Separable | Cycles | Kept) else starts.ball
     if isinstance(domain, Mapping):  # of a run that exceeds the region by rounding
-        radius, disturbance = radius * (1 + ROUNDING), disturbance * (1 + ROUNDING)
+        radius *= 1 + ROUNDING
+        disturbance *= 1 + ROUNDING
     if isinstance(claim, Separable):
         first = radius * claim.spread + error_share(claim, disturbance, unit=10**18)
         return Envelope(id=check.id, height=first * claim.reach, rate=composite_rate(claim))
@@ -186,32 +188,34 @@ def envelope_of(
         if claim.level is not None and isinstance(domain, Mapping):  # the level is a bound as well
             first = min(first, claim.level)
         return Envelope(id=check.id, height=_root(first * tallest(claim.P_e)), rate=claim.rate)
-    if (
-        isinstance(claim, Kept)
-        and not claim.kind
-        and claim.rate is not None
-        and claim.box is not None
-    ):
-        return Envelope(
-            id=check.id,
-            height=radius + error_share(claim.box, disturbance, unit=10**18),
-            rate=claim.rate,
-        )
-    if isinstance(claim, Weighted) and check.rate is not None:
+    if isinstance(claim, Kept):
+        if claim.kind or claim.rate is None or claim.box is None:
+            return None
+        height = radius + error_share(claim.box, disturbance, unit=10**18)
+        return Envelope(id=check.id, height=height, rate=claim.rate)
+    if check.rate is None:
+        return None
+    square = _square_of_forms(problem, claim, radius, disturbance)
+    if square is None:
+        return None
+    return Envelope(id=check.id, height=_root(square), rate=claimed(check.rate))
+
+
+def _square_of_forms(
+    problem: Problem, claim: Claim | None, radius: Fraction, disturbance: Fraction
+) -> Fraction | None:
+    """A bound of |e|_inf^2 where V = e'De + ... or e'(D (x) R)e + ... is at most what it is for
+    these starts; None for other claims."""
+    if isinstance(claim, Weighted):
         first = largest(claim.D) * radius**2 + _errors(problem, claim.P, disturbance)
-        return Envelope(id=check.id, height=_root(first / least(claim.D)), rate=claimed(check.rate))
-    if isinstance(claim, Alike) and check.rate is not None and not disturbance:
+        return first / least(claim.D)
+    if isinstance(claim, Alike) and not disturbance:
         form = SparseSymmetric.from_dense(claim.R)
         first = largest(claim.weights.D) * eigenvalue_bound(form) * radius**2
-        return Envelope(
-            id=check.id,
-            height=_root(first * tallest(form) / least(claim.weights.D)),
-            rate=claimed(check.rate),
-        )
+        return first * tallest(form) / least(claim.weights.D)
     # V = e'e + sum eps_i'P eps_i of Theorems 1 and 2
-    if isinstance(claim, PairFacts) and check.rate is not None:
-        first = radius**2 + _errors(problem, claim.pair.P, disturbance)
-        return Envelope(id=check.id, height=_root(first), rate=claimed(check.rate))
+    if isinstance(claim, PairFacts):
+        return radius**2 + _errors(problem, claim.pair.P, disturbance)
     return None
 
 
@@ -220,7 +224,8 @@ def error_share(claim: Separable | Cycles, disturbance: Fraction, *, unit: int) 
     1/unit."""
     if claim.error is None:
         return Fraction(0)
-    return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=unit)
+    square = (claim.error.kappa * disturbance) ** 2 * claim.error.size
+    return root_above(square, unit=unit)
 
 
 def _bound_of_weights(
@@ -262,39 +267,37 @@ def starts_of(problem: Problem, radius: Number | None, disturbance: Number | Non
     if region is None and (radius is None or (disturbance is None and problem.groups)):
         what = "must be given, because the problem has no [region] that says where it starts."
         key = "radius" if radius is None else "disturbance"
-        raise wrong(
-            key,
-            what,
-            "Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance; or "
-            "a [region].",
+        cure = (
+            "Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance; or a "
+            "[region]."
         )
-    sides = (
-        asked_radius(problem)
-        if radius is None
-        else (parse_number(radius, key="radius"),) * problem.m
-    )
-    error = Fraction(0) if region is None else region.initial_disturbance or Fraction(0)
-    error = error if disturbance is None else parse_number(disturbance, key="disturbance")
+        raise wrong(key, what, cure)
+    if radius is None:
+        sides = asked_radius(problem)
+    else:
+        sides = (parse_number(radius, key="radius"),) * problem.m
+    error = Fraction(0)
+    if disturbance is not None:
+        error = parse_number(disturbance, key="disturbance")
+    elif region is not None:
+        error = region.initial_disturbance or error
     if min(sides) < 0 or error < 0 or (error and not problem.groups):
         key = "radius" if min(sides) < 0 else "disturbance"
-        raise wrong(
-            key,
-            "must be >= 0, and without an [exosystem] there is no disturbance.",
-            "Give another number.",
-        )
-    ball = _root(problem.n * sum((side * side for side in sides), Fraction(0)))
-    return Starts(box=max(sides), ball=ball, disturbance=error)
+        what = "must be >= 0, and without an [exosystem] there is no disturbance."
+        raise wrong(key, what, "Give another number.")
+    square = sum((side * side for side in sides), Fraction(0))
+    return Starts(box=max(sides), ball=_root(problem.n * square), disturbance=error)
 
 
 def bound_from(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBound:
     """What ``claims``, which are about ``problem``, prove about |e(t)|_inf from all of these
     starts."""
     settling = certified_settling(problem, claims)
-    room = 1 + ROUNDING
-    if settling is not None and (
-        starts.box > settling.radius * room or starts.disturbance > settling.disturbance * room
-    ):
-        settling = None
+    if settling is not None:
+        room = 1 + ROUNDING
+        outside = starts.box > settling.radius * room
+        if outside or starts.disturbance > settling.disturbance * room:
+            settling = None
     with reading_claims():
         found = tuple(envelopes_of(problem, claims, starts))
     bound = CertifiedBound(envelopes=found, settling=settling)
@@ -313,25 +316,25 @@ def bound_of_plant(problem: Problem, claims: Claims, starts: Starts) -> Certifie
         )
         return CertifiedBound(reason=reason)
     proved = {check.id: check for check in claims.checks if check.verdict is Verdict.PROVED}
-    limit, tolerance = proved.get(LIMIT), proved.get(TOLERANCE)
+    limit = proved.get(LIMIT)
+    tolerance = proved.get(TOLERANCE)
     if stated.limit and (limit is None or not is_inside(limit.domain, starts)):
-        return CertifiedBound(
-            reason="from these starts it is not proved that inputs keep "
-            f"{table_words(problem, LIMIT)}"
-        )
+        reason = "from these starts it is not proved that inputs keep "
+        return CertifiedBound(reason=reason + table_words(problem, LIMIT))
     if not stated.relative:
         return bound_from(problem, claims, starts)
     if tolerance is not None and tolerance.rate and is_inside(tolerance.domain, starts):
         with reading_claims():
             height = _height_of(problem, claims, tolerance, starts)
-            # its box is that of max-separable
+            # Without weights of its own a claim is about the box of max-separable; the limit has
+            # to be proved in the box in which errors are tolerated.
             apart = limit is not None and "v" not in (limit.exact or {})
-        if height is not None and not (stated.limit and apart and "v" in (tolerance.exact or {})):
+            other_box = stated.limit and apart and "v" in (tolerance.exact or {})
+        if height is not None and not other_box:
             found = Envelope(id=TOLERANCE, height=height, rate=claimed(tolerance.rate))
             return CertifiedBound(envelopes=(found,))
-    return CertifiedBound(
-        reason=f"from these starts no rate is proved with {table_words(problem, TOLERANCE)}"
-    )
+    reason = f"from these starts no rate is proved with {table_words(problem, TOLERANCE)}"
+    return CertifiedBound(reason=reason)
 
 
 def _height_of(
@@ -339,16 +342,18 @@ def _height_of(
 ) -> Fraction | None:
     """Of |e|_inf under errors of weights and gains: V of the max-separable beside falls, or N of
     weights of its own."""
-    claim, room = claim_of(tolerance, problem, claims.W), 1 + ROUNDING
+    claim = claim_of(tolerance, problem, claims.W)
     if isinstance(claim, Tolerance) and claim.v is not None:
-        return None if starts.disturbance else starts.box * largest(claim.v) / least(claim.v)
+        if starts.disturbance:
+            return None
+        return starts.box * largest(claim.v) / least(claim.v)
     beside = next((check for check in claims.checks if check.id == "max-separable"), None)
     base = None if beside is None else claim_of(beside, problem, claims.W)
     if not isinstance(base, Separable):
         return None
-    return (
-        starts.box * room * base.spread + error_share(base, starts.disturbance * room, unit=10**18)
-    ) * base.reach
+    room = 1 + ROUNDING
+    error = error_share(base, starts.disturbance * room, unit=10**18)
+    return (starts.box * room * base.spread + error) * base.reach
 
 
 class RunLike(Protocol):
@@ -376,7 +381,8 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     Raises: SpecError for a run of another problem or with another W, CertificateError for claims
     that cannot be read.
     """
-    if reason := _other_loop(run):
+    reason = _other_loop(run)
+    if reason:
         return CertifiedBound(reason=reason)
     other = (run.name, run.labels) != (problem.name, problem.network.labels)
     if other or run.loop_sha256 != loop_sha256(problem, claims.W):
@@ -392,35 +398,37 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     bound = bound_from(problem, claims, starts)
     if not keeps_guarantee(problem, json.loads(run.signal or "{}")):
         found = tuple(each for each in bound.envelopes if each.id != "schedule")
-        kept = (
-            None
-            if bound.settling is None or bound.settling.guarantee is not None
-            else bound.settling
-        )
-        bound = CertifiedBound(envelopes=found, settling=kept)
+        settling = bound.settling
+        if settling is not None and settling.guarantee is not None:
+            settling = None
+        bound = CertifiedBound(envelopes=found, settling=settling)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
 
 
 def keeps_guarantee(problem: Problem, signal: Mapping[str, Any]) -> bool:
     """Whether a signal of simulations, as JSON, is one that a proof by the guarantee of [switching]
     is about."""
-    phases, own = phases_of(problem), problem.switching
+    phases = phases_of(problem)
+    own = problem.switching
     if own is None or not phases:
         return True
-    kind, order = signal.get("signal"), list(signal.get("order") or problem.network.modes)
+    kind = signal.get("signal")
+    order = list(signal.get("order") or problem.network.modes)
     lasting = np.atleast_1d(signal.get("dwell") or 0.0)
-    shortest, longest = float(phases[0].shortest), float(phases[0].longest or np.inf)
+    shortest = float(phases[0].shortest)
+    longest = float(phases[0].longest or np.inf)
     if own.guarantee == "sequence":
-        turns = list(zip(order, np.broadcast_to(lasting, len(order)).tolist(), strict=True))
+        each_lasts = np.broadcast_to(lasting, len(order)).tolist()
+        turns = list(zip(order, each_lasts, strict=True))
         once = turns[: shortest_period(turns)]
-        return kind == "periodic" and once == [
-            (phase.mode, float(phase.shortest)) for phase in phases
-        ]
+        stated = [(phase.mode, float(phase.shortest)) for phase in phases]
+        return kind == "periodic" and once == stated
     if kind == "periodic":
-        alone = any(a == b for a, b in zip(order, order[1:] + order[:1], strict=True))
-        return (longest == np.inf or not alone) and bool(
-            shortest <= lasting.min() and lasting.max() <= longest
-        )
+        following = order[1:] + order[:1]
+        repeated = any(a == b for a, b in zip(order, following, strict=True))
+        if repeated and longest < np.inf:  # a mode that follows itself lasts longer than its turn
+            return False
+        return bool(shortest <= lasting.min() and lasting.max() <= longest)
     if kind == "random":
         return bool(shortest <= lasting[0]) and (signal["longest"] or np.inf) <= longest
     return kind == "fixed" and longest == np.inf
@@ -447,16 +455,13 @@ def _other_loop(run: RunLike) -> str:
 
 def _nothing(claims: Claims, starts: Starts) -> str:
     """Why no check bounds these starts."""
-    held = [
-        check
-        for check in claims.checks
-        if check.id == "schedule" and check.verdict is Verdict.PROVED
-    ]
-    if held and is_inside(held[0].domain, starts):
-        return (
-            "the proof "
-            f"{'states no rate' if held[0].rate is None else 'is not about the signal of the run'}"
-        )
+    for check in claims.checks:
+        if check.id == "schedule" and check.verdict is Verdict.PROVED:
+            if not is_inside(check.domain, starts):
+                break
+            if check.rate is None:
+                return "the proof states no rate"
+            return "the proof is not about the signal of the run"
     where = f"|e|_inf = {float(starts.box):.4g} and |eps_i| = {float(starts.disturbance):.4g}"
     regions = [check.domain for check in claims.checks if not isinstance(check.domain, str)]
     if not regions:

@@ -124,11 +124,11 @@ class Certificate(Headed):
         """The phases of the guarantee of [switching], each with its proved weights v(t) of max
         |e_i| / v_i; empty where no `schedule` is proved with weights.  Raises: CertificateError for
         a claim that cannot be read."""
-        proved = (
-            each for each in self.checks if each.id == "schedule" and each.verdict is Verdict.PROVED
-        )
         with reading_claims():
-            for claim in (claim_of(check, self._loop, self.claims.W) for check in proved):
+            for check in self.checks:
+                if check.id != "schedule" or check.verdict is not Verdict.PROVED:
+                    continue
+                claim = claim_of(check, self._loop, self.claims.W)
                 if isinstance(claim, Cycles) and claim.phases and claim.T is None:
                     return tuple(zip(phases_of(self.problem), claim.phases, strict=True))
         return ()
@@ -152,9 +152,9 @@ class Certificate(Headed):
             >>> bound.round(6).tolist()[1]
             0.0
         """
-        return bound_of_plant(self._loop, self.claims, starts_of(self._loop, radius, disturbance))(
-            times
-        )
+        starts = starts_of(self._loop, radius, disturbance)
+        bound = bound_of_plant(self._loop, self.claims, starts)
+        return bound(times)
 
     def envelope(self, run: RunLike) -> CertifiedBound:
         """The proved bound of |e(t)|_inf from the start of a simulated run (or of all runs of an
@@ -189,9 +189,8 @@ class Certificate(Headed):
         for each in self.checks:
             if each.id == id and (mode is None or each.mode == mode):
                 return each
-        raise KeyError(
-            f"no check {id!r}; there are {', '.join(dict.fromkeys(c.id for c in self.checks))}"
-        )
+        known = dict.fromkeys(each.id for each in self.checks)
+        raise KeyError(f"no check {id!r}; there are {', '.join(known)}")
 
     def save(
         self, folder: str | Path, *, beside: Mapping[str, bytes] | None = None, force: bool = False
@@ -206,12 +205,15 @@ class Certificate(Headed):
         changed then.
         """
         target = make_folder(require_own(Path(folder), self.problem.name, force=force))
-        certificate, problem = target / "certificate.json", target / "problem.json"
+        certificate = target / "certificate.json"
+        problem = target / "problem.json"
         files = {
             problem: canonical_bytes(self.problem),
             certificate: certificate_bytes(self.claims),
         }
-        write_together(files | {target / name: data for name, data in (beside or {}).items()})
+        for name, data in (beside or {}).items():
+            files[target / name] = data
+        write_together(files)
         return certificate, problem
 
     def _repr_latex_(self) -> str:
@@ -225,10 +227,8 @@ class Certificate(Headed):
         }
 
     def _card(self) -> Card:
-        return Card(
-            title=self.problem.name,
-            verdict=self.verdict.value,
-            text=self.reason,
-            heads=("check", "verdict", "reason"),
-            rows=[(check.title, check.verdict, check.reason) for check in self.checks],
-        )
+        heads = ("check", "verdict", "reason")
+        rows = [(check.title, check.verdict, check.reason) for check in self.checks]
+        verdict = self.verdict.value
+        name = self.problem.name
+        return Card(title=name, verdict=verdict, text=self.reason, heads=heads, rows=rows)

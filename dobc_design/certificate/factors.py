@@ -43,10 +43,11 @@ _root = partial(root_above, unit=10**12)
 def with_factors(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> tuple[Check, ...]:
     """The same checks of the loop with the gain W (q, m); proved ones that have a rate with its
     factor, rounded up."""
-    factors = (factor_of(check, checks, problem, W) for check in checks)
-    return tuple(
-        replace(each, factor=_rounded(factor)) for each, factor in zip(checks, factors, strict=True)
-    )
+    found: list[Check] = []
+    for check in checks:
+        factor = factor_of(check, checks, problem, W)
+        found.append(replace(check, factor=_rounded(factor)))
+    return tuple(found)
 
 
 def factor_obstacle(

@@ -129,9 +129,8 @@ class Regions(Headed):
     @property
     def sized(self) -> bool:
         """Whether there is anything to be drawn: a region asked for, or one that is proved."""
-        return self.asked is not None or any(
-            claim.kind not in ("near", "none") for claim in self.claims
-        )
+        proved = any(claim.kind not in ("near", "none") for claim in self.claims)
+        return self.asked is not None or proved
 
     @property
     def rest(self) -> float | None:
@@ -139,37 +138,44 @@ class Regions(Headed):
         found = self.equilibrium
         if found is None or found.verdict is not Verdict.REFUTED or found.witness is None:
             return None
-        return max(
-            (abs(float(Fraction(value))) for value in found.witness.values or ()), default=None
-        )
+        sizes = [abs(float(Fraction(value))) for value in found.witness.values or ()]
+        return max(sizes, default=None)
 
     def to_json(self) -> dict[str, Any]:
         """JSON object: numbers rounded towards the weaker claim."""
-        a, checks = self.asked, {name: getattr(self, name) for name in BESIDE}
-        return {
-            "asked": None
-            if a is None
-            else {"box": a.box, "ball": a.ball, "disturbance": a.disturbance},
+        asked: dict[str, float] | None = None
+        if self.asked is not None:
+            region = self.asked
+            asked = {"box": region.box, "ball": region.ball, "disturbance": region.disturbance}
+        agents: list[dict[str, Any]] = []
+        for each in self.agents:
+            agents.append({"label": each.label, "bound": each.bound, "pinned": each.pinned})
+        document: dict[str, Any] = {
+            "asked": asked,
             "tolerance": self.tolerance,
             "regions": [claim.to_json() for claim in self.claims],
-            "agents": [
-                {"label": a.label, "bound": a.bound, "pinned": a.pinned} for a in self.agents
-            ],
-            **{name: None if check is None else check.to_json() for name, check in checks.items()},
+            "agents": agents,
         }
+        for name in BESIDE:
+            check: Check | None = getattr(self, name)
+            document[name] = None if check is None else check.to_json()
+        return document
 
     def _card(self) -> Card:
-        rows = []
+        rows: list[list[str]] = []
         for claim in self.claims:
-            sizes = [significant_towards_zero(claim.box), significant_towards_zero(claim.ball)]
-            yes = "yes" if claim.covers else "no" if self.asked is not None else ""
             title = ", ".join(filter(None, [claim.id, claim.variant]))
-            bound = [significant_towards_zero(claim.rate), significant_away_from_zero(claim.factor)]
-            rows.append([title, claim.kind, *sizes, *bound, yes])
+            box = significant_towards_zero(claim.box)
+            ball = significant_towards_zero(claim.ball)
+            rate = significant_towards_zero(claim.rate)
+            factor = significant_away_from_zero(claim.factor)
+            covers = "yes" if claim.covers else "no"
+            if self.asked is None:
+                covers = ""
+            rows.append([title, claim.kind, box, ball, rate, factor, covers])
         heads = ("method", "kind", "|e|_inf <=", "|e| <=", "rate 1/s", "factor", "covers")
-        return Card(
-            title=self.name, verdict=self.verdict.value, text=self.reason, heads=heads, rows=rows
-        )
+        verdict = self.verdict.value
+        return Card(title=self.name, verdict=verdict, text=self.reason, heads=heads, rows=rows)
 
 
 # checks that stand beside the regions
@@ -184,29 +190,28 @@ def certified_regions(problem: Problem, claims: Claims) -> Regions:
 
     Raises: CertificateError for claims that cannot be read, as in a file that somebody else wrote.
     """
-    asked, beside = (
-        _asked(problem),
-        dict[str, Any]((check.id, check) for check in claims.checks if check.id in BESIDE),
-    )
+    asked = _asked(problem)
+    beside = {check.id: check for check in claims.checks if check.id in BESIDE}
     with reading_claims():
-        known = tuple(
-            replace(check, claim=claim_of(check, problem, claims.W)) for check in claims.checks
-        )
+        known: list[Check] = []
+        for check in claims.checks:
+            known.append(replace(check, claim=claim_of(check, problem, claims.W)))
         tolerance = _tolerance(known, asked)
         gatherer = _Gatherer(problem, known, asked, tolerance)
         chosen = list(_chosen(problem, known))
+        separable = [check for check in chosen if isinstance(check.claim, Separable)]
         return Regions(
             name=problem.name,
             verdict=claims.verdict,
             reason=claims.reason,
             asked=asked,
             tolerance=tolerance,
-            claims=tuple(gatherer.claim(check) for check in chosen),
-            agents=next(
-                (_agents(problem, check) for check in chosen if isinstance(check.claim, Separable)),
-                (),
-            ),
-            **beside,
+            claims=tuple(map(gatherer.claim, chosen)),
+            agents=_agents(problem, separable[0]) if separable else (),
+            settling=beside.get("settling"),
+            delay=beside.get("delay"),
+            sampling=beside.get("sampling"),
+            equilibrium=beside.get("equilibrium"),
         )
 
 
@@ -216,12 +221,11 @@ def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
     for check in checks:
         if check.verdict is Verdict.PROVED and isinstance(check.claim, Descent):
             return _down(check.claim.tolerance)
-    proved = [
-        check for check in checks if check.verdict is Verdict.PROVED and check.kind.is_consensus
-    ]
-    radii = [
-        claimed(check.domain["radius"]) for check in proved if isinstance(check.domain, Mapping)
-    ]
+    radii: list[Fraction] = []
+    for check in checks:
+        proved = check.verdict is Verdict.PROVED and check.kind.is_consensus
+        if proved and isinstance(check.domain, Mapping):
+            radii.append(claimed(check.domain["radius"]))
     size = min(radii, default=None) if asked is None else claimed(asked.box)
     return _down(size * SETTLED) if size else None
 
@@ -230,28 +234,34 @@ def _chosen(problem: Problem, checks: Sequence[Check]) -> Iterator[Check]:
     """The checks of Lemma 1 (once for all modes, only without disturbance), of the theorems and of
     regions."""
     lemmas = [check for check in checks if check.id == "lemma1"]
+    open_lemmas = [check for check in lemmas if check.verdict is not Verdict.PROVED]
+    speaker: Check | None = None  # for all modes: the first that is not proved, or the slowest
+    if open_lemmas:
+        speaker = open_lemmas[0]
+    elif lemmas:
+        speaker = min(lemmas, key=lambda check: check.rate or 0.0)
     for check in checks:
-        if check.kind.role not in ("paper", "region"):
+        if check.id == "lemma1" and (problem.groups or check is not speaker):
             continue
-        if check.id == "lemma1":
-            worst = [each for each in lemmas if each.verdict is not Verdict.PROVED]
-            speaker = worst[0] if worst else min(lemmas, key=lambda each: each.rate or 0.0)
-            if problem.groups or check is not speaker:
-                continue
-        yield check
+        if check.kind.role in ("paper", "region"):
+            yield check
 
 
 def _asked(problem: Problem) -> Asked | None:
     if problem.region is None:
         return None
     reach = asked_radius(problem)
-    low, high = problem.region.initial_states[0]
-    length = root_above(problem.n * sum((r * r for r in reach), Fraction(0)), unit=_UNIT)
+    square = sum((r * r for r in reach), Fraction(0))
+    length = root_above(problem.n * square, unit=_UNIT)
+    interval: tuple[float, float] | None = None
+    if problem.m == 1 and not problem.leader:
+        low, high = problem.region.initial_states[0]
+        interval = _nearest(low), _nearest(high)
     return Asked(
         box=_up(max(reach)),
         ball=_up(length, digits=9),
         disturbance=_up(problem.region.initial_disturbance or Fraction(0)),
-        interval=None if problem.m > 1 or problem.leader else (_nearest(low), _nearest(high)),
+        interval=interval,
     )
 
 
@@ -263,22 +273,23 @@ class _Gatherer:
     tolerance: float | None
 
     def claim(self, check: Check) -> RegionClaim:
+        """What a check says about starts."""
         kind = "none"
-        box = ball = disturbance = None
+        box = ball = disturbance = rate = None
+        domain = check.domain
         if check.verdict is Verdict.PROVED:
-            kind = {"global": "everywhere", "consensus": "near"}.get(str(check.domain), "none")
-            if isinstance(check.domain, Mapping):
-                kind, disturbance = str(check.domain["kind"]), float(check.domain["disturbance"])
-                box = ball = float(check.domain["radius"])
+            rate = check.rate
+            kind = {"global": "everywhere", "consensus": "near"}.get(str(domain), "none")
+            if isinstance(domain, Mapping):
+                kind = str(domain["kind"])
+                disturbance = float(domain["disturbance"])
+                box = ball = float(domain["radius"])
                 if kind == "ball":  # the corners of a box are the farthest from its middle
-                    box = _down(
-                        root_below(
-                            claimed(ball) ** 2 / (self.problem.n * self.problem.m), unit=_UNIT
-                        )
-                    )
-        covering = (
-            kind != "none" and self.asked is not None and covers(self.problem, check, self.checks)
-        )
+                    states = self.problem.n * self.problem.m
+                    box = _down(root_below(claimed(ball) ** 2 / states, unit=_UNIT))
+        covering = False
+        if kind != "none" and self.asked is not None:
+            covering = covers(self.problem, check, self.checks)
         return RegionClaim(
             id=check.id,
             variant=_variant(check),
@@ -287,7 +298,7 @@ class _Gatherer:
             box=box,
             ball=ball,
             disturbance=disturbance,
-            rate=check.rate if check.verdict is Verdict.PROVED else None,
+            rate=rate,
             factor=check.factor,
             time=self._time(check),
             covers=covering,
@@ -297,12 +308,13 @@ class _Gatherer:
     def _time(self, check: Check) -> float | None:
         """When |e|_inf <= tolerance at the latest, by the bound of the check alone; None where it
         gives none."""
-        asked, starts = self.asked, None
-        if isinstance(check.domain, Mapping):
-            starts = Starts(
-                *(claimed(check.domain[name]) for name in ("radius", "radius", "disturbance"))
-            )
-        elif asked is not None and check.domain == "global":
+        asked = self.asked
+        domain = check.domain
+        starts = None
+        if isinstance(domain, Mapping):  # its norm is the one that is asked for
+            radius = claimed(domain["radius"])
+            starts = Starts(radius, radius, claimed(domain["disturbance"]))
+        elif asked is not None and domain == "global":
             starts = Starts(claimed(asked.box), claimed(asked.ball), claimed(asked.disturbance))
         if check.verdict is not Verdict.PROVED or starts is None or self.tolerance is None:
             return None
@@ -315,10 +327,14 @@ class _Gatherer:
         return _up(Fraction(max(0.0, steps) * (1 + 1e-9)), digits=4)
 
     def _limit(self, check: Check, kind: str, *, covering: bool) -> str:
-        if kind in ("box", "ball") and not covering:
+        """Why it says no more."""
+        if covering:
+            return ""
+        if kind in ("box", "ball"):
             return " ".join(filter(None, [check.remark, self._turning(check)]))
-        near = "It is local: it holds close enough to the target and states no radius."
-        return "" if covering else {"near": near, "none": check.reason}.get(kind, "")
+        if kind == "near":
+            return "It is local: it holds close enough to the target and states no radius."
+        return check.reason if kind == "none" else ""
 
     def _turning(self, check: Check) -> str:
         """Where a coupling does not rise with the distance, neighbours pull less the farther they
@@ -335,12 +351,10 @@ class _Gatherer:
                     continue
             except UndefinedError:
                 return ""
-            far = (
-                "Two agents in this box may differ by "
-                f"{significant(float(claim.rho * reach))}, and on such distances"
-            )
+            far = significant(float(claim.rho * reach))
             return (
-                f"{far} h = {coupling.texts[0]} does not rise throughout: a neighbour farther "
+                f"Two agents in this box may differ by {far}, and on such distances "
+                f"h = {coupling.texts[0]} does not rise throughout: a neighbour farther "
                 "away pulls less."
             )
         return ""
@@ -351,31 +365,27 @@ def _variant(check: Check) -> str:
     if not isinstance(check.claim, Lure):
         return ""
     method = {"interval": "interval bound, ", "vertices": "corners, "}.get(check.claim.method, "")
-    return f"{method}P_e {'= c I' if check.claim.shape == 'identity' else check.claim.shape}"
+    shape = "= c I" if check.claim.shape == "identity" else check.claim.shape
+    return f"{method}P_e {shape}"
 
 
 def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
-    claim, domain = check.claim, check.domain
-    if (
-        not isinstance(domain, Mapping)
-        or not isinstance(claim, Separable)
-        or claim.T
-        or claim.rho is None
-    ):
+    claim = check.claim
+    domain = check.domain
+    if not isinstance(domain, Mapping) or not isinstance(claim, Separable):
         return ()
-    if problem.n > MOST_AGENTS:
+    if claim.T or claim.rho is None or problem.n > MOST_AGENTS:
         return ()
     room = claim.rho - error_share(claim, claimed(domain["disturbance"]), unit=_UNIT)
+    radius = float(domain["radius"])
     pinned = set(problem.pinning.agents)
-    # Rounding may not take back what the domain claims.
-    bounds = [max(float(domain["radius"]), _down(room * weight)) for weight in claim.v]
-    moving = problem.m > 1 or problem.leader is not None
-    goals = [None if moving else _nearest(problem.goal_of(agent)[0]) for agent in range(problem.n)]
-    rows = enumerate(zip(problem.network.labels, bounds, goals, strict=True))
-    return tuple(
-        AgentBound(label=a, bound=bound, pinned=k in pinned, goal=goal)
-        for k, (a, bound, goal) in rows
-    )
+    has_goals = problem.m == 1 and problem.leader is None
+    found: list[AgentBound] = []
+    for agent, (label, weight) in enumerate(zip(problem.network.labels, claim.v, strict=True)):
+        goal = _nearest(problem.goal_of(agent)[0]) if has_goals else None
+        bound = max(radius, _down(room * weight))  # rounding may not take back the domain
+        found.append(AgentBound(label=label, bound=bound, pinned=agent in pinned, goal=goal))
+    return tuple(found)
 
 
 def _down(value: Fraction) -> float:

@@ -48,14 +48,19 @@ MAX_BYTES = 256 * 1024 * 1024
 
 def certificate_document(claims: Claims) -> dict[str, Any]:
     """The JSON document of certificate.json."""
-    W, P, Q = (
-        None if each is None else matrix_text(each) for each in (claims.W, claims.P, claims.Q)
-    )
-    options = {"options": list(claims.options)} if claims.options else {}
+    program: dict[str, Any] = {"name": "dobc_design", "version": claims.version}
+    if claims.options:
+        program["options"] = list(claims.options)
+    observer = {
+        "W": _matrix_or_none(claims.W),
+        "source": claims.gain_source,
+        "P": _matrix_or_none(claims.P),
+        "Q": _matrix_or_none(claims.Q),
+    }
     return {
         "format": FORMAT,
         "version": VERSION,
-        "program": {"name": "dobc_design", "version": claims.version, **options},
+        "program": program,
         "problem": claims.problem_name,
         "problem_sha256": claims.problem_sha256,
         "verdict": claims.verdict.value,
@@ -63,10 +68,14 @@ def certificate_document(claims: Claims) -> dict[str, Any]:
         "rate": claims.rate,
         "factor": claims.factor,
         "covered_by": claims.covered_by,
-        "observer": {"W": W, "source": claims.gain_source, "P": P, "Q": Q},
+        "observer": observer,
         "notes": list(claims.notes),
         "checks": [check.to_json() for check in claims.checks],
     }
+
+
+def _matrix_or_none(M: Matrix | None) -> list[list[str]] | None:
+    return None if M is None else matrix_text(M)
 
 
 def certificate_bytes(claims: Claims) -> bytes:
@@ -89,17 +98,15 @@ def read_claims(data: bytes) -> Claims:
             raise CertificateError(
                 f"the certificate cannot be read: {found.message}", cure=found.cure
             )
-        # true and 1.0 equal 1
-        if type(document["version"]) is not int or document["version"] != VERSION:
+        version = document["version"]
+        if type(version) is not int or version != VERSION:  # true and 1.0 equal 1
             raise ValueError(
-                f"version {document['version']!r} is not known here (this program knows {VERSION})"
+                f"version {version!r} is not known here (this program knows {VERSION})"
             )
         return _claims(document)
     except SpecError as error:
-        said = visible(str(error)[:300])
-        raise CertificateError(
-            f"the certificate cannot be read: {said}", cure="Make it again."
-        ) from None
+        what = f"the certificate cannot be read: {visible(str(error)[:300])}"
+        raise CertificateError(what, cure="Make it again.") from None
     except (
         ValueError,
         KeyError,
@@ -118,7 +125,9 @@ def _claims(document: dict[str, Any]) -> Claims:
         "notes checks"
     )
     require_keys(document, "the certificate", needed=keys.split(), allowed=("factor",))
-    program, observer, checks = document["program"], document["observer"], document["checks"]
+    program = document["program"]
+    observer = document["observer"]
+    checks = document["checks"]
     require_keys(program, "program", needed=("name", "version"), allowed=("options",))
     require_keys(observer, "observer", needed=("W", "source", "P", "Q"))
     if not isinstance(checks, list):
@@ -131,32 +140,32 @@ def _claims(document: dict[str, Any]) -> Claims:
         reason=read_text(document["reason"], "reason"),
         rate=number_or_none(document["rate"]),
         factor=factor_or_none(document.get("factor")),
-        covered_by=None
-        if document["covered_by"] is None
-        else read_text(document["covered_by"], "covered_by"),
-        checks=tuple(check_from_json(item) for item in checks),
-        gain_source=None
-        if observer["source"] is None
-        else read_text(observer["source"], "observer.source"),
-        **{name: _read_matrix(observer[name], f"observer.{name}") for name in ("W", "P", "Q")},
+        covered_by=_text_or_none(document["covered_by"], "covered_by"),
+        checks=tuple(map(check_from_json, checks)),
+        gain_source=_text_or_none(observer["source"], "observer.source"),
+        W=_read_matrix(observer["W"], "observer.W"),
+        P=_read_matrix(observer["P"], "observer.P"),
+        Q=_read_matrix(observer["Q"], "observer.Q"),
         notes=read_texts(document["notes"], "notes"),
         version=read_text(program["version"], "program.version"),
         options=read_texts(program.get("options", []), "program.options"),
     )
 
 
+def _text_or_none(value: Any, key: str) -> str | None:
+    return None if value is None else read_text(value, key)
+
+
 def _read_matrix(value: Any, key: str) -> Matrix | None:
     if value is None:
         return None
-    if (
-        not isinstance(value, list)
-        or not value
-        or not all(isinstance(row, list) and row for row in value)
-    ):
+    rows = value if isinstance(value, list) else []
+    if not rows or not all(isinstance(row, list) and row for row in rows):
         raise TypeError(f"{key} must be a list of rows")
     if len({len(row) for row in value}) != 1:
         raise TypeError(f"{key} must have rows of equal length")
-    return tuple(tuple(read_rational(entry, key=key) for entry in row) for row in value)
+    read = partial(read_rational, key=key)
+    return tuple(tuple(map(read, row)) for row in value)
 
 
 def _claimed_float(text: str) -> float:
@@ -166,7 +175,8 @@ def _claimed_float(text: str) -> float:
     A rate, a margin or a radius further from 0 claims more: what is confirmed then is never less
     than what is written. Of a factor the opposite is true; who reads one looks at the text.
     """
-    value, written = float(text), Decimal(text)
+    value = float(text)
+    written = Decimal(text)
     # abs() would round
     if math.isfinite(value) and Decimal(repr(value)).copy_abs() < written.copy_abs():
         value = math.nextafter(value, math.copysign(math.inf, written))
@@ -197,10 +207,10 @@ def writable(check: Check, domain: str) -> Check:
 
     Nothing untrue comes of it: a check may always claim less.
     """
-    claim = check.claim  # Lemma 1 may leave out its lower bound
-    shorter = (
-        replace(check, claim=Unstable(roots=claim.roots)) if isinstance(claim, Unstable) else check
-    )
+    claim = check.claim
+    shorter = check
+    if isinstance(claim, Unstable):  # Lemma 1 may leave out its lower bound
+        shorter = replace(check, claim=Unstable(roots=claim.roots))
     for each in (check, shorter):
         if _fits(each):
             return each
@@ -216,8 +226,11 @@ def _fits(check: Check) -> bool:
     witness = check.witness
     values = () if witness is None or witness.values is None else witness.values
     for text in _numbers_in([check.exact, values]):
-        long = [digits for digits in _DIGITS.findall(text) if len(digits) > LONGEST_COEFFICIENT]
-        if long if "s" in text else len(text) > LONGEST:  # s: a polynomial
+        if "s" in text:  # a polynomial
+            too_long = any(len(each) > LONGEST_COEFFICIENT for each in _DIGITS.findall(text))
+        else:
+            too_long = len(text) > LONGEST
+        if too_long:
             return False
     if witness is None or witness.kind != "vector":
         return True

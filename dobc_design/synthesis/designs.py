@@ -6,11 +6,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
-from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
-from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import SpecError
@@ -18,7 +16,12 @@ from dobc_design.exact.number import Number
 from dobc_design.problem.integrators import observed
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.joint.claim import Design, TradeOff, read_design_request
+from dobc_design.synthesis.joint.claim import (
+    AskedDesign,
+    Design,
+    TradeOff,
+    read_design_request,
+)
 from dobc_design.synthesis.joint.search import search_agents, search_design, trade_off_of
 from dobc_design.synthesis.observer.claim import (
     NoiseLimit,
@@ -27,8 +30,14 @@ from dobc_design.synthesis.observer.claim import (
     read_observer_request,
 )
 from dobc_design.synthesis.observer.search import search_groups
-from dobc_design.synthesis.pinning.claim import PinningDesign, check_yes_or_no, read_request
-from dobc_design.synthesis.pinning.search import search_pinning, search_region
+from dobc_design.synthesis.pinning.claim import (
+    AskedGains,
+    PinningDesign,
+    check_yes_or_no,
+    read_request,
+)
+from dobc_design.synthesis.pinning.search import search_pinning
+from dobc_design.synthesis.pinning.search_regions import search_region
 from dobc_design.verdict import Verdict
 
 Each = Number | Mapping[str | int, Number]  # one for all agents, or by label
@@ -38,50 +47,38 @@ Found = TypeVar("Found", Design, PinningDesign)
 
 
 #: Kinds of statements that are about arbitrary switching.
-OF_ALL_SIGNALS = ("structure", "pins", "rate", "max_gain")
+OF_ALL_SIGNALS = {"structure", "pins", "rate", "max_gain"}
 
 
 def _under_guarantee(problem: Problem, found: Found) -> Found:
     """Designs ignore the guarantee: what arbitrary switching forbids may do under it, so nothing is
     refuted."""
-    own, kinds = problem.switching, {each.kind for each in found.statements}
-    known = own is not None and own.is_guaranteed and len(problem.network.modes) > 1
-    if not known or found.verdict is not Verdict.REFUTED or not kinds & set(OF_ALL_SIGNALS):
+    if found.verdict is not Verdict.REFUTED or len(problem.network.modes) < 2:
         return found
-    more = (
-        " Less may do under the guarantee of [switching], which designs do not look at: "
-        "certify gains of your own."
-    )
+    if problem.switching is None or not problem.switching.is_guaranteed:
+        return found
+    kinds = {each.kind for each in found.statements}
+    if not kinds & OF_ALL_SIGNALS:
+        return found
     return replace(
-        found, verdict=Verdict.UNDECIDED, reason=found.reason + more, statements=(), nearest=None
+        found, verdict=Verdict.UNDECIDED, under_guarantee=True, statements=(), nearest=None
     )
 
 
 def _beside_given_gains(problem: Problem, found: Design, report: Callable[[str], None]) -> Design:
-    """The design with its time to one percent beside that of the problem's own gains, where these
-    are proved, too."""
+    """The design with the certificate of the problem's own gains, where these are proved, too, and
+    both have a time to one percent."""
     own = found.certificate
     if found.verdict is not Verdict.PROVED or own is None or not problem.pinning.agents:
         return found
     report("certifying the gains of the problem")
     given = certify(problem)
-    times = [time_to_one_percent(each.rate, each.factor) for each in (own, given)]
-    if given.verdict is not Verdict.PROVED or not all(map(math.isfinite, times)):
+    if given.verdict is not Verdict.PROVED:
         return found
-    this, other = (_in_words(each, time) for each, time in zip((own, given), times, strict=True))
-    words = (
-        f"Certified time to one percent: {this} with this design, {other} with the gains of "
-        "the file."
-    )
-    return replace(found, prices=(*found.prices, words))
-
-
-def _in_words(certificate: Certificate, time: float) -> str:
-    rate, factor = (
-        significant_towards_zero(certificate.rate),
-        significant_away_from_zero(certificate.factor),
-    )
-    return f"{significant_away_from_zero(time, 3)} s ({rate} 1/s, factor {factor})"
+    times = [time_to_one_percent(each.rate, each.factor) for each in (own, given)]
+    if not all(map(math.isfinite, times)):
+        return found
+    return replace(found, given=given)
 
 
 def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
@@ -90,7 +87,8 @@ def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
     problem.require_fixed_arcs("a design")
     check_yes_or_no(coupling, "coupling", cure="True asks for a coupling, too.")
     if coupling and problem.dynamics is None:
-        raise SpecError("coupling can be designed for agents with [dynamics] only.", key="coupling")
+        text = "coupling can be designed for agents with [dynamics] only."
+        raise SpecError(text, key="coupling")
     if others:
         problem.require_integrators(
             "a design with cost, region, noise or conservative, or a trade-off"
@@ -123,16 +121,12 @@ def design_observer(
     """
     problem = load_problem(problem)
     if not problem.groups:
-        text = (
-            "exosystem must be given to design an observer, because it says what W estimates; "
-            "got none."
-        )
-        raise SpecError(
-            text,
-            key="exosystem",
-            cure="dobc_design.exosystems has common shapes, constant() among them.",
-        )
-    rate = problem.joint_observer.rate if rate is None else rate
+        must = "exosystem must be given to design an observer"
+        text = f"{must}, because it says what W estimates; got none."
+        cure = "dobc_design.exosystems has common shapes, constant() among them."
+        raise SpecError(text, key="exosystem", cure=cure)
+    if rate is None:
+        rate = problem.joint_observer.rate
     request = read_observer_request(
         rate=rate, region=region, noise=noise, digits=digits, period=period
     )
@@ -181,21 +175,22 @@ def design_pinning(
         ('proved', ['gateway'])
     """
     problem = load_problem(problem)
-    _check(
-        problem, coupling=coupling, others=conservative or cost is not None or region is not None
+    others = conservative or cost is not None or region is not None
+    _check(problem, coupling=coupling, others=others)
+    asked = AskedGains(
+        rate=rate,
+        allowed=allowed,
+        cost=cost,
+        max_gain=max_gain,
+        pins=pins,
+        digits=digits,
+        conservative=conservative,
     )
-    limits = {
-        "allowed": allowed,
-        "cost": cost,
-        "max_gain": max_gain,
-        "pins": pins,
-        "digits": digits,
-    }
-    limits["conservative"] = conservative
-    request = read_request(problem.network.labels, rate=rate, **limits)
+    request = read_request(problem.network.labels, asked)
     report = report_to(progress)
     if problem.dynamics is not None:
-        return _under_guarantee(problem, search_agents(problem, request, report, coupling=coupling))
+        found = search_agents(problem, request, report, coupling=coupling)
+        return _under_guarantee(problem, found)
     if region is None:
         return _under_guarantee(problem, search_pinning(problem, request, report))
     report("looking for gains for the whole region")
@@ -239,11 +234,18 @@ def design(
     """
     problem = load_problem(problem)
     _check(problem, coupling=coupling, others=conservative or noise is not None)
-    limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
-    how: dict[str, Any] = {"digits": digits, "reduce": reduce, "conservative": conservative}
-    request = replace(
-        read_design_request(problem.network.labels, **how, **limits), coupling=coupling
+    asked = AskedDesign(
+        rate=rate,
+        pins=pins,
+        max_gain=max_gain,
+        allowed=allowed,
+        noise=noise,
+        digits=digits,
+        reduce=reduce,
+        conservative=conservative,
+        coupling=coupling,
     )
+    request = read_design_request(problem.network.labels, asked)
     report = report_to(progress)
     found = _under_guarantee(problem, search_design(problem, request, report))
     return _beside_given_gains(problem, found, report)
@@ -279,9 +281,8 @@ def trade_off(
     """
     problem = load_problem(problem)
     _check(problem, coupling=False, others=True)
-    request = read_design_request(
-        problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits
-    )
+    asked = AskedDesign(pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
+    request = read_design_request(problem.network.labels, asked)
     return trade_off_of(
         problem, request, curve, design=design, points=points, progress=report_to(progress)
     )

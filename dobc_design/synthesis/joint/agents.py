@@ -9,9 +9,9 @@ allows, and from a semidefinite program in R^-1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from itertools import product
@@ -60,171 +60,238 @@ LEAST, STRENGTHS = 0.01, (1.0, 1e2, 1e4, 1e6)
 def obstacle(problem: Problem, request: DesignRequest, structure: Structure) -> Statement | None:
     """Why the graph, or agents with [dynamics], forbid what is asked (refuted), or why it is not
     known (undecided)."""
-    found, dynamics = structural_obstacle(problem, request.pins, structure), problem.dynamics
+    found = structural_obstacle(problem, request.pins, structure)
+    dynamics = problem.dynamics
     if dynamics is None:
         return found
-    (A, bend), rate = dynamics.about(problem.target), request.rate or Fraction(0)
-    hidden = decide_detectable(transpose(A), transpose(dynamics.B))
-    moved = shifted(hidden.unobservable_polynomial, -rate)
-    if routh(moved).verdict is not Verdict.PROVED:
-        roots = np.roots([float(x) for x in hidden.unobservable_polynomial])
-        s = max(roots, key=lambda s: (s.real, s.imag))
-        falls = (
-            f"decays no faster, and {float(rate):.4g} 1/s are asked" if rate else "does not decay"
-        )
-        text = (
-            f"no input reaches the mode s = {f'{s:.4g}' if s.imag else f'{s.real:.4g}'} of the "
-            "agents (a root of"
-        )
-        text += (
-            f" {hidden.unobservable_text}): whatever couplings and gains are, an error in it "
-            f"{falls}"
-        )
-        sure = count_right_half_plane(moved) > 0 or not (rate or bend)
-        text += (
-            "."
-            if sure or bend is None
-            else " by the slopes of f; what f is beside them is not looked at."
-        )
-        return (refuted if sure else undecided)(
-            "stabilisable", text, polynomial=hidden.unobservable_text
-        )
-    # agents that settle by themselves, or by what f has beside its slopes, need no pin
+    (A, bend) = dynamics.about(problem.target)
+    unreached = _unreached(A, dynamics.B, request.rate or Fraction(0), bent=bend is not None)
+    if unreached is not None:
+        return unreached
     if found is not None:
+        # Agents that settle by themselves, or by what f has beside its slopes, need no pin.
         settled = routh(characteristic_polynomial(A)).verdict is Verdict.PROVED
-        return replace(found, verdict=Verdict.UNDECIDED) if settled or bend is not None else found
+        if settled or bend is not None:
+            return replace(found, verdict=Verdict.UNDECIDED)
+        return found
     network = network_of(state_theorems(as_integrators(problem)))
     if isinstance(network, str) and not request.coupling:
-        text = network.removeprefix("does not apply: ").removesuffix(".")
-        return undecided(
-            "coupling", f"{text}; a coupling can be designed, too (coupling=True, --coupling)."
-        )
+        why = network.removeprefix("does not apply: ").removesuffix(".")
+        cure = "a coupling can be designed, too (coupling=True, --coupling)"
+        return undecided("coupling", f"{why}; {cure}.")
     return None
+
+
+def _unreached(A: Matrix, B: Matrix, rate: Fraction, *, bent: bool) -> Statement | None:
+    """A mode of x' = A x that no input reaches and that is slower than the rate (1/s).  ``bent``:
+    A holds the slopes of an f that has more beside them, which may make it fall."""
+    hidden = decide_detectable(transpose(A), transpose(B))
+    moved = shifted(hidden.unobservable_polynomial, -rate)
+    if routh(moved).verdict is Verdict.PROVED:
+        return None
+    roots = np.roots([float(x) for x in hidden.unobservable_polynomial])
+    s = max(roots, key=lambda s: (s.real, s.imag))
+    mode = f"{s:.4g}" if s.imag else f"{s.real:.4g}"
+    falls = "does not decay"
+    if rate:
+        falls = f"decays no faster, and {float(rate):.4g} 1/s are asked"
+    root = f"a root of {hidden.unobservable_text}"
+    none = f"no input reaches the mode s = {mode} of the agents ({root})"
+    text = f"{none}: whatever couplings and gains are, an error in it {falls}"
+    state = refuted
+    # A root on the border may be hit; it counts only where A is all there is.
+    if count_right_half_plane(moved) == 0 and (rate or bent):
+        state = undecided
+    if state is undecided and bent:
+        text += " by the slopes of f; what f is beside them is not looked at"
+    return state("stabilisable", f"{text}.", polynomial=hidden.unobservable_text)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scaled:
+    """Gains as multiples of the coupling, by agent index, and the ``changes`` of the problem that
+    set them, and on request the coupling."""
+
+    gains: Gains
+    changes: Mapping[str, Any]
 
 
 def designs(
     problem: Problem, dynamics: Dynamics, request: DesignRequest, networks: Networks
-) -> Iterator[tuple[Gains, dict[str, Any]]]:
-    """Gains, multiples of the coupling, and the changes of the problem that set them, and on
-    request the coupling."""
-    (A, _), B, rate = dynamics.about(problem.target), dynamics.B, float(request.rate or 0)
-
-    def changed(
-        gains: Gains, slopes: Matrix, texts: str | list[str] | None = None
-    ) -> tuple[Gains, dict[str, Any]]:
-        numbers = dynamics.inputs < problem.m and (texts is not None or problem.coupling.is_linear)
-        typed = {
-            i: typed_number(k) if numbers else typed_matrix(scale(k, slopes))
-            for i, k in sorted(gains.items())
-        }
-        own = {"pinning.gains": {problem.network.labels[i]: k for i, k in typed.items()}}
-        return gains, own if texts is None else {
-            "coupling.h": texts,
-            "coupling.exceptions": None,
-        } | own
-
+) -> Iterator[Scaled]:
+    """Gains worth certifying, and on request couplings."""
     if request.coupling:
-        alone, every = (
-            Problem(network=problem.network, coupling="y"),
-            _couplings(to_float(A), to_float(B), rate),
-        )
-        c, gains = _network(alone, networks) if every else (0.0, {})
-        for R, more in product(every if c else (), MORE_DIGITS):
-            slopes = multiply(transpose(B), round_matrix(R / c, request.digits + more))
-            yield changed(gains, slopes, _texts(slopes))
+        return _with_couplings(problem, dynamics, request, networks)
+    return _with_strengths(problem, dynamics, request, networks)
+
+
+def _with_couplings(
+    problem: Problem, dynamics: Dynamics, request: DesignRequest, networks: Networks
+) -> Iterator[Scaled]:
+    """Couplings B'R y, and gains for the network that holds with the strength R is made for."""
+    A = dynamics.about(problem.target)[0]
+    B = dynamics.B
+    every = _couplings(to_float(A), to_float(B), float(request.rate or 0))
+    if not every:
         return
+    alone = Problem(network=problem.network, coupling="y")
+    held = _network(alone, networks)
+    if not held.strength:
+        return
+    for R, more in product(every, MORE_DIGITS):
+        slopes = multiply(transpose(B), round_matrix(R / held.strength, request.digits + more))
+        numbers = dynamics.inputs < problem.m
+        own = _typed(problem, held.gains, None if numbers else slopes)
+        coupling = {"coupling.h": _texts(slopes), "coupling.exceptions": None}
+        yield Scaled(gains=held.gains, changes=coupling | own)
+
+
+def _with_strengths(
+    problem: Problem, dynamics: Dynamics, request: DesignRequest, networks: Networks
+) -> Iterator[Scaled]:
+    """Gains for the coupling of the problem, so that the network has the strength that it needs."""
     network = network_of(state_theorems(as_integrators(problem)))
     if isinstance(network, str):
         return
+    rate = float(request.rate or 0)
     does = partial(seems_to_do, symmetric_basis(network.G), network, rate=FASTER * rate)
     high = next(filter(does, STRENGTHS), None)
     if high is None:
         return
     least = WIDE * bisected(does, high, 0.0, steps=STEPS)[0]
-    strengths = (None, MORE * least) if least < LEAST else (MORE * least, None)
-    for strength in (least,) if rate else strengths:
+    strengths: tuple[float | None, ...] = (MORE * least, None)
+    if least < LEAST:
+        strengths = (None, MORE * least)
+    if rate:
+        strengths = (least,)
+    numbers = dynamics.inputs < problem.m and problem.coupling.is_linear
+    slopes = multiply(dynamics.left_inverse, network.G)
+    for strength in strengths:
         for gains in networks(network.statements.problem, strength, ()):
-            yield changed(gains, multiply(dynamics.left_inverse, network.G))
+            changes = _typed(problem, gains, None if numbers else slopes)
+            yield Scaled(gains=gains, changes=changes)
 
 
-def _network(alone: Problem, networks: Networks) -> tuple[float, Gains]:
-    """The strength c and the gains of a network in which h = y / c pulls little on every agent; 0
-    if none is seen."""
-    least, best = float("inf"), (0.0, dict[int, Fraction]())
-    while gains := dict(next(networks(alone, STRONGER * best[0] or None, best[1]), {})):
-        held = alone.replace(gains={alone.network.labels[i]: k for i, k in gains.items()})
+def _typed(problem: Problem, gains: Gains, slopes: Matrix | None) -> dict[str, Any]:
+    """Gains as a file has them: multiples of the ``slopes`` of the coupling, or plain numbers where
+    these are understood so (None)."""
+    labels = problem.network.labels
+    table = dict[str, Any]()
+    for i, k in sorted(gains.items()):
+        table[labels[i]] = typed_number(k) if slopes is None else typed_matrix(scale(k, slopes))
+    return {"pinning.gains": table}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Held:
+    """Gains of a network of integrators, and its ``strength`` with them; 0 if none was seen."""
+
+    strength: float = 0.0
+    gains: Gains = field(default_factory=dict)
+
+
+def _network(alone: Problem, networks: Networks) -> _Held:
+    """Gains with which h = y over the strength pulls little on every agent."""
+    least = float("inf")
+    best = _Held()
+    while gains := dict(next(networks(alone, STRONGER * best.strength or None, best.gains), {})):
+        labels = alone.network.labels
+        held = alone.replace(gains={labels[i]: k for i, k in gains.items()})
         strength = next((c for _, c in proposals(state_theorems(held), None)), 0.0)
-        pull = max(float(stiffness(held, mode).diagonal().max()) for mode in held.network.modes)
+        diagonals = [stiffness(held, mode).diagonal() for mode in held.network.modes]
+        pull = max(float(diagonal.max()) for diagonal in diagonals)
         if not strength or pull >= least * strength:
             break
-        least, best = pull / strength, (strength, gains)
+        least = pull / strength
+        best = _Held(strength=strength, gains=gains)
     return best
 
 
 def _couplings(a: Array, b: Array, rate: float) -> list[Array]:
     """R (m, m) that seem to do for c = 1 and the rate (1/s), the smallest gain B'R first; without a
     rate for half of what unit weights give one agent alone."""
+    found = list[Array]()
+    with suppress(*GIVEN_UP):
+        faster = a + (FASTER * rate or _usual_rate(a, b)) * np.eye(len(a))
+        found.append(_by_riccati(faster, b))
+        R = _by_program(faster, b)
+        if R is not None:
+            found.append(R)
+    return sorted(found, key=lambda R: float(np.linalg.norm(b.T @ R)))
+
+
+def _usual_rate(a: Array, b: Array) -> float:
+    """Half the decay rate of one agent alone with unit weights."""
     import control
 
-    m, found = len(a), list[Array]()
-    with suppress(*GIVEN_UP):
-        usual = (
-            -np.linalg.eigvals(
-                a - b @ control.lqr(a, b, np.eye(m), np.eye(b.shape[1]))[0]
-            ).real.max()
-            / 2
-        )
-        a = a + (FASTER * rate or usual) * np.eye(m)
-        R = np.asarray(control.care(a, b, np.eye(m))[0])
+    gain = control.lqr(a, b, np.eye(len(a)), np.eye(b.shape[1]))[0]
+    rate: float = -np.linalg.eigvals(a - b @ gain).real.max() / 2
+    return rate
 
-        def holds(strength: float) -> bool:
-            return bool(
-                np.linalg.eigvalsh(R @ a + a.T @ R - 2 * strength * R @ b @ b.T @ R).max() < 0
-            )
 
-        found.append(WIDE * bisected(holds, 0.5, LEAST, steps=STEPS)[0] * R)
-        # The least s with Y >= I and a Y + Y a' < 2 s b b'; R = s Y^-1.
-        units = conic.symmetric_basis(m)
-        cones = [
-            affine_cone([*units, 0 * a], -np.eye(m)),
-            affine_cone(
-                [*(-(a @ Y + Y @ a.T) for Y in units), 2 * b @ b.T],
-                -1e-6 * (1 + np.abs(a).max()) * np.eye(m),
-            ),
-            conic.Cone("nonnegative", -np.eye(1, len(units) + 1, len(units)), np.array([-LEAST])),
-        ]
-        answer = conic.solve_cones(np.array([*(1e-6 * np.trace(Y) for Y in units), 1.0]), cones)
-        if answer.found:
-            found.append(WIDE * answer.x[-1] * np.linalg.inv(np.tensordot(answer.x[:-1], units, 1)))
-    return sorted(found, key=lambda R: float(np.linalg.norm(b.T @ R)))
+def _by_riccati(a: Array, b: Array) -> Array:
+    """R of the Riccati equation, scaled down as far as the rate allows."""
+    import control
+
+    R = np.asarray(control.care(a, b, np.eye(len(a)))[0])
+
+    def holds(strength: float) -> bool:
+        decay = R @ a + a.T @ R - 2 * strength * R @ b @ b.T @ R
+        return bool(np.linalg.eigvalsh(decay).max() < 0)
+
+    scaled: Array = WIDE * bisected(holds, 0.5, LEAST, steps=STEPS)[0] * R
+    return scaled
+
+
+def _by_program(a: Array, b: Array) -> Array | None:
+    """R = s Y^-1 of the least s with Y >= I and a Y + Y a' < 2 s b b'; None without an answer."""
+    m = len(a)
+    units = conic.symmetric_basis(m)
+    falling = [-(a @ Y + Y @ a.T) for Y in units]
+    room = -1e-6 * (1 + np.abs(a).max()) * np.eye(m)
+    cones = [
+        affine_cone([*units, 0 * a], -np.eye(m)),
+        affine_cone([*falling, 2 * b @ b.T], room),
+        conic.Cone("nonnegative", -np.eye(1, len(units) + 1, len(units)), np.array([-LEAST])),
+    ]
+    linear = np.array([*(1e-6 * np.trace(Y) for Y in units), 1.0])
+    answer = conic.solve_cones(linear, cones)
+    if not answer.found:
+        return None
+    Y = np.tensordot(answer.x[:-1], units, 1)
+    R: Array = WIDE * answer.x[-1] * np.linalg.inv(Y)
+    return R
 
 
 def _texts(slopes: Matrix) -> str | list[str]:
     """A linear coupling with these slopes (p, m), as it stands in a file."""
     m = len(slopes[0])
     names = ["y"] if m == 1 else [f"y{c + 1}" for c in range(m)]
-    rows = [
-        " + ".join(f"({typed_number(x)})*{name}" for x, name in zip(row, names, strict=True) if x)
-        or "0"
-        for row in slopes
-    ]
+    rows = list[str]()
+    for row in slopes:
+        terms = [f"({typed_number(x)})*{name}" for x, name in zip(row, names, strict=True) if x]
+        rows.append(" + ".join(terms) or "0")
     texts = make_coupling(rows, dimension=m, outputs=len(rows)).texts
     return texts[0] if len(texts) == 1 else list(texts)
 
 
-def prices(problem: Problem, rate: float) -> tuple[str, ...]:
-    """How much weaker couplings and gains could be at this rate (1/s), as the eigenvalues of the
-    linearisation say."""
+def weaker(problem: Problem, rate: float) -> float | None:
+    """So many times all couplings and gains would keep this rate (1/s), as the eigenvalues of the
+    linearisation say; None where they are not computed."""
     network = network_of(state_theorems(as_integrators(problem)))
     if isinstance(network, str) or problem.n > MOST_AGENTS:
-        return ()
-    A, G = to_float(network.A), to_float(network.G)
-    tables = [stiffness(network.statements.problem, mode) for mode in problem.network.modes]
-    pulls = np.concatenate([np.linalg.eigvals(table.toarray()) for table in tables])[:, None, None]
+        return None
+    A = to_float(network.A)
+    G = to_float(network.G)
+    own = list[Any]()
+    for mode in problem.network.modes:
+        table = stiffness(network.statements.problem, mode)
+        own.append(np.linalg.eigvals(table.toarray()))
+    pulls = np.concatenate(own)[:, None, None]
 
     def fast(part: float) -> bool:
         return bool(np.linalg.eigvals(A - part * pulls * G).real.max() < -rate)
 
-    part = bisected(fast, 1.0, 0.0, steps=STEPS)[0] if fast(1.0) else 1.0
-    weaker = f"{part:.3g} times all couplings and gains would keep {rate:.4g} 1/s"
-    return (f"By the eigenvalues of the linearisation, which prove nothing, {weaker}.",)
+    if not fast(1.0):
+        return 1.0
+    return bisected(fast, 1.0, 0.0, steps=STEPS)[0]

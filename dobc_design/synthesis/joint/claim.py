@@ -6,22 +6,29 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
-from itertools import islice
+from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any
 
 from dobc_design._show.cards import MOST_ITEMS, Card, Headed, listed
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.errors import SpecError
+from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.numbers import time_to_one_percent
+from dobc_design.errors import SpecError, kept, raise_all
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.reading import counted
 from dobc_design.problem.canonical import matrix_text
-from dobc_design.problem.changes import typed_number
+from dobc_design.problem.changes import typed_matrix, typed_number, value_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, NoiseLimit, ObserverDesign, read_noise
-from dobc_design.synthesis.pinning.claim import check_yes_or_no, read_all, read_request
+from dobc_design.synthesis.pinning.claim import (
+    AskedGains,
+    PinningDesign,
+    Structure,
+    check_yes_or_no,
+    read_request,
+)
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -34,6 +41,12 @@ AXES = {
     "noise": ("decay of the estimate's error, 1/s", "largest gain from noise to dhat, 1/s"),
 }
 NO_LIMITS = "no limits, and every agent may be pinned"
+# What the limits of these kinds of statements are called as arguments.
+ARGUMENTS = {"structure": "allowed", "detectable": "reduce", "gain": "noise"}
+NAMED = 8  # allowed agents in a sentence
+SHOWN = 6  # gains in a sentence
+FEWER_MAY_DO = "fewer may do under the guarantee, which designs ignore"
+SAVED = "Gain saved elsewhere (1/s) for each 1/s of gain there"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,10 +78,10 @@ class DesignRequest:
             ends = sorted({min(self.caps.values()), max(self.caps.values())})
             yield "max_gain", f"gains up to {' to '.join(str(typed_number(k)) for k in ends)}"
         if len(self.allowed) < len(labels):
-            named = ", ".join(labels[i] for i in self.allowed[:8]) + (
-                ", ..." if len(self.allowed) > 8 else ""
-            )
-            yield "allowed", f"pins on {named} only"
+            names = [labels[i] for i in self.allowed[:NAMED]]
+            if len(self.allowed) > NAMED:
+                names.append("...")
+            yield "allowed", f"pins on {', '.join(names)} only"
         for limit in self.noise:
             yield "noise", str(limit)
         if not self.reduce:
@@ -79,25 +92,108 @@ class DesignRequest:
             yield "coupling", "a coupling of the design's own"
 
 
-def read_design_request(
-    labels: Sequence[str], *, rate: Any = None, noise: Any = None, reduce: Any = True, **asked: Any
-) -> DesignRequest:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AskedDesign:
+    """The arguments of ``design`` as they were given, not yet read."""
+
+    rate: Any = None
+    pins: Any = None
+    max_gain: Any = None
+    allowed: Any = None
+    noise: Any = None
+    digits: Any = 3
+    reduce: Any = True
+    conservative: Any = False
+    coupling: bool = False
+
+
+def read_design_request(labels: Sequence[str], asked: AskedDesign) -> DesignRequest:
     """Read the arguments of ``design``, exactly.  Raises: SpecError that names every wrong one."""
-    pinning = partial(read_request, labels, rate=1 if rate is None else rate, **asked)
-    cure = "True lets the observable part take the exosystem's place."
-    found, limits, _ = read_all(
-        pinning, lambda: read_noise(noise), lambda: check_yes_or_no(reduce, "reduce", cure=cure)
+    gains = AskedGains(
+        rate=1 if asked.rate is None else asked.rate,
+        allowed=asked.allowed,
+        max_gain=asked.max_gain,
+        pins=asked.pins,
+        digits=asked.digits,
+        conservative=asked.conservative,
     )
-    own = {
-        "allowed": found.allowed,
-        "caps": found.caps,
-        "digits": found.digits,
-        "noise": limits,
-        "reduce": reduce,
-    }
-    own["conservative"] = found.conservative
-    pins = found.pins if isinstance(found.pins, int) else None
-    return DesignRequest(rate=None if rate is None else found.rate, pins=pins, **own)
+    errors = list[SpecError]()
+    with kept(errors):
+        found = read_request(labels, gains)
+    with kept(errors):
+        noise = read_noise(asked.noise)
+    with kept(errors):
+        cure = "True lets the observable part take the exosystem's place."
+        check_yes_or_no(asked.reduce, "reduce", cure=cure)
+    raise_all(errors)
+    return DesignRequest(
+        rate=None if asked.rate is None else found.rate,
+        allowed=found.allowed,
+        caps=found.caps,
+        pins=found.pins if isinstance(found.pins, int) else None,
+        noise=noise,
+        digits=found.digits,
+        reduce=asked.reduce,
+        conservative=found.conservative,
+        coupling=asked.coupling,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegionPrices:
+    """What the multipliers of gains over a region say.
+
+    ``share``: near ``rate`` (1/s), each percent of rate takes so many percent of gain.  ``capped``:
+    agents whose gain is at its cap.  ``savings``: what each 1/s of gain on agents without one saves
+    elsewhere (1/s), of those that would save most, where that is more than it costs; None where
+    every agent has a gain.  ``barred``: the first of them may not be pinned.
+    """
+
+    rate: float
+    share: float
+    capped: tuple[str, ...]
+    savings: Mapping[str, float] | None
+    barred: bool
+
+    def sentences(self) -> Iterator[str]:
+        more = f"each 1 % more takes about {self.share:.3g} % more gain"
+        yield f"Price of the rate: near {self.rate:.4g} 1/s, {more}."
+        if self.capped:
+            have = "has" if len(self.capped) == 1 else "have"
+            who = name_agents(self.capped)
+            yield f"Price of the caps: {who} {have} the largest gain allowed."
+        if self.savings:
+            first = next(iter(self.savings))
+            each = ", ".join(f"agent {label} {saved:.3g}" for label, saved in self.savings.items())
+            barred = f" (pins there are not allowed on agent {first})" if self.barred else ""
+            most = f"agent {first} would save most. {SAVED}: {each}{barred}"
+            yield f"Price of so few pins: {most}."
+        elif self.savings is not None:
+            none = "none; a gain on any other agent would cost more than it saves"
+            yield f"Price of so few pins: {none}."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grounds:
+    """Why a design has these pins and gains, and what they cost.
+
+    ``structure``: which groups need a pin.  ``limited``: as many pins as were allowed.  ``part``:
+    what is aimed at of the fastest rate that the pins allow, where no rate was asked for.
+    ``reduction``: how the exosystem was replaced by its observable part.  ``near``: the design near
+    the consensus that the gains are from, or ``region``: their multipliers over the region.
+    ``everything``: the rate is proved only where every condition is run.  ``weaker``: so many times
+    all couplings and gains would keep the rate of agents with [dynamics], by the eigenvalues of the
+    linearisation.
+    """
+
+    structure: Structure
+    limited: bool
+    part: Fraction | None
+    reduction: str | None
+    everything: bool
+    near: PinningDesign | None = None
+    region: RegionPrices | None = None
+    weaker: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -110,9 +206,10 @@ class Design(Answer):
     ``gains`` (1/s, by label) are exact; ``rate`` (1/s) is the certified rate and ``cost`` the sum
     of the gains; of agents with [dynamics] these are multiples of the coupling. ``decisions``: what
     was chosen and why; ``prices``: what each limit costs, about, and the time to one percent beside
-    that of the file's gains.  ``observer``: W with what is proved of it.  ``changes``: the keys of
-    the problem file that were set (None: removed).  ``nearest``: the design for the nearest request
-    that was proved possible, where this one was not.
+    that of the file's gains (``given``: their certificate).  ``grounds``: what both put into words.
+    ``observer``: W with what is proved of it.  ``changes``: the keys of the problem file that were
+    set (None: removed).  ``nearest``: the design for the nearest request that was proved possible,
+    where this one was not.
     """
 
     request: DesignRequest
@@ -122,28 +219,48 @@ class Design(Answer):
     gains: Mapping[str, Fraction]
     rate: float | None = None
     cost: Fraction | None = None
-    decisions: tuple[str, ...] = ()
-    prices: tuple[str, ...] = ()
     changes: Mapping[str, Any]
     problem: Problem | None = None
     certificate: Certificate | None = None
     observer: ObserverDesign | None = None
     nearest: Design | None = None
+    grounds: Grounds | None = None
+    given: Certificate | None = None
 
     @property
     def binding(self) -> str | None:
         """The limit that a refuted request fails by, as the argument is called; None where nothing
         was refuted."""
-        names = {"structure": "allowed", "detectable": "reduce", "gain": "noise"}
-        kind = (
-            self.statements[0].kind if self.verdict is Verdict.REFUTED and self.statements else None
-        )
-        return None if kind is None else names.get(kind, kind)
+        if self.verdict is not Verdict.REFUTED or not self.statements:
+            return None
+        kind = self.statements[0].kind
+        return ARGUMENTS.get(kind, kind)
 
     @property
     def limits(self) -> str:
         """The limits that were set, in words."""
         return "; ".join(words for _, words in self.request.limits(self.labels)) or NO_LIMITS
+
+    def _why(self) -> str:
+        proof = self.certificate
+        if proof is None:
+            return "" if self.obstacle is None else self.obstacle.text
+        wanted = self.request.rate
+        too_slow = self.verdict is not Verdict.PROVED and proof.verdict is Verdict.PROVED
+        if too_slow and wanted is not None:
+            asked = f"{typed_number(wanted)} was asked for"
+            return f"the rate proved is {self.rate or 0:.4g} 1/s, {asked}."
+        return proof.reason
+
+    @property
+    def decisions(self) -> tuple[str, ...]:
+        """What was chosen and why, in words."""
+        return tuple(_decisions(self))
+
+    @property
+    def prices(self) -> tuple[str, ...]:
+        """What each limit costs, in words."""
+        return tuple(_prices(self))
 
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
@@ -155,18 +272,22 @@ class Design(Answer):
     def to_json(self) -> dict[str, Any]:
         """JSON object; exact numbers as text, ``cost`` rounded up.  ``problem`` is the name of the
         problem."""
-        return {
+        proof = self.certificate
+        document: dict[str, Any] = {
             "verdict": self.verdict.value,
             "W": None if self.W is None else matrix_text(self.W),
             "P": None if self.P is None else matrix_text(self.P),
             "gains": {label: number_text(k) for label, k in self.gains.items()},
-            **({"coupling": self.changes["coupling.h"]} if "coupling.h" in self.changes else {}),
+        }
+        if "coupling.h" in self.changes:
+            document["coupling"] = self.changes["coupling.h"]
+        return document | {
             "rate": self.rate,
-            "factor": None if self.certificate is None else self.certificate.factor,
+            "factor": None if proof is None else proof.factor,
             "cost": None if self.cost is None else float_above(self.cost),
             "reason": self.reason,
             "problem": None if self.problem is None else self.problem.name,
-            "covered_by": None if self.certificate is None else self.certificate.covered_by,
+            "covered_by": None if proof is None else proof.covered_by,
             "binding": self.binding,
             "decisions": list(self.decisions),
             "prices": list(self.prices),
@@ -176,14 +297,14 @@ class Design(Answer):
         }
 
     def _card(self) -> Card:
-        facts: list[tuple[str, Any]] = [
-            (name, M) for name, M in (("W", self.W), ("P", self.P)) if M is not None
-        ]
+        facts = list[tuple[str, Any]]()
+        if self.W is not None:
+            facts.append(("W", self.W))
+        if self.P is not None:
+            facts.append(("P", self.P))
         if self.gains:
-            pairs = [
-                f"{label}: {number_text(k)}"
-                for label, k in islice(self.gains.items(), MOST_ITEMS + 1)
-            ]
+            first = islice(self.gains.items(), MOST_ITEMS + 1)
+            pairs = [f"{label}: {number_text(k)}" for label, k in first]
             facts.append(("gains in 1/s", listed(pairs, count=len(self.gains))))
         if self.rate is not None:
             facts.append(("certified rate in 1/s", significant_towards_zero(self.rate, 6)))
@@ -199,6 +320,137 @@ class Design(Answer):
             facts=facts,
             lines=self.prices,
         )
+
+
+def _decisions(design: Design) -> Iterator[str]:
+    """What was chosen and why: exosystem, observer, pins, gains, proof."""
+    grounds = design.grounds
+    if grounds is None or design.problem is None:
+        return
+    if grounds.reduction is not None:
+        yield f"Exosystem: {grounds.reduction}"
+    if design.observer is not None:
+        yield from _observer_words(design.observer)
+    pinned = tuple(design.gains)
+    why = _why_so_many(design.problem, grounds, len(pinned))
+    yield f"Pinned: {name_agents(pinned)}; {why}."
+    yield f"{_gains_words(design, design.problem)}{_meant_for(design, grounds)}"
+    proof = design.certificate
+    covered_by = None if proof is None else proof.covered_by
+    how = f"Proved by: {covered_by or 'nothing yet'}."
+    if grounds.everything:
+        how += " That rate is proved when every condition is run (dobc certify --all)."
+    yield how
+
+
+def _observer_words(found: ObserverDesign, whose: str = "") -> Iterator[str]:
+    """W, how fast its error decays, how it came about; a sentence for every group of agents."""
+    if found.groups:
+        for name, each in found.groups.items():
+            yield from _observer_words(each, f" of the group of agent {name}")
+        return
+    rate = found.measures.get("rate")
+    noise = found.measures.get("hinf measurement")
+    size = found.measures.get("gain")
+    rows = value_text(typed_matrix(found.W or ()))
+    text = f"Observer{whose}: W = {rows} ({found.source}): the error of the estimate decays"
+    if rate:
+        text += f" at {rate:.4g} 1/s"
+    if noise:
+        text += f", noise on the measured x reaches dhat with a gain of at most {noise:.4g} 1/s"
+    text += "."
+    if size:
+        text += f" |W| = {size:.4g}."
+    yield text
+
+
+def _why_so_many(problem: Problem, grounds: Grounds, count: int) -> str:
+    """Why a design has so many pins."""
+    least = grounds.structure.least
+    if count == least:
+        return _why_least(problem, grounds.structure.groups)
+    if grounds.limited:
+        return "as many as were allowed"
+    are = "is" if least == 1 else "are"
+    fewer = f"with fewer than {count} very large gains or no proof were left"
+    return f"{least} {are} the least that the arcs allow, but {fewer}"
+
+
+def _why_least(problem: Problem, groups: Sequence[Sequence[int]]) -> str:
+    """Why there cannot be fewer pins than the graph asks for."""
+    if problem.dynamics is not None:  # agents that may settle by themselves
+        return "the network is held where it listens to nobody outside"
+    if len(groups) > 1:
+        why = f"{len(groups)} groups listen to nobody outside, and each needs a pin"
+        switching = problem.switching
+        guaranteed = switching is not None and switching.is_guaranteed
+        if guaranteed and len(problem.network.modes) > 1:
+            why = f"{why} under arbitrary switching; {FEWER_MAY_DO}"
+        return why
+    group = groups[0]
+    if len(group) == problem.n:
+        return "at least one is needed, or the group can drift as a whole. No more were needed"
+    listen = "listens" if len(group) == 1 else "listen"
+    who = name_agents([problem.network.labels[i] for i in group])
+    return f"{who} {listen} to nobody outside, so there has to be a pin"
+
+
+def _gains_words(design: Design, problem: Problem) -> str:
+    """The gains, rounded up."""
+    gains = design.gains
+    first = islice(gains.items(), SHOWN)
+    words = ", ".join(f"k = {typed_number(k)} for agent {label}" for label, k in first)
+    if len(gains) > SHOWN:
+        words += f" and {len(gains) - SHOWN} more"
+    if len(gains) > 1:
+        words += f", in total {typed_number(sum(gains.values(), Fraction(0)))}"
+    unit = "(1/s)" if problem.dynamics is None else "(times the coupling)"
+    digits = counted(design.request.digits, "digit")
+    return f"Gains: {words} {unit}, rounded up to {digits}."
+
+
+def _meant_for(design: Design, grounds: Grounds) -> str:
+    """What the gains are chosen for, and with which coupling; empty over a region at a rate."""
+    words = ""
+    if grounds.part is not None:
+        part = f"{float(grounds.part):.0%} of the fastest rate that pins there allow"
+        words = f" They are meant for {part}."
+    if grounds.near is not None:
+        by = "V = e'e."
+        if grounds.near.weights is not None:
+            by = "the true rate near the target (V = e'De, a weight for each agent)."
+        words += f" They are chosen for {by}"
+    if "coupling.h" in design.changes:
+        words += f" Coupling: h = {value_text(design.changes['coupling.h'])}."
+    return words
+
+
+def _prices(design: Design) -> Iterator[str]:
+    """What each limit costs, by the multipliers of the gains; and two times to one percent."""
+    grounds = design.grounds
+    if grounds is None:
+        return
+    if grounds.near is not None:
+        yield from grounds.near.prices
+        yield from grounds.near.ties
+    if grounds.region is not None:
+        yield from grounds.region.sentences()
+    if grounds.weaker is not None:
+        part = f"{grounds.weaker:.3g} times all couplings and gains"
+        rate = f"would keep {design.rate or 0:.4g} 1/s"
+        yield f"By the eigenvalues of the linearisation, which prove nothing, {part} {rate}."
+    if design.given is not None and design.certificate is not None:
+        this = _time_words(design.certificate)
+        other = f"{_time_words(design.given)} with the gains of the file"
+        yield f"Certified time to one percent: {this} with this design, {other}."
+
+
+def _time_words(certificate: Certificate) -> str:
+    """The certified time to one percent, and what it follows from."""
+    time = time_to_one_percent(certificate.rate, certificate.factor)
+    rate = significant_towards_zero(certificate.rate)
+    factor = significant_away_from_zero(certificate.factor)
+    return f"{significant_away_from_zero(time, 3)} s ({rate} 1/s, factor {factor})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,14 +472,25 @@ class TradeOff(Headed):
     that gains there approach) or "noise" (x: decay rate of the estimate's error, y: largest gain
     from measurement noise to dhat); all in 1/s but the number of agents.  ``points``: by x.
     ``chosen``: the point of the design that was handed in, or None. ``sensitivity``: what the
-    multipliers say, in sentences.
+    multipliers of ``design``, or the points of the curve of pins, say, in sentences.
     """
 
     name: str
     curve: str
     points: tuple[TradePoint, ...]
     chosen: TradePoint | None
-    sensitivity: tuple[str, ...]
+    design: Design | None = None
+
+    @property
+    def sensitivity(self) -> tuple[str, ...]:
+        """What a further pin buys, or what each limit of the design costs."""
+        if self.curve == "pins":
+            return tuple(_largest_step(self.points))
+        if self.curve != "gain" or self.design is None:
+            return ()
+        if not self.design.gains:
+            return (self.design.reason,)
+        return self.design.prices
 
     @property
     def x_name(self) -> str:
@@ -255,20 +518,35 @@ class TradeOff(Headed):
             message = "to_pandas needs the package pandas, which is not installed."
             cure = "Install it (pip install dobc_design[store]), or use the points themselves."
             raise SpecError(message, key="pandas", cure=cure) from None
-        rows = [(p.x, p.y, ", ".join(p.pinned), p.proved, p is self.chosen) for p in self._all()]
-        return pd.DataFrame(rows, columns=[self.x_name, self.y_name, "pinned", "proved", "chosen"])
+        columns = [self.x_name, self.y_name, "pinned", "proved", "chosen"]
+        rows = list[tuple[Any, ...]]()
+        for p in self._all():
+            rows.append((p.x, p.y, ", ".join(p.pinned), p.proved, p is self.chosen))
+        return pd.DataFrame(rows, columns=columns)
 
     def _all(self) -> list[TradePoint]:
         own = [] if self.chosen is None else [self.chosen]
         return sorted([*self.points, *own], key=lambda point: (point.x, point.y))
 
     def _card(self) -> Card:
-        rows = [
-            (f"{p.x:.4g}", f"{p.y:.4g}", listed(p.pinned), "chosen" * (p is self.chosen))
-            for p in self._all()
-        ]
-        text, heads = (
-            f"{self.y_name} against {self.x_name}",
-            (self.x_name, self.y_name, "pinned", ""),
+        rows = list[tuple[str, ...]]()
+        for p in self._all():
+            mark = "chosen" if p is self.chosen else ""
+            rows.append((f"{p.x:.4g}", f"{p.y:.4g}", listed(p.pinned), mark))
+        return Card(
+            title=self.name,
+            text=f"{self.y_name} against {self.x_name}",
+            rows=rows,
+            lines=self.sensitivity,
+            heads=(self.x_name, self.y_name, "pinned", ""),
         )
-        return Card(title=self.name, text=text, rows=rows, lines=self.sensitivity, heads=heads)
+
+
+def _largest_step(points: Sequence[TradePoint]) -> Iterator[str]:
+    """Which further pin buys most."""
+    if len(points) < 2:
+        return
+    before, after = max(pairwise(points), key=lambda step: step[1].y / step[0].y)
+    new = ", ".join(label for label in after.pinned if label not in before.pinned)
+    times = f"With agent {new} the rate grows {after.y / before.y:.3g} times"
+    yield f"The most useful step: from {before.x:g} to {after.x:g} pins. {times}."

@@ -50,23 +50,26 @@ class HalfPlane(Told):
             got = "neither" if left_of is None else "both"
             text = f"a HalfPlane must have one side, left_of or right_of; got {got}."
             raise SpecError(text, key="region", cure="For a strip give two half planes in a list.")
-        for name, value in (("left_of", left_of), ("right_of", right_of)):
-            put(
-                self, **{name: None if value is None else parse_number(value, key=f"region.{name}")}
-            )
+        put(self, left_of=_end(left_of, "region.left_of"))
+        put(self, right_of=_end(right_of, "region.right_of"))
 
     def __str__(self) -> str:
         low, high = self.real_ends
-        return (
-            f"Re s >= {shown_number(low or Fraction(0))}"
-            if high is None
-            else f"Re s <= {shown_number(high)}"
-        )
+        if high is not None:
+            return f"Re s <= {shown_number(high)}"
+        return f"Re s >= {shown_number(low or Fraction(0))}"
 
     @property
     def real_ends(self) -> Ends:
         """Where the region begins and ends on the real axis."""
         return self.right_of, self.left_of
+
+
+def _end(value: Any, key: str) -> Fraction | None:
+    """A side of a half plane, exactly; None if it is not given."""
+    if value is None:
+        return None
+    return parse_number(value, key=key)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -77,15 +80,22 @@ class Disk(Told):
     radius: Fraction
 
     def __init__(self, *, centre: Any, radius: Any) -> None:
-        why, cure = ", so that the disk holds something", "Give a positive radius (1/s)."
+        why = ", so that the disk holds something"
+        cure = "Give a positive radius (1/s)."
         put(self, centre=parse_number(centre, key="region.centre"))
         put(self, radius=read_positive(radius, "region.radius", why=why, cure=cure))
 
     def __str__(self) -> str:
-        return f"|s - ({shown_number(self.centre)})| <= {shown_number(self.radius)}"
+        return self.in_letter("s")
+
+    def in_letter(self, letter: str) -> str:
+        """The disk in words, of eigenvalues that are called s, or z where they are sampled."""
+        centre = shown_number(self.centre)
+        return f"|{letter} - ({centre})| <= {shown_number(self.radius)}"
 
     @property
     def real_ends(self) -> Ends:
+        """Where the disk begins and ends on the real axis."""
         return self.centre - self.radius, self.centre + self.radius
 
 
@@ -98,20 +108,17 @@ class Cone(Told):
     def __init__(self, *, damping: Any) -> None:
         put(self, damping=parse_number(damping, key="region.damping"))
         if not 0 < self.damping < 1:
-            text = (
-                "region.damping must lie between 0 and 1, as the cosine of the cone's half "
-                "angle; got"
-            )
+            got = shown_number(self.damping)
+            must = "must lie between 0 and 1, as the cosine of the cone's half angle"
             cure = "For real eigenvalues only, ask for 0.999."
-            raise SpecError(
-                f"{text} {shown_number(self.damping)}.", key="region.damping", cure=cure
-            )
+            raise SpecError(f"region.damping {must}; got {got}.", key="region.damping", cure=cure)
 
     def __str__(self) -> str:
         return f"damping >= {shown_number(self.damping)}"
 
     @property
     def real_ends(self) -> Ends:
+        """Where the cone begins and ends on the real axis."""
         return None, Fraction(0)
 
 
@@ -135,18 +142,23 @@ class NoiseLimit(Told):
     bound: Fraction
 
     def __init__(self, *, bound: Any, channel: str = "measurement", norm: str = "hinf") -> None:
-        for name, value, words in (("channel", channel, CHANNELS), ("norm", norm, sorted(NORMS))):
-            if value not in words:
-                text = f"noise.{name} must be one of {', '.join(words)}; got {shown(value)}."
-                raise SpecError(text, key=f"noise.{name}", cure=f'For example {name}="{words[0]}".')
+        _require_one_of(CHANNELS, channel, "channel")
+        _require_one_of(sorted(NORMS), norm, "norm")
         put(self, channel=channel, norm=norm, bound=read_positive(bound, "noise"))
 
     def __str__(self) -> str:
+        norm = NORMS[self.norm]
         sign = "<=" if self.norm == "h2" else "<"
-        return (
-            f"{NORMS[self.norm]} norm of the {self.channel} channel {sign} "
-            f"{typed_number(self.bound)}"
-        )
+        return f"{norm} norm of the {self.channel} channel {sign} {typed_number(self.bound)}"
+
+
+def _require_one_of(words: Sequence[str], value: Any, name: str) -> None:
+    """Raises: SpecError unless the value is one of the words."""
+    if value in words:
+        return
+    key = f"noise.{name}"
+    text = f"{key} must be one of {', '.join(words)}; got {shown(value)}."
+    raise SpecError(text, key=key, cure=f'For example {name}="{words[0]}".')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,10 +178,15 @@ class ObserverRequest:
     @property
     def all_regions(self) -> tuple[SpectralRegion, ...]:
         """The regions and the half planes of the rate and of convergence, in continuous time."""
-        return (HalfPlane(left_of=-(self.rate or Fraction(0))), *self.regions)
+        slowest = self.rate or Fraction(0)
+        return (HalfPlane(left_of=-slowest), *self.regions)
 
 
 LARGEST_ASKED = Fraction(10**100)
+LESS_MAY_DO = (
+    "Less may do under the guarantee of [switching], which designs do not look at: "
+    "certify gains of your own."
+)
 
 
 def read_observer_request(
@@ -178,26 +195,34 @@ def read_observer_request(
     """Read the arguments of ``design_observer``; numbers exactly.  Raises: SpecError for a wrong
     one."""
     check_digits(digits)
-    speed = None if rate is None else read_positive(rate, "rate")
-    regions, limits = _read_regions(region), read_noise(noise)
-    step = None if period is None else read_positive(period, "period")
-    request = ObserverRequest(rate=speed, regions=regions, noise=limits, digits=digits, period=step)
-    if request.period is not None and request.noise:
+    request = ObserverRequest(
+        rate=None if rate is None else read_positive(rate, "rate"),
+        regions=_read_regions(region),
+        noise=read_noise(noise),
+        digits=digits,
+        period=None if period is None else read_positive(period, "period"),
+    )
+    if request.period is not None:
+        _require_sampled(request)
+    return request
+
+
+def _require_sampled(request: ObserverRequest) -> None:
+    """Raises: SpecError for what cannot be asked of a sampled observer."""
+    if request.noise:
         text = "noise cannot be asked of a sampled observer yet; got it together with period."
         raise SpecError(text, key="noise", cure="Leave noise out, or design in continuous time.")
-    if request.period is not None and not all(
-        isinstance(region, Disk) for region in request.regions
-    ):
-        text = (
-            "region must be a Disk for a sampled observer: its eigenvalues belong in the unit disk."
-        )
+    if not all(isinstance(region, Disk) for region in request.regions):
+        must = "region must be a Disk for a sampled observer"
+        text = f"{must}: its eigenvalues belong in the unit disk."
         raise SpecError(text, key="region", cure="Use rate for a decay rate in 1/s.")
-    return request
 
 
 def check_digits(digits: Any) -> None:
     """Raises: SpecError if ``digits`` is not a number of significant digits."""
-    if isinstance(digits, bool) or not isinstance(digits, int) or not 1 <= digits <= 15:
+    # True and False are integers of Python.
+    is_number = isinstance(digits, int) and not isinstance(digits, bool)
+    if not is_number or not 1 <= digits <= 15:
         text = f"digits must be an integer from 1 to 15; got {shown(digits)}."
         raise SpecError(text, key="digits", cure="Four digits are a good choice.")
 
@@ -207,54 +232,55 @@ def read_positive(
 ) -> Fraction:
     """A number > 0 and at most 1e100, exactly.  Raises: SpecError for another one."""
     number = parse_number(value, key=key)
+    must = None
     if number > LARGEST_ASKED:
-        raise SpecError(
-            f"{key} must be at most 1e100; got {shown_number(number)}.", key=key, cure=cure
-        )
+        must = "at most 1e100"
     if number <= 0:
-        raise SpecError(f"{key} must be > 0{why}; got {shown_number(number)}.", key=key, cure=cure)
+        must = f"> 0{why}"
+    if must is not None:
+        text = f"{key} must be {must}; got {shown_number(number)}."
+        raise SpecError(text, key=key, cure=cure)
     return number
 
 
 def read_noise(value: Any) -> tuple[NoiseLimit, ...]:
     """A limit or a list of them; a number bounds the H-infinity norm from measurement noise to
     dhat."""
-    return tuple(
-        each if isinstance(each, NoiseLimit) else NoiseLimit(bound=each) for each in _given(value)
-    )
+    limits = list[NoiseLimit]()
+    for each in _given(value):
+        limit = each if isinstance(each, NoiseLimit) else NoiseLimit(bound=each)
+        limits.append(limit)
+    return tuple(limits)
 
 
 def _read_regions(value: Any) -> tuple[SpectralRegion, ...]:
     regions = _given(value)
     for region in regions:
-        if not isinstance(region, (HalfPlane, Disk, Cone)):
-            text = (
-                "region must be a HalfPlane, a Disk or a Cone, or a list of them; got "
-                f"{shown(region)}."
-            )
-            raise SpecError(
-                text, key="region", cure="For example region=dd.poles.Cone(damping=0.7)."
-            )
+        if not isinstance(region, SpectralRegion):
+            must = "region must be a HalfPlane, a Disk or a Cone, or a list of them"
+            cure = "For example region=dd.poles.Cone(damping=0.7)."
+            raise SpecError(f"{must}; got {shown(region)}.", key="region", cure=cure)
     return regions
 
 
 def _given(value: Any) -> tuple[Any, ...]:
     """None, one, or a list of them."""
-    return () if value is None else tuple(value) if is_list(value) else (value,)
+    if value is None:
+        return ()
+    if is_list(value):
+        return tuple(value)
+    return (value,)
 
 
 def common_interval(regions: tuple[SpectralRegion, ...]) -> Ends | None:
     """The common part on the real axis; if it is empty (None), so is that of the regions: z brings
     Re z along."""
-    low = max(
-        (left for left, _ in (region.real_ends for region in regions) if left is not None),
-        default=None,
-    )
-    high = min(
-        (right for _, right in (region.real_ends for region in regions) if right is not None),
-        default=None,
-    )
-    return None if low is not None and high is not None and low > high else (low, high)
+    ends = [region.real_ends for region in regions]
+    low = max((left for left, _ in ends if left is not None), default=None)
+    high = min((right for _, right in ends if right is not None), default=None)
+    if low is not None and high is not None and low > high:
+        return None
+    return low, high
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,25 +295,39 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Answer(Shown):
-    """What every design on request has: the verdict, the reason in words, and what was decided on
-    the way."""
+    """What every design on request has: the verdict, and what was decided on the way.
+
+    ``obstacle``: what stands in the way of the request, where that has a statement.
+    ``under_guarantee``: only arbitrary switching forbids the request, and the problem has a
+    guarantee.
+    """
 
     verdict: Verdict
-    reason: str
     statements: tuple[Statement, ...] = ()
+    obstacle: Statement | None = None
+    under_guarantee: bool = False
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is what it is, in words."""
+        why = self._why()
+        if self.under_guarantee:
+            return f"{why} {LESS_MAY_DO}"
+        return why
+
+    def _why(self) -> str:
+        raise NotImplementedError
 
     def _card_of(
         self, title: str, facts: Sequence[tuple[str, Any]], lines: Sequence[str] = ()
     ) -> Card:
-        rows = [(each.verdict, each.text) for each in self.statements]
-        heads, verdict = ("verdict", "statement"), self.verdict.value
         return Card(
             title=title,
-            verdict=verdict,
+            verdict=self.verdict.value,
             text=self.reason,
             facts=facts,
-            heads=heads,
-            rows=rows,
+            heads=("verdict", "statement"),
+            rows=[(each.verdict, each.text) for each in self.statements],
             lines=lines,
         )
 
@@ -305,7 +345,8 @@ class ObserverDesign(Answer):
     ``measures``: numbers rounded towards the weaker claim, in 1/s where they are rates.
     ``nearest``: the design for the nearest request that was proved possible, where this one was
     not. ``groups``: where agents have different exosystems, the design of every group by its name;
-    W, P and Q then are block diagonal, and a measure is that of the worst group.
+    W, P and Q then are block diagonal, and a measure is that of the worst group.  ``relaxed``: the
+    request is the nearest that all groups meet.
     """
 
     request: ObserverRequest
@@ -316,39 +357,65 @@ class ObserverDesign(Answer):
     measures: Mapping[str, float]
     nearest: ObserverDesign | None = None
     groups: Mapping[str, ObserverDesign] = field(default_factory=dict)
+    relaxed: bool = False
+
+    def _why(self) -> str:
+        if self.groups:
+            return self._why_together()
+        if self.obstacle is not None:
+            return self.obstacle.text
+        if self.verdict is Verdict.PROVED:
+            return "W, with its rounded entries, meets all requirements."
+        return "no W was found that meets all requirements, and no proof that there is none."
+
+    def _why_together(self) -> str:
+        """The reason of the first group that has the verdict of all."""
+        if self.relaxed:
+            return "every group meets this request."
+        if self.verdict is Verdict.PROVED:
+            return "W of every group, with its rounded entries, meets all requirements."
+        worst = next(name for name, each in self.groups.items() if each.verdict is self.verdict)
+        return f"group of agent {worst}: {self.groups[worst].reason}"
 
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
         if self.groups:
             lines += [f"Group of agent {name}: {design}" for name, design in self.groups.items()]
-        else:
-            lines += [] if self.W is None else [f"W = {matrix_text(self.W)} ({self.source})"]
-            lines += [f"  {statement}" for statement in self.statements]
+            return "\n".join(lines)
+        if self.W is not None:
+            lines.append(f"W = {matrix_text(self.W)} ({self.source})")
+        lines += [f"  {statement}" for statement in self.statements]
         return "\n".join(lines)
 
-    def _matrices(self) -> tuple[tuple[str, Matrix | None], ...]:
-        return ("W", self.W), ("P", self.P), ("Q", self.Q)
+    def _matrices(self) -> dict[str, Matrix | None]:
+        return {"W": self.W, "P": self.P, "Q": self.Q}
 
     def _card(self) -> Card:
-        facts: list[tuple[str, Any]] = [(name, M) for name, M in self._matrices() if M is not None]
-        # bounds: no rounding
-        facts += [(name.replace("_", " "), repr(value)) for name, value in self.measures.items()]
+        facts = list[tuple[str, Any]]()
+        for name, M in self._matrices().items():
+            if M is not None:
+                facts.append((name, M))
+        for name, value in self.measures.items():
+            # Measures are bounds: as they are, without rounding.
+            facts.append((name.replace("_", " "), repr(value)))
         return self._card_of("Observer design", facts)
 
     def to_json(self) -> dict[str, Any]:
         """JSON object; exact numbers as text, infinite ones as null."""
-        finite = {name: value for name, value in self.measures.items() if abs(value) < float("inf")}
-        return {
+        measures = {}
+        for name, value in self.measures.items():
+            measures[name] = value if abs(value) < float("inf") else None
+        document: dict[str, Any] = {
             "verdict": self.verdict.value,
             "reason": self.reason,
             "source": self.source,
-            **{name: None if M is None else matrix_text(M) for name, M in self._matrices()},
-            "statements": [statement.to_json() for statement in self.statements],
-            "measures": {name: finite.get(name) for name in self.measures},
-            "nearest": None if self.nearest is None else self.nearest.to_json(),
-            **(
-                {"groups": {name: each.to_json() for name, each in self.groups.items()}}
-                if self.groups
-                else {}
-            ),
         }
+        for name, M in self._matrices().items():
+            document[name] = None if M is None else matrix_text(M)
+        document["statements"] = [statement.to_json() for statement in self.statements]
+        document["measures"] = measures
+        document["nearest"] = None if self.nearest is None else self.nearest.to_json()
+        if self.groups:
+            groups = {name: each.to_json() for name, each in self.groups.items()}
+            document["groups"] = groups
+        return document

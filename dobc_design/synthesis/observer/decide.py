@@ -15,9 +15,10 @@ symmetric) and Re s < 0 share a real point or nothing, W can put all observable 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from dobc_design.conditions.numbers import bisected, claimed, largest_proved
@@ -30,6 +31,7 @@ from dobc_design.exact.definite import decide_positive_definite, decide_positive
 from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import (
     Matrix,
+    Vector,
     add,
     identity,
     inverse,
@@ -54,6 +56,9 @@ from dobc_design.verdict import Verdict
 BISECTIONS = 40
 WIDENINGS = (1e-9, 1e-7, 1e-5, 1e-3)
 LARGEST_ORDER = 12  # beyond it exact norms take too long to be had by the way
+LEAVE_OUT = "It does not act on the agents either: leave it out."
+STAYS_OUTSIDE = "so no gain moves its eigenvalues, and they lie outside."
+ONLY_ALIKE = "This is automatic only if all agents have one exosystem."
 
 
 def gain_statements(
@@ -67,11 +72,11 @@ def gain_statements(
         )
         return *asked, *noise
     F = error_matrix(exosystem, W)
-    rate = (
-        [] if request.rate is None else [region_statement(F, request.all_regions[0], kind="rate")]
-    )
-    regions = [region_statement(F, region) for region in request.regions]
-    return hurwitz_statement(F), *rate, *regions, *noise
+    found = [hurwitz_statement(F)]
+    if request.rate is not None:
+        found.append(region_statement(F, request.all_regions[0], kind="rate"))
+    found += [region_statement(F, region) for region in request.regions]
+    return *found, *noise
 
 
 def image(region: claim.SpectralRegion, polynomial: Coefficients) -> Coefficients:
@@ -88,7 +93,9 @@ def image(region: claim.SpectralRegion, polynomial: Coefficients) -> Coefficient
 
 def roots_inside(polynomial: Coefficients, region: claim.SpectralRegion) -> tuple[bool, bool]:
     """Whether every root lies in the closed region, and whether in its interior: exact."""
-    degree = (len(polynomial) - 1) * (2 if isinstance(region, claim.Cone) else 1)
+    degree = len(polynomial) - 1
+    if isinstance(region, claim.Cone):
+        degree = 2 * degree  # so large is that of its image
     return roots.decide_images((image(region, polynomial),), degree=degree)
 
 
@@ -100,7 +107,8 @@ def region_statement(F: Matrix, region: claim.SpectralRegion, *, kind: str = "re
     shown = {"polynomial": roots.polynomial_text(polynomial)}
     if not inside:
         return refuted(kind, f"it is false that {text}.", **shown)
-    return proved(kind, f"{text}, {'and none' if strictly else 'with one'} on its border.", **shown)
+    border = "and none" if strictly else "with one"
+    return proved(kind, f"{text}, {border} on its border.", **shown)
 
 
 def hurwitz_statement(F: Matrix) -> Statement:
@@ -109,48 +117,71 @@ def hurwitz_statement(F: Matrix) -> Statement:
     column = ", ".join(number_text(x) for x in table.first_column)
     if table.verdict is Verdict.PROVED:
         return proved("hurwitz", "A - WC is Hurwitz.", routh=column)
-    return refuted(
-        "hurwitz",
-        "A - WC is not Hurwitz: the estimate does not follow the disturbance.",
-        routh=column,
-    )
+    text = "A - WC is not Hurwitz: the estimate does not follow the disturbance."
+    return refuted("hurwitz", text, routh=column)
 
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
     """Whether every eigenvalue of F has a real part <= -rate, the border included."""
-    return (
-        roots.count_right_half_plane(
-            image(claim.HalfPlane(left_of=-rate), characteristic_polynomial(F))
-        )
-        == 0
-    )
+    return _none_outside(claim.HalfPlane(left_of=-rate), F)
 
 
 def damping_holds(F: Matrix, damping: Fraction) -> bool:
     """Whether the damping ratio of F is at least ``damping``: exact; false outside (0, 1)."""
-    cone = claim.Cone(damping=damping) if 0 < damping < 1 else None
-    return (
-        cone is not None
-        and roots.count_right_half_plane(image(cone, characteristic_polynomial(F))) == 0
-    )
+    if not 0 < damping < 1:
+        return False
+    return _none_outside(claim.Cone(damping=damping), F)
+
+
+def _none_outside(region: claim.SpectralRegion, F: Matrix) -> bool:
+    """Whether no eigenvalue of F lies outside the closed region: exact."""
+    mapped = image(region, characteristic_polynomial(F))
+    return roots.count_right_half_plane(mapped) == 0
 
 
 def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponential.IntervalMatrix:
     """Enclose Ad - W Cd, Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds, of the observer of means
     over T."""
     found = exponential.discretise(exosystem.A, period)
-    q = exosystem.order
+    columns = range(exosystem.order)
     zero = Interval.point(0)
-    Cd = [
-        [sum((found.mean[r][j] * c for r, c in enumerate(row) if c), zero) for j in range(q)]
-        for row in exosystem.C
-    ]
-    gains = [[(c, w) for c, w in enumerate(row) if w] for row in W]
-    table = enumerate(found.transition)
-    return tuple(
-        tuple(row[j] - sum((Cd[c][j] * w for c, w in gains[i]), zero) for j in range(q))
-        for i, row in table
-    )
+
+    def output(row: Vector, column: int) -> Interval:
+        """An entry of Cd; zeros of C are left out, so that they do not widen it."""
+        parts = (found.mean[r][column] * c for r, c in enumerate(row) if c)
+        return sum(parts, zero)
+
+    def correction(row: Vector, column: int) -> Interval:
+        """An entry of W Cd."""
+        parts = (Cd[c][column] * w for c, w in enumerate(row) if w)
+        return sum(parts, zero)
+
+    Cd = [[output(row, j) for j in columns] for row in exosystem.C]
+    closed = list[tuple[Interval, ...]]()
+    for row, gains in zip(found.transition, W, strict=True):
+        closed.append(tuple(row[j] - correction(gains, j) for j in columns))
+    return tuple(closed)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SampledDisk:
+    """Where all eigenvalues of the sampled error are asked to lie; the radius is enclosed."""
+
+    kind: str
+    text: str
+    centre: Fraction
+    radius: Interval
+
+    def decided(self, polynomial: Sequence[Interval], **shown: str) -> Statement:
+        """The statement about the roots of a polynomial with enclosed coefficients."""
+        # It is proved for the smallest disk that the radius may mean, refuted for the largest.
+        small = roots.disk_image(polynomial, centre=self.centre, radius=self.radius.lo)
+        if exponential.interval_routh(small) is Verdict.PROVED:
+            return proved(self.kind, f"{self.text}.", **shown)
+        large = roots.disk_image(polynomial, centre=self.centre, radius=self.radius.hi)
+        if exponential.interval_routh(large) is Verdict.REFUTED:
+            return refuted(self.kind, f"it is false that {self.text}.", **shown)
+        return undecided(self.kind, f"it is not decided whether {self.text}.", **shown)
 
 
 def sampled_statements(
@@ -163,42 +194,29 @@ def sampled_statements(
 ) -> tuple[Statement, ...]:
     """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED
     close to a border."""
-    polynomial = exponential.interval_characteristic_polynomial(
-        sampled_matrix(exosystem, W, period)
-    )
+    closed = sampled_matrix(exosystem, W, period)
+    polynomial = exponential.interval_characteristic_polynomial(closed)
+    widest = max(x.width for x in polynomial)
+    shown = {"period": number_text(period), "width": f"{float_above(widest):.1e}"}
+    asked = _sampled_disks(period, rate, regions)
+    return tuple(disk.decided(polynomial, **shown) for disk in asked)
+
+
+def _sampled_disks(
+    period: Fraction, rate: Fraction | None, regions: Sequence[claim.SpectralRegion]
+) -> Iterator[SampledDisk]:
+    """The unit disk, that of the rate, and the disks asked for."""
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
-    asked = [("sampled", text, Fraction(0), Interval.point(1))]
+    yield SampledDisk(kind="sampled", text=text, centre=Fraction(0), radius=Interval.point(1))
     if rate is not None:
+        radius = exp(Interval.point(-rate * period))
         text = f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster"
-        asked.append(("rate", text, Fraction(0), exp(Interval.point(-rate * period))))
+        yield SampledDisk(kind="rate", text=text, centre=Fraction(0), radius=radius)
     for region in regions:
         if isinstance(region, claim.Disk):
-            text = f"every eigenvalue of the sampled error lies in {region}".replace("|s", "|z")
-            asked.append(("region", text, region.centre, Interval.point(region.radius)))
-    shown = {
-        "period": number_text(period),
-        "width": f"{float_above(max(x.width for x in polynomial)):.1e}",
-    }
-
-    # the radius is enclosed as well
-    def state(kind: str, text: str, centre: Fraction, radius: Interval) -> Statement:
-        if (
-            exponential.interval_routh(
-                roots.disk_image(polynomial, centre=centre, radius=radius.lo)
-            )
-            is Verdict.PROVED
-        ):
-            return proved(kind, f"{text}.", **shown)
-        if (
-            exponential.interval_routh(
-                roots.disk_image(polynomial, centre=centre, radius=radius.hi)
-            )
-            is Verdict.REFUTED
-        ):
-            return refuted(kind, f"it is false that {text}.", **shown)
-        return undecided(kind, f"it is not decided whether {text}.", **shown)
-
-    return tuple(state(*each) for each in asked)
+            radius = Interval.point(region.radius)
+            text = f"every eigenvalue of the sampled error lies in {region.in_letter('z')}"
+            yield SampledDisk(kind="region", text=text, centre=region.centre, radius=radius)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,7 +236,8 @@ def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
         raise SpecError(
             f"channel must be one of {', '.join(claim.CHANNELS)}; got {name!r}.", key="channel"
         )
-    F, C = error_matrix(exosystem, W), exosystem.C
+    F = error_matrix(exosystem, W)
+    C = exosystem.C
     if name == "measurement":
         return StateSpace(F=F, B=W, C=multiply(C, F), D=multiply(C, W))
     B = W if name == "disturbance" else identity(exosystem.order)
@@ -227,18 +246,14 @@ def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
 
 def h2_squared(system: StateSpace) -> Fraction | None:
     """The square of the H2 norm, exactly; None if it is infinite (F not Hurwitz or D not 0)."""
-    if (
-        any(x for row in system.D for x in row)
-        or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED
-    ):
+    passes_at_once = any(x for row in system.D for x in row)
+    if passes_at_once or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED:
         return None
     X = solve_lyapunov(transpose(system.F), multiply(system.B, transpose(system.B)))
     if X is None:  # cannot be for a Hurwitz F
         return None
-    return sum(
-        (row[i] for i, row in enumerate(multiply(multiply(system.C, X), transpose(system.C)))),
-        Fraction(0),
-    )
+    variance = multiply(multiply(system.C, X), transpose(system.C))
+    return sum((row[i] for i, row in enumerate(variance)), Fraction(0))
 
 
 def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
@@ -254,10 +269,12 @@ def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     inner = add(identity(len(C)), multiply(multiply(D, R), transpose(D)))
     upper = multiply(multiply(B, R), transpose(B))
     lower = scale(-1, multiply(multiply(transpose(C), inner), C))
-    halves = ((closed, upper), (lower, scale(-1, transpose(closed))))
-    hamiltonian = tuple(p + s for left, right in halves for p, s in zip(left, right, strict=True))
-    # a polynomial in s^2
-    return not roots.has_root_up_to_zero(characteristic_polynomial(hamiltonian)[::2])
+    hamiltonian = list[Vector]()
+    for left, right in ((closed, upper), (lower, scale(-1, transpose(closed)))):
+        hamiltonian += [p + s for p, s in zip(left, right, strict=True)]
+    # Eigenvalues come in pairs s, -s, so that it is a polynomial in s^2.
+    in_squares = characteristic_polynomial(tuple(hamiltonian))[::2]
+    return not roots.has_root_up_to_zero(in_squares)
 
 
 def root_above(square: Fraction) -> float:
@@ -272,7 +289,8 @@ def root_above(square: Fraction) -> float:
 
 def noise_statement(exosystem: Exosystem, W: Matrix, limit: claim.NoiseLimit) -> Statement:
     """State whether a norm keeps its limit (H-infinity: stays below it)."""
-    system, exact = channel(exosystem, W, limit.channel), dict[str, str]()
+    system = channel(exosystem, W, limit.channel)
+    exact = dict[str, str]()
     if limit.norm == "h2":
         square = h2_squared(system)
         holds = square is not None and square <= limit.bound**2
@@ -294,22 +312,25 @@ def envelope_statement(
 ) -> Statement | None:
     """|eps(t)| <= root(upper / lower) exp(-rate t) |eps(0)|, if F'P + P F + 2 rate P <= 0 and the
     bounds of P hold."""
-    P, F, q = envelope.P, error_matrix(exosystem, W), exosystem.order
+    P = envelope.P
     if envelope.lower <= 0 or not is_symmetric(P):
         return None
-    product = multiply(P, F)
+    unit = identity(exosystem.order)
+    product = multiply(P, error_matrix(exosystem, W))
     decay = scale(-1, add(add(product, transpose(product)), scale(2 * envelope.rate, P)))
-    parts = (
-        subtract(P, scale(envelope.lower, identity(q))),
-        subtract(scale(envelope.upper, identity(q)), P),
-        decay,
-    )
-    if any(decide_positive_semidefinite(part).verdict is not Verdict.PROVED for part in parts):
-        return None
+    above = subtract(P, scale(envelope.lower, unit))
+    below = subtract(scale(envelope.upper, unit), P)
+    for part in (above, below, decay):
+        if decide_positive_semidefinite(part).verdict is not Verdict.PROVED:
+            return None
     stretch = root_above(envelope.upper / envelope.lower)
-    values = {"rate": envelope.rate, "lower": envelope.lower, "upper": envelope.upper}
-    text = f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(envelope.rate):.4g} t) |eps(0)|."
-    return proved("lyapunov", text, **{name: number_text(value) for name, value in values.items()})
+    return proved(
+        "lyapunov",
+        f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(envelope.rate):.4g} t) |eps(0)|.",
+        rate=number_text(envelope.rate),
+        lower=number_text(envelope.lower),
+        upper=number_text(envelope.upper),
+    )
 
 
 def proved_measures(
@@ -319,53 +340,65 @@ def proved_measures(
     for W (q, m)."""
     F = error_matrix(exosystem, W)
     result = {"gain": size_above(W)}
-    for name, holds in (("rate", rate_holds), ("damping", damping_holds)):
-        estimate = estimates.get(name, 0.0)
-        found: float | None = float(f"{estimate:.9g}")
-        # the border is included; else less
-        if not (found and math.isfinite(found) and holds(F, claimed(found))):
-            found = largest_proved(estimate, lambda x, holds=holds: x == 0 or holds(F, x))  # type: ignore[misc]
-        if found:
-            result[name] = found
+    rate = _proved_near(estimates.get("rate", 0.0), partial(rate_holds, F))
+    if rate:
+        result["rate"] = rate
+    damping = _proved_near(estimates.get("damping", 0.0), partial(damping_holds, F))
+    if damping:
+        result["damping"] = damping
     if "peak" in estimates:
         result["peak_seen"] = estimates["peak"]
-    for name in claim.CHANNELS if norms and exosystem.order <= LARGEST_ORDER else ():
+    if not norms or exosystem.order > LARGEST_ORDER:
+        return result
+    for name in claim.CHANNELS:
         system = channel(exosystem, W, name)
         square = h2_squared(system)
         result[f"h2 {name}"] = math.inf if square is None else root_above(square)
-        bounds = (
-            estimates.get(f"hinf {name}", math.inf) * (1 + widening) for widening in WIDENINGS
-        )
-        found = next(
-            (x for x in bounds if 0 < x < math.inf and hinf_below(system, claimed(x))), None
-        )
-        if found is not None:
-            result[f"hinf {name}"] = found
+        bound = _hinf_above(system, estimates.get(f"hinf {name}", math.inf))
+        if bound is not None:
+            result[f"hinf {name}"] = bound
     return result
+
+
+def _proved_near(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
+    """A number that is proved to hold: the estimate to nine digits, else less; None or 0 without
+    one."""
+    found = float(f"{estimate:.9g}")
+    # The border is included, so that a number that is hit exactly stands.
+    if found and math.isfinite(found) and holds(claimed(found)):
+        return found
+    return largest_proved(estimate, lambda x: x == 0 or holds(x))
+
+
+def _hinf_above(system: StateSpace, estimate: float) -> float | None:
+    """A proved bound of the H-infinity norm, hardly larger than the estimate; None without one."""
+    for widening in WIDENINGS:
+        bound = estimate * (1 + widening)
+        if 0 < bound < math.inf and hinf_below(system, claimed(bound)):
+            return bound
+    return None
 
 
 def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Statement | None:
     """A proof that no W meets a request, or None; its kind says what fails: detectable, rate,
     region or noise."""
     found = decide_detectable(exosystem.A, exosystem.C)
-    hidden, regions = found.unobservable_text, request.all_regions
+    hidden = found.unobservable_text
     if found.verdict is not Verdict.PROVED:
-        text = (
-            f"no W exists: (A, C) is not detectable; the part {hidden} never reaches d = C xi "
-            "and does not decay."
-        )
-        text += " It does not act on the agents either: leave it out."
+        never = f"the part {hidden} never reaches d = C xi and does not decay."
+        text = f"no W exists: (A, C) is not detectable; {never} {LEAVE_OUT}"
         return refuted("detectable", text, polynomial=hidden)
     if request.period is not None:
         return None
-    for position, region in enumerate(regions if len(found.unobservable_polynomial) > 1 else ()):
-        if not roots_inside(found.unobservable_polynomial, region)[0]:
-            text = (
-                f"no W meets {region}: C does not see the part {hidden} of the exosystem, so "
-                "no gain moves its"
-            )
-            text += " eigenvalues, and they lie outside."
-            return refuted("region" if position else "rate", text, polynomial=hidden)
+    regions = request.all_regions
+    if len(found.unobservable_polynomial) > 1:
+        for position, region in enumerate(regions):
+            if not roots_inside(found.unobservable_polynomial, region)[0]:
+                unseen = f"C does not see the part {hidden} of the exosystem"
+                text = f"no W meets {region}: {unseen}, {STAYS_OUTSIDE}"
+                # The first half plane is that of the rate.
+                kind = "region" if position else "rate"
+                return refuted(kind, text, polynomial=hidden)
     common = claim.common_interval(regions)
     if common is None or (common[0] is not None and common[0] >= 0):
         names = " and ".join(str(region) for region in regions)
@@ -373,23 +406,34 @@ def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Stat
     return _too_quiet(exosystem, request)
 
 
-def reduced_exosystem(
-    problem: Problem, *, reduce: bool
-) -> tuple[Mapping[str, Any], tuple[str, ...], Statement | None]:
-    """The observable part of an undetectable exosystem as changes, with a sentence; or why there is
-    no W at all."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reduction:
+    """What becomes of an exosystem that C does not see whole: ``changes`` of the problem that leave
+    its observable part, and the ``words`` for them; or why there is no W at all."""
+
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    words: str | None = None
+    obstacle: Statement | None = None
+
+
+def reduced_exosystem(problem: Problem, *, reduce: bool) -> Reduction:
+    """The observable part of an undetectable exosystem; or why there is no W at all."""
     if problem.is_grouped:
-        return {}, (), next(_undetectable_groups(problem, reduce=reduce), None)
-    check = None if problem.exosystem is None else detectability_check(problem.exosystem, problem)
-    if check is None or check.verdict is Verdict.PROVED:
-        return {}, (), None
-    if check.fix is None or not reduce:
-        exact = (
-            {} if check.exact is None else {name: str(value) for name, value in check.exact.items()}
-        )
-        text = check.reason[0].lower() + check.reason[1:]
-        return {}, (), refuted("detectable", f"no W exists: {text}", **exact)
-    return check.fix.set, (f"Exosystem: {check.fix.text}",), None
+        return Reduction(obstacle=next(_undetectable_groups(problem, reduce=reduce), None))
+    if problem.exosystem is None:
+        return Reduction()
+    check = detectability_check(problem.exosystem, problem)
+    if check.verdict is Verdict.PROVED:
+        return Reduction()
+    if check.fix is not None and reduce:
+        return Reduction(changes=check.fix.set, words=check.fix.text)
+    exact = {name: str(value) for name, value in (check.exact or {}).items()}
+    text = f"no W exists: {_inside_a_sentence(check.reason)}"
+    return Reduction(obstacle=refuted("detectable", text, **exact))
+
+
+def _inside_a_sentence(text: str) -> str:
+    return f"{text[0].lower()}{text[1:]}"
 
 
 def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statement]:
@@ -397,24 +441,18 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
         check = detectability_check(group.exosystem)
         if check.verdict is Verdict.PROVED:
             continue
-        text = (
-            f"no W exists for the group of agent {group.name}: "
-            f"{check.reason[0].lower() + check.reason[1:]}"
-        )
+        why = _inside_a_sentence(check.reason)
+        text = f"no W exists for the group of agent {group.name}: {why}"
         if not reduce or check.fix is None:
             yield refuted("detectable", text)
             continue
-        kept = [
-            (key.rpartition(".")[2], value_text(value))
-            for key, value in check.fix.set.items()
-            if value
-        ]
-        rest = f" ({'; '.join(f'{name} = {value}' for name, value in kept)})" if kept else ""
-        cure = (
-            f"Replace it by its observable part{rest}, and design again. This is automatic "
-            "only if all"
-        )
-        yield undecided("detectable", f"{text} {cure} agents have one exosystem.")
+        kept = list[str]()
+        for key, value in check.fix.set.items():
+            if value:
+                kept.append(f"{key.rpartition('.')[2]} = {value_text(value)}")
+        part = f"its observable part ({'; '.join(kept)})" if kept else "its observable part"
+        cure = f"Replace it by {part}, and design again. {ONLY_ALIKE}"
+        yield undecided("detectable", f"{text} {cure}")
 
 
 def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
@@ -428,8 +466,11 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
 
     most = 1 + sum((abs(x) for x in polynomial), Fraction(0))  # Cauchy's bound
     low, high = bisected(reached, Fraction(0), most, steps=BISECTIONS)
+    # A short number that the bisection closes in on is shown rather than its lower end.
     short = high.limit_denominator(1000)
-    return short if short >= low > 0 and reached(short) else low or None
+    if short >= low > 0 and reached(short):
+        return short
+    return low or None
 
 
 def _too_quiet(exosystem: Exosystem, request: claim.ObserverRequest) -> Statement | None:
@@ -440,21 +481,27 @@ def _too_quiet(exosystem: Exosystem, request: claim.ObserverRequest) -> Statemen
     polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
     if len(polynomial) < 2 or roots.routh(polynomial).verdict is Verdict.PROVED:
         return None
+    for limit in request.noise:
+        because = _follows_exactly(polynomial, limit)
+        if because is not None:
+            follows = f"an estimate that converges follows the exosystem's {because}."
+            return refuted("noise", f"no W makes the {limit}: {follows}")
+    return None
+
+
+def _follows_exactly(polynomial: Coefficients, limit: claim.NoiseLimit) -> str | None:
+    """What every estimate that converges follows, and the limit does not allow; None without such.
+    ``polynomial``: of the observable part of A."""
+    if limit.norm != "hinf":
+        return None
+    if limit.channel == "disturbance" and limit.bound <= 1:
+        return "own disturbances exactly, which takes the gain 1"
+    if limit.channel != "measurement":
+        return None
     # If none decays, all eigenvalues count, and one of them is not inside the open disk of the
     # bound.
     none_decays = roots.count_right_half_plane(roots.reflected(polynomial)) == 0
-    for limit in (each for each in request.noise if each.norm == "hinf"):
-        because, disk = "", claim.Disk(centre=0, radius=limit.bound)
-        if limit.channel == "disturbance" and limit.bound <= 1:
-            because = "own disturbances exactly, which takes the gain 1"
-        elif (
-            limit.channel == "measurement" and none_decays and not roots_inside(polynomial, disk)[1]
-        ):
-            because = "fastest frequency exactly, which takes at least that gain"
-        if because:
-            text = (
-                f"no W makes the {limit}: an estimate that converges follows the exosystem's "
-                f"{because}."
-            )
-            return refuted("noise", text)
+    disk = claim.Disk(centre=0, radius=limit.bound)
+    if none_decays and not roots_inside(polynomial, disk)[1]:
+        return "fastest frequency exactly, which takes at least that gain"
     return None

@@ -30,7 +30,7 @@ from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.exact.matrix import Matrix, scale, to_float, zeros
 from dobc_design.exact.observability import decide_observable, observable_reduction
-from dobc_design.exact.pencil import Pencil, Unknown
+from dobc_design.exact.pencil import Pencil, Place, Unknown
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import solve_directly
@@ -43,6 +43,7 @@ from dobc_design.verdict import Verdict
 SLACKS = (1e-6, 1e-3, 0.01, 0.1)
 MORE_DIGITS = (6, 9, 12, 15)
 STEPS = 6  # halvings of the default rate
+INEQUALITIES = "linear matrix inequalities"
 SHIFTS = (1.0, 1.05, 1.5, 2.0)  # of the spectrum for a Kalman gain, in parts of the rate
 # of process to measurement noise, from fast to slow
 RATIOS = tuple(10.0 ** (k / 2) for k in range(6, -13, -1))
@@ -69,81 +70,130 @@ def propose_gains(
     """Rational W (q, m) and how each came about; numbers beyond the floats leave only the exact
     placement."""
     with suppress(*GIVEN_UP):
-        plant, found = make_plant(exosystem, request), []
-        if not len(plant.A):
+        plant = make_plant(exosystem, request)
+        if len(plant.A):
+            yield from _rounded_gains(plant, request)
+        else:
             yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
-        for W, source in _gains(plant, request) if len(plant.A) else ():
-            yield round_matrix(plant.T.T @ W, request.digits), source
-            found.append((W, source))
-        for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
-            if digits > request.digits:
-                yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
-    # all observable poles at one real point, in units in which the numbers are near 1
     if request.period is None:
-        low, high = claim.common_interval(request.all_regions) or (None, None)
-        high = Fraction(0) if high is None else high
-        point = high - max(Fraction(1), abs(high) / 10) if low is None else (low + high) / 2
-        time, output = propose.natural_units(exosystem, rate=abs(point))
-        units = Exosystem(A=scale(1 / time, exosystem.A), C=scale(1 / output, exosystem.C))
-        for placed in propose.placed_gains(units, rate=-point / time - 1):
-            yield scale(time / output, placed), "exact pole placement"
+        for W in _placed(exosystem, request):
+            yield W, "exact pole placement"
+
+
+def _rounded_gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Matrix, str]]:
+    """Gains with the digits asked for; after these the first of them with more digits."""
+    found = list[tuple[Array, str]]()
+    for W, source in _gains(plant, request):
+        yield round_matrix(plant.T.T @ W, request.digits), source
+        found.append((W, source))
+    for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
+        if digits > request.digits:
+            yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
+
+
+def _placed(exosystem: Exosystem, request: claim.ObserverRequest) -> Iterator[Matrix]:
+    """Gains that put all observable poles at one real point, which lies in all regions."""
+    low, high = claim.common_interval(request.all_regions) or (None, None)
+    if high is None:
+        high = Fraction(0)
+    if low is None:
+        low = high - 2 * max(Fraction(1), abs(high) / 10)
+    point = (low + high) / 2
+    # in units in which the numbers are near 1
+    time, output = propose.natural_units(exosystem, rate=abs(point))
+    units = Exosystem(A=scale(1 / time, exosystem.A), C=scale(1 / output, exosystem.C))
+    for placed in propose.placed_gains(units, rate=-point / time - 1):
+        yield scale(time / output, placed)
 
 
 def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
     """The pair in floats, sampled if there is a period.  Raises: SpecError if a number is beyond
     the floats."""
-    A, C = to_float(exosystem.A), to_float(exosystem.C)
+    A = to_float(exosystem.A)
+    C = to_float(exosystem.C)
     regions = request.all_regions
     if request.period is not None:
         period = float(request.period)
-        q = len(A)
-        # Van Loan 1978
-        block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)
-        rate = float(
-            request.rate
-            if request.rate is not None
-            else propose.half_rate(A, C, propose.kalman_gain(A, C))
-        )
-        A, C = block[:q, :q], C @ block[:q, q:] / period
-        radius = Fraction(math.exp(-rate * period))
-        regions = (claim.Disk(centre=0, radius=radius.limit_denominator(10**15)), *request.regions)
+        disk = _disk_of_rate(A, C, request.rate, period)
+        A, C = _sampled(A, C, period)
+        regions = (disk, *request.regions)
     T = np.eye(len(A))
     if decide_observable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
-        rows = observable_reduction(exosystem.A, exosystem.C)[2]
-        T = linalg.qr(to_float(rows).T, mode="economic")[0].T if rows else np.zeros((0, len(A)))
-    return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=request.period is not None)
+        T = _observable_rows(exosystem)
+    sampled = request.period is not None
+    return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=sampled)
+
+
+def _sampled(A: Array, C: Array, period: float) -> tuple[Array, Array]:
+    """Ad = exp(A T) and Cd = C times its mean over a period T (s), of one exponential (Van Loan
+    1978)."""
+    q = len(A)
+    both = np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]])
+    block = linalg.expm(both * period)
+    return block[:q, :q], C @ block[:q, q:] / period
+
+
+def _disk_of_rate(A: Array, C: Array, rate: Fraction | None, period: float) -> claim.Disk:
+    """|z| <= exp(-rate T); without a rate half that of the Kalman gain in continuous time."""
+    if rate is None:
+        rate = propose.half_rate(A, C, propose.kalman_gain(A, C))
+    radius = Fraction(math.exp(-float(rate) * period))
+    return claim.Disk(centre=0, radius=radius.limit_denominator(10**15))
+
+
+def _observable_rows(exosystem: Exosystem) -> Array:
+    """Orthonormal rows that span what C sees of the exosystem."""
+    rows = observable_reduction(exosystem.A, exosystem.C)[2]
+    if not rows:
+        return np.zeros((0, exosystem.order))
+    basis: Array = linalg.qr(to_float(rows).T, mode="economic")[0]
+    return basis.T
 
 
 def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array, str]]:
     """Gains for the regions with the smallest |W| of what the methods give first; then those for
     bounds on noise."""
-    inequalities = "linear matrix inequalities"
     # A Kalman gain reaches every rate that can be had: with many states and no other region it is
     # enough.
-    slacks = SLACKS if len(plant.A) <= propose.LARGEST_PROGRAM or request.regions else ()
-    # to be added where none was asked: half that of the Kalman gain, then smaller ones
-    rates = [Fraction(0)]
-    rate = propose.half_rate(plant.A, plant.C, propose.kalman_gain(plant.A, plant.C))
-    if rate and request.rate is None and not plant.sampled:
-        rates = [*(rate / 2**k for k in range(STEPS if request.noise else 1)), Fraction(0)]
-    for rate in rates:
-        regions = (claim.HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
+    small = len(plant.A) <= propose.LARGEST_PROGRAM
+    slacks = SLACKS if small or request.regions else ()
+    for rate in _rates(plant, request):
+        regions = plant.regions
+        if rate:
+            regions = (claim.HalfPlane(left_of=-rate), *regions)
         if claim.common_interval(regions) is None:
             continue
-        answers = (lmi_gain(plant.A, plant.C, regions, slack=slack) for slack in slacks)
-        found = [(W, inequalities) for W in answers if W is not None]
+        found = list[tuple[Array, str]]()
+        for slack in slacks:
+            W = lmi_gain(plant.A, plant.C, regions, slack=slack)
+            if W is not None:
+                found.append((W, INEQUALITIES))
         found += kalman_gains(plant.A, plant.C, regions, sampled=plant.sampled)
         yield from sorted(found, key=lambda each: float(np.linalg.norm(each[0])))
     if request.noise:
-        quiet = (
-            lmi_gain(plant.A, plant.C, plant.regions, noise=request.noise, slack=slack)
-            for slack in SLACKS
-        )
-        yield from ((W, inequalities) for W in quiet if W is not None)
-        for ratio in RATIOS:
-            W = propose.kalman_gain(plant.A, plant.C, process=ratio)
-            if W is not None:
-                yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
+        yield from _quiet_gains(plant, request.noise)
+
+
+def _rates(plant: Plant, request: claim.ObserverRequest) -> list[Fraction]:
+    """Rates (1/s) to be added where none was asked: half that of the Kalman gain, then smaller
+    ones; 0 in the end."""
+    rate = propose.half_rate(plant.A, plant.C, propose.kalman_gain(plant.A, plant.C))
+    if not rate or request.rate is not None or plant.sampled:
+        return [Fraction(0)]
+    halvings = STEPS if request.noise else 1
+    return [*(rate / 2**k for k in range(halvings)), Fraction(0)]
+
+
+def _quiet_gains(plant: Plant, noise: Sequence[claim.NoiseLimit]) -> Iterator[tuple[Array, str]]:
+    """Gains for bounds on noise, by matrix inequalities, then Kalman gains from fast to slow."""
+    for slack in SLACKS:
+        W = lmi_gain(plant.A, plant.C, plant.regions, noise=noise, slack=slack)
+        if W is not None:
+            yield W, INEQUALITIES
+    for ratio in RATIOS:
+        W = propose.kalman_gain(plant.A, plant.C, process=ratio)
+        if W is not None:
+            yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
 
 
 def lmi_gain(
@@ -158,25 +208,12 @@ def lmi_gain(
     A (q, q) in 1/s, C (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units
     of the fastest rate in play, so that an H-infinity norm of the exosystem channel is so many
     times as large."""
-    q, m = C.shape[1], C.shape[0]
-    ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
-    time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)), *ends)
-    unknowns = tuple(
-        Unknown(name=name, rows=q, columns=n, symmetric=name == "P")
-        for name, n in (("P", q), ("Q", m))
-    )
-
-    def blocks(P: Array, Q: Array) -> list[Array]:
-        M = P @ (A / time) - Q @ C
-        result = [_region_block(M, P, region, time=time, slack=slack) for region in regions]
-        return result + [
-            block for limit in noise for block in _noise_blocks(M, P, Q, C, limit, time=time)
-        ]
-
-    pencils = _pencils(blocks, unknowns)
+    time = _time_unit(A, regions)
     # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W =
     # P^-1 Q small.
-    for floor in FLOORS if noise else (Fraction(1),):
+    floors = FLOORS if noise else (Fraction(1),)
+    pencils = _pencils(A / time, C, regions, noise, time=time, slack=slack)
+    for floor in floors:
         answer = solve_directly(Program(pencils=pencils, floor=floor))
         if answer.found:
             W: Array = np.asarray(linalg.lstsq(answer.values["P"], time * answer.values["Q"])[0])
@@ -184,46 +221,92 @@ def lmi_gain(
     return None
 
 
+def _time_unit(A: Array, regions: Sequence[claim.SpectralRegion]) -> float:
+    """The fastest rate in play, in 1/s."""
+    fastest = float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0))
+    for region in regions:
+        for end in region.real_ends:
+            if end is not None:
+                fastest = max(fastest, abs(float(end)))
+    return max(1e-12, fastest)
+
+
 def _pencils(
-    blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]
+    A: Array,
+    C: Array,
+    regions: Sequence[claim.SpectralRegion],
+    noise: Sequence[claim.NoiseLimit],
+    *,
+    time: float,
+    slack: float,
 ) -> tuple[Pencil, ...]:
-    """The pencils of affine functions of the unknowns' arrays, from their values at 0 and at unit
-    entries."""
+    """The conditions on (P, Q) as pencils.  They are affine, so that their values at 0 and at unit
+    entries give them."""
+    m, q = C.shape
+    unknowns = (
+        Unknown(name="P", rows=q, columns=q, symmetric=True),
+        Unknown(name="Q", rows=q, columns=m, symmetric=False),
+    )
 
-    def sparse(matrix: Array) -> SparseSymmetric:
-        places = zip(*np.nonzero(np.triu(matrix)), strict=True)
-        return SparseSymmetric(
-            len(matrix), {(int(i), int(j)): Fraction(float(matrix[i, j])) for i, j in places}
+    def blocks(P: Array, Q: Array) -> list[Array]:
+        M = P @ A - Q @ C
+        found = [_region_block(M, P, region, time=time, slack=slack) for region in regions]
+        for limit in noise:
+            found += _noise_blocks(M, P, Q, C, limit, time=time)
+        return found
+
+    constants = blocks(np.zeros((q, q)), np.zeros((q, m)))
+    pencils = list[Pencil]()
+    values = dict(_at_unit_entries(blocks, unknowns))
+    for k, constant in enumerate(constants):
+        coefficients = {place: _sparse(value[k] - constant) for place, value in values.items()}
+        pencils.append(
+            Pencil(
+                name="observer",
+                constant=_sparse(constant),
+                unknowns=unknowns,
+                coefficients=coefficients,
+            )
         )
+    return tuple(pencils)
 
-    constants = blocks(*(np.zeros((u.rows, u.columns)) for u in unknowns))
-    values = {}
+
+def _at_unit_entries(
+    blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]
+) -> Iterator[tuple[Place, list[Array]]]:
+    """The blocks where one entry of one unknown is 1, by its place."""
     for number, unknown in enumerate(unknowns):
         for place in unknown.places():
             arrays = [np.zeros((u.rows, u.columns)) for u in unknowns]
-            arrays[number][place[1], place[2]] = 1.0
+            row, column = place[1:]
+            arrays[number][row, column] = 1.0
             if unknown.symmetric:
-                arrays[number][place[2], place[1]] = 1.0
-            values[place] = blocks(*arrays)
-    result = []
-    for k, constant in enumerate(constants):
-        coefficients = {place: sparse(value[k] - constant) for place, value in values.items()}
-        left = sparse(constant)
-        result.append(
-            Pencil(name="observer", constant=left, unknowns=unknowns, coefficients=coefficients)
-        )
-    return tuple(result)
+                arrays[number][column, row] = 1.0
+            yield place, blocks(*arrays)
+
+
+def _sparse(matrix: Array) -> SparseSymmetric:
+    """A symmetric array, exactly."""
+    entries = dict[tuple[int, int], Fraction]()
+    for i, j in zip(*np.nonzero(np.triu(matrix)), strict=True):
+        entries[int(i), int(j)] = Fraction(float(matrix[i, j]))
+    return SparseSymmetric(len(matrix), entries)
 
 
 def _region_block(
     M: Array, P: Array, region: claim.SpectralRegion, *, time: float, slack: float
 ) -> Array:
+    """The matrix that is negative semidefinite where P shows the region for P^-1 M (module
+    docstring)."""
     if isinstance(region, claim.Disk):
-        x, r = float(region.centre) / time, float(region.radius) / time
-        return np.block([[(slack - r) * P, M - x * P], [(M - x * P).T, (slack - r) * P]])
+        radius = float(region.radius) / time
+        moved = M - float(region.centre) / time * P
+        corner = (slack - radius) * P
+        return np.block([[corner, moved], [moved.T, corner]])
     if isinstance(region, claim.Cone):
         z = float(region.damping)
-        symmetric, skew = math.sqrt(1 - z * z) * (M + M.T) + slack * P, z * (M - M.T)
+        symmetric = math.sqrt(1 - z * z) * (M + M.T) + slack * P
+        skew = z * (M - M.T)
         return np.block([[symmetric, skew], [skew.T, symmetric]])
     low, high = region.real_ends
     if high is not None:
@@ -234,16 +317,23 @@ def _region_block(
 def _noise_blocks(
     M: Array, P: Array, Q: Array, C: Array, limit: claim.NoiseLimit, *, time: float
 ) -> list[Array]:
-    m, bound, exosystem = len(C), float(limit.bound), limit.channel == "exosystem"
+    """The matrices that are negative semidefinite where P shows the bound (module docstring)."""
     if limit.channel == "measurement":
         return []
+    bound = float(limit.bound)
+    of_exosystem = limit.channel == "exosystem"
     if limit.norm == "hinf":
-        border = np.hstack([P if exosystem else Q, C.T])
-        rest = -(bound * (time if exosystem else 1.0)) * np.eye(border.shape[1])
+        border = np.hstack([P if of_exosystem else Q, C.T])
+        if of_exosystem:
+            bound = bound * time
+        rest = -bound * np.eye(border.shape[1])
         return [np.block([[M + M.T, border], [border.T, rest]])]
-    square, gramian = bound**2 * (time if exosystem else 1 / time), M + M.T + C.T @ C
-    if exosystem:
+    gramian = M + M.T + C.T @ C
+    if of_exosystem:
+        square = bound**2 * time
         return [gramian, np.array([[np.trace(P) - square]])]
+    square = bound**2 * (1 / time)
+    m = len(C)
     return [gramian, -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
 
 
@@ -252,27 +342,37 @@ def kalman_gains(
 ) -> Iterator[tuple[Array, str]]:
     """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay
     faster."""
-    tried = [(propose.kalman_gain(A, C, sampled=sampled), 1.0, "Kalman gain with unit weights")]
-    if sampled:
-        radius = min(
-            (float(r.radius) for r in regions if isinstance(r, claim.Disk) and not r.centre),
-            default=1.0,
-        )
-        for size in (radius * 1.0, radius * 0.95, radius * 0.7):
-            tried.append(
-                (
-                    propose.kalman_gain(A / size, C, sampled=True),
-                    size,
-                    "Kalman gain of A / exp(-rate T)",
-                )
-            )
-    else:
-        common = claim.common_interval(tuple(regions))
-        rate = 0.0 if common is None or common[1] is None else -float(common[1])
-        for shift in SHIFTS if rate else ():
-            faster = propose.kalman_gain(A + shift * rate * np.eye(len(A)), C)
-            tried.append((faster, 1.0, f"Kalman gain of A + {shift:g} rate I"))
-    yield from ((size * gain, source) for gain, size, source in tried if gain is not None)
+    gain = propose.kalman_gain(A, C, sampled=sampled)
+    if gain is not None:
+        yield gain, "Kalman gain with unit weights"
+    faster = _faster_sampled if sampled else _faster
+    yield from faster(A, C, regions)
+
+
+def _faster_sampled(
+    A: Array, C: Array, regions: Sequence[claim.SpectralRegion]
+) -> Iterator[tuple[Array, str]]:
+    """A / radius has its poles in the unit disk where those of A lie in the disk of the radius."""
+    about_zero = [each for each in regions if isinstance(each, claim.Disk) and not each.centre]
+    radius = min((float(disk.radius) for disk in about_zero), default=1.0)
+    for size in (radius * 1.0, radius * 0.95, radius * 0.7):
+        gain = propose.kalman_gain(A / size, C, sampled=True)
+        if gain is not None:
+            yield size * gain, "Kalman gain of A / exp(-rate T)"
+
+
+def _faster(
+    A: Array, C: Array, regions: Sequence[claim.SpectralRegion]
+) -> Iterator[tuple[Array, str]]:
+    """A + shift I decays where A decays faster than the shift."""
+    common = claim.common_interval(tuple(regions))
+    if common is None or not common[1]:
+        return
+    rate = -float(common[1])
+    for shift in SHIFTS:
+        gain = propose.kalman_gain(A + shift * rate * np.eye(len(A)), C)
+        if gain is not None:
+            yield 1.0 * gain, f"Kalman gain of A + {shift:g} rate I"
 
 
 def propose_envelopes(
@@ -283,19 +383,33 @@ def propose_envelopes(
     with suppress(*GIVEN_UP):
         F = to_float(error_matrix(exosystem, W))
         decay = float(-np.max(np.linalg.eigvals(F).real))
-        wanted = min(float(rate), decay) if rate is not None else decay / 2
-        for each in (wanted * part for part in PARTS if 0 < wanted * part <= decay * (1 - 1e-9)):
-            exact = rate if rate is not None and each == float(rate) else Fraction(f"{each:.6g}")
-            P = linalg.solve_continuous_lyapunov(
-                (F + float(exact) * np.eye(len(F))).T, -np.eye(len(F))
+        wanted = decay / 2 if rate is None else min(float(rate), decay)
+        for part in PARTS:
+            each = wanted * part
+            if not 0 < each <= decay * (1 - 1e-9):
+                continue
+            exact = Fraction(f"{each:.6g}")
+            if rate is not None and each == float(rate):
+                exact = rate
+            yield from _envelopes_at(F, exact)
+
+
+def _envelopes_at(F: Array, rate: Fraction) -> Iterator[claim.Envelope]:
+    """P of one rate with more and more digits, and bounds of its eigenvalues."""
+    unit = np.eye(len(F))
+    P = linalg.solve_continuous_lyapunov((F + float(rate) * unit).T, -unit)
+    for digits in DIGITS:
+        rounded = round_matrix((P + P.T) / 2, digits)
+        values = np.linalg.eigvalsh(to_float(rounded))
+        lower = float(values[0]) * (1 - 1e-9)
+        upper = float(values[-1]) * (1 + 1e-9)
+        if lower > 0:
+            yield claim.Envelope(
+                P=rounded,
+                rate=rate,
+                lower=Fraction(f"{lower:.12g}"),
+                upper=Fraction(f"{upper:.12g}"),
             )
-            for digits in DIGITS:
-                rounded = round_matrix((P + P.T) / 2, digits)
-                values = np.linalg.eigvalsh(to_float(rounded))
-                lower, upper = float(values[0]) * (1 - 1e-9), float(values[-1]) * (1 + 1e-9)
-                if lower > 0:
-                    bounds = Fraction(f"{lower:.12g}"), Fraction(f"{upper:.12g}")
-                    yield claim.Envelope(P=rounded, rate=exact, lower=bounds[0], upper=bounds[1])
 
 
 def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
@@ -303,14 +417,17 @@ def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
     try:
         F = to_float(error_matrix(exosystem, W))
         poles = np.linalg.eigvals(F)
-        sizes = np.where(np.abs(poles) > 0, np.abs(poles), 1.0)
-        result = {"rate": float(-np.max(poles.real)), "damping": float(np.min(-poles.real / sizes))}
-        result["peak"] = propose.transient_peak(F)
+        sizes = np.abs(poles)
+        sizes = np.where(sizes > 0, sizes, 1.0)
+        found = {
+            "rate": float(-np.max(poles.real)),
+            "damping": float(np.min(-poles.real / sizes)),
+            "peak": propose.transient_peak(F),
+        }
         for name in claim.CHANNELS:
             system = channel(exosystem, W, name)
-            result[f"hinf {name}"] = propose.hinf_norm(
-                F, to_float(system.B), to_float(system.C), to_float(system.D)
-            )
+            B, C, D = to_float(system.B), to_float(system.C), to_float(system.D)
+            found[f"hinf {name}"] = propose.hinf_norm(F, B, C, D)
     except GIVEN_UP:
         return {}
-    return result
+    return found

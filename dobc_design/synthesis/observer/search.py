@@ -7,9 +7,8 @@ written.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 from dobc_design.conditions.numbers import claimed, rounded_up, shorten
 from dobc_design.conditions.statement import Statement
@@ -33,143 +32,154 @@ def search_groups(groups: Sequence[Group], request: ObserverRequest) -> Observer
     found = [search_observer(group.exosystem, request) for group in groups]
     if len(groups) == 1:
         return found[0]
-    names = [group.name for group in groups]
-    verdict = Verdict.all_of([design.verdict for design in found])
-    if verdict is Verdict.PROVED:
-        reason = "W of every group, with its rounded entries, meets all requirements."
-        return _side_by_side(names, found, request, verdict, reason)
-    name, worst = next((n, d) for n, d in zip(names, found, strict=True) if d.verdict is verdict)
-    near = [design if design.verdict is Verdict.PROVED else design.nearest for design in found]
-    known = [design for design in near if design is not None]
-    nearest = None
-    if len(known) == len(near):
-        rates = [each.request.rate for each in known if each.request.rate is not None]
-        limits = zip(*(each.request.noise for each in known), strict=True)
-        noise = tuple(max(each, key=lambda limit: limit.bound) for each in limits)
-        loosest = replace(
-            request, rate=min(rates) if len(rates) == len(known) else None, noise=noise
-        )
-        nearest = _side_by_side(
-            names, known, loosest, Verdict.PROVED, "every group meets this request."
-        )
-    whole = _side_by_side(names, found, request, verdict, f"group of agent {name}: {worst.reason}")
-    return replace(whole, nearest=nearest)
+    designs = {group.name: each for group, each in zip(groups, found, strict=True)}
+    whole = _side_by_side(designs, request)
+    if whole.verdict is Verdict.PROVED:
+        return whole
+    return replace(whole, nearest=_nearest_of_all(designs, request))
+
+
+def _nearest_of_all(
+    designs: Mapping[str, ObserverDesign], request: ObserverRequest
+) -> ObserverDesign | None:
+    """The design for the nearest request that every group meets; None where one has none."""
+    known = dict[str, ObserverDesign]()
+    for name, design in designs.items():
+        near = design if design.verdict is Verdict.PROVED else design.nearest
+        if near is None:
+            return None
+        known[name] = near
+    asked = [near.request for near in known.values()]
+    rates = [each.rate for each in asked if each.rate is not None]
+    slowest = min(rates) if len(rates) == len(asked) else None
+    noise = list[NoiseLimit]()
+    for limits in zip(*(each.noise for each in asked), strict=True):
+        loudest = max(limits, key=lambda limit: limit.bound)
+        noise.append(loudest)
+    loosest = replace(request, rate=slowest, noise=tuple(noise))
+    return replace(_side_by_side(known, loosest), relaxed=True)
 
 
 def search_observer(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
     """Decide a request: PROVED with a W, REFUTED with the reason, or UNDECIDED; with the nearest
     possible request."""
-    found, weaker = _attempt(exosystem, request), None
+    found = _attempt(exosystem, request)
     if found.verdict is Verdict.PROVED:
         return found
-    kind = found.statements[0].kind if found.statements else None
-    if kind == "rate":
-        rate = decide.largest_hidden_rate(
-            decide_detectable(exosystem.A, exosystem.C).unobservable_polynomial
-        )
-        weaker = None if rate is None else replace(request, rate=rate)
-    elif request.noise and kind != "detectable":
-        weaker = replace(request, noise=())
-    nearest = None if weaker is None else _attempt(exosystem, weaker)
-    if nearest is None or nearest.verdict is not Verdict.PROVED:
+    weaker = _weaker(exosystem, found)
+    if weaker is None:
         return found
-    if request.noise and not nearest.request.noise:
-        limits = tuple(_reached(exosystem, nearest, limit) for limit in request.noise)
-        nearest = replace(nearest, request=replace(nearest.request, noise=limits))
+    nearest = _attempt(exosystem, weaker)
+    if nearest.verdict is not Verdict.PROVED:
+        return found
+    if request.noise and not weaker.noise:
+        # The bounds that were given up become what the gain without them reaches.
+        reached = tuple(_reached(exosystem, nearest, limit) for limit in request.noise)
+        nearest = replace(nearest, request=replace(weaker, noise=reached))
     return replace(found, nearest=nearest)
 
 
+def _weaker(exosystem: Exosystem, found: ObserverDesign) -> ObserverRequest | None:
+    """The request without what the refutation is about, or without its bounds on noise; None where
+    nothing helps."""
+    request = found.request
+    kind = found.obstacle.kind if found.obstacle else None
+    if kind == "rate":
+        pair = decide_detectable(exosystem.A, exosystem.C)
+        rate = decide.largest_hidden_rate(pair.unobservable_polynomial)
+        return None if rate is None else replace(request, rate=rate)
+    if request.noise and kind != "detectable":
+        return replace(request, noise=())
+    return None
+
+
 def _side_by_side(
-    names: Sequence[str],
-    found: Sequence[ObserverDesign],
-    request: ObserverRequest,
-    verdict: Verdict,
-    reason: str,
+    designs: Mapping[str, ObserverDesign], request: ObserverRequest
 ) -> ObserverDesign:
     """The designs of all groups as one: block diagonal W, P and Q, and the measures of the worst
     group."""
-    shared = [key for key in found[0].measures if all(key in design.measures for design in found)]
-    worst = {
-        key: (min if key == "rate" else max)(design.measures[key] for design in found)
-        for key in shared
-    }
+    found = list(designs.values())
+    verdict = Verdict.all_of([design.verdict for design in found])
+    worst = dict[str, float]()
+    for key in found[0].measures:
+        if all(key in design.measures for design in found):
+            values = [design.measures[key] for design in found]
+            # A rate is worst where it is small, a gain, norm or peak where it is large.
+            worst[key] = min(values) if key == "rate" else max(values)
+    statements = list[Statement]()
+    for name, design in designs.items():
+        for each in design.statements:
+            if verdict is Verdict.PROVED or each.verdict is verdict:
+                text = f"Group of agent {name}: {each.text}"
+                statements.append(replace(each, text=text))
     sources = dict.fromkeys(design.source for design in found if design.source is not None)
     return ObserverDesign(
         verdict=verdict,
-        reason=reason,
         request=request,
         measures=worst,
-        groups=dict(zip(names, found, strict=True)),
+        groups=designs,
         W=join([design.W for design in found]),
         P=join([design.P for design in found]),
         Q=join([design.Q for design in found]),
         source=", ".join(sources) or None,
-        statements=tuple(
-            replace(each, text=f"Group of agent {name}: {each.text}")
-            for name, design in zip(names, found, strict=True)
-            for each in design.statements
-            if verdict is Verdict.PROVED or each.verdict is verdict
-        ),
+        statements=tuple(statements),
     )
 
 
 def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
-    without = partial(ObserverDesign, request=request, measures={})
     obstacle = decide.why_impossible(exosystem, request)
     if obstacle is not None:
-        return without(verdict=Verdict.REFUTED, reason=obstacle.text, statements=(obstacle,))
+        return ObserverDesign(
+            verdict=Verdict.REFUTED,
+            request=request,
+            measures={},
+            obstacle=obstacle,
+            statements=(obstacle,),
+        )
     for W, source in propose_gains(exosystem, request):
         statements = decide.gain_statements(exosystem, W, request)
         if all(statement.verdict is Verdict.PROVED for statement in statements):
-            return _proved(exosystem, request, W, source, statements)
-    none = "no W was found that meets all requirements, and no proof that there is none."
-    return without(verdict=Verdict.UNDECIDED, reason=none)
+            design = ObserverDesign(
+                verdict=Verdict.PROVED,
+                request=request,
+                W=W,
+                source=source,
+                statements=statements,
+                measures={"gain": decide.size_above(W)},
+            )
+            # P and the other measures are those of an observer in continuous time.
+            if request.period is None:
+                design = _with_envelope(exosystem, W, design)
+            return design
+    return ObserverDesign(verdict=Verdict.UNDECIDED, request=request, measures={})
 
 
-def _proved(
-    exosystem: Exosystem,
-    request: ObserverRequest,
-    W: Matrix,
-    source: str,
-    statements: tuple[Statement, ...],
-) -> ObserverDesign:
-    """The design of a W that does what was asked, with a P where one is proved, and with
-    measures."""
-    P: Matrix | None = None
-    measures = {"gain": decide.size_above(W)}
-    if request.period is None:
-        for envelope in propose_envelopes(exosystem, W, request.rate):
-            bound = decide.envelope_statement(exosystem, W, envelope)
-            if bound is not None:
-                P, statements = envelope.P, (*statements, bound)
-                break
-        measures = decide.proved_measures(
-            exosystem, W, estimate_observer(exosystem, W), norms=request.norms
-        )
-        # proved as well, and exact where eigenvalues are hard to estimate
-        if request.rate is not None:
-            measures["rate"] = max(measures.get("rate", 0.0), shorten(request.rate))
-    return ObserverDesign(
-        verdict=Verdict.PROVED,
-        request=request,
-        W=W,
-        P=P,
-        Q=None if P is None else multiply(P, W),
-        source=source,
-        statements=statements,
-        measures=measures,
-        reason="W, with its rounded entries, meets all requirements.",
-    )
+def _with_envelope(exosystem: Exosystem, W: Matrix, design: ObserverDesign) -> ObserverDesign:
+    """The design of a W in continuous time with a P, where one is proved, and with measures."""
+    request = design.request
+    estimates = estimate_observer(exosystem, W)
+    measures = decide.proved_measures(exosystem, W, estimates, norms=request.norms)
+    # The rate asked for is proved as well, and exact where eigenvalues are hard to estimate.
+    if request.rate is not None:
+        measures["rate"] = max(measures.get("rate", 0.0), shorten(request.rate))
+    design = replace(design, measures=measures)
+    for envelope in propose_envelopes(exosystem, W, request.rate):
+        bound = decide.envelope_statement(exosystem, W, envelope)
+        if bound is not None:
+            P = envelope.P
+            statements = (*design.statements, bound)
+            return replace(design, P=P, Q=multiply(P, W), statements=statements)
+    return design
 
 
 def _reached(exosystem: Exosystem, found: ObserverDesign, limit: NoiseLimit) -> NoiseLimit:
     """The limit, or what W reaches where that is more."""
     value = found.measures.get(f"{limit.norm} {limit.channel}")
     if limit.norm == "h2" and found.W is not None:
+        # The exact square is also known where measures leave norms out.
         square = decide.h2_squared(decide.channel(exosystem, found.W, limit.channel))
         value = None if square is None else decide.root_above(square)
     if value is None or claimed(value) < limit.bound:
         return limit
-    return NoiseLimit(
-        channel=limit.channel, norm=limit.norm, bound=rounded_up(claimed(value), digits=6)
-    )
+    bound = rounded_up(claimed(value), digits=6)
+    return NoiseLimit(channel=limit.channel, norm=limit.norm, bound=bound)

@@ -8,18 +8,19 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from itertools import islice
-from typing import Any
+from typing import Any, Protocol
 
 from dobc_design._show.cards import Card, listed, plain
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import rounded_up, shorten
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.statement import Statement
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.errors import SpecError, kept, raise_all
-from dobc_design.exact.matrix import Vector
+from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below, number_text
-from dobc_design.exact.reading import is_list, named, shown
+from dobc_design.exact.reading import is_list, named, shown, shown_number
+from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, check_digits, read_positive
@@ -29,8 +30,20 @@ Gains = Mapping[int, Fraction]  # or their caps, in 1/s, by agent index
 FEWEST = "fewest"
 POSITIVE = "Give a positive number."
 NOISE = 1e-9  # gains below this part of the largest are left out
-SHOWN = 5  # prices of one kind that are put into words
+SHOWN = 5  # prices or ties of one kind that are put into words
 SHORT = 12  # letters of a rational that is shown as it is
+NONE_FOUND = (
+    "no gains were found that are proved to reach the rate, and no proof that there are none."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What bounds the gains: the ``allowed`` agents, ``caps`` of their gains, how many ``pins``."""
+
+    allowed: Sequence[int]
+    caps: Gains
+    pins: int | str | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,44 +62,57 @@ class PinningRequest:
     digits: int
     conservative: bool = False
 
+    @property
+    def limits(self) -> Limits:
+        """What bounds the gains."""
+        return Limits(allowed=self.allowed, caps=self.caps, pins=self.pins)
 
-def read_request(
-    labels: Sequence[str],
-    *,
-    rate: Any,
-    allowed: Any = None,
-    cost: Any = None,
-    max_gain: Any = None,
-    pins: Any = None,
-    digits: Any = 4,
-    conservative: Any = False,
-) -> PinningRequest:
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AskedGains:
+    """The arguments of ``design_pinning`` as they were given, not yet read."""
+
+    rate: Any
+    allowed: Any = None
+    cost: Any = None
+    max_gain: Any = None
+    pins: Any = None
+    digits: Any = 4
+    conservative: Any = False
+
+
+def read_request(labels: Sequence[str], asked: AskedGains) -> PinningRequest:
     """Read the arguments of ``design_pinning``, exactly.  Raises: SpecError that names every wrong
     one."""
     index = {label: i for i, label in enumerate(labels)}
-    because = ", because V is to decrease at that rate, V' <= -2 rate V"
-    _, _, _, speed, agents, caps, costs = read_all(
-        lambda: check_yes_or_no(
-            conservative, "conservative", cure="True asks for V = e'e, without weights."
-        ),
-        lambda: check_digits(digits),
-        lambda: _check_pins(pins),
-        lambda: read_positive(rate, "rate", why=because, cure=POSITIVE),
-        lambda: tuple(index.values()) if allowed is None else _agents(allowed, index),
-        lambda: (
-            {}
-            if max_gain is None
-            else _by_agent(max_gain, index, key="max_gain", why="a gain of 0 is no pin")
-        ),
-        lambda: (
-            {}
-            if cost is None
-            else _by_agent(cost, index, key="cost", why="a gain without cost has no best value")
-        ),
+    errors = list[SpecError]()
+    with kept(errors):
+        cure = "True asks for V = e'e, without weights."
+        check_yes_or_no(asked.conservative, "conservative", cure=cure)
+    with kept(errors):
+        check_digits(asked.digits)
+    with kept(errors):
+        _check_pins(asked.pins)
+    with kept(errors):
+        because = ", because V is to decrease at that rate, V' <= -2 rate V"
+        rate = read_positive(asked.rate, "rate", why=because, cure=POSITIVE)
+    with kept(errors):
+        allowed = _agents(asked.allowed, index)
+    with kept(errors):
+        caps = _by_agent(asked.max_gain, index, key="max_gain", why="a gain of 0 is no pin")
+    with kept(errors):
+        why = "a gain without cost has no best value"
+        costs = _by_agent(asked.cost, index, key="cost", why=why)
+    raise_all(errors)
+    return PinningRequest(
+        rate=rate,
+        allowed=allowed,
+        costs=tuple(costs.get(i, Fraction(1)) for i in range(len(labels))),
+        caps=caps,
+        pins=asked.pins,
+        digits=asked.digits,
+        conservative=asked.conservative,
     )
-    costs = tuple(costs.get(i, Fraction(1)) for i in range(len(labels)))
-    own: dict[str, Any] = {"pins": pins, "digits": digits, "conservative": conservative}
-    return PinningRequest(rate=speed, allowed=agents, costs=costs, caps=caps, **own)
 
 
 def check_yes_or_no(value: Any, key: str, *, cure: str) -> None:
@@ -95,27 +121,19 @@ def check_yes_or_no(value: Any, key: str, *, cure: str) -> None:
         raise SpecError(f"{key} must be True or False; got {shown(value)}.", key=key, cure=cure)
 
 
-def read_all(*readers: Callable[[], Any]) -> list[Any]:
-    """What every reader returns.  Raises: SpecError with what each of them raises."""
-    found, errors = [], list[SpecError]()
-    for reader in readers:
-        with kept(errors):
-            found.append(reader())
-    raise_all(errors)
-    return found
-
-
 def _check_pins(pins: Any) -> None:
-    if (
-        pins is not None
-        and pins != FEWEST
-        and (isinstance(pins, bool) or not isinstance(pins, int) or pins < 1)
-    ):
+    if pins is None or pins == FEWEST:
+        return
+    # True and False are integers of Python.
+    is_number = isinstance(pins, int) and not isinstance(pins, bool)
+    if not is_number or pins < 1:
         text = f'pins must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.'
         raise SpecError(text, key="pins", cure="Leave it out for any number of pinned agents.")
 
 
 def _agents(allowed: Any, index: Mapping[str, int]) -> tuple[int, ...]:
+    if allowed is None:
+        return tuple(index.values())
     wrong = ""
     if not is_list(allowed) and not isinstance(allowed, (set, frozenset, range)):
         wrong = f"allowed must be a list of labels of agents; got {shown(allowed)}."
@@ -123,11 +141,14 @@ def _agents(allowed: Any, index: Mapping[str, int]) -> tuple[int, ...]:
         wrong = "allowed must name at least one agent; got none."
     if wrong:
         raise SpecError(wrong, key="allowed", cure="Leave it out to allow every agent.")
-    return tuple(sorted({_agent(label, index, key="allowed") for label in allowed}))
+    agents = {_agent(label, index, key="allowed") for label in allowed}
+    return tuple(sorted(agents))
 
 
 def _agent(label: Any, index: Mapping[str, int], *, key: str) -> int:
-    place = None if isinstance(label, bool) else index.get(one_form(label))
+    place = None
+    if not isinstance(label, bool):
+        place = index.get(one_form(label))
     if place is None:
         text = f"{key}: there is no agent {shown(str(label))} in network.agents."
         raise SpecError(text, key=key, cure="Use the label of an agent.")
@@ -135,26 +156,29 @@ def _agent(label: Any, index: Mapping[str, int], *, key: str) -> int:
 
 
 def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> dict[int, Fraction]:
-    """A number for all agents, or label -> number."""
+    """A number for all agents, or label -> number; None for none."""
+    if value is None:
+        return {}
     read = partial(read_positive, why=f", because {why}", cure=POSITIVE)
     if not isinstance(value, Mapping):
         return dict.fromkeys(range(len(index)), read(value, key))
-    return {
-        _agent(label, index, key=key): read(x, f"{key}.{named(str(label))}")
-        for label, x in value.items()
-    }
+    found = dict[int, Fraction]()
+    for label, x in value.items():
+        agent = _agent(label, index, key=key)
+        found[agent] = read(x, f"{key}.{named(str(label))}")
+    return found
 
 
 def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Gains) -> dict[int, Fraction]:
     """Gains rounded up to so many digits, or their caps where those are less; what is nearly 0 is
     left out."""
     least = max(gains.values(), default=0.0) * NOISE
-    typed = {
-        agent: rounded_up(Fraction(k), digits=digits)
-        for agent, k in sorted(gains.items())
-        if k > least
-    }
-    return {agent: min(k, caps.get(agent, k)) for agent, k in typed.items()}
+    typed = dict[int, Fraction]()
+    for agent, k in sorted(gains.items()):
+        if k > least:
+            larger = rounded_up(Fraction(k), digits=digits)
+            typed[agent] = min(larger, caps.get(agent, larger))
+    return typed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,6 +211,56 @@ class Structure:
     unmet: tuple[int, ...] | None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Region:
+    """Starts |e|_inf <= radius and |eps_i| <= disturbance.
+
+    ``rho``: the box of the certificate, with room for the observer; None for linear couplings,
+    where every start is covered.  ``error`` and ``W``: the observer's part where disturbance > 0.
+    """
+
+    radius: Fraction
+    rho: Fraction | None
+    disturbance: Fraction = Fraction(0)
+    error: ErrorBound | None = None
+    W: Matrix | None = None
+
+    def __str__(self) -> str:
+        errors = f", |eps_i| <= {shown_number(self.disturbance)}" if self.disturbance else ""
+        return f"|e_i| <= {shown_number(self.radius)}{errors}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alternatives:
+    """Agents that are as good: ``others`` by the pinned agent whose place one of them may take, and
+    whole sets (``rivals``) that were met on the way."""
+
+    others: Mapping[str, Sequence[str]]
+    rivals: Sequence[Sequence[str]]
+
+    def sentences(self) -> Iterator[str]:
+        for pinned, names in self.others.items():
+            alike = f"{name_agents(names)} would cost the same (to six digits)."
+            yield f"In place of agent {pinned}, {alike}"
+        if not self.rivals:
+            return
+        sets = "; ".join(name_agents(rival) for rival in self.rivals[:SHOWN])
+        left = len(self.rivals) - SHOWN
+        more = f"; and {left} more." if left > 0 else "."
+        yield f"As good (to six digits) among the sets that were met: {sets}{more}"
+
+
+class Whole(Protocol):
+    """A whole design that pinning gains may belong to, in words."""
+
+    @property
+    def reason(self) -> str: ...
+    @property
+    def decisions(self) -> tuple[str, ...]: ...
+    @property
+    def prices(self) -> tuple[str, ...]: ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class PinningDesign(Answer):
     """Pinning gains and what is known of them.
@@ -197,10 +271,11 @@ class PinningDesign(Answer):
     cost_i k_i.  ``lower_bound``: no gains that do what was asked cost less (proved); ``bound``: the
     exact multipliers that show it for gains on the agents named in ``bound_for``.  ``prices``: what
     each limit costs, in words. ``structural_minimum``: so many pins are needed whatever the gains
-    (None if it was not found).  ``ties``: agents that are as good.  ``problem``: the problem with
-    these gains.  ``nearest``: the design for the nearest request that was proved possible, where
-    this one was not.  ``radius`` and ``certificate``: of a design over a region, what is proved for
-    ``problem`` there.
+    (None if it was not found).  ``ties``: agents that are as good, in words.  ``problem``: the
+    problem with these gains.  ``nearest``: the design for the nearest request that was proved
+    possible, where this one was not.  ``region``, ``radius`` and ``certificate``: of a design over
+    a region, what is asked and proved for ``problem`` there.  ``whole``: of agents with [dynamics],
+    the whole design that these gains belong to.
     """
 
     request: PinningRequest
@@ -211,13 +286,18 @@ class PinningDesign(Answer):
     bound: Bound | None = None
     bound_for: tuple[str, ...] = ()
     structural_minimum: int | None = None
-    prices: tuple[str, ...] = ()
-    ties: tuple[str, ...] = ()
+    alternatives: Alternatives | None = None
     problem: Problem | None = None
     nearest: PinningDesign | None = None
-    radius: Fraction | None = None
+    region: Region | None = None
     certificate: Separable | None = None
     weights: Weighted | None = None
+    whole: Whole | None = None
+
+    @property
+    def radius(self) -> Fraction | None:
+        """Of a design over a region, the largest |e_i| of a start."""
+        return None if self.region is None else self.region.radius
 
     @property
     def gap(self) -> float | None:
@@ -231,9 +311,59 @@ class PinningDesign(Answer):
     def method(self) -> str:
         """What proves the rate: "consensus" (V = e'e), "weighted" (V = e'De) or, over a region,
         "max-separable"."""
+        if self.region is not None:
+            return "max-separable"
         agents = self.problem is not None and self.problem.dynamics is not None
-        near = "weighted" if self.weights is not None or agents else "consensus"
-        return near if self.radius is None else "max-separable"
+        return "weighted" if self.weights is not None or agents else "consensus"
+
+    @property
+    def prices(self) -> tuple[str, ...]:
+        """What each limit costs, in words."""
+        if self.whole is not None:
+            return self.whole.prices
+        if self.bound is None or self.problem is None:
+            return ()
+        labels = self.problem.network.labels
+        return tuple(prices_in_words(labels, self.request, self.bound, set(self.bound_for)))
+
+    @property
+    def ties(self) -> tuple[str, ...]:
+        """Agents that are as good as the pinned ones, in words."""
+        if self.alternatives is None:
+            return ()
+        return tuple(self.alternatives.sentences())
+
+    def _why(self) -> str:
+        if self.whole is not None:
+            return " ".join([self.whole.reason, *self.whole.decisions])
+        if self.obstacle is not None:
+            return self.obstacle.text
+        if self.verdict is not Verdict.PROVED:
+            return NONE_FOUND
+        return f"{self._reached()}{self._grounds()}"
+
+    def _reached(self) -> str:
+        """What the gains do, and what they cost."""
+        over = ""
+        if self.region is not None:
+            over = f" over {self.region}"
+        elif self.weights is not None:
+            over = " near the target"
+        rate = shown_number(self.rate or Fraction(0))
+        cost = float(self.cost or 0)
+        who = name_agents(tuple(self.gains))
+        return f"gains on {who} reach the rate {rate}{over} at the cost {cost:.6g}"
+
+    def _grounds(self) -> str:
+        """What proves it, or what bounds the cost."""
+        if self.region is not None:
+            return "."
+        if self.weights is not None:
+            return ", by V = e'De with a weight for each agent (the true local rate)."
+        if self.lower_bound is not None:
+            least = shorten(self.lower_bound, digits=6)
+            return f", and nothing that does costs less than {least:.6g}."
+        return ", by V = e'e."
 
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
@@ -243,21 +373,18 @@ class PinningDesign(Answer):
         return "\n".join(lines)
 
     def _card(self) -> Card:
-        facts: list[tuple[str, Any]] = []
+        facts = list[tuple[str, Any]]()
         if self.gains:
             pairs = [f"{label}: {plain(k)}" for label, k in islice(self.gains.items(), 13)]
             facts.append(("gains in 1/s", listed(pairs, count=len(self.gains))))
-        numbers = (
-            ("rate in 1/s", self.rate, float_below),
-            ("cost at most", self.cost, float_above),
-            ("no cheaper than", self.lower_bound, float_below),
-            ("radius", self.radius, float_below),
-        )
-        for name, value, rounded in numbers:
-            if value is not None:
-                facts.append(
-                    (name, str(value) if len(str(value)) < SHORT else repr(rounded(value)))
-                )
+        if self.rate is not None:
+            facts.append(("rate in 1/s", _short(self.rate, float_below)))
+        if self.cost is not None:
+            facts.append(("cost at most", _short(self.cost, float_above)))
+        if self.lower_bound is not None:
+            facts.append(("no cheaper than", _short(self.lower_bound, float_below)))
+        if self.radius is not None:
+            facts.append(("radius", _short(self.radius, float_below)))
         if self.structural_minimum is not None:
             facts.append(("pins needed at least", self.structural_minimum))
         return self._card_of("Pinning design", facts, (*self.prices, *self.ties))
@@ -282,54 +409,81 @@ class PinningDesign(Answer):
         }
 
 
+def _short(value: Fraction, rounded: Callable[[Fraction], float]) -> str:
+    """A rational as it is where it is short, else rounded towards the weaker claim."""
+    text = str(value)
+    return text if len(text) < SHORT else repr(rounded(value))
+
+
 def without_gains(
     request: PinningRequest,
     structure: Structure,
     obstacle: Statement | None,
     *,
-    radius: Fraction | None = None,
+    region: Region | None = None,
 ) -> PinningDesign:
     """REFUTED or UNDECIDED as the statement says; UNDECIDED without one."""
-    unknown = (
-        "no gains were found that are proved to reach the rate, and no proof that there are none."
-    )
     return PinningDesign(
         verdict=Verdict.UNDECIDED if obstacle is None else obstacle.verdict,
         request=request,
         gains={},
         structural_minimum=structure.least if structure.exact else None,
-        reason=unknown if obstacle is None else obstacle.text,
+        obstacle=obstacle,
         statements=() if obstacle is None else (obstacle,),
-        radius=radius,
+        region=region,
     )
+
+
+def with_gains(
+    request: PinningRequest, structure: Structure, gains: Gains, held: Problem
+) -> PinningDesign:
+    """The design of gains that are proved for the problem ``held``, which has them."""
+    return PinningDesign(
+        verdict=Verdict.PROVED,
+        request=request,
+        gains={held.network.labels[i]: k for i, k in gains.items()},
+        rate=request.rate,
+        cost=sum((request.costs[i] * k for i, k in gains.items()), Fraction(0)),
+        structural_minimum=structure.least if structure.exact else None,
+        problem=held,
+    )
+
+
+def holding(problem: Problem, gains: Gains) -> Problem:
+    """The problem with these gains (1/s, by agent index) and no others."""
+    labels = problem.network.labels
+    named = {labels[i]: k for i, k in gains.items()}
+    return changed_problem(problem, {"pinning.gains": named})
 
 
 def prices_in_words(
-    problem: Problem, request: PinningRequest, bound: Bound, agents: Collection[int]
+    labels: Sequence[str], request: PinningRequest, bound: Bound, agents: Collection[str]
 ) -> Iterator[str]:
     """What each limit costs, from the exact multipliers; ``agents`` are those that may have a gain
     in the bound."""
-    labels = problem.network.labels
     if not bound.vectors:
         return
-    value, price = _down(bound.value), _down(bound.rate_price)
     base = number_text(bound.rate)
-    yield (
-        f"Rate: a larger rate b costs at least {value} + {price} (b - {base}) with gains on "
-        "these agents."
-    )
-    for i in sorted(bound.cap_prices, key=lambda i: (-bound.cap_prices[i], i))[:SHOWN]:
-        yield (
-            f"Cap of agent {labels[i]}: each 1/s more of it saves at most "
-            f"{_up(bound.cap_prices[i])}."
-        )
-    gain = {i: load - request.costs[i] for i, load in enumerate(bound.loads) if i not in agents}
-    best = [i for i in sorted(gain, key=lambda i: (-gain[i], i)) if gain[i] > 0][:SHOWN]
+    line = f"{_down(bound.value)} + {_down(bound.rate_price)} (b - {base})"
+    yield f"Rate: a larger rate b costs at least {line} with gains on these agents."
+    for i in _largest(bound.cap_prices)[:SHOWN]:
+        most = _up(bound.cap_prices[i])
+        yield f"Cap of agent {labels[i]}: each 1/s more of it saves at most {most}."
+    saved = dict[int, Fraction]()
+    for i, load in enumerate(bound.loads):
+        if labels[i] not in agents:
+            saved[i] = load - request.costs[i]
+    best = [i for i in _largest(saved) if saved[i] > 0][:SHOWN]
     if best:
-        most = ", ".join(f"agent {labels[i]} at most {_up(gain[i])}" for i in best)
+        most = ", ".join(f"agent {labels[i]} at most {_up(saved[i])}" for i in best)
         yield f"Agents left out: each 1/s of gain would save, after its own cost, {most}."
-    elif gain:
+    elif saved:
         yield "Agents left out: a gain on any one of them would save nothing."
+
+
+def _largest(values: Gains) -> list[int]:
+    """Agents, those with the largest values first."""
+    return sorted(values, key=lambda i: (-values[i], i))
 
 
 def _down(value: Fraction) -> str:

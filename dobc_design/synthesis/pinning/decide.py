@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations, product
+from itertools import combinations
 from math import comb
 from typing import Any
 
@@ -50,7 +50,13 @@ from dobc_design.exact.zmatrix import proves
 from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.claim import Bound, Gains, PinningRequest, Structure
+from dobc_design.synthesis.pinning.claim import (
+    Bound,
+    Gains,
+    Limits,
+    PinningRequest,
+    Structure,
+)
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -63,6 +69,7 @@ MOST_STEPS = 50_000  # of the exhaustive search
 COARSE, FINE = 2**20, 10**12  # the largest entry of a rounded direction: one of a space, one alone
 MOST_SETS = 3000  # sets of agents that are excluded one by one
 LONGEST = 400  # entries of a direction that a statement writes out
+NAMED, WRITTEN = 8, 50  # groups that a sentence names; that exact values list
 #: (mode, state component, agents that may be pinned, caps, size=n) -> directions (n), in floating
 #: point.
 Directions = Callable[..., Iterable[Sequence[float]]]
@@ -82,66 +89,68 @@ def reaches(ground: Ground, gains: Gains, rate: Fraction, *, hints: Vectors = ()
     """Whether Lambda0 - 2 K < -2 rate I is proved in every mode.  ``hints``: v > 0 that may show it
     quickly."""
     m = ground.problem.m
-    size = ground.problem.n * m
-    held = SparseSymmetric(
-        size, {(i * m + c, i * m + c): -2 * k for i, k in gains.items() for c in range(m)}
-    )
+    held = SparseSymmetric(ground.problem.n * m, _diagonal(gains, m))
     for mode, enclosed in ground.lambdas.items():
         matrix = Enclosed(middle=enclosed.middle + held, deviations=enclosed.deviations)
         upper = matrix.middle.shifted(matrix.radius + 2 * rate).negated()
-        if not _shown(upper, [v for name, v in hints if name == mode]) and not is_negative(
-            matrix, shift=2 * rate
-        ):
+        own = [v for name, v in hints if name == mode]
+        # A hint that fits shows it at once; elimination takes long in large networks.
+        if not _shown(upper, own) and not is_negative(matrix, shift=2 * rate):
             return False
     return True
 
 
+def _diagonal(gains: Gains, m: int) -> dict[tuple[int, int], Fraction]:
+    """The entries of -2 K, whose agents have m rows each."""
+    entries = dict[tuple[int, int], Fraction]()
+    for agent, gain in gains.items():
+        for row in range(agent * m, (agent + 1) * m):
+            entries[row, row] = -2 * gain
+    return entries
+
+
 def is_undirected(statements: Statements) -> bool:
     """Whether J is symmetric in the only mode, exactly: then V = e'e decays at the true rate."""
-    modes = () if statements.jacobians is None else statements.jacobians.modes
-    arcs = [
-        (mode.arcs.listeners.tolist(), mode.arcs.speakers.tolist(), mode.kind.tolist())
-        for mode in modes
-    ]
-    return len(arcs) == 1 and Counter(zip(*arcs[0], strict=True)) == Counter(
-        zip(arcs[0][1], arcs[0][0], arcs[0][2], strict=True)
-    )
+    if statements.jacobians is None or len(statements.jacobians.modes) != 1:
+        return False
+    mode = statements.jacobians.modes[0]
+    listeners = mode.arcs.listeners.tolist()
+    speakers = mode.arcs.speakers.tolist()
+    kinds = mode.kind.tolist()
+    there = Counter(zip(listeners, speakers, kinds, strict=True))
+    back = Counter(zip(speakers, listeners, kinds, strict=True))
+    return there == back
 
 
 def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate: Fraction) -> Bound:
     """The lower bound that proposed vectors prove, for gains on the ``allowed`` agents; each made
     to fit first."""
-    request, m, n = ground.request, ground.problem.m, ground.problem.n
+    request = ground.request
     top = max((abs(x) for _, v in vectors for x in v), default=0.0)
     if not 0 < top < float("inf"):
+        nothing = (ZERO,) * ground.problem.n
         return Bound(
-            value=ZERO, rate=rate, vectors=(), loads=(ZERO,) * n, cap_prices={}, rate_price=ZERO
+            value=ZERO, rate=rate, vectors=(), loads=nothing, cap_prices={}, rate_price=ZERO
         )
-    largest = Fraction(top)
-    unit = Fraction(2) ** (largest.numerator.bit_length() - largest.denominator.bit_length() - BITS)
-    rows = [(mode, [round(Fraction(x) / unit) for x in v]) for mode, v in vectors]
-
-    def load_of(agent: int) -> Fraction:
-        return sum(x * x for _, v in rows for x in v[agent * m : (agent + 1) * m]) * unit * unit
-
-    loads, prices, free = list(map(load_of, range(n))), {}, set(allowed)
-    for i, load in enumerate(loads):
-        if i in free and load > request.costs[i]:
-            if i in request.caps:
-                prices[i] = load - request.costs[i]
-            else:
-                part = request.costs[i] / load  # part <= sqrt(part), so that the squares fit
-                for v, row in product((v for _, v in rows), range(i * m, (i + 1) * m)):
-                    size = abs(v[row]) * part.numerator // part.denominator
-                    v[row] = size if v[row] > 0 else -size
-                loads[i] = load_of(i)
-    exact = tuple((mode, tuple(x * unit for x in v)) for mode, v in rows)
+    multipliers = _rounded(vectors, top, m=ground.problem.m)
+    loads = [multipliers.load(i) for i in range(ground.problem.n)]
+    prices = dict[int, Fraction]()
+    for i in sorted(set(allowed)):
+        cost = request.costs[i]
+        if loads[i] <= cost:
+            continue
+        if i in request.caps:
+            prices[i] = loads[i] - cost
+        else:
+            # part <= sqrt(part), so that the squares of what is left fit
+            multipliers.shrink(i, cost / loads[i])
+            loads[i] = multipliers.load(i)
+    exact = multipliers.exact()
     squares = sum(loads, ZERO)
     value = sum((ground.lambdas[mode].value(v).lo for mode, v in exact), ZERO) / 2 + rate * squares
     value -= sum((price * request.caps[i] for i, price in prices.items()), ZERO)
-    value = max(value, ZERO)
     return Bound(
-        value=value,
+        value=max(value, ZERO),
         rate=rate,
         vectors=exact,
         loads=tuple(loads),
@@ -150,49 +159,107 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Multipliers:
+    """Vectors of whole numbers in one ``unit``, with m ``width`` rows for each agent."""
+
+    rows: list[tuple[str, list[int]]]
+    unit: Fraction
+    width: int
+
+    def load(self, agent: int) -> Fraction:
+        """The sum of the squares of the agent's entries."""
+        own = self._places(agent)
+        whole = sum(v[row] * v[row] for _, v in self.rows for row in own)
+        return whole * self.unit * self.unit
+
+    def shrink(self, agent: int, part: Fraction) -> None:
+        """Multiply the agent's entries by a part below 1, rounded towards 0."""
+        for _, v in self.rows:
+            for row in self._places(agent):
+                size = abs(v[row]) * part.numerator // part.denominator
+                v[row] = size if v[row] > 0 else -size
+
+    def exact(self) -> tuple[tuple[str, Vector], ...]:
+        """The vectors as rationals, each with its mode."""
+        return tuple((mode, tuple(x * self.unit for x in v)) for mode, v in self.rows)
+
+    def _places(self, agent: int) -> range:
+        return range(agent * self.width, (agent + 1) * self.width)
+
+
+def _rounded(vectors: Vectors, top: float, *, m: int) -> Multipliers:
+    """Proposed vectors with entries of so many bits at most; ``top`` is the largest."""
+    largest = Fraction(top)
+    bits = largest.numerator.bit_length() - largest.denominator.bit_length()
+    unit = Fraction(2) ** (bits - BITS)
+    rows = list[tuple[str, list[int]]]()
+    for mode, v in vectors:
+        rows.append((mode, [round(Fraction(x) / unit) for x in v]))
+    return Multipliers(rows=rows, unit=unit, width=m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Obstacle:
+    """A mode and a direction v (n m,) that no gains make decay at the rate."""
+
+    mode: str
+    v: Vector
+
+
 def obstacle_to(
     ground: Ground, allowed: Collection[int], rate: Fraction, candidates: Vectors = ()
-) -> tuple[str, Vector] | None:
+) -> Obstacle | None:
     """A mode and v (n m,), v'(Lambda0 - 2 K + 2 rate I) v >= 0 for all gains on ``allowed``, 0
     where one has no cap."""
-    request, m = ground.request, ground.problem.m
+    caps = ground.request.caps
+    m = ground.problem.m
     size = ground.problem.n * m
-    free = set(allowed) - set(request.caps)
+    free = set(allowed) - set(caps)
     rows = [row for row in range(size) if row // m not in free]
-    held = {
-        (i * m + c, i * m + c): -2 * request.caps[i]
-        for i in set(allowed) & set(request.caps)
-        for c in range(m)
-    }
+    held = _diagonal({i: caps[i] for i in set(allowed) & set(caps)}, m)
     added = SparseSymmetric(size, held).shifted(2 * rate)
     for mode, enclosed in ground.lambdas.items():
         matrix = Enclosed(middle=enclosed.middle + added, deviations=enclosed.deviations)
-        own = [v for name, v in candidates if name == mode and len(v) == size]
-        fitting = [[x if row // m not in free else 0.0 for row, x in enumerate(v)] for v in own]
-        vector = next(
-            (v for x in fitting for v in rounded(x, finest=(10**9,)) if refutes(matrix, v)), None
-        )
+        fitting = list[list[float]]()
+        for name, v in candidates:
+            if name == mode and len(v) == size:
+                fitting.append([0.0 if row // m in free else x for row, x in enumerate(v)])
+        vector = _first_witness(matrix, fitting)
         if vector is None and len(rows) <= LARGEST:
             vector = find_witness(matrix, fitting, rows=rows)
         if vector is not None:
-            return mode, vector
+            return Obstacle(mode=mode, v=vector)
+    return None
+
+
+def _first_witness(matrix: Enclosed, candidates: Sequence[Sequence[float]]) -> Vector | None:
+    """A rounded candidate with v' M v >= 0, if there is one."""
+    for candidate in candidates:
+        for v in rounded(candidate, finest=(10**9,)):
+            if refutes(matrix, v):
+                return v
     return None
 
 
 def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
+    """Whether the sum of the hints, as whole numbers, shows that the matrix is definite."""
     if any(len(each) != upper.size for each in hints):
         return False
     total = [sum(column) for column in zip(*hints, strict=True)]
     top = max(total, default=0.0)
-    return 0 < top < float("inf") and proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
+    if not 0 < top < float("inf"):
+        return False
+    return proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
 
 
 def pins_needed(ground: Ground, rate: Fraction, directions: Vectors) -> int:
     """The largest number of pins that the proposed ``directions`` of one mode prove to be needed; 0
     if none."""
-    m, least = ground.problem.m, 0
+    m = ground.problem.m
     if ground.problem.n * m > MOST_ROWS:
         return 0
+    least = 0
     for mode, enclosed in ground.lambdas.items():
         vectors = [v for name, v in directions if name == mode]
         if len(vectors) > least * m and _are_slow(enclosed, rate, vectors):
@@ -203,39 +270,68 @@ def pins_needed(ground: Ground, rate: Fraction, directions: Vectors) -> int:
 def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
     """Whether the directions are independent, and v'(Lambda0 + 2 rate I)v >= 0 for all their
     combinations."""
-    columns = np.array(
-        [[round(x / max(map(abs, v)) * COARSE) for x in v] for v in vectors], dtype=object
-    ).T
+    coarse = [_coarse(v) for v in vectors]
+    columns = np.array(coarse, dtype=object).T
     lower = enclosed.middle.shifted(2 * rate - enclosed.radius)
     common = math.lcm(1, *(x.denominator for x in lower.entries.values()))  # integers are quicker
     matrix = np.zeros((lower.size, lower.size), dtype=object)
     for (i, j), value in lower.entries.items():
-        matrix[i, j] = matrix[j, i] = int(value * common)
+        matrix[i, j] = int(value * common)
+        matrix[j, i] = matrix[i, j]
+    gram = _from_integers(columns.T @ columns)
+    if decide_positive_definite(gram).verdict is not Verdict.PROVED:
+        return False
+    form = _from_integers(columns.T @ (matrix @ columns))
+    return decide_positive_semidefinite(form).verdict is Verdict.PROVED
 
-    def symmetric(table: Any) -> SparseSymmetric:
-        return SparseSymmetric.from_dense(
-            tuple(tuple(Fraction(int(x)) for x in row) for row in table)
-        )
 
-    independent = decide_positive_definite(symmetric(columns.T @ columns)).verdict is Verdict.PROVED
-    form = symmetric(columns.T @ (matrix @ columns))
-    return independent and decide_positive_semidefinite(form).verdict is Verdict.PROVED
+def _coarse(v: Sequence[float]) -> list[int]:
+    """A direction as whole numbers."""
+    top = max(map(abs, v))
+    return [round(x / top * COARSE) for x in v]
+
+
+def _from_integers(table: Any) -> SparseSymmetric:
+    rows = [tuple(Fraction(int(x)) for x in row) for row in table]
+    return SparseSymmetric.from_dense(tuple(rows))
 
 
 def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
     """The groups of all modes and the least number of allowed agents that meet them."""
-    found = {
-        group for arcs in problem.network.modes.values() for group in closed_groups(problem, [arcs])
-    }
+    found = set[tuple[int, ...]]()
+    for arcs in problem.network.modes.values():
+        found |= set(closed_groups(problem, [arcs]))
     groups = tuple(sorted(found, key=lambda group: (len(group), group)))
-    open_ = [frozenset(group) & frozenset(allowed) for group in groups]
-    unmet = next((group for group, left in zip(groups, open_, strict=True) if not left), None)
-    own = tuple(groups[k] for k in apart(open_))
-    agents = _fewest(open_, len(own)) if unmet is None else None
-    least, exact = len(own if agents is None else agents), agents is not None
+    may = frozenset(allowed)
+    left = [frozenset(group) & may for group in groups]
+    unmet = next((group for group in groups if not may & set(group)), None)
+    own = tuple(groups[k] for k in apart(left))
+    agents = None
+    if unmet is None:
+        agents = _fewest(left, len(own))
     return Structure(
-        groups=groups, least=least, exact=exact, agents=agents or (), apart=own, unmet=unmet
+        groups=groups,
+        least=len(own) if agents is None else len(agents),
+        exact=agents is not None,
+        agents=agents or (),
+        apart=own,
+        unmet=unmet,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scope:
+    """In which modes a group listens to nobody, in words that are empty where there is one mode."""
+
+    where: str = ""
+    always: str = ""
+    lasts: str = ""
+
+
+# Signals that leave a mode often enough may do with fewer pins.
+OF_MODES = Scope(
+    where=" in one of the modes", always=" under arbitrary switching", lasts=" while it lasts"
+)
 
 
 def structural_obstacle(
@@ -243,41 +339,41 @@ def structural_obstacle(
 ) -> Statement | None:
     """A proof by the graph alone that the allowed agents, or so few pins, cannot do."""
     labels = problem.network.labels
-    # signals that leave a mode often enough may do with fewer pins
-    several = len(problem.network.modes) > 1
-    words = (" in one of the modes", " under arbitrary switching", " while it lasts")
-    where, always, lasts = words if several else ("", "", "")
+    scope = OF_MODES if len(problem.network.modes) > 1 else Scope()
     if structure.unmet is not None:
-        listen = "listens" if len(structure.unmet) == 1 else "listen"
         group = [labels[i] for i in structure.unmet]
-        text = (
-            f"consensus{always} is impossible with pins on the allowed agents only: "
-            f"{name_agents(group)} {listen}"
-        )
-        text += (
-            f" to nobody else{where}, and may not be pinned, so a common error of theirs does "
-            f"not decay{lasts}."
-        )
-        return refuted("structure", text, group=", ".join(group))
+        return _unmet(group, scope)
     if isinstance(pins, int) and pins < structure.least:
-        groups = structure.apart if len(structure.apart) > pins else structure.groups
-        named = "; ".join(name_agents([labels[i] for i in group]) for group in groups[:8])
-        text = (
-            f"{counted(pins, 'pin')} cannot work{always}, whatever the gains: at least "
-            f"{structure.least} are needed,"
-        )
-        text += (
-            f" because each of these groups hears nobody outside{where} and needs a pin of its "
-            f"own: {named}."
-        )
-        every = " | ".join(", ".join(labels[i] for i in group) for group in groups[:50])
-        return refuted("pins", text, least=str(structure.least), groups=every)
+        return _too_few(pins, structure, labels, scope)
     return None
+
+
+def _unmet(group: Sequence[str], scope: Scope) -> Statement:
+    listen = "listens" if len(group) == 1 else "listen"
+    never = f"consensus{scope.always} is impossible with pins on the allowed agents only"
+    alone = f"{name_agents(group)} {listen} to nobody else{scope.where}, and may not be pinned"
+    stays = f"so a common error of theirs does not decay{scope.lasts}"
+    return refuted("structure", f"{never}: {alone}, {stays}.", group=", ".join(group))
+
+
+def _too_few(pins: int, structure: Structure, labels: Sequence[str], scope: Scope) -> Statement:
+    groups = structure.groups
+    if len(structure.apart) > pins:
+        groups = structure.apart
+    words = [[labels[i] for i in group] for group in groups]
+    named = "; ".join(name_agents(group) for group in words[:NAMED])
+    fails = f"{counted(pins, 'pin')} cannot work{scope.always}, whatever the gains"
+    least = f"at least {structure.least} are needed"
+    because = f"because each of these groups hears nobody outside{scope.where}"
+    text = f"{fails}: {least}, {because} and needs a pin of its own: {named}."
+    every = " | ".join(", ".join(group) for group in words[:WRITTEN])
+    return refuted("pins", text, least=str(structure.least), groups=every)
 
 
 def apart(groups: Sequence[Collection[int]]) -> list[int]:
     """Places of groups without a common agent, the smallest first: each needs a pin of its own."""
-    used, kept = set[int](), list[int]()
+    used = set[int]()
+    kept = list[int]()
     for k in sorted(range(len(groups)), key=lambda k: (len(groups[k]), k)):
         if not used & set(groups[k]):
             used |= set(groups[k])
@@ -303,6 +399,8 @@ def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[int, ...] | N
 def _of_size(
     groups: Sequence[frozenset[int]], size: int, steps: list[int]
 ) -> tuple[int, ...] | None:
+    """A set of so many agents that meets all groups; None without one, or where no ``steps`` are
+    left."""
     steps[0] -= 1
     if not groups:
         return ()
@@ -310,7 +408,8 @@ def _of_size(
         return None
     smallest: frozenset[int] = min(groups, key=len)
     for agent in sorted(smallest):
-        rest = _of_size([group for group in groups if agent not in group], size - 1, steps)
+        left = [group for group in groups if agent not in group]
+        rest = _of_size(left, size - 1, steps)
         if rest is not None:
             return (agent, *rest)
     return None
@@ -337,22 +436,34 @@ def slow_direction(
     for mode in jacobians.modes:
         if not mode.is_nonnegative_diagonal:
             continue
-        width = len(mode.gains[0]) if mode.gains else 1
-        alike = all(gain[c][c] == gain[0][0] for gain in mode.gains for c in range(width))
-        # one stands for all where h acts by component
-        for component in range(1 if alike else width):
+        for component in range(_components(mode)):
             for proposed in propose(mode, component, pinned, caps, size=jacobians.size):
-                top = max((abs(x) for x in proposed), default=0.0)
-                if not 0 < top < float("inf"):
-                    continue
-                w = tuple(
-                    0 if i in free else max(0, round(x / top * FINE))
-                    for i, x in enumerate(proposed)
-                )
+                w = _direction(proposed, free)
                 limit = limit_of(mode, component, w, pinned=pinned, caps=caps)
                 if limit is not None and (best is None or limit < best.limit):
                     best = SlowDirection(mode=mode.name, component=component, w=w, limit=limit)
     return best
+
+
+def _components(mode: ModeJacobian) -> int:
+    """How many components have to be looked at: one stands for all where h acts on all alike."""
+    width = len(mode.gains[0]) if mode.gains else 1
+    for gain in mode.gains:
+        if any(gain[c][c] != gain[0][0] for c in range(width)):
+            return width
+    return 1
+
+
+def _direction(proposed: Sequence[float], free: Collection[int]) -> tuple[int, ...]:
+    """A direction >= 0 as whole numbers, 0 on free agents; empty for one without numbers."""
+    top = max((abs(x) for x in proposed), default=0.0)
+    if not 0 < top < float("inf"):
+        return ()
+    w = [0] * len(proposed)
+    for i, x in enumerate(proposed):
+        if i not in free:
+            w[i] = max(0, round(x / top * FINE))
+    return tuple(w)
 
 
 def limit_of(
@@ -364,9 +475,13 @@ def limit_of(
     if not any(w) or min(w) < 0 or any(w[i] for i in free) or not mode.is_nonnegative_diagonal:
         return None
     held = set(pinned) & set(caps)
-    pull = {i: x * (caps[i] if i in held else Fraction(0)) for i, x in enumerate(w) if x}
-    arcs = (mode.arcs.listeners.tolist(), mode.arcs.speakers.tolist(), mode.kind.tolist())
-    for i, j, kind in zip(*arcs, strict=True):
+    pull = dict[int, Fraction]()
+    for i, x in enumerate(w):
+        if x:
+            pull[i] = x * caps[i] if i in held else Fraction(0)
+    listeners = mode.arcs.listeners.tolist()
+    speakers = mode.arcs.speakers.tolist()
+    for i, j, kind in zip(listeners, speakers, mode.kind.tolist(), strict=True):
         if w[i] and w[i] != w[j]:
             gain = mode.gains[kind][component][component]
             pull[i] += (gain.hi if w[i] > w[j] else gain.lo) * (w[i] - w[j])
@@ -374,18 +489,11 @@ def limit_of(
 
 
 def too_fast(
-    problem: Problem,
-    rate: Fraction,
-    *,
-    allowed: Sequence[int],
-    caps: Gains,
-    pins: int | str | None,
-    propose: Directions,
+    problem: Problem, rate: Fraction, limits: Limits, propose: Directions
 ) -> Statement | None:
-    """A proof that no gains on the ``allowed`` agents, or on ``pins`` of them, let every error
-    decay at ``rate`` (1/s). Whatever proves it; None if there is none.  Its kind is "pins" where
-    every set of so many is excluded, "max_gain" where gains without caps are not excluded by the
-    same means, else "rate"."""
+    """A proof that no gains within the limits let every error decay at ``rate`` (1/s). Whatever
+    proves it; None if there is none.  Its kind is "pins" where every set of so many is excluded,
+    "max_gain" where gains without caps are not excluded by the same means, else "rate"."""
     if any(coupling.nonsmooth for coupling in problem.couplings):
         return None
     try:
@@ -393,64 +501,62 @@ def too_fast(
     except UndefinedError:
         return None
 
-    def slowest(agents: Sequence[int], caps: Gains = caps) -> SlowDirection | None:
+    def slowest(agents: Sequence[int], caps: Gains = limits.caps) -> SlowDirection | None:
         direction = slow_direction(jacobians, agents, caps, propose)
         return None if direction is None or direction.limit >= rate else direction
 
-    found = slowest(allowed)
+    found = slowest(limits.allowed)
     if found is None:
-        return _too_few_pins(rate, pins, allowed, slowest) if isinstance(pins, int) else None
+        return _too_few_pins(rate, limits, slowest)
+    capped = bool(limits.caps) and slowest(limits.allowed, {}) is None
+    how = "with the allowed agents held exactly at the target"
+    if capped or len(limits.allowed) == problem.n:
+        how = "with every gain at its cap"
     labels = problem.network.labels
-    capped = bool(caps) and slowest(allowed, {}) is None
     moved = [labels[i] for i, x in enumerate(found.w) if x]
     where = f" in mode {found.mode}" if len(problem.network.modes) > 1 else ""
-    how = "with the allowed agents held exactly at the target"
-    if capped or len(allowed) == problem.n:
-        how = "with every gain at its cap"
-    pace = f"return{'s' if len(moved) == 1 else ''} no faster than {_above(found.limit)} 1/s"
-    text = (
-        f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, "
-        f"{name_agents(moved)} {pace}"
-    )
-    values = {"w": ", ".join(map(str, found.w))} if len(found.w) <= LONGEST else {}
+    never = f"no gains let the errors decay at {typed_number(rate)} 1/s{where}"
+    comes = "returns" if len(moved) == 1 else "return"
+    pace = f"{comes} no faster than {_above(found.limit)} 1/s near the target"
+    text = f"{never}: even {how}, {name_agents(moved)} {pace}."
     values = {
         "mode": found.mode,
         "component": str(found.component + 1),
         "limit": number_text(found.limit),
-        **values,
     }
-    return refuted("max_gain" if capped else "rate", f"{text} near the target.", **values)
+    if len(found.w) <= LONGEST:
+        values["w"] = ", ".join(map(str, found.w))
+    return refuted("max_gain" if capped else "rate", text, **values)
 
 
 def _too_few_pins(
     rate: Fraction,
-    pins: int,
-    allowed: Sequence[int],
+    limits: Limits,
     slowest: Callable[[Sequence[int]], SlowDirection | None],
 ) -> Statement | None:
-    """A proof that no ``pins`` of the allowed agents reach the rate: every set is excluded; None if
+    """A proof that no so many of the allowed agents reach the rate: every set is excluded; None if
     one is not."""
-    count, most = comb(len(allowed), pins), Fraction(0)
-    if pins >= len(allowed) or count > MOST_SETS:
+    pins = limits.pins
+    if not isinstance(pins, int):
         return None
-    for chosen in combinations(allowed, pins):
+    count = comb(len(limits.allowed), pins)
+    if pins >= len(limits.allowed) or count > MOST_SETS:
+        return None
+    most = Fraction(0)
+    for chosen in combinations(limits.allowed, pins):
         found = slowest(chosen)
         if found is None:
             return None
         most = max(most, found.limit)
-    text = (
-        f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, "
-        "whatever the gains: all"
-    )
-    text += (
-        f" {counted(count, 'choice')} are excluded one by one, and the best of them reaches "
-        f"{_above(most)} 1/s at"
-    )
-    return refuted(
-        "pins", f"{text} most near the target.", sets=str(count), limit=number_text(most)
-    )
+    few = f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s"
+    excluded = f"all {counted(count, 'choice')} are excluded one by one"
+    best = f"the best of them reaches {_above(most)} 1/s at most near the target"
+    text = f"{few}, whatever the gains: {excluded}, and {best}."
+    return refuted("pins", text, sets=str(count), limit=number_text(most))
 
 
 def _above(limit: Fraction) -> str:
     """At most four digits, not below."""
-    return f"{float(rounded_up(limit, digits=4)):.4g}" if limit else "0"
+    if not limit:
+        return "0"
+    return f"{float(rounded_up(limit, digits=4)):.4g}"

@@ -14,6 +14,7 @@ as far as that takes.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -56,14 +57,19 @@ class PinningProposer:
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
         """Gains (n) of least cost, about, and their multipliers; without (None) directions that no
         gains hold."""
-        blocks, chosen = pinning.for_rate(self.blocks, rate), self._mask(allowed)
-        can = blocks.z or all(
-            value > NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)
-        )
-        found = pinning.cheapest_gains(blocks, chosen, self.costs, self.caps) if can else None
+        blocks = pinning.for_rate(self.blocks, rate)
+        chosen = self._mask(allowed)
+        found = None
+        if blocks.z or self._can_hold(blocks, chosen):
+            found = pinning.cheapest_gains(blocks, chosen, self.costs, self.caps)
         if found is None:
             return None, self._loose(blocks, chosen)
         return found.gains.tolist(), self._named(blocks, found.vectors)
+
+    def _can_hold(self, blocks: pinning.Blocks, chosen: Array) -> bool:
+        """Whether gains without a cap hold every direction, as floating point sees it."""
+        least = NEARLY_ZERO * blocks.scale
+        return all(value > least for value, _ in self._lowest(blocks, chosen))
 
     def fastest(self, allowed: Collection[int], factor: float = 1.0) -> float:
         """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``;
@@ -77,10 +83,11 @@ class PinningProposer:
         blocks = pinning.for_rate(self.blocks, rate)
         if blocks.agents * blocks.width > pinning.PROGRAM_ROWS * 3:
             return []
-        pairs = [np.linalg.eigh(table.toarray()) for table in blocks.tables]
-        return self._named(
-            blocks, [list(vectors.T[values < -1e-7 * blocks.scale]) for values, vectors in pairs]
-        )
+        columns = list[list[Array]]()
+        for table in blocks.tables:
+            values, vectors = np.linalg.eigh(table.toarray())
+            columns.append(list(vectors.T[values < -1e-7 * blocks.scale]))
+        return self._named(blocks, columns)
 
     def greedy(
         self, allowed: Sequence[int], groups: Sequence[Sequence[int]], rate: float, pins: int | None
@@ -89,41 +96,54 @@ class PinningProposer:
         if none was found. One agent of each group first, then where the slowest direction is
         heaviest, then the cheapest to add, then exchanges of one agent for another; of many agents
         those that save most."""
-        chosen, blocks, free = (
-            self._hitting(allowed, groups),
-            pinning.for_rate(self.blocks, rate),
-            set(allowed),
-        )
+        chosen = self._hitting(allowed, groups)
+        blocks = pinning.for_rate(self.blocks, rate)
+        free = set(allowed)
         if blocks.z and blocks.agents > MANY and not blocks.weighted:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
-            return None if many is None or self._cost(many, rate) == np.inf else many
-        while self._cost(chosen, rate) == np.inf:
-            if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
+            if many is None or self._cost(many, rate) == np.inf:
                 return None
-            heavy = self._heaviest(blocks, chosen, free - set(chosen))
-            chosen.append(
-                max(
-                    heavy,
-                    key=lambda agent: (pinning.fastest_rate(blocks, [*chosen, agent]), -agent),
-                )
-            )
-        while pins is not None and len(chosen) < pins and (left := sorted(free - set(chosen))):
-            tried = left[:: -(-len(left) // max(1, self._affordable() // pins))]
-            costs = {agent: self._cost([*chosen, agent], rate) for agent in tried}
-            chosen.append(min(costs, key=lambda agent: (costs[agent], agent)))
+            return many
+        while self._cost(chosen, rate) == np.inf:
+            left = free - set(chosen)
+            if not left or (pins is not None and len(chosen) >= pins):
+                return None
+            chosen.append(self._fastest_with(blocks, chosen, left))
+        if pins is not None:
+            while len(chosen) < pins and set(chosen) != free:
+                chosen.append(self._cheapest_with(chosen, sorted(free - set(chosen)), rate, pins))
         return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
+
+    def _fastest_with(
+        self, blocks: pinning.Blocks, chosen: Sequence[int], left: Collection[int]
+    ) -> int:
+        """The further agent, of those where the slowest direction is heaviest, that allows the
+        fastest rate."""
+        heavy = self._heaviest(blocks, chosen, left)
+        return max(
+            heavy, key=lambda agent: (pinning.fastest_rate(blocks, [*chosen, agent]), -agent)
+        )
+
+    def _cheapest_with(
+        self, chosen: Sequence[int], left: Sequence[int], rate: float, pins: int
+    ) -> int:
+        """The further agent with which the gains are cheapest, of as many as are worth the time."""
+        most = max(1, self._affordable() // pins)
+        step = -(-len(left) // most)
+        costs = {agent: self._cost([*chosen, agent], rate) for agent in left[::step]}
+        return min(costs, key=lambda agent: (costs[agent], agent))
 
     def cheapest(self, allowed: Sequence[int], pins: int, rate: float) -> tuple[int, ...]:
         """The cheapest of all sets of so many agents, where these are few; () if none is found."""
-        count = comb(len(allowed), pins)
-        costs = (
-            {each: self._cost(each, rate) for each in combinations(allowed, pins)}
-            if count <= MOST_SETS
-            else {}
-        )
-        best = min(costs, key=lambda each: (costs[each], each), default=())
-        return best if costs.get(best, np.inf) < np.inf else ()
+        if comb(len(allowed), pins) > MOST_SETS:
+            return ()
+        best, least = tuple[int, ...](), np.inf
+        for each in combinations(allowed, pins):
+            cost = self._cost(each, rate)
+            if cost < least:
+                best, least = each, cost
+        return best
 
     def replaceable(
         self, chosen: Sequence[int], allowed: Sequence[int], rate: float
@@ -132,37 +152,49 @@ class PinningProposer:
         own = self._cost(chosen, rate)
         if own == np.inf or len(chosen) * len(allowed) > self._affordable():
             return []
-        pairs = product(chosen, sorted(set(allowed) - set(chosen)))
-        costs = {(a, b): self._cost([x for x in chosen if x != a] + [b], rate) for a, b in pairs}
-        return [pair for pair, cost in costs.items() if abs(cost - own) <= 1e-6 * own]
+        alike = list[tuple[int, int]]()
+        for pinned, other in product(chosen, sorted(set(allowed) - set(chosen))):
+            exchanged = [x for x in chosen if x != pinned] + [other]
+            if abs(self._cost(exchanged, rate) - own) <= 1e-6 * own:
+                alike.append((pinned, other))
+        return alike
 
     def _exchanged(self, chosen: list[int], allowed: Sequence[int], rate: float) -> list[int]:
-        cost, better, work = self._cost(chosen, rate), True, 0
+        """The agents after exchanges of one for another, while these make the gains cheaper."""
+        cost = self._cost(chosen, rate)
+        better = True
+        work = 0
         while better:
             better = False
             for place, other in product(range(len(chosen)), allowed):
                 work += 1
+                if other in chosen or work > self._affordable():
+                    continue
                 trial = [*chosen[:place], other, *chosen[place + 1 :]]
-                if other not in chosen and work <= self._affordable():
-                    value = self._cost(trial, rate)
-                    if value < cost * (1 - 1e-9):
-                        chosen, cost, better = trial, value, True
+                value = self._cost(trial, rate)
+                if value < cost * (1 - 1e-9):
+                    chosen = trial
+                    cost = value
+                    better = True
         return chosen
 
     def _affordable(self) -> int:
         """How many closed forms are worth the time."""
-        return WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
+        if len(self.costs) > LARGEST:
+            return 0
+        return WORK // len(self.costs)
 
     def _cost(self, chosen: Collection[int], rate: float) -> float:
         gains = self.relax(chosen, rate)[0] if chosen else None
         return np.inf if gains is None else float(self.costs @ np.array(gains))
 
     def _hitting(self, allowed: Sequence[int], groups: Sequence[Sequence[int]]) -> list[int]:
-        left, chosen = [met for group in groups if (met := set(group) & set(allowed))], list[int]()
+        """Agents that meet all groups, always the one that meets most of those that are left."""
+        may = set(allowed)
+        left = [may & set(group) for group in groups if may & set(group)]
+        chosen = list[int]()
         while left:
-            count = {
-                agent: sum(agent in group for group in left) for group in left for agent in group
-            }
+            count = Counter(agent for group in left for agent in group)
             best = min(count, key=lambda agent: (-count[agent], self.costs[agent], agent))
             chosen.append(best)
             left = [group for group in left if best not in group]
@@ -176,17 +208,18 @@ class PinningProposer:
     def _heaviest(
         self, blocks: pinning.Blocks, chosen: Sequence[int], free: Collection[int]
     ) -> list[int]:
+        """Free agents, the heaviest in the slowest direction first."""
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         weight = np.zeros(blocks.agents)
         weight[others] = pinning.slowest_on(blocks, others)
         order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
-        return order[: 40 if blocks.agents <= 60 else 8]
+        most = 40 if blocks.agents <= 60 else 8
+        return order[:most]
 
     def _free_rows(self, blocks: pinning.Blocks, chosen: Array) -> Any:
         """The rows that no gain without a cap holds."""
-        return rows_of(
-            np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps)), blocks.width
-        )
+        agents = np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps))
+        return rows_of(agents, blocks.width)
 
     def _lowest(
         self, blocks: pinning.Blocks, chosen: Array, *, factor: float = 1.0
@@ -196,25 +229,30 @@ class PinningProposer:
         held = np.where(chosen & np.isfinite(self.caps), self.caps, 0.0)
         added = sparse.diags_array(np.repeat(2 * held * factor, blocks.width))
         rows = self._free_rows(blocks, chosen)
-        return [pinning.lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
+        tables = [sparse.csr_array(table + added) for table in blocks.tables]
+        return [pinning.lowest_on(table, rows) for table in tables]
 
     def _loose(self, blocks: pinning.Blocks, chosen: Array) -> Vectors:
         """Of every block the direction that allowed gains hold least, zero on the rows of gains
         without a cap."""
         rows = self._free_rows(blocks, chosen)
-        columns = [np.zeros(blocks.agents * blocks.width) for _ in blocks.tables]
-        for column, (_, vector) in zip(columns, self._lowest(blocks, chosen), strict=True):
+        columns = list[list[Array]]()
+        for _, vector in self._lowest(blocks, chosen):
+            column = np.zeros(blocks.agents * blocks.width)
             column[rows] = np.abs(vector) if blocks.z else vector
-        return self._named(blocks, [[column] for column in columns])
+            columns.append([column])
+        return self._named(blocks, columns)
 
     def _named(self, blocks: pinning.Blocks, columns: Sequence[Sequence[Array]]) -> Vectors:
         """The vectors of every block with its mode, on all n m rows."""
         m = self.problem.m
         result: Vectors = []
         for (mode, component), own in zip(blocks.sources, columns, strict=True):
+            # A block has all rows, or those of one state component.
+            rows = slice(None) if blocks.width == m else slice(component, None, m)
             for vector in own:
                 whole = np.zeros(blocks.agents * m)
-                whole[slice(None) if blocks.width == m else slice(component, None, m)] = vector
+                whole[rows] = vector
                 result.append((mode, whole))
         return result
 
@@ -243,51 +281,65 @@ def greedy_set(
     Z-matrices."""
     found = list(chosen)
     while True:
-        others = np.setdiff1d(np.arange(blocks.agents), found)
-        lowest = min(pinning.lowest_on(table, others)[0] for table in blocks.tables)
-        # What has to be added to S for the pins to hold the others.
-        shift = (
-            0.0
-            if lowest > 1e-9 * blocks.scale
-            else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
-        )
+        shift = _needed_shift(blocks, found)
         left = np.array(sorted(set(free) - set(found)), dtype=np.int64)
-        room = len(left) if pins is None else min(len(left), pins - len(found))
-        if (shift == 0 and pins is None) or room <= 0:
+        room = len(left)
+        if pins is not None:
+            room = min(room, pins - len(found))
+        if room <= 0 or (shift == 0 and pins is None):
             return tuple(sorted(found)) if shift == 0 else None
-        shifted = [
-            sparse.csr_array(table + shift * sparse.eye_array(len(costs)))
-            for table in blocks.tables
-        ]
-        for _ in range(min(room, max(SHIFTED, blocks.agents // PART) if shift else UPDATES)):
+        steps = UPDATES
+        if shift:
+            steps = max(SHIFTED, blocks.agents // PART)
+        added = shift * sparse.eye_array(len(costs))
+        shifted = [sparse.csr_array(table + added) for table in blocks.tables]
+        for _ in range(min(room, steps)):
             found.append(_best(shifted, found, left, costs))
             left = left[left != found[-1]]
 
 
+def _needed_shift(blocks: pinning.Blocks, pinned: Sequence[int]) -> float:
+    """What has to be added to S for the pins to hold the others; 0 where they do."""
+    others = np.setdiff1d(np.arange(blocks.agents), pinned)
+    lowest = min(pinning.lowest_on(table, others)[0] for table in blocks.tables)
+    if lowest > 1e-9 * blocks.scale:
+        return 0.0
+    return ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Held:
+    """One matrix S on the agents that are not pinned: how far v is ``above`` sqrt(c) on those that
+    may be, its diagonal there, and what solves with S."""
+
+    above: Array
+    diagonal: Array
+    solve: Any
+
+
 def _best(matrices: Sequence[Any], found: list[int], left: Any, costs: Array) -> int:
     """The agent that saves most, among those whose bound is largest."""
-    root, others = np.sqrt(costs), np.setdiff1d(np.arange(len(costs)), found)
+    others = np.setdiff1d(np.arange(len(costs)), found)
     place = np.searchsorted(others, left)
-    above, diagonals, solvers = [], [], []
+    root = np.sqrt(costs)
+    held = list[_Held]()
     for matrix in matrices:
         rows = matrix[others]
-        solvers.append(pinning.factorised(rows[:, others]))
+        solve = pinning.factorised(rows[:, others])
         # Where nobody is pinned yet: by how loosely everybody is held.
-        v = solvers[-1](-(rows[:, found] @ root[found]) if found else np.ones(len(others)))
-        above.append(np.maximum(v[place] - root[left], 0.0))
-        diagonals.append(matrix.diagonal()[left])
-    bounds = np.sum(
-        [own**2 * diagonal for own, diagonal in zip(above, diagonals, strict=True)], axis=0
-    )
+        v = solve(-(rows[:, found] @ root[found]) if found else np.ones(len(others)))
+        above = np.maximum(v[place] - root[left], 0.0)
+        held.append(_Held(above=above, diagonal=matrix.diagonal()[left], solve=solve))
+    # 1/G_aa <= S_aa bounds what each agent saves (module docstring).
+    bounds = np.sum([own.above**2 * own.diagonal for own in held], axis=0)
 
     def saving(candidate: int) -> float:
-        unit = (np.arange(len(others)) == place[candidate]).astype(float)
-        inverse = [solve(unit)[place[candidate]] for solve in solvers]
-        return sum(
-            float(own[candidate]) ** 2 / float(g) for own, g in zip(above, inverse, strict=True)
-        )
+        at = place[candidate]
+        unit = (np.arange(len(others)) == at).astype(float)
+        return sum(float(own.above[candidate]) ** 2 / float(own.solve(unit)[at]) for own in held)
 
-    return int(left[max(np.argsort(-bounds, kind="stable")[:LOOKED_AT], key=saving)])
+    largest = np.argsort(-bounds, kind="stable")[:LOOKED_AT]
+    return int(left[max(largest, key=saving)])
 
 
 def slow_directions(
@@ -297,18 +349,21 @@ def slow_directions(
     pulled least."""
     slopes = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
     values = slopes[mode.kind] if len(slopes) else np.zeros(0)
-    listeners, speakers = mode.arcs.listeners, mode.arcs.speakers
+    listeners = mode.arcs.listeners
+    speakers = mode.arcs.speakers
     pull = np.bincount(listeners, weights=values, minlength=size).astype(float)
     for i in pinned:
         pull[i] += float(caps[i]) if i in caps else np.inf
     rows = np.flatnonzero(np.isfinite(pull))
     if not len(rows) or not np.all(np.isfinite(values)):
         return
-    heard = sparse.csr_array(sparse.coo_array((values, (listeners, speakers)), shape=(size, size)))
-    slowest, alone = np.zeros(size), np.zeros(size)
-    slowest[rows] = _perron(sparse.csr_array(heard[rows][:, rows] - sparse.diags_array(pull[rows])))
-    alone[int(np.argmin(pull))] = 1.0
+    arcs = sparse.coo_array((values, (listeners, speakers)), shape=(size, size))
+    heard = sparse.csr_array(arcs)[rows][:, rows]
+    slowest = np.zeros(size)
+    slowest[rows] = _perron(sparse.csr_array(heard - sparse.diags_array(pull[rows])))
     yield slowest.tolist()
+    alone = np.zeros(size)
+    alone[int(np.argmin(pull))] = 1.0
     yield alone.tolist()
 
 
@@ -318,7 +373,8 @@ def _perron(matrix: sparse.csr_array) -> Array:
     size = matrix.shape[0]
     if size <= DENSE:
         values, vectors = np.linalg.eig(matrix.toarray())
-        vector = np.abs(vectors[:, int(np.argmax(values.real))].real)
+        slowest = int(np.argmax(values.real))
+        vector = np.abs(vectors[:, slowest].real)
         return np.where(vector > 1e-9 * np.max(vector, initial=0.0), vector, 0.0)
     shift = float(np.max(-matrix.diagonal(), initial=0.0)) + 1.0
     vector = np.ones(size)

@@ -10,7 +10,7 @@ which other agent a gain would help most.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -62,15 +62,17 @@ class Box:
     def follow(self, lower: Array) -> Array | None:
         """The least v at or above ``lower``; on pins without a cap it is ``lower``.  None if none
         is found."""
-        gains = np.where(self.allowed, np.minimum(self.caps, HELD * max(1.0, self.rate)), 0.0)
-        return least_above(replace(self.field, gains=gains), alpha=self.rate, lower=lower)
+        largest = np.minimum(self.caps, HELD * max(1.0, self.rate))
+        held = replace(self.field, gains=np.where(self.allowed, largest, 0.0))
+        return least_above(held, alpha=self.rate, lower=lower)
 
     def gains(self, v: Array) -> Array:
-        return np.where(
-            self.allowed, np.maximum(self.field.rows(v, alpha=self.rate)[0] / v, 0.0), 0.0
-        )
+        """What the rows of the allowed agents need, with this v."""
+        rows = self.field.rows(v, alpha=self.rate)[0]
+        return np.where(self.allowed, np.maximum(rows / v, 0.0), 0.0)
 
     def cost(self, v: Array) -> float:
+        """The cost of the gains for this v."""
         return float(self.costs @ self.gains(v))
 
 
@@ -91,18 +93,23 @@ def propose_for_box(
             if best is None:
                 return []
             box, v = best
-            units = (
-                [2**bits for bits in BITS] if len(v) > LARGE else [10**digits for digits in DIGITS]
-            )
-            typed = [
-                tuple(Fraction(max(unit, round(float(x) * unit)), unit) for x in v)
-                for unit in units
-            ]
-            found = [(each, box.gains(np.array([float(x) for x in each]))) for each in typed]
+            found = list[tuple[Vector, Array]]()
+            for unit in _units(len(v)):
+                typed = tuple(Fraction(max(unit, round(float(x) * unit)), unit) for x in v)
+                gains = box.gains(np.array([float(x) for x in typed]))
+                found.append((typed, gains))
             most = box.cost(v) * (1 + 10.0 ** (-request.digits))
     except (ArithmeticError, ValueError):  # a coupling that is not defined so far out
         return []
-    return [each for each in found[:-1] if box.costs @ each[1] <= most] + found[-1:]
+    *short, last = found
+    return [*(each for each in short if box.costs @ each[1] <= most), last]
+
+
+def _units(size: int) -> list[int]:
+    """One over what v is rounded to: decimal in small networks, binary in large ones."""
+    if size > LARGE:
+        return [2**bits for bits in BITS]
+    return [10**digits for digits in DIGITS]
 
 
 def box_of(
@@ -112,7 +119,8 @@ def box_of(
     without ``costs``."""
     allowed = np.zeros(field.size, dtype=bool)
     allowed[list(agents)] = True
-    costs = np.ones(field.size) if costs is None else costs
+    if costs is None:
+        costs = np.ones(field.size)
     limits = np.array([float(caps.get(i, np.inf)) for i in range(field.size)])
     return Box(field=field, allowed=allowed, costs=costs, caps=limits, rate=rate)
 
@@ -121,9 +129,7 @@ def cheapest(box: Box) -> tuple[Box, Array] | None:
     """The best v found, min v = 1, and the box with those agents allowed that need a gain for it;
     None without one."""
     most = next((count for size, count in PROGRAMS if box.field.size <= size), 0)
-    coarse = replace(
-        box, field=replace(box.field, grid=box.field.grid[:: max(1, len(box.field.grid) // COARSE)])
-    )
+    coarse = replace(box, field=_coarse(box.field))
     start = coarse.follow(np.ones(box.field.size))
     if start is None:
         return None
@@ -141,72 +147,104 @@ def cheapest(box: Box) -> tuple[Box, Array] | None:
     return box, v / np.min(v)
 
 
+def _coarse(field: Field) -> Field:
+    """The same rows at fewer points of s."""
+    step = max(1, len(field.grid) // COARSE)
+    return replace(field, grid=field.grid[::step])
+
+
 def _improved(box: Box, v: Array, most: int) -> Array:
     """Linear programs in log v: steps are taken while they make the gains cheaper."""
-    cost, step = box.cost(v), FIRST_STEP
+    cost = box.cost(v)
+    step = FIRST_STEP
     for _ in range(most):
         if step < LAST_STEP or not cost > 0:
             break
-        change = _program(box, v, step)
-        moved = (
-            None if change is None else box.follow(np.where(box.allowed, v * np.exp(change), 1.0))
-        )
-        if moved is not None:
-            moved = moved / np.min(moved)  # the box shrinks with v: only cheaper
+        moved = _moved(box, v, step)
         value = np.inf if moved is None else box.cost(moved)
         if moved is None or not value < cost * (1 - WORTH / 10):
             step *= NARROWER
             continue
         if value > cost * (1 - WORTH):
             return moved
-        v, cost, step = moved, value, min(1.0, step * WIDER)
+        v = moved
+        cost = value
+        step = min(1.0, step * WIDER)
     return v
+
+
+def _moved(box: Box, v: Array, step: float) -> Array | None:
+    """v after one linear program; None where that has no answer."""
+    change = _program(box, v, step)
+    if change is None:
+        return None
+    moved = box.follow(np.where(box.allowed, v * np.exp(change), 1.0))
+    if moved is None:
+        return None
+    return moved / np.min(moved)  # the box shrinks with v: only cheaper
 
 
 def _program(box: Box, v: Array, step: float) -> Array | None:
     """The change of log v, at most ``step``, that makes the gains cheapest to first order; None
     without an answer."""
-    n, allowed = len(v), np.flatnonzero(box.allowed)
-    agents, slopes, values = _linear_rows(box, v, step)
-    gains = -sparse.eye_array(n, format="csc")[:, allowed].tocsr()[agents]
-    matrix = sparse.hstack([slopes, gains], format="csr")
-    low = np.concatenate([np.maximum(-step, -np.log(np.maximum(v, 1.0))), np.zeros(len(allowed))])
-    bounds = np.column_stack([low, np.concatenate([np.full(n, step), box.caps[allowed]])])
-    linear = np.concatenate([np.zeros(n), box.costs[allowed]])
+    n = len(v)
+    allowed = np.flatnonzero(box.allowed)
+    rows = _rows_in_reach(box, v, step)
+    gains = -sparse.eye_array(n, format="csc")[:, allowed].tocsr()[rows.agents]
+    # log v stays at or above 0, gains between 0 and their caps
+    lowest = np.maximum(-step, -np.log(np.maximum(v, 1.0)))
+    low = np.concatenate([lowest, np.zeros(len(allowed))])
+    high = np.concatenate([np.full(n, step), box.caps[allowed]])
     answer = optimize.linprog(
-        linear, A_ub=matrix, b_ub=-(values + box.rate), bounds=bounds, method="highs"
+        np.concatenate([np.zeros(n), box.costs[allowed]]),
+        A_ub=sparse.hstack([rows.slopes, gains], format="csr"),
+        b_ub=-(rows.values + box.rate),
+        bounds=np.column_stack([low, high]),
+        method="highs",
     )
-    return (
-        None if answer.x is None or not np.all(np.isfinite(answer.x)) else np.asarray(answer.x[:n])
-    )
+    if answer.x is None or not np.all(np.isfinite(answer.x)):
+        return None
+    return np.asarray(answer.x[:n])
 
 
-def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
-    """The rows divided by v that may matter within the step: their agents, slopes in log v, and
-    values."""
-    field, n = box.field, len(v)
-    agents, slopes, values, reach = [], [], [], []
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _LinearRows:
+    """Rows divided by v: their ``agents`` (r,), ``slopes`` (r, n) in log v and ``values`` (r,)."""
+
+    agents: Any
+    slopes: Any
+    values: Array
+
+
+def _rows_in_reach(box: Box, v: Array, step: float) -> _LinearRows:
+    """The rows that may be the largest of their agent within the step."""
+    parts = list(_linear_rows(box.field, v))
+    agents = np.tile(np.arange(len(v)), len(parts))
+    values = np.concatenate([part.values for part in parts])
+    sums = [np.asarray(abs(part.slopes).sum(axis=1)).ravel() for part in parts]
+    moves = np.concatenate([step * each for each in sums])
+    least = np.full(len(v), -np.inf)
+    np.maximum.at(least, agents, values - moves)
+    active = values + moves >= np.maximum(least[agents], -box.rate)
+    slopes = sparse.vstack([part.slopes for part in parts], format="csr")
+    return _LinearRows(agents=agents[active], slopes=slopes[active], values=values[active])
+
+
+def _linear_rows(field: Field, v: Array) -> Iterator[_LinearRows]:
+    """Of both faces in every mode the rows at the worst point of s, and at an end of the others."""
+    agents = np.arange(len(v))
     for mode in range(len(field.modes)):
         for face in (1, -1):
             table = field.values(mode, face, v) / v
-            best = np.argmax(table, axis=0)
-            for places in (best, np.where(best == len(table) - 1, 0, len(table) - 1)):
-                value = table[places, np.arange(n)]
-                slope = (
-                    sparse.diags_array(1 / v)
-                    @ field.slopes(mode, face, places, v)
-                    @ sparse.diags_array(v)
-                )
-                slope = sparse.csr_array(slope - sparse.diags_array(value))
-                agents.append(np.arange(n))
-                slopes.append(slope)
-                values.append(value)
-                reach.append(step * np.asarray(abs(slope).sum(axis=1)).ravel())
-    who, value, move = np.concatenate(agents), np.concatenate(values), np.concatenate(reach)
-    least = np.full(n, -np.inf)
-    np.maximum.at(least, who, value - move)
-    active = value + move >= np.maximum(least[who], -box.rate)
-    return who[active], sparse.vstack(slopes, format="csr")[active], value[active]
+            last = len(table) - 1
+            worst = np.argmax(table, axis=0)
+            end = np.where(worst == last, 0, last)
+            for places in (worst, end):
+                values = table[places, agents]
+                slopes = field.slopes(mode, face, places, v)
+                in_logs = sparse.diags_array(1 / v) @ slopes @ sparse.diags_array(v)
+                own = sparse.csr_array(in_logs - sparse.diags_array(values))
+                yield _LinearRows(agents=agents, slopes=own, values=values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -228,9 +266,14 @@ class RegionSearch:
     def __init__(
         self, problem: Problem, W: Matrix | None, *, radius: Fraction, disturbance: Fraction
     ) -> None:
-        self.problem, self.W, self.radius, self.disturbance = problem, W, radius, disturbance
-        self.exosystem = exosystem = problem.joint_exosystem
-        self.decay = math.inf if exosystem is None or W is None else decay_rate(exosystem, W)
+        self.problem = problem
+        self.W = W
+        self.radius = radius
+        self.disturbance = disturbance
+        self.exosystem = problem.joint_exosystem
+        self.decay = math.inf
+        if self.exosystem is not None and W is not None:
+            self.decay = decay_rate(self.exosystem, W)
         self._bounds: dict[float, ErrorBound | None] = {}
         self._fields: dict[float, Field] = {}
 
@@ -243,9 +286,12 @@ class RegionSearch:
         if part is None or self.exosystem is None or self.W is None:
             return None
         if part not in self._bounds:
-            self._bounds[part] = propose_error_bound(self.exosystem, self.W, rate=part * self.decay)
+            pace = part * self.decay
+            self._bounds[part] = propose_error_bound(self.exosystem, self.W, rate=pace)
         bound = self._bounds[part]
-        return None if bound is None else radius_needed(self.radius, bound, self.disturbance)
+        if bound is None:
+            return None
+        return radius_needed(self.radius, bound, self.disturbance)
 
     def field(self, rate: float, *, coarse: bool = False) -> Field | None:
         """All rows without gains, for the rho of a rate; fewer points of s with ``coarse``.  None
@@ -253,18 +299,14 @@ class RegionSearch:
         rho = self.reach(rate)
         if rho is None:
             return None
-        if float(rho) not in self._fields:
-            self._fields[float(rho)] = replace(
-                field_of(self.problem, rho=float(rho)), gains=np.zeros(self.problem.n)
-            )
-        field = self._fields[float(rho)]
+        size = float(rho)
+        if size not in self._fields:
+            rows = field_of(self.problem, rho=size)
+            self._fields[size] = replace(rows, gains=np.zeros(self.problem.n))
+        field = self._fields[size]
         if self.problem.is_linear:  # all s say the same
             return replace(field, grid=field.grid[-1:])
-        return (
-            replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
-            if coarse
-            else field
-        )
+        return _coarse(field) if coarse else field
 
     def holds(
         self,
@@ -280,56 +322,54 @@ class RegionSearch:
         field = self.field(rate, coarse=coarse)
         if field is None:
             return None
-        limit, gains = HARD * (1.0 + self._size(field)), np.zeros(self.problem.n)
+        limit = HARD * (1.0 + self._size(field))
+        gains = np.zeros(self.problem.n)
         gains[list(pinned)] = [float(caps.get(i, limit)) for i in pinned]
-        v = least_above(
-            replace(field, gains=gains), alpha=rate, lower=np.ones(self.problem.n), start=start
-        )
-        return None if v is None or np.max(v) > LARGEST_V else v
+        held = replace(field, gains=gains)
+        v = least_above(held, alpha=rate, lower=np.ones(self.problem.n), start=start)
+        if v is None or np.max(v) > LARGEST_V:
+            return None
+        return v
 
     def fastest(self, pinned: Collection[int], caps: Gains, *, coarse: bool = False) -> float:
         """The largest rate (1/s), about, with gains on these agents; 0 if none is possible."""
         best = self.holds(pinned, caps, 0.0, coarse=coarse) if pinned else None
         if best is None:
             return 0.0
-        # No rate is larger: an agent with the least v has at most its gain, or it hears others.
-        capped = all(i in caps for i in pinned)
-        most = (
-            max(float(caps[i]) for i in pinned)
-            if capped
-            else 4 * (1.0 + self._size(self.field(0.0)))
-        )
-        low, high = 0.0, min(self.decay, most)
+        accuracy = ROUGH if coarse else CLOSE
+        low, high = 0.0, min(self.decay, self._most(pinned, caps))
         for _ in range(BISECTIONS):
+            # Most answers lie far below the first bound.
             middle = (low + high) / 2 if low else high / 4
             found = self.holds(pinned, caps, middle, coarse=coarse, start=best)
-            low, high, best = (low, middle, best) if found is None else (middle, high, found)
-            if low and high - low <= (ROUGH if coarse else CLOSE) * high:
+            if found is None:
+                high = middle
+            else:
+                low, best = middle, found
+            if low and high - low <= accuracy * high:
                 break
         return low
+
+    def _most(self, pinned: Collection[int], caps: Gains) -> float:
+        """No rate is larger: an agent with the least v has at most its gain, or it hears others."""
+        if all(i in caps for i in pinned):
+            return max(float(caps[i]) for i in pinned)
+        return 4 * (1.0 + self._size(self.field(0.0)))
 
     def smallest(self, pinned: Sequence[int], caps: Gains, rate: float) -> RegionGains | None:
         """The smallest gains found on these agents for a rate (1/s), about; None if the rate is out
         of reach."""
         field = self.field(rate)
-        with np.errstate(all="ignore"):
-            found = None if field is None else cheapest(box_of(field, pinned, caps, rate=rate))
-        if field is None or found is None:
+        if field is None:
             return None
-        gains, v = found[0].gains(found[1]), found[1]
-        # The multipliers: l with J'l = 0 on the free v, l_i v_i = 1 on pinned agents, l_i = 0 on
-        # slack rows.
+        with np.errstate(all="ignore"):
+            found = cheapest(box_of(field, pinned, caps, rate=rate))
+        if found is None:
+            return None
+        box, v = found
+        gains = box.gains(v)
         agents = np.flatnonzero(gains)
-        residual, jacobian, scale = field.rows(v, alpha=rate)
-        prices = np.zeros(self.problem.n)
-        prices[agents] = 1 / v[agents]
-        others = np.setdiff1d(np.arange(self.problem.n), agents)
-        others = others[np.abs(residual[others]) <= 1e-6 * np.maximum(scale[others], 1e-300)]
-        pull = sparse.csr_array(jacobian[agents][:, others]).T @ prices[agents]
-        block = sparse.csr_array(jacobian[others][:, others]).T
-        with suppress(RuntimeError):  # exactly singular: no price
-            prices[others] = factored(block).solve(-pull) if len(others) else 0.0
-        prices = np.maximum(prices * v, 0.0)
+        prices = _prices(field, v, agents, rate)
         held = dict(zip(agents.tolist(), gains[agents].tolist(), strict=True))
         return RegionGains(gains=held, rate=rate, prices=prices, rate_price=float(np.sum(prices)))
 
@@ -337,10 +377,26 @@ class RegionSearch:
         """About the largest sum of arc gains of an agent."""
         if field is None:
             return 0.0
-        most = [
-            float(np.max(np.bincount(arcs.listeners, minlength=1)))
-            for arcs in self.problem.network.modes.values()
-        ]
-        return float(np.max(field.rows(np.ones(self.problem.n), alpha=0.0)[2], initial=0.0)) + max(
-            most, default=0.0
-        )
+        most = 0.0
+        for arcs in self.problem.network.modes.values():
+            heard = np.bincount(arcs.listeners, minlength=1)
+            most = max(most, float(np.max(heard)))
+        scale = field.rows(np.ones(self.problem.n), alpha=0.0)[2]
+        return float(np.max(scale, initial=0.0)) + most
+
+
+def _prices(field: Field, v: Array, agents: Any, rate: float) -> Array:
+    """The multipliers l of the rows, times v: J'l = 0 on the free v, l_i v_i = 1 on pinned
+    ``agents``, l_i = 0 on slack rows."""
+    residual, jacobian, scale = field.rows(v, alpha=rate)
+    prices = np.zeros(len(v))
+    prices[agents] = 1 / v[agents]
+    others = np.setdiff1d(np.arange(len(v)), agents)
+    tight = np.abs(residual[others]) <= 1e-6 * np.maximum(scale[others], 1e-300)
+    others = others[tight]
+    if len(others):
+        pull = sparse.csr_array(jacobian[agents][:, others]).T @ prices[agents]
+        block = sparse.csr_array(jacobian[others][:, others]).T
+        with suppress(RuntimeError):  # exactly singular: no price
+            prices[others] = factored(block).solve(-pull)
+    return np.maximum(prices * v, 0.0)

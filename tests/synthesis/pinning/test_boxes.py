@@ -15,7 +15,7 @@ from dobc_design import Network, Problem, Verdict
 from dobc_design.conditions.separable.decide import covers, verify_composite, verify_separable
 from dobc_design.errors import SpecError
 from dobc_design.problem.changes import changed_problem
-from dobc_design.synthesis.pinning import search
+from dobc_design.synthesis.pinning import search_regions
 
 RATE = Fraction(1, 10)
 
@@ -160,7 +160,7 @@ def test_pins_are_limited_and_the_fewest_are_found():
 
 def test_a_box_that_does_not_hold_the_region_is_no_proof(monkeypatch):
     """Halved weights prove the same rows, and a box of half the size."""
-    propose = search.propose_for_box
+    propose = search_regions.propose_for_box
 
     def cheaper(*given, **more):
         for v, k in propose(*given, **more):
@@ -168,7 +168,7 @@ def test_a_box_that_does_not_hold_the_region_is_no_proof(monkeypatch):
 
     problem = cycle(4, gains={})
     assert dd.design_pinning(problem, rate="1/10", region=1).verdict is Verdict.PROVED
-    monkeypatch.setattr(search, "propose_for_box", cheaper)
+    monkeypatch.setattr(search_regions, "propose_for_box", cheaper)
     assert dd.design_pinning(problem, rate="1/10", region=1).verdict is Verdict.UNDECIDED
 
 

@@ -24,7 +24,7 @@ from dobc_design.conditions.consensus.network import Enclosed
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
 from dobc_design.errors import SpecError
 from dobc_design.problem.changes import changed_problem
-from dobc_design.synthesis.pinning.claim import _up, read_request
+from dobc_design.synthesis.pinning.claim import AskedGains, Limits, _up, read_request
 from dobc_design.synthesis.pinning.decide import (
     Ground,
     limit_of,
@@ -123,7 +123,7 @@ def test_the_lower_bound_is_weak_duality_multiplied_out_by_hand(seed):
 
 
 def ground_of(problem: Problem, **asked):
-    request = read_request(problem.network.labels, **asked)
+    request = read_request(problem.network.labels, AskedGains(**asked))
     found = state_theorems(problem).lambdas
     lambdas = {
         mode: Enclosed(middle=each.constant, deviations=each.deviations)
@@ -468,9 +468,8 @@ def test_two_pins_of_a_star_are_excluded_above_1_and_not_below():
     """Four leaves return at 1 unless held: six sets, all too slow for 1.01; none of them for 1."""
 
     def ask(rate: str):
-        return too_fast(
-            star(4), Fraction(rate), allowed=range(4), caps={}, pins=2, propose=slow_directions
-        )
+        limits = Limits(allowed=range(4), caps={}, pins=2)
+        return too_fast(star(4), Fraction(rate), limits, slow_directions)
 
     refuted = ask("1.01")
     assert refuted.exact["sets"] == "6"

@@ -1,0 +1,181 @@
+"""Which agents to pin, at most so many: branch and bound in which every bound is exact.
+
+A node fixes agents that are pinned and agents that are not; all other allowed agents may have a
+gain, which costs no more than any set of the node. Its bound is a proved one, or the node is proved
+impossible.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+from dobc_design.conditions.coverage import Progress
+from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.statement import Statement, proved, refuted
+from dobc_design.exact.number import number_text
+from dobc_design.synthesis.pinning import decide
+from dobc_design.synthesis.pinning.decide import Ground
+from dobc_design.synthesis.pinning.propose import PinningProposer
+
+WORK = 60_000  # nodes times agents, of few agents
+# up to so many; then nodes times squared agents, for a node takes a solve
+FEW, MOST_WORK = 300, 18_000_000
+ALIKE = Fraction(1, 10**7)  # bounds this close (relatively) to the best cost close a node
+REPORTED = 20  # nodes between two reports
+MOST_RIVALS = 10_000  # sets whose cost is kept
+SIX_DIGITS = 1e-6  # costs that differ by less (relatively) are alike
+SUPPORT = 1e-7  # gains below this part of the largest pin nobody
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Node:
+    inside: frozenset[int]
+    outside: frozenset[int]
+    bound: Fraction
+    # agents with a gain at the optimum of the node, the largest gain first
+    support: tuple[int, ...]
+
+
+@dataclass(eq=False, kw_only=True)
+class Choice:
+    """The cheapest set of at most ``pins`` allowed agents at the rate asked, with a proved bound.
+    ``agents``: the cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs
+    less (proved). ``impossible``: proved that no such set reaches the rate.  ``rivals``: other sets
+    that were met and cost the same to six digits. ``start``: a set to begin with.  ``groups``: each
+    needs a pin."""
+
+    ground: Ground
+    proposer: PinningProposer
+    progress: Progress
+    pins: int
+    groups: Sequence[Sequence[int]]
+    start: Collection[int] | None = None
+    agents: tuple[int, ...] | None = None
+    cost: float = float("inf")
+    # open nodes, the lowest bound first
+    _heap: list[tuple[Fraction, int, _Node]] = field(default_factory=list)
+    # bounds of closed nodes that are not impossible
+    _closed: list[Fraction] = field(default_factory=list)
+    _nodes: int = 0
+    _met: dict[tuple[int, ...], float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.start is not None:
+            self._try_set(self.start)
+        self._add(frozenset(), frozenset(), Fraction(0))
+        most = self._affordable()
+        while self._heap and self._nodes < most:
+            node = heapq.heappop(self._heap)[2]
+            if self._is_beaten(node):
+                self._closed.append(node.bound)
+            else:
+                self._branch(node)
+        bounds = [node.bound for _, _, node in self._heap] + self._closed
+        self.bound = min(bounds, default=Fraction(0))
+        self.impossible = not bounds and self.agents is None
+
+    def _affordable(self) -> int:
+        """How many nodes are worth the time."""
+        n = self.ground.problem.n
+        if n <= FEW:
+            return max(50, WORK // n)
+        return max(1, MOST_WORK // n**2)
+
+    def _branch(self, node: _Node) -> None:
+        """The free agent with the largest gain is pinned, or it is not."""
+        if self._nodes % REPORTED == 0:
+            so_far = f"{self._nodes} parts of the choice so far"
+            self.progress(f"comparing sets of agents ({so_far})")
+        agent = next(agent for agent in node.support if agent not in node.inside)
+        self._add(node.inside | {agent}, node.outside, node.bound)
+        self._add(node.inside, node.outside | {agent}, node.bound)
+
+    @property
+    def rivals(self) -> list[tuple[int, ...]]:
+        """Other sets that were met and cost the same to six digits."""
+        most = self.cost * (1 + SIX_DIGITS)
+        found = list[tuple[int, ...]]()
+        for agents, cost in self._met.items():
+            if agents != self.agents and cost <= most:
+                found.append(agents)
+        return sorted(found)
+
+    def statement(self) -> Statement:
+        """What is proved of all sets of so many agents."""
+        if self.impossible:
+            return self._impossible()
+        finished = all(self._is_beaten(node) for _, _, node in self._heap)
+        how = "all choices compared" if finished else f"{self._nodes} parts of the choice looked at"
+        agents = "one agent" if self.pins == 1 else f"at most {self.pins} agents"
+        text = f"No gains on {agents} cost less than {shorten(self.bound, digits=6):.6g} ({how})."
+        return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
+
+    def _impossible(self) -> Statement:
+        none = f"no {self.pins} of the allowed agents reach"
+        if self.pins == 1:
+            none = "none of the allowed agents alone reaches"
+        how = f"every choice is excluded, {self._nodes} parts of the choice one by one"
+        by = "each by a direction that stays too slow or a group without a pin"
+        text = f"{none} this rate: {how}, {by}."
+        return refuted("pins", text, pins=str(self.pins), nodes=str(self._nodes))
+
+    def _try_set(self, agents: Collection[int]) -> None:
+        """Compare a set with the best one so far."""
+        request = self.ground.request
+        chosen = tuple(sorted(agents))
+        gains = self.proposer.relax(chosen, float(request.rate))[0]
+        if gains is None:
+            return
+        cost = sum(float(c) * k for c, k in zip(request.costs, gains, strict=True))
+        if len(self._met) < MOST_RIVALS:
+            self._met[chosen] = cost
+        if cost < self.cost:
+            self.cost = cost
+            self.agents = chosen
+
+    def _add(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> None:
+        """Open a node with its exact bound, at least its parent's; or close it: impossible, known,
+        or not better."""
+        unmet = [set(group) - outside for group in self.groups if not set(group) & inside]
+        if len(inside) + len(decide.apart(unmet)) > self.pins:
+            return
+        self._nodes += 1
+        node = self._bounded(inside, outside, above)
+        if node is None:
+            return
+        support = node.support
+        free = [agent for agent in support if agent not in inside]
+        if len(support) > self.pins:
+            self._try_set(inside | set(free[: self.pins - len(inside)]))
+        elif support:
+            self._try_set(support)
+        known = len(support) <= self.pins or len(inside) >= self.pins or not free
+        if known or self._is_beaten(node):
+            self._closed.append(node.bound)
+        else:
+            heapq.heappush(self._heap, (node.bound, self._nodes, node))
+
+    def _bounded(
+        self, inside: frozenset[int], outside: frozenset[int], above: Fraction
+    ) -> _Node | None:
+        """The node with a proved bound of its cost; None if it is proved impossible."""
+        request = self.ground.request
+        left = inside
+        if len(inside) < self.pins:
+            left = frozenset(request.allowed) - outside
+        gains, vectors = self.proposer.relax(left, float(request.rate))
+        if gains is None:
+            if decide.obstacle_to(self.ground, left, request.rate, vectors) is not None:
+                return None
+            return _Node(inside=inside, outside=outside, bound=above, support=())
+        own = decide.bound_from(self.ground, vectors, left, request.rate)
+        kept = [agent for agent in left if gains[agent] > SUPPORT * max(gains)]
+        kept.sort(key=lambda agent: (-gains[agent], agent))
+        bound = max(above, own.value)
+        return _Node(inside=inside, outside=outside, bound=bound, support=tuple(kept))
+
+    def _is_beaten(self, node: _Node) -> bool:
+        return self.agents is not None and node.bound >= Fraction(self.cost) * (1 - ALIKE)

@@ -1,0 +1,266 @@
+"""From a request and a region to a PinningDesign: the smallest gains for every start of the region.
+
+Their max-separable certificate is proved by ``conditions.separable``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.separable import decide as separable
+from dobc_design.conditions.separable.claim import Separable, acts_by_component, stuck_agents
+from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
+from dobc_design.conditions.statement import Statement, proved, refuted, undecided
+from dobc_design.errors import SpecError
+from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.number import number_text
+from dobc_design.exact.reading import counted, shown_number
+from dobc_design.problem.changes import changed_problem
+from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.observer.claim import read_positive
+from dobc_design.synthesis.pinning import decide
+from dobc_design.synthesis.pinning.claim import (
+    FEWEST,
+    Gains,
+    PinningDesign,
+    PinningRequest,
+    Region,
+    Structure,
+    holding,
+    typed_gains,
+    with_gains,
+    without_gains,
+)
+from dobc_design.synthesis.pinning.propose import slow_directions
+from dobc_design.synthesis.pinning.propose_regions import propose_for_box
+from dobc_design.verdict import Verdict
+
+# rates faster than asked
+BOX_TILTS = (Fraction(1, 10**7), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))
+SLOWER = 6  # halvings of the rate that are tried for the nearest request
+SMALLEST = Fraction(1, 10**9)  # radius of a box
+LISTED = 50  # agents that a statement writes out
+REACHES = "the max-separable certificate reaches the rate"
+ONLY_BY_COMPONENT = (
+    "the max-separable certificate is for couplings that act on each state component by itself."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """One request over a region, of a problem without gains."""
+
+    bare: Problem
+    request: PinningRequest
+    region: Region
+    structure: Structure
+
+    def fails(self, obstacle: Statement) -> PinningDesign:
+        """No gains, because of the obstacle."""
+        return without_gains(self.request, self.structure, obstacle, region=self.region)
+
+
+def search_region(problem: Problem, request: PinningRequest, region: Any) -> PinningDesign:
+    """Decide a request over a radius, or [region] (True); with a slower one.  Raises: SpecError for
+    another region."""
+    asked = _asked_region(problem, request, region)
+    design = _attempt(problem, request, asked)
+    kind = None if design.obstacle is None else design.obstacle.kind
+    if kind not in ("gains", "rate", "max_gain"):
+        return design
+    for halvings in range(1, SLOWER + 1):
+        rate = claimed(shorten(request.rate / 2**halvings, digits=3))
+        nearest = _attempt(problem, replace(request, rate=rate), asked)
+        if nearest.verdict is Verdict.PROVED:
+            return replace(design, nearest=nearest)
+    return design
+
+
+def _asked_region(problem: Problem, request: PinningRequest, region: Any) -> Region:
+    if region is True:
+        return _file_region(problem, request)
+    cure = "Give the largest |e_i| of a start, or True for the problem's [region]."
+    radius = read_positive(region, "region", why=", because it is a radius", cure=cure)
+    return Region(radius=radius, rho=None if problem.is_linear else radius)
+
+
+def _file_region(problem: Problem, request: PinningRequest) -> Region:
+    """The [region] of the problem, with room for its observer."""
+    if problem.region is None:
+        text = "region = True means the [region] of the problem, and there is none."
+        raise SpecError(text, key="region", cure="Give a radius, or a [region].")
+    radius = max(*asked_radius(problem), SMALLEST)
+    disturbance = problem.region.initial_disturbance or Fraction(0)
+    exosystem = problem.joint_exosystem
+    if not disturbance or exosystem is None:
+        return Region(radius=radius, rho=None if problem.is_linear else radius)
+    W = problem.joint_observer.W
+    if W is None:
+        text = "observer.W is needed, because the [region] has an initial_disturbance."
+        raise SpecError(text, key="observer.W", cure="Design W first, with design_observer.")
+    error = propose_error_bound(exosystem, W, rate=float(request.rate))
+    if error is None:
+        must = "rate must be below the decay rate of the observer"
+        why = "because V = N + kappa E is to reach it"
+        text = f"{must}, {why}; got {shown_number(request.rate)}."
+        raise SpecError(text, key="rate", cure="Ask for less, or for a faster W.")
+    rho = None if problem.is_linear else radius_needed(radius, error, disturbance)
+    return Region(radius=radius, rho=rho, disturbance=disturbance, error=error, W=W)
+
+
+def _attempt(problem: Problem, request: PinningRequest, region: Region) -> PinningDesign:
+    """Decide one request."""
+    task = Task(
+        bare=changed_problem(problem, {"pinning.gains": None}),
+        request=request,
+        region=region,
+        structure=decide.structure_of(problem, request.allowed),
+    )
+    obstacle = (
+        decide.structural_obstacle(problem, request.pins, task.structure)
+        or _unordered(task)
+        or decide.too_fast(problem, request.rate, request.limits, slow_directions)
+    )
+    if obstacle is not None:
+        return task.fails(obstacle)
+    found = _on(task, request.allowed)
+    most = request.pins
+    if found.verdict is not Verdict.PROVED or most is None:
+        return found
+    if most == FEWEST:
+        return _with_fewest(task, found)
+    if len(found.gains) <= int(most):
+        return found
+    fewer = _on(task, _heaviest(task, found, int(most)))
+    if fewer.verdict is Verdict.PROVED:
+        return fewer
+    none = f"no {most} of the allowed agents were found with which {REACHES}"
+    rate = shown_number(request.rate)
+    text = f"{none} {rate} over the region; {len(found.gains)} agents do."
+    return task.fails(undecided("pins", text))
+
+
+def _heaviest(task: Task, found: PinningDesign, pins: int) -> list[int]:
+    """The agents that carry most of the gains without the limit; each group needs one."""
+    gains = [found.gains.get(label, 0) for label in task.bare.network.labels]
+    order = sorted(task.request.allowed, key=lambda i: (-gains[i], i))
+    chosen = list[int]()
+    for group in (*task.structure.groups, *([i] for i in order)):
+        if not set(group) & set(chosen):
+            chosen.append(next(i for i in order if i in group))
+    return chosen[:pins]
+
+
+def _with_fewest(task: Task, found: PinningDesign) -> PinningDesign:
+    """The design with as few of the heaviest agents as do, by bisection, and what is known of
+    fewer."""
+    low = max(1, task.structure.least)
+    while low < len(found.gains):
+        middle = (low + len(found.gains)) // 2
+        fewer = _on(task, _heaviest(task, found, middle))
+        if fewer.verdict is Verdict.PROVED:
+            found = fewer
+        else:
+            low = middle + 1
+    return replace(found, statements=(*found.statements, _fewest(task, len(found.gains))))
+
+
+def _fewest(task: Task, pins: int) -> Statement:
+    least = task.structure.least
+    if pins <= max(1, least):
+        text = f"No fewer than {counted(pins, 'pinned agent')} can do."
+        return proved("pins", text, least=str(least))
+    fewer = f"at least {least} are needed, and fewer than {pins} were not found"
+    return undecided("pins", f"{pins} pinned agents do; {fewer}.", least=str(least))
+
+
+def _unordered(task: Task) -> Statement | None:
+    """A proof that no v exists for any radius, whatever the gains: agents that no order serves."""
+    if not acts_by_component(task.bare):
+        return None
+    held = holding(task.bare, dict.fromkeys(task.request.allowed, Fraction(1)))
+    stuck = stuck_agents(held)
+    if not stuck:
+        return None
+    labels = task.bare.network.labels
+    names = [labels[i] for i in stuck]
+    modes = ""
+    if len(task.bare.network.modes) > 1:
+        modes = f" ({', '.join(dict.fromkeys(stuck.values()))})"
+    none = "no gains on the allowed agents have a max-separable certificate, of any radius"
+    hears = f"in one of the modes hears nobody but these{modes}"
+    text = f"{none}: each of {name_agents(names)} may not be pinned and {hears}."
+    return refuted("ordering", text, agents=", ".join(names[:LISTED]))
+
+
+def _on(task: Task, agents: Sequence[int]) -> PinningDesign:
+    """Cheap gains on these agents with a certificate of the whole region, for every switching; or
+    why not."""
+    bare = task.bare
+    request = task.request
+    rho = task.region.rho
+    if not acts_by_component(bare):
+        text = f"does not apply: {ONLY_BY_COMPONENT}"
+        return task.fails(undecided("method", text))
+    try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
+        separable.coupling_profiles(bare, (Fraction(1),) * bare.n, rho=rho)
+    except UndefinedError as error:
+        return task.fails(undecided("method", f"does not apply: {error}"))
+    for claim, gains in _proposed(task, agents):
+        held = holding(bare, gains)
+        if gains and separable.verify_separable(held, claim).verdict is Verdict.PROVED:
+            return _covered(task, gains, held, replace(claim, error=task.region.error))
+    where = "" if rho is None else f" over |e_i| <= {shown_number(rho)}"
+    none = f"no gains on the allowed agents were found with which {REACHES}"
+    rate = shown_number(request.rate)
+    text = f"{none} {rate}{where}, and no proof that there are none."
+    return task.fails(undecided("gains", text))
+
+
+def _proposed(task: Task, agents: Sequence[int]) -> Iterator[tuple[Separable, Gains]]:
+    """Certificates of the rows, and gains on these agents, for rates a little faster than asked."""
+    rho = task.region.rho
+    request = replace(task.request, allowed=tuple(sorted(agents)))
+    for tilt in BOX_TILTS:
+        faster = float(request.rate * (1 + tilt))
+        for v, proposed in propose_for_box(task.bare, request, rho=rho, rate=faster):
+            own = dict(enumerate(proposed.tolist()))
+            gains = typed_gains(own, digits=request.digits, caps=request.caps)
+            yield Separable(v=v, alpha=request.rate, rho=rho), gains
+
+
+def _covered(task: Task, gains: Gains, held: Problem, claim: Separable) -> PinningDesign:
+    """The design whose rows are proved, if the observer's part is as well and the box holds the
+    region."""
+    request = task.request
+    region = task.region
+    wrong = ""
+    if region.error is not None:
+        decided = separable.verify_composite(held, region.W, claim)
+        if decided.verdict is not Verdict.PROVED:
+            wrong = f": {decided.reason}"
+    reaches = separable.covers(claim, radius=region.radius, disturbance=region.disturbance)
+    if wrong or not reaches or separable.composite_rate(claim) < request.rate:
+        text = f"the observer's part is not proved{wrong or '.'}"
+        return task.fails(undecided("observer", text))
+    design = with_gains(request, task.structure, gains, held)
+    return replace(design, statements=(_decays(task, claim),), certificate=claim, region=region)
+
+
+def _decays(task: Task, claim: Separable) -> Statement:
+    """What is proved over the region."""
+    region = task.region
+    rate = number_text(task.request.rate)
+    part, still = " plus the observer's part", ""
+    if region.error is None:
+        part, still = "", ", with eps = 0"
+    norm = f"max_i |e_i|/v_i (v from 1 to {float(max(claim.v)):.4g}){part}"
+    starts = f"decays from every start {region}{still}"
+    text = f"{norm} {starts}, at the rate {rate}, for the gains as they are written."
+    return proved("region", text, rate=rate, radius=number_text(region.radius))

@@ -9,9 +9,10 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -54,8 +55,13 @@ def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
     because = "one row per exosystem state, one column per disturbance component"
     require_shape(W, (q, m), name="W", because=because)
     dynamics = to_float(subtract(A, multiply(W, C)))
-    poles = sorted(map(complex, np.linalg.eigvals(dynamics)), key=lambda s: (-s.real, s.imag))
-    return SpectrumResult(eigenvalues=tuple(poles), rate=-poles[0].real)
+    poles = _slowest_first(np.linalg.eigvals(dynamics))
+    return SpectrumResult(eigenvalues=poles, rate=-poles[0].real)
+
+
+def _slowest_first(eigenvalues: ArrayLike) -> tuple[complex, ...]:
+    values = map(complex, np.ravel(eigenvalues))
+    return tuple(sorted(values, key=lambda s: (-s.real, s.imag)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,19 +98,20 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
     ShapeError."""
     q = require_square(A, name="A")
     require_shape(C, (None, q), name="C", because="one column per exosystem state")
-    dynamics, output, rank, values = to_float(A), to_float(C), None, ()
+    dynamics, output = to_float(A), to_float(C)
+    rank: int | None = None
+    values: tuple[float, ...] = ()
     with np.errstate(all="ignore"):
         matrix = _observability_matrix(dynamics, output)
     if np.isfinite(matrix).all():  # powers of A may overflow; the margins do not need them
         rank = int(np.linalg.matrix_rank(matrix))
         values = tuple(np.linalg.svd(matrix, compute_uv=False).tolist())
-
-    def margin(s: complex) -> ModeMargin:
+    modes = []
+    for s in map(complex, np.linalg.eigvals(dynamics)):
         pencil = np.vstack([dynamics - s * np.eye(q), output])
-        return ModeMargin(eigenvalue=s, margin=float(np.linalg.svd(pencil, compute_uv=False)[-1]))
-
-    modes = tuple(margin(complex(s)) for s in np.linalg.eigvals(dynamics))
-    return ObservabilityResult(order=q, rank=rank, singular_values=values, modes=modes)
+        smallest = np.linalg.svd(pencil, compute_uv=False)[-1]
+        modes.append(ModeMargin(eigenvalue=s, margin=float(smallest)))
+    return ObservabilityResult(order=q, rank=rank, singular_values=values, modes=tuple(modes))
 
 
 def _observability_matrix(A: NDArray[np.float64], C: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -138,18 +145,14 @@ class GraphFacts:
         return len(self.components) == 1
 
     def __str__(self) -> str:
-        reached = (
-            f"not reached: {', '.join(self.unreached[:10])}"
-            if self.unreached
-            else "all agents reached"
-        )
+        reached = "all agents reached"
+        if self.unreached:
+            reached = f"not reached: {', '.join(self.unreached[:10])}"
         if len(self.unreached) > 10:
             reached += f" and {len(self.unreached) - 10} more"
-        parts, balance = (
-            f"{len(self.components)} strongly connected component(s)",
-            "" if self.balanced else "not ",
-        )
-        return f'mode "{self.mode}": {self.arcs} arcs, {parts}, {balance}balanced, {reached}'
+        parts = f"{len(self.components)} strongly connected component(s)"
+        balance = "balanced" if self.balanced else "not balanced"
+        return f'mode "{self.mode}": {self.arcs} arcs, {parts}, {balance}, {reached}'
 
 
 def graph_facts(problem: Problem, mode: str) -> GraphFacts:
@@ -159,7 +162,8 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
     hearing = sparse.csr_array((np.ones(len(arcs)), (arcs.speakers, arcs.listeners)), shape=(n, n))
     _, numbers = connected_components(hearing, directed=True, connection="strong")
     components = sorted(part.tolist() for _, part in split_by(numbers.astype(np.int64)))
-    closed, surplus = set(closed_groups(problem, [arcs])), defaultdict[int, Fraction](Fraction)
+    closed = set(closed_groups(problem, [arcs]))
+    surplus: dict[int, Fraction] = defaultdict(Fraction)  # weight heard less weight sent
     for listener, speaker, weight in arcs:
         surplus[listener] += weight
         surplus[speaker] -= weight
@@ -182,17 +186,27 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
 MAX_DENSE = 2000  # rows of the largest matrix whose eigenvalues are computed
 
 
+class SecondOrder(NamedTuple):
+    """Double integrators that feel alpha p + beta p' of each other: beta^2/alpha, and what that has
+    to exceed, max Im(mu)^2/(Re(mu) |mu|^2) over the eigenvalues mu of L + K (Yu, Chen and Cao,
+    2010)."""
+
+    ratio: float
+    least: float
+
+    def __str__(self) -> str:
+        return f"double integrators: beta^2/alpha = {self.ratio:.4g} has to exceed {self.least:.4g}"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeSpectrum:
     """Eigenvalues at the consensus in 1/s: of Lambda(J(0)), ascending, and of J(0) - K, slowest
-    first; or None. ``second_order``: of double integrators that feel alpha p + beta p' of each
-    other, beta^2/alpha, and what that has to exceed, max Im(mu)^2/(Re(mu) |mu|^2) over the
-    eigenvalues mu of L + K (Yu, Chen and Cao, 2010)."""
+    first; or None. ``second_order``: of double integrators."""
 
     mode: str
     lambda_eigenvalues: tuple[float, ...] | None
     loop_eigenvalues: tuple[complex, ...] | None
-    second_order: tuple[float, float] | None = None
+    second_order: SecondOrder | None = None
 
     @property
     def lambda_max(self) -> float | None:
@@ -207,19 +221,15 @@ class ModeSpectrum:
         return -self.loop_eigenvalues[0].real if self.loop_eigenvalues else None
 
     def __str__(self) -> str:
-        said = [] if self.lambda_max is None else [f"lambda_max(Lambda) = {self.lambda_max:.4g}"]
-        said += (
-            [] if self.decay_rate is None else [f"small errors decay at {self.decay_rate:.4g} 1/s"]
-        )
+        said = []
+        if self.lambda_max is not None:
+            said.append(f"lambda_max(Lambda) = {self.lambda_max:.4g}")
+        if self.decay_rate is not None:
+            said.append(f"small errors decay at {self.decay_rate:.4g} 1/s")
         if self.second_order is not None:
-            said.append(
-                "double integrators: beta^2/alpha = {:.4g} has to exceed {:.4g}".format(
-                    *self.second_order
-                )
-            )
-        return (
-            f'mode "{self.mode}": {", ".join(said) or "eigenvalues at the consensus not computed"}'
-        )
+            said.append(str(self.second_order))
+        text = ", ".join(said) or "eigenvalues at the consensus not computed"
+        return f'mode "{self.mode}": {text}'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -238,11 +248,12 @@ class Analysis(Headed):
     @property
     def lines(self) -> tuple[str, ...]:
         """The facts in words, one line each."""
-        observer = (
-            [] if self.observability is None else [f"observability of (A, C): {self.observability}"]
-        )
-        observer += [] if self.spectrum is None else [str(self.spectrum)]
-        return (*observer, *map(str, self.graphs), *map(str, self.modes))
+        found: list[str] = []
+        if self.observability is not None:
+            found.append(f"observability of (A, C): {self.observability}")
+        if self.spectrum is not None:
+            found.append(str(self.spectrum))
+        return (*found, *map(str, self.graphs), *map(str, self.modes))
 
     def _card(self) -> Card:
         return Card(title=self.name, text="diagnostics, not proofs", lines=self.lines)
@@ -253,22 +264,21 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
     with [dynamics] Lambda and J - K are those of the integrators with the same errors.  Raises:
     SpecError."""
     problem = as_integrators(problem)
-    W, exosystem, modes = (
-        chosen_gain(problem, gain),
-        problem.joint_exosystem,
-        tuple(problem.network.modes),
-    )
-    alike = (
-        network_of(state_theorems(problem))
-        if problem.origin is not None and problem.n <= MAX_DENSE
-        else None
-    )
+    W = chosen_gain(problem, gain)
+    exosystem = problem.joint_exosystem
+    observability, spectrum = None, None
+    if exosystem is not None:
+        observability = check_observability(exosystem.A, exosystem.C)
+        if W is not None:
+            spectrum = check_spectrum(exosystem.A, exosystem.C, W)
+    alike = None
+    if problem.origin is not None and problem.n <= MAX_DENSE:
+        alike = network_of(state_theorems(problem))
+    modes = tuple(problem.network.modes)
     return Analysis(
         name=problem.name,
-        observability=None if exosystem is None else check_observability(exosystem.A, exosystem.C),
-        spectrum=None
-        if exosystem is None or W is None
-        else check_spectrum(exosystem.A, exosystem.C, W),
+        observability=observability,
+        spectrum=spectrum,
         graphs=tuple(graph_facts(problem.origin or problem, mode) for mode in modes),
         modes=tuple(mode_spectrum(problem, mode, alike) for mode in modes),
     )
@@ -278,33 +288,43 @@ def mode_spectrum(problem: Problem, mode: str, alike: Alike | str | None = None)
     """Compute the eigenvalues of Lambda(J(0)) and of J(0) - K of one mode, up to 2000 rows; up to
     2000 agents that feel their neighbours ``alike``: then those are of A - mu G, with mu of the
     network alone."""
-    jacobian = consensus_jacobian(problem, mode) if problem.n * problem.m <= MAX_DENSE else None
-    ascending = found = mu = second_order = None
+    ascending = found = second_order = None
+    if problem.n * problem.m <= MAX_DENSE:
+        jacobian = consensus_jacobian(problem, mode)
+        if jacobian is not None:
+            loop = (jacobian - pinning_matrix(problem)).toarray()
+            ascending = tuple(np.linalg.eigvalsh(loop + loop.T).tolist())
+            found = loop
     if isinstance(alike, Alike):
-        alone, A, G = alike.statements.problem, to_float(alike.A), to_float(alike.G)
-        M = consensus_jacobian(alone, mode)
-        mu = None if M is None else np.linalg.eigvals((pinning_matrix(alone) - M).toarray())
-    if mu is not None:
-        found = np.linalg.eigvals(A - mu[:, None, None] * G).ravel()
-        if (
-            np.array_equal(A, [[0, 1], [0, 0]])
-            and not G[0].any()
-            and min(G[1]) > 0
-            and min(mu.real) > 0
-        ):
-            second_order = (
-                float(G[1, 1] ** 2 / G[1, 0]),
-                float(np.max(mu.imag**2 / (mu.real * np.abs(mu) ** 2))),
-            )
-    if jacobian is not None:
-        loop = (jacobian - pinning_matrix(problem)).toarray()
-        ascending = tuple(np.linalg.eigvalsh(loop + loop.T).tolist())
-        found = np.linalg.eigvals(loop) if found is None else found
-    slowest = (
-        found
-        if found is None
-        else tuple(sorted(map(complex, found), key=lambda s: (-s.real, s.imag)))
-    )
+        mu = _of_network(alike, mode)
+        if mu is not None:
+            A, G = to_float(alike.A), to_float(alike.G)
+            found = A - mu[:, None, None] * G
+            second_order = _second_order(A, G, mu)
     return ModeSpectrum(
-        mode=mode, lambda_eigenvalues=ascending, loop_eigenvalues=slowest, second_order=second_order
+        mode=mode,
+        lambda_eigenvalues=ascending,
+        loop_eigenvalues=None if found is None else _slowest_first(np.linalg.eigvals(found)),
+        second_order=second_order,
     )
+
+
+def _of_network(alike: Alike, mode: str) -> NDArray[np.complex128] | None:
+    """The eigenvalues of L + K of the network alone; None where its couplings have a kink."""
+    alone = alike.statements.problem
+    jacobian = consensus_jacobian(alone, mode)
+    if jacobian is None:
+        return None
+    return np.linalg.eigvals((pinning_matrix(alone) - jacobian).toarray())
+
+
+def _second_order(
+    A: NDArray[np.float64], G: NDArray[np.float64], mu: NDArray[np.complex128]
+) -> SecondOrder | None:
+    """The condition of Yu, Chen and Cao; None of agents that are no such double integrators."""
+    are_double_integrators = np.array_equal(A, [[0, 1], [0, 0]]) and not G[0].any()
+    if not are_double_integrators or min(G[1]) <= 0 or min(mu.real) <= 0:
+        return None
+    alpha, beta = G[1]
+    least = np.max(mu.imag**2 / (mu.real * np.abs(mu) ** 2))
+    return SecondOrder(ratio=float(beta**2 / alpha), least=float(least))

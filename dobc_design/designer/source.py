@@ -28,11 +28,8 @@ def python_source(problem: Problem) -> str:
     given = problem.__reduce__()[0].keywords  # the arguments of its constructor
     given["gains"] = gain_table(problem.pinning.gains, problem.network.labels)
     said = {name: _plain(value) for name, value in given.items()}
-    written = _text(
-        _Call(
-            "Problem", {name: value for name, value in said.items() if value not in (None, {}, [])}
-        )
-    )
+    needed = {name: value for name, value in said.items() if value not in (None, {}, [])}
+    written = _text(_Call("Problem", needed))
     return f"import dobc_design as dd\n\nproblem = {written}\n"
 
 
@@ -54,19 +51,8 @@ def _plain(value: Any) -> Any:
             return typed_number(value)
         case Coupling():
             return value.texts[0] if value.by_component else list(value.texts)
-        case Network(labels=labels, size=n):
-            counted = labels == labels_of(n)  # 1 and "1" are one label
-            name: Any = range(1, n + 1) if counted else labels
-            arcs = {
-                mode: [
-                    [name[i], name[j], *([] if w == 1 else [typed_number(w)])] for i, j, w in each
-                ]
-                for mode, each in value.modes.items()
-            }
-            agents = n if counted else list(labels)
-            return _Call(
-                "Network.from_arcs", {"arcs": arcs, "arrow": "listens_to", "agents": agents}
-            )
+        case Network():
+            return _Call("Network.from_arcs", _of_network(value))
         case Exosystem() | Observer() | Group() | Switching():
             return _Call(type(value).__name__, _fields(value))
         case Region() | Simulation() | Uncertainty() | Actuators():
@@ -77,6 +63,21 @@ def _plain(value: Any) -> Any:
             return [_plain(each) for each in value]
         case _:
             return value
+
+
+def _of_network(network: Network) -> dict[str, Any]:
+    """The arguments that make it, with labels where they are more than counting."""
+    names: Any = network.labels
+    agents: Any = list(network.labels)
+    if network.labels == labels_of(network.size):  # 1 and "1" are one label
+        names = range(1, network.size + 1)
+        agents = network.size
+    arcs: dict[str, Any] = {mode: [] for mode in network.modes}
+    for mode, each in network.modes.items():
+        for i, j, weight in each:
+            arc = [names[i], names[j]]
+            arcs[mode].append(arc if weight == 1 else [*arc, typed_number(weight)])
+    return {"arcs": arcs, "arrow": "listens_to", "agents": agents}
 
 
 def _fields(noun: Any) -> dict[str, Any]:

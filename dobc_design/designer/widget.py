@@ -95,11 +95,11 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         self._base = base
         self._working = threading.Lock()
         self.certificate: Certificate | None = None
-        self._gains = {base.network.labels[i]: k[0][0] for i, k in base.pinning.gains.items()}
-        self._arcs = {
-            mode: [[i, j, number_text(w)] for i, j, w in arcs]
-            for mode, arcs in base.network.modes.items()
-        }
+        labels = base.network.labels
+        self._gains = {labels[i]: k[0][0] for i, k in base.pinning.gains.items()}
+        self._arcs: dict[str, list[list[Any]]] = {}
+        for mode, arcs in base.network.modes.items():
+            self._arcs[mode] = [[i, j, number_text(weight)] for i, j, weight in arcs]
         super().__init__(
             network=_drawn(base),
             arcs=self._arcs,
@@ -115,26 +115,29 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     def problem(self) -> Problem:
         """The problem as it stands now.  Raises: SpecError for an arc, a gain or a radius that is
         none."""
-        base, changes = self._base, dict[str, Any]()
-        # 1/3 stays 1/3
-        given = {label: k for label, k in self._gains.items() if float(k) == self.gains.get(label)}
-        changes["gains"] = {
-            label: given.get(label) or exact(value) for label, value in self.gains.items()
-        }
+        base = self._base
+        changes: dict[str, Any] = {"gains": {}}
+        for label, value in self.gains.items():
+            given = self._gains.get(label)
+            # What was not moved stays exact: 1/3 stays 1/3.
+            is_given = given is not None and float(given) == value
+            changes["gains"][label] = (given if is_given else None) or exact(value)
         if self.radius != _radius(base):
             changes["region"] = _region(base, exact(self.radius))
         if self.arcs != self._arcs:
-            labels = base.network.labels
-            arcs = {
-                mode: [[labels[i], labels[j], w] for i, j, w in each]
-                for mode, each in self.arcs.items()
-            }
-            changes["network"] = network = Network.from_arcs(
-                arcs, arrow="listens_to", agents=labels
-            )
+            network = self._network()
             there = {(i, j) for each in network.modes.values() for i, j, _ in each}
+            changes["network"] = network
             changes["exceptions"] = {arc: h for arc, h in base.exceptions.items() if arc in there}
         return base.replace(**changes)
+
+    def _network(self) -> Network:
+        """The network of the arcs that are drawn."""
+        labels = self._base.network.labels
+        arcs = {}
+        for mode, each in self.arcs.items():
+            arcs[mode] = [[labels[i], labels[j], weight] for i, j, weight in each]
+        return Network.from_arcs(arcs, arrow="listens_to", agents=labels)
 
     def certify(self) -> Certificate:
         """Decide the problem as it stands, exactly, show the verdict, and return the
@@ -145,21 +148,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             certificate = certify(self.problem)
             if version == self.version:  # else it is out of date already
                 self.certificate = certificate
-                rate = (
-                    None if certificate.rate is None else significant_towards_zero(certificate.rate)
-                )
-                factor = (
-                    None
-                    if certificate.factor is None
-                    else significant_away_from_zero(certificate.factor)
-                )
-                found = {"verdict": certificate.verdict.value, "text": certificate.reason}
-                self.verdict = {
-                    **found,
-                    "rate": rate,
-                    "factor": factor,
-                    "plant": plant_numbers(certificate),
-                }
+                self.verdict = _shown(certificate)
             return certificate
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
@@ -185,11 +174,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             seen = preview(self.problem, radius=self.radius, rate=self.rate, t_final=t_final)
         except DobcError as error:
             seen = Preview(note=str(error))
-        taken = {
-            "version": self.version,
-            "milliseconds": round(1000 * (time.perf_counter() - started)),
-        }
-        self.numbers = asdict(seen) | taken
+        milliseconds = round(1000 * (time.perf_counter() - started))
+        self.numbers = asdict(seen) | {"version": self.version, "milliseconds": milliseconds}
 
     def _asked(self, _widget: Any, content: Any, _buffers: Any) -> None:
         kind = content.get("kind") if isinstance(content, dict) else None
@@ -197,25 +183,35 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             threading.Thread(target=self._certify_quietly, daemon=True).start()
         elif kind in ("save", "python"):
             try:
-                if kind == "python":
-                    self.send({"kind": "python", "text": python_source(self.problem)})
-                else:
-                    path = str(
-                        self.save(
-                            str(content.get("path", "")), force=content.get("replace") is True
-                        )
-                    )
-                    self.send(
-                        {"kind": "saved", "text": f"Saved. To open it again: dd.Designer({path!r})"}
-                    )
+                self.send(self._answer(content))
             except (DobcError, OSError) as error:
                 self.send({"kind": "saved", "text": str(error)})
+
+    def _answer(self, content: dict[str, Any]) -> dict[str, str]:
+        """The problem as Python, or where it was saved."""
+        if content["kind"] == "python":
+            return {"kind": "python", "text": python_source(self.problem)}
+        path = self.save(str(content.get("path", "")), force=content.get("replace") is True)
+        text = f"Saved. To open it again: dd.Designer({str(path)!r})"
+        return {"kind": "saved", "text": text}
 
     def _certify_quietly(self) -> None:
         try:
             self.certify()
         except DobcError as error:
             self.verdict = {"verdict": "error", "text": str(error)}
+
+
+def _shown(certificate: Certificate) -> dict[str, Any]:
+    """The verdict as the page shows it: a rate rounded down, its factor rounded up."""
+    rate, factor = certificate.rate, certificate.factor
+    return {
+        "verdict": certificate.verdict.value,
+        "text": certificate.reason,
+        "rate": None if rate is None else significant_towards_zero(rate),
+        "factor": None if factor is None else significant_away_from_zero(factor),
+        "plant": plant_numbers(certificate),
+    }
 
 
 def exact(value: float) -> Fraction:
@@ -229,10 +225,8 @@ def _require_drawable(problem: Problem) -> None:
         raise SpecError(told, key="network.agents", cure="Use certify and design for it.")
     for agent, k in problem.pinning.gains.items():
         if not is_scalar_matrix(k):
-            told = (
-                f"agent {problem.network.labels[agent]} has a matrix gain; sliders set numbers "
-                "only."
-            )
+            label = problem.network.labels[agent]
+            told = f"agent {label} has a matrix gain; sliders set numbers only."
             raise SpecError(told, key="pinning.gains", cure="Give one number per agent.")
 
 
@@ -249,19 +243,21 @@ def _drawn(problem: Problem) -> dict[str, Any]:
 def _radius(problem: Problem) -> float:
     if problem.region is None:
         return 1.0
-    pairs = zip(problem.region.initial_states, problem.target, strict=True)
-    return float(max(max(abs(low - goal), abs(high - goal)) for (low, high), goal in pairs))
+    farthest = []
+    for (low, high), goal in zip(problem.region.initial_states, problem.target, strict=True):
+        farthest.append(max(abs(low - goal), abs(high - goal)))
+    return float(max(farthest))
 
 
 def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
     """Starts within ``radius`` of the target, in every component; the bound on the estimation error
     stays as it was."""
     states = [[target - radius, target + radius] for target in problem.target]
-    missing = problem.groups and (
-        problem.region is None or problem.region.initial_disturbance is None
-    )
-    region: dict[str, Any] = {"initial_disturbance": 0} if missing else {}
-    return region | {"initial_states": states[0] if problem.m == 1 else states}
+    region: dict[str, Any] = {"initial_states": states[0] if problem.m == 1 else states}
+    given = None if problem.region is None else problem.region.initial_disturbance
+    if problem.groups and given is None:
+        region["initial_disturbance"] = 0
+    return region
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -295,7 +291,9 @@ def _lambda_max(problem: Problem) -> float | None:
             tops.append(largest_eigenvalue(float_lambda(problem, mode)).value)
         except (ArithmeticError, DobcError):
             return None
-    return float(max(tops)) if all(math.isfinite(top) for top in tops) else None
+    if not all(map(math.isfinite, tops)):
+        return None
+    return float(max(tops))
 
 
 def _reach(problem: Problem, radius: float, rate: float) -> float:
@@ -306,7 +304,10 @@ def _reach(problem: Problem, radius: float, rate: float) -> float:
     low, high = 0.0, radius
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if _shrinks(problem, middle, rate) else (low, middle)
+        if _shrinks(problem, middle, rate):
+            low = middle
+        else:
+            high = middle
         if high < SMALLEST * radius:
             return 0.0
         if high - low < 0.02 * high:
@@ -327,12 +328,9 @@ def _shrinks(problem: Problem, radius: float, rate: float) -> bool:
 def _response(problem: Problem, radius: float, t_final: float) -> Preview:
     """The network without disturbances, from a start on the box's boundary that is the same every
     time."""
-    goals = np.array(
-        [[float(value) for value in problem.goal_of(agent)] for agent in range(problem.n)]
-    )
-    start = goals + radius * np.random.default_rng(0).choice(
-        (-1.0, -0.5, 0.5, 1.0), size=goals.shape
-    )
+    goals = np.array([list(map(float, problem.goal_of(agent))) for agent in range(problem.n)])
+    random = np.random.default_rng(0)
+    start = goals + radius * random.choice((-1.0, -0.5, 0.5, 1.0), size=goals.shape)
     unused = ("exosystem", "observer", "groups", "region", "switching", "simulation")
     alone = problem.replace(**dict.fromkeys(unused))
     mode = next(iter(problem.network.modes))

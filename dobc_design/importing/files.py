@@ -54,57 +54,57 @@ def problem_from_file(
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        what = (
-            f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind "
-            "of file it is."
-        )
-        raise SpecError(what, key=path.name, cure="Rename or convert it.")
+        what = f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind "
+        raise SpecError(f"{what}of file it is.", key=path.name, cure="Rename or convert it.")
     given = {"arrow": arrow is not None, "merge": merge is not None, "drop_loops": drop_loops}
-    for option in (name for name, there in given.items() if there and suffix not in READERS):
-        what = (
-            f"{option} is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says "
-            "itself who listens."
-        )
-        raise SpecError(what, key=f"--{option.replace('_', '-')}", cure="Leave it out.")
+    for option, is_given in given.items():
+        if is_given and suffix not in READERS:
+            what = f"{option} is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says "
+            key = f"--{option.replace('_', '-')}"
+            raise SpecError(f"{what}itself who listens.", key=key, cure="Leave it out.")
     name = path.stem if is_name(path.stem) else "problem"
     if suffix in READERS:
         if arrow is None:
-            why = "there is no default, because a wrong guess is never noticed."
+            what = "arrow must say what a pair a, b of the file means; there is no default, "
+            what += "because a wrong guess is never noticed."
             cure = "listens_to: a hears b.  sends_to: a is heard by b."
-            raise SpecError(
-                f"arrow must say what a pair a, b of the file means; {why}",
-                key="--arrow",
-                cure=cure,
-            )
-        folder = path.resolve().parent
+            raise SpecError(what, key="--arrow", cure=cure)
         labels, arcs = read_network_file(
-            path.name, folder=folder, arrow=arrow, key="arcs", merge=merge, drop_loops=drop_loops
+            path.name,
+            folder=path.resolve().parent,
+            arrow=arrow,
+            key="arcs",
+            merge=merge,
+            drop_loops=drop_loops,
         )
-        sentences = list(ARCS_ONLY)
-        if suffix in LINES and _goes_one_way(arcs):
-            sentences.append(ONE_WAY)
-        if suffix in GRAPHS and set(arcs.weights) == {1}:
-            sentences.append(UNWEIGHTED)
-        notes = [note.format(file=path.name) for note in sentences]
-        return Problem(
-            name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes
-        )
+        network = Network(labels=labels, modes={"G": arcs})
+        return Problem(name=name, network=network, coupling="y", notes=_notes(path, arcs))
     if suffix == ".toml":
         return load_problem(path)
     data = read_bytes(path, limit=LARGEST, what="file")
     if suffix == ".m":
-        return grid_problem(
-            read_matpower(data.decode("utf-8", errors="replace"), name=path.name), name=name
-        )
+        text = data.decode("utf-8", errors="replace")
+        return grid_problem(read_matpower(text, name=path.name), name=name)
     if is_pandapower(data):
         return grid_problem(read_pandapower(data, name=path.name), name=name)
     return load_problem(path)
+
+
+def _notes(path: Path, arcs: Arcs) -> list[str]:
+    """What is said of a problem that was a file of arcs."""
+    suffix = path.suffix.lower()
+    sentences = list(ARCS_ONLY)
+    if suffix in LINES and _goes_one_way(arcs):
+        sentences.append(ONE_WAY)
+    if suffix in GRAPHS and set(arcs.weights) == {1}:
+        sentences.append(UNWEIGHTED)
+    return [sentence.format(file=path.name) for sentence in sentences]
 
 
 def _goes_one_way(arcs: Arcs) -> bool:
     """Whether no two agents hear each other, as where a list of undirected edges names each
     once."""
     size = int(max(arcs.listeners.max(), arcs.speakers.max())) + 1
-    return not np.isin(
-        arcs.listeners * size + arcs.speakers, arcs.speakers * size + arcs.listeners
-    ).any()
+    there = arcs.listeners * size + arcs.speakers
+    back = arcs.speakers * size + arcs.listeners
+    return not np.isin(there, back).any()

@@ -66,37 +66,22 @@ class Grid:
 def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     """The consensus problem of a grid; generators are pinned with ``gain`` (1/s).  Raises:
     SpecError."""
-    known = set(grid.buses)
-    weights: dict[tuple[str, str], Fraction] = {}
-    for branch in grid.branches:
-        a, b = branch.ends
-        for end in branch.ends:
-            if end not in known:
-                what = f"{branch.place} names bus {named(end)}, which is not there."
-                raise SpecError(
-                    what, key=branch.place, cure="Add the bus, or take the branch out of service."
-                )
-        if a == b:
-            raise SpecError(
-                f"{branch.place} leads from bus {named(a)} to itself.", key=branch.place
-            )
+    _check_ends(grid)
     becomes = merged(grid.buses, [branch.ends for branch in grid.branches if not branch.reactance])
-    for branch in grid.branches:
-        a, b = (becomes[end] for end in branch.ends)
-        if a != b:
-            ends = (a, b) if (b, a) not in weights else (b, a)
-            weights[ends] = weights.get(ends, Fraction(0)) + 1 / branch.reactance
-    weights = {ends: w for ends, w in weights.items() if w}
+    weights = _weights(grid, becomes)
     if not weights:
-        raise SpecError(
-            f"{grid.source} has no branch in service.", key="branch", cure="A grid needs lines."
-        )
-    arcs = [arc for (a, b), w in weights.items() for arc in ([a, b, abs(w)], [b, a, abs(w)])]
+        message = f"{grid.source} has no branch in service."
+        raise SpecError(message, key="branch", cure="A grid needs lines.")
+    arcs = []
+    for (a, b), weight in weights.items():
+        arcs += [[a, b, abs(weight)], [b, a, abs(weight)]]
     buses = list(dict.fromkeys(becomes.values()))
-    repelling = [ends for ends, w in weights.items() if w < 0]
+    repelling = [ends for ends, weight in weights.items() if weight < 0]
     place = {bus: i for i, bus in enumerate(buses)}
     pairs = [(place[a], place[b]) for a, b in repelling]
-    notes = list(NOTES)
+    known = set(grid.buses)
+    generators = tuple(dict.fromkeys(becomes[bus] for bus in grid.generators if bus in known))
+    notes = [_filled(note, grid, generators, gain) for note in NOTES]
     if len(buses) < len(grid.buses):
         joined = some([f"{a} into {b}" for a, b in becomes.items() if a != b], SHOWN)
         notes.append(
@@ -104,18 +89,8 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
         )
     if repelling:
         between = some([f"{a} and {b}" for a, b in repelling], SHOWN)
-        notes.append(
-            f"The reactance between buses {between} is negative: these push each other "
-            "apart, h = -sin(y)."
-        )
-    generators = tuple(dict.fromkeys(becomes[bus] for bus in grid.generators if bus in known))
-    facts = {
-        "source": grid.source,
-        "buses": len(grid.buses),
-        "branches": len(grid.branches),
-        "gain": gain,
-    }
-    at = f"bus {some(generators, SHOWN)}" if generators else "no bus"
+        note = f"The reactance between buses {between} is negative: these push each other apart"
+        notes.append(f"{note}, h = -sin(y).")
     return Problem(
         name=name,
         network=Network.from_arcs({"grid": arcs}, arrow="listens_to", agents=buses),
@@ -124,21 +99,61 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
         target=0,
         gains=dict.fromkeys(generators, gain),
         exosystem=constant(),
-        notes=[note.format(**facts, generators=at) for note in notes],
+        notes=notes,
+    )
+
+
+def _check_ends(grid: Grid) -> None:
+    """Raise SpecError for a branch of a bus that is not there, or from a bus to itself."""
+    known = set(grid.buses)
+    for branch in grid.branches:
+        a, b = branch.ends
+        for end in branch.ends:
+            if end not in known:
+                what = f"{branch.place} names bus {named(end)}, which is not there."
+                cure = "Add the bus, or take the branch out of service."
+                raise SpecError(what, key=branch.place, cure=cure)
+        if a == b:
+            what = f"{branch.place} leads from bus {named(a)} to itself."
+            raise SpecError(what, key=branch.place)
+
+
+def _weights(grid: Grid, becomes: Mapping[str, str]) -> dict[tuple[str, str], Fraction]:
+    """The susceptance between two agents, of all their branches together; none is 0."""
+    weights: dict[tuple[str, str], Fraction] = {}
+    for branch in grid.branches:
+        a, b = (becomes[end] for end in branch.ends)
+        if a != b:
+            ends = (b, a) if (b, a) in weights else (a, b)
+            weights[ends] = weights.get(ends, Fraction(0)) + 1 / branch.reactance
+    return {ends: weight for ends, weight in weights.items() if weight}
+
+
+def _filled(note: str, grid: Grid, generators: Sequence[str], gain: Any) -> str:
+    return note.format(
+        source=grid.source,
+        buses=len(grid.buses),
+        branches=len(grid.branches),
+        gain=gain,
+        generators=f"bus {some(generators, SHOWN)}" if generators else "no bus",
     )
 
 
 def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
     """Label -> the label it becomes when these pairs are joined (closed bus couplers): the first of
     its group."""
+    if not labels:
+        return {}
     place = {label: i for i, label in enumerate(labels)}
-    ends = [[place[pair[end]] for pair in pairs] for end in (0, 1)]
-    graph = coo_array((np.ones(len(pairs)), tuple(ends)), shape=(len(labels),) * 2)
-    first: dict[int, str] = {}
-    groups = connected_components(graph, directed=False)[1].tolist() if labels else []
-    return {
-        label: first.setdefault(group, label) for label, group in zip(labels, groups, strict=True)
-    }
+    begins = [place[a] for a, _ in pairs]
+    ends = [place[b] for _, b in pairs]
+    entries = np.ones(len(pairs)), (begins, ends)
+    graph = coo_array(entries, shape=(len(labels), len(labels)))
+    first: dict[int, str] = {}  # label of a group
+    groups = connected_components(graph, directed=False)[1].tolist()
+    for label, group in zip(labels, groups, strict=True):
+        first.setdefault(group, label)
+    return {label: first[group] for label, group in zip(labels, groups, strict=True)}
 
 
 CURE = "Let MATPOWER compute it: savecase('plain.m', loadcase('case.m')), and import plain.m."
@@ -178,26 +193,22 @@ class _Row:
     def bus(self, column: int = 1) -> str:
         number = self.number(column)
         if number.denominator > 1 or number < 0:
-            raise wrong(
-                self.place,
-                f"must name a bus by a whole number; got {self.cells[column - 1]}.",
-                CURE,
-            )
+            what = f"must name a bus by a whole number; got {self.cells[column - 1]}."
+            raise wrong(self.place, what, CURE)
         return str(number)
 
 
 def read_matpower(text: str, *, name: str) -> Grid:
     """Read a case file; its ``name`` is for messages.  Raises: SpecError that names line, table,
     row and column."""
-    plain = _CONTINUED.sub("\v", _COMMENT.sub(lambda found: "\n" * found[0].count("\n"), text))
+    # Without comments and continued lines, and as many lines as before, for messages.
+    uncommented = _COMMENT.sub(lambda found: "\n" * found[0].count("\n"), text)
+    plain = _CONTINUED.sub("\v", uncommented)
     tables = dict(_tables(plain, name))
     for table in ("bus", "branch"):
         if table not in tables:
-            what = (
-                f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is "
-                "not there."
-            )
-            raise SpecError(what, key=f"mpc.{table}", cure=CURE)
+            what = f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is "
+            raise SpecError(f"{what}not there.", key=f"mpc.{table}", cure=CURE)
     unit = _unit(plain, tables["bus"], name)
     kinds = {row.bus(): row.number(2) for row in tables["bus"]}
     isolated = {bus for bus, kind in kinds.items() if kind == ISOLATED}
@@ -217,12 +228,14 @@ def read_matpower(text: str, *, name: str) -> Grid:
 
 def _tables(text: str, name: str) -> Iterator[tuple[str, list[_Row]]]:
     """Every table, from its bracket to the next closing one; each character is passed once."""
-    begin, line, counted = _TABLE.search(text), 1, 0
+    begin = _TABLE.search(text)
+    line, counted = 1, 0
     while begin is not None:
         end = text.find("]", begin.end())
         if end < 0:
             return
-        line, counted = line + _lines(text[counted : begin.end()]), begin.end()
+        line += _lines(text[counted : begin.end()])
+        counted = begin.end()
         rows = _rows(text[counted:end], begin[1], line, name)
         if not _END.match(text, end):
             raise wrong(f"{name}, line {line}: mpc.{begin[1]}", f"must end in ];{COMPUTED}.", CURE)
@@ -235,33 +248,39 @@ def _lines(text: str) -> int:
 
 
 def _rows(body: str, table: str, line: int, name: str) -> list[_Row]:
-    rows = list[_Row]()
+    rows: list[_Row] = []
     for text in body.split("\n"):
+        place = f"{name}, line {line}: mpc.{table}"
         for part in text.split(";"):
             cells = part.replace(",", " ").split()
-            if not cells:
-                continue
-            i, place = len(rows) + 1, f"{name}, line {line}: mpc.{table}"
-            if len(cells) < USED[table][-1]:
-                what = (
-                    f"{place} must have at least {USED[table][-1]} columns; row {i} has "
-                    f"{len(cells)}."
-                )
-                raise SpecError(what, key=f"mpc.{table}", cure=CURE)
-            for j, cell in enumerate(cells, 1):
-                if not (_CELL if j in USED[table] else _UNUSED).fullmatch(cell):
-                    what = f"must be a number, because{COMPUTED}; got {shown(cell)}."
-                    raise wrong(f"{place}({i},{j})", what, CURE)
-            rows.append(_Row(cells=cells, place=f"{place} row {i}"))
+            if cells:
+                number = len(rows) + 1
+                _check_cells(cells, table, place, number)
+                rows.append(_Row(cells=cells, place=f"{place} row {number}"))
         line += 1 + text.count("\v")
     return rows
+
+
+def _check_cells(cells: Sequence[str], table: str, place: str, row: int) -> None:
+    """Raise SpecError for a row that is too short, or that holds anything but numbers."""
+    least = USED[table][-1]
+    if len(cells) < least:
+        what = f"{place} must have at least {least} columns; row {row} has {len(cells)}."
+        raise SpecError(what, key=f"mpc.{table}", cure=CURE)
+    for column, cell in enumerate(cells, start=1):
+        form = _CELL if column in USED[table] else _UNUSED
+        if not form.fullmatch(cell):
+            what = f"must be a number, because{COMPUTED}; got {shown(cell)}."
+            raise wrong(f"{place}({row},{column})", what, CURE)
 
 
 def _unit(text: str, buses: list[_Row], name: str) -> Fraction:
     """The p.u. that a reactance of 1 in the table is: 1, or baseMVA / kV^2 where the case turns
     ohms into p.u. by the statement of the radial cases.  Raises: SpecError for any other change of
     what is read of the tables."""
-    unit, said, line = Fraction(1), dict[str, str](), 1
+    unit = Fraction(1)
+    said: dict[str, str] = {}  # what was given to each name so far
+    line = 1
     for row in text.split("\n"):
         for statement in row.split(";"):
             left, *right = _EQUALS.split(statement, 1)
@@ -269,9 +288,8 @@ def _unit(text: str, buses: list[_Row], name: str) -> Fraction:
                 continue
             short = "".join(statement.split())
             if short == FROM_OHM and (said.get("Vbase"), said.get("Sbase")) == (VOLTS, WATTS):
-                unit *= (
-                    _decimal(said.get("mpc.baseMVA", ""), "mpc.baseMVA") / buses[0].number(10) ** 2
-                )
+                base = _decimal(said.get("mpc.baseMVA", ""), "mpc.baseMVA")
+                unit *= base / buses[0].number(10) ** 2
             elif _GRID.search(left) and not _HARMLESS.match(short):
                 raise wrong(f"{name}, line {line}", f"changes the tables, but{COMPUTED}.", CURE)
             said["".join(left.split())] = "".join(right[0].split())
@@ -309,9 +327,8 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
         raise wrong("net", what, "Such as pandapower.networks.case14().")
     tables = {table: _records(getattr(net, table, None)) for table in TABLES}
     title = name or str(getattr(net, "name", "") or "pandapower-grid")
-    return grid_problem(
-        _grid(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain
-    )
+    grid = _grid(tables, base=net.sn_mva, source="a pandapower network")
+    return grid_problem(grid, name=title, gain=gain)
 
 
 def read_pandapower(data: bytes, *, name: str) -> Grid:
@@ -336,19 +353,18 @@ def is_pandapower(data: bytes) -> bool:
 def _records(table: Any) -> list[Row]:
     if table is None:
         return []
-    return [
-        {"index": index, **row}
-        for index, row in zip(table.index, table.to_dict("records"), strict=True)
-    ]
+    rows = zip(table.index, table.to_dict("records"), strict=True)
+    return [{"index": index, **row} for index, row in rows]
 
 
 def _json_records(table: Any) -> list[Row]:
     frame = table["_object"]
-    frame = json.loads(frame) if isinstance(frame, str) else frame
-    return [
-        {"index": index, **dict(zip(frame["columns"], row, strict=True))}
-        for index, row in zip(frame["index"], frame["data"], strict=True)
-    ]
+    if isinstance(frame, str):
+        frame = json.loads(frame)
+    found: list[Row] = []
+    for index, row in zip(frame["index"], frame["data"], strict=True):
+        found.append({"index": index, **dict(zip(frame["columns"], row, strict=True))})
+    return found
 
 
 def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
@@ -356,73 +372,67 @@ def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
     something else."""
     try:
         if any(_on(row) for row in tables["trafo3w"]):
-            what = (
-                "three-winding transformers cannot be imported: their star point may have a "
-                "negative reactance."
-            )
-            raise SpecError(what, key="trafo3w", cure="Replace them by two-winding transformers.")
+            what = "three-winding transformers cannot be imported: their star point may have a "
+            cure = "Replace them by two-winding transformers."
+            raise SpecError(f"{what}negative reactance.", key="trafo3w", cure=cure)
         buses = tuple(str(row["index"]) for row in tables["bus"] if _on(row))
-        generators = tuple(
-            str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row)
-        )
+        sources = [*tables["ext_grid"], *tables["gen"]]
+        generators = tuple(str(row["bus"]) for row in sources if _on(row))
         branches = tuple(_branches(tables, base=float(base)))
     except SpecError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
-        what = (
-            f"{source} has a table with a column that is missing or holds no number "
-            f"({str(error)[:60]})."
-        )
-        raise SpecError(
-            what, key="pandapower", cure="Write it anew with a current version of pandapower."
-        ) from None
+        what = f"{source} has a table with a column that is missing or holds no number "
+        cure = "Write it anew with a current version of pandapower."
+        raise SpecError(f"{what}({str(error)[:60]}).", key="pandapower", cure=cure) from None
     return Grid(buses=buses, branches=branches, generators=generators, source=source)
 
 
 def _branches(tables: Tables, *, base: float) -> Iterator[Branch]:
     """What is in service, with reactances in p.u. on ``base`` MVA; closed bus couplers have 0."""
-    opened = {(row.get("et"), row["element"]) for row in tables["switch"] if not row.get("closed")}
+    switches = tables["switch"]
+    opened = {(row.get("et"), row["element"]) for row in switches if not row.get("closed")}
     voltage = {row["index"]: float(row["vn_kv"]) for row in tables["bus"]}
     on = {row["index"] for row in tables["bus"] if _on(row)}
     for table, first, second in BRANCHES:
         for row in tables[table]:
-            ends, place = (row[first], row[second]), f"{table} {row['index']}"
+            ends = row[first], row[second]
             if not _on(row) or (table[0], row["index"]) in opened or not on >= set(ends):
                 continue
             if table == "switch" and (row.get("et") != "b" or not row.get("closed")):
                 continue
-            if table == "line":
-                ohm = (
-                    float(row["x_ohm_per_km"])
-                    * float(row["length_km"])
-                    / float(row.get("parallel") or 1)
-                )
-                x = ohm * base / voltage[row["from_bus"]] ** 2
-            elif table == "trafo":
-                part = base / float(row["sn_mva"]) / float(row.get("parallel") or 1) / 100
-                z, r = float(row["vk_percent"]) * part, float(row["vkr_percent"]) * part
-                x = math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
-            else:
-                x = (
-                    float(row["xft_pu"]) * base / float(row["sn_mva"])
-                    if table == "impedance"
-                    else 0.0
-                )
+            x = _reactance(table, row, base, voltage)
+            place = f"{table} {row['index']}"
             # Twelve digits: x was computed in floats, and 0.05917 should not read
             # 0.059170000000000006.
             reactance = parse_number(f"{x:.12g}", key=f"the reactance of {place}")
             yield Branch(ends=(str(ends[0]), str(ends[1])), reactance=reactance, place=place)
 
 
+def _reactance(table: str, row: Row, base: float, voltage: Mapping[Any, float]) -> float:
+    """Of a branch in p.u. on ``base`` MVA, from what the row of its table says; ``voltage`` of the
+    buses in kV."""
+    if table == "line":
+        parallel = float(row.get("parallel") or 1)
+        ohm = float(row["x_ohm_per_km"]) * float(row["length_km"]) / parallel
+        return ohm * base / voltage[row["from_bus"]] ** 2
+    if table == "trafo":
+        part = base / float(row["sn_mva"]) / float(row.get("parallel") or 1) / 100
+        z = float(row["vk_percent"]) * part
+        r = float(row["vkr_percent"]) * part
+        return math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
+    if table == "impedance":
+        return float(row["xft_pu"]) * base / float(row["sn_mva"])
+    return 0.0  # a closed switch
+
+
 def _tap(row: Row) -> float:
     """The tap ratio of a transformer, 1 where there is no tap changer."""
-    position, neutral, step = (
-        row.get(key) for key in ("tap_pos", "tap_neutral", "tap_step_percent")
-    )
-    # nan: no tap changer
-    if any(value is None or value != value for value in (position, neutral, step)):
+    given = [row.get(key) for key in ("tap_pos", "tap_neutral", "tap_step_percent")]
+    if any(value is None or value != value for value in given):  # nan: no tap changer
         return 1.0
-    ratio = 1 + (float(position or 0) - float(neutral or 0)) * float(step or 0) / 100
+    position, neutral, step = (float(value or 0) for value in given)
+    ratio = 1 + (position - neutral) * step / 100
     return ratio if row.get("tap_side") in (None, "hv") else 1 / ratio
 
 

@@ -10,6 +10,9 @@ from typing import Any, Protocol
 
 from dobc_design.errors import ShapeError, wrong
 
+#: Of a field that problem.json has only where it was given, so that other problems keep their hash.
+LATER = {"later": True}
+
 
 class Rows(Protocol):
     """Anything that has a length and yields rows that have one: nested tuples, 2-D arrays."""

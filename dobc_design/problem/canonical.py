@@ -1,7 +1,8 @@
 """problem.json: the one text of a problem that a certificate is about, and its hash; a function of
 the Problem alone.
 
-Arcs are [listener, speaker, weight] with indices from 0; numbers are rationals as strings.
+Arcs are [listener, speaker, weight] with indices from 0; numbers are rationals as strings.  Keys
+that came later (``LATER``) stand there only where they were given: other problems keep their hash.
 """
 
 from __future__ import annotations
@@ -15,19 +16,22 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design._checks import LATER
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, reason_of, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import named, shown
 from dobc_design.problem.arrays import distinct_weights
+from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.foreign_json import PROBLEM, not_a
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
 from dobc_design.problem.integrators import enclosed
+from dobc_design.problem.leader import Leader
 from dobc_design.problem.network import Arcs, Network, directed, joined, labels_of, parse_weights
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
+from dobc_design.problem.settings import Region, Simulation, Switching
 
 FORMAT = "dobc-problem"
 #: Other problems keep their version, and their hash.
@@ -47,8 +51,7 @@ _KEYS = (
 )
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
 _LATER_TABLES = ("uncertainty", "actuators", "dynamics", "leader")
-_SWITCHING = ("signal", "dwell")
-_LATER_SWITCHING = tuple(each.name for each in fields(Switching) if each.name not in _SWITCHING)
+_ALWAYS = ("observer", "simulation")  # tables that are never null
 
 
 def canonical_bytes(problem: Problem) -> bytes:
@@ -78,39 +81,46 @@ def matrix_text(matrix: Matrix) -> list[list[str]]:
 
 def canonical_document(problem: Problem) -> dict[str, Any]:
     """The document behind problem.json: JSON types only."""
-    exceptions = sorted(problem.exceptions.items())
-    version = VERSION if problem.dynamics is None else VERSION_DYNAMICS
-    if problem.network.loose is not None:
-        version = VERSION_OPTIONAL
-    if problem.undisturbed:
-        version = VERSION_UNDISTURBED
+    exceptions = []
+    for arc, coupling in sorted(problem.exceptions.items()):
+        exceptions.append({"arc": list(arc), "h": coupling_text(coupling)})
+    offsets = list(problem.offsets.items())
+    numbers = {"target": problem.target, "offsets": offsets, **settings_of(problem)}
     return {
         "format": FORMAT,
-        "version": version,
-        "name": problem.name,
-        "notes": list(problem.notes),
+        "version": _version(problem),
+        **texts_of(problem),
         "labels": list(problem.network.labels),
         "dimension": problem.m,
-        "target": [number_text(x) for x in problem.target],
-        "modes": [
-            {
-                "name": name,
-                "arcs": each[: len(each) - k],
-                **({"optional": each[len(each) - k :]} if k else {}),
-            }
-            for name, arcs in problem.network.modes.items()
-            for k, each in [(arcs.optional, _arc_rows(arcs))]
-        ],
-        "coupling": {
-            "h": _coupling(problem.coupling),
-            "exceptions": [
-                {"arc": [i, j], "h": _coupling(coupling)} for (i, j), coupling in exceptions
-            ],
-        },
+        "modes": [_mode(name, arcs) for name, arcs in problem.network.modes.items()],
+        "coupling": {"h": coupling_text(problem.coupling), "exceptions": exceptions},
         "gains": [[i, matrix_text(k)] for i, k in problem.pinning.gains.items()],
-        "offsets": [[i, [number_text(x) for x in offset]] for i, offset in problem.offsets.items()],
-        **converted(settings_of(problem), number_text),
+        **converted(numbers, number_text),
     }
+
+
+def _version(problem: Problem) -> int:
+    """The first version that knows all that the problem has."""
+    if problem.undisturbed:
+        return VERSION_UNDISTURBED
+    if problem.network.loose is not None:
+        return VERSION_OPTIONAL
+    return VERSION if problem.dynamics is None else VERSION_DYNAMICS
+
+
+def texts_of(problem: Problem) -> dict[str, Any]:
+    """What stands at the top of a problem file and is text."""
+    return {"name": problem.name, "notes": list(problem.notes)}
+
+
+def _mode(name: str, arcs: Arcs) -> dict[str, Any]:
+    """A mode; its optional arcs, which are the last, have a list of their own."""
+    rows = _arc_rows(arcs)
+    sure = len(rows) - arcs.optional
+    mode = {"name": name, "arcs": rows[:sure]}
+    if arcs.optional:
+        mode["optional"] = rows[sure:]
+    return mode
 
 
 def _arc_rows(arcs: Arcs) -> list[list[Any]]:
@@ -119,51 +129,49 @@ def _arc_rows(arcs: Arcs) -> list[list[Any]]:
     place, different = distinct_weights(arcs.weights)
     texts = [number_text(weight) for weight in different]
     weights = map(texts.__getitem__, place.tolist())
-    return list(
-        map(list, zip(arcs.listeners.tolist(), arcs.speakers.tolist(), weights, strict=True))
-    )
+    rows = zip(arcs.listeners.tolist(), arcs.speakers.tolist(), weights, strict=True)
+    return [list(row) for row in rows]
 
 
 def settings_of(problem: Problem) -> dict[str, Any]:
-    """Exosystem, observer, region, switching and simulation as tables; their numbers are exact,
-    agents are indices. Keys that later versions added stand there only where they were given: other
-    problems keep their hash."""
-    index = problem.network.index
-    exosystem: dict[str, Any] | None
+    """Exosystem, observer, region, switching and simulation as tables, and the later tables where
+    there are any; their numbers are exact, agents are indices."""
+    found: dict[str, Any] = {}
     if problem.is_grouped:
-        keys = [
-            {
-                "agents": [index[label] for label in group.agents],
-                **_own(group.exosystem),
-                **_own(group.observer),
-            }
-            for group in problem.groups
-        ]
-        exosystem = {
-            "groups": [{key: x for key, x in each.items() if key != "rate"} for each in keys]
-        }
-        observer = Observer(rate=problem.groups[0].observer.rate)
+        index = problem.network.index
+        found["exosystem"] = {"groups": [_group_table(each, index) for each in problem.groups]}
+        found["observer"] = _table_of(Observer(rate=problem.groups[0].observer.rate))
     else:
-        exosystem = None if problem.exosystem is None else _own(problem.exosystem)
-        observer = problem.observer
-    own = {name: getattr(problem, name) for name in _LATER_TABLES} | {"leader": enclosed(problem)}
-    return {
-        "exosystem": exosystem,
-        "observer": _own(observer),
-        "region": problem.region and _own(problem.region),
-        "switching": problem.switching and _own(problem.switching, later=_LATER_SWITCHING),
-        "simulation": _own(problem.simulation, later=("x0",)),
-        **{
-            name: _own(noun, later=("A", "f", "stays_in"))
-            for name in _LATER_TABLES
-            if (noun := own[name]) is not None
-        },
-    }
+        found["exosystem"] = _table_of(problem.exosystem)
+        found["observer"] = _table_of(problem.observer)
+    for name in ("region", "switching", "simulation"):
+        found[name] = _table_of(getattr(problem, name))
+    for name in _LATER_TABLES:
+        noun = enclosed(problem) if name == "leader" else getattr(problem, name)
+        if noun is not None:
+            found[name] = _table_of(noun)
+    return found
 
 
-def _own(noun: Any, *, later: Sequence[str] = ()) -> dict[str, Any]:
-    found = {each.name: getattr(noun, each.name) for each in fields(noun)}
-    return {name: value for name, value in found.items() if value is not None or name not in later}
+def _group_table(group: Group, index: Mapping[str, int]) -> dict[str, Any]:
+    table: dict[str, Any] = {"agents": [index[label] for label in group.agents]}
+    for noun in (group.exosystem, group.observer):
+        table |= _table_of(noun) or {}
+    del table["rate"]  # that of all groups, which stands in observer
+    return table
+
+
+def _table_of(noun: Any) -> dict[str, Any] | None:
+    """A noun as a table; of its later keys those that were given."""
+    if noun is None:
+        return None
+    every = {each.name: getattr(noun, each.name) for each in fields(noun)}
+    later = _later_keys(type(noun))
+    return {name: x for name, x in every.items() if x is not None or name not in later}
+
+
+def _later_keys(noun: Any) -> tuple[str, ...]:
+    return tuple(each.name for each in fields(noun) if each.metadata == LATER)
 
 
 def converted(value: Any, number: Callable[[Fraction], Any]) -> Any:
@@ -172,12 +180,13 @@ def converted(value: Any, number: Callable[[Fraction], Any]) -> Any:
         return number(value)
     if isinstance(value, Mapping):
         return {key: converted(each, number) for key, each in value.items()}
-    return (
-        [converted(each, number) for each in value] if isinstance(value, (list, tuple)) else value
-    )
+    if isinstance(value, (list, tuple)):
+        return [converted(each, number) for each in value]
+    return value
 
 
-def _coupling(coupling: Coupling) -> str | list[str]:
+def coupling_text(coupling: Coupling) -> str | list[str]:
+    """h of one component, or a list of them."""
     return coupling.texts[0] if coupling.by_component else list(coupling.texts)
 
 
@@ -186,10 +195,10 @@ def problem_from_canonical(data: bytes, *, name: str = "problem.json") -> Proble
     that is not one."""
     document = _load(data, name)
     problem = _Reader(document).problem()
-    if problem.m != document["dimension"] or type(document["dimension"]) is not int:
-        raise _wrong(
-            "dimension", f"the number of state components, {problem.m}", document["dimension"]
-        )
+    dimension = document["dimension"]
+    if problem.m != dimension or type(dimension) is not int:
+        wanted = f"the number of state components, {problem.m}"
+        raise _wrong("dimension", wanted, dimension)
     return problem
 
 
@@ -202,22 +211,26 @@ def _load(data: bytes, name: str) -> dict[str, Any]:
         raise wrong(named(name), f"is not valid JSON ({reason_of(error)}).", _CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise not_a(PROBLEM, document, name=name)
-    version = document.get("version")
-    known, modes = VERSION_DYNAMICS if "dynamics" in document else VERSION, document.get("modes")
-    if isinstance(modes, list) and any(
-        isinstance(mode, dict) and "optional" in mode for mode in modes
-    ):
-        known = VERSION_OPTIONAL
-    if _leaves_agents_undisturbed(document):
-        known = VERSION_UNDISTURBED
+    version, known = document.get("version"), _version_for(document)
     if version != known or type(version) is not int:  # true and 1.0 equal 1
         what = (
             f"problem.json has version {shown(version)}; this program knows {VERSION} to "
-            f"{VERSION_UNDISTURBED},"
+            f"{VERSION_UNDISTURBED}, and reads this one as {known}."
         )
-        what += f" and reads this one as {known}."
         raise SpecError(what, key="version", cure="Update dobc_design, or write the file again.")
     return document
+
+
+def _version_for(document: Mapping[str, Any]) -> int:
+    """The version that a document with these keys has."""
+    if _leaves_agents_undisturbed(document):
+        return VERSION_UNDISTURBED
+    modes = document.get("modes")
+    if isinstance(modes, list):
+        for mode in modes:
+            if isinstance(mode, dict) and "optional" in mode:
+                return VERSION_OPTIONAL
+    return VERSION_DYNAMICS if "dynamics" in document else VERSION
 
 
 def _leaves_agents_undisturbed(document: Mapping[str, Any]) -> bool:
@@ -242,28 +255,19 @@ class _Reader:
 
     def __init__(self, document: Mapping[str, Any]) -> None:
         self.document = _object(document, (*_KEYS, *_TABLES), _LATER_TABLES, key="problem.json")
-        self.labels = [
-            _text(label, key="labels") for label in _list(document["labels"], key="labels")
-        ]
+        labels = _list(document["labels"], key="labels")
+        self.labels = [_text(label, key="labels") for label in labels]
 
     def problem(self) -> Problem:
         document = self.document
         groups = self.groups(document["exosystem"])
-        exosystem = (
-            None
-            if groups
-            else _object(document["exosystem"], ("A", "C"), key="exosystem", optional=True)
-        )
-        observer = _object(document["observer"], ("W", "P", "rate"), key="observer")
-        switching = _object(
-            document["switching"], _SWITCHING, _LATER_SWITCHING, key="switching", optional=True
-        )
-        wanted = ("initial_states", "initial_disturbance")
-        region = _object(document["region"], wanted, key="region", optional=True)
-        simulation = _object(
-            document["simulation"], ("t_final", "seed", "xi0"), ("x0",), key="simulation"
-        )
+        exosystem = None if groups else self.table(Exosystem, "exosystem")
+        observer = self.table(Observer, "observer") or {}
+        switching = self.table(Switching, "switching")
+        region = self.table(Region, "region")
+        simulation = self.table(Simulation, "simulation")
         coupling = _object(document["coupling"], ("h", "exceptions"), key="coupling")
+        estimates = any(value is not None for value in observer.values())
         return Problem(
             name=_text(document["name"], key="name"),
             notes=_list(document["notes"], key="notes"),
@@ -273,23 +277,26 @@ class _Reader:
             target=_list(document["target"], key="target"),
             gains=self.by_label("gains"),
             exosystem=Exosystem(**exosystem) if exosystem else None,
-            observer=Observer(**observer)
-            if any(value is not None for value in observer.values())
-            else None,
+            observer=Observer(**observer) if estimates else None,
             groups=groups,
             offsets=self.by_label("offsets"),
-            region=region or None,
+            region=region,
             switching=Switching(**switching) if switching else None,
             simulation=simulation,
             uncertainty=document.get("uncertainty"),
             actuators=document.get("actuators"),
-            dynamics=_object(document["dynamics"], ("B",), ("A", "f"), key="dynamics")
-            if "dynamics" in document
-            else None,
-            leader=_object(document["leader"], ("initial",), ("stays_in",), key="leader")
-            if "leader" in document
-            else None,
+            dynamics=self.table(Dynamics, "dynamics"),
+            leader=self.table(Leader, "leader"),
         )
+
+    def table(self, noun: Any, key: str) -> dict[str, Any] | None:
+        """A table with the keys of this noun; None where there is none, and need not be."""
+        value = self.document.get(key)
+        if value is None and key not in _ALWAYS:
+            return None
+        later = _later_keys(noun)
+        keys = [each.name for each in fields(noun) if each.name not in later]
+        return _object(value, keys, later, key=key)
 
     def groups(self, exosystem: Any) -> list[Group]:
         if not isinstance(exosystem, dict) or "groups" not in exosystem:
@@ -299,43 +306,35 @@ class _Reader:
         for position, item in enumerate(_list(exosystem["groups"], key="exosystem.groups")):
             key = group_key(position)
             group = _object(item, ("agents", "A", "C", "W", "P"), key=key)
-            places = [
-                self.index(place, key=f"{key}.agents")
-                for place in _list(group["agents"], key=f"{key}.agents")
-            ]
-            agents = [self.labels[i] for i in places]
+            places = _list(group["agents"], key=f"{key}.agents")
+            agents = [self.labels[self.index(place, key=f"{key}.agents")] for place in places]
             try:
-                system, observer = (
-                    Exosystem(A=group["A"], C=group["C"]),
-                    Observer(W=group["W"], P=group["P"]),
-                )
+                system = Exosystem(A=group["A"], C=group["C"])
+                observer = Observer(W=group["W"], P=group["P"])
                 result.append(Group(agents=agents, exosystem=system, observer=observer))
             except SpecError as error:
                 raise renamed(error, key) from None
         everybody = len(result) == 1 and len(result[0].agents) == len(self.labels)
         if not result or everybody:
-            raise _wrong(
-                "exosystem.groups",
-                "a list of groups, none of which has all agents",
-                exosystem["groups"],
-            )
+            wanted = "a list of groups, none of which has all agents"
+            raise _wrong("exosystem.groups", wanted, exosystem["groups"])
         return result
 
     def modes(self) -> dict[str, Arcs]:
         result: dict[str, Arcs] = {}
         for position, item in enumerate(_list(self.document["modes"], key="modes")):
-            mode = _object(item, ("name", "arcs"), ("optional",), key=f"modes[{position}]")
-            name = _text(mode["name"], key=f"modes[{position}].name")
+            key = f"modes[{position}]"
+            mode = _object(item, ("name", "arcs"), ("optional",), key=key)
+            name = _text(mode["name"], key=f"{key}.name")
             if name in result:
-                raise _wrong(f"modes[{position}].name", "different from the others", name)
-            parts = (part for part in ("arcs", "optional") if part in mode)
-            keys = {part: f"modes[{position}].{part}" for part in parts}
-            first, *rest = (
-                _arcs(_list(mode[part], key=key), key=key) for part, key in keys.items()
-            )
-            if rest and not len(rest[0]):
-                raise _wrong(keys["optional"], "arcs, at least one", mode["optional"])
-            result[name] = joined(first, *rest) if rest else first
+                raise _wrong(f"{key}.name", "different from the others", name)
+            arcs = _arcs(mode["arcs"], key=f"{key}.arcs")
+            if "optional" in mode:
+                optional = _arcs(mode["optional"], key=f"{key}.optional")
+                if not len(optional):
+                    raise _wrong(f"{key}.optional", "arcs, at least one", mode["optional"])
+                arcs = joined(arcs, optional)
+            result[name] = arcs
         return result
 
     def exceptions(self, items: Any) -> dict[tuple[int, int], Any]:
@@ -343,23 +342,22 @@ class _Reader:
         for position, item in enumerate(_list(items, key="coupling.exceptions")):
             key = f"coupling.exceptions[{position}]"
             table = _object(item, ("arc", "h"), key=key)
-            ends = [
-                self.index(end, key=f"{key}.arc")
-                for end in _list(table["arc"], key=f"{key}.arc", length=2)
-            ]
-            if (ends[0], ends[1]) in result:
+            ends = _list(table["arc"], key=f"{key}.arc", length=2)
+            listener, speaker = (self.index(end, key=f"{key}.arc") for end in ends)
+            if (listener, speaker) in result:
                 raise _wrong(f"{key}.arc", "an arc without an exception so far", ends)
-            result[ends[0], ends[1]] = table["h"]
+            result[listener, speaker] = table["h"]
         return result
 
     def by_label(self, name: str) -> dict[str, Any]:
         """A list of [index, value] as a mapping of label to value."""
         result: dict[str, Any] = {}
         for position, pair in enumerate(_list(self.document[name], key=name)):
-            place, value = _list(pair, key=f"{name}[{position}]", length=2)
-            label = self.labels[self.index(place, key=f"{name}[{position}][0]")]
+            key = f"{name}[{position}]"
+            place, value = _list(pair, key=key, length=2)
+            label = self.labels[self.index(place, key=f"{key}[0]")]
             if label in result:
-                raise _wrong(f"{name}[{position}][0]", "an agent that is not listed already", place)
+                raise _wrong(f"{key}[0]", "an agent that is not listed already", place)
             result[label] = value
         return result
 
@@ -370,12 +368,10 @@ class _Reader:
 
 
 def _object(
-    value: Any, keys: Sequence[str], later: Sequence[str] = (), *, key: str, optional: bool = False
+    value: Any, keys: Sequence[str], later: Sequence[str] = (), *, key: str
 ) -> dict[str, Any]:
-    """An object with all of ``keys``, and some of ``later``, which are not null where they stand;
-    {} for no object."""
-    if optional and value is None:
-        return {}
+    """An object with all of ``keys``, and some of ``later``, which are not null where they
+    stand."""
     known = isinstance(value, dict) and set(keys) <= set(value) <= {*keys, *later}
     if not known or any(value[name] is None for name in later if name in value):
         raise _wrong(key, f"an object with the keys {', '.join(keys)}", value)
@@ -384,8 +380,9 @@ def _object(
 
 
 def _list(value: Any, *, key: str, length: int | None = None) -> list[Any]:
+    wanted = "a list" if length is None else f"a list of {length}"
     if not isinstance(value, list) or (length is not None and len(value) != length):
-        raise _wrong(key, "a list" if length is None else f"a list of {length}", value)
+        raise _wrong(key, wanted, value)
     return value
 
 
@@ -396,26 +393,20 @@ def _text(value: Any, *, key: str) -> str:
 
 
 def _wrong(key: str, wanted: str, value: object) -> SpecError:
-    return SpecError(
-        f"problem.json: {key} must be {wanted}; got {shown(value)}.", key=key, cure=_CURE
-    )
+    what = f"problem.json: {key} must be {wanted}; got {shown(value)}."
+    return SpecError(what, key=key, cure=_CURE)
 
 
-def _arcs(rows: list[Any], *, key: str) -> Arcs:
+def _arcs(value: Any, *, key: str) -> Arcs:
+    rows = _list(value, key=key)
     for position, row in enumerate(rows):
-        if (
-            not isinstance(row, list)
-            or len(row) != 3
-            or type(row[0]) is not int
-            or type(row[1]) is not int
-        ):
+        if not isinstance(row, list) or len(row) != 3 or not type(row[0]) is type(row[1]) is int:
             raise _wrong(f"{key}[{position}]", "[listener, speaker, weight] with indices", row)
         _text(row[2], key=f"{key}[{position}][2]")
     weights = parse_weights([row[2] for row in rows], key=key)
     try:
-        listeners, speakers = (
-            np.array([row[end] for row in rows], dtype=np.int64) for end in (0, 1)
-        )
+        listeners = np.array([row[0] for row in rows], dtype=np.int64)
+        speakers = np.array([row[1] for row in rows], dtype=np.int64)
     except OverflowError:
         raise _wrong(key, "arcs between the agents", "an index that is too large") from None
     return directed(listeners, speakers, weights, arrow="listens_to")

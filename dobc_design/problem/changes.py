@@ -26,12 +26,14 @@ from dobc_design.exact.number import nearest, number_text
 from dobc_design.exact.reading import is_scalar_matrix, shown
 from dobc_design.problem.canonical import (
     canonical_bytes,
-    canonical_document,
     converted,
+    coupling_text,
     settings_of,
+    texts_of,
 )
 from dobc_design.problem.groups import Observer, gains_of
 from dobc_design.problem.load import parse_toml, read_problem_text
+from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 
 INLINE = 10  # labels up to which a table of gains stands in one line
@@ -42,11 +44,9 @@ def typed_number(value: Fraction) -> int | float | str:
     if value.denominator == 1 and abs(value) < 10**15:
         return int(value)
     decimal = nearest(value)
-    return (
-        decimal
-        if math.isfinite(decimal) and Fraction(repr(decimal)) == value
-        else number_text(value)
-    )
+    if math.isfinite(decimal) and Fraction(repr(decimal)) == value:
+        return decimal
+    return number_text(value)
 
 
 def typed_matrix(matrix: Sequence[Sequence[Fraction]]) -> list[list[int | float | str]]:
@@ -56,22 +56,20 @@ def typed_matrix(matrix: Sequence[Sequence[Fraction]]) -> list[list[int | float 
 
 def gain_table(gains: Mapping[int, Matrix], labels: Sequence[str]) -> dict[str, Any]:
     """Gains by agent index as they stand in a file: label -> number, or rows."""
-    return {
-        labels[i]: typed_number(gain[0][0]) if is_scalar_matrix(gain) else typed_matrix(gain)
-        for i, gain in gains.items()
-    }
+    table: dict[str, Any] = {}
+    for i, gain in gains.items():
+        scalar = is_scalar_matrix(gain)
+        table[labels[i]] = typed_number(gain[0][0]) if scalar else typed_matrix(gain)
+    return table
 
 
 def value_text(value: Any) -> str:
     """A value as it stands in a file, on one line."""
     if isinstance(value, Mapping):
-        return (
-            "{ "
-            + ", ".join(f"{_key(str(key))} = {value_text(each)}" for key, each in value.items())
-            + " }"
-        )
+        rows = [f"{_key(str(key))} = {value_text(each)}" for key, each in value.items()]
+        return f"{{ {', '.join(rows)} }}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(value_text(each) for each in value) + "]"
+        return f"[{', '.join(map(value_text, value))}]"
     # A number or a text means the same in JSON and in TOML (JSON escapes are TOML escapes).
     return json.dumps(value, ensure_ascii=False)
 
@@ -79,13 +77,13 @@ def value_text(value: Any) -> str:
 def change_lines(changes: Mapping[str, Any]) -> list[str]:
     """Changes as lines of a problem file, for people: long tables are cut, what has to go stands in
     a comment."""
-    lines: list[str] = []
     kept = {path: value for path, value in changes.items() if value is not None}
-    lines += [f"{path} = {value_text(value)}" for path, value in kept.items() if "." not in path]
-    for table in dict.fromkeys(path.split(".")[0] for path in kept if "." in path):
+    lines = [f"{path} = {value_text(value)}" for path, value in kept.items() if "." not in path]
+    for table in dict.fromkeys(path.partition(".")[0] for path in kept if "." in path):
         lines.append(f"[{table}]")
-        lines += [f"{name} = {_cut_text(value)}" for name, value in _below(table, kept).items()]
-    return [*lines, *(f"# remove {path}" for path in changes if path not in kept)]
+        for name, value in _below(table, kept).items():
+            lines.append(f"{name} = {_cut_text(value)}")
+    return lines + [f"# remove {path}" for path in changes if path not in kept]
 
 
 def _cut_text(value: Any) -> str:
@@ -133,45 +131,56 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
         if key not in CHANGEABLE:
             what = f"{shown(key)} is no key that a change may set."
             raise SpecError(what, key=key, cure=f"One of {', '.join(CHANGEABLE)}.")
-    given: dict[str, Any] = {}
-    if problem.is_grouped:
-        if any(key in _OF_ALL for key in changes):
-            what = (
-                "exosystem and observer cannot be changed by key where agents have different ones."
-            )
-            raise SpecError(
-                what, key="exosystem.groups", cure="Make the problem anew with other groups."
-            )
-        if GROUP_GAINS in changes:  # a group without one gets its W designed
-            gains = changes[GROUP_GAINS] or {}
-            given["groups"] = [
-                replace(group, observer=Observer(W=gains.get(group.name), rate=group.observer.rate))
-                for group in problem.groups
-            ]
-    else:
-        own = None if "exosystem" in changes and changes["exosystem"] is None else problem.exosystem
-        given["exosystem"] = own and replace(own, **_below("exosystem", changes))
-        gone = "observer" in changes and changes["observer"] is None
-        given["observer"] = own and (
-            Observer() if gone else replace(problem.observer, **_below("observer", changes))
-        )
-    given["target"] = changes.get("target", problem.target)
-    given["coupling"] = changes.get("coupling.h", problem.coupling)
+    given: dict[str, Any] = {
+        "target": changes.get("target", problem.target),
+        "coupling": changes.get("coupling.h", problem.coupling),
+        "gains": changes.get("pinning.gains", problem.pinning),
+    }
     if "coupling.exceptions" in changes:
         given["exceptions"] = changes["coupling.exceptions"]
-    given["gains"] = changes.get("pinning.gains", problem.pinning)
-    given["simulation"] = replace(problem.simulation, **_below("simulation", changes))
-    given["region"] = problem.region and replace(problem.region, **_below("region", changes))
+    if problem.is_grouped:
+        given |= _changed_groups(problem, changes)
+    else:
+        given["exosystem"] = _changed(problem.exosystem, "exosystem", changes)
+        given["observer"] = None
+        if given["exosystem"] is not None:
+            observer = _changed(problem.observer, "observer", changes)
+            given["observer"] = Observer() if observer is None else observer
+    given["simulation"] = _changed(problem.simulation, "simulation", changes)
+    given["region"] = _changed(problem.region, "region", changes)
     return problem.replace(**given)
 
 
+def _changed(noun: Any, table: str, changes: Mapping[str, Any]) -> Any:
+    """The noun of a table with the keys that change; None where it goes, or is not there."""
+    if noun is None or (table in changes and changes[table] is None):
+        return None
+    return replace(noun, **_below(table, changes))
+
+
+def _changed_groups(problem: Problem, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The groups with other gains.  Raises: SpecError for a change of all agents."""
+    if any(key in _OF_ALL for key in changes):
+        what = "exosystem and observer cannot be changed by key where agents have different ones."
+        cure = "Make the problem anew with other groups."
+        raise SpecError(what, key="exosystem.groups", cure=cure)
+    if GROUP_GAINS not in changes:
+        return {}
+    gains = changes[GROUP_GAINS] or {}
+    groups = []
+    for group in problem.groups:  # one without a gain gets its W designed
+        observer = Observer(W=gains.get(group.name), rate=group.observer.rate)
+        groups.append(replace(group, observer=observer))
+    return {"groups": groups}
+
+
 def _below(table: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    own = {
-        key: value
-        for key, value in changes.items()
-        if key.startswith(f"{table}.") and key != GROUP_GAINS
-    }
-    return {key.removeprefix(f"{table}."): value for key, value in own.items()}
+    """The keys of a table, without its name."""
+    own = {}
+    for key, value in changes.items():
+        if key.startswith(f"{table}.") and key != GROUP_GAINS:
+            own[key.removeprefix(f"{table}.")] = value
+    return own
 
 
 REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value that stood there
@@ -193,46 +202,45 @@ def changed_text(
             else:
                 _set(document, path.split("."), value, whole=whole, remark=remark)
         return tomlkit.dumps(document)
-    except (
-        TOMLKitError,
-        TypeError,
-        ValueError,
-        KeyError,
-        IndexError,
-        AttributeError,
-        RecursionError,
-    ):
+    except _NOT_BY_KEY:
         return None
+
+
+#: What tomlkit raises where a text, though it is TOML, is written in a way that it cannot change.
+_NOT_BY_KEY = (
+    TOMLKitError,
+    TypeError,
+    ValueError,
+    KeyError,
+    IndexError,
+    AttributeError,
+    RecursionError,
+)
 
 
 def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str) -> None:
     table = document
-    for name in path[:-1]:
-        if name not in table:
+    *tables, name = path
+    for each in tables:
+        if each not in table:
             if value is None:
                 return
-            table[name] = tomlkit.table()
-        table = table[name]
-    name = path[-1]
+            table[each] = tomlkit.table()
+        table = table[each]
     if value is None:
         if name in table:
             table.remove(name)
-            if len(path) > 1 and not len(table):
+            if tables and not len(table):
                 document.remove(path[0])
         return
-    if (
-        not whole
-        and isinstance(value, Mapping)
-        and isinstance(table.get(name), tomlkit.items.Table)
-    ):
-        _change_lines(table[name], value, remark)
+    old = table.get(name)
+    if not whole and isinstance(value, Mapping) and isinstance(old, tomlkit.items.Table):
+        _change_lines(old, value, remark)
         return
-    item, old = _item(value), table.get(name)
-    if (
-        name in table
-        and (isinstance(old, Mapping) or isinstance(item, Mapping))
-        and type(old) is not type(item)
-    ):
+    item = _item(value)
+    is_table = isinstance(old, Mapping) or isinstance(item, Mapping)
+    # A table is written in another place than a value.
+    if name in table and is_table and type(old) is not type(item):
         table.remove(name)
     if isinstance(item, tomlkit.items.Table):
         item.add(tomlkit.nl())
@@ -245,13 +253,14 @@ def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) ->
     outside of all."""
     left = dict(gains)
     for table in document["exosystem"]["groups"]:
-        name = next(
-            (name for name in gains if name in {str(agent) for agent in table["agents"]}), None
-        )
-        _set(table, ["W"], None if name is None else left.pop(name), whole=True, remark=remark)
+        agents = {str(agent) for agent in table["agents"]}
+        name = next((name for name in gains if name in agents), None)
+        own = None if name is None else left.pop(name)
+        _set(table, ["W"], own, whole=True, remark=remark)
         _set(table, ["P"], None, whole=True, remark=remark)
-    for name, value in (("W", next(iter(left.values()), None)), ("P", None)):
-        _set(document, ["observer", name], value, whole=True, remark=remark)
+    outside = next(iter(left.values()), None)
+    _set(document, ["observer", "W"], outside, whole=True, remark=remark)
+    _set(document, ["observer", "P"], None, whole=True, remark=remark)
 
 
 def _change_lines(table: Any, wanted: Mapping[str, Any], remark: str) -> None:
@@ -286,18 +295,19 @@ def changed_file(
     SpecError.  ``text``: the TOML the problem came from, or None; its comments and its order stay
     where that is possible."""
     wanted = changed_problem(problem, changes)
-    for replacing in (False, True) if text is not None else ():
-        own = changed_text(text or "", changes, whole=replacing, remark=remark)
-        if own is not None and _gives(own, wanted, folder=folder):
-            return own
-    whole = problem_text(wanted)
-    if not _gives(whole, wanted, folder=folder):
-        what = (
-            "the changed problem cannot be written as a problem file: it is too large, or a "
-            "number in it too long."
-        )
-        raise SpecError(what, key="problem", cure="Make the change by hand.")
-    return whole
+    if text is not None:
+        for whole in (False, True):
+            own = changed_text(text, changes, whole=whole, remark=remark)
+            if own is not None and _gives(own, wanted, folder=folder):
+                return own
+    anew = problem_text(wanted)
+    if _gives(anew, wanted, folder=folder):
+        return anew
+    what = (
+        "the changed problem cannot be written as a problem file: it is too large, or a number in "
+        "it too long."
+    )
+    raise SpecError(what, key="problem", cure="Make the change by hand.")
 
 
 def _gives(text: str, wanted: Problem, *, folder: Path) -> bool:
@@ -311,56 +321,68 @@ def _gives(text: str, wanted: Problem, *, folder: Path) -> bool:
 
 def problem_text(problem: Problem) -> str:
     """A whole problem file.  Reading it gives an equal Problem."""
-    canonical = canonical_document(problem)
-    labels: list[str] = canonical["labels"]
+    labels = list(problem.network.labels)
+    counted = labels == [str(i + 1) for i in range(len(labels))]
     document = tomlkit.document()
     document["schema"] = 1
-    document["name"] = problem.name
-    if problem.notes:
-        document["notes"] = list(problem.notes)
+    for name, value in texts_of(problem).items():
+        if value:
+            document[name] = value
     document["target"] = [typed_number(x) for x in problem.target]
-    counted = labels == [str(i + 1) for i in range(len(labels))]
-    arcs: dict[str, Any] = {}
-    for mode, each in problem.network.modes.items():
-        every = [
-            [labels[i], labels[j]] if w == 1 else [labels[i], labels[j], typed_number(w)]
-            for i, j, w in each
-        ]
-        sure = len(every) - each.optional
-        arcs[mode] = {"arcs": every[:sure], "optional": every[sure:]} if each.optional else every
-    document["network"] = _table(
-        {"agents": len(labels) if counted else labels, "arrow": "listens_to", "modes": arcs}
-    )
-    special = canonical["coupling"]["exceptions"]
-    coupling = {"h": canonical["coupling"]["h"]}
-    if special:
-        coupling["exceptions"] = [
-            {"arcs": [[labels[i] for i in each["arc"]]], "h": each["h"]} for each in special
-        ]
-    for name, content in {"coupling": coupling, **_settings(problem, labels)}.items():
+    network = {
+        "agents": len(labels) if counted else labels,
+        "arrow": "listens_to",
+        "modes": {name: _arcs(arcs, labels) for name, arcs in problem.network.modes.items()},
+    }
+    document["network"] = _table(network)
+    document["coupling"] = _table(_coupling(problem, labels))
+    for name, content in _settings(problem, labels).items():
         document[name] = _table(content)
     return tomlkit.dumps(document)
 
 
-def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
+def _arcs(arcs: Arcs, labels: Sequence[str]) -> Any:
+    """The arcs of a mode; optional ones, which are the last, have a list of their own."""
+    rows: list[list[Any]] = []
+    for i, j, w in arcs:
+        row = [labels[i], labels[j]]
+        rows.append(row if w == 1 else [*row, typed_number(w)])
+    if not arcs.optional:
+        return rows
+    sure = len(rows) - arcs.optional
+    return {"arcs": rows[:sure], "optional": rows[sure:]}
+
+
+def _coupling(problem: Problem, labels: Sequence[str]) -> dict[str, Any]:
+    table: dict[str, Any] = {"h": coupling_text(problem.coupling)}
+    exceptions = []
+    for (i, j), coupling in sorted(problem.exceptions.items()):
+        exceptions.append({"arcs": [[labels[i], labels[j]]], "h": coupling_text(coupling)})
+    if exceptions:
+        table["exceptions"] = exceptions
+    return table
+
+
+def _settings(problem: Problem, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     """The tables after [coupling], those that say something, with the keys that say something."""
     tables = converted(settings_of(problem), typed_number)
     for group in (tables["exosystem"] or {}).get("groups", ()):
         group["agents"] = [labels[i] for i in group["agents"]]
-    offsets = {
-        labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()
-    }
+    offsets = {labels[i]: typed_matrix([x])[0] for i, x in problem.offsets.items()}
     # In the order of a file: an exosystem and its observer stand before the formation.
-    first = {
+    ordered = {
         "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
-        **dict.fromkeys(("exosystem", "observer")),
+        "exosystem": tables.pop("exosystem"),
+        "observer": tables.pop("observer"),
         "formation": {"offsets": offsets or None},
+        **tables,
     }
-    every = (first | tables).items()
-    kept = {
-        name: {key: x for key, x in (table or {}).items() if x is not None} for name, table in every
-    }
+    kept = {name: _given(table or {}) for name, table in ordered.items()}
     return {name: table for name, table in kept.items() if table}
+
+
+def _given(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if value is not None}
 
 
 def _table(content: Mapping[str, Any]) -> Any:
@@ -371,9 +393,7 @@ def _table(content: Mapping[str, Any]) -> Any:
         elif key == "groups":
             table[key] = tomlkit.aot()
             for group in value:
-                table[key].append(
-                    _table({name: part for name, part in group.items() if part is not None})
-                )
+                table[key].append(_table(_given(group)))
         else:
             table[key] = _item(value)
     return table

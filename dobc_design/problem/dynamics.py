@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._checks import put, require_square
+from dobc_design._checks import LATER, put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE, Expression, parse_expression
@@ -54,8 +54,8 @@ class Dynamics(Shown):
         1
     """
 
-    A: Matrix | None
-    f: tuple[str, ...] | None
+    A: Matrix | None = field(metadata=LATER)
+    f: tuple[str, ...] | None = field(metadata=LATER)
     B: Matrix
 
     def __init__(self, *, A: Any = None, f: Any = None, B: Any = None) -> None:

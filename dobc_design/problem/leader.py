@@ -9,12 +9,13 @@ section 13).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from math import ceil, floor, log10
 from typing import Any, Final
 
+from dobc_design._checks import LATER
 from dobc_design._show.cards import Shown
 from dobc_design.coupling.tree import IntervalAlgebra, Node, evaluate
 from dobc_design.errors import wrong
@@ -41,7 +42,7 @@ class Leader(Shown):
     """
 
     initial: tuple[Pair, ...]
-    stays_in: tuple[Pair, ...] | None = None
+    stays_in: tuple[Pair, ...] | None = field(default=None, metadata=LATER)
 
 
 def read_leader(value: Any, *, dynamics: Dynamics | None) -> Leader | None:

@@ -12,12 +12,12 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cache, partial
+from functools import partial
 from importlib.resources import files
-from itertools import islice, takewhile
+from itertools import takewhile
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,11 +27,12 @@ from pydantic import BaseModel, ValidationError
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.reading import MOST_ERRORS, NumberText, is_list, is_text, named, shown
-from dobc_design.problem import arcs_file, exosystems
+from dobc_design.problem import arcs_file
 from dobc_design.problem.canonical import problem_from_canonical
+from dobc_design.problem.disturbances import Disturbances, read_exosystem
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer, check_observer, group_key, renamed
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import (
     Arcs,
     Network,
@@ -41,13 +42,8 @@ from dobc_design.problem.network import (
     labels_of,
 )
 from dobc_design.problem.problem import Problem, dimension_of, is_name
-from dobc_design.problem.schema import (
-    RESERVED,
-    SCHEMA_VERSION,
-    ExosystemTable,
-    GroupTable,
-    ProblemFile,
-)
+from dobc_design.problem.schema import SCHEMA_VERSION, ProblemFile
+from dobc_design.problem.schema_errors import explain
 from dobc_design.problem.settings import Switching
 
 MAX_BYTES = 16 * 1024 * 1024
@@ -162,290 +158,21 @@ def _too_deep() -> SpecError:
     return SpecError(what, cure="Flatten it.")
 
 
-Location = tuple[int | str, ...]
 T = TypeVar("T")
-
-_EXAMPLES = {
-    "network": "[network] with agents, arrow and, below it, [network.modes]",
-    "network.agents": 'agents = 10, or agents = ["lead", "wing"]',
-    "network.arrow": 'arrow = "listens_to" when [a, b] means that a '
-    'hears b, else arrow = "sends_to"',
-    "network.modes": "[network.modes] and below it Ga = [[1, 2], [2, 3]]",
-    "coupling": '[coupling] and below it h = "exp(y) - 1 + y"',
-    "coupling.h": 'h = "exp(y) - 1 + y"',
-    "coupling.exceptions": '[[coupling.exceptions]] and below it arcs = [[1, 2]] and h = "2*y"',
-    "coupling.exceptions.arcs": "arcs = [[1, 2]]",
-    "coupling.exceptions.h": 'h = "2*y"',
-    "pinning": "[pinning] and below it gains = { 1 = 5.0, 6 = 2 }",
-    "exosystem": "[exosystem] and below it A = [[0, 2], [-2, 0]] and C = [[1, 0]]",
-    "exosystem.A": "A = [[0, 2], [-2, 0]]",
-    "exosystem.C": "C = [[1, 0]]",
-    "exosystem.groups": "[[exosystem.groups]] and below it agents = "
-    "[1, 2], A = [[0]] and C = [[1]]",
-    "exosystem.groups.agents": "agents = [1, 2]",
-    "formation.offsets": "offsets = { 2 = 1.5, 3 = -1.5 }",
-    "region.initial_states": "initial_states = [0, 5]",
-    "leader.initial": "initial = [[0, 1], [-1, 1]]",
-}
-
-
-def explain(error: ValidationError) -> SpecError:
-    """Turn what pydantic found into one error that names every key (the first twenty)."""
-    items = error.errors(include_url=False)
-    return SpecError.several([_explain(item) for item in islice(items, MOST_ERRORS)])
-
-
-def _explain(item: Any) -> SpecError:
-    location, value = item["loc"], item["input"]
-    key = key_text(location)
-    if item["type"] == "extra_forbidden":
-        return _unknown_key(key, location)
-    example = f"Write {_EXAMPLES.get(_without_places(key), f'[{key}] and its keys below')}."
-    if item["type"] == "missing":
-        return wrong(key, "is required and missing.", example)
-    kind = "list of tables" if item["type"] == "list_type" else "table"
-    return wrong(key, f"must be a {kind}; got {shown(value)}.", example)
-
-
-def key_text(location: Location) -> str:
-    """Write a location as the user would: tables dotted, places in a list as [0]."""
-    text = ""
-    for part in location:
-        text += f"[{part}]" if isinstance(part, int) else f"{'.' if text else ''}{named(part)}"
-    return text
-
-
-def _without_places(key: str) -> str:
-    return re.sub(r"\[\d+\]", "", key)
-
-
-def _unknown_key(key: str, location: Location) -> SpecError:
-    table, name = key_text(location[:-1]), str(location[-1])
-    place = f" in [{table}]" if table else ""
-    if _without_places(key) in RESERVED:
-        return wrong(
-            key,
-            f"is an unknown key{place}: it is reserved for a later version.",
-            "Remove it for now.",
-        )
-    known = known_keys(_without_places(table))
-    near = [other for other in known if other.lower() == name.lower()]
-    near += get_close_matches(name[:100], known, n=1, cutoff=0.7)
-    homes = [f"[{home}]" for home in _tables() if home and name in known_keys(home)]
-    hint = (
-        f'; did you mean "{near[0]}"?'
-        if near
-        else f"; it belongs in {' or '.join(homes)}."
-        if homes
-        else "."
-    )
-    return wrong(key, f"is an unknown key{place}{hint}", f"Known keys{place}: {', '.join(known)}.")
-
-
-@cache
-def _tables() -> dict[str, tuple[str, ...]]:
-    """The keys of every table, by its name; "" is the top of the file."""
-    schema = ProblemFile.model_json_schema(by_alias=True)
-    tables: dict[str, tuple[str, ...]] = {}
-
-    def walk(name: str, properties: dict[str, Any]) -> None:
-        tables[name] = tuple(properties)
-        for key, node in properties.items():
-            items = node.get("items", {})
-            for choice in (node, items, *node.get("anyOf", ())):
-                if "$ref" in choice:
-                    child = schema["$defs"][choice["$ref"].rsplit("/", 1)[1]]
-                    walk(f"{name}.{key}" if name else key, child["properties"])
-
-    walk("", schema["properties"])
-    return tables
-
-
-def known_keys(table: str) -> tuple[str, ...]:
-    """The keys that a table may have; "" is the top of the file."""
-    return _tables().get(table, ())
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Disturbances:
-    """What [exosystem] says: the exosystem of the agents in no group (None: they have no
-    disturbance), the groups, and the lists of agents without a disturbance, with their keys."""
-
-    exosystem: Exosystem | None = None
-    groups: tuple[Group, ...] = ()
-    without: Mapping[str, Sequence[Any]] = field(default_factory=dict)
-
-    def divided(
-        self, labels: Sequence[str], observer: Observer | None, states: int | None
-    ) -> tuple[Exosystem | None, tuple[Group, ...]]:
-        """The exosystem and the groups of a Problem, in which agents in no group have no
-        disturbance where there is no exosystem: agents that share it then are a group like others.
-        ``states``: how many an agent with [dynamics] has.  Raises: SpecError."""
-        listed = {str(agent): key for key, agents in self.without.items() for agent in agents}
-        if not listed or self.exosystem is None:
-            return self.exosystem, self.groups
-        others = {agent for group in self.groups for agent in group.agents} | set(listed)
-        rest = [label for label in labels if label not in others]
-        if not rest:
-            what = (
-                "and exosystem.C apply to no agent, because every agent is in a group of "
-                "exosystem.groups."
-            )
-            raise wrong("exosystem.A", what, "Remove A and C (or kind) from [exosystem].")
-        own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
-        check_observer(own, q=self.exosystem.order, m=self.exosystem.outputs, states=states)
-        return None, (*self.groups, Group(agents=rest, exosystem=self.exosystem, observer=own))
-
-    def checked(self, labels: Sequence[str]) -> Disturbances:
-        """Every agent without a disturbance is there, once.  Raises: SpecError."""
-        owner = {
-            agent: group_key(k) for k, group in enumerate(self.groups) for agent in group.agents
-        }
-        for key, agents in self.without.items():
-            for place, agent in enumerate(map(str, agents)):
-                if agent not in labels:
-                    what = f"there is no agent {shown(agent)} in network.agents."
-                    raise about(f"{key}.agents[{place}]", what, "Use the label of an agent.")
-                if agent in owner:
-                    what = (
-                        f"agent {shown(agent)} is in {owner[agent]} already, and an agent has "
-                        "one exosystem only."
-                    )
-                    raise about(f"{key}.agents[{place}]", what, "Keep it in one group.")
-                owner[agent] = key
-        return self
-
-
-def read_exosystem(
-    tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
-) -> Disturbances:
-    """The disturbances of all agents.  Raises: SpecError naming the keys.  ``dimension_of``: how
-    many state components there are, for the first exosystem given by A and C, or None; one given in
-    words has that many."""
-    table = tables.exosystem
-    if table is None:
-        return Disturbances()
-    errors: list[SpecError] = []
-    places = {"exosystem": table} | {
-        group_key(number): group for number, group in enumerate(table.groups)
-    }
-    found = {place: _explicit(each, place, errors) for place, each in places.items()}
-    raise_all(errors)
-    m = dimension_of(next((each for each in found.values() if each is not None), None))
-    own, *others = (
-        found[place] or _in_words(each, place, m, errors) for place, each in places.items()
-    )
-    result, without = list[Group](), dict[str, Sequence[Any]]()
-    for number, (each, exosystem) in enumerate(zip(table.groups, others, strict=True)):
-        try:
-            observer = Observer(W=each.W, P=each.P)
-            if exosystem is not None or each.none:
-                agents, key = each.agents, f"{group_key(number)}.agents"
-                if (
-                    not is_list(agents)
-                    or not agents
-                    or not all(is_text(x) or isinstance(x, str | int) for x in agents)
-                ):
-                    what = f"must be a list of labels, at least one; got {shown(agents)}."
-                    raise wrong(key, what, "For example agents = [1, 2].")
-            if exosystem is not None:
-                result.append(Group(agents=list(agents), exosystem=exosystem, observer=observer))
-            elif each.none:
-                without[group_key(number)] = list(agents)
-        except SpecError as error:
-            errors.append(renamed(error, group_key(number)))
-    raise_all(errors)
-    return Disturbances(exosystem=own, groups=tuple(result), without=without)
-
-
-def _explicit(
-    table: ExosystemTable | GroupTable, place: str, errors: list[SpecError]
-) -> Exosystem | None:
-    """The exosystem of A and C; None where a kind stands in their place, or where groups alone are
-    given."""
-    matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
-    parts = [name for name in exosystems.PARTS if getattr(table, name) is not None]
-    if isinstance(table, GroupTable) and table.none is not None:
-        _check_none(table, place, [*matrices, *parts], errors)
-        return None
-    if parts and matrices:
-        both = f"stands beside {' and '.join(matrices)}; only one of them can be used."
-        errors.append(
-            wrong(f"{place}.{parts[0]}", both, f"Give either A and C or {' and '.join(parts)}.")
-        )
-    if parts or (isinstance(table, ExosystemTable) and table.groups and not matrices):
-        return None
-    for name in sorted({"A", "C"} - set(matrices)):
-        example = _EXAMPLES[f"exosystem.{name}"]
-        errors.append(wrong(f"{place}.{name}", "is required and missing.", f"Write {example}."))
-    if len(matrices) < 2:
-        return None
-    try:
-        return Exosystem(A=table.A, C=table.C)
-    except SpecError as error:
-        found = renamed(error, place)
-        if "pi" in str(table.A):  # the commonest reason for pi is a sine
-            cure = (
-                f"For a sine write hz = [0.5] or frequencies = [3.14159265] in [{place}], in "
-                "place of A and C."
-            )
-            found = type(found)(str(found).partition("\n")[0], key=found.key, cure=cure)
-        errors.append(found)
-        return None
-
-
-def _check_none(
-    table: GroupTable, place: str, given: Sequence[str], errors: list[SpecError]
-) -> None:
-    """``none`` is true, and says all that there is to say of the disturbance of its agents."""
-    key, given = (
-        f"{place}.none",
-        [*given, *(name for name in ("W", "P") if getattr(table, name) is not None)],
-    )
-    if table.none is not True:
-        what = f"must be true, for agents without a disturbance; got {shown(table.none)}."
-        errors.append(
-            wrong(key, what, "Write none = true, or leave it out and give A and C, or a part.")
-        )
-    elif given:
-        what = (
-            f"stands beside {' and '.join(given)}: agents without a disturbance need no observer."
-        )
-        errors.append(wrong(key, what, f"Remove none, or {' and '.join(given)}."))
-
-
-def _in_words(
-    table: ExosystemTable | GroupTable, place: str, components: int, errors: list[SpecError]
-) -> Exosystem | None:
-    parts = {name: getattr(table, name) for name in exosystems.PARTS}
-    if all(value is None for value in parts.values()):
-        return None
-    try:
-        return exosystems.of_parts(**parts, components=components)
-    except SpecError as error:
-        for each in error.errors:
-            own = (each.key or "constant").removeprefix("exosystem").removeprefix(".")
-            key = f"{place}.{own}".rstrip(".")
-            errors.append(
-                type(each)(each.message.replace(each.key or "", key, 1), key=key, cure=each.cure)
-            )
-        return None
 
 
 def read_problem_file(path: Path) -> Problem:
     """Read a problem from a TOML file, or from a canonical problem.json.  Raises: SpecError naming
     key and cure."""
-    if path.suffix.lower() == ".json":  # it holds the arcs, too
-        return problem_from_canonical(read_bytes(path, limit=arcs_file.MAX_BYTES), name=path.name)
     suffix = path.suffix.lower()
+    if suffix == ".json":  # it holds the arcs, too
+        return problem_from_canonical(read_bytes(path, limit=arcs_file.MAX_BYTES), name=path.name)
     # a .txt may hold TOML
     if suffix in (*arcs_file.READERS, ".m") and suffix != ".txt" and path.is_file():
-        arcs = suffix != ".m"
-        what = (
-            f"{shown(path.name)} is {'a file of arcs' if arcs else 'a MATPOWER case'}, not a "
-            "problem file."
-        )
-        arrow = " --arrow listens_to (or sends_to)" if arcs else ""
+        kind, arrow = "a file of arcs", " --arrow listens_to (or sends_to)"
+        if suffix == ".m":
+            kind, arrow = "a MATPOWER case", ""
+        what = f"{shown(path.name)} is {kind}, not a problem file."
         cure = (
             f"`dobc new NAME --from FILE{arrow}` makes a problem of it; in Python "
             "problem_from_file does."
@@ -470,9 +197,10 @@ def read_problem_tables(
         tables = ProblemFile.model_validate(document)
     except ValidationError as error:
         raise explain(error) from None
-    return _build(
-        tables, folder=folder, default_name=default_name if is_name(default_name) else "problem"
-    )
+    name = default_name if is_name(default_name) else "problem"
+    if tables.name is not None:
+        name = tables.name
+    return _build(tables, folder=folder, name=name)
 
 
 def _check_version(document: Mapping[str, Any]) -> None:
@@ -497,73 +225,74 @@ def _tried(part: Callable[[], T], errors: list[SpecError]) -> T | None:
         return None
 
 
-def _given(table: BaseModel | None) -> dict[str, Any] | None:
-    return None if table is None else table.model_dump()
+def _given(value: Any) -> Any:
+    """A table as a dict; what is no table as it is."""
+    return value.model_dump() if isinstance(value, BaseModel) else value
 
 
-def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Problem:
+#: What is made into a noun here.  All else of a file is an argument of Problem, which reads it: a
+#: key of that kind needs no line in this module.
+_READ_HERE = (
+    "schema_",
+    "name",
+    "network",
+    "coupling",
+    "pinning",
+    "exosystem",
+    "observer",
+    "formation",
+    "switching",
+    "dynamics",
+)
+
+
+def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     errors: list[SpecError] = []
+    own = _given(tables.dynamics)
+    dynamics = None if own is None else Dynamics(**own)
 
-    table = _given(tables.dynamics)
-    dynamics = None if table is None else _tried(lambda: Dynamics(**table), errors)
-    if table is not None and dynamics is None:
-        raise SpecError.several(errors)
-
-    def dimension(exosystem: Exosystem | None) -> int:
-        return (
-            dimension_of(exosystem, tables.target, tables.coupling.h)
-            if dynamics is None
-            else dynamics.inputs
-        )
+    def inputs(exosystem: Exosystem | None) -> int:
+        if dynamics is not None:
+            return dynamics.inputs
+        return dimension_of(exosystem, tables.target, tables.coupling.h)
 
     network = _tried(lambda: _network(tables, folder=folder), errors)
-    given = _tried(lambda: read_exosystem(tables, dimension_of=dimension), errors)
-    own, signal = _given(tables.observer), _given(tables.switching)
-    observer = None if own is None else _tried(lambda: Observer(**own), errors)
-    switching = None if signal is None else _tried(lambda: Switching(**signal), errors)
+    given = _tried(lambda: read_exosystem(tables, dimension_of=inputs), errors)
+    observer = _tried(lambda: _observer(tables), errors)
+    switching = _tried(lambda: _switching(tables), errors)
     if given is None:
         raise SpecError.several(errors)
-    first = (
-        given.exosystem
-        if given.exosystem is not None or not given.groups
-        else given.groups[0].exosystem
-    )
-    m = _tried(lambda: dimension(first), errors)
-    if network is None or m is None:
+    p = _tried(lambda: inputs(given.first), errors)
+    if network is None or p is None:
         raise SpecError.several(errors)
-    labels, states = network.labels, None if dynamics is None else dynamics.dimension
-    known = _tried(lambda: given.checked(labels), errors)
-    divided = (
-        None if known is None else _tried(lambda: known.divided(labels, observer, states), errors)
-    )
+    states = None if dynamics is None else dynamics.dimension
+    divided = _tried(lambda: _divided(given, network.labels, observer, states), errors)
     if divided is None:
         raise SpecError.several(errors)
-    exosystem, groups = divided
     # W and P are those of the last group now
-    if exosystem is not given.exosystem and observer is not None:
+    if divided is not given and observer is not None:
         observer = None if observer.rate is None else Observer(rate=observer.rate)
-    sizes = (m, m) if dynamics is None else (dynamics.dimension, dynamics.inputs)
-    exceptions = _tried(lambda: _exceptions(tables, network, sizes=sizes), errors)
+    sizes = Sizes(dimension=p if states is None else states, outputs=p)
+    exceptions = _tried(lambda: _exceptions(tables, network, sizes), errors)
+    others = {
+        field: _given(getattr(tables, field))
+        for field in ProblemFile.model_fields
+        if field not in _READ_HERE
+    }
     problem = _tried(
         lambda: Problem(
-            name=default_name if tables.name is None else tables.name,
+            name=name,
             network=network,
             coupling=tables.coupling.h,
             exceptions=exceptions,
-            target=tables.target,
             gains=None if tables.pinning is None else tables.pinning.gains,
-            exosystem=exosystem,
+            exosystem=divided.exosystem,
             observer=observer,
-            groups=groups,
+            groups=divided.groups,
             offsets=None if tables.formation is None else tables.formation.offsets,
-            region=_given(tables.region),
             switching=switching,
-            notes=tables.notes,
-            simulation=_given(tables.simulation),
-            uncertainty=_given(tables.uncertainty),
-            actuators=_given(tables.actuators),
             dynamics=dynamics,
-            leader=_given(tables.leader),
+            **others,
         ),
         errors,
     )
@@ -572,25 +301,40 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
     return problem
 
 
+def _observer(tables: ProblemFile) -> Observer | None:
+    return None if tables.observer is None else Observer(**_given(tables.observer))
+
+
+def _switching(tables: ProblemFile) -> Switching | None:
+    return None if tables.switching is None else Switching(**_given(tables.switching))
+
+
+def _divided(
+    given: Disturbances, labels: Sequence[str], observer: Observer | None, states: int | None
+) -> Disturbances:
+    given.check(labels)
+    return given.divided(labels, observer, states)
+
+
 def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
-    table, errors = tables.network, list[SpecError]()
+    table = tables.network
+    errors: list[SpecError] = []
     _tried(lambda: check_arrow(table.arrow), errors)
     labels = _tried(lambda: labels_of(table.agents), errors)
     if labels is None or errors:
         raise SpecError.several(errors)
     index = {label: i for i, label in enumerate(labels)}
+    read = partial(_mode, index=index, arrow=table.arrow, folder=folder)
     modes: dict[str, Arcs] = {}
     for name, value in table.modes.items():
-        key = f"network.modes.{named(name)}"
         with kept(errors):
-            read = partial(_mode, index=index, arrow=table.arrow, folder=folder)
-            modes[name] = _with_optional(value, read, key=key)
+            modes[name] = _with_optional(value, read, key=f"network.modes.{named(name)}")
         if len(errors) >= MOST_ERRORS:
             break
+    if errors and not modes:
+        raise SpecError.several(errors)
     # With what can be read, so that further mistakes show at once.
-    network = (
-        _tried(lambda: Network(labels=labels, modes=modes), errors) if modes or not errors else None
-    )
+    network = _tried(lambda: Network(labels=labels, modes=modes), errors)
     if network is None or errors:
         raise SpecError.several(errors)
     return network
@@ -601,12 +345,11 @@ def _with_optional(value: Any, read: Callable[..., Arcs], *, key: str) -> Arcs:
     if not isinstance(value, dict) or "optional" not in value:
         return read(value, key=key)
     if set(value) != {"arcs", "optional"}:
-        what = (
-            "must have the keys arcs and optional, and no other; got "
-            f"{', '.join(map(shown, value))}."
-        )
+        keys = ", ".join(map(shown, value))
+        what = f"must have the keys arcs and optional, and no other; got {keys}."
         raise wrong(key, what, "For example arcs = [[1, 2]] and optional = [[2, 3]].")
-    return joined(*(read(value[part], key=f"{key}.{part}") for part in ("arcs", "optional")))
+    always = read(value["arcs"], key=f"{key}.arcs")
+    return joined(always, read(value["optional"], key=f"{key}.optional"))
 
 
 def _mode(
@@ -617,49 +360,50 @@ def _mode(
     known = isinstance(value, dict) and set(value) <= {"file", "merge", "drop_loops"}
     if not known or not is_text(value.get("file")):
         wanted = 'a list of arcs, { file = "arcs.csv" } or a table with arcs and optional'
-        what = f"{key} must be {wanted}; got {shown(value)}."
         cure = (
             'For example [[1, 2], [2, 3]]; beside file may stand merge = "sum" and drop_loops '
             "= true."
         )
-        raise SpecError(what, key=key, cure=cure)
+        raise SpecError(f"{key} must be {wanted}; got {shown(value)}.", key=key, cure=cure)
     repairs = {name: value[name] for name in ("merge", "drop_loops") if name in value}
     return arcs_file.read_arcs_file(
         value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file", **repairs
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sizes:
+    """What a coupling takes and gives: state components, and inputs."""
+
+    dimension: int
+    outputs: int
+
+
 def _exceptions(
-    tables: ProblemFile, network: Network, *, sizes: tuple[int, int]
+    tables: ProblemFile, network: Network, sizes: Sizes
 ) -> dict[tuple[int, int], Coupling]:
     given = tables.coupling.exceptions
-    codes, index = (network.arc_codes(), network.index) if given else (set(), {})
+    if not given:
+        return {}
+    codes, index = network.arc_codes(), network.index
     result: dict[tuple[int, int], Coupling] = {}
     errors: list[SpecError] = []
     for position, table in enumerate(given):
         key = f"coupling.exceptions[{position}]"
-        pairs, seen = list[tuple[int, int]](), set[tuple[int, int]]()
+        pairs: list[tuple[int, int]] = []
         with kept(errors):
             pairs = _exception_arcs(
                 table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow
             )
-            for place, (listener, speaker) in enumerate(pairs):
-                names = (
-                    f"{named(network.labels[listener])} listens to {named(network.labels[speaker])}"
-                )
-                if listener * network.size + speaker not in codes:
-                    turned = speaker * network.size + listener in codes
-                    end = "; it is there the other way round." if turned else "."
-                    what = f"no mode has the arc in which {names}{end}"
-                    raise about(
-                        f"{key}.arcs[{place}]", what, "Correct the arc, or remove the exception."
-                    )
-                if (listener, speaker) in result or (listener, speaker) in seen:
-                    what = f"the arc in which {names} has an exception already."
-                    raise about(f"{key}.arcs[{place}]", what, "Keep one of them.")
-                seen.add((listener, speaker))
+            seen: set[tuple[int, int]] = set()
+            for place, arc in enumerate(pairs):
+                taken = arc in result or arc in seen
+                _check_exception(arc, network, codes, taken=taken, key=f"{key}.arcs[{place}]")
+                seen.add(arc)
         with kept(errors):
-            coupling = make_coupling(table.h, dimension=sizes[0], outputs=sizes[1], key=f"{key}.h")
+            coupling = make_coupling(
+                table.h, dimension=sizes.dimension, outputs=sizes.outputs, key=f"{key}.h"
+            )
             result |= dict.fromkeys(pairs, coupling)
         if len(errors) >= MOST_ERRORS:
             break
@@ -667,13 +411,28 @@ def _exceptions(
     return result
 
 
+def _check_exception(
+    arc: tuple[int, int], network: Network, codes: Set[int], *, taken: bool, key: str
+) -> None:
+    """Refuse an arc that is not there, or is taken: it has an exception.  Raises: SpecError."""
+    listener, speaker = arc
+    names = f"{named(network.labels[listener])} listens to {named(network.labels[speaker])}"
+    if listener * network.size + speaker not in codes:
+        turned = speaker * network.size + listener in codes
+        end = "; it is there the other way round." if turned else "."
+        what = f"no mode has the arc in which {names}{end}"
+        raise about(key, what, "Correct the arc, or remove the exception.")
+    if taken:
+        what = f"the arc in which {names} has an exception already."
+        raise about(key, what, "Keep one of them.")
+
+
 def _exception_arcs(
     value: Any, *, key: str, index: Mapping[str, int], arrow: str
 ) -> list[tuple[int, int]]:
     if not is_list(value) or not value:
-        raise wrong(
-            key, f"must be a list of arcs; got {shown(value)}.", "For example [[1, 2], [2, 3]]."
-        )
+        what = f"must be a list of arcs; got {shown(value)}."
+        raise wrong(key, what, "For example [[1, 2], [2, 3]].")
     for place, arc in enumerate(value):
         if is_list(arc) and len(arc) == 3:
             what = "must be [a, b]; the weight stands with the arc in its mode."

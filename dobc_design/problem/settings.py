@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
+from dobc_design._checks import LATER
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix, Vector
@@ -164,7 +165,7 @@ class Simulation:
     t_final: Fraction
     seed: int
     xi0: Rows | None
-    x0: Rows | None = None
+    x0: Rows | None = field(default=None, metadata=LATER)
 
 
 def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
@@ -307,15 +308,15 @@ class Switching(Shown):
 
     signal: str
     dwell: Fraction | None = None
-    sequence: tuple[str, ...] | None = None
-    period: Fraction | None = None
-    generator: Matrix | None = None
-    schedule: Schedule | None = None
-    radius: Fraction | None = None
-    neighbours: int | None = None
-    hysteresis: Fraction | None = None
-    guarantee: str | None = None
-    longest: Fraction | None = None
+    sequence: tuple[str, ...] | None = field(default=None, metadata=LATER)
+    period: Fraction | None = field(default=None, metadata=LATER)
+    generator: Matrix | None = field(default=None, metadata=LATER)
+    schedule: Schedule | None = field(default=None, metadata=LATER)
+    radius: Fraction | None = field(default=None, metadata=LATER)
+    neighbours: int | None = field(default=None, metadata=LATER)
+    hysteresis: Fraction | None = field(default=None, metadata=LATER)
+    guarantee: str | None = field(default=None, metadata=LATER)
+    longest: Fraction | None = field(default=None, metadata=LATER)
 
     def __init__(
         self,

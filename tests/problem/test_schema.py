@@ -10,9 +10,10 @@ import pytest
 from bad_files import BAD_FILES, UNKNOWN_KEYS, VALID, VALID_BUT_NASTY
 
 from dobc_design.problem.exosystems import PARTS
-from dobc_design.problem.load import builtin_names, builtin_text, known_keys
+from dobc_design.problem.load import builtin_names, builtin_text
 from dobc_design.problem.network import ARROWS
 from dobc_design.problem.schema import RESERVED, json_schema
+from dobc_design.problem.schema_errors import known_keys
 from dobc_design.problem.settings import GUARANTEES, KEYS, SIGNALS
 
 TABLES = (

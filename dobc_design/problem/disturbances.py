@@ -1,0 +1,190 @@
+"""[exosystem] of a problem file: the disturbances of all agents, given by A and C or in words, and
+the groups of agents that have one of their own, or none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from dobc_design.errors import SpecError, about, raise_all, wrong
+from dobc_design.exact.reading import is_list, is_text, shown
+from dobc_design.problem import exosystems
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer, check_observer, group_key, renamed
+from dobc_design.problem.schema import ExosystemTable, GroupTable, ProblemFile
+from dobc_design.problem.schema_errors import EXAMPLES
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disturbances:
+    """What [exosystem] says: the exosystem of the agents in no group (None: they have no
+    disturbance), the groups, and the lists of agents without a disturbance, with their keys."""
+
+    exosystem: Exosystem | None = None
+    groups: tuple[Group, ...] = ()
+    without: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+
+    @property
+    def first(self) -> Exosystem | None:
+        """That of [exosystem] itself, else of the first group."""
+        if self.exosystem is None and self.groups:
+            return self.groups[0].exosystem
+        return self.exosystem
+
+    def divided(
+        self, labels: Sequence[str], observer: Observer | None, states: int | None
+    ) -> Disturbances:
+        """The exosystem and the groups of a Problem, in which agents in no group have no
+        disturbance where there is no exosystem: agents that share it then are a group like others.
+        ``states``: how many an agent with [dynamics] has.  Raises: SpecError."""
+        listed = {str(agent) for agents in self.without.values() for agent in agents}
+        if not listed or self.exosystem is None:
+            return self
+        others = {agent for group in self.groups for agent in group.agents} | listed
+        rest = [label for label in labels if label not in others]
+        if not rest:
+            what = (
+                "and exosystem.C apply to no agent, because every agent is in a group of "
+                "exosystem.groups."
+            )
+            raise wrong("exosystem.A", what, "Remove A and C (or kind) from [exosystem].")
+        own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
+        check_observer(own, q=self.exosystem.order, m=self.exosystem.outputs, states=states)
+        group = Group(agents=rest, exosystem=self.exosystem, observer=own)
+        return Disturbances(groups=(*self.groups, group))
+
+    def check(self, labels: Sequence[str]) -> None:
+        """Every agent without a disturbance is there, once.  Raises: SpecError."""
+        owner: dict[str, str] = {}
+        for number, group in enumerate(self.groups):
+            owner |= dict.fromkeys(group.agents, group_key(number))
+        for key, agents in self.without.items():
+            for place, agent in enumerate(map(str, agents)):
+                own = f"{key}.agents[{place}]"
+                if agent not in labels:
+                    what = f"there is no agent {shown(agent)} in network.agents."
+                    raise about(own, what, "Use the label of an agent.")
+                if agent in owner:
+                    what = f"agent {shown(agent)} is in {owner[agent]} already, and an agent has "
+                    raise about(own, f"{what}one exosystem only.", "Keep it in one group.")
+                owner[agent] = key
+
+
+def read_exosystem(
+    tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
+) -> Disturbances:
+    """The disturbances of all agents.  Raises: SpecError naming the keys.  ``dimension_of``: how
+    many state components there are, for the first exosystem given by A and C, or None; one given in
+    words has that many."""
+    table = tables.exosystem
+    if table is None:
+        return Disturbances()
+    errors: list[SpecError] = []
+    places: dict[str, ExosystemTable | GroupTable] = {"exosystem": table}
+    for number, group in enumerate(table.groups):
+        places[group_key(number)] = group
+    found = {place: _explicit(each, place, errors) for place, each in places.items()}
+    raise_all(errors)
+    m = dimension_of(next((each for each in found.values() if each is not None), None))
+    for place, each in places.items():
+        if found[place] is None:
+            found[place] = _in_words(each, place, m, errors)
+    groups: list[Group] = []
+    without: dict[str, Sequence[Any]] = {}
+    for number, group in enumerate(table.groups):
+        place = group_key(number)
+        exosystem = found[place]
+        try:
+            observer = Observer(W=group.W, P=group.P)
+            if exosystem is not None:
+                agents = _labels(group.agents, key=f"{place}.agents")
+                groups.append(Group(agents=agents, exosystem=exosystem, observer=observer))
+            elif group.none:
+                without[place] = _labels(group.agents, key=f"{place}.agents")
+        except SpecError as error:
+            errors.append(renamed(error, place))
+    raise_all(errors)
+    return Disturbances(exosystem=found["exosystem"], groups=tuple(groups), without=without)
+
+
+def _labels(agents: Any, *, key: str) -> list[Any]:
+    known = is_list(agents) and len(agents) > 0
+    if not known or not all(is_text(x) or isinstance(x, str | int) for x in agents):
+        what = f"must be a list of labels, at least one; got {shown(agents)}."
+        raise wrong(key, what, "For example agents = [1, 2].")
+    return list(agents)
+
+
+def _explicit(
+    table: ExosystemTable | GroupTable, place: str, errors: list[SpecError]
+) -> Exosystem | None:
+    """The exosystem of A and C; None where a kind stands in their place, or where groups alone are
+    given."""
+    matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
+    parts = [name for name in exosystems.PARTS if getattr(table, name) is not None]
+    if isinstance(table, GroupTable) and table.none is not None:
+        _check_none(table, place, [*matrices, *parts], errors)
+        return None
+    if parts and matrices:
+        what = f"stands beside {' and '.join(matrices)}; only one of them can be used."
+        cure = f"Give either A and C or {' and '.join(parts)}."
+        errors.append(wrong(f"{place}.{parts[0]}", what, cure))
+    if parts:
+        return None
+    if isinstance(table, ExosystemTable) and table.groups and not matrices:
+        return None
+    for name in ("A", "C"):
+        if name not in matrices:
+            example = EXAMPLES[f"exosystem.{name}"]
+            errors.append(wrong(f"{place}.{name}", "is required and missing.", f"Write {example}."))
+    if len(matrices) < 2:
+        return None
+    try:
+        return Exosystem(A=table.A, C=table.C)
+    except SpecError as error:
+        found = renamed(error, place)
+        if "pi" in str(table.A):  # the commonest reason for pi is a sine
+            cure = (
+                f"For a sine write hz = [0.5] or frequencies = [3.14159265] in [{place}], in "
+                "place of A and C."
+            )
+            found = type(found)(str(found).partition("\n")[0], key=found.key, cure=cure)
+        errors.append(found)
+        return None
+
+
+def _check_none(
+    table: GroupTable, place: str, given: Sequence[str], errors: list[SpecError]
+) -> None:
+    """``none`` is true, and says all that there is to say of the disturbance of its agents."""
+    key = f"{place}.none"
+    observed = [name for name in ("W", "P") if getattr(table, name) is not None]
+    beside = " and ".join([*given, *observed])
+    if table.none is not True:
+        what = f"must be true, for agents without a disturbance; got {shown(table.none)}."
+        cure = "Write none = true, or leave it out and give A and C, or a part."
+        errors.append(wrong(key, what, cure))
+    elif beside:
+        what = f"stands beside {beside}: agents without a disturbance need no observer."
+        errors.append(wrong(key, what, f"Remove none, or {beside}."))
+
+
+def _in_words(
+    table: ExosystemTable | GroupTable, place: str, components: int, errors: list[SpecError]
+) -> Exosystem | None:
+    """The exosystem of parts that are named, such as hz; None where there are none."""
+    parts = {name: getattr(table, name) for name in exosystems.PARTS}
+    if all(value is None for value in parts.values()):
+        return None
+    try:
+        return exosystems.of_parts(**parts, components=components)
+    except SpecError as error:
+        for each in error.errors:
+            was = each.key or ""
+            own = (was or "constant").removeprefix("exosystem").removeprefix(".")
+            key = f"{place}.{own}".rstrip(".")
+            message = each.message.replace(was, key, 1)
+            errors.append(type(each)(message, key=key, cure=each.cure))
+        return None

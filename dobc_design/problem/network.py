@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import put
-from dobc_design._show.cards import MOST_ROWS, Card, Shown, cut, listed
+from dobc_design._show.cards import MOST_ITEMS, MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import (
@@ -41,12 +41,9 @@ WANTED = f"text of 1 to {LONGEST_LABEL} printable characters"
 
 def is_label(value: object) -> bool:
     """Tell whether ``value`` is text that can name an agent or a mode."""
-    return (
-        isinstance(value, str)
-        and len(value) <= LONGEST_LABEL
-        and value.isprintable()
-        and bool(value.strip())
-    )
+    if not isinstance(value, str) or len(value) > LONGEST_LABEL:
+        return False
+    return value.isprintable() and bool(value.strip())
 
 
 def one_form(text: object) -> str:
@@ -72,28 +69,27 @@ def label_text(value: object, *, place: str = "network.agents") -> str:
 
 def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     """Turn a count (labels 1..n) or labels into labels.  Raises SpecError."""
-    if (
-        isinstance(agents, (int, np.integer))
-        and not isinstance(agents, bool)
-        and 1 <= agents <= MOST_AGENTS
-    ):
+    if isinstance(agents, (int, np.integer)):
+        if isinstance(agents, bool) or not 1 <= agents <= MOST_AGENTS:
+            raise _no_agents(agents)
         return tuple(map(str, range(1, int(agents) + 1)))
-    if isinstance(agents, (int, np.integer, str, Mapping)) or not isinstance(agents, Iterable):
-        what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
-        raise wrong("network.agents", what, "For example agents = 10.")
-    labels = tuple(
-        label
-        if type(label) is str and label.isascii() and is_label(label)
-        else label_text(label, place=f"network.agents[{position}]")
-        for position, label in enumerate(agents)
-    )
+    if isinstance(agents, (str, Mapping)) or not isinstance(agents, Iterable):
+        raise _no_agents(agents)
+    labels = []
+    for position, label in enumerate(agents):
+        if type(label) is str and label.isascii() and is_label(label):
+            labels.append(label)  # the common case, without a message to prepare
+        else:
+            labels.append(label_text(label, place=f"network.agents[{position}]"))
     if not labels:
-        raise wrong(
-            "network.agents",
-            "must name at least one agent; got none.",
-            "Give a count, or a list of labels.",
-        )
-    return labels
+        what = "must name at least one agent; got none."
+        raise wrong("network.agents", what, "Give a count, or a list of labels.")
+    return tuple(labels)
+
+
+def _no_agents(agents: object) -> SpecError:
+    what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
+    return wrong("network.agents", what, "For example agents = 10.")
 
 
 ARROWS = ("listens_to", "sends_to")
@@ -145,10 +141,10 @@ class Arcs:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Arcs):
             return NotImplemented
-        same = map(
-            np.array_equal, (self.listeners, self.speakers), (other.listeners, other.speakers)
-        )
-        return all(same) and (self.weights, self.optional) == (other.weights, other.optional)
+        if (self.weights, self.optional) != (other.weights, other.optional):
+            return False
+        same = np.array_equal(self.listeners, other.listeners)
+        return same and np.array_equal(self.speakers, other.speakers)
 
     def __hash__(self) -> int:
         # The different weights, and not all of them: a Fraction takes long to hash.
@@ -189,8 +185,10 @@ def arcs_from_pairs(
         if len(errors) >= MOST_ERRORS:
             break
     raise_all(errors)
-    first, second = (np.array([arc[end] for arc in found], dtype=np.int64) for end in (0, 1))
-    return directed(first, second, parse_weights([arc[2] for arc in found], key=key), arrow=arrow)
+    first = np.array([arc[0] for arc in found], dtype=np.int64)
+    second = np.array([arc[1] for arc in found], dtype=np.int64)
+    weights = parse_weights([arc[2] for arc in found], key=key)
+    return directed(first, second, weights, arrow=arrow)
 
 
 def directed(
@@ -200,7 +198,9 @@ def directed(
     check_arrow(arrow)
     for ends in (first, second):
         ends.setflags(write=False)
-    return Arcs(first, second, weights) if arrow == "listens_to" else Arcs(second, first, weights)
+    if arrow == "listens_to":
+        return Arcs(first, second, weights)
+    return Arcs(second, first, weights)
 
 
 def check_repairs(merge: object, drop_loops: object, *, key: str) -> None:
@@ -230,11 +230,11 @@ def summed(
 ) -> tuple[IndexArray, IndexArray, list[Fraction]]:
     """Arcs with the weights of parallel ones added, each at its first place."""
     total: dict[tuple[int, int], Fraction] = {}
-    for *ends, weight in zip(first.tolist(), second.tolist(), weights, strict=True):
-        pair = (ends[0], ends[1])
-        total[pair] = total[pair] + weight if pair in total else weight
-    a, b = (np.array([pair[end] for pair in total], dtype=np.int64) for end in (0, 1))
-    return a, b, list(total.values())
+    for a, b, weight in zip(first.tolist(), second.tolist(), weights, strict=True):
+        total[a, b] = total[a, b] + weight if (a, b) in total else weight
+    firsts = np.array([a for a, _ in total], dtype=np.int64)
+    seconds = np.array([b for _, b in total], dtype=np.int64)
+    return firsts, seconds, list(total.values())
 
 
 def without_loops(
@@ -264,13 +264,9 @@ def repaired(arcs: Arcs, *, merge: str | None, drop_loops: bool) -> Arcs:
 def check_arrow(arrow: object) -> None:
     """Refuse anything but "listens_to" and "sends_to"."""
     if arrow not in ARROWS:
-        what = (
-            'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means; got '
-            f"{shown(arrow)}."
-        )
-        raise SpecError(
-            what, key="network.arrow", cure='"listens_to": a hears b. "sends_to": a is heard by b.'
-        )
+        what = 'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means;'
+        cure = '"listens_to": a hears b. "sends_to": a is heard by b.'
+        raise SpecError(f"{what} got {shown(arrow)}.", key="network.arrow", cure=cure)
 
 
 def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> int | None:
@@ -283,11 +279,8 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> int | None:
         return f"network.modes.{named(mode)}{place_of(arcs, place)}"
 
     if type(arcs.optional) is not int or not 0 <= arcs.optional <= len(arcs):
-        raise wrong(
-            at(0),
-            f"has {len(arcs)} arcs; optional cannot be {arcs.optional}.",
-            "Give how many come and go.",
-        )
+        what = f"has {len(arcs)} arcs; optional cannot be {arcs.optional}."
+        raise wrong(at(0), what, "Give how many come and go.")
     for ends in (arcs.listeners, arcs.speakers):
         outside = np.flatnonzero((ends < 0) | (ends >= n))
         if len(outside):
@@ -296,22 +289,18 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> int | None:
     loops = np.flatnonzero(arcs.listeners == arcs.speakers)
     if len(loops):
         name = named(labels[int(arcs.listeners[loops[0]])])
-        raise about(
-            at(loops[0]), f"agent {name} must not listen to itself; got a self-arc.", _DROP_ONE
-        )
-    codes = arcs.listeners * n + arcs.speakers
-    order = np.argsort(codes, kind="stable")
-    again = np.flatnonzero(np.diff(codes[order]) == 0)
+        what = f"agent {name} must not listen to itself; got a self-arc."
+        raise about(at(loops[0]), what, _DROP_ONE)
+    again = repeated(arcs.listeners, arcs.speakers)
     if len(again):
-        position = int(order[again + 1].min())
+        position = int(again[0])
         what = f"{_sentence(arcs, position, labels)} already; this arc is a duplicate."
         raise about(at(position), what, _ADD_UP)
+    # most weights are one and the same object
     wrong_sign = next((i for i, w in enumerate(arcs.weights) if w is not ONE and w <= 0), None)
     if wrong_sign is not None and not arcs.weights[wrong_sign]:
-        what = (
-            "a weight must be > 0, because it multiplies h; "
-            f"{_sentence(arcs, wrong_sign, labels)} with 0."
-        )
+        what = "a weight must be > 0, because it multiplies h;"
+        what += f" {_sentence(arcs, wrong_sign, labels)} with 0."
         raise about(at(wrong_sign), what, "Leave the arc out.")
     return wrong_sign
 
@@ -321,23 +310,20 @@ def negative_weight(
 ) -> SpecError:
     """Says what a negative weight may mean, and how that is written; the signs of all modes
     count."""
-    signed = (
-        (listener, speaker, weight < 0)
-        for each in modes.values()
-        for listener, speaker, weight in each
-    )
+    every = chain.from_iterable(modes.values())
+    signed = ((listener, speaker, weight < 0) for listener, speaker, weight in every)
     arcs = modes[mode]
-    listener, speaker = (
-        named(labels[int(ends[place])]) for ends in (arcs.listeners, arcs.speakers)
+    listener = named(labels[int(arcs.listeners[place])])
+    speaker = named(labels[int(arcs.speakers[place])])
+    what = (
+        f"a weight must be > 0, because it multiplies h(x_j - x_i); {listener} listens to "
+        f"{speaker} with {shown_number(arcs.weights[place])}."
     )
-    found = f"{listener} listens to {speaker} with {shown_number(arcs.weights[place])}"
-    what = f"a weight must be > 0, because it multiplies h(x_j - x_i); {found}."
+    advice = opposition_advice(labels, signed, cure="leave the minus signs of the weights out")
     cure = (
         f"A signed graph, in which {listener} follows -x of {speaker}, is not supported yet. "
-        f"{opposition_advice(labels, signed, cure='leave the minus signs of the weights out')} "
-        f"If {listener} is to move away from {speaker} instead, give the arc a positive "
-        "weight and, in "
-        "[[coupling.exceptions]], an h with the other sign."
+        f"{advice} If {listener} is to move away from {speaker} instead, give the arc a positive "
+        "weight and, in [[coupling.exceptions]], an h with the other sign."
     )
     return about(f"network.modes.{named(mode)}{place_of(arcs, place)}", what, cure)
 
@@ -345,11 +331,9 @@ def negative_weight(
 def place_of(arcs: Arcs, place: int) -> str:
     """The key of an arc within its mode: [2], .arcs[2], .optional[0]."""
     count = len(arcs) - arcs.optional
-    return (
-        f".optional[{place - count}]"
-        if place >= count
-        else f"{'.arcs' if arcs.optional else ''}[{place}]"
-    )
+    if place >= count:
+        return f".optional[{place - count}]"
+    return f".arcs[{place}]" if arcs.optional else f"[{place}]"
 
 
 def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
@@ -368,10 +352,8 @@ def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tu
         except SpecError as error:
             raise SpecError(error.message, key=f"{key}[{position}]", cure=error.cure) from None
         if text not in index:
-            what = (
-                f"arc {shown(list(pair))} leaves the graph; there is no agent "
-                f"{shown(text)}{_range(index)}."
-            )
+            what = f"arc {shown(list(pair))} leaves the graph;"
+            what += f" there is no agent {shown(text)}{_range(index)}."
             raise about(key, what, "Use a label from network.agents.")
         ends.append(index[text])
     return ends[0], ends[1], pair[2] if len(pair) == 3 else 1
@@ -381,7 +363,8 @@ def _range(index: Mapping[str, int]) -> str:
     names = list(index)
     if len(names) > 3 and names[0] == "1" and names[-1] == str(len(names)):
         return f" (agents are numbered 1 to {len(names)})"
-    return f" (agents: {', '.join(map(named, names[:6]))}{', ...' if len(names) > 6 else ''})"
+    more = ", ..." if len(names) > 6 else ""
+    return f" (agents: {', '.join(map(named, names[:6]))}{more})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -398,21 +381,11 @@ class Network(Shown):
     def __post_init__(self) -> None:
         put(self, modes=MappingProxyType(dict(self.modes)))
         put(self, labels=labels_of(self.labels))
-        if len(set(self.labels)) < len(self.labels):
-            first: dict[str, int] = {}
-            repeated = next(
-                label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i
-            )
-            what = f"must be different from one another; {shown(repeated)} appears twice"
-            what += ' (labels are text: 1 and "1" are one label).'
-            raise wrong("network.agents", what, "Rename one of the two.")
+        _check_different(self.labels)
         if not self.modes:
             what = "must hold at least one mode; got none."
-            raise wrong(
-                "network.modes",
-                what,
-                "Give one list of arcs for a fixed topology, several for switching.",
-            )
+            cure = "Give one list of arcs for a fixed topology, several for switching."
+            raise wrong("network.modes", what, cure)
         for name, arcs in self.modes.items():
             if not is_label(name):
                 what = f"the name of a mode must be {WANTED}; got {shown(name)}."
@@ -433,8 +406,9 @@ class Network(Shown):
         return partial(Network, labels=self.labels, modes=dict(self.modes)), ()
 
     def _card(self) -> Card:
-        few = islice(self.modes.items(), MOST_ROWS)
-        rows = [(name, len(arcs), cut(_listening(self.labels, arcs), 160)) for name, arcs in few]
+        rows = []
+        for name, arcs in islice(self.modes.items(), MOST_ROWS):
+            rows.append((name, len(arcs), cut(_listening(self.labels, arcs), 160)))
         return Card(
             title="Network",
             text=f"{counted(self.size, 'agent')}: {listed(self.labels)}",
@@ -444,10 +418,8 @@ class Network(Shown):
         )
 
     def __repr__(self) -> str:
-        few = [
-            f"{name} with {counted(len(arcs), 'arc')}"
-            for name, arcs in islice(self.modes.items(), 13)
-        ]
+        first = islice(self.modes.items(), MOST_ITEMS + 1)
+        few = [f"{name} with {counted(len(arcs), 'arc')}" for name, arcs in first]
         modes = listed(few, count=len(self.modes))
         return f"<Network of {counted(self.size, 'agent')}: {modes}>"
 
@@ -473,11 +445,10 @@ class Network(Shown):
 
     def arc_codes(self) -> set[int]:
         """listener * n + speaker of every arc of every mode."""
-        return {
-            code
-            for arcs in self.modes.values()
-            for code in (arcs.listeners * self.size + arcs.speakers).tolist()
-        }
+        codes: set[int] = set()
+        for arcs in self.modes.values():
+            codes.update((arcs.listeners * self.size + arcs.speakers).tolist())
+        return codes
 
     @classmethod
     def from_arcs(
@@ -504,31 +475,14 @@ class Network(Shown):
             ('tail', 'head')
         """
         check_repairs(merge, drop_loops, key="arcs")
-        given = [
-            _modes(each, isinstance(each, Mapping))
-            for each in (arcs, () if optional is None else optional)
-        ]
-        for key, modes in zip(("arcs", "optional"), given, strict=True):
-            if wrongly := [listed for listed in modes.values() if not isinstance(listed, Iterable)]:
-                raise wrong(
-                    key,
-                    f"must be a list of arcs; got {shown(wrongly[0])}.",
-                    "For example [[1, 2], [2, 3]].",
-                )
-        lists, more = (
-            {
-                name: [tuple(arc) if is_list(arc) else arc for arc in pairs]
-                for name, pairs in each.items()
-            }
-            for each in given
-        )
+        lists = _lists_of_arcs(arcs, key="arcs")
+        more = {} if optional is None else _lists_of_arcs(optional, key="optional")
         more = {name: pairs for name, pairs in more.items() if pairs}
-        if unknown := set(more) - set(lists):
-            what = (
-                f"names a mode that arcs does not; got {shown(min(unknown))} (a list without "
-                "names means G)."
-            )
-            raise wrong("optional", what, "Use the names of arcs.")
+        unknown = set(more) - set(lists)
+        if unknown:
+            what = f"names a mode that arcs does not; got {shown(min(unknown))}"
+            cure = "Use the names of arcs."
+            raise wrong("optional", f"{what} (a list without names means G).", cure)
         if agents is None:  # malformed arcs are reported later
             pairs = chain(*lists.values(), *more.values())
             ends = (end for arc in pairs if is_list(arc) for end in arc[:2])
@@ -536,14 +490,15 @@ class Network(Shown):
         else:
             labels = labels_of(agents)
         index = {label: i for i, label in enumerate(labels)}
-        keys = {name: f"network.modes.{named(name)}" for name in lists}
-        modes = {}
-        for name, each in lists.items():
-            found = arcs_from_pairs(each, index=index, arrow=arrow, key=keys[name])
-            modes[name] = repaired(found, merge=merge, drop_loops=drop_loops)
+
+        def read(pairs: list[Any], key: str) -> Arcs:
+            found = arcs_from_pairs(pairs, index=index, arrow=arrow, key=key)
+            return repaired(found, merge=merge, drop_loops=drop_loops)
+
+        modes = {name: read(each, f"network.modes.{named(name)}") for name, each in lists.items()}
         for name, each in more.items():
-            found = arcs_from_pairs(each, index=index, arrow=arrow, key=f"{keys[name]}.optional")
-            modes[name] = joined(modes[name], repaired(found, merge=merge, drop_loops=drop_loops))
+            loose = read(each, f"network.modes.{named(name)}.optional")
+            modes[name] = joined(modes[name], loose)
         return cls(labels=labels, modes=modes)
 
     @classmethod
@@ -567,11 +522,9 @@ class Network(Shown):
         for name, each in graphs.items():
             key = f"network.modes.{named(name)}"
             if not hasattr(each, "edges") or not hasattr(each, "is_directed"):
-                cure = (
-                    "For lists of pairs there is Network.from_arcs, for matrices "
-                    "Network.from_sparse."
-                )
-                raise wrong(key, f"must be a networkx graph; got {type(each).__name__}.", cure)
+                what = f"must be a networkx graph; got {type(each).__name__}."
+                cure = "For lists of pairs there is Network.from_arcs,"
+                raise wrong(key, what, f"{cure} for matrices Network.from_sparse.")
             try:
                 nodes = labels_of(list(each.nodes))
             except SpecError as error:  # grids of networkx have tuples
@@ -580,9 +533,8 @@ class Network(Shown):
             labels = labels or nodes
             if set(nodes) != set(labels):
                 what = "must have the same nodes as the first mode."
-                raise wrong(
-                    key, what, "Add the missing nodes to the graph; a node without arcs is allowed."
-                )
+                cure = "Add the missing nodes to the graph; a node without arcs is allowed."
+                raise wrong(key, what, cure)
             pairs = list(each.edges(data="weight", default=1))
             if not each.is_directed():
                 pairs += [(b, a, w) for a, b, w in pairs]
@@ -623,24 +575,49 @@ class Network(Shown):
                 raise wrong(key, what, "Wrap it: scipy.sparse.coo_array(matrix).")
             table = each.tocoo(copy=True)
             table.sum_duplicates()
-            if table.shape[0] != table.shape[1] or size not in (0, table.shape[0]):
+            rows, columns = table.shape
+            if rows != columns or size not in (0, rows):
                 wanted = f" ({size} x {size})" if size else ""
-                what = (
-                    f"the matrix must be square, with one row and column per agent{wanted}; "
-                    f"got shape {table.shape}."
-                )
-                raise about(key, what, "Give an n x n matrix for every mode, and n labels or none.")
-            size = table.shape[0]
-            keep = (table.data != 0) & ((table.row != table.col) | (not drop_loops))
-            first, second = table.row[keep].astype(np.int64), table.col[keep].astype(np.int64)
+                what = f"the matrix must be square, with one row and column per agent{wanted};"
+                cure = "Give an n x n matrix for every mode, and n labels or none."
+                raise about(key, f"{what} got shape {table.shape}.", cure)
+            size = rows
+            keep = table.data != 0
+            if drop_loops:
+                keep &= table.row != table.col
+            values = table.data[keep]
             # tolist would turn float32 into float64, whose decimal text is another one.
-            weights = (
-                list(table.data[keep])
-                if table.data.dtype == np.float32
-                else table.data[keep].tolist()
-            )
-            modes[name] = directed(first, second, parse_weights(weights, key=key), arrow=arrow)
+            single = values.dtype == np.float32
+            weights = parse_weights(list(values) if single else values.tolist(), key=key)
+            first = table.row[keep].astype(np.int64)
+            second = table.col[keep].astype(np.int64)
+            modes[name] = directed(first, second, weights, arrow=arrow)
         return cls(labels=labels_of(size) if names is None else names, modes=modes)
+
+
+def _check_different(labels: Sequence[str]) -> None:
+    """Refuse labels of which two are equal.  Raises: SpecError."""
+    if len(set(labels)) == len(labels):
+        return
+    seen: set[str] = set()
+    for label in labels:
+        if label in seen:
+            what = f"must be different from one another; {shown(label)} appears twice"
+            what += ' (labels are text: 1 and "1" are one label).'
+            raise wrong("network.agents", what, "Rename one of the two.")
+        seen.add(label)
+
+
+def _lists_of_arcs(value: Any, *, key: str) -> dict[str, list[Any]]:
+    """Mode -> its arcs as they are written; one list without a name is mode G.  Raises:
+    SpecError."""
+    lists = {}
+    for name, pairs in _modes(value, isinstance(value, Mapping)).items():
+        if not isinstance(pairs, Iterable):
+            what = f"must be a list of arcs; got {shown(pairs)}."
+            raise wrong(key, what, "For example [[1, 2], [2, 3]].")
+        lists[name] = [tuple(arc) if is_list(arc) else arc for arc in pairs]
+    return lists
 
 
 def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
@@ -649,8 +626,12 @@ def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
     for listener, speaker, _ in islice(arcs, 60):
         heard.setdefault(listener, []).append(labels[speaker])
     few = [f"{labels[i]} to {', '.join(names)}" for i, names in islice(heard.items(), 4)]
-    return "; ".join(few) + ("; ..." if len(heard) > len(few) else "")
+    if len(heard) > len(few):
+        few.append("...")
+    return "; ".join(few)
 
 
 def _modes(value: Any, several: bool) -> dict[str, Any]:
-    return {str(name): each for name, each in value.items()} if several else {"G": value}
+    if not several:
+        return {"G": value}
+    return {str(name): each for name, each in value.items()}

@@ -31,8 +31,8 @@ def agreement_words(problem: Problem) -> str:
     if len(apart) > 1:
         first, second = (name_some([labels[i] for i in group]) for group in apart[:2])
         return (
-            f"Nor need they agree with each other: no arc lets {first} hear anybody else, and "
-            f"none lets {second}."
+            f"Nor need they agree with each other: no arc lets {first} hear anybody else, and none "
+            f"lets {second}."
         )
     roots = [
         set(groups[0])
@@ -51,9 +51,8 @@ def agreement_words(problem: Problem) -> str:
         heard = f"agent {labels[min(common)]} is heard by all others"
     start = "" if problem.is_linear else ", from close enough starts"
     return (
-        f"The agents do agree with each other{start}, because {heard}, directly or through "
-        "others; but on a value that "
-        "nobody prescribes."
+        f"The agents do agree with each other{start}, because {heard}, directly or through others; "
+        "but on a value that nobody prescribes."
     )
 
 

@@ -284,8 +284,8 @@ def matrix_market(text: str, source: Source) -> Graph:
         or kinds[4] not in ("general", "symmetric")
     ):
         what = (
-            "must begin with %%MatrixMarket matrix coordinate, then real, integer or pattern, "
-            "then general or symmetric"
+            "must begin with %%MatrixMarket matrix coordinate, then real, integer or pattern, then "
+            "general or symmetric"
         )
         cure = "Write it with scipy.io.mmwrite(file, scipy.sparse.coo_array(matrix))."
         raise source.error(f"{what}; got {shown(' '.join(head))}", cure, row=1)

@@ -199,8 +199,8 @@ def _split(line: str, source: Source, separator: str | None, *, row: int) -> lis
         if any(cell in ARROWS for cell in cells) or cells[0].endswith(":"):
             found = next((cell for cell in cells if cell in ARROWS), cells[0])
             what = (
-                f"holds {shown(found)}: it is no list of arcs, two labels and perhaps a weight "
-                "in each line"
+                f"holds {shown(found)}: it is no list of arcs, two labels and perhaps a weight in "
+                "each line"
             )
             raise source.error(
                 what, "Write a b, or a b weight; `arrow` says which of the two listens.", row=row
@@ -220,8 +220,8 @@ def _split(line: str, source: Source, separator: str | None, *, row: int) -> lis
             else "holds both ; and blanks"
         )
         cure = (
-            "Separate columns by one of them, write 0.5 and not 0,5, and labels that hold "
-            "blanks in quotes."
+            "Separate columns by one of them, write 0.5 and not 0,5, and labels that hold blanks "
+            "in quotes."
         )
         raise source.error(what, cure, row=row)
     return cells
@@ -325,8 +325,8 @@ def find_columns(first: Row, rows: Rows, source: Source, index: Mapping[str, int
         if len(cells) == 3 and names[2] in WEIGHTS:
             return Columns(width=3, weight=2)
         what = (
-            f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are "
-            "not known"
+            f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are not "
+            "known"
         )
         raise source.error(what, f"Name the columns {KNOWN}.", row=number)
     return _two_names(first, rows, source, index)

@@ -64,9 +64,9 @@ def _about_limits(problem: Problem, reached: Mapping[str, float]) -> Iterator[st
     largest = max(reached.values(), default=0.0)
     if stated is not None and stated < largest:
         yield (
-            f"The disturbance that simulation.xi0 starts reaches {significant(largest)}, "
-            "more than actuators.amplitude "
-            f"= {significant(stated)}: simulations leave what the proof assumes."
+            f"The disturbance that simulation.xi0 starts reaches {significant(largest)}, more than "
+            f"actuators.amplitude = {significant(stated)}: simulations leave what the proof "
+            "assumes."
         )
 
 
@@ -90,9 +90,8 @@ def _limit_warning(
         relation, leaves = "equals", "cancelling the disturbance leaves nothing for the feedback"
     return (
         f"The actuator limit {least} of {whose} {relation} the disturbance, which reaches "
-        f"{significant(largest)} "
-        f"({source}): {leaves}. Give actuators.limit above {significant(largest)}, or a "
-        "smaller disturbance."
+        f"{significant(largest)} ({source}): {leaves}. Give actuators.limit above "
+        f"{significant(largest)}, or a smaller disturbance."
     )
 
 
@@ -128,16 +127,14 @@ def _about_errors(problem: Problem) -> Iterator[str]:
         if error > LARGE_ERROR:
             yield (
                 f"uncertainty.{name} = {significant(error)} says that every {what} may be "
-                f"{significant(100 * error)} % "
-                f"off, from {significant(1 - error)} to {significant(1 + error)} times "
-                "what is written. Is a smaller "
-                "error meant? 5 % is 0.05."
+                f"{significant(100 * error)} % off, from {significant(1 - error)} to "
+                f"{significant(1 + error)} times what is written. Is a smaller error meant? 5 % is "
+                "0.05."
             )
     if not table.known_to_agents and not (table.weights or table.gains):
         yield (
-            "uncertainty.known_to_agents = false has no effect: [uncertainty] states no "
-            "error of weights or gains. "
-            "Give weights, such as 0.05, or remove it."
+            "uncertainty.known_to_agents = false has no effect: [uncertainty] states no error of "
+            "weights or gains. Give weights, such as 0.05, or remove it."
         )
 
 
@@ -154,17 +151,15 @@ def _about_sines(problem: Problem) -> Iterator[str]:
                 hz = f"{significant(slow / math.tau, 6)} and {significant(fast / math.tau, 6)} Hz"
                 beat = significant(math.tau / (fast - slow), 3)
                 yield (
-                    f"The sines of {rad} ({hz}){whose} differ only over {beat} s. Is it "
-                    "one sine, typed twice, perhaps "
-                    "in hz and in frequencies? Keep one of them."
+                    f"The sines of {rad} ({hz}){whose} differ only over {beat} s. Is it one sine, "
+                    "typed twice, perhaps in hz and in frequencies? Keep one of them."
                 )
             elif abs(fast - math.tau * slow) < 1e-9 * fast:
                 number = significant(slow)
                 yield (
-                    f"The disturbance{whose} has a sine of {number} Hz and one of {number} "
-                    "rad/s. Is it one sine, "
-                    f"given in hz and in frequencies? {number} Hz are {significant(fast)} "
-                    "rad/s; keep one of them."
+                    f"The disturbance{whose} has a sine of {number} Hz and one of {number} rad/s. "
+                    f"Is it one sine, given in hz and in frequencies? {number} Hz are "
+                    f"{significant(fast)} rad/s; keep one of them."
                 )
 
 
@@ -174,10 +169,9 @@ def _about_observer_rates(problem: Problem) -> Iterator[str]:
         observer, network = found
         yield (
             f"The observer decays at {significant(observer)} 1/s, "
-            f"{significant(observer / network)} times as fast as "
-            f"the network ({significant(network, 3)} 1/s): that amplifies measurement "
-            "noise, and the agents arrive no "
-            f"sooner. A rate of {significant(ENOUGH * network, 2)} 1/s is enough."
+            f"{significant(observer / network)} times as fast as the network "
+            f"({significant(network, 3)} 1/s): that amplifies measurement noise, and the agents "
+            f"arrive no sooner. A rate of {significant(ENOUGH * network, 2)} 1/s is enough."
         )
 
 
@@ -195,12 +189,10 @@ def _about_region(problem: Problem) -> Iterator[str]:
     error = region.initial_disturbance
     if reach and error >= reach:
         yield (
-            f"region.initial_disturbance = {significant(error)} is as large as the region "
-            "itself, which reaches "
-            f"{significant(reach)} from the target: such an estimation error alone can "
-            "push agents out of it. It is "
-            "the largest |xi(0) - xihat(0)| when the proof begins; a smaller one holds "
-            "once the observers have settled."
+            f"region.initial_disturbance = {significant(error)} is as large as the region itself, "
+            f"which reaches {significant(reach)} from the target: such an estimation error alone "
+            "can push agents out of it. It is the largest |xi(0) - xihat(0)| when the proof "
+            "begins; a smaller one holds once the observers have settled."
         )
 
 
@@ -211,8 +203,8 @@ def _about_dwell(problem: Problem) -> Iterator[str]:
     if len(problem.network.modes) > 1 and own.signal in ("random", "periodic"):
         guarantee = "sequence" if own.signal == "periodic" else "dwell"
         yield (
-            f"switching.dwell = {significant(own.dwell)} s counts in simulations only: "
-            "without a guarantee a proof "
-            "allows any switching, however fast. To let the proof use it, write guarantee "
+            f"switching.dwell = {significant(own.dwell)} s counts in simulations only: without a "
+            "guarantee a proof allows any switching, however fast. To let the proof use it, write "
+            "guarantee "
             f'= "{guarantee}".'
         )

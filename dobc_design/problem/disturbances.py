@@ -147,8 +147,8 @@ def _explicit(
         found = renamed(error, place)
         if "pi" in str(table.A):  # the commonest reason for pi is a sine
             cure = (
-                f"For a sine write hz = [0.5] or frequencies = [3.14159265] in [{place}], in "
-                "place of A and C."
+                f"For a sine write hz = [0.5] or frequencies = [3.14159265] in [{place}], in place "
+                "of A and C."
             )
             found = type(found)(str(found).partition("\n")[0], key=found.key, cure=cure)
         errors.append(found)

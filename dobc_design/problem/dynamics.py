@@ -202,9 +202,8 @@ def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
             )
             at = number_text(goal[0]) if len(goal) == 1 else f"({_listed(goal)})"
             what = (
-                f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded "
-                "slope around the target,"
-                f" {names} = {at} (as far as 2^-40 from it): {error}"
+                f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded slope "
+                f"around the target, {names} = {at} (as far as 2^-40 from it): {error}"
             )
             cure = "Move the target to where f is smooth, or write f in another way."
             raise wrong(f"dynamics.f[{place}]", what, cure, kind=ExpressionError) from error

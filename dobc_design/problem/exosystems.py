@@ -56,8 +56,8 @@ class Exosystem(Shown):
         q = len(dynamics)
         if len(output[0]) != q:
             what = (
-                f"must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q});"
-                f" got shape ({len(output)}, {len(output[0])})."
+                f"must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q}); got "
+                f"shape ({len(output)}, {len(output[0])})."
             )
             raise wrong(
                 "exosystem.C",
@@ -171,8 +171,8 @@ def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
             w = Fraction(f"{math.tau * w.numerator / w.denominator:.{DIGITS}g}")
         if w in found:
             what = (
-                f"must differ from {found[w]}, because equal sines cannot be told apart; both are"
-                f" {nearest(w):.6g} rad/s ({nearest(w) / math.tau:.6g} Hz)."
+                f"must differ from {found[w]}, because equal sines cannot be told apart; both are "
+                f"{nearest(w):.6g} rad/s ({nearest(w) / math.tau:.6g} Hz)."
             )
             raise wrong(name, what, "Name each frequency once; amplitude and phase are free.")
         found[w] = name
@@ -254,8 +254,8 @@ def total(*parts: Exosystem) -> Exosystem:
     outputs = _require_parts(parts)
     if len({part.outputs for part in parts}) > 1:
         what = (
-            "the parts of a total must have equally many components, because they are added;"
-            f" got {', '.join(str(part.outputs) for part in parts)}."
+            "the parts of a total must have equally many components, because they are added; got "
+            f"{', '.join(str(part.outputs) for part in parts)}."
         )
         raise SpecError(
             what, key="parts", cure="stacked(...) gives every part components of its own."

@@ -22,8 +22,8 @@ _KINDS: tuple[tuple[str, Callable[[Mapping[str, Any]], bool], str], ...] = (
     (
         "a certificate of dobc_design",
         lambda found: found.get("format") == "dobc-certificate",
-        "Its problem is the problem.json beside it; `dobc verify CERT --problem FILE` and "
-        "`dobc report CERT` take it.",
+        "Its problem is the problem.json beside it; `dobc verify CERT --problem FILE` and `dobc "
+        "report CERT` take it.",
     ),
     (
         "a problem of dobc_design",
@@ -76,8 +76,8 @@ _KINDS: tuple[tuple[str, Callable[[Mapping[str, Any]], bool], str], ...] = (
             isinstance(found.get("network"), Mapping)
             and bool({"agents", "modes"} & set(found["network"]))
         ),
-        "Write it as TOML: [network], below it agents = ... and arrow = ...; `dobc new "
-        "NAME` writes an example.",
+        "Write it as TOML: [network], below it agents = ... and arrow = ...; `dobc new NAME` "
+        "writes an example.",
     ),
 )
 

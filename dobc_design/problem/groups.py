@@ -240,8 +240,8 @@ def _owners(
             elif label in owner:
                 where = "this group" if owner[label] == number else group_key(owner[label])
                 what = (
-                    f"agent {shown(label)} is in {where} already, and an agent has one "
-                    "exosystem only."
+                    f"agent {shown(label)} is in {where} already, and an agent has one exosystem "
+                    "only."
                 )
                 errors.append(about(key, what, "Keep it in one group."))
             owner.setdefault(label, number)
@@ -258,8 +258,8 @@ def _check_group(
     errors: list[SpecError] = []
     if group.observer.rate not in (None, rate):
         what = (
-            "a group has no rate of its own; the rate asked of a designed W is observer.rate, "
-            "for all."
+            "a group has no rate of its own; the rate asked of a designed W is observer.rate, for "
+            "all."
         )
         errors.append(about(key, what, "Give the rate in [observer], or W in the group."))
     try:
@@ -299,8 +299,8 @@ def _check_all_have_p(groups: Sequence[Group]) -> None:
             "agent"
         )
         what += (
-            f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they "
-            "are tested together."
+            f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they are "
+            "tested together."
         )
         cure = "Give P (and W) for every group, or for none: a P is then found for you."
         raise SpecError(what, key="exosystem.groups", cure=cure)

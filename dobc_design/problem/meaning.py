@@ -232,9 +232,8 @@ def _about_disturbance(problem: Problem, group: Group) -> Iterator[str]:
     for part in seen:
         if part[0] > 0:
             yield (
-                f"The disturbance{whose} grows like exp({significant(part[0])} t). A sign "
-                "missing in "
-                "exosystem.A? A sine of w rad/s is [[0, w], [-w, 0]]."
+                f"The disturbance{whose} grows like exp({significant(part[0])} t). A sign missing "
+                "in exosystem.A? A sine of w rad/s is [[0, w], [-w, 0]]."
             )
         elif part[2] > 1 and (part[1] or part[2] > 2) and not part[0]:
             yield (
@@ -247,13 +246,13 @@ def _about_disturbance(problem: Problem, group: Group) -> Iterator[str]:
     decaying = [] if any(part[0] > 0 for part in seen) else [part for part in seen if part[0] < 0]
     if decaying and decaying == seen:
         yield (
-            f"Every part of the disturbance{whose} decays by itself; an observer is not needed "
-            "to remove it."
+            f"Every part of the disturbance{whose} decays by itself; an observer is not needed to "
+            "remove it."
         )
     for part in decaying if decaying != seen else ():
         yield (
-            f"A part of the disturbance{whose} decays by itself: {_part(part)}. Is the "
-            "diagonal of A meant to be 0?"
+            f"A part of the disturbance{whose} decays by itself: {_part(part)}. Is the diagonal of "
+            "A meant to be 0?"
         )
     silent = [str(c + 1) for c, row in enumerate(exosystem.C) if not any(row)]
     if silent and seen:
@@ -275,9 +274,9 @@ def _about_network(problem: Problem) -> Iterator[str]:
     if not held.pinning.agents:
         among = agreement_words(problem) or "The group can drift as a whole."
         yield (
-            f"No agent is pinned, so nothing pulls the agents to the target. {among} For "
-            "the target give an agent a "
-            "gain in [pinning]; agreement without a target cannot be certified yet."
+            f"No agent is pinned, so nothing pulls the agents to the target. {among} For the "
+            "target give an agent a gain in [pinning]; agreement without a target cannot be "
+            "certified yet."
         )
     elif missing := [
         labels[i]
@@ -293,8 +292,8 @@ def _about_network(problem: Problem) -> Iterator[str]:
             )
         else:
             yield (
-                f"No path of arcs leads from a pinned agent to {listed(missing)}. Add an arc, "
-                "or a gain there."
+                f"No path of arcs leads from a pinned agent to {listed(missing)}. Add an arc, or a "
+                "gain there."
             )
     empty = [name for name, arcs in modes.items() if not len(arcs)]
     if empty and problem.n > 1:
@@ -339,8 +338,8 @@ def _about_couplings(problem: Problem) -> Iterator[str]:
             )
         elif any(slope.lo == slope.hi == 0 for slope in slopes[place]):
             yield (
-                f"The coupling {h} vanishes to first order (h'(0) = 0): close neighbours "
-                "hardly attract each other."
+                f"The coupling {h} vanishes to first order (h'(0) = 0): close neighbours hardly "
+                "attract each other."
             )
 
 
@@ -356,9 +355,8 @@ def _opposed(problem: Problem, place: int, repelling: Set[int]) -> str:
     texts = [f'"{turned_text(text)}"' for text in problem.couplings[place].texts]
     turned = texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
     return (
-        f"Is that meant? A signed graph, in which {listener} follows -x of {speaker}, is "
-        "another network and not "
-        "supported yet. "
+        f"Is that meant? A signed graph, in which {listener} follows -x of {speaker}, is another "
+        "network and not supported yet. "
         f"{opposition_advice(labels, signed, cure=f'write h = {turned} on these arcs')}"
     )
 
@@ -407,14 +405,13 @@ def _over_region(problem: Problem, coupling: Coupling) -> Iterator[str]:
             return
     if 0 < slope * width * FAR_APART < largest:
         yield (
-            f"The coupling {h} is as large as {significant(largest)} over the region; "
-            f"{allowed}. Another unit?"
+            f"The coupling {h} is as large as {significant(largest)} over the region; {allowed}. "
+            "Another unit?"
         )
     if largest * FAST < slope * width:
         yield (
-            f"The coupling {h} saturates: it never exceeds {significant(largest)}, and "
-            f"{allowed}, where its slope at 0 "
-            f"would give {significant(slope * width)}. Another unit?"
+            f"The coupling {h} saturates: it never exceeds {significant(largest)}, and {allowed}, "
+            f"where its slope at 0 would give {significant(slope * width)}. Another unit?"
         )
 
 
@@ -452,8 +449,8 @@ def _about_region(problem: Problem) -> Iterator[str]:
     error, width = region.initial_disturbance, max(hi - lo for _, (lo, hi) in pairs)
     if error == 0:
         yield (
-            "region.initial_disturbance = 0: the proof holds only if every observer starts "
-            "with the true disturbance."
+            "region.initial_disturbance = 0: the proof holds only if every observer starts with "
+            "the true disturbance."
         )
     elif error is not None and width and not width < error * FAR_APART < width * FAR_APART * FAST:
         both = (
@@ -469,8 +466,8 @@ def _about_region(problem: Problem) -> Iterator[str]:
         length = significant(math.sqrt(sum(x * x for x in far[0])))
         yield (
             f"simulation.xi0 has length {length}, more than region.initial_disturbance = "
-            f"{significant(error)}, and the "
-            "observers start at 0: the runs start where no proof is asked for."
+            f"{significant(error)}, and the observers start at 0: the runs start where no proof is "
+            "asked for."
         )
 
 
@@ -485,8 +482,8 @@ def _about_observers(problem: Problem) -> Iterator[str]:
             yield f"With this observer.W the estimation error does not decay ({why}). A sign in W?"
         if own.rate is not None:
             yield (
-                "observer.rate has no effect beside observer.W: it is what a designed W is "
-                "asked for."
+                "observer.rate has no effect beside observer.W: it is what a designed W is asked "
+                "for."
             )
         if own.P is not None and decide_positive_definite(own.P).verdict is not Verdict.PROVED:
             yield "observer.P is not positive definite. A sign in P?"
@@ -500,8 +497,8 @@ def _about_times(problem: Problem) -> Iterator[str]:
     fastest, slowest, end = _scale(*min(fast)), _scale(*max(slow)), significant(t_final)
     if most > FAR_APART * least:
         yield (
-            f"The time scales reach from {fastest} to {slowest}. Is a gain, a rate or a "
-            "frequency in another unit?"
+            f"The time scales reach from {fastest} to {slowest}. Is a gain, a rate or a frequency "
+            "in another unit?"
         )
     elif who != "network" and least * FAST < min(
         [time for time, each in fast if each != who], default=0
@@ -517,13 +514,13 @@ def _about_times(problem: Problem) -> Iterator[str]:
     if t_final < most:
         late = "the runs end before the errors have decayed"
         yield (
-            f"simulation.t_final = {end} s is shorter than the slowest time constant, "
-            f"{slowest}: {late}."
+            f"simulation.t_final = {end} s is shorter than the slowest time constant, {slowest}: "
+            f"{late}."
         )
     elif t_final > LONG * most:
         yield (
-            f"simulation.t_final = {end} s is more than {LONG} times the slowest time "
-            f"constant, {slowest}."
+            f"simulation.t_final = {end} s is more than {LONG} times the slowest time constant, "
+            f"{slowest}."
         )
     sines = [math.tau * time for time, each in fast if each == "disturbance"]
     if sines and min(sines) > 10 * t_final:
@@ -547,8 +544,8 @@ def _about_simulation(problem: Problem) -> Iterator[str]:
         not lo <= x <= hi for row in run.x0 or () for x, (lo, hi) in zip(row, pairs, strict=False)
     ):
         yield (
-            "simulation.x0 is outside region.initial_states: the run shown starts where no "
-            "proof is asked for."
+            "simulation.x0 is outside region.initial_states: the run shown starts where no proof "
+            "is asked for."
         )
     calm = not problem.groups or (
         run.xi0 is not None and not any(x for row in run.xi0 for x in row)
@@ -570,8 +567,8 @@ def _about_switching(problem: Problem) -> Iterator[str]:
     if own.dwell is not None and own.dwell > t_final:
         dwell, end = significant(own.dwell), significant(t_final)
         yield (
-            f"switching.dwell = {dwell} s is longer than simulation.t_final = {end} s; a run "
-            "shows one mode only."
+            f"switching.dwell = {dwell} s is longer than simulation.t_final = {end} s; a run shows "
+            "one mode only."
         )
     if len(modes) == 1:
         yield f"There is one mode only, {modes[0]}: [switching] changes nothing."
@@ -579,8 +576,8 @@ def _about_switching(problem: Problem) -> Iterator[str]:
     idle = [mode for mode in modes if active and mode not in active]
     if idle:
         yield (
-            f"[switching] never makes {listed(idle)} active; a proof has to hold in every mode "
-            "all the same."
+            f"[switching] never makes {listed(idle)} active; a proof has to hold in every mode all "
+            "the same."
         )
     ends = [mode for mode, row in zip(modes, own.generator or (), strict=False) if not any(row)]
     if ends:

@@ -113,8 +113,8 @@ class GainForm:
         if decide_positive_semidefinite(symmetric).verdict is Verdict.PROVED:
             return
         what = (
-            "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from "
-            "the target; this one does not."
+            "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the "
+            "target; this one does not."
         )
         raise about(key, what, "Make its symmetric part positive semidefinite.")
 
@@ -191,8 +191,8 @@ def _pins_of_modes(
     if p == m:
         linear = '; give these arcs h = "y" in [[coupling.exceptions]]'
     what = (
-        f"{named(modes[0])} is a mode; gains are given by agent, and pins of single modes are "
-        "not supported yet."
+        f"{named(modes[0])} is a mode; gains are given by agent, and pins of single modes are not "
+        "supported yet."
     )
     cure = (
         f"Today an agent can stand for the target: add {goal} to network.agents, pin it alone "

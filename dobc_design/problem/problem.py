@@ -439,8 +439,8 @@ class Problem(Shown):
         if self.leader is not None:
             reason = f"{what} is not available yet for a target that moves."
             cure = (
-                "Use certify, verify, simulate, sweep, analyse, build_model or to_control, "
-                "which know it."
+                "Use certify, verify, simulate, sweep, analyse, build_model or to_control, which "
+                "know it."
             )
             raise about("leader", reason, cure)
 
@@ -448,8 +448,8 @@ class Problem(Shown):
         """Refuse a problem with several groups.  Raises: SpecError."""
         if self.is_grouped:
             what = (
-                "this is not available yet for agents with different exosystems; it knows one"
-                " exosystem that all agents share."
+                "this is not available yet for agents with different exosystems; it knows one "
+                "exosystem that all agents share."
             )
             cure = (
                 "Use certify, verify, design, simulate, falsify or to_c, which know groups; or "

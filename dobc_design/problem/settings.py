@@ -113,8 +113,8 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
     key = "region.initial_disturbance"
     if value is None and with_exosystem:
         what = (
-            "is required when there is an [exosystem]: a large estimation error can push "
-            "the states out of it."
+            "is required when there is an [exosystem]: a large estimation error can push the "
+            "states out of it."
         )
         cure = "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known."
         raise wrong(key, what, cure)

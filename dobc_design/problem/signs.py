@@ -47,21 +47,18 @@ def opposition_advice(labels: Sequence[str], arcs: Iterable[Signed], *, cure: st
     sides = two_sides(len(labels), arcs)
     if sides is None:
         return (
-            "Its signs do not balance: no two sides of agents oppose each other by them, "
-            "so the agents can agree on 0 "
-            "only. With target 0 and an odd h it can be written with every agent twice, as "
-            "a and as a copy that stands "
-            "for -x of a: where a opposes b, let a listen to the copy of b and the copy of "
-            "a to b, with positive "
-            "signs; give every other arc and every pin to both."
+            "Its signs do not balance: no two sides of agents oppose each other by them, so the "
+            "agents can agree on 0 only. With target 0 and an odd h it can be written with every "
+            "agent twice, as a and as a copy that stands for -x of a: where a opposes b, let a "
+            "listen to the copy of b and the copy of a to b, with positive signs; give every other "
+            "arc and every pin to both."
         )
     here, there = (listed([labels[i] for i in side]) for side in sides)
     return (
-        f"Its signs balance: agents {here} oppose agents {there}. Let x stand for -x on "
-        "one side, best on the one "
-        f"without pins, and {cure}: with an odd h this is the same network. That side then "
-        "ends at minus the target, "
-        "and its starts and offsets change sign; with pins on both sides the target has to be 0."
+        f"Its signs balance: agents {here} oppose agents {there}. Let x stand for -x on one side, "
+        f"best on the one without pins, and {cure}: with an odd h this is the same network. That "
+        "side then ends at minus the target, and its starts and offsets change sign; with pins on "
+        "both sides the target has to be 0."
     )
 
 

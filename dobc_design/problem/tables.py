@@ -161,8 +161,8 @@ def switching_words(own: Switching, modes: Sequence[str]) -> str:
     dwell = None if own.dwell is None else f"{decimal_text(own.dwell)} s"
     if own.signal == "mobile":
         return (
-            f"mobile, {_nearness(own)}; the arcs of the modes are not used, and proofs are "
-            "about those arcs"
+            f"mobile, {_nearness(own)}; the arcs of the modes are not used, and proofs are about "
+            "those arcs"
         )
     if own.schedule is not None:
         return _schedule_words(own)

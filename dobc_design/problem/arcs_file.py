@@ -129,15 +129,14 @@ def read_network_file(
             if label in ends:
                 continue
             if not is_label(label):
-                raise source.error(
-                    f"names {shown(label)}; a label must be {WANTED}", "Correct the label.", row=row
-                )
+                what = f"names {shown(label)}; a label must be {WANTED}"
+                raise source.error(what, "Correct the label.", row=row)
             ends[label] = None
     if not ends:
         raise source.error(*EMPTY)
-    labels = tuple(
-        sorted(ends, key=int) if all(re.fullmatch("[0-9]{1,9}", label) for label in ends) else ends
-    )
+    labels = tuple(ends)
+    if all(re.fullmatch("[0-9]{1,9}", label) for label in labels):
+        labels = tuple(sorted(labels, key=int))
     index = {label: place for place, label in enumerate(labels)}
     table = _table(path, text, source)
     if table is not None and _has_the_same_header(table, source, index):
@@ -154,9 +153,10 @@ def _has_the_same_header(table: Table, source: Source, index: Mapping[str, int])
     """Whether the first line means the same with and without the agents: they may be called from
     and to."""
     first = next(table.rows(), None)
-    return first is not None and find_columns(first, table.rows, source, index) == find_columns(
-        first, table.rows, source, {}
-    )
+    if first is None:
+        return False
+    found = find_columns(first, table.rows, source, index)
+    return found == find_columns(first, table.rows, source, {})
 
 
 def _arcs(
@@ -174,18 +174,13 @@ def _arcs(
     for row, cells in rows:
         if len(cells) not in (2, 3):
             what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
-            cure = (
-                "Separate them by commas in CSV, else by blanks; more columns need a header: "
-                f"{KNOWN}."
-            )
-            raise source.error(what, cure, row=row)
+            cure = "Separate them by commas in CSV, else by blanks; more columns need a header:"
+            raise source.error(what, f"{cure} {KNOWN}.", row=row)
         for label in cells[:2]:
             if label not in index:
                 what = f"names {shown(label)}; there is no such agent in network.agents"
-                cure = (
-                    f"Correct the label, or add the agent. A header is known by its names: {KNOWN}."
-                )
-                raise source.error(what, cure, row=row)
+                cure = "Correct the label, or add the agent. A header is known by its names:"
+                raise source.error(what, f"{cure} {KNOWN}.", row=row)
         if cells[0] == cells[1] and not drop_loops:
             what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
             raise source.error(what, f"Remove that {source.unit}, or {_DROP}.", row=row)
@@ -215,13 +210,11 @@ def _opened(name: str, *, folder: Path | None, key: str) -> tuple[Source, Path, 
     try:
         return source, path, one_form(path.read_bytes().decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        raise source.error(
-            f"must be UTF-8 text; byte {error.start} is not", "Save it as UTF-8."
-        ) from None
+        what = f"must be UTF-8 text; byte {error.start} is not"
+        raise source.error(what, "Save it as UTF-8.") from None
     except OSError as error:
-        raise source.error(
-            f"cannot be read: {error.strerror or error}", "Check the path."
-        ) from None
+        what = f"cannot be read: {error.strerror or error}"
+        raise source.error(what, "Check the path.") from None
 
 
 def _graph(path: Path, text: str, source: Source, index: Mapping[str, int]) -> Graph:
@@ -251,39 +244,32 @@ def _table(path: Path, text: str, source: Source) -> Table | None:
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     if folder is None:
-        raise about(
-            key,
-            f"{shown(name)} cannot be found, the problem has no folder.",
-            "List the arcs instead.",
-        )
+        what = f"{shown(name)} cannot be found, the problem has no folder."
+        raise about(key, what, "List the arcs instead.")
     root = folder.resolve()
+    found, size = "does not exist", 0
     try:
         path = (root / name).resolve()
         inside = path.is_relative_to(root) and "\0" not in name
-        kind = (
-            "folder"
-            if inside and path.is_dir()
-            else "file"
-            if inside and path.is_file()
-            else "nothing"
-        )
-        size = path.stat().st_size if kind == "file" else 0
+        if inside and path.is_dir():
+            found = "is a folder"
+        elif inside and path.is_file():
+            found = "file"
+            size = path.stat().st_size
     except (OSError, ValueError, RuntimeError):  # RuntimeError: a link to itself
-        inside, kind, size = True, "nothing", 0
+        inside, found = True, "does not exist"
     if not inside:
         what = f"must lie inside the problem file's folder; {shown(name)} leads outside."
         raise wrong(key, what, "Copy the file beside the problem file.")
-    if kind != "file":
-        found = "is a folder" if kind == "folder" else "does not exist"
+    if found != "file":
         what = f"must name a file in the problem file's folder; {shown(name)} {found}."
         raise wrong(key, what, "Name an existing file.")
     if size > MAX_BYTES:
         what = f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read."
         raise about(key, what, "Leave out what is not needed.")
     if path.suffix.lower() not in READERS:
-        raise about(
-            key, f"{shown(name)} must end in one of {', '.join(READERS)}.", "Rename or convert it."
-        )
+        what = f"{shown(name)} must end in one of {', '.join(READERS)}."
+        raise about(key, what, "Rename or convert it.")
     return path
 
 

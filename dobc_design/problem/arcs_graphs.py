@@ -12,7 +12,7 @@ from html import unescape
 from itertools import chain
 from xml.etree import ElementTree
 
-from dobc_design.errors import reason_of
+from dobc_design.errors import SpecError, reason_of
 from dobc_design.exact.reading import named, shown
 from dobc_design.problem.arcs_text import WEIGHTS, Row, Source
 from dobc_design.problem.network import MOST_AGENTS
@@ -45,19 +45,21 @@ def _graphml_graph(
     try:
         root = ElementTree.fromstring(text)  # expat expands nothing: entities are refused above
     except (ElementTree.ParseError, RecursionError) as error:
-        raise source.error(
-            f"is not valid GraphML ({reason_of(error)})", "Export it again."
-        ) from None
-    graphs = [node for node in root.iter() if _tag(node) == "graph"]
+        what = f"is not valid GraphML ({reason_of(error)})"
+        raise source.error(what, "Export it again.") from None
+    tags = [(_tag(node), node) for node in root.iter()]
+    graphs = [node for tag, node in tags if tag == "graph"]
     if len(graphs) > 1:
-        raise source.error(
-            f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own."
-        )
-    if any(_tag(node) == "hyperedge" for node in root.iter()):
-        raise source.error(
-            "holds hyperedges, which are no arcs", "Replace each by edges between two nodes."
-        )
+        raise _several_graphs(len(graphs), source)
+    if any(tag == "hyperedge" for tag, _ in tags):
+        what = "holds hyperedges, which are no arcs"
+        raise source.error(what, "Replace each by edges between two nodes.")
     return root, graphs[0] if graphs else None
+
+
+def _several_graphs(count: int, source: Source) -> SpecError:
+    what = f"must hold one graph; it holds {count}"
+    return source.error(what, "Save each mode in a file of its own.")
 
 
 def _graphml_rows(root: ElementTree.Element, graph: ElementTree.Element) -> Iterator[Row]:
@@ -67,25 +69,30 @@ def _graphml_rows(root: ElementTree.Element, graph: ElementTree.Element) -> Iter
     edges = (node for node in graph if _tag(node) == "edge")
     for number, edge in enumerate(edges, start=1):
         both = {"true": False, "false": True}.get(edge.get("directed", ""), undirected)
-        own = [
-            node.text or "" for node in edge if _tag(node) == "data" and node.get("key") in weights
-        ]
+        own = []
+        for node in edge:
+            if _tag(node) == "data" and node.get("key") in weights:
+                own.append(node.text or "")
         a, b = edge.get("source", ""), edge.get("target", "")
         yield from _edge(number, a, b, (own or default)[:1], both=both)
 
 
 def _weight_keys(root: ElementTree.Element) -> dict[str | None, str | None]:
     """The ids under which edges carry a weight, with its default."""
-    keys = [
-        node for node in root.iter() if _tag(node) == "key" and node.get("for") in ("edge", "all")
-    ]
-    named_so = (
-        [node for node in keys if node.get("attr.name", "").lower() == name] for name in WEIGHTS
-    )
-    return {
-        node.get("id"): next((part.text or "" for part in node if _tag(part) == "default"), None)
-        for node in next(filter(None, named_so), [])
-    }
+    keys = [node for node in root.iter() if _tag(node) == "key"]
+    keys = [node for node in keys if node.get("for") in ("edge", "all")]
+    for name in WEIGHTS:
+        own = [node for node in keys if node.get("attr.name", "").lower() == name]
+        if own:
+            return {node.get("id"): _default(node) for node in own}
+    return {}
+
+
+def _default(key: ElementTree.Element) -> str | None:
+    for part in key:
+        if _tag(part) == "default":
+            return part.text or ""
+    return None
 
 
 def _tag(node: ElementTree.Element) -> str:
@@ -107,34 +114,23 @@ Entries = list[tuple[str, "str | Entries"]]
 def gml(text: str, source: Source) -> Graph:
     """Read GML; labels are those of the nodes, or their ids where some have none.  Raises:
     SpecError."""
-    graphs = [
-        entries
-        for key, entries in _gml_entries(text, source)
-        if key == "graph" and isinstance(entries, list)
-    ]
+    top = _gml_entries(text, source)
+    graphs = [value for key, value in top if key == "graph" and isinstance(value, list)]
     if len(graphs) != 1:
-        raise source.error(
-            f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own."
-        )
-    plain = {key: value for key, value in graphs[0] if isinstance(value, str)}
+        raise _several_graphs(len(graphs), source)
     nodes = [_plain_entries(value) for key, value in graphs[0] if key == "node"]
     edges = [_plain_entries(value) for key, value in graphs[0] if key == "edge"]
     if not all("id" in node for node in nodes):
         raise source.error("has a node without an id", "Export it again.")
     ids = [node["id"] for node in nodes]
-    named_ones = all("label" in node for node in nodes)
-    labels = tuple(node["label"] for node in nodes) if named_ones else tuple(ids)
+    labels = ids
+    if all("label" in node for node in nodes):
+        labels = [node["label"] for node in nodes]
     _different(labels, source)
     _different(ids, source)
-    return Graph(
-        labels=labels,
-        rows=_gml_rows(
-            edges,
-            dict(zip(ids, labels, strict=True)),
-            source,
-            both=plain.get("directed", "0") == "0",
-        ),
-    )
+    label_of = dict(zip(ids, labels, strict=True))
+    both = _plain_entries(graphs[0]).get("directed", "0") == "0"
+    return Graph(labels=tuple(labels), rows=_gml_rows(edges, label_of, source, both=both))
 
 
 def _gml_entries(text: str, source: Source) -> Entries:
@@ -161,11 +157,9 @@ def _gml_entries(text: str, source: Source) -> Entries:
 
 
 def _plain_entries(value: str | Entries) -> dict[str, str]:
-    return (
-        {}
-        if isinstance(value, str)
-        else {key: text for key, text in value if isinstance(text, str)}
-    )
+    if isinstance(value, str):
+        return {}
+    return {key: text for key, text in value if isinstance(text, str)}
 
 
 def _gml_rows(
@@ -173,8 +167,9 @@ def _gml_rows(
 ) -> Iterator[Row]:
     for number, edge in enumerate(edges, start=1):
         for end in ("source", "target"):
-            if edge.get(end, "") not in labels:
-                what = f"has the {end} {shown(edge.get(end, ''))}; there is no node with that id"
+            own = edge.get(end, "")
+            if own not in labels:
+                what = f"has the {end} {shown(own)}; there is no node with that id"
                 raise source.error(what, "Add the node, or correct the id.", row=number)
         weight = [edge[name] for name in WEIGHTS if name in edge][:1]
         yield from _edge(number, labels[edge["source"]], labels[edge["target"]], weight, both=both)
@@ -184,9 +179,8 @@ def _different(labels: Sequence[str], source: Source) -> None:
     seen = set[str]()
     for label in labels:
         if label in seen:
-            raise source.error(
-                f"has two nodes called {shown(label)}", "Give every node a label of its own."
-            )
+            what = f"has two nodes called {shown(label)}"
+            raise source.error(what, "Give every node a label of its own.")
         seen.add(label)
 
 
@@ -206,15 +200,12 @@ def pajek(text: str, source: Source) -> Graph:
             part = cells[0].lower()
             if part == "*vertices":
                 _no_more_vertices(labels, cells, source, row=number)
-                labels = {
-                    str(place): str(place)
-                    for place in range(1, _count(cells[1:2], source, row=number) + 1)
-                }
+                names = map(str, range(1, _count(cells[1:2], source, row=number) + 1))
+                labels = {name: name for name in names}
             elif part not in ("*network", "*arcs", "*edges", "*arcslist", "*edgeslist"):
                 what = f"has the part {shown(cells[0])}, which is not read"
-                raise source.error(
-                    what, "Save the network with *Vertices and *Arcs or *Edges.", row=number
-                )
+                cure = "Save the network with *Vertices and *Arcs or *Edges."
+                raise source.error(what, cure, row=number)
         elif part == "*vertices":
             found = _VERTEX.match(line)
             if found is None or found[1] not in labels:
@@ -231,9 +222,8 @@ def _no_more_vertices(
     labels: Mapping[str, str], cells: Sequence[str], source: Source, *, row: int
 ) -> None:
     if labels:
-        raise source.error(
-            "begins a second network", "Save each mode in a file of its own.", row=row
-        )
+        what = "begins a second network"
+        raise source.error(what, "Save each mode in a file of its own.", row=row)
     if len(cells) > 2:
         what = "is a network of two kinds of vertices, whose arcs are no readings between agents"
         raise source.error(what, "Save a network of one kind of vertices.", row=row)
@@ -276,30 +266,33 @@ def matrix_market(text: str, source: Source) -> Graph:
     """
     lines = ((number, line.split()) for number, line in enumerate(text.splitlines(), start=1))
     _, head = next(lines, (1, []))
-    kinds = [cell.lower() for cell in head]
-    known = kinds[:3] == [MATRIX_MARKET, "matrix", "coordinate"] and len(kinds) == 5
-    if (
-        not known
-        or kinds[3] not in ("real", "integer", "pattern")
-        or kinds[4] not in ("general", "symmetric")
-    ):
-        what = (
-            "must begin with %%MatrixMarket matrix coordinate, then real, integer or pattern, then "
-            "general or symmetric"
-        )
-        cure = "Write it with scipy.io.mmwrite(file, scipy.sparse.coo_array(matrix))."
-        raise source.error(f"{what}; got {shown(' '.join(head))}", cure, row=1)
+    values, symmetry = _matrix_kind(head, source)
     entries = ((number, cells) for number, cells in lines if cells and not cells[0].startswith("%"))
     row, sizes = next(entries, (1, []))
     n = _count(sizes[:1], source, row=row)
     if len(sizes) != 3 or sizes[1] != sizes[0]:
-        raise source.error(
-            f"must be square; got {shown(' x '.join(sizes[:2]))}", "Save an n x n matrix.", row=row
-        )
+        what = f"must be square; got {shown(' x '.join(sizes[:2]))}"
+        raise source.error(what, "Save an n x n matrix.", row=row)
     rows = _matrix_rows(
-        entries, n, source, with_values=kinds[3] != "pattern", both=kinds[4] == "symmetric"
+        entries, n, source, with_values=values != "pattern", both=symmetry == "symmetric"
     )
     return Graph(labels=tuple(map(str, range(1, n + 1))), rows=_all_there(rows, sizes[2], source))
+
+
+def _matrix_kind(head: Sequence[str], source: Source) -> tuple[str, str]:
+    """What the first line says of the values, and whether the matrix is symmetric.  Raises:
+    SpecError."""
+    kinds = [cell.lower() for cell in head]
+    if kinds[:3] == [MATRIX_MARKET, "matrix", "coordinate"] and len(kinds) == 5:
+        values, symmetry = kinds[3:]
+        if values in ("real", "integer", "pattern") and symmetry in ("general", "symmetric"):
+            return values, symmetry
+    what = (
+        "must begin with %%MatrixMarket matrix coordinate, then real, integer or pattern, then "
+        f"general or symmetric; got {shown(' '.join(head))}"
+    )
+    cure = "Write it with scipy.io.mmwrite(file, scipy.sparse.coo_array(matrix))."
+    raise source.error(what, cure, row=1)
 
 
 def _matrix_rows(
@@ -313,18 +306,15 @@ def _matrix_rows(
     """The entries of a matrix; of a symmetric one the other half, too.  A zero comes as a row
     without labels."""
     for number, cells in entries:
-        if len(cells) != 2 + with_values or not all(
-            re.fullmatch("[0-9]{1,8}", cell) for cell in cells[:2]
-        ):
+        indices = all(re.fullmatch("[0-9]{1,8}", cell) for cell in cells[:2])
+        if len(cells) != 2 + with_values or not indices:
             wanted = "i j value" if with_values else "i j"
-            raise source.error(
-                f"must be {wanted}; got {shown(' '.join(cells))}", "Save it again.", row=number
-            )
+            what = f"must be {wanted}; got {shown(' '.join(cells))}"
+            raise source.error(what, "Save it again.", row=number)
         i, j = int(cells[0]), int(cells[1])
         if not 1 <= min(i, j) <= max(i, j) <= n:
-            raise source.error(
-                f"leaves the matrix, which is {n} x {n}", "Correct the indices.", row=number
-            )
+            what = f"leaves the matrix, which is {n} x {n}"
+            raise source.error(what, "Correct the indices.", row=number)
         if with_values and _ZERO.fullmatch(cells[2]):
             yield number, []
             continue
@@ -333,9 +323,12 @@ def _matrix_rows(
 
 def _all_there(rows: Iterator[Row], count: str, source: Source) -> Iterator[Row]:
     """The arcs, once as many entries as the file announces have been read."""
-    read, last = 0, 0
+    read = 0
+    last = 0
     for number, cells in rows:
-        read, last = read + (number != last), number
+        if number != last:
+            read += 1  # a symmetric entry is two arcs
+            last = number
         if cells:
             yield number, cells
     if str(read) != count:

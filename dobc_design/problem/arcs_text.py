@@ -109,17 +109,18 @@ def csv_table(text: str, source: Source) -> Table:
 def edge_list_table(text: str, source: Source) -> Table:
     """An edge list, separated by blanks, tabs, commas or semicolons.  Raises: SpecError."""
     konect = _KONECT.match(text)
-    if konect is not None and konect[1] == "bip":
+    kind = None if konect is None else konect[1]
+    if kind == "bip":
         what = (
             "is a network of two kinds of nodes (% bip), whose edges are no readings between agents"
         )
         raise source.error(what, "Take a network of one kind of nodes.")
     separator = _edge_list_separator(text, source)
-    return Table(
-        separator=separator,
-        rows=lambda: _edge_list(text, source, separator),
-        both=konect is not None and konect[1] == "sym",
-    )
+
+    def rows() -> Iterator[Row]:
+        return _edge_list(text, source, separator)
+
+    return Table(separator=separator, rows=rows, both=kind == "sym")
 
 
 def csv_separator(text: str, source: Source) -> str:
@@ -127,24 +128,24 @@ def csv_separator(text: str, source: Source) -> str:
     it is not clear."""
     for number, line in enumerate(io.StringIO(text), start=1):
         if line.strip() and not _COMMENT.match(line):
-            return _sign(line, source, row=number) or ("\t" if "\t" in line else ",")
+            sign = _sign(line, source, row=number)
+            if sign is None and "\t" in line:
+                return "\t"
+            return sign or ","
     return ","
 
 
 def _edge_list_separator(text: str, source: Source) -> str | None:
     """The sign between the columns, None for blanks; tabs count where every line has one (labels
     may hold blanks)."""
-    lines = (
-        (number, _without_comment(line)) for number, line in enumerate(text.splitlines(), start=1)
-    )
-    number, first = next(((number, line) for number, line in lines if line.strip()), (1, ""))
+    numbered = enumerate(text.splitlines(), start=1)
+    bare = ((number, _without_comment(line)) for number, line in numbered)
+    lines = ((number, line) for number, line in bare if line.strip())
+    number, first = next(lines, (1, ""))
     sign = _sign(first.partition("{")[0], source, row=number)
-    if sign is not None:
-        return sign
-    by_tabs = "\t" in first.strip() and all(
-        "\t" in line.strip() for _, line in lines if line.strip()
-    )
-    return "\t" if by_tabs else None
+    if sign is None and "\t" in first.strip() and all("\t" in line.strip() for _, line in lines):
+        return "\t"
+    return sign
 
 
 def _sign(line: str, source: Source, *, row: int) -> str | None:
@@ -196,29 +197,26 @@ def _edge_list(text: str, source: Source, separator: str | None) -> Iterator[Row
 def _split(line: str, source: Source, separator: str | None, *, row: int) -> list[str]:
     if separator is None:
         cells = line.split()
-        if any(cell in ARROWS for cell in cells) or cells[0].endswith(":"):
-            found = next((cell for cell in cells if cell in ARROWS), cells[0])
+        found = next((cell for cell in cells if cell in ARROWS), None)
+        if found is None and cells[0].endswith(":"):
+            found = cells[0]
+        if found is not None:
             what = (
                 f"holds {shown(found)}: it is no list of arcs, two labels and perhaps a weight in "
                 "each line"
             )
-            raise source.error(
-                what, "Write a b, or a b weight; `arrow` says which of the two listens.", row=row
-            )
+            cure = "Write a b, or a b weight; `arrow` says which of the two listens."
+            raise source.error(what, cure, row=row)
         return cells
     try:
-        cells = [
-            cell.strip()
-            for cell in next(csv.reader([line.strip(" ")], delimiter=separator, strict=True))
-        ]
+        parts = next(csv.reader([line.strip(" ")], delimiter=separator, strict=True))
     except csv.Error as error:
         raise source.error(f"cannot be read ({error})", "Check the quotes.", row=row) from None
+    cells = [cell.strip() for cell in parts]
     if separator != "\t" and any(len(cell.split()) > 1 for cell in cells) and '"' not in line:
-        what = (
-            "holds both commas and blanks between words"
-            if separator == ","
-            else "holds both ; and blanks"
-        )
+        what = "holds both ; and blanks"
+        if separator == ",":
+            what = "holds both commas and blanks between words"
         cure = (
             "Separate columns by one of them, write 0.5 and not 0,5, and labels that hold blanks "
             "in quotes."
@@ -242,18 +240,18 @@ def _without_comment(line: str) -> str:
 def _weight_of(text: str, source: Source, *, row: int) -> list[str]:
     """The weight among attributes as networkx writes them, {'weight': 2.0, ...}, or nothing."""
     inside, closing, _ = text.rpartition("}")
-    at, found = 0, dict[str, str]()
-    while closing and at < len(inside) and (each := _ATTRIBUTE.match(inside, at)):
-        name, value = (
-            next(part for part in parts if part is not None)
-            for parts in (each.groups()[:2], each.groups()[2:])
-        )
-        found[name], at = value, each.end()
+    found: dict[str, str] = {}
+    at = 0
+    each = _ATTRIBUTE.match(inside) if closing else None
+    while each is not None and at < len(inside):
+        name, value = (part for part in each.groups() if part is not None)
+        found[name] = value
+        at = each.end()
+        each = _ATTRIBUTE.match(inside, at)
     if not closing or inside[at:].strip():
         what = "has attributes that cannot be read; they must look like {'weight': 2.0}"
-        raise source.error(
-            what, "Write them without: nx.write_weighted_edgelist(graph, file).", row=row
-        )
+        cure = "Write them without: nx.write_weighted_edgelist(graph, file)."
+        raise source.error(what, cure, row=row)
     return [found["weight"]] if "weight" in found else []
 
 
@@ -284,9 +282,8 @@ def _in_order(number: int, cells: list[str], columns: Columns, source: Source) -
         return
     if not max(columns.first, columns.second) < len(cells) <= columns.width:
         what = f"has {len(cells)} columns; the header names {columns.width}"
-        raise source.error(
-            what, "Fill the row; numbers have a decimal point (0.5 and not 0,5).", row=number
-        )
+        cure = "Fill the row; numbers have a decimal point (0.5 and not 0,5)."
+        raise source.error(what, cure, row=number)
     a, b = cells[columns.first], cells[columns.second]
     weight = [] if columns.weight is None else cells[columns.weight : columns.weight + 1]
     if weight and _DECIMAL_COMMA.fullmatch(weight[0]):
@@ -312,24 +309,22 @@ def find_columns(first: Row, rows: Rows, source: Source, index: Mapping[str, int
     if len(cells) < 2 or (cells[0] in index and cells[1] in index):
         return PLAIN  # agents may be called from and to
     names = [re.sub("[^a-z0-9]", "", cell.lower()) for cell in cells]
+    third = cells[2] if len(cells) > 2 else ""
+    third_is_number = _NUMBER.fullmatch(third) is not None
     ends = next((pair for pair in ENDS if set(pair) <= set(names)), None)
-    if ends is not None and not (len(cells) == 3 and _NUMBER.fullmatch(cells[2])):
-        return _named_columns(
-            names, cells, (names.index(ends[0]), names.index(ends[1])), source, row=number
-        )
-    if any(_NUMBER.fullmatch(cell) for cell in cells[:2]) or (
-        len(cells) > 2 and _NUMBER.fullmatch(cells[2])
-    ):
+    if ends is not None and not (len(cells) == 3 and third_is_number):
+        places = (names.index(ends[0]), names.index(ends[1]))
+        return _named_columns(names, cells, places, source, row=number)
+    if third_is_number or any(_NUMBER.fullmatch(cell) for cell in cells[:2]):
         return PLAIN
-    if len(cells) > 2 and cells[2]:
-        if len(cells) == 3 and names[2] in WEIGHTS:
-            return Columns(width=3, weight=2)
-        what = (
-            f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are not "
-            "known"
-        )
-        raise source.error(what, f"Name the columns {KNOWN}.", row=number)
-    return _two_names(first, rows, source, index)
+    if not third:
+        return _two_names(first, rows, source, index)
+    if len(cells) == 3 and names[2] in WEIGHTS:
+        return Columns(width=3, weight=2)
+    what = (
+        f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are not known"
+    )
+    raise source.error(what, f"Name the columns {KNOWN}.", row=number)
 
 
 def _named_columns(
@@ -338,17 +333,17 @@ def _named_columns(
     """The columns of a header that names both ends."""
     weights = [place for place, name in enumerate(names) if name in WEIGHTS]
     kinds = [place for place, name in enumerate(names) if name in KINDS]
-    if len(weights) > 1 or len(kinds) > 1:
-        both = ", ".join(named(cells[place]) for place in (weights if len(weights) > 1 else kinds))
-        raise source.error(
-            f"names columns of the same meaning: {both}", "Leave one of them.", row=row
-        )
-    unknown = [place for place in range(len(names)) if place not in (*ends, *weights, *kinds)]
-    unknown = [place for place in unknown if names[place] not in BESIDE]
-    if unknown and not weights:
-        what = f"names a column {shown(cells[unknown[0]])}, which is not known"
-        cure = "Call it weight if it holds the weights, or remove it (without weights all are 1)."
-        raise source.error(what, cure, row=row)
+    for alike in (weights, kinds):
+        if len(alike) > 1:
+            both = ", ".join(named(cells[place]) for place in alike)
+            what = f"names columns of the same meaning: {both}"
+            raise source.error(what, "Leave one of them.", row=row)
+    known = {*ends, *weights, *kinds}
+    for place, name in enumerate(names):
+        if not weights and place not in known and name not in BESIDE:
+            what = f"names a column {shown(cells[place])}, which is not known"
+            cure = "Call it weight if it holds the weights, or remove it (without weights all are"
+            raise source.error(what, f"{cure} 1).", row=row)
     return Columns(
         width=len(names),
         first=ends[0],
@@ -374,4 +369,4 @@ def _two_names(first: Row, rows: Rows, source: Source, index: Mapping[str, int])
 
 
 def _all_numbers(labels: Iterable[str]) -> bool:
-    return all(_NUMBER.fullmatch(label) for label in labels)
+    return all(map(_NUMBER.fullmatch, labels))

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dobc_design import __version__
 from dobc_design._checks import put
@@ -37,34 +37,49 @@ if TYPE_CHECKING:
 
 MOST_CASES = 1_000_000
 
-#: Columns of the results by task: name, type ("text", "number", "truth" or "count"), what it is.
-COLUMNS: dict[str, tuple[tuple[str, str, str], ...]] = {
+
+class Column(NamedTuple):
+    """What is kept of every case; ``kind`` is "text", "number", "truth" or "count"."""
+
+    name: str
+    kind: str
+    meaning: str
+
+
+#: Columns of the results by task.
+COLUMNS: dict[str, tuple[Column, ...]] = {
     "certify": (
-        ("verdict", "text", "overall verdict"),
-        ("covered_by", "text", "the check that proves it"),
-        ("rate", "number", "certified rate in 1/s"),
-        (
+        Column("verdict", "text", "overall verdict"),
+        Column("covered_by", "text", "the check that proves it"),
+        Column("rate", "number", "certified rate in 1/s"),
+        Column(
             "factor",
             "number",
             "its factor: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds",
         ),
-        ("one_percent", "number", "certified time to one percent in s, ln(100 factor) / rate"),
-        ("margin", "number", "least margin at the consensus in 1/s"),
-        ("starts", "text", "the largest proved set of starts: everywhere, box, ball, near or none"),
-        ("box", "number", "largest proved |e|_inf"),
-        ("ball", "number", "largest proved |e|, Euclidean"),
-        ("settling_time", "number", "certified settling time in s"),
-        ("reason", "text", "the verdict in a sentence"),
+        Column(
+            "one_percent", "number", "certified time to one percent in s, ln(100 factor) / rate"
+        ),
+        Column("margin", "number", "least margin at the consensus in 1/s"),
+        Column(
+            "starts",
+            "text",
+            "the largest proved set of starts: everywhere, box, ball, near or none",
+        ),
+        Column("box", "number", "largest proved |e|_inf"),
+        Column("ball", "number", "largest proved |e|, Euclidean"),
+        Column("settling_time", "number", "certified settling time in s"),
+        Column("reason", "text", "the verdict in a sentence"),
     ),
     "simulate": (
-        ("diverged", "truth", "whether a run diverged"),
-        ("diverged_runs", "count", "runs that diverged"),
-        ("final_error", "number", "median of |e|_inf at the end"),
-        ("final_error_max", "number", "largest of them"),
-        ("settling_time", "number", "median settling time to 1 % in s"),
-        ("settling_time_max", "number", "largest of them in s"),
-        ("decay_rate", "number", "median fitted decay rate in 1/s"),
-        ("decay_rate_min", "number", "least of them in 1/s"),
+        Column("diverged", "truth", "whether a run diverged"),
+        Column("diverged_runs", "count", "runs that diverged"),
+        Column("final_error", "number", "median of |e|_inf at the end"),
+        Column("final_error_max", "number", "largest of them"),
+        Column("settling_time", "number", "median settling time to 1 % in s"),
+        Column("settling_time_max", "number", "largest of them in s"),
+        Column("decay_rate", "number", "median fitted decay rate in 1/s"),
+        Column("decay_rate_min", "number", "least of them in 1/s"),
     ),
 }
 _NEAR = ("theorem2", "theorem1", "lemma1")  # the checks at the consensus, the strongest first
@@ -82,27 +97,19 @@ class Task:
 
     def __post_init__(self) -> None:
         if self.kind not in COLUMNS:
-            cure = "Choose one."
-            raise SpecError(
-                f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}.",
-                key="task",
-                cure=cure,
-            )
+            message = f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}."
+            raise SpecError(message, key="task", cure="Choose one.")
         put(self, runs=whole(self.runs, "runs", least=1))
         if self.kind == "certify" and self.runs != 1:
-            raise SpecError(
-                "runs is for simulations; a proof is made once.",
-                key="runs",
-                cure='Take task="simulate".',
-            )
+            message = "runs is for simulations; a proof is made once."
+            raise SpecError(message, key="runs", cure='Take task="simulate".')
         if self.kind == "simulate" and self.everything:
-            raise SpecError(
-                "everything (--all) is for certify.", key="everything", cure="Leave it out."
-            )
+            message = "everything (--all) is for certify."
+            raise SpecError(message, key="everything", cure="Leave it out.")
 
     @property
-    def columns(self) -> tuple[tuple[str, str, str], ...]:
-        """Name, type and meaning of what is kept of every case."""
+    def columns(self) -> tuple[Column, ...]:
+        """What is kept of every case."""
         return COLUMNS[self.kind]
 
     def to_json(self) -> dict[str, Any]:
@@ -124,12 +131,10 @@ class Task:
 
         summary = simulate(problem, runs=None if self.runs == 1 else self.runs).summary()
         found = {name: summary[name] for name in ("diverged", "diverged_runs")}
-        for name, extreme in (
-            ("final_error", "max"),
-            ("settling_time", "max"),
-            ("decay_rate", "min"),
-        ):
-            found |= {name: summary[name]["median"], f"{name}_{extreme}": summary[name][extreme]}
+        extremes = {"final_error": "max", "settling_time": "max", "decay_rate": "min"}
+        for name, extreme in extremes.items():
+            found[name] = summary[name]["median"]
+            found[f"{name}_{extreme}"] = summary[name][extreme]
         return found
 
 
@@ -137,12 +142,9 @@ def _facts(certificate: Certificate) -> dict[str, Any]:
     regions = certificate.regions
     proved = [claim for claim in regions.claims if claim.verdict is Verdict.PROVED]
     kinds = [claim.kind for claim in proved if claim.kind in _ORDER]
-    near = next((id for id in _NEAR if any(check.id == id for check in certificate.checks)), None)
-    margins = [
-        check.margin
-        for check in certificate.checks
-        if check.id == near and check.margin is not None
-    ]
+    checks = certificate.checks
+    near = next((id for id in _NEAR if any(check.id == id for check in checks)), None)
+    margins = [each.margin for each in checks if each.id == near and each.margin is not None]
     settling, time = regions.settling, None
     if settling is not None and settling.verdict is Verdict.PROVED and settling.exact is not None:
         time = float_above(Fraction(settling.exact["time"]))
@@ -177,7 +179,8 @@ class Plan:
     task: Task
 
     def __len__(self) -> int:
-        return self.samples * math.prod(len(axis.values) for axis in self.axes if axis.draw is None)
+        listed = [len(axis.values) for axis in self.axes if axis.draw is None]
+        return self.samples * math.prod(listed)
 
     def values(self, case: int) -> tuple[str, ...]:
         """The value of every axis in the case of that number, as text."""
@@ -195,9 +198,8 @@ class Plan:
         """The problem of the case of that number.  Raises: SpecError."""
         given = zip(self.axes, self.values(case), strict=True)
         changes = {path: read_value(text) for axis, text in given for path in axis.keys}
-        return read_problem_tables(
-            with_changes(self.tables, changes), folder=self.folder, default_name=self.name
-        )
+        tables = with_changes(self.tables, changes)
+        return read_problem_tables(tables, folder=self.folder, default_name=self.name)
 
     @property
     def document(self) -> dict[str, Any]:
@@ -235,37 +237,31 @@ def make_plan(
     axes = read_axes(over)
     drawn = [axis.name for axis in axes if axis.draw is not None]
     if drawn and samples is None:
-        cure = "For example --samples 100."
-        raise SpecError(
-            f"samples must say how many times {drawn[0]} is drawn.", key="samples", cure=cure
-        )
+        message = f"samples must say how many times {drawn[0]} is drawn."
+        raise SpecError(message, key="samples", cure="For example --samples 100.")
     if not drawn and samples is not None:
         message = "samples must be left out when nothing is drawn; every grid point is run once."
-        raise SpecError(
-            message,
-            key="samples",
-            cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.",
-        )
-    samples = 1 if samples is None else whole(samples, "samples", least=1)
-    seed = whole(seed, "seed", least=0)
-    text = None if isinstance(source, Problem) else source_text(source)
+        cure = "Draw a key, such as KEY=~uniform(0,1), or leave samples out."
+        raise SpecError(message, key="samples", cure=cure)
+    text, folder = None, None
+    if not isinstance(source, Problem):
+        text = source_text(source)
+        if text is not None:
+            folder = Path(source).resolve().parent
     plan = Plan(
         name=problem.name,
         tables=_tables(text, problem),
-        folder=None
-        if isinstance(source, Problem) or text is None
-        else Path(source).resolve().parent,
+        folder=folder,
         problem_sha256=problem_sha256(problem),
         axes=axes,
-        samples=samples,
-        seed=seed,
+        samples=1 if samples is None else whole(samples, "samples", least=1),
+        seed=whole(seed, "seed", least=0),
         task=task,
     )
     if len(plan) > MOST_CASES:
         message = f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}."
-        raise SpecError(
-            message, key="over", cure="Take fewer values, or split it into several sweeps."
-        )
+        cure = "Take fewer values, or split it into several sweeps."
+        raise SpecError(message, key="over", cure=cure)
     return plan
 
 

@@ -106,9 +106,8 @@ class Journal:
         """Keep the line of one case, written down to the disk."""
         if self.stream is not None:
             try:
-                self.stream.write(
-                    json.dumps(line, ensure_ascii=False, allow_nan=False).encode("utf-8") + b"\n"
-                )
+                text = json.dumps(line, ensure_ascii=False, allow_nan=False)
+                self.stream.write(f"{text}\n".encode())
                 self.stream.flush()
                 os.fsync(self.stream.fileno())
             except OSError as error:
@@ -118,9 +117,9 @@ class Journal:
     def _refused(self, error: OSError) -> CertificateError:
         message = f"{LINES} cannot be written: {error.strerror or error}."
         cure = (
-            "What is there is kept: make room, or check the permissions, and run the same "
-            "command again."
+            "What is there is kept: make room, or check the permissions, and run the same command "
         )
+        cure += "again."
         return CertificateError(message, key=f"{self.folder}/{LINES}", cure=cure)
 
     def __enter__(self) -> Journal:
@@ -134,47 +133,45 @@ class Journal:
 def _cell(value: Any) -> Any:
     """A cell of a CSV file; an apostrophe before text that a spreadsheet would take for a
     formula."""
-    text = str(value).lower() if isinstance(value, bool) else value
-    formula = (
-        isinstance(text, str)
-        and text.startswith(("=", "+", "-", "@", "\t", "\r"))
-        and number_of(text) is None
-    )
-    return f"'{text}" if formula else text
+    if isinstance(value, bool):
+        return str(value).lower()
+    if not isinstance(value, str) or number_of(value) is not None:
+        return value
+    return f"'{value}" if value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 
 
 def _is_line(line: Any, plan: Plan) -> bool:
     """Whether this is the line of a case of the plan: every field of its type, numbers finite."""
     if not isinstance(line, dict) or set(line) != FIELDS or type(line["case"]) is not int:
         return False
-    case, id, result, error = (line[name] for name in ("case", "id", "result", "error"))
-    if (
-        not 0 <= case < len(plan)
-        or line["values"] != list(plan.values(case))
-        or (result is None) == (error is None)
-    ):
+    case, error = line["case"], line["error"]
+    if not 0 <= case < len(plan) or line["values"] != list(plan.values(case)):
         return False
-    if (
-        not _fits(line["seconds"], "number")
-        or line["seconds"] < 0
-        or not (id is None or _ID.fullmatch(str(id)))
-    ):
+    if not _fits(line["seconds"], "number") or line["seconds"] < 0:
+        return False
+    if line["id"] is not None and not _ID.fullmatch(str(line["id"])):
         return False
     if error is not None:
-        texts = (
-            isinstance(error, dict)
-            and set(error) == ERROR
-            and type(error["kind"]) is type(error["message"]) is str
-        )
-        return texts and all(value is None or type(value) is str for value in error.values())
-    kinds = {name: kind for name, kind, _ in plan.task.columns}
-    known = id is not None and isinstance(result, dict) and set(result) == set(kinds)
-    known = known and all(
-        value is None or _fits(value, kinds[name]) for name, value in result.items()
-    )
-    return known and (
-        outcome_of(line) in OUTCOMES if "verdict" in kinds else result["diverged"] is not None
-    )
+        return line["result"] is None and _is_error(error)
+    return line["id"] is not None and _is_result(line, plan)
+
+
+def _is_error(error: Any) -> bool:
+    if not isinstance(error, dict) or set(error) != ERROR:
+        return False
+    if type(error["kind"]) is not str or type(error["message"]) is not str:
+        return False
+    return all(value is None or type(value) is str for value in error.values())
+
+
+def _is_result(line: Outcome, plan: Plan) -> bool:
+    result = line["result"]
+    kinds = {column.name: column.kind for column in plan.task.columns}
+    if not isinstance(result, dict) or set(result) != set(kinds):
+        return False
+    if not all(value is None or _fits(value, kinds[name]) for name, value in result.items()):
+        return False
+    return outcome_of(line) in OUTCOMES if "verdict" in kinds else result["diverged"] is not None
 
 
 def _fits(value: Any, kind: str) -> bool:
@@ -209,27 +206,23 @@ def _require_same(folder: Path, plan: Plan) -> None:
     # all of it, so that a change by hand is not overwritten
     if found == plan.document | {"sha256": plan.sha256}:
         return
-    same = {"problem_sha256": "problem", "axes": "choice of values", "samples": "number of samples"}
     words = {
         "problem": "problem",
-        **same,
+        "problem_sha256": "problem",
+        "axes": "choice of values",
+        "samples": "number of samples",
         "seed": "seed",
         "task": "task",
         "made_by": "version of dobc_design",
     }
     known = found if isinstance(found, dict) else plan.document
-    other = dict.fromkeys(
-        f" another {word}" for name, word in words.items() if known.get(name) != plan.document[name]
-    )
-    message = (
-        f"{str(folder)!r} was made for another "
-        f"sweep{', with' if other else ''}{' and'.join([*other][:2])}."
-    )
-    raise SpecError(
-        message,
-        key="--out",
-        cure="Choose another folder with --out, or add --force to begin anew there.",
-    )
+    changed = [word for name, word in words.items() if known.get(name) != plan.document[name]]
+    message = f"{str(folder)!r} was made for another sweep"
+    if changed:
+        first = [f" another {word}" for word in dict.fromkeys(changed)][:2]
+        message += f", with{' and'.join(first)}"
+    cure = "Choose another folder with --out, or add --force to begin anew there."
+    raise SpecError(f"{message}.", key="--out", cure=cure)
 
 
 def _lock(stream: IO[bytes], folder: Path) -> None:
@@ -243,9 +236,8 @@ def _lock(stream: IO[bytes], folder: Path) -> None:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         message = f"another process is at work on the sweep in {str(folder)!r}."
-        raise SpecError(
-            message, key="--out", cure="Wait for it, or choose another folder with --out."
-        ) from None
+        cure = "Wait for it, or choose another folder with --out."
+        raise SpecError(message, key="--out", cure=cure) from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -272,27 +264,27 @@ class SweepResult(Headed):
     @property
     def columns(self) -> dict[str, str]:
         """Name -> type of every column: "text", "number", "truth" or "count"."""
-        own = {name: kind for name, kind, _ in self.plan.task.columns}
-        axes = {
-            name: "number" if self._is_number(place) else "text"
-            for place, name in enumerate(self.axes)
-        }
+        own = {column.name: column.kind for column in self.plan.task.columns}
+        axes = {}
+        for place, name in enumerate(self.axes):
+            axes[name] = "number" if self._is_number(place) else "text"
         return {"case": "count", **axes, **own, "error": "text", "seconds": "number", "id": "text"}
 
     @property
     def rows(self) -> list[dict[str, Any]]:
         """Every case as a mapping column -> value."""
-        numeric = [self._is_number(place) for place in range(len(self.plan.axes))]
+        numeric = [self._is_number(place) for place in range(len(self.axes))]
+        kept = [column.name for column in self.plan.task.columns]
+        names = list(self.columns)
         rows = []
         for line in self.lines:
-            values = [
-                number_of(text) if yes else text
-                for text, yes in zip(line["values"], numeric, strict=True)
-            ]
-            found = [(line["result"] or {}).get(name) for name, _, _ in self.plan.task.columns]
+            axes = zip(line["values"], numeric, strict=True)
+            values = [number_of(text) if is_number else text for text, is_number in axes]
+            result = line["result"] or {}
+            found = [result.get(name) for name in kept]
             error = None if line["error"] is None else line["error"]["message"]
             cells = [line["case"], *values, *found, error, line["seconds"], line["id"]]
-            rows.append(dict(zip(self.columns, cells, strict=True)))
+            rows.append(dict(zip(names, cells, strict=True)))
         return rows
 
     def column(self, name: str) -> list[Any]:
@@ -405,11 +397,8 @@ class SweepResult(Headed):
 
     def _meaning_of(self, name: str) -> str:
         """What a numeric column holds.  Raises: SpecError for another one."""
-        numeric = {
-            column: text
-            for column, kind, text in self.plan.task.columns
-            if kind in ("number", "count")
-        }
+        columns = self.plan.task.columns
+        numeric = {each.name: each.meaning for each in columns if each.kind in ("number", "count")}
         if name not in numeric:
             cure = f"One of {', '.join(numeric)}."
             raise SpecError(f"{shown(name)} is no numeric column.", key="value", cure=cure)
@@ -428,18 +417,16 @@ class SweepResult(Headed):
             )
         listed = {axis.name: len(axis.values) for axis in self.plan.axes if len(axis.values) > 1}
         numbers = [name for name in self.axes if self.columns[name] == "number"]
-        first = x or next(
-            iter([*(name for name in listed if name in numbers), *numbers, *listed, *self.axes])
-        )
+        # Numbers that are listed first, then those that are drawn, then words.
+        preferred = [*(name for name in listed if name in numbers), *numbers, *listed, *self.axes]
+        first = x or preferred[0]
         if y is not None:
             return [first, y]
         others = [name for name in listed if name != first]
         few = any(listed[name] <= 3 for name in others)  # rather lines side by side than a thin map
-        return (
-            [first]
-            if x is not None or first not in listed or not others or few
-            else [first, others[0]]
-        )
+        if x is not None or first not in listed or not others or few:
+            return [first]
+        return [first, others[0]]
 
     def _places(self, name: str) -> Places:
         """Where the cases stand along an axis: at their numbers, or side by side in the order
@@ -448,26 +435,22 @@ class SweepResult(Headed):
 
         place = self.axes.index(name)
         axis = self.plan.axes[place]
-        position = (
-            np.array(self.column(name), dtype=np.float64)
-            if self._is_number(place)
-            else np.full(1, np.inf)
-        )
-        if _can_be_drawn(position):
-            ticks = np.unique(position)
-            even_ratios = (
-                _has_even_ratios(ticks) if axis.draw is None else axis.draw.kind == "loguniform"
-            )
-            return Places(name=name, position=position, ticks=ticks, even_ratios=even_ratios)
+        if self._is_number(place):
+            numbers = np.array(self.column(name), dtype=np.float64)
+            if _can_be_drawn(numbers):
+                ticks = np.unique(numbers)
+                even_ratios = _has_even_ratios(ticks)
+                if axis.draw is not None:
+                    even_ratios = axis.draw.kind == "loguniform"
+                return Places(name=name, position=numbers, ticks=ticks, even_ratios=even_ratios)
         texts = [line["values"][place] for line in self.lines]
-        names = axis.values or tuple(
-            sorted(set(texts), key=lambda text: (number_of(text) or 0, text))
-        )
+        names = axis.values
+        if not names:  # drawn: in their order
+            names = tuple(sorted(set(texts), key=lambda text: (number_of(text) or 0, text)))
         order = {text: k for k, text in enumerate(names)}
         position = np.array([order[text] for text in texts], dtype=np.float64)
-        return Places(
-            name=name, position=position, ticks=np.arange(len(names), dtype=np.float64), names=names
-        )
+        ticks = np.arange(len(names), dtype=np.float64)
+        return Places(name=name, position=position, ticks=ticks, names=names)
 
     def _series(self, x: str) -> tuple[list[str], list[str]]:
         """The name of each case's line, and the axes that make the lines: listed ones, as long as
@@ -477,19 +460,24 @@ class SweepResult(Headed):
         used: list[int] = []
         count = 1
         for place, axis in enumerate(self.plan.axes):
-            if axis.name != x and len(axis.values) > 1 and count * len(axis.values) <= MOST_SERIES:
+            several = axis.name != x and len(axis.values) > 1
+            if several and count * len(axis.values) <= MOST_SERIES:
                 used.append(place)
                 count *= len(axis.values)
-        heads = {place: "" if len(used) == 1 else f"{self.axes[place]}=" for place in used}
-        names = [
-            ", ".join(head + line["values"][place] for place, head in heads.items())
-            for line in self.lines
-        ]
-        return names, [self.axes[place] for place in used]
+        axes = [self.axes[place] for place in used]
+        heads = [f"{name}=" for name in axes] if len(axes) > 1 else [""] * len(axes)
+        names = []
+        for line in self.lines:
+            values = [line["values"][place] for place in used]
+            names.append(", ".join(map("".join, zip(heads, values, strict=True))))
+        return names, axes
 
     def _note(self, shown_axes: list[str]) -> str:
-        others = [axis for axis in self.plan.axes if axis.name not in shown_axes]
-        parts = [axis.name for axis in others if axis.draw is not None or len(axis.values) > 1]
+        parts = []
+        for axis in self.plan.axes:
+            varied = axis.draw is not None or len(axis.values) > 1
+            if varied and axis.name not in shown_axes:
+                parts.append(axis.name)
         return f"median over {', '.join(parts)}" if parts else ""
 
     def _is_number(self, place: int) -> bool:
@@ -504,31 +492,24 @@ class SweepResult(Headed):
     def __str__(self) -> str:
         lines = [f"{self.plan.name}, {self.plan.task.kind}: {self._summary}"]
         for name, kind, meaning in self.plan.task.columns:
-            values = (
-                [each for each in self.column(name) if each is not None] if kind == "number" else []
-            )
-            if values:
-                found = (
-                    f"{min(values):.4g} to {max(values):.4g}, median {np.median(values):.4g} "
-                    f"({len(values)} cases)"
-                )
-                lines.append(f"  {name:<18} {found}: {meaning}")
+            values = [each for each in self.column(name) if each is not None]
+            if kind == "number" and values:
+                found = f"{min(values):.4g} to {max(values):.4g}, median {np.median(values):.4g}"
+                lines.append(f"  {name:<18} {found} ({len(values)} cases): {meaning}")
         return "\n".join(lines)
 
     def _card(self) -> Card:
-        names = [name for name in self.columns if name not in ("id", "seconds", "reason", "error")]
-        found = [[row[name] for name in names] for row in self.rows[:MOST_ROWS]]
-        rows = [
-            ["" if x is None else f"{x:.6g}" if isinstance(x, float) else str(x) for x in row]
-            for row in found
-        ]
-        return Card(
-            title=self.plan.name,
-            text=self._summary,
-            heads=names,
-            rows=rows,
-            hidden=len(self) - len(rows),
-        )
+        left_out = ("id", "seconds", "reason", "error")
+        names = [name for name in self.columns if name not in left_out]
+        rows = [[_card_cell(row[name]) for name in names] for row in self.rows[:MOST_ROWS]]
+        hidden = len(self) - len(rows)
+        return Card(title=self.plan.name, text=self._summary, heads=names, rows=rows, hidden=hidden)
+
+
+def _card_cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def outcome_of(line: Outcome) -> str:
@@ -543,11 +524,10 @@ def outcome_of(line: Outcome) -> str:
 def _can_be_drawn(numbers: NDArray[np.float64]) -> bool:
     """Whether Matplotlib's scales hold these numbers; others are put side by side, under their
     names."""
+    if not np.isfinite(numbers).all():
+        return False
     size = np.abs(numbers[numbers != 0])
-    return bool(
-        np.isfinite(numbers).all()
-        and (not len(size) or (size.min() >= LEAST and size.max() <= MOST))
-    )
+    return not len(size) or bool(size.min() >= LEAST and size.max() <= MOST)
 
 
 def _has_even_ratios(ticks: NDArray[np.float64]) -> bool:
@@ -555,4 +535,5 @@ def _has_even_ratios(ticks: NDArray[np.float64]) -> bool:
     if len(ticks) < 3 or ticks[0] <= 0 or ticks[-1] / ticks[0] < 50:
         return False
     ratios, steps = np.diff(np.log(ticks)), np.diff(ticks)
-    return bool(np.ptp(ratios) / ratios.sum() < np.ptp(steps) / steps.sum())
+    unevenness_of_ratios = np.ptp(ratios) / ratios.sum()
+    return bool(unevenness_of_ratios < np.ptp(steps) / steps.sum())

@@ -153,19 +153,20 @@ def _run(
 ) -> None:
     """Do the cases that are not done, or were given up and get more time now."""
     plan, done = journal.plan, journal.done
-    for case in [case for case, line in done.items() if to_be_done_again(line, limit)]:
-        del done[case]
+    for case, line in list(done.items()):
+        if to_be_done_again(line, limit):
+            del done[case]
     order = list(range(len(plan)))
     Random(0).shuffle(order)
-    resumed, failed = len(done), sum(line["error"] is not None for line in done.values())
+    left = [case for case in order if case not in done]
+    resumed = len(done)
+    failed = sum(line["error"] is not None for line in done.values())
 
     def report() -> None:
         progress(State(total=len(plan), done=len(done), resumed=resumed, failed=failed))
 
     report()
-    for line in outcomes(
-        plan, [case for case in order if case not in done], jobs=jobs, backend=backend, limit=limit
-    ):
+    for line in outcomes(plan, left, jobs=jobs, backend=backend, limit=limit):
         journal.append(line)
         failed += line["error"] is not None
         report()
@@ -202,9 +203,8 @@ def run_case(plan: Plan, case: int, limit: float | None = None) -> Outcome:
 
     def work() -> None:
         problem = plan.problem(case)
-        identity = json.dumps(
-            [problem_sha256(problem), plan.task.to_json(), __version__], sort_keys=True
-        )
+        depends_on = [problem_sha256(problem), plan.task.to_json(), __version__]
+        identity = json.dumps(depends_on, sort_keys=True)
         found["id"] = hashlib.sha256(identity.encode("utf-8")).hexdigest()
         found["result"] = plan.task.run(problem)
 
@@ -218,9 +218,8 @@ def run_case(plan: Plan, case: int, limit: float | None = None) -> Outcome:
     except MemoryError:
         found["error"] = _error("memory", "The machine ran out of memory.")
     except Exception as error:  # noqa: BLE001 - one case that breaks must not end the others
-        found["error"] = _error(
-            "internal", f"Internal error ({type(error).__name__}: {str(error)[:200]})."
-        )
+        message = f"Internal error ({type(error).__name__}: {str(error)[:200]})."
+        found["error"] = _error("internal", message)
     return _line(plan, case) | found | {"seconds": round(time.perf_counter() - started, 6)}
 
 

@@ -23,7 +23,7 @@ Switching Trajectory Verdict __version__ analyse build_model certify certify_set
 design_observer
 design_pinning exact exosystems export falsify from_pandapower load_problem load_trajectory poles
 problem_from_file
-search_certificate signals simulate sweep trade_off verify what_breaks_first write_comparison
+signals simulate sweep trade_off verify what_breaks_first write_comparison
 write_report
 """
 #: Types that functions return, and what the modules among the names hold for users.

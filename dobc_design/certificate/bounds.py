@@ -357,7 +357,7 @@ def _height_of(
 
 
 class RunLike(Protocol):
-    """See ``simulation.trajectory.Trajectory`` and ``simulation.runs.Ensemble``."""
+    """See ``simulation.trajectory.Trajectory`` and ``simulation.ensemble.Ensemble``."""
 
     @property
     def name(self) -> str: ...

@@ -336,7 +336,7 @@ def other_equilibria(
         and out_of_time() is None
         and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED
     ):
-        from dobc_design.falsification.search import equilibrium_check
+        from dobc_design.certification.equilibria import equilibrium_check
 
         report("looking for another equilibrium")
         found = equilibrium_check(problem)

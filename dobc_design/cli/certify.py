@@ -211,12 +211,12 @@ def _certified(
 ) -> tuple[Certificate, tuple[Falsification, ...]]:
     """The certificate, and with ``search`` what a search for starts that do not converge found."""
     from dobc_design.certification import certify as certification
-    from dobc_design.certification.search import search_certificate
+    from dobc_design.falsification import falsify as falsification
 
     certificate = certification.certify(problem, settling=tolerance, progress=progress, **how)
     if not search:
         return certificate, ()
-    found = search_certificate(certificate, progress=progress)
+    found = falsification.falsify(certificate, progress=progress)
     return found.certificate, found.searches
 
 

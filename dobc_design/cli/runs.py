@@ -19,8 +19,8 @@ from dobc_design.errors import SpecError
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.problem.problem import Problem
-    from dobc_design.simulation.runs import Ensemble
-    from dobc_design.simulation.setting import Stress
+    from dobc_design.simulation.ensemble import Ensemble
+    from dobc_design.simulation.stress import Stress
     from dobc_design.simulation.trajectory import Trajectory
 
 SUMMARY, FIGURE, NETWORK, BREAKING = (

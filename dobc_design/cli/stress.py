@@ -18,7 +18,7 @@ from dobc_design.errors import SpecError
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.problem.problem import Problem
-    from dobc_design.simulation.setting import Failure, Stress
+    from dobc_design.simulation.stress import Failure, Stress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class Stresses:
     def chosen(self) -> Stress | Literal["worst"] | None:
         """The stress that the options describe; None where none of them is given.  Raises:
         SpecError."""
-        from dobc_design.simulation.setting import Stress
+        from dobc_design.simulation.stress import Stress
 
         given: dict[str, Any] = {
             each.name: getattr(self, each.name) for each in fields(self) if each.name != "worst"
@@ -121,7 +121,7 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
 
 def _failure(text: str) -> Failure:
     """An agent that fails, as --fail says it.  Raises: SpecError."""
-    from dobc_design.simulation.setting import Failure
+    from dobc_design.simulation.stress import Failure
 
     agent, found, when = text.rpartition("@")
     time, _, kind = when.partition(":")

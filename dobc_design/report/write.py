@@ -44,7 +44,7 @@ def write_report(
     """Write report.html and report.md into ``folder`` and return the path of the page; see
     ``render_report``.
 
-    ``searches``: what ``search_certificate`` found.  ``pdf``: report.pdf too, which needs the extra
+    ``searches``: what ``falsify`` found.  ``pdf``: report.pdf too, which needs the extra
     `pdf`. ``latex``: the folder latex too, with fragments for a paper and a BibTeX file.
     ``progress``: as in ``certify``.
     Raises: CertificateError when the machine refuses, SpecError without the extra.
@@ -82,7 +82,8 @@ def render_report(
     if problem.n * problem.m <= DRAWN and problem.q <= DRAWN_ORDER:
         from dobc_design.analysis.analysis import analyse as run_analysis
         from dobc_design.conditions.schedule.cycles import phases_of
-        from dobc_design.simulation.runs import fingerprint, run_once
+        from dobc_design.simulation.one_run import run_once
+        from dobc_design.simulation.runs import fingerprint
         from dobc_design.simulation.setting import make_setting
         from dobc_design.simulation.signals import signal_of
         from dobc_design.simulation.worst import worst_signal

@@ -8,9 +8,9 @@ observation, never a proof.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,16 +23,15 @@ from dobc_design.errors import SpecError, wrong
 from dobc_design.problem.arrays import Array, arc_groups
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive
-from dobc_design.simulation.field import Loop
 from dobc_design.simulation.integrate import fastest_decay, observer_decay
-from dobc_design.simulation.runs import run_once
-from dobc_design.simulation.setting import Failure, Given, Stress, make_setting
+from dobc_design.simulation.one_run import run_once
+from dobc_design.simulation.setting import Setting, make_setting
 from dobc_design.simulation.signals import Signal, signal_of
+from dobc_design.simulation.starts import Given
+from dobc_design.simulation.stress import Failure, Stress
 from dobc_design.simulation.trajectory import Trajectory
 
-Late = Callable[[Stress], float]
 UNITS = {
     "noise": "unit of x",
     "disturbance": "unit of x per s",
@@ -42,11 +41,14 @@ UNITS = {
     "failures": "agents",
 }
 OPTIONS = tuple(UNITS)
+OF_INPUTS = ("disturbance", "saturation")  # which act on u where agents have dynamics
 TOLERANCE = 0.1
 LATE = 0.9  # part of the horizon after which a run has to be settled
 HALVINGS, DOUBLINGS = 6, 6  # of the natural scale of an option, below and above it
 BISECTIONS = 10
 SAMPLES = 201
+MOST_FAILURES = 12  # numbers of failing agents that are tried
+TINY = 1e-300
 COARSE = 1e-6  # relative tolerance of the integrator: errors of ten percent are looked for
 
 
@@ -67,6 +69,18 @@ class Sweep:
     breaks: float | None
     relative_break: float | None
 
+    def to_json(self) -> dict[str, Any]:
+        """JSON types: late errors are null where a run diverged."""
+        return {
+            "option": self.option,
+            "unit": self.unit,
+            "survives": self.survives,
+            "breaks": self.breaks,
+            "severity": self.severity.tolist(),
+            "relative": self.relative.tolist(),
+            "late": [late if np.isfinite(late) else None for late in self.late.tolist()],
+        }
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PeriodLimit:
@@ -78,15 +92,14 @@ class PeriodLimit:
     certified: float | None = None
 
     def __str__(self) -> str:
-        words = (
-            "no period tried converges"
-            if self.converges is None
-            else f"converges at {self.converges:.4g} s"
-        )
-        words += "" if self.fails is None else f", no longer at {self.fails:.4g} s"
-        return words + (
-            "" if self.certified is None else f"; certified up to {self.certified:.4g} s"
-        )
+        words = "no period tried converges"
+        if self.converges is not None:
+            words = f"converges at {self.converges:.4g} s"
+        if self.fails is not None:
+            words += f", no longer at {self.fails:.4g} s"
+        if self.certified is not None:
+            words += f"; certified up to {self.certified:.4g} s"
+        return words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -105,11 +118,10 @@ class Breaking(Headed):
     def order(self) -> tuple[str, ...]:
         """The options that broke the loop, the first to break before the others, by relative
         severity."""
-        broken = [
-            (each.relative_break, each.option)
-            for each in self.sweeps
-            if each.relative_break is not None
-        ]
+        broken = []
+        for each in self.sweeps:
+            if each.relative_break is not None:
+                broken.append((each.relative_break, each.option))
         return tuple(option for _, option in sorted(broken))
 
     def plot(self, ax: Any = None) -> Any:
@@ -123,19 +135,17 @@ class Breaking(Headed):
         return breaking_sheet(
             self.sweeps,
             tolerance=self.tolerance,
+            name=self.name,
             period=limit.converges,
             certified=limit.certified,
-            name=self.name,
         )
 
     def _card(self) -> Card:
-        text = (
-            f"what breaks first (late errors above {self.tolerance:.0%} of the start, natural "
-            "units): "
-        )
+        errors = f"late errors above {self.tolerance:.0%} of the start, natural units"
+        found = ", ".join(self.order) or "nothing in the range tried"
         return Card(
             title=self.name,
-            text=text + (", ".join(self.order) or "nothing in the range tried"),
+            text=f"what breaks first ({errors}): {found}",
             heads=("stress", "holds at", "breaks at", "unit"),
             rows=[(each.option, each.survives, each.breaks, each.unit) for each in self.sweeps],
             lines=() if self.period is None else (f"Sampling period: {self.period}",),
@@ -143,19 +153,11 @@ class Breaking(Headed):
 
     def to_json(self) -> dict[str, Any]:
         """JSON types: late errors are null where a run diverged."""
-        words = ("option", "unit", "survives", "breaks")
-        sweeps = [
-            {name: getattr(each, name) for name in words}
-            | {"severity": each.severity.tolist(), "relative": each.relative.tolist()}
-            | {"late": [late if np.isfinite(late) else None for late in each.late.tolist()]}
-            for each in self.sweeps
-        ]
-        period = None if self.period is None else asdict(self.period)
         return {
             "tolerance": self.tolerance,
             "order": list(self.order),
-            "sweeps": sweeps,
-            "period": period,
+            "sweeps": [each.to_json() for each in self.sweeps],
+            "period": None if self.period is None else asdict(self.period),
         }
 
 
@@ -187,56 +189,73 @@ def what_breaks_first(
     Returns: a Breaking, the data of one figure.  Raises: SpecError for an unknown option, or if the
     loop does not converge without any stress.
     """
-    options, report = OPTIONS if options is None else options, report_to(progress)
-    unknown = [option for option in options if option not in OPTIONS]
-    if unknown or not options:
-        message = (
-            f"must be among {', '.join(OPTIONS)}; got "
-            f"{str(unknown[0])[:40] if unknown else 'none'}."
-        )
-        raise wrong("options", message, "Leave it out for all of them.")
+    options = _known(OPTIONS if options is None else options)
     tolerance = positive(tolerance, "tolerance", example="0.1")
+    report = report_to(progress)
     problem = as_integrators(load_problem(problem))
     problem.require_no_leader("the search for the stress that breaks a loop")
-    chosen, remark = (signal, None) if signal is not None else signal_of(problem)
-    given: dict[str, Any] = {"signal": chosen, "start": start, "t_final": t_final, "seed": seed}
+    remark = None
+    if signal is None:
+        signal, remark = signal_of(problem)
     setting = make_setting(
-        problem, gain=observer_gain(problem), samples=SAMPLES, tolerance=COARSE, **given
+        problem,
+        gain=observer_gain(problem),
+        signal=signal,
+        start=start,
+        t_final=t_final,
+        seed=seed,
+        samples=SAMPLES,
+        tolerance=COARSE,
     )
-
-    def late(stress: Stress) -> float:
-        return _late(run_once(replace(setting, stress=None if stress.is_calm else stress)), stress)
-
-    calm = run_once(setting)
-    if not _late(calm, Stress()) <= tolerance:
+    loop = _Tried(setting=setting, calm=run_once(setting), tolerance=tolerance)
+    if not _late_error(loop.calm, Stress()) <= tolerance:
         message = (
-            "the loop must converge without stress before stress is added; it does not converge in"
+            "the loop must converge without stress before stress is added; it does not converge "
+            f"in {loop.calm.t_final:g} s."
         )
         cure = "Choose a longer horizon, or see what `dobc certify` says."
-        raise SpecError(f"{message} {calm.t_final:g} s.", key="t_final", cure=cure)
-    sweeps, limit = [], None
+        raise SpecError(message, key="t_final", cure=cure)
+    sweeps = []
+    limit = None
     for number, option in enumerate(options):
         report(number / len(options))
-        sweeps.append(
-            sweep := _sweep(late, tolerance, option, _grid(problem, option, calm, setting.loop))
-        )
-        if problem.origin is not None and option in ("disturbance", "saturation"):
-            sweeps[-1] = replace(sweep, unit="unit of u")
+        sweep = loop.sweep(option)
+        sweeps.append(sweep)
         if option == "period":
-            certified = (
-                None
-                if certificate is None
-                else certified_period(certificate.problem, certificate.claims)
-            )
-            limit = _bisect(late, tolerance, sweep.survives, sweep.breaks)
-            limit = limit if certified is None else replace(limit, certified=float(certified))
+            limit = loop.bisected(sweep.survives, sweep.breaks, certified=_certified(certificate))
     report(1.0)
-    calm = calm if remark is None else replace(calm, notes=(remark, *calm.notes))
-    found: dict[str, Any] = {"sweeps": tuple(sweeps), "period": limit, "calm": calm}
-    return Breaking(name=problem.name, t_final=calm.t_final, tolerance=tolerance, **found)
+    calm = loop.calm
+    if remark is not None:
+        calm = replace(calm, notes=(remark, *calm.notes))
+    return Breaking(
+        name=problem.name,
+        t_final=calm.t_final,
+        tolerance=tolerance,
+        sweeps=tuple(sweeps),
+        period=limit,
+        calm=calm,
+    )
 
 
-def _late(run: Trajectory, stress: Stress) -> float:
+def _known(options: Sequence[str]) -> Sequence[str]:
+    """The options.  Raises: SpecError for an unknown one, or for none."""
+    unknown = [option for option in options if option not in OPTIONS]
+    if unknown or not options:
+        got = str(unknown[0])[:40] if unknown else "none"
+        message = f"must be among {', '.join(OPTIONS)}; got {got}."
+        raise wrong("options", message, "Leave it out for all of them.")
+    return options
+
+
+def _certified(certificate: Certificate | None) -> float | None:
+    """The certified sampling period in s, if there is one."""
+    if certificate is None:
+        return None
+    period = certified_period(certificate.problem, certificate.claims)
+    return None if period is None else float(period)
+
+
+def _late_error(run: Trajectory, stress: Stress) -> float:
     """The late error of the agents that work, over the error at the start; inf where the run
     diverged."""
     gone = {each.agent for each in stress.failures}
@@ -244,75 +263,114 @@ def _late(run: Trajectory, stress: Stress) -> float:
     if run.diverged or not working:
         return np.inf
     error = np.abs(run.errors())
-    return float(
-        error[run.times >= LATE * run.t_final][:, working].max()
-        / max(float(error[0].max()), 1e-300)
-    )
+    late = error[run.times >= LATE * run.t_final][:, working]
+    return float(late.max() / max(float(error[0].max()), TINY))
 
 
-def _grid(
-    problem: Problem, option: str, calm: Trajectory, loop: Loop
-) -> Iterator[tuple[float, float, Stress]]:
-    """Severity, the same in natural units, and the stress; from mild to severe."""
-    error, peak = float(calm.error()[0]), max(float(np.abs(calm.u).max()), 1e-300)
-    doublings = 2.0 ** np.arange(-HALVINGS, DOUBLINGS + 1)
-    if option == "noise":
-        yield from ((error * k, k, Stress(noise=error * k)) for k in doublings)
-    elif option == "disturbance":
-        yield from ((peak * k, k, Stress(disturbance=peak * k)) for k in doublings)
-    elif option == "saturation":
-        bounds = 0.5 ** np.arange(HALVINGS + DOUBLINGS + 1)
-        yield from ((peak * k, 1 - k, Stress(saturation=peak * k)) for k in bounds)
-    elif option == "period":
-        modes = (fastest_decay(loop, arc_groups(problem, name)) for name in problem.network.modes)
-        fastest = max(observer_decay(loop), *modes, 1 / calm.t_final)
-        periods = (k / fastest for k in doublings[2:])  # short ones cost much and break nothing
-        yield from ((T, T * fastest, Stress(period=T)) for T in periods if calm.t_final >= 4 * T)
-    elif option == "loss":
-        yield from (
-            (p, p, Stress(loss=p))
-            for p in (*np.linspace(0.1, 0.9, 9).round(1).tolist(), 0.95, 0.99, 1.0)
+class _Step(NamedTuple):
+    """How severe a stress is: in its unit, and relative to what is natural."""
+
+    severity: float
+    relative: float
+    stress: Stress
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Tried:
+    """The loop whose stress grows, with its run without any."""
+
+    setting: Setting
+    calm: Trajectory
+    tolerance: float
+
+    def late(self, stress: Stress) -> float:
+        """The late error of a run under this stress."""
+        run = run_once(replace(self.setting, stress=None if stress.is_calm else stress))
+        return _late_error(run, stress)
+
+    def sweep(self, option: str) -> Sweep:
+        """One option from mild to severe, up to the first that breaks the loop."""
+        done: list[_Step] = []
+        errors: list[float] = []
+        survives = None
+        broken = None
+        for step in self.steps(option):
+            done.append(step)
+            errors.append(self.late(step.stress))
+            if not errors[-1] <= self.tolerance:
+                broken = step
+                break
+            survives = step.severity
+        unit = UNITS[option]
+        if self.setting.problem.origin is not None and option in OF_INPUTS:
+            unit = "unit of u"
+        return Sweep(
+            option=option,
+            unit=unit,
+            severity=np.array([step.severity for step in done]),
+            relative=np.array([step.relative for step in done]),
+            late=np.array(errors),
+            survives=survives,
+            breaks=None if broken is None else broken.severity,
+            relative_break=None if broken is None else broken.relative,
         )
-    else:
-        order = np.random.default_rng([calm.seed, 5]).permutation(len(calm.labels))
-        gone = [Failure(agent=calm.labels[i], time=0.1 * calm.t_final) for i in order]
-        for count in (
-            np.unique(np.linspace(1, len(gone) - 1, 12).round().astype(int)).tolist()
-            if len(gone) > 1
-            else ()
-        ):
-            yield float(count), count / len(gone), Stress(failures=tuple(gone[:count]))
 
+    def steps(self, option: str) -> Iterator[_Step]:
+        """What is tried of an option."""
+        error = float(self.calm.error()[0])
+        peak = max(float(np.abs(self.calm.u).max()), TINY)
+        doublings = np.asarray(2.0 ** np.arange(-HALVINGS, DOUBLINGS + 1), dtype=np.float64)
+        if option == "noise":
+            for k in doublings:
+                yield _Step(error * k, k, Stress(noise=error * k))
+        elif option == "disturbance":
+            for k in doublings:
+                yield _Step(peak * k, k, Stress(disturbance=peak * k))
+        elif option == "saturation":
+            for k in 0.5 ** np.arange(HALVINGS + DOUBLINGS + 1):
+                yield _Step(peak * k, 1 - k, Stress(saturation=peak * k))
+        elif option == "loss":
+            tenths = np.linspace(0.1, 0.9, 9).round(1).tolist()
+            for p in (*tenths, 0.95, 0.99, 1.0):
+                yield _Step(p, p, Stress(loss=p))
+        elif option == "period":
+            yield from self.periods(doublings[2:])  # short ones cost much and break nothing
+        else:
+            yield from self.failures()
 
-def _sweep(
-    late: Late, tolerance: float, option: str, grid: Iterator[tuple[float, float, Stress]]
-) -> Sweep:
-    rows: list[tuple[float, float, float]] = []
-    found: dict[str, float | None] = dict.fromkeys(("survives", "breaks", "relative_break"))
-    for severity, relative, stress in grid:
-        rows.append((severity, relative, late(stress)))
-        if not rows[-1][2] <= tolerance:
-            found |= {"breaks": severity, "relative_break": relative}
-            break
-        found["survives"] = severity
-    severities, relatives, errors = np.array(rows).reshape(-1, 3).T
-    return Sweep(
-        option=option,
-        unit=UNITS[option],
-        severity=severities,
-        relative=relatives,
-        late=errors,
-        **found,
-    )
+    def periods(self, multiples: Array) -> Iterator[_Step]:
+        """Sampling periods in multiples of the fastest time constant, four of which fit into the
+        horizon."""
+        problem = self.setting.problem
+        loop = self.setting.loop
+        decays = [fastest_decay(loop, arc_groups(problem, mode)) for mode in problem.network.modes]
+        fastest = max(observer_decay(loop), *decays, 1 / self.calm.t_final)
+        for k in multiples:
+            period = k / fastest
+            if self.calm.t_final >= 4 * period:
+                yield _Step(period, period * fastest, Stress(period=period))
 
+    def failures(self) -> Iterator[_Step]:
+        """Ever more agents vanish, in a random order."""
+        labels = self.calm.labels
+        order = np.random.default_rng([self.calm.seed, 5]).permutation(len(labels))
+        gone = [Failure(agent=labels[i], time=0.1 * self.calm.t_final) for i in order]
+        if len(gone) < 2:
+            return
+        counts = np.linspace(1, len(gone) - 1, MOST_FAILURES).round().astype(int)
+        for count in np.unique(counts).tolist():
+            yield _Step(float(count), count / len(gone), Stress(failures=tuple(gone[:count])))
 
-def _bisect(late: Late, tolerance: float, low: float | None, high: float | None) -> PeriodLimit:
-    """Between a period that converged and one that did not; convergence need not be monotone in the
-    period."""
-    if low is not None and high is not None:
-        for _ in range(BISECTIONS):
-            middle = (low + high) / 2
-            low, high = (
-                (middle, high) if late(Stress(period=middle)) <= tolerance else (low, middle)
-            )
-    return PeriodLimit(converges=low, fails=high)
+    def bisected(
+        self, low: float | None, high: float | None, *, certified: float | None
+    ) -> PeriodLimit:
+        """Between a period that converged and one that did not; convergence need not be monotone in
+        the period."""
+        if low is not None and high is not None:
+            for _ in range(BISECTIONS):
+                middle = (low + high) / 2
+                if self.late(Stress(period=middle)) <= self.tolerance:
+                    low = middle
+                else:
+                    high = middle
+        return PeriodLimit(converges=low, fails=high, certified=certified)

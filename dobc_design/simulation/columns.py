@@ -2,12 +2,12 @@
 
 The coefficients are SciPy's, and so are the rules for errors and steps; every run keeps its own
 step size, so it ends where it would have ended alone, to the tolerance, and one that diverges
-leaves the others in peace.
+leaves the others in peace.  One run by itself: ``integrate.py``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -17,16 +17,20 @@ from scipy.integrate import DOP853
 
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.network import IndexArray
-from dobc_design.simulation.field import ClosedForm, Loop, Network
+from dobc_design.simulation.closed_form import ClosedForm
+from dobc_design.simulation.field import Loop, Network
 from dobc_design.simulation.integrate import FARTHEST
-from dobc_design.simulation.switches import Switches
+from dobc_design.simulation.switches import ModeTable
 
+BoolArray = NDArray[np.bool_]
 Visit = Callable[[IndexArray, IndexArray, Array], None]
 RightHandSide = Callable[[Array, Array], Array]
 
-STAGES, EXTENDED = DOP853.n_stages, DOP853.n_stages + 1 + len(DOP853.C_EXTRA)
+STAGES = DOP853.n_stages
+EXTENDED = STAGES + 1 + len(DOP853.C_EXTRA)  # with those of the interpolant
 EXPONENT = -1 / (DOP853.error_estimator_order + 1)
 LEAST_FACTOR, MOST_FACTOR, SAFETY = 0.2, 10.0, 0.9  # those of SciPy
+SMALL, SMALL_STEP = 1e-5, 1e-6  # scaled size or speed that says nothing; the first step then, in s
 # states n m of the runs of one chunk; some 60 arrays of this size are in use
 COLUMN_NUMBERS = 1 << 15
 MOST_STEPS = 20_000  # of one run, tried ones included; one that needs more is handed back
@@ -60,68 +64,97 @@ class Ends:
             ESCAPED: f"|e|_inf exceeded {FARTHEST:.0e} times its start at",
             COLLAPSED: "the step size collapsed or the state overflowed just after",
         }
-        early = np.flatnonzero(self.states >= ESCAPED).tolist()
-        return {
-            k: f"{words[s]} t = {self.times[k]:.6g} s" if (s := self.states[k]) in words else ""
-            for k in early
-        }
+        found: dict[int, str] = {}
+        for run in np.flatnonzero(self.states >= ESCAPED).tolist():
+            why = words.get(int(self.states[run]))
+            found[run] = "" if why is None else f"{why} t = {self.times[run]:.6g} s"
+        return found
 
 
-def padded(switches: Sequence[Switches]) -> tuple[Array, IndexArray]:
-    """The instants and modes of all runs, (R, S), padded with inf and 0."""
-    shape = (len(switches), 1 + max(map(len, switches)))
-    times, modes = np.full(shape, np.inf), np.zeros(shape, dtype=np.int64)
-    for row, each in enumerate(switches):
-        times[row, : len(each)], modes[row, : len(each)] = each.times, each.modes
-    return times, modes
-
-
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stretch:
-    """A stretch of time, in s, for runs side by side; those that are still under way have a column
-    each.  Shapes: e (N, R) at ``begin``; times and modes of ``switches`` (R, S), padded with inf
-    and 0; ``farthest`` (R,), the |e|_inf that counts as divergence; ``steps`` (R,), the first step
-    sizes, or None for a guess.  ``most``: steps, tried ones included, after which a run is handed
-    back.  ``visit`` sees the samples after the begin, up to the end."""
+    """A stretch of time, from ``begin`` to ``end`` in s, over which runs are integrated.
 
-    def __init__(
-        self,
-        columns: Columns,
-        e: Array,
-        samples: Array,
-        *,
-        begin: float,
-        end: float,
-        farthest: Array,
-        switches: tuple[Array, IndexArray],
-        steps: Array | None = None,
-        most: int,
-        tolerance: float,
-        visit: Visit,
-    ) -> None:
-        self.columns, self.samples, self.visit, self.most, self.first = (
-            columns,
-            samples,
-            visit,
-            most,
-            steps,
-        )
-        self.horizon, self.relative, self.absolute = end, tolerance, tolerance / 100
-        count = e.shape[1]
-        self.ended, self.ended_at = np.full(count, RUNNING), np.full(count, self.horizon)
-        self.last_e, self.last_steps = e.copy(), np.zeros(count)
-        self.switch_times = np.pad(switches[0], ((0, 0), (0, 1)), constant_values=np.inf)
-        self.switch_modes, self.run_of, self.farthest = switches[1], np.arange(count), farthest
-        self.y, self.t, self.h = e.copy(), np.full(count, begin), np.zeros(count)
-        self.place = (switches[0] <= begin).sum(axis=1) - 1
-        self.done = np.searchsorted(samples, self.t, side="right")
-        self.steps, self.rejected = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-        self.arrange()
+    Shapes: ``start`` (N, R), the states at ``begin``; ``switches`` of R runs; ``farthest`` (R,),
+    the |e|_inf that counts as divergence; ``steps`` (R,), the first step sizes, or None for a
+    guess.  ``most``: steps, tried ones included, after which a run is handed back.  ``tolerance``
+    is relative, the absolute one is a hundredth of it.  ``visit`` sees the states at those of the
+    times ``samples`` that come after the begin, up to the end.
+    """
 
-    def arrange(self) -> None:
+    columns: Columns
+    start: Array
+    begin: float
+    end: float
+    switches: ModeTable
+    farthest: Array
+    steps: Array | None = None
+    most: int
+    tolerance: float
+    samples: Array
+    visit: Visit
+
+    def run(self) -> Ends:
+        """Integrate all runs to the end, or to where each of them ends."""
+        return _March(self).run()
+
+
+class _March:
+    """The runs that are still under way over a stretch, a column each.
+
+    Arrays named in PER_RUN have an entry for each of them; ``run_of`` says which runs they are.
+    """
+
+    PER_RUN = (
+        "run_of",
+        "t",
+        "h",
+        "place",
+        "done",
+        "steps",
+        "rejected",
+        "farthest",
+        "mode",
+        "limit",
+    )
+
+    def __init__(self, stretch: Stretch) -> None:
+        count = stretch.start.shape[1]
+        self.columns = stretch.columns
+        self.samples = stretch.samples
+        self.visit = stretch.visit
+        self.most = stretch.most
+        self.first = stretch.steps
+        self.horizon = stretch.end
+        self.relative = stretch.tolerance
+        self.absolute = stretch.tolerance / 100
+        # of all runs: what Ends says of them
+        self.ended = np.full(count, RUNNING)
+        self.ended_at = np.full(count, self.horizon)
+        self.last_e = stretch.start.copy()
+        self.last_steps = np.zeros(count)
+        times = stretch.switches.times
+        # one more that never comes: the switch after the last one
+        self.switch_times = np.pad(times, ((0, 0), (0, 1)), constant_values=np.inf)
+        self.switch_modes = stretch.switches.modes
+        # of those under way
+        self.run_of = np.arange(count)
+        self.farthest = stretch.farthest
+        self.y = stretch.start.copy()
+        self.t = np.full(count, stretch.begin)
+        self.h = np.zeros(count)
+        self.place = (times <= stretch.begin).sum(axis=1) - 1
+        self.done = np.searchsorted(self.samples, self.t, side="right")
+        self.steps = np.zeros(count, dtype=np.int64)
+        self.rejected = np.zeros(count, dtype=bool)
+        self.look_up_modes()
+
+    def look_up_modes(self) -> None:
         self.mode = self.switch_modes[self.run_of, self.place]
         self.limit = np.minimum(self.switch_times[self.run_of, self.place + 1], self.horizon)
 
     def run(self) -> Ends:
+        # Trial steps overflow far from the target; they are rejected.
         with np.errstate(all="ignore"):
             self.K = np.empty((EXTENDED, *self.y.shape))
             self.parts = self.grouped(np.arange(len(self.run_of)))
@@ -135,29 +168,36 @@ class Stretch:
         return Ends(states=self.ended, times=self.ended_at, e=self.last_e, steps=self.last_steps)
 
     def step(self) -> None:
+        """Try one step of every run, and keep those that are accurate enough."""
         cut = self.h >= self.limit - self.t
         ends = np.where(cut, self.limit, self.t + self.h)
         h = ends - self.t
-        new, f_new, norm = self.stages(h, ends)
+        new, f_new = self.stages(h, ends)
+        norm = self.error_norm(h, new)
         good = (norm < 1) & np.isfinite(new).all(axis=0) & np.isfinite(f_new).all(axis=0)
         factor = np.where(norm == 0, MOST_FACTOR, SAFETY * norm**EXPONENT)
         factor = np.where(np.isfinite(factor), factor, LEAST_FACTOR)
-        grown = np.clip(factor, LEAST_FACTOR, np.where(self.rejected, 1.0, MOST_FACTOR)) * h
+        # right after a rejected step none is longer than it
+        most = np.where(self.rejected, 1.0, MOST_FACTOR)
+        grown = np.clip(factor, LEAST_FACTOR, most) * h
         shrunk = np.clip(factor, LEAST_FACTOR, SAFETY) * h
         self.record(good, h, ends, new, f_new)
-        self.h = np.where(good, np.where(cut, np.maximum(self.h, grown), grown), shrunk)
-        self.y, self.f = np.where(good, new, self.y), np.where(good, f_new, self.f)
+        # a step that a switch cut short says nothing against the longer one
+        kept = np.where(cut, np.maximum(self.h, grown), grown)
+        self.h = np.where(good, kept, shrunk)
+        self.y = np.where(good, new, self.y)
+        self.f = np.where(good, f_new, self.f)
         self.t = np.where(good, ends, self.t)
         self.rejected = ~good
         self.steps += 1
         self.sort_out(good, switched=good & cut & (ends < self.horizon))
 
-    def stages(self, h: Array, ends: Array) -> tuple[Array, Array, Array]:
-        """The new states, their derivatives, and the norm of the error, 1 being the tolerance."""
-        K, flat = self.K, self.K.reshape(EXTENDED, -1)
-        forces = self.columns.forces(
-            np.concatenate([self.t + DOP853.C[1:, None] * h, ends[None]]), self.run_of
-        )
+    def stages(self, h: Array, ends: Array) -> tuple[Array, Array]:
+        """The new states and their derivatives; all stages stand in K then."""
+        K = self.K
+        flat = K.reshape(EXTENDED, -1)
+        within = self.t + DOP853.C[1:, None] * h
+        forces = self.columns.forces(np.concatenate([within, ends[None]]), self.run_of)
         K[0] = self.f
         for s in range(1, STAGES):
             y = (DOP853.A[s, :s] @ flat[:s]).reshape(self.y.shape)
@@ -166,48 +206,50 @@ class Stretch:
             K[s] = self.derivative(y, forces[s - 1])
         new = (DOP853.B @ flat[:STAGES]).reshape(self.y.shape) * h + self.y
         K[STAGES] = self.derivative(new, forces[STAGES - 1])
-        scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.relative
-        errors = (
-            (E @ flat[: STAGES + 1]).reshape(self.y.shape) / scale for E in (DOP853.E5, DOP853.E3)
-        )
-        fifth, third = (np.square(each).sum(axis=0) for each in errors)
-        below = np.sqrt((fifth + 0.01 * third) * len(self.y))
-        return (
-            new,
-            K[STAGES],
-            np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below)),
-        )
+        return new, K[STAGES]
 
-    def record(
-        self, good: NDArray[np.bool_], h: Array, ends: Array, new: Array, f_new: Array
-    ) -> None:
+    def error_norm(self, h: Array, new: Array) -> Array:
+        """The norm of the error of every run, 1 being the tolerance: from the estimates of orders 5
+        and 3, as SciPy combines them."""
+        flat = self.K.reshape(EXTENDED, -1)[: STAGES + 1]
+        scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.relative
+        fifth = np.square((DOP853.E5 @ flat).reshape(self.y.shape) / scale).sum(axis=0)
+        third = np.square((DOP853.E3 @ flat).reshape(self.y.shape) / scale).sum(axis=0)
+        below = np.sqrt((fifth + 0.01 * third) * len(self.y))
+        exact = below == 0
+        return np.where(exact, 0.0, h * fifth / np.where(exact, 1.0, below))
+
+    def record(self, good: BoolArray, h: Array, ends: Array, new: Array, f_new: Array) -> None:
+        """Show the samples within the steps that were accepted."""
         upto = np.searchsorted(self.samples, ends, side="right")
         chosen = np.flatnonzero(good & (upto > self.done))
         if not len(chosen):
             return
-        h, y = h[chosen], self.y[:, chosen]
+        h = h[chosen]
+        y = self.y[:, chosen]
         F = self.interpolant(chosen, h, new, f_new)
         for offset in range(int((upto - self.done)[chosen].max())):
             there = np.flatnonzero(self.done[chosen] + offset < upto[chosen])
-            sample = self.done[chosen[there]] + offset
-            part = (self.samples[sample] - self.t[chosen[there]]) / h[there]
+            own = chosen[there]
+            sample = self.done[own] + offset
+            part = (self.samples[sample] - self.t[own]) / h[there]
             value = np.zeros((len(y), len(there)))
             for i, row in enumerate(F[::-1]):
                 value += row[:, there]
                 value *= part if i % 2 == 0 else 1 - part
             value += y[:, there]
-            at_end = self.samples[sample] == ends[chosen[there]]
-            value[:, at_end] = new[:, chosen[there[at_end]]]
-            self.visit(sample, self.run_of[chosen[there]], value)
+            at_end = self.samples[sample] == ends[own]
+            value[:, at_end] = new[:, own[at_end]]
+            self.visit(sample, self.run_of[own], value)
         self.done[chosen] = upto[chosen]
 
     def interpolant(self, chosen: IndexArray, h: Array, new: Array, f_new: Array) -> Array:
         """SciPy's polynomial of order 7 over the step, for some of the runs: (7, n m, k)."""
         K = self.K if len(chosen) == len(self.run_of) else self.K.take(chosen, axis=2)
-        flat, old = K.reshape(EXTENDED, -1), self.y[:, chosen]
-        forces = self.columns.forces(
-            self.t[chosen] + DOP853.C_EXTRA[:, None] * h, self.run_of[chosen]
-        )
+        flat = K.reshape(EXTENDED, -1)
+        old = self.y[:, chosen]
+        times = self.t[chosen] + DOP853.C_EXTRA[:, None] * h
+        forces = self.columns.forces(times, self.run_of[chosen])
         for s, row in enumerate(DOP853.A_EXTRA, start=STAGES + 1):
             y = (row[:s] @ flat[:s]).reshape(old.shape) * h + old
             K[s] = self.derivative(y, forces[s - STAGES - 1], chosen)
@@ -219,16 +261,10 @@ class Stretch:
         F[3:] = h * (DOP853.D @ flat).reshape(-1, *old.shape)
         return F
 
-    def sort_out(self, good: NDArray[np.bool_], *, switched: NDArray[np.bool_]) -> None:
+    def sort_out(self, good: BoolArray, *, switched: BoolArray) -> None:
         """Switch the runs that have come to a switch, and retire those that have ended."""
         if switched.any():
-            self.place = self.place + switched
-            self.arrange()
-            some = np.flatnonzero(switched)
-            self.columns.switched(self.run_of[some], self.mode[some])
-            self.parts = self.grouped(np.arange(len(self.run_of)))
-            forces = self.columns.forces(self.t[None, some], self.run_of[some])
-            self.f[:, some] = self.derivative(self.y[:, some], forces[0], some)
+            self.switch(switched)
         collapsed = ~good & (self.h < 10 * np.spacing(self.t))
         collapsed |= switched & ~np.isfinite(self.f).all(axis=0)
         state = np.where(collapsed, COLLAPSED, RUNNING)
@@ -238,36 +274,41 @@ class Stretch:
         if (state != RUNNING).any():
             self.retire(state)
 
+    def switch(self, switched: BoolArray) -> None:
+        """These runs are in their next mode from now on."""
+        self.place = self.place + switched
+        self.look_up_modes()
+        some = np.flatnonzero(switched)
+        self.columns.switched(self.run_of[some], self.mode[some])
+        self.parts = self.grouped(np.arange(len(self.run_of)))
+        forces = self.columns.forces(self.t[None, some], self.run_of[some])
+        self.f[:, some] = self.derivative(self.y[:, some], forces[0], some)
+
     def retire(self, state: IndexArray) -> None:
-        out, keep = state != RUNNING, np.flatnonzero(state == RUNNING)
-        self.ended[self.run_of[out]] = state[out]
-        self.ended_at[self.run_of[out]] = self.t[out]
-        self.last_e[:, self.run_of[out]], self.last_steps[self.run_of[out]] = (
-            self.y[:, out],
-            self.h[out],
-        )
-        self.y, self.f = self.y[:, keep], self.f[:, keep]
-        for name in (
-            "run_of",
-            "t",
-            "h",
-            "place",
-            "done",
-            "steps",
-            "rejected",
-            "farthest",
-            "mode",
-            "limit",
-        ):
+        """Put down how runs ended, and go on with the columns of the others."""
+        out = state != RUNNING
+        keep = np.flatnonzero(state == RUNNING)
+        runs = self.run_of[out]
+        self.ended[runs] = state[out]
+        self.ended_at[runs] = self.t[out]
+        self.last_e[:, runs] = self.y[:, out]
+        self.last_steps[runs] = self.h[out]
+        self.y = self.y[:, keep]
+        self.f = self.f[:, keep]
+        for name in self.PER_RUN:
             setattr(self, name, getattr(self, name)[keep])
         self.K = np.empty((EXTENDED, *self.y.shape))
         self.parts = self.grouped(np.arange(len(keep)))
 
     def grouped(self, chosen: IndexArray) -> list[tuple[IndexArray, RightHandSide]]:
         """Which of the chosen columns are in which mode, and what they obey there."""
-        mode, runs = self.mode[chosen], self.run_of[chosen]
-        places = [(int(each), np.flatnonzero(mode == each)) for each in np.unique(mode)]
-        return [(columns, self.columns.part(number, runs[columns])) for number, columns in places]
+        mode = self.mode[chosen]
+        runs = self.run_of[chosen]
+        found = []
+        for number in np.unique(mode).tolist():
+            columns = np.flatnonzero(mode == number)
+            found.append((columns, self.columns.part(number, runs[columns])))
+        return found
 
     def derivative(self, y: Array, force: Array, chosen: IndexArray | None = None) -> Array:
         """The derivative of all runs, or of the chosen ones, whose states are y (N, k)."""
@@ -276,33 +317,33 @@ class Stretch:
             return parts[0][1](y, force)
         result = np.empty_like(y)
         for columns, right_hand_side in parts:
-            result[:, columns] = right_hand_side(
-                y.take(columns, axis=1), force.take(columns, axis=1)
-            )
+            own = y.take(columns, axis=1)
+            result[:, columns] = right_hand_side(own, force.take(columns, axis=1))
         return result
 
     def first_steps(self) -> Array:
         """A hundredth of the time in which the state would change by its own size, as SciPy
         begins."""
         scale = self.absolute + np.abs(self.y) * self.relative
-        size, speed = (np.sqrt(np.square(a / scale).mean(axis=0)) for a in (self.y, self.f))
-        h = np.where(
-            (size < 1e-5) | (speed < 1e-5), 1e-6, 0.01 * size / np.where(speed == 0, 1.0, speed)
-        )
-        return np.minimum(np.where(np.isfinite(h), h, 1e-6), self.horizon)
+        size = np.sqrt(np.square(self.y / scale).mean(axis=0))
+        speed = np.sqrt(np.square(self.f / scale).mean(axis=0))
+        h = 0.01 * size / np.where(speed == 0, 1.0, speed)
+        h = np.where((size < SMALL) | (speed < SMALL), SMALL_STEP, h)
+        return np.minimum(np.where(np.isfinite(h), h, SMALL_STEP), self.horizon)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stack:
-    """Calm runs as columns: h(e) - K e + C eps, e (n m, R) and a leader, eps (n, q, R);
-    ``networks``: right-hand sides by mode."""
+class CalmColumns:
+    """Runs without stress as columns: e' = h(e) - K e + C eps, for e (n m, R), a leader's numbers
+    after them, and eps (n, q, R) at the start, which is known in closed form; ``networks``: the
+    right-hand side without eps by mode."""
 
     loop: Loop
     networks: Callable[[int], Network]
     closed: ClosedForm | None
     e: Array
     eps: Array
-    switches: tuple[Array, IndexArray]
+    switches: ModeTable
 
     def part(self, mode: int, runs: IndexArray) -> RightHandSide:
         network = self.networks(mode)
@@ -315,9 +356,11 @@ class Stack:
         return derivative
 
     def forces(self, times: Array, runs: IndexArray) -> Array:
+        """C exp(F t) eps, (S, n m, k)."""
         if self.closed is None:
             return np.zeros((len(times), 0, len(runs)))
-        states, weights = self.eps.take(runs, axis=2), np.moveaxis(self.closed.many(times), 2, 0)
+        states = self.eps.take(runs, axis=2)
+        weights = np.moveaxis(self.closed.many(times), 2, 0)
         total = np.zeros((len(weights), len(states), weights.shape[1], weights.shape[3]))
         for k in range(states.shape[1]):
             total += states[:, k, None, :] * weights[:, None, :, k]
@@ -329,21 +372,23 @@ class Stack:
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:
         """Nothing is kept from one mode to the next."""
 
-    def integrate(self, times: Array, *, tolerance: float, visit: Visit, most: int = 0) -> Ends:
+    def integrate(
+        self, times: Array, *, tolerance: float, visit: Visit, most: int | None = None
+    ) -> Ends:
         """Integrate all runs over ``times`` from 0; ``visit`` gets places of samples and runs (k,),
         and e (n m, k)."""
         runs = np.arange(self.e.shape[1])
         visit(np.zeros_like(runs), runs, self.e)
         stretch = Stretch(
-            self,
-            self.e,
-            times,
+            columns=self,
+            start=self.e,
             begin=0.0,
             end=float(times[-1]),
-            farthest=FARTHEST * np.maximum(1.0, self.size(self.e)),
             switches=self.switches,
-            most=most or MOST_STEPS,
+            farthest=FARTHEST * np.maximum(1.0, self.size(self.e)),
+            most=MOST_STEPS if most is None else most,
             tolerance=tolerance,
+            samples=times,
             visit=visit,
         )
         return stretch.run()

@@ -1,5 +1,5 @@
 """The right-hand sides of the closed loop in NumPy: h(e) - K e of (9), arc by arc or for all at
-once; C exp(F t).
+once.
 
 h(e) is fast enough for a million agents and for thousands of runs, which are columns of the same
 arrays: arcs are worked through in blocks that fit into the processor's cache, slot by slot.
@@ -8,14 +8,13 @@ arrays: arcs are worked through in blocks that fit into the processor's cache, s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from dobc_design.coupling import tree
 from dobc_design.coupling.coupling import Coupling
@@ -31,144 +30,25 @@ MOST_SLOTS = 32  # arcs of one agent up to which a block is worked through slot 
 LARGEST_PRODUCT = 8  # exponents up to which a power is computed by multiplication
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Block:
-    """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common
-    weight, or (arcs,). ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of
-    ``rows``.  Without slots, for hubs, ``counts[i]`` arcs end at the i-th of ``rows``, and the
-    matrix ``factor`` adds them."""
+class _FastAlgebra(NumpyAlgebra):
+    """Small powers are products, and clip is one function: both take a fraction of the time."""
 
-    h: Callable[[Array], Array]
-    vector: bool  # whether h needs to see the m components of a difference together
-    rows: slice | IndexArray
-    speakers: IndexArray
-    factor: float | Array | sp.csr_array
-    slots: tuple[tuple[int, int], ...] = ()
-    counts: IndexArray | None = None
+    def call(self, name: str, arguments: tuple[Array, ...]) -> Array:
+        return np.asarray(np.clip(*arguments)) if name == "clip" else super().call(name, arguments)
 
-    def add(self, total: Array, e: Array, m: int) -> None:
-        """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
-        own = e[self.rows]
-        y = e.take(self.speakers, axis=0)
-        if self.counts is not None:
-            y -= np.repeat(own, self.counts, axis=0)
-        for begin, end in self.slots:
-            y[begin:end] -= own[: end - begin]
-        felt = self.h(y.reshape(len(y), m, -1)).reshape(y.shape) if self.vector else self.h(y)
-        if isinstance(self.factor, sp.csr_array):
-            total[self.rows] += self.factor @ felt
-            return
-        if isinstance(self.factor, np.ndarray):
-            felt = felt * (self.factor if felt.ndim == 1 else self.factor[:, None])
-        found = felt[: self.slots[0][1]].copy()
-        for begin, end in self.slots[1:]:
-            found[: end - begin] += felt[begin:end]
-        if not isinstance(self.factor, np.ndarray) and self.factor != 1:
-            found *= self.factor
-        total[self.rows] += found
-
-
-def _blocks(group: ArcGroup, size: int) -> Iterator[_Block]:
-    """Cut the arcs of one coupling into blocks of about ``size``."""
-    order = np.argsort(group.listeners, kind="stable")
-    listeners, speakers, weights = (
-        group.listeners[order],
-        group.speakers[order],
-        group.weights[order],
-    )
-    h, vector = compile_coupling(group.coupling), not group.coupling.by_component
-    first = 0
-    while first < len(listeners):
-        last = min(first + size, len(listeners))
-        # at the end of an agent's arcs, unless it has more than a block of them
-        if last < len(listeners):
-            end = int(np.searchsorted(listeners, listeners[last], side="left"))
-            last = end if end > first else last
-        ends, part = listeners[first:last], slice(first, last)
-        lowest, rows = int(ends[0]), int(ends[-1] - ends[0]) + 1
-        counts = np.bincount(ends - lowest, minlength=rows)
-        if counts.max() > MOST_SLOTS:
-            places = np.concatenate([[0], np.cumsum(counts)])
-            gather = sp.csr_array(
-                (weights[part], np.arange(len(ends)), places), shape=(rows, len(ends))
-            )
-            heard, span = speakers[part].copy(), slice(lowest, lowest + rows)
-            yield _Block(
-                h=h, vector=vector, rows=span, counts=counts, speakers=heard, factor=gather
-            )
-        else:
-            yield _by_slots(h, vector, lowest, counts, speakers[part], weights[part])
-        first = last
-
-
-def _by_slots(
-    h: Callable[[Array], Array],
-    vector: bool,
-    lowest: int,
-    counts: IndexArray,
-    speakers: IndexArray,
-    weights: Array,
-) -> _Block:
-    """Order agents by their number of arcs, and the arcs by slots."""
-    agents = np.argsort(-counts, kind="stable")
-    begins = np.cumsum(counts) - counts
-    having = [int(np.count_nonzero(counts > slot)) for slot in range(int(counts.max()))]
-    arcs = np.concatenate([begins[agents[:many]] + slot for slot, many in enumerate(having)])
-    edges = np.concatenate([[0], np.cumsum(having)]).tolist()
-    listeners = lowest + agents[: having[0]]
-    in_order = having[0] == len(counts) and bool((np.diff(agents) == 1).all())
-    factor = weights[arcs] if (weights != weights[0]).any() else float(weights[0])
-    rows = slice(lowest, lowest + len(counts)) if in_order else listeners
-    return _Block(
-        h=h,
-        vector=vector,
-        rows=rows,
-        speakers=speakers[arcs],
-        slots=tuple(pairwise(edges)),
-        factor=factor,
-    )
-
-
-def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
-    """Mark who may influence whose derivative: neighbours, and every agent itself."""
-    own = np.arange(n)
-    rows = np.concatenate([own, *(group.listeners for group in groups)])
-    columns = np.concatenate([own, *(group.speakers for group in groups)])
-    marks: Any = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
-    return sp.csr_array(marks != 0).astype(np.float64)
-
-
-class Links:
-    """The arcs of one graph as in (9), evaluated arc by arc: every arc may hold an older value of
-    its speaker."""
-
-    def __init__(self, groups: Sequence[ArcGroup], n: int, m: int) -> None:
-        self.groups, self.n, self.m = groups, n, m
-        self.parts = [
-            (compile_coupling(group.coupling), arrays.gathering_matrix(group, n))
-            for group in groups
-        ]
-        ends: list[Any] = [
-            np.zeros((2, 0), dtype=np.int64),
-            *((group.listeners, group.speakers) for group in groups),
-        ]
-        self.listeners, self.speakers = np.concatenate(ends, axis=1)
-        self.codes = self.listeners * n + self.speakers
-
-    def felt(self, own: Array, heard: Array) -> Array:
-        """Sum of h(heard - own) over the arcs of each listener; own (n, m, R), heard (arcs, m, R),
-        nan if silent."""
-        difference = heard - own[self.listeners]
-        silent: Any = np.isnan(heard).any(axis=1)
-        total = np.zeros_like(own)
-        begin = 0
-        for h, gather in self.parts:
-            end = begin + gather.shape[1]
-            value = np.array(h(difference[begin:end]))
-            np.moveaxis(value, 1, -1)[silent[begin:end]] = 0.0
-            total += (gather @ value.reshape(len(value), -1)).reshape(own.shape)
-            begin = end
-        return total
+    def power(self, base: Any, exponent: int) -> Any:
+        if not 1 <= exponent <= LARGEST_PRODUCT:
+            return base**exponent
+        result = None
+        square = base
+        rest = exponent
+        while rest:
+            if rest & 1:
+                result = square if result is None else result * square
+            rest >>= 1
+            if rest:
+                square = square * square
+        return result
 
 
 def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
@@ -193,28 +73,159 @@ def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
     return by_vector
 
 
-class _FastAlgebra(NumpyAlgebra):
-    """Small powers are products, and clip is one function: both take a fraction of the time."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Function:
+    """h of one coupling; ``vector``: it needs to see the m components of a difference together."""
 
-    def call(self, name: str, arguments: tuple[Array, ...]) -> Array:
-        return np.asarray(np.clip(*arguments)) if name == "clip" else super().call(name, arguments)
+    h: Callable[[Array], Array]
+    vector: bool
 
-    def power(self, base: Any, exponent: int) -> Any:
-        if not 1 <= exponent <= LARGEST_PRODUCT:
-            return base**exponent
-        result, square, rest = None, base, exponent
-        while rest:
-            if rest & 1:
-                result = square if result is None else result * square
-            rest >>= 1
-            square = square * square if rest else square
-        return result
+    def __call__(self, y: Array, m: int) -> Array:
+        if not self.vector:
+            return self.h(y)
+        return self.h(y.reshape(len(y), m, -1)).reshape(y.shape)
 
 
-TERMS = 11  # (1/8)^11 / 11! < 2^-57: anchors are at most 1/(8 |F|) away
-TERMS_OF_STEP = 20  # (1/4)^20 / 20! < 2^-100
-MOST_ANCHORS = 100_000
-MOST_NUMBERS = 1 << 24  # of the table
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Block:
+    """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common
+    weight, or (arcs,). ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of
+    ``rows``.  Without slots, for hubs, ``counts[i]`` arcs end at the i-th of ``rows``, and the
+    matrix ``factor`` adds them."""
+
+    function: _Function
+    rows: slice | IndexArray
+    speakers: IndexArray
+    factor: float | Array | sp.csr_array
+    slots: tuple[tuple[int, int], ...] = ()
+    counts: IndexArray | None = None
+
+    def add(self, total: Array, e: Array, m: int) -> None:
+        """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
+        own = e[self.rows]
+        y = e.take(self.speakers, axis=0)
+        if self.counts is not None:
+            y -= np.repeat(own, self.counts, axis=0)
+        for begin, end in self.slots:
+            y[begin:end] -= own[: end - begin]
+        felt = self.function(y, m)
+        if isinstance(self.factor, sp.csr_array):
+            total[self.rows] += self.factor @ felt
+            return
+        if isinstance(self.factor, np.ndarray):
+            felt = felt * (self.factor if felt.ndim == 1 else self.factor[:, None])
+        found = felt[: self.slots[0][1]].copy()
+        for begin, end in self.slots[1:]:
+            found[: end - begin] += felt[begin:end]
+        # one product for all slots instead of one for all arcs
+        if not isinstance(self.factor, np.ndarray) and self.factor != 1:
+            found *= self.factor
+        total[self.rows] += found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Arcs:
+    """Arcs of one coupling in the order of their listeners; (arcs,) each."""
+
+    listeners: IndexArray
+    speakers: IndexArray
+    weights: Array
+
+
+def _blocks(group: ArcGroup, size: int) -> Iterator[_Block]:
+    """Cut the arcs of one coupling into blocks of about ``size``."""
+    order = np.argsort(group.listeners, kind="stable")
+    listeners = group.listeners[order]
+    speakers = group.speakers[order]
+    weights = group.weights[order]
+    vector = not group.coupling.by_component
+    function = _Function(h=compile_coupling(group.coupling), vector=vector)
+    first = 0
+    while first < len(listeners):
+        last = min(first + size, len(listeners))
+        # at the end of an agent's arcs, unless it has more than a block of them
+        if last < len(listeners):
+            end = int(np.searchsorted(listeners, listeners[last], side="left"))
+            last = end if end > first else last
+        part = slice(first, last)
+        arcs = _Arcs(listeners=listeners[part], speakers=speakers[part], weights=weights[part])
+        yield _block_of(function, arcs)
+        first = last
+
+
+def _block_of(function: _Function, arcs: _Arcs) -> _Block:
+    lowest = int(arcs.listeners[0])
+    rows = int(arcs.listeners[-1] - arcs.listeners[0]) + 1
+    counts = np.bincount(arcs.listeners - lowest, minlength=rows)
+    if counts.max() <= MOST_SLOTS:
+        return _by_slots(function, arcs, lowest, counts)
+    begins = np.concatenate([[0], np.cumsum(counts)])
+    places = np.arange(len(arcs.listeners))
+    gather = sp.csr_array((arcs.weights, places, begins), shape=(rows, len(places)))
+    return _Block(
+        function=function,
+        rows=slice(lowest, lowest + rows),
+        counts=counts,
+        speakers=arcs.speakers.copy(),
+        factor=gather,
+    )
+
+
+def _by_slots(function: _Function, arcs: _Arcs, lowest: int, counts: IndexArray) -> _Block:
+    """Order agents by their number of arcs, and the arcs by slots: the i-th slot has the i-th arc
+    of every agent that has so many."""
+    agents = np.argsort(-counts, kind="stable")
+    begins = np.cumsum(counts) - counts
+    having = [int(np.count_nonzero(counts > slot)) for slot in range(int(counts.max()))]
+    chosen = np.concatenate([begins[agents[:many]] + slot for slot, many in enumerate(having)])
+    edges = np.concatenate([[0], np.cumsum(having)]).tolist()
+    rows: slice | IndexArray = lowest + agents[: having[0]]
+    # a slice is no copy
+    if having[0] == len(counts) and (np.diff(agents) == 1).all():
+        rows = slice(lowest, lowest + len(counts))
+    factor: float | Array = float(arcs.weights[0])
+    if (arcs.weights != arcs.weights[0]).any():
+        factor = arcs.weights[chosen]
+    return _Block(
+        function=function,
+        rows=rows,
+        speakers=arcs.speakers[chosen],
+        slots=tuple(pairwise(edges)),
+        factor=factor,
+    )
+
+
+class Links:
+    """The arcs of one graph as in (9), evaluated arc by arc: every arc may hold an older value of
+    its speaker."""
+
+    def __init__(self, groups: Sequence[ArcGroup], n: int, m: int) -> None:
+        self.groups = groups
+        self.n = n
+        self.m = m
+        self.parts = [
+            (compile_coupling(group.coupling), arrays.gathering_matrix(group, n))
+            for group in groups
+        ]
+        none = np.zeros(0, dtype=np.int64)
+        self.listeners = np.concatenate([none, *(group.listeners for group in groups)])
+        self.speakers = np.concatenate([none, *(group.speakers for group in groups)])
+        self.codes = self.listeners * n + self.speakers
+
+    def felt(self, own: Array, heard: Array) -> Array:
+        """Sum of h(heard - own) over the arcs of each listener; own (n, m, R), heard (arcs, m, R),
+        nan if silent."""
+        difference = heard - own[self.listeners]
+        silent: Any = np.isnan(heard).any(axis=1)
+        total = np.zeros_like(own)
+        begin = 0
+        for h, gather in self.parts:
+            end = begin + gather.shape[1]
+            value = np.array(h(difference[begin:end]))
+            np.moveaxis(value, 1, -1)[silent[begin:end]] = 0.0
+            total += (gather @ value.reshape(len(value), -1)).reshape(own.shape)
+            begin = end
+        return total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -251,6 +262,11 @@ class Loop:
         """C of d = C xi, (p, q), p = m without [dynamics]."""
         return self.C if self.plant is None else self.plant.C
 
+    @property
+    def owned(self) -> NDArray[np.bool_]:
+        """Which numbers of xi are an agent's own, (n, q)."""
+        return np.ones((self.n, self.q), dtype=bool) if self.own is None else self.own
+
     def split(self, state: Array) -> tuple[Array, Array, Array]:
         """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
         x, xi, z = np.split(state, [self.n * self.m, self.n * (self.m + self.q)], axis=-1)
@@ -259,8 +275,13 @@ class Loop:
 
     def control(self, e: Array, dhat: Array) -> Array:
         """u of (19) for e (..., n, m) and dhat (..., n, p)."""
-        K, u0 = (self.K, 0.0) if self.plant is None else (self.plant.K, self.plant.u0)
-        return np.asarray(-(K @ e.reshape(-1, self.n * self.m).T).T.reshape(dhat.shape) - dhat + u0)
+        K: sp.csr_array = self.K
+        u0: Array | float = 0.0
+        if self.plant is not None:
+            K = self.plant.K
+            u0 = self.plant.u0
+        pulled = (K @ e.reshape(-1, self.n * self.m).T).T.reshape(dhat.shape)
+        return np.asarray(-pulled - dhat + u0)
 
     def moved(self, u: Array, e: Array) -> Array:
         """What inputs u (n, p, R) and errors e (n, m, R) do to x without couplings and disturbance:
@@ -279,6 +300,7 @@ def applied(gain: Array, y: Array) -> Array:
 
 def act(matrix: Array, y: Array) -> Array:
     """A matrix (p, q) of all agents, or (n, p, q) one for each, times y (n, q, R): (n, p, R)."""
+    # the product with one run is faster without the last axis
     return applied(matrix, y[..., 0])[..., None] if y.shape[2] == 1 else np.asarray(matrix @ y)
 
 
@@ -287,30 +309,50 @@ def make_loop(problem: Problem, gain: Gain | None) -> Loop:
     not fit."""
     problem = as_integrators(problem)
     plant = arrays.plant_arrays(problem.origin or problem)
-    given: dict[str, Any] = asdict(arrays.disturbance_arrays(problem, gain)) | {
-        "K": arrays.pinning_matrix(problem)
-    }
-    bend = lead = node = None
+    disturbance = arrays.disturbance_arrays(problem, gain)
+    own = None
     if plant is not None and problem.node is not None:
-        node, slopes = compile_coupling(problem.couplings[problem.node]), plant.A
-
-        def bend(e: Array, s: Array | None = None) -> Array:
-            moved = node(e) if s is None else node(s + e) - node(s[None])
-            return np.asarray(moved - act(slopes, e))
-
+        own = compile_coupling(problem.couplings[problem.node])
+    lead = None
     if plant is not None and problem.leader is not None:
-        own, start = plant.A, arrays.leaders_drift(problem)
+        lead = _lead(plant, own, arrays.leaders_drift(problem))
+    return Loop(
+        n=problem.n,
+        m=problem.m,
+        q=problem.q,
+        A=disturbance.A,
+        C=disturbance.C,
+        F=disturbance.F,
+        W=disturbance.W,
+        K=arrays.pinning_matrix(problem),
+        goal=arrays.goals(problem),
+        own=disturbance.own,
+        plant=plant,
+        bend=None if plant is None or own is None else _bend(plant, own),
+        lead=lead,
+    )
 
-        def lead(s: Array) -> Array:
-            return np.asarray(own @ s if node is None else node(s[None])[0]) + start[:, None]
 
-    shape: dict[str, Any] = {
-        "n": problem.n,
-        "m": problem.m,
-        "q": problem.q,
-        "goal": arrays.goals(problem),
-    }
-    return Loop(**shape, plant=plant, bend=bend, lead=lead, **given)
+def _bend(plant: Plant, own: Callable[[Array], Array]) -> Callable[..., Array]:
+    """What ``own``, the curved part of an agent's dynamics, adds to its slopes at the target."""
+
+    def bend(e: Array, s: Array | None = None) -> Array:
+        moved = own(e) if s is None else own(s + e) - own(s[None])
+        return np.asarray(moved - act(plant.A, e))
+
+    return bend
+
+
+def _lead(
+    plant: Plant, own: Callable[[Array], Array] | None, drift: Array
+) -> Callable[[Array], Array]:
+    """s' of a leader s (m, R), which moves as an agent by itself would."""
+
+    def lead(s: Array) -> Array:
+        moved = plant.A @ s if own is None else own(s[None])[0]
+        return np.asarray(moved + drift[:, None])
+
+    return lead
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -326,11 +368,12 @@ class Network:
         Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by agent, then
         those of a leader."""
         n, m = self.loop.n, self.loop.m
-        e, s = e[: n * m], e[n * m :]
+        s = e[n * m :]
+        e = e[: n * m]
         rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
         total = np.zeros_like(rows)
         for block in self.blocks:
-            block.add(total, rows, self.loop.m)
+            block.add(total, rows, m)
         result = total.reshape(e.shape)
         result -= self.loop.K @ e
         if self.loop.bend is not None:
@@ -344,115 +387,50 @@ class Network:
 def network_of(loop: Loop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
     """h(e) - K e on arcs that are grouped by coupling."""
     size = max(1, BLOCK // (loop.m * runs))
-    blocks = tuple(block for group in groups for block in _blocks(group, size))
-    return Network(loop=loop, groups=groups, blocks=blocks)
+    blocks = [block for group in groups for block in _blocks(group, size)]
+    return Network(loop=loop, groups=groups, blocks=tuple(blocks))
+
+
+def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
+    """Mark who may influence whose derivative: neighbours, and every agent itself."""
+    own = np.arange(n)
+    rows = np.concatenate([own, *(group.listeners for group in groups)])
+    columns = np.concatenate([own, *(group.speakers for group in groups)])
+    marks: Any = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    return sp.csr_array(marks != 0).astype(np.float64)
 
 
 def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     """Who may influence whom: agents by neighbourhood, and all states of one agent among
     themselves."""
     m, q = loop.m, loop.q
-    neighbours, own = hears(groups, loop.n), sp.eye_array(loop.n, format="csr")
-    x_dot = [_block(neighbours, m, m), _block(own, m, q), _block(own, m, q)]
+    neighbours = hears(groups, loop.n)
+    own = sp.eye_array(loop.n, format="csr")
     rows = [
-        x_dot,
-        [None, _block(own, q, q), None],
-        [_block(neighbours, q, m), None, _block(own, q, q)],
+        [_filled(neighbours, m, m), _filled(own, m, q), _filled(own, m, q)],
+        [None, _filled(own, q, q), None],
+        [_filled(neighbours, q, m), None, _filled(own, q, q)],
     ]
     return sp.block_array(rows, format="csr")
 
 
 def errors_pattern(loop: Loop, groups: Sequence[ArcGroup], *, both: bool) -> sp.csr_array:
     """Who may influence whom in e, or in ``both`` [e; eps]."""
-    own, alone = sp.eye_array(loop.n, format="csr"), _block(hears(groups, loop.n), loop.m, loop.m)
+    m, q = loop.m, loop.q
+    own = sp.eye_array(loop.n, format="csr")
+    alone = _filled(hears(groups, loop.n), m, m)
     if loop.lead is not None:
-        alone = sp.block_array(
-            [[alone, np.ones((loop.n * loop.m, loop.m))], [None, np.ones((loop.m,) * 2)]],
-            format="csr",
-        )
-        return (
-            sp.block_diag([alone, np.ones((loop.n * loop.q,) * 2)], format="csr") if both else alone
-        )
-    rows = [[alone, _block(own, loop.m, loop.q)], [None, _block(own, loop.q, loop.q)]]
-    return sp.block_array(rows, format="csr") if both else alone
+        everyone = np.ones((loop.n * m, m))
+        alone = sp.block_array([[alone, everyone], [None, np.ones((m, m))]], format="csr")
+        if not both:
+            return alone
+        return sp.block_diag([alone, np.ones((loop.n * q, loop.n * q))], format="csr")
+    if not both:
+        return alone
+    rows = [[alone, _filled(own, m, q)], [None, _filled(own, q, q)]]
+    return sp.block_array(rows, format="csr")
 
 
-def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
+def _filled(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
+    """Every mark of a graph as a block of ones."""
     return sp.kron(graph, np.ones((rows, columns)), format="csr")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ClosedForm:
-    """C exp(F t), (p, q), up to a horizon; ``table`` (TERMS, anchors, p q): scaled derivatives at
-    the anchors."""
-
-    F: Array
-    C: Array
-    spacing: float
-    table: Array
-
-    def at(self, time: float) -> Array:
-        """C exp(F t), (p, q)."""
-        number = min(round(time / self.spacing), self.table.shape[1] - 1)
-        powers = (time - number * self.spacing) ** np.arange(TERMS)
-        return np.asarray(powers @ self.table[:, number]).reshape(self.C.shape)
-
-    def many(self, times: Array) -> Array:
-        """C exp(F t) for an array of times: (p, q, *times.shape)."""
-        flat = times.ravel()
-        numbers = np.minimum(np.rint(flat / self.spacing).astype(np.int64), self.table.shape[1] - 1)
-        offsets = (flat - numbers * self.spacing)[:, None]
-        total = self.table[-1].take(numbers, axis=0)
-        for term in self.table[-2::-1]:
-            total *= offsets
-            total += term.take(numbers, axis=0)
-        return np.ascontiguousarray(total.T).reshape(*self.C.shape, *times.shape)
-
-
-def make_closed_form(F: Array, C: Array, horizon: float) -> ClosedForm | None:
-    """Prepare C exp(F t) up to ``horizon`` in s; None where |F| times the horizon is too large, or
-    not finite."""
-    if not (np.isfinite(F).all() and np.isfinite(C).all()):
-        return None
-    spacing = 1 / (4 * max(float(np.linalg.norm(F, 1)), 1e-6 / horizon))
-    ratio = horizon / spacing
-    if not ratio < min(MOST_ANCHORS, MOST_NUMBERS / (TERMS * C.size)):
-        return None
-    anchors = int(np.ceil(ratio)) + 1
-    start = _powers(F, spacing, anchors)
-    derivatives = [C]
-    for k in range(1, TERMS):
-        derivatives.append(derivatives[-1] @ F / k)
-    with np.errstate(all="ignore"):
-        table = np.stack([(each @ start).reshape(anchors, C.size) for each in derivatives])
-    return ClosedForm(F=F, C=C, spacing=spacing, table=table) if np.isfinite(table).all() else None
-
-
-def _powers(F: Array, spacing: float, count: int) -> Array:
-    """exp(F spacing k), k < count, in extended precision: SciPy's expm alone is off by 1e-12 for |F
-    t| of about 100."""
-    with np.errstate(all="ignore"):
-        small: Any = F.astype(np.longdouble) * np.longdouble(spacing)
-        one: Any = np.eye(len(F), dtype=np.longdouble)
-        term, step, powers = one, one, one[None]
-        for k in range(1, TERMS_OF_STEP):
-            term = term @ small / k
-            step = step + term
-        while len(powers) < count:
-            powers = np.concatenate([powers, powers @ step])
-            step = step @ step
-        return np.asarray(powers[:count], dtype=np.float64)
-
-
-def evolve(F: Array, start: Array, times: Array) -> Array:
-    """exp(F t) applied to every row of ``start`` (n, q) at times (T,): (T, n, q); inf or nan beyond
-    the floats."""
-    if len(F) == 0:
-        return np.zeros((len(times), *start.shape))
-    closed = make_closed_form(F, np.eye(len(F)), float(times[-1])) if times[-1] > 0 else None
-    powers = (
-        expm(F[None] * times[:, None, None])
-        if closed is None
-        else np.moveaxis(closed.many(times), -1, 0)
-    )
-    return np.asarray(start[None] @ np.swapaxes(powers, 1, 2))

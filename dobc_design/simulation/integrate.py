@@ -2,7 +2,7 @@
 
 A run ends at its horizon, or where it diverged; what is valid up to there is kept, with the reason
 in words.  A stiff loop is taken over by an implicit method: by an estimate before the run, and by
-Hairer's test while it runs.
+Hairer's test while it runs.  Many runs side by side: ``columns.py``.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from scipy.integrate import DOP853, Radau
 
 from dobc_design.errors import wrong
 from dobc_design.problem.arrays import ArcGroup, Array
-from dobc_design.simulation.field import ClosedForm, Loop, errors_pattern, network_of
-from dobc_design.simulation.switches import LOOKS, Modes, Stay
+from dobc_design.simulation.closed_form import ClosedForm
+from dobc_design.simulation.field import Loop, Network, errors_pattern, network_of
+from dobc_design.simulation.mobile import LOOKS, Modes
+from dobc_design.simulation.switches import Stay
 
 Derivative = Callable[[float, Array], Array]
 Pattern = Callable[[], sp.csr_array]  # which derivative may depend on which state
 Progress = Callable[[float], None]
-Samples = dict[str, Any]  # x, d, dhat, u (T, n, m), xi, xihat (T, n, q) of a run, by name
 
 FARTHEST = 1e9  # an error so many times its start (or 1, if that is larger) counts as divergence
 # of the error since the last sample: a run that ends early keeps the steps at which it grew so much
@@ -36,10 +37,17 @@ STIFF = 2e4  # horizon times fastest decay from which on the implicit method is 
 BOUNDARY = 6.1
 PATIENCE = 15  # steps on that boundary after which the loop counts as stiff, if ...
 MANY = 3000  # ... so many steps would be left
+RELAPSE = 6  # steps within it after which those before are forgotten
 MOST_STEPS = 10_000_000  # of one run: refused as soon as that many are foreseen, ...
 LOOK_AHEAD = 5_000  # ... at the pace of the last so many
 
-Piece = tuple[Derivative, Pattern, Stay]  # a stretch without a switch
+
+class Piece(NamedTuple):
+    """A stretch without a switch."""
+
+    derivative: Derivative
+    pattern: Pattern
+    stay: Stay
 
 
 class Plan(NamedTuple):
@@ -51,6 +59,7 @@ class Plan(NamedTuple):
     segment: Callable[[float, Array], Piece]
 
     def error(self, state: Array) -> float:
+        """|e|_inf of a state."""
         return float(np.abs(self.positions(state) - self.goal).max())
 
 
@@ -58,36 +67,33 @@ def errors(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array, F: 
     """State e, flat (n m,), where the observer's error is known in closed form (22); else [e; eps],
     eps' = F eps (17). Both may die out, while xi and z go on; nor is eps lost in the difference of
     two states that grow.  A leader s stands after e, and positions are relative to it."""
-    shape, cut, rows, both = (
-        (loop.n, loop.m),
-        loop.n * loop.m,
-        loop.rows,
-        loop.q > 0 and closed is None,
-    )
+    shape = (loop.n, loop.m)
+    cut = loop.n * loop.m
+    rows = loop.rows
+    both = loop.q > 0 and closed is None
 
     def positions(state: Array) -> Array:
         return np.asarray(state[:cut].reshape(shape) + loop.goal)
 
     @cache
-    def made(mode: int) -> tuple[Derivative, Pattern]:
-        groups = modes.groups(mode)
-        network = network_of(loop, groups)
+    def network(mode: int) -> Network:
+        return network_of(loop, modes.groups(mode))
 
-        def derivative(time: float, state: Array) -> Array:
-            result = network(state[:rows])
-            if closed is not None:
-                result[:cut].reshape(shape)[...] += eps0 @ closed.at(time).T
-            if not both:
-                return result
-            eps = state[rows:].reshape(loop.n, loop.q)
-            result[:cut] += (eps @ loop.C.T).ravel()
-            return np.concatenate([result, (eps @ F.T).ravel()])
-
-        return derivative, partial(errors_pattern, loop, groups, both=both)
+    def derivative(mode: int, time: float, state: Array) -> Array:
+        result = network(mode)(state[:rows])
+        if closed is not None:
+            result[:cut].reshape(shape)[...] += eps0 @ closed.at(time).T
+        if not both:
+            return result
+        eps = state[rows:].reshape(loop.n, loop.q)
+        result[:cut] += (eps @ loop.C.T).ravel()
+        return np.concatenate([result, (eps @ F.T).ravel()])
 
     def segment(time: float, state: Array) -> Piece:
         stay = modes.stay(time, positions(state))
-        return *made(stay.mode), stay
+        groups = network(stay.mode).groups
+        pattern = partial(errors_pattern, loop, groups, both=both)
+        return Piece(partial(derivative, stay.mode), pattern, stay)
 
     return Plan(loop.goal, positions, segment)
 
@@ -104,7 +110,27 @@ class Run:
     notes: list[str] = field(default_factory=list)
 
 
-Outcome = tuple[Run, Samples]
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Samples:
+    """What is seen of the loop: of one run over its times x, d, dhat, u (T, n, m) and xi, xihat (T,
+    n, q), or of many at one time, (n, m, R) and (n, q, R).  ``leader``: (T, m) where there is
+    one."""
+
+    x: Array
+    xi: Array
+    xihat: Array
+    d: Array
+    dhat: Array
+    u: Array
+    leader: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outcome:
+    """How one run went, and its samples."""
+
+    run: Run
+    samples: Samples
 
 
 class Integration:
@@ -121,19 +147,36 @@ class Integration:
         implicit: bool,
         progress: Progress | None,
     ) -> None:
-        self.plan, self.state, self.time, self.horizon = plan, start, 0.0, float(times[-1])
-        self.times, self.states, self.done = times, np.empty((len(times), len(start))), 1
-        self.states[0] = start
-        self.tolerance, self.implicit = tolerance, implicit
+        self.plan = plan
+        self.times = times
+        self.tolerance = tolerance
+        self.implicit = implicit
         self.report = progress or (lambda part: None)
+        # where it stands, and the step that comes next
+        self.time = 0.0
+        self.state = start
+        self.horizon = float(times[-1])
+        self.step: float | None = None
+        # samples that are done
+        self.states = np.empty((len(times), len(start)))
+        self.states[0] = start
+        self.done = 1
+        # steps since the last sample, each with a larger error
         self.risen = max(1.0, plan.error(start))
         self.farthest = FARTHEST * self.risen
-        self.step: float | None = None
-        self.evaluations, self.steps, self.looked = 0, 0, 0.0
-        self.notes = ["The loop is stiff: integrated by the implicit method Radau."] * implicit
-        self.methods = ["Radau" if implicit else "DOP853"]
-        # steps since the last sample, each with a larger error
         self.rise: list[tuple[float, Array]] = []
+        # effort
+        self.evaluations = 0
+        self.steps = 0
+        self.looked = 0.0
+        # signs of stiffness in the present stretch
+        self.on_boundary = 0
+        self.inside = 0
+        self.notes: list[str] = []
+        self.methods = ["DOP853"]
+        if implicit:
+            self.notes.append("The loop is stiff: integrated by the implicit method Radau.")
+            self.methods = ["Radau"]
 
     def run(self) -> Run:
         """To the horizon, or to where the run ends; then also the steps since the last sample at
@@ -141,39 +184,43 @@ class Integration:
         self.report(0.0)
         reason = ""
         while self.time < self.horizon and not reason:
-            derivative, pattern, stay = self.plan.segment(self.time, self.state)
-            if not np.isfinite(derivative(self.time, self.state)).all():
+            piece = self.plan.segment(self.time, self.state)
+            if not np.isfinite(piece.derivative(self.time, self.state)).all():
                 reason = f"a coupling overflows or is undefined at t = {self.time:.6g} s"
                 break
-            reason = self.stretch(derivative, pattern, stay)
-        times, states, method = (
-            self.times[: self.done],
-            self.states[: self.done],
-            ", then ".join(self.methods),
-        )
+            reason = self.stretch(piece)
+        times = self.times[: self.done]
+        states = self.states[: self.done]
         if reason:
-            late = {
-                time: state
-                for time, state in [(self.time, self.state), *self.rise[::-1]]
-                if time > times[-1]
-            }
+            late = self.late_steps(float(times[-1]))
             times = np.concatenate([times, sorted(late)])
             states = np.concatenate([states, *(late[time][None] for time in sorted(late))])
         else:
             self.report(1.0)
-        found: dict[str, Any] = {
-            "times": times.copy(),
-            "states": states,
-            "reason": reason,
-            "method": method,
-        }
-        return Run(**found, evaluations=self.evaluations, notes=self.notes)
+        return Run(
+            times=times.copy(),
+            states=states,
+            reason=reason,
+            method=", then ".join(self.methods),
+            evaluations=self.evaluations,
+            notes=self.notes,
+        )
 
-    def stretch(self, derivative: Derivative, pattern: Pattern, stay: Stay) -> str:
+    def late_steps(self, last: float) -> dict[float, Array]:
+        """States after the last sample, by time: where |e| grew, and where the run ended."""
+        found = {}
+        for time, state in [(self.time, self.state), *self.rise[::-1]]:
+            if time > last:
+                found[time] = state
+        return found
+
+    def stretch(self, piece: Piece) -> str:
         """Integrate to the end of the stay, or to the switch that ends it; return why that failed,
         or ""."""
-        solver = self.solver(derivative, pattern, stay.end)
-        self.on_boundary = self.inside = 0
+        stay = piece.stay
+        solver = self.solver(piece)
+        self.on_boundary = 0
+        self.inside = 0
         while self.time < stay.end:
             before, old = solver.t, solver.y
             if not _stepped(solver) or not np.isfinite(solver.y).all():
@@ -181,52 +228,71 @@ class Integration:
                 return (
                     f"the step size collapsed or the state overflowed just after t = {before:.6g} s"
                 )
-            end = solver.t
-            if stay.change is not None:
-                looks, states = np.linspace(before, end, LOOKS + 1), solver.dense_output()
-                switch = stay.change(looks, partial(self.between, states))
-                if switch is not None:
-                    self.take(solver, switch)
-                    self.leave(solver, switch, states(switch) if switch < end else solver.y)
-                    return ""
+            if self.switched(solver, stay, before):
+                return ""
             error = self.plan.error(solver.y)
             if error > self.farthest:
                 self.leave(solver, solver.t, solver.y)
                 return f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {self.time:.6g} s"
-            self.take(solver, end)
-            if self.rise and self.rise[-1][0] <= self.times[self.done - 1]:
-                self.rise.clear()
-            if error > GROWTH * self.risen:
-                self.rise.append((end, solver.y))
-                self.risen = error
-            self.time, self.state = end, solver.y
-            self.report(self.time / self.horizon)
+            self.accept(solver, error)
             self.foresee()
             if not self.implicit and self.is_stiff(solver, stay.end):
-                self.leave(solver, solver.t, solver.y)
-                self.implicit, self.step = True, None
-                self.methods.append("Radau")
-                words = (
-                    f"The loop turned out to be stiff at t = {self.time:.4g} s: from there on "
-                    "by the"
-                )
-                self.notes.append(f"{words} implicit method Radau.")
-                solver = self.solver(derivative, pattern, stay.end)
+                solver = self.become_implicit(solver, piece)
         self.leave(solver, solver.t, solver.y)
         return ""
+
+    def switched(self, solver: Any, stay: Stay, before: float) -> bool:
+        """Whether the graph changed within the step that began at ``before``; if so, the run stands
+        there."""
+        if stay.change is None:
+            return False
+        states = solver.dense_output()
+        looks = np.linspace(before, solver.t, LOOKS + 1)
+        switch = stay.change(looks, partial(self.between, states))
+        if switch is None:
+            return False
+        end = solver.t
+        self.take(solver, switch)
+        self.leave(solver, switch, states(switch) if switch < end else solver.y)
+        return True
+
+    def accept(self, solver: Any, error: float) -> None:
+        """Keep a step, whose end has this |e|_inf, and its samples."""
+        self.take(solver, solver.t)
+        if self.rise and self.rise[-1][0] <= self.times[self.done - 1]:
+            self.rise.clear()
+        if error > GROWTH * self.risen:
+            self.rise.append((solver.t, solver.y))
+            self.risen = error
+        self.time = solver.t
+        self.state = solver.y
+        self.report(self.time / self.horizon)
+
+    def become_implicit(self, solver: Any, piece: Piece) -> Any:
+        """Go on with the implicit method: its solver from here on."""
+        self.leave(solver, solver.t, solver.y)
+        self.implicit = True
+        self.step = None
+        self.methods.append("Radau")
+        self.notes.append(
+            f"The loop turned out to be stiff at t = {self.time:.4g} s: from there on by the "
+            "implicit method Radau."
+        )
+        return self.solver(piece)
 
     def foresee(self) -> None:
         """Count a step.  Raises: SpecError if the rest of the run needs too many."""
         self.steps += 1
-        if self.steps % LOOK_AHEAD == 0:
-            pace, self.looked = (self.time - self.looked) / LOOK_AHEAD, self.time
-            if self.horizon - self.time > pace * (MOST_STEPS - self.steps):
-                message = (
-                    f"would take more than {MOST_STEPS} steps of the integrator; {self.steps} "
-                    "of them led"
-                )
-                message += f" to t = {self.time:.4g} s of {self.horizon:.4g} s."
-                raise wrong("t_final", message, "Choose a shorter horizon.")
+        if self.steps % LOOK_AHEAD:
+            return
+        pace = (self.time - self.looked) / LOOK_AHEAD
+        self.looked = self.time
+        if self.horizon - self.time > pace * (MOST_STEPS - self.steps):
+            message = (
+                f"would take more than {MOST_STEPS} steps of the integrator; {self.steps} of "
+                f"them led to t = {self.time:.4g} s of {self.horizon:.4g} s."
+            )
+            raise wrong("t_final", message, "Choose a shorter horizon.")
 
     def between(self, states: Callable[[float], Array], time: float) -> Array:
         return self.plan.positions(states(time))
@@ -234,24 +300,25 @@ class Integration:
     def take(self, solver: Any, until: float) -> None:
         """The samples up to ``until`` in the step that the solver has just made."""
         count = int(np.searchsorted(self.times, until, side="right"))
-        if count > self.done:
-            exact = self.times[self.done : count] == solver.t
-            self.states[self.done : count] = solver.dense_output()(self.times[self.done : count]).T
-            self.states[self.done : count][exact] = solver.y
-            self.done = count
+        if count <= self.done:
+            return
+        times = self.times[self.done : count]
+        states = self.states[self.done : count]
+        states[:] = solver.dense_output()(times).T
+        states[times == solver.t] = solver.y  # exactly, where a sample is at the end of the step
+        self.done = count
 
-    def solver(self, derivative: Derivative, pattern: Pattern, end: float) -> Any:
-        """A solver that starts here and stops exactly at ``end``."""
-        options: dict[str, Any] = {
-            "first_step": None if self.step is None else min(self.step, end - self.time)
-        }
-        tolerance, method = self.tolerance, DOP853
+    def solver(self, piece: Piece) -> Any:
+        """A solver that starts here and stops exactly at the end of the stay."""
+        end = piece.stay.end
+        step = None if self.step is None else min(self.step, end - self.time)
+        tolerance = self.tolerance
+        method: Any = DOP853
         if self.implicit:
-            tolerance, method = max(tolerance, LEAST_IMPLICIT), Radau
-            options["jac_sparsity"] = pattern()
-        return method(
-            derivative, self.time, self.state, end, rtol=tolerance, atol=tolerance / 100, **options
-        )
+            tolerance = max(tolerance, LEAST_IMPLICIT)
+            method = partial(Radau, jac_sparsity=piece.pattern())
+        solver = partial(method, piece.derivative, self.time, self.state, end)
+        return solver(rtol=tolerance, atol=tolerance / 100, first_step=step)
 
     def is_stiff(self, solver: Any, end: float) -> bool:
         """Whether many explicit steps ended on the boundary of stability, and much is left to be
@@ -259,24 +326,25 @@ class Integration:
         step = abs(solver.h_previous or 0.0)
         if (end - solver.t) < MANY * step or not step:
             return False
+        # |h lambda|, estimated from two derivatives close to the end of the step
         stages = solver.n_stages
-        last = solver.y_old + solver.h_previous * (
-            solver.K[: stages - 1].T @ solver.A[stages - 1, : stages - 1]
-        )
+        weighted = solver.K[: stages - 1].T @ solver.A[stages - 1, : stages - 1]
+        last = solver.y_old + solver.h_previous * weighted
         distance = float(np.linalg.norm(solver.y - last))
-        if (
-            distance > 0
-            and step * float(np.linalg.norm(solver.f - solver.K[stages - 1])) > BOUNDARY * distance
-        ):
-            self.on_boundary, self.inside = self.on_boundary + 1, 0
+        change = float(np.linalg.norm(solver.f - solver.K[stages - 1]))
+        if distance > 0 and step * change > BOUNDARY * distance:
+            self.on_boundary += 1
+            self.inside = 0
         else:
             self.inside += 1
-            self.on_boundary = 0 if self.inside >= 6 else self.on_boundary
+            if self.inside >= RELAPSE:
+                self.on_boundary = 0
         return self.on_boundary >= PATIENCE
 
     def leave(self, solver: Any, time: float, state: Array) -> None:
         """Take over where a solver stands, and the step it would have made next."""
-        self.time, self.state = time, state
+        self.time = time
+        self.state = state
         self.evaluations += solver.nfev
         step = float(solver.h_abs)
         # the last step was cut short by the switch
@@ -286,6 +354,7 @@ class Integration:
 
 
 def _stepped(solver: Any) -> bool:
+    """Whether the solver made a step."""
     try:
         solver.step()
     # the implicit method met a Jacobian that is not finite
@@ -299,16 +368,17 @@ def fastest_decay(loop: Loop, groups: Sequence[ArcGroup]) -> float:
     side counts."""
     rows = np.asarray(abs(loop.K).sum(axis=1)).reshape(loop.n, loop.m)
     for group in groups:
-        slopes = group.coupling.jacobian_at_zero()
-        steepest = np.array(
-            [min(1e300, float(sum(entry.magnitude for entry in row))) for row in slopes]
-        )
+        steepest = []
+        for row in group.coupling.jacobian_at_zero():
+            steepness = float(sum(entry.magnitude for entry in row))
+            steepest.append(min(1e300, steepness))
         strength = np.bincount(group.listeners, weights=group.weights, minlength=loop.n)
-        rows = rows + 2 * strength[:, None] * steepest
+        rows = rows + 2 * strength[:, None] * np.array(steepest)
     return float(rows.max())
 
 
 def observer_decay(loop: Loop) -> float:
     """The fastest decay of the observer's error, 1/s."""
-    known = loop.q > 0 and np.isfinite(loop.F).all()
-    return float(-np.linalg.eigvals(loop.F).real.min()) if known else 0.0
+    if loop.q == 0 or not np.isfinite(loop.F).all():
+        return 0.0
+    return float(-np.linalg.eigvals(loop.F).real.min())

@@ -23,6 +23,8 @@ themselves are integrated between samples.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,22 +33,29 @@ from scipy.linalg import expm
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.network import IndexArray
+from dobc_design.simulation.agents import Agents, StressedRuns
 from dobc_design.simulation.columns import RightHandSide, Stretch
 from dobc_design.simulation.field import Loop, act
 from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, Samples
-from dobc_design.simulation.stressed import LEAST_STEPS, Crew, Loops, StressedRuns, sample_instants
+from dobc_design.simulation.stressed import LEAST_STEPS, StressedColumns, sample_instants
+from dobc_design.simulation.switches import ModeTable
+
+REPORTED = 64  # one of so many steps is reported
 
 
 def flow(loop: Loop, times: float | Array) -> Array:
     """What so much time (s) adds to x with v held: a matrix (..., m, m + q) of x' - d at its begin,
     and of xi."""
     m = loop.m
+    # x' is a state, too, which drives x and does not change
     block = np.zeros((2 * m + loop.q, 2 * m + loop.q))
-    block[:m, m : 2 * m], block[:m, 2 * m :], block[2 * m :, 2 * m :] = np.eye(m), loop.C, loop.A
-    block[:m, :m] = 0.0 if loop.plant is None else loop.plant.A
-    return np.asarray(
-        expm(block * np.asarray(times, dtype=np.float64)[..., None, None])[..., :m, m:]
-    )
+    if loop.plant is not None:
+        block[:m, :m] = loop.plant.A
+    block[:m, m : 2 * m] = np.eye(m)
+    block[:m, 2 * m :] = loop.C
+    block[2 * m :, 2 * m :] = loop.A
+    spans = np.asarray(times, dtype=np.float64)[..., None, None]
+    return np.asarray(expm(block * spans)[..., :m, m:])
 
 
 def flown(added: Array, x: Array, speed: Array, xi: Array) -> Array:
@@ -54,9 +63,16 @@ def flown(added: Array, x: Array, speed: Array, xi: Array) -> Array:
     return np.asarray(x + act(added, np.concatenate([speed, xi], axis=1)))
 
 
-def discretised(loop: Loop, period: float, gain: Array | None = None) -> tuple[Array, Array, Array]:
-    """watch (p, m), Cd (p, q) and L (q, p), or (n, q, p), for ``period`` in s.  Raises: ShapeError
-    for a wrong gain."""
+class Discrete(NamedTuple):
+    """The observer of a sampled loop: watch (p, m), Cd (p, q), and L (q, p) or (n, q, p)."""
+
+    watch: Array
+    Cd: Array
+    L: Array
+
+
+def discretised(loop: Loop, period: float, gain: Array | None = None) -> Discrete:
+    """The observer for ``period`` in s.  Raises: ShapeError for a wrong gain."""
     added = flow(loop, period)
     B = np.eye(loop.m) if loop.plant is None else loop.plant.B
     if gain is None:
@@ -65,7 +81,7 @@ def discretised(loop: Loop, period: float, gain: Array | None = None) -> tuple[A
         check_sampled_gain(gain.shape, q=loop.q, m=B.shape[1], grouped=loop.own is not None)
     left = np.linalg.pinv(B)
     watch = np.linalg.solve(left @ added[:, : loop.m] @ B, left)
-    return watch, watch @ added[:, loop.m :], gain
+    return Discrete(watch, watch @ added[:, loop.m :], gain)
 
 
 def check_sampled_gain(shape: tuple[int, ...], *, q: int, m: int, grouped: bool) -> None:
@@ -78,24 +94,22 @@ def check_sampled_gain(shape: tuple[int, ...], *, q: int, m: int, grouped: bool)
         raise wrong("sampled_gain", message, "Leave it out: the W of every group is discretised.")
     if shape != (q, m):
         message = f"must have shape ({q}, {m}), one row per exosystem state; got {shape}."
-        raise wrong(
-            "sampled_gain",
-            message,
-            "design_observer(problem, period=...).W has it.",
-            kind=ShapeError,
-        )
+        cure = "design_observer(problem, period=...).W has it."
+        raise wrong("sampled_gain", message, cure, kind=ShapeError)
 
 
 def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
     """exp(A t) and its integral from 0 to t, (..., q, q) each (Van Loan 1978)."""
-    q, t = len(A), np.asarray(times, dtype=np.float64)[..., None, None]
+    q = len(A)
+    spans = np.asarray(times, dtype=np.float64)[..., None, None]
     block = np.zeros((2 * q, 2 * q))
-    block[:q, :q], block[:q, q:] = A, np.eye(q)
-    both = expm(block * t) if q else np.zeros((*np.shape(times), 0, 0))
+    block[:q, :q] = A
+    block[:q, q:] = np.eye(q)
+    both = expm(block * spans) if q else np.zeros((*np.shape(times), 0, 0))
     return both[..., :q, :q], both[..., :q, q:]
 
 
-class Between(Loops):
+class Between(StressedColumns):
     """The agents between two samples: couplings ``felt`` (n, m, R) and inputs ``u`` (n, p, R) are
     held, z is xihat."""
 
@@ -103,15 +117,16 @@ class Between(Loops):
     u: Array
 
     def part(self, mode: int, runs: IndexArray) -> RightHandSide:
+        """The derivative of runs, whatever the mode."""
         chosen = self.alive[runs]
-        felt, u = self.felt[..., chosen], self.u[..., chosen]
+        felt = self.felt[..., chosen]
+        u = self.u[..., chosen]
 
         def derivative(y: Array, force: Array) -> Array:
             x, xi, z = self.split(y)
             d = act(self.loop.output, xi) + (force.reshape(u.shape) if len(force) else 0.0)
-            return self.joined(
-                felt + self.loop.moved(u + d, x - self.goal), act(self.loop.A, xi), 0 * z
-            )
+            x_dot = felt + self.loop.moved(u + d, x - self.goal)
+            return self.joined(x_dot, act(self.loop.A, xi), 0 * z)
 
         return derivative
 
@@ -122,166 +137,229 @@ def run_sampled_alone(runs: StressedRuns, progress: Progress | None) -> Outcome:
     stepper = Stepper(
         runs, lambda number, sample: seen.append(sample), progress or (lambda part: None)
     )
-    counts, reasons = stepper.run()
-    count, method = int(counts[0]), stepper.method
-    parts = {name: np.stack([each[name][..., 0] for each in seen[:count]]) for name in seen[0]}
-    times, evaluations = stepper.times[:count].copy(), len(stepper.instants)
-    states, reason = np.zeros((count, 0)), reasons.get(0, "")
-    return Run(
-        times=times, states=states, reason=reason, method=method, evaluations=evaluations
-    ), parts
+    reached = stepper.run()
+    count = int(reached.counts[0])
+
+    def over_time(part: str) -> Array:
+        return np.stack([getattr(sample, part)[..., 0] for sample in seen[:count]])
+
+    run = Run(
+        times=stepper.times[:count].copy(),
+        states=np.zeros((count, 0)),
+        reason=reached.reasons.get(0, ""),
+        method=stepper.method,
+        evaluations=len(stepper.instants),
+    )
+    samples = Samples(
+        x=over_time("x"),
+        xi=over_time("xi"),
+        xihat=over_time("xihat"),
+        d=over_time("d"),
+        dhat=over_time("dhat"),
+        u=over_time("u"),
+    )
+    return Outcome(run=run, samples=samples)
+
+
+class Reached(NamedTuple):
+    """How many samples each run reached, (R,), and why some ended early."""
+
+    counts: IndexArray
+    reasons: dict[int, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hold:
+    """What holds from an instant (s) on in all runs: measured states (n, m, R), couplings (n, m,
+    R), inputs (n, p, R), and the estimate of d that they use."""
+
+    begin: float
+    measured: Array
+    felt: Array
+    u: Array
+    dhat: Array
 
 
 class Stepper:
-    """Steps all runs; ``visit`` gets the place of a time, and x, d, dhat, u (n, m, R), xi, xihat
-    (n, q, R) by name."""
+    """Steps all runs; ``visit`` gets the place of a time, and what is seen of the runs then."""
 
     def __init__(
         self, runs: StressedRuns, visit: Callable[[int, Samples], None], report: Progress
     ) -> None:
-        self.loop, self.times, self.nearby = runs.setting.loop, runs.setting.times, runs.nearby
-        self.visit, self.report = visit, report
+        setting = runs.setting
+        count = len(runs.seeds)
+        self.loop = setting.loop
+        self.times = setting.times
+        self.tolerance = setting.tolerance
+        self.nearby = runs.nearby
+        self.visit = visit
+        self.report = report
         self.period = float(runs.stress.period or 0.0)
-        self.instants = sample_instants(self.period, runs.setting.horizon)
+        self.instants = sample_instants(self.period, setting.horizon)
+        # the step that a sample lies in
         self.owner = np.searchsorted(self.instants, self.times, side="right") - 1
-        gain = runs.stress.sampled_gain
         self.flow = flow(self.loop, self.period)
+        gain = runs.stress.sampled_gain
         own = None if gain is None else np.asarray(gain)
-        self.watch, self.Cd, self.L = discretised(self.loop, self.period, own)
+        self.observer = discretised(self.loop, self.period, own)
         self.Ad = integral(self.loop.A, self.period)[0]
-        self.x, self.xi, self.xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))
-        self.crew, self.tolerance = Crew(runs, self.instants, keep=False), runs.setting.tolerance
-        self.method, self.between = f"exact steps of {self.period:g} s", None
-        if self.loop.plant is not None and (self.loop.bend is not None or runs.stress.disturbance):
+        self.agents = Agents(runs, self.instants, keep=False)
+        self.between = self.curved_between(runs)
+        self.method = f"exact steps of {self.period:g} s"
+        if self.between is not None:
             self.method = f"DOP853 between samples, every {self.period:g} s"
-            self.between = Between(runs, runs.setting.horizon, self.crew)
-            self.steps = np.full(len(runs.seeds), self.period)
+        self.steps = np.full(count, self.period)
+        # the state of all runs, and what the observer compares it with
+        self.x = runs.stacked("x")
+        self.xi = runs.stacked("xi")
+        self.xihat = runs.stacked("xihat")
+        self.before = self.x
+        self.held = np.zeros_like(self.x)
         self.goal = self.loop.goal[..., None]
-        self.before, self.held = self.x, np.zeros_like(self.x)
         self.farthest = FARTHEST * np.maximum(1.0, self.size())
-        self.counts = np.full(len(runs.seeds), len(self.times))
+        self.counts = np.full(count, len(self.times))
         self.reasons: dict[int, str] = {}
-        self.going: NDArray[np.bool_] = np.ones(len(runs.seeds), dtype=bool)
+        self.going: NDArray[np.bool_] = np.ones(count, dtype=bool)
+
+    def curved_between(self, runs: StressedRuns) -> Between | None:
+        """The agents between samples where they have no closed form."""
+        if self.loop.plant is None or not (self.loop.bend is not None or runs.stress.disturbance):
+            return None
+        return Between(runs, runs.setting.horizon, self.agents)
 
     def size(self) -> Array:
+        """|e|_inf of all runs, (R,)."""
         return np.asarray(np.abs(self.x - self.goal).max(axis=(0, 1)))
 
-    def run(self) -> tuple[IndexArray, dict[int, str]]:
-        """How many samples each run reached, (R,), and why some ended early.  Raises: SpecError for
-        too many."""
+    def run(self) -> Reached:
+        """From instant to instant, up to the horizon.  Raises: SpecError for too many."""
         since = self.times - self.instants[self.owner]
-        transition, added = integral(self.loop.A, since)[0], flow(self.loop, since)
+        transition = integral(self.loop.A, since)[0]
+        added = flow(self.loop, since)
         done = 0
         for k, instant in enumerate(self.instants.tolist()):
-            measured, felt, u, dhat = self.compute(k, instant)
+            hold = self.compute(k, instant)
             last = int(np.searchsorted(self.owner, k, side="right"))
-            times = [*self.times[done:last].tolist(), *self.instants[k + 1 : k + 2].tolist()]
-            if self.between is None:
-                path = self.exact(instant, times, [*added[done:last], self.flow], felt, u)
-            else:
-                path = iter(self.integrated(self.between, instant, np.array(times), felt, u))
-            for s, x in zip(range(done, last), path, strict=False):
-                time = float(self.times[s])
+            following = self.instants[k + 1 : k + 2].tolist()
+            times = [*self.times[done:last].tolist(), *following]
+            path = self.path(hold, times, [*added[done:last], self.flow])
+            for sample, x in zip(range(done, last), path, strict=False):
+                # a run that ended keeps its start at least
                 bad = self.going & ~np.isfinite(x).all(axis=(0, 1))
-                self.end(
-                    bad,
-                    max(1, done),
-                    f"a coupling overflows or is undefined at t = {instant:.6g} s",
-                )
-                xi = act(transition[s], self.xi)
-                d = act(self.loop.output, xi) + self.crew.extra(time)
-                parts = {"x": self.x if s == 0 else x, "xi": xi, "d": d, "u": u}
-                self.visit(s, parts | self.crew.heeded(self.xihat, dhat))
+                reason = f"a coupling overflows or is undefined at t = {instant:.6g} s"
+                self.end(bad, max(1, done), reason)
+                self.show(sample, hold, self.x if sample == 0 else x, transition[sample])
             done = last
-            if k + 1 < len(self.instants):
-                self.before, self.held = measured, felt + self.loop.moved(u, measured - self.goal)
-                self.x, self.xi = next(path), act(self.Ad, self.xi)
-                far = self.going & ~(self.size() <= self.farthest)
-                self.end(
-                    far,
-                    done,
-                    f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {times[-1]:.6g} s",
-                )
+            if following:
+                self.go_on(hold, next(path), following[0], done)
             if not self.going.any():
                 break
-            if k % 64 == 0:
+            if k % REPORTED == 0:
                 self.report(instant / float(self.times[-1]))
         self.report(1.0)
-        return self.counts, self.reasons
+        return Reached(self.counts, self.reasons)
 
-    def exact(
-        self, begin: float, times: list[float], flows: list[Array], felt: Array, u: Array
-    ) -> Iterator[Array]:
-        """x (n, m, R) at times from ``begin`` on, in closed form, with couplings (n, m, R) and
-        inputs held."""
-        speed, x = felt + self.loop.moved(u, self.x - self.goal), self.x
+    def path(self, hold: Hold, times: list[float], flows: list[Array]) -> Iterator[Array]:
+        """x (n, m, R) at times after the instant, and at the next."""
+        if self.between is None:
+            return self.exact(hold, times, flows)
+        return iter(self.integrated(self.between, hold, np.array(times)))
+
+    def show(self, sample: int, hold: Hold, x: Array, transition: Array) -> None:
+        """Visit a sample, to which ``transition`` takes xi."""
+        xi = act(transition, self.xi)
+        d = act(self.loop.output, xi) + self.agents.extra(float(self.times[sample]))
+        seen = Samples(
+            x=x,
+            xi=xi,
+            xihat=self.agents.believed(self.xihat),
+            d=d,
+            dhat=self.agents.believed(hold.dhat),
+            u=hold.u,
+        )
+        self.visit(sample, seen)
+
+    def go_on(self, hold: Hold, x: Array, time: float, done: int) -> None:
+        """The runs stand at the next instant, where so many samples are done."""
+        self.before = hold.measured
+        self.held = hold.felt + self.loop.moved(hold.u, hold.measured - self.goal)
+        self.x = x
+        self.xi = act(self.Ad, self.xi)
+        far = self.going & ~(self.size() <= self.farthest)
+        self.end(far, done, f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {time:.6g} s")
+
+    def exact(self, hold: Hold, times: list[float], flows: list[Array]) -> Iterator[Array]:
+        """The path in closed form: ``flows`` say what time adds."""
+        x = self.x
+        speed = hold.felt + self.loop.moved(hold.u, x - self.goal)
         for time, added in zip(times, flows, strict=False):
-            yield flown(added, x, speed, self.xi) + self.crew.extra_integral(begin, time)
+            extra = self.agents.extra_integral(hold.begin, time)
+            yield flown(added, x, speed, self.xi) + extra
 
-    def integrated(
-        self, loops: Between, begin: float, times: Array, felt: Array, u: Array
-    ) -> Array:
-        """The same (T, n, m, R), integrated; nan after a run has ended, and of those that had ended
+    def integrated(self, columns: Between, hold: Hold, times: Array) -> Array:
+        """The path (T, n, m, R), integrated; nan after a run has ended, and of those that had ended
         before."""
-        loops.felt, loops.u, loops.alive = felt, u, np.flatnonzero(self.going)
+        alive = np.flatnonzero(self.going)
+        columns.felt = hold.felt
+        columns.u = hold.u
+        columns.alive = alive
         path = np.full((len(times), *self.x.shape), np.nan)
-        path[times == begin] = self.x
+        path[times == hold.begin] = self.x
 
         def visit(sample: IndexArray, run: IndexArray, y: Array) -> None:
-            path[sample, :, :, loops.alive[run]] = np.moveaxis(loops.split(y)[0], 2, 0)
+            path[sample, :, :, alive[run]] = np.moveaxis(columns.split(y)[0], 2, 0)
 
-        if len(times) and times[-1] > begin:
-            start, count = (
-                loops.joined(self.x, self.xi, self.xihat)[:, loops.alive],
-                (len(loops.alive), 1),
-            )
-            found = Stretch(
-                loops,
-                start,
-                times,
-                begin=begin,
-                end=times[-1],
-                farthest=self.farthest[loops.alive],
-                switches=(np.zeros(count), np.zeros(count, dtype=np.int64)),
-                steps=self.steps[loops.alive],
-                most=LEAST_STEPS,
-                tolerance=self.tolerance,
-                visit=visit,
-            ).run()
-            self.steps[loops.alive] = found.steps
-            for place, reason in found.reasons().items():
-                which, kept = (
-                    np.arange(len(self.going)) == loops.alive[place],
-                    self.times <= found.times[place],
-                )
-                words = (
-                    reason
-                    or f"agents are too stiff for {LEAST_STEPS} steps to the sample after t = "
-                    f"{begin:.6g} s"
-                )
-                self.end(which & self.going, int(np.count_nonzero(kept)), words)
+        if not len(times) or times[-1] <= hold.begin:
+            return path
+        one_mode = np.zeros((len(alive), 1))
+        found = Stretch(
+            columns=columns,
+            start=columns.joined(self.x, self.xi, self.xihat)[:, alive],
+            begin=hold.begin,
+            end=times[-1],
+            switches=ModeTable(times=one_mode, modes=one_mode.astype(np.int64)),
+            farthest=self.farthest[alive],
+            steps=self.steps[alive],
+            most=LEAST_STEPS,
+            tolerance=self.tolerance,
+            samples=times,
+            visit=visit,
+        ).run()
+        self.steps[alive] = found.steps
+        stiff = (
+            f"agents are too stiff for {LEAST_STEPS} steps to the sample after t = "
+            f"{hold.begin:.6g} s"
+        )
+        for place, reason in found.reasons().items():
+            which = np.arange(len(self.going)) == alive[place]
+            kept = int(np.count_nonzero(self.times <= found.times[place]))
+            self.end(which & self.going, kept, reason or stiff)
         return path
 
-    def compute(self, k: int, instant: float) -> tuple[Array, Array, Array, Array]:
-        """Measured states, and what is held from this instant on: couplings, input, estimate."""
-        crew = self.crew
+    def compute(self, k: int, instant: float) -> Hold:
+        """What is measured, exchanged, estimated and commanded at the k-th instant."""
+        agents = self.agents
         if self.nearby is not None:
             mode = self.nearby.look(instant, self.x[..., 0])
-            crew.heard.move(mode, self.nearby.groups(mode), k)
-        measured = self.x + crew.noise(k)
+            agents.heard.move(mode, self.nearby.groups(mode), k)
+        measured = self.x + agents.noise(k)
+        watch, Cd, L = self.observer
         if k:
             expected = flown(self.flow, self.before, self.held, np.zeros_like(self.xihat))
-            innovation = act(self.watch, measured - expected) - act(self.Cd, self.xihat)
-            self.xihat = act(self.Ad, self.xihat) + act(self.L, innovation)
-        e, dhat = measured - self.goal, act(self.Cd, self.xihat)
-        crew.fail(instant, e, dhat)
+            innovation = act(watch, measured - expected) - act(Cd, self.xihat)
+            self.xihat = act(self.Ad, self.xihat) + act(L, innovation)
+        e = measured - self.goal
+        dhat = act(Cd, self.xihat)
+        agents.fail(instant, e, dhat)
         felt = np.zeros_like(e)
-        for links, columns, held in crew.heard.exchange(k, crew.said(e)):
-            felt[..., columns] = links.felt(e[..., columns], held)
-        return measured, felt, crew.control(e, dhat), dhat
+        for links, runs, held in agents.heard.exchange(k, agents.said(e)):
+            felt[..., runs] = links.felt(e[..., runs], held)
+        u = agents.control(e, dhat)
+        return Hold(begin=instant, measured=measured, felt=felt, u=u, dhat=dhat)
 
     def end(self, which: NDArray[np.bool_], count: int, reason: str) -> None:
         """Runs that end here keep their first ``count`` samples."""
         for run in np.flatnonzero(which).tolist():
-            self.counts[run], self.reasons[run] = count, reason
+            self.counts[run] = count
+            self.reasons[run] = reason
         self.going = self.going & ~which

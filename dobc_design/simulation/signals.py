@@ -65,16 +65,13 @@ class Periodic(Shown):
             return
         times = tuple(seconds(t, f"dwell[{i}]") for i, t in enumerate(self.dwell))  # type: ignore[arg-type]
         if not times:
-            raise wrong(
-                "dwell",
-                "must hold at least one time; got none.",
-                "For example 0.5.",
-                kind=ShapeError,
-            )
+            message = "must hold at least one time; got none."
+            raise wrong("dwell", message, "For example 0.5.", kind=ShapeError)
         put(self, dwell=times)
 
     def __str__(self) -> str:
-        return f"periodic, {', '.join(f'{t:g}' for t in np.atleast_1d(self.dwell))} s each"
+        times = [f"{time:g}" for time in np.atleast_1d(self.dwell)]
+        return f"periodic, {', '.join(times)} s each"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -123,20 +120,23 @@ class Markov(Shown):
             message = "must be a square matrix, one row and column per mode."
             raise wrong("generator", message, "For two modes [[-1, 1], [1, -1]].", kind=ShapeError)
         for k, row in enumerate(rows):
-            for other, rate in enumerate(row):
-                if other != k:
-                    not_negative(rate, f"generator[{k}][{other}]")
-            if not abs(sum(row)) <= 1e-9 * max(1.0, *map(abs, row)):
-                message = "must add up to 0: the diagonal entry is minus the sum of the others; got"
-                cure = f"Put minus the sum of the others at [{k}][{k}]."
-                raise wrong(f"generator[{k}]", f"{message} {sum(row):g}.", cure)
+            self._check_row(k, row)
+
+    def _check_row(self, k: int, row: tuple[float, ...]) -> None:
+        for other, rate in enumerate(row):
+            if other != k:
+                not_negative(rate, f"generator[{k}][{other}]")
+        total = sum(row)
+        if not abs(total) <= 1e-9 * max(1.0, *map(abs, row)):
+            message = "must add up to 0: the diagonal entry is minus the sum of the others; got"
+            cure = f"Put minus the sum of the others at [{k}][{k}]."
+            raise wrong(f"generator[{k}]", f"{message} {total:g}.", cure)
 
     def __str__(self) -> str:
-        stays = ", ".join(
-            "for ever" if row[k] == 0 else f"{-1 / row[k]:.3g} s"
-            for k, row in enumerate(self.generator)
-        )
-        return f"Markov, mean stay {stays}"
+        stays = []
+        for k, row in enumerate(self.generator):
+            stays.append(f"{-1 / row[k]:.3g} s" if row[k] else "for ever")
+        return f"Markov, mean stay {', '.join(stays)}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -151,17 +151,12 @@ class Schedule(Shown):
         times = tuple(not_negative(t, f"times[{i}]") for i, t in enumerate(self.times))
         put(self, times=times, modes=tuple(map(str, self.modes)))
         if len(times) != len(self.modes) or not times:
-            message = (
-                f"times and modes must be equally long, at least 1; got {len(times)} and "
-                f"{len(self.modes)}."
-            )
+            got = f"{len(times)} and {len(self.modes)}"
+            message = f"times and modes must be equally long, at least 1; got {got}."
             raise ShapeError(message, key="times", cure="Give one mode for every instant.")
-        if times[0] != 0 or any(b <= a for a, b in pairwise(times)):
-            raise wrong(
-                "times",
-                "must begin with 0 and increase.",
-                "Sort them, and say what is active at 0.",
-            )
+        if times[0] != 0 or not _increase(times):
+            cure = "Sort them, and say what is active at 0."
+            raise wrong("times", "must begin with 0 and increase.", cure)
 
     def __str__(self) -> str:
         return f"schedule of {counted(len(self.times), 'instant')}"
@@ -182,27 +177,22 @@ class Waypoints(Shown):
         places = np.asarray(self.positions, dtype=np.float64)
         times = tuple(not_negative(t, f"times[{i}]") for i, t in enumerate(self.times))
         if places.ndim != 3 or len(places) != len(times) or 0 in places.shape:
-            message = (
-                f"must have shape (times, agents, coordinates) with {len(times)} times; got "
-                f"{places.shape}."
-            )
-            raise wrong(
-                "positions", message, "Give one n x k array for every instant.", kind=ShapeError
-            )
-        if not np.isfinite(places).all() or any(b <= a for a, b in pairwise(times)):
-            raise SpecError(
-                "positions must be finite and times must increase.",
-                key="times",
-                cure="Sort the instants.",
-            )
-        put(self, times=times, positions=tuple(tuple(map(tuple, rows)) for rows in places.tolist()))
+            wanted = f"shape (times, agents, coordinates) with {len(times)} times"
+            message = f"must have {wanted}; got {places.shape}."
+            cure = "Give one n x k array for every instant."
+            raise wrong("positions", message, cure, kind=ShapeError)
+        if not np.isfinite(places).all() or not _increase(times):
+            message = "positions must be finite and times must increase."
+            raise SpecError(message, key="times", cure="Sort the instants.")
+        positions = [tuple(map(tuple, rows)) for rows in places.tolist()]
+        put(self, times=times, positions=tuple(positions))
 
     def _card(self) -> Card:
-        agents, coordinates = len(self.positions[0]), len(self.positions[0][0])
-        where = f"{len(self.times)} instants from {self.times[0]:g} to {self.times[-1]:g} s"
-        return Card(
-            title="Waypoints", text=f"of {agents} agents in {coordinates} coordinates, {where}"
-        )
+        agents = len(self.positions[0])
+        coordinates = len(self.positions[0][0])
+        when = f"{len(self.times)} instants from {self.times[0]:g} to {self.times[-1]:g} s"
+        text = f"of {agents} agents in {coordinates} coordinates, {when}"
+        return Card(title="Waypoints", text=text)
 
     def __repr__(self) -> str:
         return f"<Waypoints {self._card().text}>"
@@ -212,11 +202,11 @@ class Waypoints(Shown):
         caller."""
         if len(self.times) == 1:
             return np.asarray(places[0])
-        number = int(
-            np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2)
-        )
-        begin, end = self.times[number], self.times[number + 1]
-        part = min(1.0, max(0.0, (time - begin) / (end - begin)))
+        passed = int(np.searchsorted(self.times, time, side="right")) - 1
+        number = min(max(passed, 0), len(self.times) - 2)
+        begin = self.times[number]
+        part = (time - begin) / (self.times[number + 1] - begin)
+        part = min(1.0, max(0.0, part))  # it rests before and after
         return np.asarray(places[number] + part * (places[number + 1] - places[number]))
 
 
@@ -240,9 +230,8 @@ class Mobile(Told):
     def __post_init__(self) -> None:
         if (self.radius is None) == (self.neighbours is None):
             message = "a mobile signal needs either radius or neighbours, and not both."
-            raise SpecError(
-                message, key="radius", cure="For example Mobile(radius=2.0, hysteresis=0.2)."
-            )
+            cure = "For example Mobile(radius=2.0, hysteresis=0.2)."
+            raise SpecError(message, key="radius", cure=cure)
         if self.radius is not None:
             put(self, radius=positive(self.radius, "radius"))
         if self.neighbours is not None:
@@ -250,17 +239,19 @@ class Mobile(Told):
         put(self, hysteresis=not_negative(self.hysteresis, "hysteresis"))
 
     def __str__(self) -> str:
-        near = (
-            f"within {self.radius:g}" if self.radius is not None else f"{self.neighbours} nearest"
-        )
-        return (
-            f"mobile, {near}, hysteresis {self.hysteresis:g}, "
-            f"{'given motion' if self.motion else 'the states move'}"
-        )
+        near = f"{self.neighbours} nearest"
+        if self.radius is not None:
+            near = f"within {self.radius:g}"
+        moving = "given motion" if self.motion else "the states move"
+        return f"mobile, {near}, hysteresis {self.hysteresis:g}, {moving}"
 
 
 Scheduled = Fixed | Periodic | RandomDwell | Markov | Schedule
 Signal = Scheduled | Mobile
+
+
+def _increase(times: Sequence[float]) -> bool:
+    return all(a < b for a, b in pairwise(times))
 
 
 def _order(given: Sequence[str] | None) -> tuple[str, ...] | None:
@@ -275,57 +266,77 @@ def signal_to_json(signal: Signal) -> str:
 def signal_of(problem: Problem) -> tuple[Signal, str | None]:
     """The signal of a problem's [switching], and a remark where something had to be chosen.
     Raises: SpecError."""
-    names, own = tuple(problem.network.modes), problem.switching
+    names = tuple(problem.network.modes)
+    own = problem.switching
     if own is None:
-        return Fixed(), f"No signal was given: {names[0]} is active throughout." if len(
-            names
-        ) > 1 else None
+        chosen = f"No signal was given: {names[0]} is active throughout."
+        return Fixed(), chosen if len(names) > 1 else None
     if own.signal in ("schedule", "mobile"):
-        unused = (
-            None if own.dwell is None else f"switching.dwell is not used by a {own.signal} signal."
-        )
-        if own.signal == "mobile":
-            radius = None if own.radius is None else _float(own.radius, "switching.radius")
-            hysteresis = _float(own.hysteresis or Fraction(0), "switching.hysteresis")
-            return Mobile(radius=radius, neighbours=own.neighbours, hysteresis=hysteresis), unused
-        instants = own.schedule or ()
-        times = tuple(
-            _float(time, f"switching.schedule[{k}][0]") for k, (time, _) in enumerate(instants)
-        )
-        return Schedule(times=times, modes=tuple(mode for _, mode in instants)), unused
+        remark = None
+        if own.dwell is not None:
+            remark = f"switching.dwell is not used by a {own.signal} signal."
+        return _mobile(own) if own.signal == "mobile" else _schedule(own), remark
     if len(names) == 1:
         return Fixed(), "There is one mode: nothing switches."
     if own.signal == "periodic" and (own.schedule or own.period):
         return _rounds(own, names), None
     if own.generator is not None:
-        rows = (tuple(_float(rate, "switching.generator") for rate in row) for row in own.generator)
+        rows = []
+        for row in own.generator:
+            rows.append(tuple(_float(rate, "switching.generator") for rate in row))
         return Markov(generator=tuple(rows)), None
-    dwell = DWELL if own.dwell is None else _float(own.dwell, "switching.dwell")
-    remark = f"switching.dwell is not given: {DWELL} s." if own.dwell is None else None
+    dwell, remark = DWELL, f"switching.dwell is not given: {DWELL} s."
+    if own.dwell is not None:
+        dwell, remark = _float(own.dwell, "switching.dwell"), None
     if own.signal == "random":
         longest = None if own.longest is None else _float(own.longest, "switching.longest")
         return RandomDwell(dwell=dwell, longest=longest), remark
     if own.signal == "periodic":
         return Periodic(dwell=dwell, order=own.sequence), remark
-    rate, count = 1 / (dwell * (len(names) - 1)), range(len(names))
-    table = tuple(tuple(-1 / dwell if k == other else rate for other in count) for k in count)
-    return Markov(
-        generator=table
-    ), "Markov: stays last switching.dwell on average, all other modes are equally likely."
+    remark = "Markov: stays last switching.dwell on average, all other modes are equally likely."
+    return _even_chain(dwell, len(names)), remark
+
+
+def _mobile(own: Switching) -> Mobile:
+    """Graphs of a radius or of the nearest."""
+    radius = None if own.radius is None else _float(own.radius, "switching.radius")
+    hysteresis = _float(own.hysteresis or Fraction(0), "switching.hysteresis")
+    return Mobile(radius=radius, neighbours=own.neighbours, hysteresis=hysteresis)
+
+
+def _schedule(own: Switching) -> Schedule:
+    """The instants that are stated."""
+    times = []
+    modes = []
+    for k, (time, mode) in enumerate(own.schedule or ()):
+        times.append(_float(time, f"switching.schedule[{k}][0]"))
+        modes.append(mode)
+    return Schedule(times=tuple(times), modes=tuple(modes))
 
 
 def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
-    whole = own.period or Fraction(0)
+    """Rounds of one period: of equal stays, or of a schedule."""
+    period = own.period or Fraction(0)
     if own.schedule is None:
-        return Periodic(
-            dwell=_float(whole / len(own.sequence or names), "switching.period"), order=own.sequence
-        )
-    ends = [*(time for time, _ in own.schedule[1:]), whole]
-    stays = [
-        _float(end - time, "switching.schedule")
-        for (time, _), end in zip(own.schedule, ends, strict=True)
-    ]
+        each = _float(period / len(own.sequence or names), "switching.period")
+        return Periodic(dwell=each, order=own.sequence)
+    instants = [time for time, _ in own.schedule]
+    stays = []
+    for begin, end in pairwise([*instants, period]):
+        stays.append(_float(end - begin, "switching.schedule"))
     return Periodic(dwell=tuple(stays), order=tuple(mode for _, mode in own.schedule))
+
+
+def _even_chain(dwell: float, count: int) -> Markov:
+    """A chain that stays in every mode for ``dwell`` s on average, and leaves for each other mode
+    alike."""
+    rate = 1 / (dwell * (count - 1))
+    rows = []
+    for k in range(count):
+        row = [rate] * count
+        row[k] = -1 / dwell
+        rows.append(tuple(row))
+    return Markov(generator=tuple(rows))
 
 
 def _float(value: Fraction, key: str) -> float:

@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from dobc_design.conditions.schedule.cycles import phases_of
+from dobc_design.conditions.schedule.cycles import Phase, phases_of
 from dobc_design.exact.number import nearest
 from dobc_design.problem.arrays import Array, consensus_jacobian, pinning_matrix
 from dobc_design.problem.network import IndexArray
@@ -23,6 +23,9 @@ STEPS = 500  # stretches of constant sign in a run
 LARGEST = 600  # states of [e; eps] up to which the sensitivity is computed; beyond, all signs are +
 # compared of one length; these times (n m)^3
 LONGEST_ROUND, MOST_ROUNDS, MOST_WORK = 8, 1000, 10**9
+SLOWER = 1e-9  # 1/s by which a longer round has to decay more slowly than a shorter one
+
+Turn = tuple[int, float]  # a mode by its place, and how long it lasts in s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,31 +56,39 @@ def worst_signs(
     """For each run the signs of the impulse response, from every residual to the agent whose turn
     it is (the seed modulo n), reversed in time: they attain the largest error at the horizon of the
     loop, linearised in the first mode."""
-    n, m, q = loop.n, loop.m, loop.q if observed else 0
-    size, length = n * (m + q), horizon / STEPS
-    values = np.ones((STEPS, n, len(loop.output), len(seeds)))
+    length = horizon / STEPS
+    values = np.ones((STEPS, loop.n, len(loop.output), len(seeds)))
     slopes = consensus_jacobian(problem, next(iter(problem.network.modes)))
+    size = loop.n * (loop.m + (loop.q if observed else 0))
     if slopes is None or size > LARGEST:
         return Signs(values, length)
-    M = np.zeros((size, size))
-    M[: n * m, : n * m] = slopes.toarray() - loop.K.toarray()
-    entry = np.eye(n * m)
-    if q:
-        M[: n * m, n * m :], M[n * m :, n * m :] = (
-            np.kron(np.eye(n), loop.C),
-            np.kron(np.eye(n), loop.F),
-        )
-        gains = [loop.W] * n if loop.W.ndim == 2 else list(loop.W)
-        entry = np.vstack([entry, -block_diag(*gains)])
+    pulled = slopes.toarray() - loop.K.toarray()
+    if observed and loop.q:
+        M, entry = _with_observer(loop, pulled)
+    else:
+        M, entry = pulled, np.eye(len(pulled))
     if loop.plant is not None:
-        entry = entry @ np.kron(np.eye(n), loop.plant.B)
-    rows = np.eye(n * m, size)[[seed % (n * m) for seed in seeds]]
+        entry = entry @ np.kron(np.eye(loop.n), loop.plant.B)
+    rows = np.eye(len(pulled), size)[[seed % len(pulled) for seed in seeds]]
     step = expm(M * length)
     for k in range(STEPS):
-        response = (rows @ entry).reshape(len(seeds), n, -1)
+        response = (rows @ entry).reshape(len(seeds), loop.n, -1)
         values[STEPS - 1 - k] = np.where(np.moveaxis(response, 0, -1) < 0, -1.0, 1.0)
         rows = rows @ step
     return Signs(values, length)
+
+
+def _with_observer(loop: Loop, pulled: Array) -> tuple[Array, Array]:
+    """The matrix of [e; eps] with that of e in it, and where a residual enters: at e, and through W
+    at eps."""
+    cut = len(pulled)
+    own = np.eye(loop.n)
+    M = np.zeros((cut + loop.n * loop.q, cut + loop.n * loop.q))
+    M[:cut, :cut] = pulled
+    M[:cut, cut:] = np.kron(own, loop.C)
+    M[cut:, cut:] = np.kron(own, loop.F)
+    gains = [loop.W] * loop.n if loop.W.ndim == 2 else list(loop.W)
+    return M, np.vstack([np.eye(cut), -block_diag(*gains)])
 
 
 def worst_signal(problem: Problem) -> Periodic | None:
@@ -85,7 +96,8 @@ def worst_signal(problem: Problem) -> Periodic | None:
     longest: 1, 2 and 4 times the shortest, or a mode for ever), the one under which e, linearised,
     decays most slowly.  None without this guarantee, with too many agents or modes, and where a
     coupling has no slope at the target."""
-    phases, own = phases_of(problem), problem.switching
+    phases = phases_of(problem)
+    own = problem.switching
     most = min(MOST_ROUNDS, MOST_WORK // (problem.n * problem.m) ** 3)
     if not phases or own is None or own.guarantee != "dwell" or (2 * len(phases)) ** 2 > most:
         return None
@@ -93,35 +105,48 @@ def worst_signal(problem: Problem) -> Periodic | None:
     flows = [(each - pinning_matrix(problem)).toarray() for each in slopes if each is not None]
     if len(flows) < len(phases):
         return None
-    first, last = nearest(phases[0].shortest), phases[0].longest
-    ends = (
-        [first, 2 * first, 4 * first] if last is None else list({first: None, nearest(last): None})
-    )
+    ends = _stays(phases[0])
+    least = 1 if phases[0].longest is None else 2
     steps = {(p, end): expm(flow * end) for p, flow in enumerate(flows) for end in ends}
-    slowest, found = -np.inf, None
-    for turns in _rounds(len(phases), ends, least=1 if last is None else 2, most=most):
+    slowest = -np.inf
+    found = None
+    for turns in _rounds(len(phases), ends, least=least, most=most):
+        lasting = [end for _, end in turns]
         way = reduce(np.matmul, [steps[turn] for turn in reversed(turns)])
         growth = float(np.abs(np.linalg.eigvals(way)).max())
-        pace = np.log(max(growth, np.finfo(float).tiny)) / sum(end for _, end in turns)
-        if pace > slowest + 1e-9:  # of equal ones the shortest
+        pace = np.log(max(growth, np.finfo(float).tiny)) / sum(lasting)
+        if pace > slowest + SLOWER:
+            slowest = pace
             order = tuple(phases[p].mode for p, _ in turns)
-            slowest, found = pace, Periodic(dwell=tuple(end for _, end in turns), order=order)
+            found = Periodic(dwell=tuple(lasting), order=order)
     return found
+
+
+def _stays(phase: Phase) -> list[float]:
+    """How long a mode may last, in s: the lengths that are tried."""
+    shortest = nearest(phase.shortest)
+    if phase.longest is None:
+        return [shortest, 2 * shortest, 4 * shortest]
+    longest = nearest(phase.longest)
+    return [shortest] if longest == shortest else [shortest, longest]
 
 
 def _rounds(
     modes: int, ends: Sequence[float], *, least: int, most: int
-) -> Iterator[tuple[tuple[int, float], ...]]:
-    """Rounds (mode, s) of one or of neighbours that differ, as long as there are not too many of
-    one length."""
+) -> Iterator[tuple[Turn, ...]]:
+    """Rounds of one mode or of neighbours that differ, as long as there are not too many of one
+    length."""
     for length in range(least, LONGEST_ROUND + 1):
         if (len(ends) * (modes - 1)) ** length > most:
             return
         for order in product(range(modes), repeat=length):
-            if order[0] == min(order) and (
-                length == 1 or all(order[k] != order[k - 1] for k in range(length))
-            ):
-                yield from (
-                    tuple(zip(order, lasting, strict=True))
-                    for lasting in product(ends, repeat=length)
-                )
+            # the same round begins at every one of its modes; it is taken from the smallest
+            if order[0] != min(order) or not _changes(order):
+                continue
+            for lasting in product(ends, repeat=length):
+                yield tuple(zip(order, lasting, strict=True))
+
+
+def _changes(order: tuple[int, ...]) -> bool:
+    """Whether every mode is followed by another one, round and round."""
+    return len(order) == 1 or all(a != b for a, b in pairwise((*order, order[0])))

@@ -14,13 +14,13 @@ from linked import linked
 import dobc_design.certification.recheck as rechecks
 from dobc_design import Exosystem, Verdict, certify, verify
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.equilibria import equilibrium_check
 from dobc_design.certification.overall import decide_overall
 from dobc_design.checker import files
 from dobc_design.checker.examine import Refused, examine
 from dobc_design.conditions.check import Values, Witness
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import find_in_nullspace
-from dobc_design.falsification.search import equilibrium_check
 from dobc_design.problem.canonical import canonical_bytes
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED

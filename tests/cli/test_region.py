@@ -11,8 +11,8 @@ from problem_texts import listening_pair_text
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification import certify as certification
-from dobc_design.certification import search as searching
-from dobc_design.certification.search import Searched, search_certificate
+from dobc_design.falsification import falsify as falsification
+from dobc_design.falsification.beside import Searched, search_beside
 
 SINES = """\
 name = "sines"
@@ -35,14 +35,14 @@ LOOSE = (
 
 
 def search_briefly(certificate: Certificate, *, progress: object) -> Searched:
-    return search_certificate(certificate, runs=20)
+    return search_beside(certificate, runs=20)
 
 
 @pytest.fixture
 def dobc(command_line, tmp_path, monkeypatch):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
     monkeypatch.setattr(certification, "certify", certify_once)
-    monkeypatch.setattr(searching, "search_certificate", search_briefly)
+    monkeypatch.setattr(falsification, "falsify", search_briefly)
     (tmp_path / "free.toml").write_text(SINES.replace("sin(y)", "tanh(y)"), encoding="utf-8")
     (tmp_path / "near.toml").write_text(ASKED.replace("HALF", "0.5"), encoding="utf-8")
     (tmp_path / "far.toml").write_text(ASKED.replace("HALF", "2"), encoding="utf-8")

@@ -9,13 +9,13 @@ import pytest
 from problem_texts import listening_pair_text
 from typer.testing import CliRunner
 
-from dobc_design.certification import search
 from dobc_design.cli.main import app
+from dobc_design.falsification import falsify as falsification
 
 
 @pytest.fixture
 def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(search, "search_certificate", partial(search.search_certificate, runs=10))
+    monkeypatch.setattr(falsification, "falsify", partial(falsification.falsify, runs=10))
     path = tmp_path / "pair.toml"
     path.write_text(listening_pair_text(1), encoding="utf-8")
     return path

@@ -10,7 +10,7 @@ import pytest
 from problem_texts import RING
 
 from dobc_design import load_trajectory, simulate
-from dobc_design.simulation.setting import Failure, Stress, stress_to_json
+from dobc_design.simulation.stress import Failure, Stress, stress_to_json
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from dobc_design.conditions.separable.propose import (
     propose_separable,
     rounded_vectors,
 )
-from dobc_design.falsification.search import search_starts
+from dobc_design.falsification.search import Question, search_starts
 
 PROBLEMS = 24  # at least 20 are wanted
 HORIZON = 15.0  # s
@@ -39,12 +39,9 @@ def run(count: int, seed: int) -> Row:
     each = max(10, -(-count // PROBLEMS))
     problems = -(-count // each)
     for number, (name, problem, certified) in enumerate(_proved(seed)):
-        how = {
-            "certified": certified,
-            "t_final": HORIZON,
-            "gain": None if problem.exosystem is None else W,
-        }
-        found = search_starts(problem, runs=each, seed=seed + number, **how)
+        question = Question(runs=each, seed=seed + number, certified=certified, t_final=HORIZON)
+        gain = None if problem.exosystem is None else W
+        found = search_starts(problem, question, gain=gain)
         tried, unfinished = tried + found.tried, unfinished + found.unfinished
         failures += [f"{name}: {suspect}" for suspect in found.suspects]
         if found.observed_rate is None or not found.certified_rate:

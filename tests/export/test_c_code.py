@@ -17,7 +17,7 @@ from dobc_design.errors import SpecError
 from dobc_design.export.c_controller import make_controller
 from dobc_design.export.c_folder import FILES, source_text
 from dobc_design.export.rounding_bound import Erring, ErringAlgebra, with_errors
-from dobc_design.simulation.stressed import LOSS
+from dobc_design.simulation.agents import LOSS
 
 
 def alone(k: object, *, h: str = "y") -> Problem:

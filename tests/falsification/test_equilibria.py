@@ -9,11 +9,13 @@ from lure_cases import field
 from separable_problems import PAPER, cycle
 
 from dobc_design import Network, Problem, Verdict
+from dobc_design.certification import equilibria
+from dobc_design.certification.equilibria import equilibrium_check
+from dobc_design.conditions.equilibrium import propose
+from dobc_design.conditions.equilibrium.propose import find_roots
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
-from dobc_design.falsification import search
-from dobc_design.falsification.search import equilibrium_check, find_roots
 
 F = Fraction
 SADDLE = half_difference(3.3)
@@ -22,7 +24,7 @@ SADDLE = half_difference(3.3)
 @pytest.fixture
 def few_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Twelve corners and twelve random starts in all modes together."""
-    monkeypatch.setattr(search, "STARTS", 12)
+    monkeypatch.setattr(equilibria, "STARTS", 12)
 
 
 def start_of(check) -> list[F]:
@@ -72,14 +74,14 @@ def test_of_more_modes_than_the_work_is_for_the_first_are_looked_at(
         looked.append(mode)
         yield from find_roots(problem, mode, points)
 
-    monkeypatch.setattr(search, "find_roots", roots)
-    monkeypatch.setattr(search, "STAGE", 3 * search.RUNS_WORK + 40 * search.ROOT_WORK)
+    monkeypatch.setattr(propose, "find_roots", roots)
+    monkeypatch.setattr(equilibria, "STAGE", 3 * equilibria.RUNS_WORK + 40 * propose.ROOT_WORK)
     pair = {f"m{k}": [[1, 2], [2, 1]] for k in range(9)}
     network = Network.from_arcs(pair, arrow="listens_to", agents=2)
     many = Problem(
         network=network, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]}
     )
-    monkeypatch.setattr(search, "STARTS", 72)
+    monkeypatch.setattr(equilibria, "STARTS", 72)
     assert equilibrium_check(many) is not None
     assert looked == list(pair)[: len(looked)] != list(pair)
 
@@ -126,7 +128,7 @@ def test_a_numerical_library_that_breaks_down_costs_the_answer_only(monkeypatch,
     def broken(*arguments):
         raise np.linalg.LinAlgError("no convergence")
 
-    monkeypatch.setattr("dobc_design.falsification.search.find_roots", broken)
+    monkeypatch.setattr("dobc_design.conditions.equilibrium.propose.find_roots", broken)
     assert equilibrium_check(listening_pair()) is None
     assert "no convergence" in caplog.text
 

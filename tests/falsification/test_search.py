@@ -25,11 +25,12 @@ from dobc_design.conditions.separable.propose import (
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
 from dobc_design.falsification import search
-from dobc_design.falsification.search import ascend, final_error, final_level
-from dobc_design.falsification.starts import Boundary, asked_box, level_of
+from dobc_design.falsification.ascent import ascend, final_error, final_level
+from dobc_design.falsification.levels import Boundary, level_of
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification
 from dobc_design.model.model import build_flow
 from dobc_design.problem.changes import changed_problem, gain_changes
+from dobc_design.simulation.boxes import asked_box
 from dobc_design.simulation.field import make_loop
 
 F = Fraction

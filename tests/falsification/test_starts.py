@@ -17,8 +17,17 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.falsification import starts as sets
+from dobc_design.falsification.levels import Boundary, level_of
+from dobc_design.falsification.paces import drawn_signals
+from dobc_design.simulation.boxes import CORNERS, EDGES, RANDOM, asked_box, unit_cube
 from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.trials import (
+    Batch,
+    Effort,
+    constant_signals,
+    make_arena,
+    run_starts,
+)
 
 F = Fraction
 P = ((F(2), F(1, 2)), (F(1, 2), F(1)))
@@ -56,7 +65,7 @@ def lure_value(e: np.ndarray, eps: np.ndarray) -> float:
 
 @pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
 def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim, truth):
-    level, rng = sets.level_of(problem(), claim), np.random.default_rng(0)
+    level, rng = level_of(problem(), claim), np.random.default_rng(0)
     e, eps = rng.normal(size=(3, 20)), rng.normal(size=(3, 2, 20))
     values = level.value(e, eps)
     for run in range(20):
@@ -71,10 +80,10 @@ def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim,
         )
 
 
-@pytest.mark.parametrize("kind", [sets.RANDOM, sets.CORNERS, sets.EDGES])
+@pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
 @pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
 def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, truth, kind: str):
-    starts = sets.Boundary(level=sets.level_of(problem(), claim), loop=make_loop(problem(), None))
+    starts = Boundary(level=level_of(problem(), claim), loop=make_loop(problem(), None))
     e, eps = starts.draw(np.random.default_rng(1), 60, kind)
     assert [truth(e[:, run], eps[:, :, run]) for run in range(60)] == pytest.approx(
         [1.0] * 60, rel=1e-12
@@ -88,20 +97,20 @@ def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, tr
 
 def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem():
     claim = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5))
-    starts = sets.Boundary(level=sets.level_of(problem(), claim), loop=make_loop(problem(), None))
-    assert not np.any(starts.draw(np.random.default_rng(1), 10, sets.RANDOM)[1])
+    starts = Boundary(level=level_of(problem(), claim), loop=make_loop(problem(), None))
+    assert not np.any(starts.draw(np.random.default_rng(1), 10, RANDOM)[1])
     everywhere = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=None)
-    assert sets.level_of(problem(0), everywhere).value(
+    assert level_of(problem(0), everywhere).value(
         np.array([[1.0], [0], [0]]), np.zeros((3, 0, 1))
     ) == [1.0]
     linear = Lure(P_e=identity(3), ranges=(), radius=None, level=None)
-    assert sets.level_of(problem(0), linear).value(
-        np.array([[0.0], [0], [1]]), np.zeros((3, 0, 1))
-    ) == [1.0]
+    assert level_of(problem(0), linear).value(np.array([[0.0], [0], [1]]), np.zeros((3, 0, 1))) == [
+        1.0
+    ]
     with pytest.raises(SpecError, match="weights v for this problem"):
-        sets.level_of(cycle(5, 3), SEPARABLE)
+        level_of(cycle(5, 3), SEPARABLE)
     with pytest.raises(SpecError, match="P_e of 5 rows"):
-        sets.level_of(cycle(5, 3), LURE)
+        level_of(cycle(5, 3), LURE)
 
 
 def boxed(**more) -> tuple[Problem, object]:
@@ -113,29 +122,29 @@ def boxed(**more) -> tuple[Problem, object]:
 def test_the_box_is_the_region_less_the_goals():
     """x in [0, 5], goals 1 and 3: e in [-1, 4] and [-3, 2]."""
     given, loop = boxed(region={"initial_states": [0, 5]})
-    box = sets.asked_box(given, loop)
+    box = asked_box(given, loop)
     assert box.low.tolist() == [-1.0, -3.0]
     assert box.high.tolist() == [4.0, 2.0]
     assert box.holds(np.array([4.0, -3.0]))
     assert not box.holds(np.array([4.001, 0.0]))
-    assert sets.asked_box(given, loop, radius=2.0).low.tolist() == [-2.0, -2.0]
+    assert asked_box(given, loop, radius=2.0).low.tolist() == [-2.0, -2.0]
     given, loop = boxed()
-    assert sets.asked_box(given, loop).high.tolist() == [1.0, 1.0]
+    assert asked_box(given, loop).high.tolist() == [1.0, 1.0]
 
 
-@pytest.mark.parametrize("kind", [sets.RANDOM, sets.CORNERS, sets.EDGES])
+@pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
 def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
     given = problem()
-    box = sets.asked_box(given, make_loop(given, None), radius=2.0, disturbance=0.5)
+    box = asked_box(given, make_loop(given, None), radius=2.0, disturbance=0.5)
     e, eps = box.draw(np.random.default_rng(2), 40, kind)
     lengths = np.linalg.norm(eps, axis=1)
     assert np.all(np.abs(e) <= 2)
     assert np.all(lengths <= 0.5 + 1e-12)
     at_end = np.abs(e) == 2
     assert {
-        sets.RANDOM: not at_end.any(),
-        sets.CORNERS: at_end.all(),
-        sets.EDGES: at_end.any(axis=0).all(),
+        RANDOM: not at_end.any(),
+        CORNERS: at_end.all(),
+        EDGES: at_end.any(axis=0).all(),
     }[kind]
     back, back_eps = box.project(5 * e, 5 * eps)
     assert np.all(np.abs(back) <= 2)
@@ -153,11 +162,11 @@ def test_starts_keep_to_the_states_of_the_own_group():
     given = Problem(network=problem().network, coupling="tanh(y)", gains={1: 1}, groups=groups)
     P = np.diag([F(2), F(1), F(3)]).tolist()
     claim = replace(SEPARABLE, error=ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3)))
-    level, loop = sets.level_of(given, claim), make_loop(given, None)
-    box = sets.asked_box(given, loop, radius=2.0, disturbance=0.5)
-    edge = sets.Boundary(level=level, loop=loop)
+    level, loop = level_of(given, claim), make_loop(given, None)
+    box = asked_box(given, loop, radius=2.0, disturbance=0.5)
+    edge = Boundary(level=level, loop=loop)
     for starts in (box, edge):
-        e, eps = starts.draw(np.random.default_rng(2), 30, sets.RANDOM)
+        e, eps = starts.draw(np.random.default_rng(2), 30, RANDOM)
         for kept in (eps, starts.project(2 * e, np.ones_like(eps))[1]):
             assert np.all(kept[~own] == 0)
             assert np.any(kept[own] != 0)
@@ -165,9 +174,9 @@ def test_starts_keep_to_the_states_of_the_own_group():
 
 
 def test_all_corners_are_taken_where_there_are_few():
-    corners = sets.unit_cube(np.random.default_rng(0), 3, 10, sets.CORNERS)
+    corners = unit_cube(np.random.default_rng(0), 3, 10, CORNERS)
     assert len({tuple(corner) for corner in corners.T[:8].tolist()}) == 8
-    many = sets.unit_cube(np.random.default_rng(0), 30, 4, sets.CORNERS)
+    many = unit_cube(np.random.default_rng(0), 30, 4, CORNERS)
     assert many[:, 0].tolist() == [-1.0] * 30
     assert many[:, 1].tolist() == [1.0] * 30
 
@@ -178,28 +187,21 @@ SADDLE = float(half_difference(3.3))
 def settled(problem: Problem, *columns: list[float], horizon: float = 150.0):
     e = np.array(columns, dtype=float).T
     eps = np.zeros((problem.n, problem.q, e.shape[1]))
-    signals = sets.constant_signals(np.zeros(e.shape[1], dtype=np.int64))
-    return sets.run_starts(
-        sets.make_arena(problem, None), e, eps, signals, horizon=horizon, tolerance=1e-9
-    )
+    signals = constant_signals(np.zeros(e.shape[1], dtype=np.int64))
+    starts = Batch(e=e, eps=eps, switches=signals)
+    return run_starts(make_arena(problem, None), starts, Effort(horizon=horizon, tolerance=1e-9))
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_every_start_goes_where_scipy_takes_it_through_its_switches(seed: int):
     problem, rng = switched_problem(seed, modes=3), np.random.default_rng(seed)
-    signals = sets.drawn_signals(rng, 9, problem, 4.0)
+    signals = drawn_signals(rng, 9, problem, 4.0)
     e = rng.uniform(-2, 2, (problem.n, 9))
-    runs = sets.run_starts(
-        sets.make_arena(problem, None),
-        e,
-        np.zeros((problem.n, 0, 9)),
-        signals,
-        horizon=4.0,
-        tolerance=1e-10,
-    )
+    starts = Batch(e=e, eps=np.zeros((problem.n, 0, 9)), switches=signals)
+    runs = run_starts(make_arena(problem, None), starts, Effort(horizon=4.0, tolerance=1e-10))
     names = tuple(problem.network.modes)
     for run in (0, 4, 8):  # the first stays in its mode
-        state, switches = e[:, run], [*signals.of(run, names), (4.0, "")]
+        state, switches = e[:, run], [*signals.named(run, names), (4.0, "")]
         for (begin, mode), (end, _) in pairwise(switches):
             answer = solve_ivp(
                 lambda t, x, m=mode: field(problem, m, x),
@@ -232,12 +234,12 @@ def test_runs_stall_diverge_or_are_slow():
 
 
 def test_some_runs_keep_their_mode_and_the_others_switch_at_several_paces():
-    signals = sets.drawn_signals(np.random.default_rng(0), 60, switched_problem(0, modes=2), 10.0)
-    lengths = [len(signals.of(run, ("A", "B"))) for run in range(60)]
+    signals = drawn_signals(np.random.default_rng(0), 60, switched_problem(0, modes=2), 10.0)
+    lengths = [len(signals.named(run, ("A", "B"))) for run in range(60)]
     assert 15 <= lengths.count(1) <= 25
     assert max(lengths) > 40
     for run in range(60):
-        times = [time for time, _ in signals.of(run, ("A", "B"))]
+        times = [time for time, _ in signals.named(run, ("A", "B"))]
         assert times[0] == 0
         assert times == sorted(times)
         assert times[-1] < 10
@@ -253,12 +255,12 @@ def test_under_a_guarantee_all_runs_keep_it(longest):
         network=own.network, coupling="y", gains={1: 1}, target=[0] * own.m, switching=turns
     )
     signals, names = (
-        sets.drawn_signals(np.random.default_rng(0), 40, kept, 10.0),
+        drawn_signals(np.random.default_rng(0), 40, kept, 10.0),
         tuple(own.network.modes),
     )
     for run in range(40):
-        switches = signals.of(run, names)
+        switches = signals.named(run, names)
         for (before, old), (after, new) in pairwise(switches):
             assert old != new
             assert 1 <= after - before <= (longest or 10)
-    assert {signals.of(run, names)[0][1] for run in range(40)} == set(names)
+    assert {signals.named(run, names)[0][1] for run in range(40)} == set(names)

@@ -54,7 +54,7 @@ def test_an_unmodelled_sine_breaks_one_agent_where_the_closed_form_says():
     breaks beyond 0.1."""
     from loops import simulate
 
-    from dobc_design.simulation.setting import Stress
+    from dobc_design.simulation.stress import Stress
 
     found = what_breaks_first(single(), options=["disturbance"], start=[[1]], t_final=20)
     sweep = found.sweeps[0]

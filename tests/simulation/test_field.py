@@ -13,8 +13,10 @@ from dobc_design import Exosystem, Network, Observer, Problem, build_model, load
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.problem.arrays import arc_groups
 from dobc_design.simulation import field as fields
+from dobc_design.simulation.agents import StressedRuns
+from dobc_design.simulation.closed_form import evolve, make_closed_form
 from dobc_design.simulation.setting import groups_for, make_setting, switches_for
-from dobc_design.simulation.stressed import ALONE, Loops, StressedRuns
+from dobc_design.simulation.stressed import ALONE, StressedColumns
 
 
 def mixed() -> Problem:
@@ -48,7 +50,7 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
     runs = StressedRuns(
         setting=setting, groups=groups, starts=starts, seeds=[0], switches=[switches]
     )
-    derivative, model = Loops(runs, 1.0).part(0, ALONE), build_model(problem)
+    derivative, model = StressedColumns(runs, 1.0).part(0, ALONE), build_model(problem)
     rng = np.random.default_rng(0)
     for _ in range(5):
         state = rng.normal(size=problem.n * (problem.m + 2 * problem.q))
@@ -175,7 +177,7 @@ def test_the_table_agrees_with_mpmath(name: str):
     """(17): eps(t) = exp((A - W C) t) eps(0)."""
     F = np.array(CASES[name], dtype=float)
     C = np.arange(1.0, len(F) + 1)[None]
-    closed = fields.make_closed_form(F, C, 20.0)
+    closed = make_closed_form(F, C, 20.0)
     assert closed is not None
     times = np.array([0.0, 1e-9, 0.03, 0.5, 1.234567, 7.7, 19.99, 20.0])
     together = closed.many(times.reshape(2, 4)).reshape(1, len(F), -1)
@@ -187,15 +189,15 @@ def test_the_table_agrees_with_mpmath(name: str):
 
 
 def test_the_table_is_given_up_where_it_would_be_too_long():
-    assert fields.make_closed_form(np.array([[-1e6]]), np.eye(1), 20.0) is None
-    assert fields.make_closed_form(np.array([[-100.0]]), np.eye(1), 20.0) is not None
-    assert fields.make_closed_form(np.array([[np.inf]]), np.eye(1), 20.0) is None
+    assert make_closed_form(np.array([[-1e6]]), np.eye(1), 20.0) is None
+    assert make_closed_form(np.array([[-100.0]]), np.eye(1), 20.0) is not None
+    assert make_closed_form(np.array([[np.inf]]), np.eye(1), 20.0) is None
 
 
 def test_states_evolve_row_by_row():
     F = np.array(CASES["three states"])
     start, times = np.array([[1.0, 2, 3], [0, -1, 0]]), np.array([0.0, 0.4, 5])
-    found = fields.evolve(F, start, times)
+    found = evolve(F, start, times)
     for k, t in enumerate(times):
         np.testing.assert_allclose(found[k], start @ precise(F, t).T, atol=1e-13)
 
@@ -204,5 +206,5 @@ def test_states_evolve_also_beyond_the_table():
     """|F| times the horizon is 8e6: SciPy's expm takes over."""
     F = np.array([[-4e5, 0], [0, -1.0]])
     np.testing.assert_allclose(
-        fields.evolve(F, np.ones((1, 2)), np.array([0.0, 20]))[1], [[0, np.exp(-20)]], rtol=1e-7
+        evolve(F, np.ones((1, 2)), np.array([0.0, 20]))[1], [[0, np.exp(-20)]], rtol=1e-7
     )

@@ -8,8 +8,8 @@ from scipy.linalg import expm
 
 from dobc_design import Network, Problem
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.simulation.mobile import motion_switches, near
 from dobc_design.simulation.signals import Mobile, Waypoints
-from dobc_design.simulation.switches import motion_switches, near
 
 
 def alone(n: int, *, m: int = 1, **settings) -> Problem:

@@ -112,7 +112,7 @@ def test_the_observer_error_in_closed_form_is_that_of_the_full_loop(
     problem, signal = dd.load_problem("paper-switching"), dd.signals.Periodic(dwell=0.7)
     given = {"signal": signal, "tolerance": 1e-12, "t_final": 2, "samples": 41}
     fast, full = simulate(problem, **given), simulate(problem, observer="full-loop", **given)
-    monkeypatch.setattr("dobc_design.simulation.field.MOST_ANCHORS", 1)
+    monkeypatch.setattr("dobc_design.simulation.closed_form.MOST_ANCHORS", 1)
     along = simulate(problem, **given)
     for name in ("x", "xi", "xihat", "d", "dhat", "u"):
         np.testing.assert_allclose(

@@ -12,10 +12,11 @@ from loops import pair, planar, simulate, single
 import dobc_design as dd
 from dobc_design import Failure, Stress
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.simulation.agents import Heard, StressedRuns
 from dobc_design.simulation.field import make_loop
 from dobc_design.simulation.sampled import discretised, integral
-from dobc_design.simulation.setting import groups_for, make_setting, stress_to_json, switches_for
-from dobc_design.simulation.stressed import Heard, StressedRuns
+from dobc_design.simulation.setting import groups_for, make_setting, switches_for
+from dobc_design.simulation.stress import stress_to_json
 from dobc_design.synthesis.observer.decide import sampled_matrix
 
 FAILURES = (Failure(agent="3", time=1.0), Failure(agent="7", time=2.0, kind="freeze"))

@@ -11,9 +11,9 @@ from scipy import stats
 
 import dobc_design as dd
 from dobc_design.errors import CertificateError, ShapeError, SpecError
-from dobc_design.simulation import trajectory as measures
+from dobc_design.simulation import measures
 from dobc_design.simulation.field import make_loop
-from dobc_design.simulation.setting import make_starts
+from dobc_design.simulation.starts import make_starts
 from dobc_design.simulation.trajectory import PLAIN, SAMPLED
 
 

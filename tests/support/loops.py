@@ -4,7 +4,8 @@ from typing import Any
 
 from dobc_design import Ensemble, Exosystem, Network, Observer, Problem, Trajectory
 from dobc_design.problem.arrays import Gain
-from dobc_design.simulation.runs import run_many, run_once
+from dobc_design.simulation.many_runs import run_many
+from dobc_design.simulation.one_run import run_once
 from dobc_design.simulation.setting import make_setting
 
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import dobc_design as dd
 from dobc_design import Check, Verdict
-from dobc_design.certification.search import Searched, search_certificate
+from dobc_design.falsification.beside import Searched
 from dobc_design.falsification.suspect import RESTS, STAYS_AWAY
 from dobc_design.report.document import Text
 from dobc_design.report.figures import plot_search
@@ -29,7 +29,7 @@ RUNS, pytestmark = 24, pytest.mark.slow  # one search of a few seconds serves mo
 @cache
 def found() -> Searched:
     """Of the pair that listens to each other, sin, k = 1/10, starts in [-5, 5]."""
-    return search_certificate(dd.certify(listening_pair()), runs=RUNS)
+    return dd.falsify(dd.certify(listening_pair()), runs=RUNS)
 
 
 @cache
@@ -56,7 +56,7 @@ def test_nothing_that_is_certified_is_contradicted_by_the_search():
 
 
 def test_a_proved_equilibrium_refutes_what_was_undecided_and_both_programs_agree():
-    after = search_certificate(overlooked(), runs=RUNS).certificate
+    after = dd.falsify(overlooked(), runs=RUNS).certificate
     assert after.verdict is Verdict.REFUTED
     assert after.checks[:-1] == overlooked().checks
     assert dd.verify(after, listening_pair()).holds
@@ -69,9 +69,9 @@ def test_a_suspect_alone_refutes_nothing(monkeypatch):
     assert runs
     bare = replace(region, suspects=runs, proved=(), check=None)
     monkeypatch.setattr(
-        "dobc_design.certification.search.search_starts", lambda *args, **settings: bare
+        "dobc_design.falsification.beside.search_starts", lambda *args, **settings: bare
     )
-    after = search_certificate(overlooked(), runs=RUNS)
+    after = dd.falsify(overlooked(), runs=RUNS)
     assert after.certificate == overlooked()
     assert (
         Text(WARNING, "warning") in search_sections([bare])[0].blocks
@@ -85,10 +85,10 @@ def test_a_proof_is_not_shaken_by_a_check_from_the_search(monkeypatch):
     proved = dd.certify(listening_pair(reach=0.5))
     contradicting = found().searches[0]
     monkeypatch.setattr(
-        "dobc_design.certification.search.search_starts", lambda *args, **settings: contradicting
+        "dobc_design.falsification.beside.search_starts", lambda *args, **settings: contradicting
     )
     assert isinstance(contradicting.check, Check)
-    after = search_certificate(proved).certificate
+    after = dd.falsify(proved).certificate
     assert (after.verdict, after.checks) == (proved.verdict, proved.checks)
 
 
@@ -98,7 +98,7 @@ def test_without_an_observer_gain_nothing_is_searched():
     problem = linked(
         [[1, 2], [2, 1]], coupling="sin(y)", gains="1/10", exosystem=unseen, region=region
     )
-    assert search_certificate(dd.certify(problem)).searches == ()
+    assert dd.falsify(dd.certify(problem)).searches == ()
 
 
 def test_proved_equilibria_are_solid_and_suspects_are_dashed():

@@ -1,0 +1,104 @@
+"""Candidates for other equilibria: roots of h(e) - K e by Newton's method, and those that are
+proved.
+
+Points to begin with come from elsewhere, such as the ends of simulated runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+import numpy as np
+from scipy import optimize
+
+from dobc_design.conditions.equilibrium.decide import Equilibrium, enclose_equilibrium
+from dobc_design.exact.work import spend
+from dobc_design.model.model import build_model
+from dobc_design.problem.arrays import Array, no_gain, pinning_matrix
+from dobc_design.problem.problem import Problem
+
+Vectors = Callable[[Array], Array]
+
+MOST_PROVED = 4  # roots of one mode for which a proof is tried, the nearest to the target first
+STEPS = 60
+CLOSE = 1e-11  # |F|_inf of a root, relative to the slopes and to the size of e
+ROOT_WORK = 300  # steps of work for one root
+AT_TARGET = 1e-4  # |e|_inf below which a root is the target, relative to the farthest point
+SAME = 1e-6  # relative distance of roots that are one
+
+
+def proved_equilibria(
+    problem: Problem,
+    mode: str,
+    points: Sequence[Array],
+    *,
+    holds: Callable[[Array], bool],
+    within_region: bool = False,
+    most: int = MOST_PROVED,
+) -> list[Equilibrium]:
+    """Proved equilibria of one mode that the points lead to, among those of which ``holds`` is
+    true, the nearest to the target first."""
+    roots = [root for root in find_roots(problem, mode, points) if holds(root)]
+    roots.sort(key=largest)
+    enclose = partial(enclose_equilibrium, problem, mode, within_region=within_region)
+    found: list[Equilibrium] = []
+    for root in roots[:MOST_PROVED]:
+        claim = enclose(root.tolist())
+        if claim is not None:
+            found.append(claim)
+        if len(found) == most:
+            break
+    if found and found[0].is_point:  # one of many: the farthest shows the most
+        farthest = enclose(roots[-1].tolist())
+        return found if farthest is None else [farthest]
+    return found
+
+
+def point_of(claim: Equilibrium) -> Array:
+    """The middle of the box as floats, (n m,)."""
+    return np.array([float(c) for c in claim.middle])
+
+
+def distance_of(claim: Equilibrium) -> float:
+    """How far it is from the target, |e|_inf."""
+    return largest(point_of(claim))
+
+
+def largest(e: Array) -> float:
+    """|e|_inf."""
+    return float(np.max(np.abs(e)))
+
+
+def find_roots(problem: Problem, mode: str, points: Sequence[Array]) -> Iterator[Array]:
+    """Roots other than the target that the points lead to, each once, as they are found."""
+    model = build_model(problem, mode, gain=no_gain(problem))  # eps = 0
+    K = pinning_matrix(problem).toarray()
+    known: list[Array] = []
+
+    def value(e: Array) -> Array:
+        return np.asarray(np.asarray(model.h(e)).ravel() - K @ e)
+
+    def slope(e: Array) -> Array:
+        return np.asarray(model.jacobian(e).full() - K)
+
+    least = AT_TARGET * max(map(largest, points), default=0.0)
+    for point in points:
+        spend(ROOT_WORK)
+        root = _root(value, slope, point, least)
+        if root is None:
+            continue
+        size = np.max(np.abs(root))
+        if all(np.max(np.abs(root - other)) > SAME * size for other in known):
+            known.append(root)
+            yield root
+
+
+def _root(value: Vectors, slope: Vectors, start: Array, least: float) -> Array | None:
+    """A root with |e|_inf > ``least`` of a function with this derivative, or None."""
+    limits = {"maxiter": STEPS, "xtol": 0.0, "ftol": 0.0}
+    e = optimize.root(value, start, jac=slope, method="lm", options=limits).x
+    steepest = np.abs(slope(e)).sum(axis=1).max()
+    reach = largest(e)
+    close = np.max(np.abs(value(e))) <= CLOSE * steepest * reach  # never for nan
+    return np.asarray(e) if close and least < reach < np.inf else None

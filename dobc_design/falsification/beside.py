@@ -1,0 +1,101 @@
+"""Falsification beside a certificate: a search where it was asked, and on the boundary of what is
+certified.
+
+What is found by simulation is shown and refutes nothing.  A proved equilibrium inside the region
+asked for does: it becomes a check of the certificate, unless a proof or a refutation stands there
+already.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Final
+
+from dobc_design._show.cards import Card, Shown
+from dobc_design._show.progress import Reports
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certification.overall import decide_overall
+from dobc_design.conditions.check import Check
+from dobc_design.falsification.levels import regional_check
+from dobc_design.falsification.search import RUNS, Question, search_starts
+from dobc_design.falsification.suspect import Falsification
+from dobc_design.problem.integrators import as_integrators
+from dobc_design.verdict import Verdict
+
+#: Starts of the default search: rows n m times starts are at most so many, but there are a few
+#: starts at least.
+MOST_ROWS: Final = 200_000
+LEAST_RUNS: Final = 5
+#: Where no region is asked for, starts up to this many times the largest certified box are looked
+#: at.
+BEYOND: Final = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Searched(Shown):
+    """The certificate after a search, and what the search brought up: asked for first, then the
+    certified set."""
+
+    certificate: Certificate
+    searches: tuple[Falsification, ...]
+
+    def _card(self) -> Card:
+        return replace(self.certificate._card(), lines=[str(each) for each in self.searches])
+
+    def __repr__(self) -> str:
+        return f"<Searched {self.certificate!r}, {len(self.searches)} searches>"
+
+
+def search_beside(
+    certificate: Certificate,
+    *,
+    runs: int | None = None,
+    seed: int | None = None,
+    progress: Reports[str] = None,
+) -> Searched:
+    """Look for starts that contradict: in the region asked for, or up to twice the largest
+    certified box; and on the boundary of the certified set."""
+    certificate = _marked(certificate)
+    problem = as_integrators(certificate.problem)
+    W = certificate.claims.W
+    if problem.groups and W is None:
+        return Searched(certificate=certificate, searches=())
+    if runs is None:
+        runs = max(LEAST_RUNS, min(RUNS, MOST_ROWS // (problem.n * problem.m)))
+    questions = [Question(runs=runs, seed=seed, radius=_radius(certificate))]
+    check = regional_check(certificate)
+    if check is not None:
+        questions.append(Question(runs=runs, seed=seed, certified=check))
+    found = []
+    for question in questions:
+        found.append(search_starts(problem, question, gain=W, progress=progress))
+    refuting = found[0].check
+    if refuting is not None:
+        certificate = _refuted(certificate, refuting)
+    return Searched(certificate=certificate, searches=tuple(found))
+
+
+def _marked(certificate: Certificate) -> Certificate:
+    """The certificate as `dobc certify --search` makes it."""
+    options = tuple(dict.fromkeys((*certificate.claims.options, "--search")))
+    return replace(certificate, claims=replace(certificate.claims, options=options))
+
+
+def _radius(certificate: Certificate) -> float | None:
+    """How far from the target starts are looked at where no region is asked for."""
+    if certificate.problem.region is not None:
+        return None
+    boxes = [claim.box or 0.0 for claim in certificate.regions.claims]
+    return BEYOND * max(boxes, default=0.0) or None
+
+
+def _refuted(certificate: Certificate, refuting: Check) -> Certificate:
+    """The certificate with one more check, where nothing was decided and this is news."""
+    known = refuting.id in {each.id for each in certificate.checks}
+    if known or certificate.verdict is not Verdict.UNDECIDED:
+        return certificate
+    checks = (*certificate.checks, refuting)
+    problem = as_integrators(certificate.problem)
+    overall = decide_overall(problem, checks, certificate.claims.W)
+    claims = replace(certificate.claims, checks=checks, **asdict(overall))
+    return replace(certificate, claims=claims)

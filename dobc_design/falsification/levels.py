@@ -1,0 +1,267 @@
+"""Certified sets of starts: what their boundaries are in floats, and starts on them.
+
+Every V is positive homogeneous of degree 1 in e (n m, R) and eps (n, q, R), so that a factor brings
+every start but 0 to the boundary of a certified set.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import claim_of
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.kinds import ids_of
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.decide import composite_rate
+from dobc_design.errors import SpecError, wrong
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.problem.arrays import Array
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.boxes import RANDOM, Box, Pair, sphere, unit_cube
+from dobc_design.simulation.field import Loop
+from dobc_design.simulation.starts import TINY
+from dobc_design.verdict import Verdict
+
+Certified = Separable | Lure | Check
+
+EVERYWHERE = 1.0  # the level that stands for a certificate that holds everywhere
+SOME_SIGNALS = ("schedule", "markov")  # checks about some signals only
+OTHER_PROBLEM = "Give the certificate of this very problem."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BoxLevel:
+    """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,), scaled so that it is 1 on the
+    boundary.  ``rate`` in 1/s: V(t) <= V(0) exp(-rate t) is certified while V <= 1.  ``P`` (q, q)
+    is the observer's matrix, scaled like V; None where the certificate is about eps = 0 only.  With
+    ``T`` (m, m) it is T e_i that the heights belong to."""
+
+    name: str
+    rate: float
+    height: Array
+    P: Array | None
+    T: Array | None = None
+
+    @property
+    def lengths(self) -> Array:
+        """How far the set reaches from side to side, about, by component of e: (n m,)."""
+        if self.T is None:
+            return np.asarray(2 * self.height)
+        return 2 * turned(np.abs(inverse(self.T)), self.height)
+
+    def value(self, e: Array, eps: Array) -> Array:
+        """V of states e (n m, R) and eps (n, q, R): (R,)."""
+        sides = np.abs(turned(self.T, e)) / self.height[:, None]
+        return np.asarray(sides.max(axis=0) + observer_norms(self.P, eps).max(axis=0, initial=0.0))
+
+    def gradient(self, e: Array, eps: Array) -> Pair:
+        """A (sub)gradient of V at one state e (n m,), eps (n, q) with V > 0."""
+        z = turned(self.T, e)
+        place = int(np.argmax(np.abs(z) / self.height))
+        along = np.zeros_like(e)
+        along[place] = np.sign(z[place]) / self.height[place]
+        if self.T is not None:
+            along = turned(self.T.T, along)
+        along_eps = np.zeros_like(eps)
+        own = observer_norms(self.P, eps[:, :, None])[:, 0]
+        if self.P is not None and own.max(initial=0.0) > 0:
+            agent = int(np.argmax(own))
+            along_eps[agent] = self.P @ eps[agent] / own[agent]
+        return along, along_eps
+
+    def directions(self, standard: Array) -> Array:
+        """Errors (n m, R) that are spread over the set, from standard ones."""
+        back = None if self.T is None else inverse(self.T)
+        return turned(back, standard * self.height[:, None])
+
+
+def inverse(T: Array) -> Array:
+    """T^-1."""
+    return np.asarray(np.linalg.inv(T), dtype=float)
+
+
+def turned(T: Array | None, e: Array) -> Array:
+    """T e_i of every agent, for e (n m,) or (n m, R); e itself without T."""
+    if T is None:
+        return e
+    by_agent = e.reshape(-1, len(T), e[0].size)
+    return np.asarray((T @ by_agent).reshape(e.shape))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ellipsoid:
+    """V = root of e'P_e e + sum |eps_i|_P^2, P_e (n m, n m); everything else as in ``BoxLevel``."""
+
+    name: str
+    rate: float
+    P_e: Array
+    P: Array | None
+
+    @property
+    def lengths(self) -> Array:
+        """How far the set reaches, (n m,)."""
+        return np.asarray(2 / np.sqrt(np.maximum(np.diag(self.P_e), TINY)))
+
+    def value(self, e: Array, eps: Array) -> Array:
+        """V of states, (R,)."""
+        squares = np.maximum(0.0, np.sum((self.P_e @ e) * e, axis=0))
+        of_observers = np.sum(observer_norms(self.P, eps) ** 2, axis=0)
+        return np.asarray(np.sqrt(squares + of_observers))
+
+    def gradient(self, e: Array, eps: Array) -> Pair:
+        """The gradient of V at one state."""
+        size = float(self.value(e[:, None], eps[:, :, None])[0])
+        along_eps = np.zeros_like(eps) if self.P is None else eps @ self.P / size
+        return np.asarray(self.P_e @ e / size), np.asarray(along_eps)
+
+    def directions(self, standard: Array) -> Array:
+        """Errors that are spread over the set."""
+        values, vectors = np.linalg.eigh(self.P_e)
+        lengths = np.sqrt(np.maximum(values, TINY))
+        return np.asarray(vectors @ (standard / lengths[:, None]))
+
+
+Level = BoxLevel | Ellipsoid
+
+
+def observer_norms(P: Array | None, eps: Array) -> Array:
+    """|eps_i|_P of every agent and run, (n, R), for eps (n, q, R); 0 without a P."""
+    if P is None:
+        return np.zeros((eps.shape[0], eps.shape[2]))
+    squares = np.einsum("nar,ab,nbr->nr", eps, P, eps)
+    return np.asarray(np.sqrt(np.maximum(0.0, squares)))
+
+
+def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) -> Level:
+    """The set of a claim, or of a proved check about ``W``; up to V = 1 if it holds everywhere.
+    Raises: SpecError."""
+    if isinstance(certified, Check):
+        certified = _claim_of(problem, certified, W)
+    if isinstance(certified, Separable):
+        return _box_level(problem, certified)
+    return _ellipsoid(problem, certified)
+
+
+def _box_level(problem: Problem, claim: Separable) -> BoxLevel:
+    """The set of a max-separable claim."""
+    T = None if claim.T is None else to_float(claim.T)
+    count = problem.n * (1 if T is None else len(T))
+    if len(claim.v) != count:
+        message = f"must have {count} weights v for this problem; got {len(claim.v)}."
+        raise wrong("certified", message, OTHER_PROBLEM)
+    rho = EVERYWHERE if claim.rho is None else float(claim.rho)
+    P = None
+    if claim.error is not None:
+        P = to_float(claim.error.P) * (float(claim.error.kappa) / rho) ** 2
+    # without T a weight is of an agent, for all of its components
+    weights = np.repeat([float(v) for v in claim.v], problem.m if T is None else 1)
+    rate = float(composite_rate(claim))
+    return BoxLevel(name="max-separable", rate=rate, height=weights * rho, P=P, T=T)
+
+
+def _ellipsoid(problem: Problem, claim: Lure) -> Ellipsoid:
+    """The set of a claim about V = e'P_e e."""
+    rows = problem.n * problem.m
+    if claim.P_e.size != rows:
+        message = f"must have a P_e of {rows} rows; got {claim.P_e.size}."
+        raise wrong("certified", message, OTHER_PROBLEM)
+    size = EVERYWHERE if claim.level is None else float(claim.level)
+    P_e = to_float(claim.P_e.to_dense()) / size
+    P = None if claim.P is None else to_float(claim.P) / size
+    return Ellipsoid(name="lure", rate=float(claim.rate), P_e=P_e, P=P)
+
+
+def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Lure:
+    """What a proved check of a region claims."""
+    known = ids_of("region")
+    if check.verdict is not Verdict.PROVED or check.id not in known or check.claim is None:
+        got = f"{check.verdict.value} {check.title}"
+        message = f"must be a proved check of a region ({', '.join(known)}); got {got}."
+        raise wrong("certified", message, "Ask for a [region], or give certify everything=True.")
+    try:
+        claim = claim_of(check, problem, W)
+    except (KeyError, TypeError, ValueError) as error:
+        message = f"certified: the check {check.title} does not fit this problem ({error})."
+        raise SpecError(message, key="certified", cure=OTHER_PROBLEM) from error
+    if not isinstance(claim, Separable | Lure):
+        message = f"certified: the check {check.title} names no set of starts."
+        raise SpecError(message, key="certified")
+    return claim
+
+
+def regional_check(certificate: Certificate) -> Check | None:
+    """The proved check of a region that covers what is asked, else the first one; None without
+    one.  One whose sets move with time is none."""
+    proved = []
+    for check in certificate.checks:
+        regional = check.kind.role == "region" and check.id not in SOME_SIGNALS
+        if regional and check.verdict is Verdict.PROVED:
+            proved.append(check)
+    for check in proved:
+        if check.id == certificate.claims.covered_by:
+            return check
+    return proved[0] if proved else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Boundary:
+    """V = 1 for a certified set; a third of the starts has eps = 0.  Everything as in ``Box``."""
+
+    level: Level
+    loop: Loop
+
+    @property
+    def owned(self) -> Array:
+        """1 where a number of eps is the agent's own, (n, q)."""
+        return self.loop.owned.astype(np.float64)
+
+    @property
+    def words(self) -> str:
+        """What was searched."""
+        return f"the boundary of the {self.level.name} set"
+
+    @property
+    def reach(self) -> Pair:
+        """How far the set reaches from side to side, by number of e and of eps."""
+        width = 0.0
+        if self.level.P is not None:
+            mean = float(np.trace(self.level.P)) / self.loop.q
+            width = 2 / np.sqrt(max(TINY, mean))
+        return self.level.lengths, width * self.owned
+
+    def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
+        """Starts of one kind."""
+        rows = self.loop.n * self.loop.m
+        if kind == RANDOM:
+            part = rng.standard_normal((rows, count))
+        else:
+            part = unit_cube(rng, rows, count, kind)
+        e = self.level.directions(part)
+        eps = sphere(rng, self.owned, count) * rng.random((self.loop.n, 1, count))
+        sizes = self.level.value(e, 0 * eps)
+        sizes_eps = self.level.value(0 * e, eps)
+        # the part of V that is eps
+        share = rng.random(count) * (rng.random(count) < 2 / 3)
+        if self.level.P is None:
+            share = np.zeros(count)
+            eps = 0 * eps
+        e = e * ((1 - share) / np.maximum(sizes, TINY))
+        return self.project(e, eps * (share / np.maximum(sizes_eps, TINY)))
+
+    def project(self, e: Array, eps: Array) -> Pair:
+        """Starts on the same rays from the target."""
+        eps = np.zeros_like(eps) if self.level.P is None else eps * self.owned[:, :, None]
+        size = np.maximum(self.level.value(e, eps), TINY)
+        return e / size, eps / size
+
+    def holds(self, e: Array) -> bool:
+        """Whether e (n m,) with eps = 0 is in the set, but for rounding."""
+        known = np.zeros((self.loop.n, self.loop.q, 1))
+        return bool(self.level.value(e[:, None], known)[0] <= 1 + 1e-9)
+
+
+StartSet = Box | Boundary

@@ -1,0 +1,79 @@
+"""The switching signals of a search: constant ones, and random ones at quite different paces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dobc_design.conditions.graphs.decide import generator_of
+from dobc_design.conditions.schedule.cycles import Phase, phases_of
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.signals import Markov
+from dobc_design.simulation.switches import ModeTable, Switches, scheduled_switches, table_of
+from dobc_design.simulation.trials import constant_signals
+
+PACES = (5, 20, 80)  # switches in a horizon, on average
+
+
+def drawn_signals(
+    rng: np.random.Generator, count: int, problem: Problem, horizon: float, *, longer: float = 1.0
+) -> ModeTable:
+    """Every third run in one mode, the modes in turn; the others switch at random, at quite
+    different paces.  Under a guarantee all keep it, for ``longer`` horizons: modes last as short or
+    as long as they may, or as a chain draws."""
+    phases = phases_of(problem)
+    if phases:
+        return table_of([_kept(rng, problem, phases, longer * horizon) for _ in range(count)])
+    generator = generator_of(problem)
+    if generator is not None:
+        rates = tuple(tuple(map(float, row)) for row in generator)
+        return table_of([_chained(rng, problem, rates, longer * horizon) for _ in range(count)])
+    modes = len(problem.network.modes)
+    first = np.arange(count) % modes
+    if modes == 1:
+        return constant_signals(first)
+    paces = rng.choice(PACES, count)
+    longest = 2 * int(paces.max(initial=1))
+    stays = rng.exponential(size=(count, longest)) * (horizon / paces)[:, None]
+    times = np.concatenate([np.zeros((count, 1)), np.cumsum(stays, axis=1)], axis=1)
+    chosen = np.concatenate([first[:, None], rng.integers(modes, size=(count, longest))], axis=1)
+    constant = np.arange(count) // modes % 3 == 0
+    times[:, 1:][constant] = np.inf
+    times[times >= horizon] = np.inf
+    return ModeTable(times=times, modes=np.where(np.isinf(times), 0, chosen))
+
+
+def _chained(
+    rng: np.random.Generator,
+    problem: Problem,
+    rates: tuple[tuple[float, ...], ...],
+    horizon: float,
+) -> Switches:
+    """The switches that a Markov chain draws, from any mode on."""
+    names = tuple(problem.network.modes)
+    chain = Markov(generator=rates, start=str(rng.choice(names)))
+    return scheduled_switches(chain, names, horizon, int(rng.integers(2**32)))
+
+
+def _kept(
+    rng: np.random.Generator, problem: Problem, phases: Sequence[Phase], horizon: float
+) -> Switches:
+    """The switches of a signal that keeps the phases of the guarantee."""
+    names = tuple(problem.network.modes)
+    times: list[float] = []
+    modes: list[int] = []
+    time = 0.0
+    place = int(rng.choice([p for p, phase in enumerate(phases) if phase.first]))
+    while time < horizon:
+        phase = phases[place]
+        times.append(time)
+        modes.append(names.index(phase.mode))
+        shortest = float(phase.shortest)
+        if phase.longest is None:
+            longest = float(rng.choice((2 * shortest, horizon)))
+        else:
+            longest = float(phase.longest)
+        time += float(rng.choice((shortest, longest)))
+        place = int(rng.choice(phase.successors))
+    return Switches(times=np.array(times), modes=np.array(modes), names=names)

@@ -1,0 +1,285 @@
+"""What agents measure, say, hear and command under a stress, in all runs side by side.
+
+The runs are the last axis, and one run is a stack of one.  Random numbers come from streams of each
+run's own.  A packet holds the measured state less the formation offset and target; a listener that
+got none feels nothing on that arc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dobc_design.problem.arrays import ArcGroup, Array
+from dobc_design.problem.network import IndexArray
+from dobc_design.simulation.field import Links
+from dobc_design.simulation.mobile import Nearby
+from dobc_design.simulation.setting import WITHOUT, Setting
+from dobc_design.simulation.starts import Start
+from dobc_design.simulation.stress import Stress
+from dobc_design.simulation.switches import Switches
+from dobc_design.simulation.worst import worst_signs
+
+NOISE, LOSS, PHASE = 2, 3, 4  # streams beside that of the switches
+BLOCK = 32  # instants whose random numbers are drawn at once
+ALL = slice(None)
+Chosen = IndexArray | slice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StressedRuns:
+    """Runs side by side; ``nearby``, of a single run only: graphs follow from its states instead of
+    ``switches``."""
+
+    setting: Setting
+    groups: Callable[[int], Sequence[ArcGroup]]
+    starts: Sequence[Start]
+    seeds: Sequence[int]
+    switches: Sequence[Switches] = ()
+    nearby: Nearby | None = None
+
+    @property
+    def stress(self) -> Stress:
+        """No stress where there is none."""
+        return self.setting.stress or Stress()
+
+    def stacked(self, part: str) -> Array:
+        """x, xi or xihat of all starts, (n, m or q, R)."""
+        return np.stack([getattr(start, part) for start in self.starts], axis=2)
+
+
+class Left(NamedTuple):
+    """What an agent that failed still does in all runs: its input (p, R), and what it says (m,
+    R)."""
+
+    input: Array
+    words: Array
+
+
+class Agents:
+    """The agents of all runs at the ``instants`` of their exchanges; errors e (n, m, R) are
+    measured ones.  ``keep``: what is heard is held between the instants.  ``stopped``: the agents
+    that have failed, by index."""
+
+    def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
+        setting = runs.setting
+        self.loop = setting.loop
+        self.stress = runs.stress
+        self.estimates = setting.observer != WITHOUT
+        self.failing = runs.stress.failing(setting.problem)  # by the agent's index
+        self.stopped: dict[int, Left] = {}
+        self.shape = (self.loop.n, self.loop.m)
+        self.count = len(instants)
+        self.heard = Heard(runs, instants, keep=keep)
+        self.limit = _limit(runs)
+        # random numbers of the noise, and of the disturbance
+        self.noises = [np.random.default_rng([seed, NOISE]) for seed in runs.seeds]
+        self.drawn: Array = np.zeros((0, *self.shape, len(runs.seeds)))
+        phases = []
+        for seed in runs.seeds:
+            rng = np.random.default_rng([seed, PHASE])
+            phases.append(rng.uniform(0, 2 * np.pi, size=(self.loop.n, len(self.loop.output))))
+        self.phase = np.stack(phases, axis=2)
+        self.signs = None
+        if runs.stress.worst:
+            self.signs = worst_signs(
+                setting.problem,
+                self.loop,
+                horizon=setting.horizon,
+                seeds=runs.seeds,
+                observed=self.estimates,
+            )
+
+    def noise(self, k: int) -> Array:
+        """The noise that holds from the k-th instant on, (n, m, R); instants come in order."""
+        if not self.stress.noise:
+            return np.zeros((*self.shape, len(self.noises)))
+        if k % BLOCK == 0:
+            size = (min(BLOCK, self.count - k), *self.shape)
+            self.drawn = np.stack([rng.standard_normal(size) for rng in self.noises], axis=3)
+            if self.stress.worst:
+                self.drawn = np.sign(self.drawn)
+        return np.asarray(self.stress.noise * self.drawn[k % BLOCK])
+
+    def command(self, e: Array, dhat: Array) -> Array:
+        """The input of agents that work: (19), limited."""
+        believed = dhat * self.estimates
+        u = self.loop.control(np.moveaxis(e, 2, 0), np.moveaxis(believed, 2, 0))
+        u = np.moveaxis(u, 0, 2)
+        return u if self.limit is None else np.asarray(np.clip(u, -self.limit, self.limit))
+
+    def control(self, e: Array, dhat: Array, chosen: Chosen = ALL) -> Array:
+        """The input that is applied in all or the chosen runs."""
+        u = self.command(e, dhat)
+        for agent, left in self.stopped.items():
+            u[agent] = left.input[:, chosen]
+        return u
+
+    def fail(self, instant: float, e: Array, dhat: Array) -> None:
+        """Note what is left of the agents whose time has come, in all runs at once."""
+        due = []
+        for agent, failure in self.failing.items():
+            if failure.time <= instant and agent not in self.stopped:
+                due.append(agent)
+        if not due:
+            return
+        u = self.control(e, dhat)
+        for agent in due:
+            if self.failing[agent].kind == "freeze":
+                self.stopped[agent] = Left(u[agent].copy(), e[agent].copy())
+            else:
+                nothing = np.zeros_like(u[agent])
+                self.stopped[agent] = Left(nothing, nothing + np.nan)
+
+    def said(self, e: Array, chosen: Chosen = ALL) -> Array:
+        """What can be heard of the agents: measured errors, old ones of frozen agents, nan of
+        vanished ones."""
+        if not self.stopped:
+            return e
+        said = e.copy()
+        for agent, left in self.stopped.items():
+            said[agent] = left.words[:, chosen]
+        return said
+
+    def extra(self, times: float | Array, chosen: Chosen = ALL) -> Array:
+        """The disturbance that no exosystem knows, (n, p, R); times (R,), or any number of them for
+        a single run."""
+        phase = self.phase[..., chosen]
+        if not self.stress.disturbance:
+            return np.zeros_like(times + phase)
+        if self.signs is not None:
+            runs = np.arange(self.phase.shape[2])[chosen]
+            return self.stress.disturbance * self.signs.at(times, runs)
+        wave = np.sin(self.stress.frequency * times + phase)
+        return np.asarray(self.stress.disturbance * wave)
+
+    def extra_integral(self, begin: float, end: float) -> Array:
+        """Its integral between two times, (n, m, R), or 0."""
+        if not self.stress.disturbance:
+            return np.zeros(1)
+        if self.signs is not None:
+            return self.stress.disturbance * self.signs.integral(begin, end)
+        half = (end - begin) / 2
+        # The mean value times the length: no cancellation where the frequency is small.
+        shrink = np.sinc(self.stress.frequency * half / np.pi)
+        middle = np.sin(self.stress.frequency * (begin + half) + self.phase)
+        return np.asarray(self.stress.disturbance * 2 * half * shrink * middle)
+
+    def believed(self, estimate: Array) -> Array:
+        """An estimate of xi or d as it is acted on: 0 where nothing is estimated."""
+        return estimate if self.estimates else np.zeros_like(estimate)
+
+
+def _limit(runs: StressedRuns) -> float | Array | None:
+    """The bound of |u|: one for all agents, or (n, 1, 1), at the worst that of [actuators]."""
+    common = runs.stress.saturation
+    problem = runs.setting.problem
+    if common is not None or not runs.stress.worst or problem.actuators is None:
+        return common
+    limits = [problem.actuators.limit_of(label) for label in problem.network.labels]
+    found = np.array([np.inf if limit is None else float(limit) for limit in limits])
+    return np.asarray(found[:, None, None])
+
+
+class Heard:
+    """What listeners hold on all arcs: ``values`` (arcs, m, R), nan for nothing; ``keep``: also
+    between instants."""
+
+    def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
+        loop = runs.setting.loop
+        many = len(runs.seeds)
+        self.n = loop.n
+        self.m = loop.m
+        self.loss = runs.stress.loss
+        self.keep = keep
+        self.codes = np.zeros(0, dtype=np.int64)
+        self.values = np.zeros((0, loop.m, many))
+        self.links: dict[int, Links] = {}
+        self.mode = np.full(many, -1)
+        self.rngs = [np.random.default_rng([seed, LOSS]) for seed in runs.seeds]
+        self.drawn: Array = np.zeros((0, 0, 0))
+        self.block = BLOCK
+        self.modes: IndexArray = np.zeros((1, len(instants)), dtype=np.int64)
+        if runs.nearby is not None:
+            self.block = 1  # how many arcs there will be is not known before
+            return
+        used = np.unique(np.concatenate([each.modes for each in runs.switches])).tolist()
+        small = np.min_scalar_type(used[-1])  # a number for every run and instant
+        self.modes = np.array([each.at(instants) for each in runs.switches], dtype=small)
+        self.learn({mode: Links(runs.groups(mode), loop.n, loop.m) for mode in used})
+
+    def learn(self, links: dict[int, Links]) -> None:
+        """These are the arcs of the modes from now on; what is held on arcs that stay is kept."""
+        codes = np.unique(np.concatenate([each.codes for each in links.values()]))
+        values = np.full((len(codes), *self.values.shape[1:]), np.nan)
+        values[np.isin(codes, self.codes)] = self.values[np.isin(self.codes, codes)]
+        self.codes = codes
+        self.values = values
+        self.links = links
+        self.places = {mode: np.searchsorted(codes, each.codes) for mode, each in links.items()}
+
+    def move(self, mode: int, groups: Sequence[ArcGroup], k: int) -> None:
+        """The graph of a single run, known by its number, at the k-th instant or after the one
+        before."""
+        if mode not in self.links:
+            self.learn({mode: Links(groups, self.n, self.m)})
+        self.modes[0, k : k + 1] = mode
+
+    def draw(self, k: int) -> None:
+        """One number for every arc and run at the next instants from the k-th on: (instants, arcs,
+        R)."""
+        modes: IndexArray = self.modes[:, k : k + self.block]
+        counts = np.zeros_like(modes, dtype=np.int64)
+        for mode, places in self.places.items():
+            counts[modes == mode] = len(places)
+        self.drawn = np.empty((counts.shape[1], int(counts.max()), len(counts)))
+        arcs = np.arange(self.drawn.shape[1])
+        for run, rng in enumerate(self.rngs):
+            used = arcs < counts[run][:, None]
+            self.drawn[used, run] = rng.random(int(counts[run].sum()))
+
+    def exchange(self, k: int, said: Array) -> list[Exchanged]:
+        """Every speaker sends what it says, (n, m, R), at the k-th instant."""
+        modes = self.modes[:, k]
+        if self.loss and k % self.block == 0:
+            self.draw(k)
+        self.tune(np.arange(len(modes)), modes)
+        return [self.exchange_in(mode, k, said) for mode in np.unique(modes).tolist()]
+
+    def exchange_in(self, mode: int, k: int, said: Array) -> Exchanged:
+        """The same in the runs that are in one mode."""
+        modes = self.modes[:, k]
+        columns = np.flatnonzero(modes == mode)
+        every = ALL if len(columns) == len(modes) else columns  # a slice is no copy
+        links = self.links[mode]
+        places = self.places[mode]
+        held = said[..., every][links.speakers]
+        if self.loss:
+            drawn = self.drawn[k % self.block][: len(places), every]
+            # who is silent for ever is noticed
+            arrived = (drawn >= self.loss) | np.isnan(held).any(axis=1)
+            held = np.where(arrived[:, None], held, self.values[places][..., every])
+        if self.loss or self.keep:
+            self.values[places[:, None], :, columns] = np.moveaxis(held, 2, 1)
+        return Exchanged(links, every, held)
+
+    def tune(self, runs: IndexArray, modes: IndexArray) -> None:
+        """Some runs are in these modes now: nothing is kept of links that are gone."""
+        for mode in np.unique(modes).tolist():
+            columns = runs[modes == mode]
+            changed = columns[self.mode[columns] != mode]
+            if len(changed):
+                gone = np.setdiff1d(np.arange(len(self.codes)), self.places[mode])
+                self.values[gone[:, None], :, changed] = np.nan
+                self.mode[changed] = mode
+
+
+class Exchanged(NamedTuple):
+    """The arcs of a mode, the runs that are in it, and what is held there, (arcs, m, runs)."""
+
+    links: Links
+    runs: Chosen
+    held: Array

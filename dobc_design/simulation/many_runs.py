@@ -1,0 +1,322 @@
+"""Many runs of a setting, side by side where that can be: what they come to, as an ensemble.
+
+Run r has the seed ``seed + r``, with its own start and its own switches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from dobc_design.errors import wrong
+from dobc_design.problem.arrays import Array
+from dobc_design.problem.network import IndexArray
+from dobc_design.simulation import setting as settings
+from dobc_design.simulation._arguments import whole
+from dobc_design.simulation.agents import StressedRuns
+from dobc_design.simulation.closed_form import ClosedForm
+from dobc_design.simulation.columns import COLUMN_NUMBERS, CalmColumns
+from dobc_design.simulation.ensemble import Ensemble
+from dobc_design.simulation.field import Network, network_of
+from dobc_design.simulation.integrate import Progress, Samples
+from dobc_design.simulation.one_run import run_once
+from dobc_design.simulation.sampled import Stepper
+from dobc_design.simulation.setting import Setting
+from dobc_design.simulation.signals import signal_to_json
+from dobc_design.simulation.stress import stress_to_json
+from dobc_design.simulation.stressed import run_stressed
+from dobc_design.simulation.switches import Switches, table_of
+
+MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
+# whose states an ensemble keeps, and how many numbers at most
+DRAWN_RUNS, MOST_STATES = 5, 2_000_000
+ARCS = 8  # COLUMN_NUMBERS so many times: arcs of the runs of a chunk that hold what they heard
+
+
+def run_many(setting: Setting, runs: int, *, progress: Progress | None = None) -> Ensemble:
+    """``runs`` runs with the seeds seed, seed + 1, ...: each with its own start and its own
+    switches."""
+    most = MOST_KEPT // len(setting.times)
+    if whole(runs, "runs", least=1) > most:
+        message = f"must be at most {most} with {len(setting.times)} samples of each; got {runs}."
+        cure = "Make several ensembles with other seeds, or ask for fewer samples."
+        raise wrong("runs", message, cure)
+    with np.errstate(all="ignore"):
+        return _Collector(setting, runs, progress or (lambda part: None)).run()
+
+
+def _why_one_by_one(setting: Setting, closed: ClosedForm | None) -> str:
+    """Why the runs cannot be made side by side, or ""."""
+    stress = setting.stress
+    if setting.is_moving:
+        return "every run has graphs of its own"
+    if setting.is_sampled:
+        return ""
+    if stress is not None and stress.worst:
+        return "the disturbance of every run switches at times of its own"
+    if setting.loop.q and closed is None and not setting.is_full:
+        return "the observer is too fast for its closed form"
+    return "the loop is stiff" if settings.is_stiff(setting, closed=not setting.is_full) else ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Ended:
+    """When the runs of a chunk ended, in s, (k,), and why some did early; "" for those that are to
+    be made alone."""
+
+    times: Array
+    reasons: dict[int, str]
+
+
+class _Collector:
+    """Puts what the runs come to into the arrays of an ensemble."""
+
+    def __init__(self, setting: Setting, runs: int, report: Progress) -> None:
+        self.setting = setting
+        self.runs = runs
+        self.report = report
+        self.method = "DOP853, side by side"
+        self.reasons: dict[int, str] = {}
+        shape = (len(setting.times), setting.loop.n, setting.loop.m)
+        drawn = min(runs, DRAWN_RUNS, MOST_STATES // int(np.prod(shape)))
+        self.states = np.full((drawn, *shape), np.nan)
+        self.leader = np.zeros((drawn, shape[0], shape[2]))
+        self.error = np.full((runs, shape[0]), np.nan)
+        self.estimation = np.full((runs, shape[0]), np.nan)
+        self.ended = np.full(runs, setting.horizon)
+        self.count = np.zeros(runs, dtype=np.int64)
+        self.lengths = np.zeros(runs)
+        self.disturbances = np.zeros(runs)
+
+    def run(self) -> Ensemble:
+        """Make all runs."""
+        setting = self.setting
+        notes = [*setting.notes, *setting.stress_notes]
+        self.report(0.0)
+        closed = None if setting.is_full else settings.closed_form_of(setting)
+        reason = _why_one_by_one(setting, closed)
+        if reason:
+            notes.append(f"The runs were made one by one, because {reason}.")
+            self.method = ""
+            for run in range(self.runs):
+                self.alone(run)
+                self.report((run + 1) / self.runs)
+        else:
+            self.side_by_side(closed)
+        return self.ensemble(tuple(notes))
+
+    def ensemble(self, notes: tuple[str, ...]) -> Ensemble:
+        """What was collected."""
+        setting = self.setting
+        problem = setting.problem
+        diverged = np.zeros(self.runs, dtype=bool)
+        diverged[list(self.reasons)] = True
+        return Ensemble(
+            name=problem.name,
+            mode=settings.describe(setting.signal, problem),
+            labels=problem.network.labels,
+            t_final=setting.horizon,
+            seeds=setting.seed + np.arange(self.runs),
+            times=setting.times,
+            error=self.error,
+            estimation_error=self.estimation,
+            diverged=diverged,
+            ended=self.ended,
+            switches=self.count,
+            reasons=dict(sorted(self.reasons.items())),
+            goal=setting.loop.goal,
+            method=self.method,
+            notes=notes,
+            signal=signal_to_json(setting.signal),
+            observer=setting.observer,
+            stress="" if setting.stress is None else stress_to_json(setting.stress),
+            lengths=self.lengths,
+            disturbances=self.disturbances,
+            states=self.states,
+            leader=self.leader,
+        )
+
+    def side_by_side(self, closed: ClosedForm | None) -> None:
+        """All runs, a bounded number at a time; a given motion gives all of them the same
+        switches."""
+        setting = self.setting
+        shared = settings.switches_for(setting, setting.seed)
+        groups = partial(settings.groups_for, setting, shared)
+        size = self.chunk_size(shared)
+        networks = cache(lambda mode: network_of(setting.loop, groups(mode), runs=size))
+        for first in range(0, self.runs, size):
+            chosen = np.arange(first, min(self.runs, first + size))
+            seeds = (setting.seed + chosen).tolist()
+            switches = [shared] * len(seeds)
+            if not shared.graphs:
+                switches = [settings.switches_for(setting, seed) for seed in seeds]
+            runs = StressedRuns(
+                setting=setting,
+                groups=groups,
+                starts=[setting.starts.draw(seed) for seed in seeds],
+                seeds=seeds,
+                switches=switches,
+            )
+            chunk = _Chunk(collector=self, chosen=chosen, runs=runs)
+            chunk.put_starts()
+            if not setting.is_full:
+                ended = chunk.calm(closed, networks)
+            elif setting.is_sampled:
+                ended = chunk.sampled()
+            else:
+                ended = chunk.stressed()
+            chunk.put_ends(ended)
+
+    def chunk_size(self, shared: Switches) -> int:
+        """How many runs are made at once."""
+        setting = self.setting
+        loop = setting.loop
+        room = COLUMN_NUMBERS // (loop.n * loop.m)
+        if setting.is_full:
+            modes = setting.problem.network.modes.values()
+            arcs = sum(each.shape[1] for each in shared.graphs) or sum(map(len, modes))
+            room = min(room, ARCS * COLUMN_NUMBERS // (max(1, arcs) * loop.m))
+        return max(1, min(self.runs, room))
+
+    def alone(self, run: int) -> None:
+        """Make one run by itself."""
+        done = run_once(self.setting, seed=self.setting.seed + run)
+        count = int(np.searchsorted(self.setting.times, done.times[-1], side="right"))
+        self.error[run] = np.nan
+        self.error[run, :count] = done.error()[:count]
+        self.estimation[run] = np.nan
+        self.estimation[run, :count] = done.estimation_error()[:count]
+        # a slice: the states of later runs are not kept
+        self.states[run : run + 1] = np.nan
+        self.states[run : run + 1, :count] = done.x[:count]
+        self.leader[run : run + 1, :count] = done.leader[:count]
+        self.ended[run] = done.times[-1]
+        self.count[run] = len(done.switches) - 1
+        _, self.lengths[run], self.disturbances[run] = done.start_size()
+        if done.diverged:
+            self.reasons[run] = done.reason
+        names = [name for name in (self.method, done.method) if name]
+        self.method = "; ".join(dict.fromkeys("; ".join(names).split("; ")))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Chunk:
+    """Runs that are made at once: ``chosen`` (k,) are their places in the ensemble."""
+
+    collector: _Collector
+    chosen: IndexArray
+    runs: StressedRuns
+
+    @property
+    def setting(self) -> Setting:
+        return self.collector.setting
+
+    def put_starts(self) -> None:
+        """How large the starts are."""
+        for run, start in zip(self.chosen, self.runs.starts, strict=True):
+            self.collector.lengths[run] = np.linalg.norm(start.errors(self.setting.loop))
+            eps = np.linalg.norm(start.xi - start.xihat, axis=1)
+            self.collector.disturbances[run] = eps.max(initial=0.0)
+
+    def report(self, part: float) -> None:
+        """So much of the chunk is done."""
+        done = int(self.chosen[0]) + part * len(self.chosen)
+        self.collector.report(done / self.collector.runs)
+
+    def calm(self, closed: ClosedForm | None, networks: Callable[[int], Network]) -> _Ended:
+        """Without stress: e alone, eps in closed form."""
+        setting = self.setting
+        loop = setting.loop
+        eps = self.runs.stacked("xi") - self.runs.stacked("xihat")
+        s = np.stack([start.s for start in self.runs.starts], axis=1)
+        e = self.runs.stacked("x") - loop.goal[..., None]
+        if loop.lead:
+            e = e - s
+        columns = CalmColumns(
+            loop=loop,
+            networks=networks,
+            closed=closed,
+            e=np.concatenate([e.reshape(loop.n * loop.m, -1), s]),
+            eps=eps,
+            switches=table_of(self.runs.switches),
+        )
+        self.put_estimation(closed, eps)
+        ends = columns.integrate(setting.times, tolerance=setting.tolerance, visit=self.put_errors)
+        self.report(1.0)
+        return _Ended(times=ends.times, reasons=ends.reasons())
+
+    def put_estimation(self, closed: ClosedForm | None, eps: Array) -> None:
+        """|d - dhat|_inf at all samples, which does not depend on the network."""
+        setting = self.setting
+        estimation = self.collector.estimation
+        estimation[self.chosen] = 0.0
+        if closed is None:
+            return
+        weights: Any = np.moveaxis(closed.many(setting.times), 2, 0)
+        if setting.loop.plant is not None:  # from states to inputs
+            weights = np.linalg.pinv(setting.loop.plant.B) @ weights
+        for place, weight in enumerate(weights):
+            gap = np.tensordot(weight, eps, axes=(1, 1))
+            estimation[self.chosen, place] = np.abs(gap).max(axis=(0, 1))
+
+    def stressed(self) -> _Ended:
+        """Under a stress in continuous time, or the full loop."""
+        ends = run_stressed(self.runs, visit=self.put, progress=self.report)
+        return _Ended(times=ends.times, reasons=ends.reasons())
+
+    def sampled(self) -> _Ended:
+        """From sample to sample."""
+        every = np.arange(len(self.chosen))
+        goal = self.setting.loop.goal[..., None]
+
+        def visit(number: int, seen: Samples) -> None:
+            self.put(np.full(len(every), number), every, seen.x - goal, seen.d - seen.dhat)
+
+        stepper = Stepper(self.runs, visit, self.report)
+        self.collector.method = f"{stepper.method}, side by side"
+        reached = stepper.run()
+        return _Ended(times=self.setting.times[reached.counts - 1], reasons=reached.reasons)
+
+    def put(self, sample: IndexArray, run: IndexArray, e: Array, gap: Array) -> None:
+        """Errors e and d - dhat, (n, m, k) each, of runs of the chunk at their samples, (k,)
+        each."""
+        self.put_errors(sample, run, e)
+        self.collector.estimation[self.chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
+
+    def put_errors(self, sample: IndexArray, run: IndexArray, e: Array) -> None:
+        """Errors alone; or flat, and a leader after them, (n m, k) or more."""
+        collector = self.collector
+        loop = self.setting.loop
+        e, s = np.split(e.reshape(-1, len(run)), [loop.n * loop.m])
+        runs = self.chosen[run]
+        collector.error[runs, sample] = np.abs(e).max(axis=0)
+        # of the first runs the states are kept, too
+        own = runs < len(collector.states)
+        kept = (runs[own], sample[own])
+        if len(s):
+            collector.leader[kept] = s[:, own].T
+        states = e[:, own].T.reshape(-1, loop.n, loop.m) + loop.goal
+        collector.states[kept] = states + collector.leader[kept][:, None]
+
+    def put_ends(self, ended: _Ended) -> None:
+        """How the runs ended; those that were handed back are made alone."""
+        collector = self.collector
+        for row, switches in enumerate(self.runs.switches):
+            passed = np.searchsorted(switches.times, ended.times[row], side="right")
+            collector.count[self.chosen[row]] = passed - 1
+        for row, reason in ended.reasons.items():
+            run = int(self.chosen[row])
+            if not reason:
+                collector.alone(run)
+                continue
+            time = ended.times[row]
+            late = self.setting.times > time
+            collector.ended[run] = time
+            collector.reasons[run] = reason
+            collector.error[run, late] = np.nan
+            collector.estimation[run, late] = np.nan
+            collector.states[run : run + 1, late] = np.nan

@@ -1,0 +1,229 @@
+"""Where runs start: as given, in a file, in the problem, or drawn by a seed.
+
+Starts are the same for the same seed; none enters a proof.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.errors import ShapeError, wrong
+from dobc_design.exact.matrix import Vector, to_float
+from dobc_design.exact.reading import shown
+from dobc_design.problem.arrays import Array
+from dobc_design.problem.load import read_bytes
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation._arguments import finite_array
+from dobc_design.simulation.field import Loop
+from dobc_design.simulation.npz import Shapes, UnfitError, describing, read_arrays, require
+
+Given = Mapping[str, Any] | Array | list[Any] | str | PathLike[str]
+
+AWAY = 1.0  # drawn starts without a region: at most this far from the goal, in every component
+PARTS = ("x", "xi", "xihat")
+NUMBER = re.compile(r" *[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)? *")  # in a CSV file
+TINY = 1e-300
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Start:
+    """One start: x (n, m), xi (n, q), xihat (n, q); of a leader s (m,), else of no numbers."""
+
+    x: Array
+    xi: Array
+    xihat: Array
+    s: Array
+
+    def errors(self, loop: Loop) -> Array:
+        """e = x - goal, with a leader x - s - goal: (n, m)."""
+        return np.asarray(self.x - loop.goal - (self.s if len(self.s) else 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Starts:
+    """Draws starts: x in [low, high], xi in a ball within an agent's ``own`` states, unless they
+    are given; those of a leader between ``leads`` (2, m), to which x is ``relative`` or not."""
+
+    low: Array
+    high: Array
+    radius: float
+    x: Array | None
+    xi: Array | None
+    xihat: Array
+    own: NDArray[np.bool_] | None = None
+    leads: Array | None = None
+    relative: bool = False
+
+    def draw(self, seed: int) -> Start:
+        """The start of one seed."""
+        rng = np.random.default_rng(seed)
+        x = self.x
+        if x is None:
+            with np.errstate(all="ignore"):
+                x = self.low + (self.high - self.low) * rng.random(self.low.shape)
+        xi = self.drawn_xi(rng) if self.xi is None else self.xi
+        if self.leads is None:
+            return Start(x=x, xi=xi, xihat=self.xihat, s=np.zeros(0))
+        low, high = self.leads
+        s = low + (high - low) * rng.random(len(low))
+        if self.relative:
+            x = x + s
+        return Start(x=x, xi=xi, xihat=self.xihat, s=s)
+
+    def drawn_xi(self, rng: np.random.Generator) -> Array:
+        """xi evenly in the ball of every agent: a direction, and the q-th root of a number from 0
+        to 1 for the length."""
+        n, q = self.xihat.shape
+        directions = rng.standard_normal((n, q))
+        exponent: float | Array = 1 / max(1, q)
+        if self.own is not None:
+            directions = directions * self.own
+            exponent = 1 / self.own.sum(axis=1, keepdims=True)
+        lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+        sizes = self.radius * rng.random((n, 1)) ** exponent
+        return np.asarray(sizes * directions / np.maximum(lengths, TINY))
+
+
+class _Width(NamedTuple):
+    """How many numbers a row of a part of a start has, and what each of them is of."""
+
+    numbers: int
+    what: str
+
+
+def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
+    """Decide where runs start: as given, by [simulation], by the region, or around the goal.
+    Raises: SpecError."""
+    rows = _given_rows(given, loop)
+    region = problem.region
+    low, high = loop.goal - AWAY, loop.goal + AWAY
+    if region is not None:
+        sides = to_float(region.initial_states).T
+        low, high = (np.broadcast_to(side, loop.goal.shape) for side in sides)
+    x = rows.get("x")
+    if x is None and problem.simulation.x0 is not None:
+        x = np.array(np.broadcast_to(to_float(problem.simulation.x0), loop.goal.shape))
+    xi = rows.get("xi")
+    if xi is None and problem.simulation.xi0 is not None:
+        xi = _placed(problem.simulation.xi0, loop)
+    radius = 0.0
+    if xi is None and region is not None and region.initial_disturbance is not None:
+        radius = float(region.initial_disturbance)
+    elif xi is None:
+        xi = loop.owned.astype(float)
+    return Starts(
+        low=low,
+        high=high,
+        radius=radius,
+        x=x,
+        xi=xi,
+        xihat=rows.get("xihat", np.zeros((loop.n, loop.q))),
+        own=loop.own,
+        leads=None if problem.leader is None else to_float(problem.leads).T,
+        relative=x is None and region is None,
+    )
+
+
+def _given_rows(given: Given | None, loop: Loop) -> dict[str, Array]:
+    """The parts of a start that were given, a row for every agent.  Raises: SpecError."""
+    state = _Width(loop.q, "exosystem state")
+    widths = {"x": _Width(loop.m, "component"), "xi": state, "xihat": state}
+    rows = {}
+    for name, value in _parts(given, loop.n, widths).items():
+        if value is not None:
+            rows[name] = _rows(value, f"start.{name}", loop.n, widths[name])
+    # states that an agent does not have
+    others = ~loop.owned
+    for name in sorted(rows.keys() - {"x"}):
+        foreign = (rows[name] * others).any(axis=1)
+        if foreign.any():
+            row = int(foreign.argmax())
+            message = f"must be 0 in the states that belong to other groups; row {row} is not."
+            cure = "Each row holds the states of all groups, in the order of problem.groups."
+            raise wrong(f"start.{name}", message, cure)
+    return rows
+
+
+def _placed(rows: Sequence[Vector], loop: Loop) -> Array:
+    """xi0 of the problem, one row for all agents or one each, where the states of an agent's own
+    exosystem are."""
+    if loop.own is None:
+        return np.array(np.broadcast_to(to_float(tuple(rows)), (loop.n, loop.q)))
+    xi = np.zeros((loop.n, loop.q))
+    for agent in range(loop.n):
+        row = rows[agent if len(rows) > 1 else 0]
+        xi[agent, loop.own[agent]] = to_float((row,))[0]
+    return xi
+
+
+def _parts(given: Given | None, n: int, widths: Mapping[str, _Width]) -> Mapping[str, Any]:
+    """What was given, by part."""
+    if given is None:
+        return {}
+    if isinstance(given, (str, PathLike)):
+        return _read(Path(given), n, widths)
+    if not isinstance(given, Mapping):
+        return {"x": given}
+    unknown = sorted(set(map(str, given)) - set(PARTS))
+    if unknown:
+        message = f"has an unknown part {shown(unknown[0])}."
+        raise wrong("start", message, f"Known: {', '.join(PARTS)}.")
+    return given
+
+
+def _rows(value: Any, name: str, n: int, width: _Width) -> Array:
+    """n rows of numbers; one row stands for all agents."""
+    because = f"{n} rows of {width.numbers}: one per agent, one number per {width.what}"
+    try:
+        shape = np.shape(value)
+    except ValueError:  # rows of different lengths
+        message = f"must be {because}; its rows differ in length."
+        raise wrong(name, message, "Fill them.", kind=ShapeError) from None
+    if shape == (n,) and width.numbers == 1:
+        value = np.reshape(value, (n, 1))
+    elif shape == (width.numbers,):
+        value = np.tile(np.asarray(value), (n, 1))
+    return finite_array(value, name, shape=(n, width.numbers), because=because)
+
+
+def _read(path: Path, n: int, widths: Mapping[str, _Width]) -> Mapping[str, Any]:
+    """The parts of a start in a file; of a trajectory, its last sample."""
+
+    def fits(shapes: Shapes) -> None:
+        for name, shape in shapes.items():
+            count, what = widths[name]
+            samples = len(shape) <= 3 and shape[-2:] == (n, count)
+            numbers = shape == (count,) or (count == 1 and shape == (n,))
+            wanted = f"{name} must have {n} rows of {count}, one number per {what}"
+            require(samples or numbers, f"{wanted}; got shape {shape}")
+        require(shapes, f"it has none of the arrays {', '.join(PARTS)}")
+
+    cure = (
+        "Give a CSV file with one row of numbers per agent, or an .npz file with x, xi and xihat."
+    )
+    with describing(path, key="start", what="start", cure=cure):
+        if path.suffix.lower() != ".npz":
+            return {"x": _numbers(read_bytes(path, what="start").decode("utf-8-sig"))}
+        found = read_arrays(path, PARTS, fits)
+        return {part: array[-1] if array.ndim == 3 else array for part, array in found.items()}
+
+
+def _numbers(text: str) -> list[list[float]]:
+    """The rows of a CSV file.  Raises: UnfitError."""
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    lines = [(reader.line_num, row) for row in reader if row]
+    for line, row in lines:
+        for cell in row:
+            if not NUMBER.fullmatch(cell):
+                raise UnfitError(f"line {line}: {shown(cell)} is no number")
+    return [[float(cell) for cell in row] for _, row in lines]

@@ -1,0 +1,215 @@
+"""Many starts of one problem, run side by side in floats: which of them converge.
+
+What is seen is an observation, never a proof; searches take their points from the ends of runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.problem.arrays import Array, Gain, arc_groups, consensus_jacobian, pinning_matrix
+from dobc_design.problem.network import IndexArray
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.closed_form import make_closed_form
+from dobc_design.simulation.columns import (
+    COLLAPSED,
+    COLUMN_NUMBERS,
+    ESCAPED,
+    HANDED_BACK,
+    MOST_STEPS,
+    CalmColumns,
+)
+from dobc_design.simulation.field import Loop, Network, make_loop, network_of
+from dobc_design.simulation.switches import ModeTable
+
+BoolArray = NDArray[np.bool_]
+Value = Callable[[Array, Array], Array]
+
+SAMPLES = 121
+TIME_CONSTANTS = 12.0  # of the slowest decay at the consensus that a run lasts
+LONGEST = 20.0  # times the horizon of the problem at most
+LARGEST_SPECTRUM = 300  # rows up to which the slowest decay is estimated
+NEAR = 1e-3  # of the start: a run that ends closer has converged
+STALLED = 0.8  # the part of its error halfway that a run still has at the end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Arena:
+    """The loop of a problem, ready to be run from many starts.  ``modes`` are the names of the
+    modes, ``networks`` the right-hand sides by their index."""
+
+    problem: Problem
+    loop: Loop
+    modes: tuple[str, ...]
+    networks: Callable[[int], Network]
+
+    @property
+    def chunk(self) -> int:
+        """How many runs are made at once."""
+        return max(1, COLUMN_NUMBERS // (self.loop.n * self.loop.m))
+
+
+def make_arena(problem: Problem, gain: Gain | None) -> Arena:
+    """Prepare the loop; ``gain`` (q, m) is W.  Raises: SpecError if there is an exosystem and no
+    W."""
+    loop = make_loop(problem, gain)
+    names = tuple(problem.network.modes)
+
+    @cache
+    def network(mode: int) -> Network:
+        return network_of(loop, arc_groups(problem, names[mode]), runs=arena.chunk)
+
+    arena = Arena(problem=problem, loop=loop, modes=names, networks=network)
+    return arena
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Batch:
+    """Starts of R runs, e (n m, R) and eps (n, q, R), and their switches."""
+
+    e: Array
+    eps: Array
+    switches: ModeTable
+
+    def __len__(self) -> int:
+        return len(self.switches.times)
+
+    def of(self, runs: IndexArray) -> Batch:
+        """Some of the starts."""
+        return Batch(e=self.e[:, runs], eps=self.eps[:, :, runs], switches=self.switches.of(runs))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effort:
+    """How long runs last, in s, how exact they are (relative), at how many times they are looked
+    at, and how many steps each may take."""
+
+    horizon: float
+    tolerance: float
+    samples: int = SAMPLES
+    most: int = MOST_STEPS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trials:
+    """What became of R starts: error and values (T, R) are |e|_inf and V, or nan; ends (n m, R),
+    nan where a run ended early; states (R,) as in ``columns``."""
+
+    times: Array
+    error: Array
+    values: Array
+    ends: Array
+    states: IndexArray
+    starts: Batch
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    @property
+    def unfinished(self) -> BoolArray:
+        """Runs that took too many steps, about which nothing is said."""
+        return np.asarray(self.states == HANDED_BACK)
+
+    @property
+    def diverged(self) -> BoolArray:
+        """Runs that could not be carried to their end."""
+        return np.asarray((self.states == ESCAPED) | (self.states == COLLAPSED))
+
+    @property
+    def stalled(self) -> BoolArray:
+        """Runs that diverged, or that end far away without having come closer in the second
+        half."""
+        count = len(self.times)
+        last = np.max(self.error[-count // 10 :], axis=0, initial=0.0)
+        halfway = self.error[int(0.45 * count) : int(0.55 * count) + 1]
+        middle = np.max(halfway, axis=0, initial=0.0)
+        with np.errstate(invalid="ignore"):
+            away = (last > NEAR * self.error[0]) & (last > STALLED * middle)
+        return np.asarray((self.diverged | away) & ~self.unfinished)
+
+    @property
+    def resting_points(self) -> list[Array]:
+        """Where runs stalled, (n m,) each."""
+        return list(self.ends.T[self.stalled & ~self.diverged])
+
+
+def settling_horizon(problem: Problem) -> float:
+    """How long a run should last (s): the problem's horizon, or longer where the consensus is
+    slow."""
+    horizon = float(problem.simulation.t_final)
+    if problem.n * problem.m > LARGEST_SPECTRUM:
+        return horizon
+    slowest = np.inf
+    for mode in problem.network.modes:
+        jacobian = consensus_jacobian(problem, mode)
+        if jacobian is not None:
+            loop = jacobian.toarray() - pinning_matrix(problem).toarray()
+            slowest = min(slowest, -float(np.linalg.eigvals(loop).real.max()))
+    if not slowest > 0:
+        return horizon
+    return float(min(max(horizon, TIME_CONSTANTS / slowest), LONGEST * horizon))
+
+
+def constant_signals(modes: IndexArray) -> ModeTable:
+    """Each run in one mode (R,) all the time."""
+    return ModeTable(times=np.zeros((len(modes), 1)), modes=modes[:, None].astype(np.int64))
+
+
+def run_starts(
+    arena: Arena, starts: Batch, effort: Effort, *, value: Value | None = None
+) -> Trials:
+    """Simulate every start; V = ``value``(e, eps) is followed, (R,) of states (n m, R) and (n, q,
+    R).  Where the observer is too fast, eps = 0 from the start."""
+    loop = arena.loop
+    closed = make_closed_form(loop.F, loop.C, effort.horizon) if loop.q else None
+    states = make_closed_form(loop.F, np.eye(loop.q), effort.horizon) if loop.q else None
+    if closed is None or states is None:
+        starts = Batch(e=starts.e, eps=np.zeros_like(starts.eps), switches=starts.switches)
+    count = len(starts)
+    times = np.linspace(0.0, effort.horizon, effort.samples)
+    trials = Trials(
+        times=times,
+        error=np.full((len(times), count), np.nan),
+        values=np.full((len(times), count), np.nan),
+        ends=np.full_like(starts.e, np.nan),
+        states=np.zeros(count, dtype=np.int64),
+        starts=starts,
+    )
+    # exp(F t), which takes eps from the start to every sample
+    transition = None if states is None else np.moveaxis(states.many(times), 2, 0)
+    for begin in range(0, count, arena.chunk):
+        chosen = np.arange(begin, min(count, begin + arena.chunk))
+        part = starts.of(chosen)
+        columns = CalmColumns(
+            loop=loop,
+            networks=arena.networks,
+            closed=closed,
+            e=part.e,
+            eps=part.eps,
+            switches=part.switches,
+        )
+
+        def visit(
+            sample: IndexArray, run: IndexArray, e: Array, chosen: IndexArray = chosen
+        ) -> None:
+            run = chosen[run]
+            trials.error[sample, run] = np.abs(e).max(axis=0)
+            if value is not None:
+                eps = starts.eps[:, :, run]
+                if transition is not None:
+                    eps = np.einsum("kab,nbk->nak", transition[sample], eps)
+                trials.values[sample, run] = value(e, eps)
+            last = sample == len(times) - 1
+            trials.ends[:, run[last]] = e[:, last]
+
+        with np.errstate(all="ignore"):
+            ends = columns.integrate(
+                times, tolerance=effort.tolerance, visit=visit, most=effort.most
+            )
+        trials.states[chosen] = ends.states
+    return trials

@@ -72,9 +72,8 @@ class Dynamics(Shown):
         enters = identity(m) if B is None else read_matrix(B, key="dynamics.B")
         if len(enters) != m:
             what = f"must have {counted(m, 'row')}, one per state component; got {len(enters)}."
-            raise wrong(
-                "dynamics.B", what, "Row c says how the inputs act on x_c.", kind=ShapeError
-            )
+            cure = "Row c says how the inputs act on x_c."
+            raise wrong("dynamics.B", what, cure, kind=ShapeError)
         if rank(enters) < len(enters[0]):
             what = "must have full column rank, so that every input acts in a way of its own."
             raise wrong("dynamics.B", what, "Remove inputs that act like others, or not at all.")
@@ -105,33 +104,24 @@ class Dynamics(Shown):
         if self.A is not None:
             return tuple(x for (x,) in multiply(self.A, _column(goal)))
         found = [_at(each, goal) for each in expressions_of(self)]
-        return (
-            None
-            if any(each is None for each in found)
-            else tuple(each for each in found if each is not None)
-        )
+        rational = tuple(each for each in found if each is not None)
+        return rational if len(rational) == len(found) else None
 
     def about(self, goal: Vector) -> tuple[Matrix, Coupling | None]:
         """The slopes A at 0 of f(goal + e) - f(goal), and this function of e itself, None where it
         is linear.  Raises: SpecError where f or a slope of it is not rational at the goal."""
         if self.A is not None:
             return self.A, None
-        m, values = self.dimension, self.drift_at(goal)
+        m, values, f = self.dimension, self.drift_at(goal), self.f or ()
         if values is None:
-            raise wrong(
-                "dynamics.f",
-                "must be rational at the target.",
-                "Move the target, or what f holds, to 0.",
-            )
-        names = variable_names(m)
-        moved = [
-            name if not x else f"({number_text(x)} + {name})"
-            for x, name in zip(goal, names, strict=True)
-        ]
-        falls = [
-            f"({_renamed(text, moved)}) - ({number_text(x)})"
-            for text, x in zip(self.f or (), values, strict=True)
-        ]
+            what = "must be rational at the target."
+            raise wrong("dynamics.f", what, "Move the target, or what f holds, to 0.")
+        moved = []
+        for x, name in zip(goal, variable_names(m), strict=True):
+            moved.append(f"({number_text(x)} + {name})" if x else name)
+        falls = []
+        for text, x in zip(f, values, strict=True):
+            falls.append(f"({_renamed(text, moved)}) - ({number_text(x)})")
         try:
             fall = falls[0] if m == 1 else falls
             whole = make_coupling(fall, dimension=m, key="dynamics.f", longest=LONGEST_MADE)
@@ -139,17 +129,13 @@ class Dynamics(Shown):
             _check_slopes(self, goal)  # says it of f as it is written
             raise
         slopes = whole.jacobian_at_zero()
-        bad = [any(name in text for name in whole.nonsmooth) for text in self.f or ()]
-        bad = [
-            kinked or not all(x.is_point for x in row)
-            for kinked, row in zip(bad, slopes, strict=True)
-        ]
+        bad = []
+        for text, row in zip(f, slopes, strict=True):
+            kinked = any(name in text for name in whole.nonsmooth)
+            bad.append(kinked or not all(x.is_point for x in row))
         if whole.nonsmooth or any(bad):
             place = bad.index(True) if any(bad) else 0
-            what = (
-                f"{excerpt((self.f or ())[place])} must be smooth, with rational slopes at the "
-                "target."
-            )
+            what = f"{excerpt(f[place])} must be smooth, with rational slopes at the target."
             raise wrong(f"dynamics.f[{place}]", what, "Write it another way.")
         return tuple(tuple(x.lo for x in row) for row in slopes), None if whole.is_linear else whole
 
@@ -169,10 +155,12 @@ class Dynamics(Shown):
         (m,); None for f."""
         if self.A is None:
             return None
+        nowhere = (Fraction(0),) * self.dimension
         kept = subtract(identity(self.dimension), multiply(self.B, self.left_inverse))
-        N = transpose(nullspace(multiply(kept, self.A)) or ((Fraction(0),) * self.dimension,))
-        if not any(map(any, N)):
-            return (Fraction(0),) * self.dimension
+        basis = nullspace(multiply(kept, self.A))
+        if not any(map(any, basis)):
+            return nowhere
+        N = transpose(basis)
         part = multiply(inverse(multiply(transpose(N), N)), multiply(transpose(N), _column(goal)))
         return tuple(x for (x,) in multiply(N, part))
 
@@ -180,10 +168,8 @@ class Dynamics(Shown):
 def expressions_of(dynamics: Dynamics) -> tuple[Expression, ...]:
     """The components of f, with the variables of couplings in place of x1..xm."""
     m = dynamics.dimension
-    return tuple(
-        parse_expression(_renamed(text, variable_names(m)), dimension=m)
-        for text in dynamics.f or ()
-    )
+    texts = [_renamed(text, variable_names(m)) for text in dynamics.f or ()]
+    return tuple(parse_expression(text, dimension=m) for text in texts)
 
 
 def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
@@ -195,12 +181,10 @@ def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
         try:
             evaluate(expression.node, algebra.variables(near), algebra)
         except UndefinedError as error:
-            names = (
-                "x"
-                if dynamics.dimension == 1
-                else "(" + ", ".join(_variables(dynamics.dimension)) + ")"
-            )
-            at = number_text(goal[0]) if len(goal) == 1 else f"({_listed(goal)})"
+            names = ", ".join(_variables(dynamics.dimension))
+            at = _listed(goal)
+            if len(goal) > 1:
+                names, at = f"({names})", f"({at})"
             what = (
                 f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded slope "
                 f"around the target, {names} = {at} (as far as 2^-40 from it): {error}"
@@ -216,57 +200,54 @@ def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
         try:
             evaluate(expression.node, tuple(map(Interval.point, goal)), IntervalAlgebra())
         except UndefinedError as error:
-            what = (
-                f"{excerpt((dynamics.f or ())[place])} is not defined at the goal "
-                f"[{_listed(goal)}]: {error}"
-            )
-            raise wrong(
-                f"dynamics.f[{place}]", what, "Move the target to where f is defined."
-            ) from error
+            text = excerpt((dynamics.f or ())[place])
+            what = f"{text} is not defined at the goal [{_listed(goal)}]: {error}"
+            cure = "Move the target to where f is defined."
+            raise wrong(f"dynamics.f[{place}]", what, cure) from error
     if dynamics.feedforward(goal) is None:
         near = dynamics.nearest_goal(goal)
-        drift = "f(x)" if near is None else "A x"
+        drift = "A x"
+        cure = f"The nearest one is [{_listed(near or ())}]."
+        if near is None:
+            drift = "f(x)"
+            cure = "Choose one where f(x) is rational and in the range of B."
         what = f"must be an equilibrium, {drift} + B u0 = 0 for some constant input u0; it is not."
-        cure = "Choose one where f(x) is rational and in the range of B."
-        raise wrong(key, what, cure if near is None else f"The nearest one is [{_listed(near)}].")
+        raise wrong(key, what, cure)
 
 
 def _read_nodes(f: Any) -> tuple[str, ...]:
     """Expressions in x1..xm (x alone where m = 1) as canonical text; the language is that of
     couplings, in y."""
     if not is_list(f) or not f:
-        raise wrong(
-            "dynamics.f",
-            "must be a list of expressions in text, one per state component.",
-            _EXAMPLE,
-        )
-    found, errors = list[str](), list[SpecError]()
+        what = "must be a list of expressions in text, one per state component."
+        raise wrong("dynamics.f", what, _EXAMPLE)
+    found: list[str] = []
+    errors: list[SpecError] = []
     for place, text in enumerate(f):
-        key = f"dynamics.f[{place}]"
         with kept(errors):
-            if not isinstance(text, str) or re.search(r"\by[0-9]*\b", text):
-                raise wrong(
-                    key, f"must be an expression in {_names(len(f))}; got {shown(text)}.", _EXAMPLE
-                )
-            try:
-                read = parse_expression(
-                    re.sub(r"\bx([0-9]*)\b", r"y\1", text), dimension=len(f), key=key
-                )
-            except SpecError as error:
-                cure = error.cure and re.sub(r"\by([0-9]*)\b", r"x\1", error.cure)
-                message = re.sub(r"\by([0-9]*)\b", r"x\1", error.message)
-                raise type(error)(message, key=key, cure=cure) from None
-            found.append(re.sub(r"\by([0-9]*)\b", r"x\1", str(read)))
+            found.append(_read_node(text, len(f), key=f"dynamics.f[{place}]"))
     raise_all(errors)
     return tuple(found)
 
 
+def _read_node(text: Any, m: int, *, key: str) -> str:
+    if not isinstance(text, str) or re.search(r"\by[0-9]*\b", text):
+        names = "x" if m == 1 else f"x1 to x{m}"
+        raise wrong(key, f"must be an expression in {names}; got {shown(text)}.", _EXAMPLE)
+    try:
+        inside = re.sub(r"\bx([0-9]*)\b", r"y\1", text)
+        return _in_x(str(parse_expression(inside, dimension=m, key=key)))
+    except SpecError as error:
+        cure = error.cure and _in_x(error.cure)
+        raise type(error)(_in_x(error.message), key=key, cure=cure) from None
+
+
+def _in_x(text: str) -> str:
+    return re.sub(r"\by([0-9]*)\b", r"x\1", text)
+
+
 def _variables(m: int) -> list[str]:
     return ["x"] if m == 1 else [f"x{c + 1}" for c in range(m)]
-
-
-def _names(m: int) -> str:
-    return "x" if m == 1 else f"x1 to x{m}"
 
 
 def _renamed(text: str, names: Sequence[str]) -> str:

@@ -56,12 +56,11 @@ class Observer(Shown):
         gain = None if W is None else read_matrix(W, key="observer.W")
         lyapunov = None if P is None else read_matrix(P, key="observer.P")
         speed = None if rate is None else parse_number(rate, key="observer.rate")
-        if lyapunov is not None and gain is None:
-            what = "must stand beside observer.W, because P is tested for that W; got P alone."
-            raise wrong(
-                "observer.P", what, "Give W too, or leave P out: a P is then found for you."
-            )
         if lyapunov is not None:
+            if gain is None:
+                what = "must stand beside observer.W, because P is tested for that W; got P alone."
+                cure = "Give W too, or leave P out: a P is then found for you."
+                raise wrong("observer.P", what, cure)
             _check_symmetric(lyapunov)
         if speed is not None and speed <= 0:
             what = f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}."
@@ -74,10 +73,8 @@ def _check_symmetric(P: Matrix) -> None:
     for i, row in enumerate(P):
         for j in range(i):
             if row[j] != P[j][i]:
-                got = (
-                    f"{shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at "
-                    f"[{i}][{j}]"
-                )
+                here, there = shown_number(P[j][i]), shown_number(row[j])
+                got = f"{here} at [{j}][{i}] and {there} at [{i}][{j}]"
                 what = f"must be symmetric, because only x'Px is used; got {got}."
                 raise wrong("observer.P", what, "Replace it by (P + P')/2.", kind=ShapeError)
 
@@ -85,16 +82,24 @@ def _check_symmetric(P: Matrix) -> None:
 def check_observer(observer: Observer, *, q: int, m: int, states: int | None = None) -> None:
     """Check the shapes of W and P against the exosystem with m outputs; W may also act on all
     ``states``.  Raises ShapeError."""
-    for name, matrix, shape, because in (
-        ("W", observer.W, (q, m), "one row per exosystem state, one column per state component"),
-        ("P", observer.P, (q, q), "one row and column per exosystem state"),
-    ):
-        known = (shape, (q, states)) if name == "W" else (shape,)
-        if matrix is not None and (len(matrix), len(matrix[0])) not in known:
-            what = (
-                f"must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])})."
-            )
-            raise wrong(f"observer.{name}", what, f"Give {rows_of(shape)}.", kind=ShapeError)
+    of_w = "one row per exosystem state, one column per state component"
+    _check_shape("W", observer.W, (q, m), of_w, also=(q, states))
+    _check_shape("P", observer.P, (q, q), "one row and column per exosystem state")
+
+
+def _check_shape(
+    name: str,
+    matrix: Matrix | None,
+    shape: tuple[int, int],
+    because: str,
+    also: tuple[int, int | None] | None = None,
+) -> None:
+    if matrix is None:
+        return
+    got = (len(matrix), len(matrix[0]))
+    if got not in (shape, also):
+        what = f"must have shape {shape}, {because}; got shape {got}."
+        raise wrong(f"observer.{name}", what, f"Give {rows_of(shape)}.", kind=ShapeError)
 
 
 _SHOWN = 6  # agents in a sentence
@@ -117,24 +122,19 @@ class Group(Shown):
         self, *, agents: Sequence[Any], exosystem: Exosystem, observer: Observer | None = None
     ) -> None:
         names = tuple(agents) if is_list(agents) else ()
+        if any(isinstance(each, bool) for each in names):
+            names = ()
         if not all(type(each) is str for each in names):
-            names = () if any(isinstance(each, bool) for each in names) else tuple(map(str, names))
+            names = tuple(map(str, names))
         if not names:
             what = f"must be a list of labels, at least one; got {shown(agents)}."
             raise wrong("agents", what, "For example agents = [1, 2].")
-        for key, value, kind in (
-            ("exosystem", exosystem, Exosystem),
-            ("observer", observer, Observer),
-        ):
-            if not isinstance(value, kind) and (value is not None or kind is Exosystem):
+        own = Observer() if observer is None else observer
+        for key, value, kind in (("exosystem", exosystem, Exosystem), ("observer", own, Observer)):
+            if not isinstance(value, kind):
                 what = f"of a group must be an {kind.__name__}; got {shown(value)}."
                 raise wrong(key, what, f"Make one with {kind.__name__}(...).")
-        put(
-            self,
-            agents=names,
-            exosystem=exosystem,
-            observer=Observer() if observer is None else observer,
-        )
+        put(self, agents=names, exosystem=exosystem, observer=own)
 
     def _card(self) -> Card:
         facts = [*self.exosystem._card().facts, *self.observer._card().facts]
@@ -162,23 +162,17 @@ def read_groups(
     Raises: SpecError or ShapeError naming the key."""
     common = Observer() if observer is None else observer
     if exosystem is not None and states is not None and exosystem.outputs != m:
-        what = (
-            f"must have {counted(m, 'row')}, one per input of [dynamics]; got {exosystem.outputs}."
-        )
-        raise wrong(
-            "exosystem.C",
-            what,
-            f"Give {counted(m, 'row')}: d = C xi acts through B.",
-            kind=ShapeError,
-        )
+        rows = counted(m, "row")
+        what = f"must have {rows}, one per input of [dynamics]; got {exosystem.outputs}."
+        cure = f"Give {rows}: d = C xi acts through B."
+        raise wrong("exosystem.C", what, cure, kind=ShapeError)
     if not groups and exosystem is not None:
         check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
         return (Group(agents=labels, exosystem=exosystem, observer=common),)
     if not groups and observer is not None:
-        what = (
-            "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
-        )
-        raise SpecError(what, key="observer", cure="Remove it, or give the exosystem.")
+        what = "has no meaning without an [exosystem]: there is no disturbance to estimate."
+        cure = "Remove it, or give the exosystem."
+        raise SpecError(f"[observer] {what}", key="observer", cure=cure)
     if not groups:
         return ()
     errors: list[SpecError] = []
@@ -187,23 +181,22 @@ def read_groups(
         with kept(errors):
             _check_group(group, number, m=m, states=states, rate=common.rate)
     if not errors:
-        _check_rest([label for label in labels if label not in owner], exosystem, common, states)
+        rest = [label for label in labels if label not in owner]
+        _check_rest(rest, exosystem, common, states)
     raise_all(errors)
-    places: dict[int, list[str]] = {}
+    members: dict[int, list[str]] = {}  # by group, in the order of their first agents
     for label in labels:
         if label in owner or exosystem is not None:
-            places.setdefault(owner.get(label, -1), []).append(label)
+            members.setdefault(owner.get(label, -1), []).append(label)
     result = []
-    for number, agents in places.items():  # in the order of their first agents
-        system = groups[number].exosystem if number >= 0 or exosystem is None else exosystem
-        own = groups[number].observer if number >= 0 else common
-        result.append(
-            Group(
-                agents=agents,
-                exosystem=system,
-                observer=Observer(W=own.W, P=own.P, rate=common.rate),
-            )
-        )
+    for number, agents in members.items():
+        system, own = exosystem, common
+        if number >= 0:
+            system = groups[number].exosystem
+            own = groups[number].observer
+        if system is not None:
+            chosen = Observer(W=own.W, P=own.P, rate=common.rate)
+            result.append(Group(agents=agents, exosystem=system, observer=chosen))
     _check_all_have_p(result)
     return tuple(result)
 
@@ -220,17 +213,19 @@ def renamed(error: SpecError, key: str) -> SpecError:
     def changed(text: str) -> str:
         return re.sub(r"\b(?:exosystem|observer)\.([ACWP])\b", rf"{key}.\1", text)
 
-    errors = [
-        type(error)(changed(x.message), key=changed(x.key or key), cure=x.cure)
-        for x in error.errors
-    ]
+    errors = []
+    for each in error.errors:
+        own = changed(each.key or key)
+        errors.append(type(error)(changed(each.message), key=own, cure=each.cure))
     return SpecError.several(errors)
 
 
 def _owners(
     groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]
 ) -> dict[str, int]:
-    known, owner = set(labels), dict[str, int]()
+    """The number of the group of each agent; what is wrong with them goes to ``errors``."""
+    known = set(labels)
+    owner: dict[str, int] = {}
     for number, group in enumerate(groups):
         for place, label in enumerate(group.agents):
             key = f"{group_key(number)}.agents[{place}]"
@@ -251,8 +246,9 @@ def _owners(
 def _check_group(
     group: Group, number: int, *, m: int, states: int | None, rate: Fraction | None
 ) -> None:
-    key, outputs, rows = group_key(number), group.exosystem.outputs, counted(m, "row")
+    key, outputs = group_key(number), group.exosystem.outputs
     if outputs != m:
+        rows = counted(m, "row")
         what = f"must have {rows}, one per state component, as every C has; got {outputs}."
         raise wrong(f"{key}.C", what, f"Give {rows}.", kind=ShapeError)
     errors: list[SpecError] = []
@@ -274,16 +270,13 @@ def _check_rest(
 ) -> None:
     """Those in no group have [exosystem]'s own A and C, or no disturbance; of nobody nothing may be
     said."""
-    why = (
-        "every agent is in a group of exosystem.groups"
-        if not rest
-        else "the agents in no group have no disturbance"
-    )
+    why = "the agents in no group have no disturbance"
+    if not rest:
+        why = "every agent is in a group of exosystem.groups"
     nobody = f"apply to no agent, because {why}."
     if exosystem is not None and not rest:
-        raise wrong(
-            "exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem]."
-        )
+        cure = "Remove A and C (or kind) from [exosystem]."
+        raise wrong("exosystem.A", f"and exosystem.C {nobody}", cure)
     if exosystem is not None:
         check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
     elif common.W is not None or common.P is not None:
@@ -291,16 +284,13 @@ def _check_rest(
 
 
 def _check_all_have_p(groups: Sequence[Group]) -> None:
-    given = [group for group in groups if group.observer.P is not None]
-    missing = [group for group in groups if group.observer.P is None]
+    given = [group.name for group in groups if group.observer.P is not None]
+    missing = [group.name for group in groups if group.observer.P is None]
     if given and missing:
         what = (
-            f"P is given for the group of agent {shown(given[0].name)} and missing for that of "
-            "agent"
-        )
-        what += (
-            f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they are "
-            "tested together."
+            f"P is given for the group of agent {shown(given[0])} and missing for that of agent "
+            f"{shown(missing[0])}; Psi holds the P of all groups at once, so that they are tested "
+            "together."
         )
         cure = "Give P (and W) for every group, or for none: a P is then found for you."
         raise SpecError(what, key="exosystem.groups", cure=cure)
@@ -323,13 +313,17 @@ def join(matrices: Sequence[Matrix | None]) -> Matrix | None:
 def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix, ...] | None:
     """The blocks of these shapes of a block diagonal matrix; None if it is not block diagonal in
     them."""
-    row, column, blocks = 0, 0, []
+    blocks: list[Matrix] = []
+    row = 0
+    column = 0
     for rows, columns in shapes:
-        blocks.append(
-            tuple(tuple(each[column : column + columns]) for each in matrix[row : row + rows])
-        )
-        row, column = row + rows, column + columns
-    return tuple(blocks) if block_diagonal(blocks) == tuple(map(tuple, matrix)) else None
+        band = matrix[row : row + rows]
+        blocks.append(tuple(tuple(each[column : column + columns]) for each in band))
+        row += rows
+        column += columns
+    if block_diagonal(blocks) != tuple(map(tuple, matrix)):
+        return None
+    return tuple(blocks)
 
 
 def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
@@ -339,8 +333,10 @@ def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
     m = groups[0].exosystem.outputs if groups else 0
     found = blocks_of(W, [(order, m) for order in orders])
     if found is None:
-        because = "because no agent feels the disturbance of another group."
-        what = f"must be block diagonal, with one block per group of agents, {because}"
+        what = (
+            "must be block diagonal, with one block per group of agents, because no agent feels "
+            "the disturbance of another group."
+        )
         raise wrong("gain", what, "Set the entries outside of the blocks to 0.")
     return found
 
@@ -356,13 +352,15 @@ def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Sequence[str]) -> l
     """For each agent the block (m, m) of its group, 0 without a disturbance: S (G m, G m), or (m,
     m) for one group or none."""
     blocks = group_blocks(S, max(1, len(groups)))
-    nothing = zeros(len(blocks[0]), len(blocks[0]))
-    return [(*blocks, nothing)[number] for number in group_numbers(groups, labels)]
+    m = len(blocks[0])
+    with_nothing = (*blocks, zeros(m, m))
+    return [with_nothing[number] for number in group_numbers(groups, labels)]
 
 
 def group_blocks(S: Matrix, groups: int) -> tuple[Matrix, ...]:
     """The block of each group: S (G m, G m) -> G matrices (m, m)."""
     m = len(S) // groups
-    return tuple(
-        tuple(tuple(row[g * m : g * m + m]) for row in S[g * m : g * m + m]) for g in range(groups)
-    )
+    blocks: list[Matrix] = []
+    for first in range(0, groups * m, m):
+        blocks.append(tuple(tuple(row[first : first + m]) for row in S[first : first + m]))
+    return tuple(blocks)

@@ -27,6 +27,7 @@ from dobc_design.exact.number import (
 from dobc_design.exact.symmetric import Doubles
 
 Real = TypeVar("Real", float, Fraction)
+T = TypeVar("T")
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
 LONGEST = 10_000  # characters of a rational in a certificate
@@ -35,6 +36,7 @@ VECTOR_BITS, MATRIX_BITS = 65_536, 16_384
 LARGEST = Fraction(10) ** 300  # numbers above are no radii
 MANY_AGENTS = 1000  # from which on vectors travel as doubles
 _DIGITS = 12  # of a decimal that is rounded up
+MOST_HALVINGS = 2000  # of a search that ends by itself: floats have 2100 powers of two
 
 
 def claimed(value: float) -> Fraction:
@@ -103,14 +105,57 @@ def decimal_above(value: Fraction) -> float:
 
 
 def bisected(
-    holds: Callable[[Real], bool], low: Real, high: Real, *, steps: int
+    holds: Callable[[Real], bool],
+    low: Real,
+    high: Real,
+    *,
+    steps: int = MOST_HALVINGS,
+    middle: Callable[[Real, Real], Real] | None = None,
+    close: Callable[[Real, Real], bool] | None = None,
 ) -> tuple[Real, Real]:
-    """The interval from ``low``, where something holds, to ``high``, halved so many times around
-    where it ceases to."""
+    """The interval from ``low``, where something holds, to ``high``, which may be the smaller one,
+    cut so many times around where it ceases to, or until its ends are ``close``.  ``middle`` says
+    where it is cut; by default it is halved."""
     for _ in range(steps):
-        middle = (low + high) / 2
-        low, high = (middle, high) if holds(middle) else (low, middle)
+        if close is not None and close(low, high):
+            break
+        place = (low + high) / 2 if middle is None else middle(low, high)
+        if holds(place):
+            low = place
+        else:
+            high = place
     return low, high
+
+
+def last_found(
+    find: Callable[[Real, T], T | None],
+    found: T,
+    low: Real,
+    high: Real,
+    *,
+    steps: int = MOST_HALVINGS,
+    middle: Callable[[Real, Real], Real] | None = None,
+    close: Callable[[Real, Real], bool] | None = None,
+) -> tuple[Real, T]:
+    """The last place at which ``bisected`` finds something, and that: from ``found`` at ``low`` on,
+    ``find`` is asked with a place and what was found before."""
+
+    def holds(place: Real) -> bool:
+        nonlocal found
+        there = find(place, found)
+        if there is None:
+            return False
+        found = there
+        return True
+
+    last, _ = bisected(holds, low, high, steps=steps, middle=middle, close=close)
+    return last, found
+
+
+def quickly_down(divisor: int) -> Callable[[float, float], float]:
+    """Where to cut an interval whose answer may be many powers of ten below its upper end: the end
+    over ``divisor`` as long as nothing holds but 0, then the middle."""
+    return lambda low, high: (low + high) / 2 if low else high / divisor
 
 
 def golden_section(f: Callable[[float], float], low: float, high: float, *, steps: int) -> None:

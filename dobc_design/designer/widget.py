@@ -22,6 +22,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
+from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.separable.claim import acts_by_component, stuck_agents
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.designer.source import python_source
@@ -301,18 +302,15 @@ def _reach(problem: Problem, radius: float, rate: float) -> float:
         return 0.0
     if _shrinks(problem, radius, rate):
         return radius
-    low, high = 0.0, radius
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        if _shrinks(problem, middle, rate):
-            low = middle
-        else:
-            high = middle
-        if high < SMALLEST * radius:
-            return 0.0
-        if high - low < 0.02 * high:
-            break
-    return low
+    least = SMALLEST * radius
+    low, high = bisected(
+        lambda middle: _shrinks(problem, middle, rate),
+        0.0,
+        radius,
+        steps=HALVINGS,
+        close=lambda low, high: high < least or high - low < 0.02 * high,
+    )
+    return 0.0 if high < least else low
 
 
 def _shrinks(problem: Problem, radius: float, rate: float) -> bool:

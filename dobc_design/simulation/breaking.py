@@ -18,6 +18,7 @@ from dobc_design._show.cards import Card, Headed
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
+from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError, wrong
 from dobc_design.problem.arrays import Array, arc_groups
@@ -366,11 +367,10 @@ class _Tried:
     ) -> PeriodLimit:
         """Between a period that converged and one that did not; convergence need not be monotone in
         the period."""
+
+        def converges(period: float) -> bool:
+            return self.late(Stress(period=period)) <= self.tolerance
+
         if low is not None and high is not None:
-            for _ in range(BISECTIONS):
-                middle = (low + high) / 2
-                if self.late(Stress(period=middle)) <= self.tolerance:
-                    low = middle
-                else:
-                    high = middle
+            low, high = bisected(converges, low, high, steps=BISECTIONS)
         return PeriodLimit(converges=low, fails=high, certified=certified)

@@ -14,10 +14,13 @@ from dobc_design.conditions.numbers import (
     LONGEST,
     MATRIX_BITS,
     VECTOR_BITS,
+    bisected,
     claimed,
     decimal_above,
     has_short_denominator,
     largest_proved,
+    last_found,
+    quickly_down,
     read_rational,
     shorten,
 )
@@ -151,3 +154,55 @@ def test_both_programs_take_common_denominators_as_long_as_the_format_page_says(
     assert not has_short_denominator([*fits, Fraction(1, 3)], bits)
     with pytest.raises(Refused, match="common denominator"):
         short([*fits, Fraction(1, 3)], bits)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 8.0), (8.0, 0.0)])
+def test_a_bisection_halves_from_the_end_that_holds_whichever_is_larger(low: float, high: float):
+    """Three halvings of eight leave one."""
+    found = bisected(lambda x: abs(x - low) <= 5.5, low, high, steps=3)
+    assert found == ((5.0, 6.0) if low < high else (3.0, 2.0))
+
+
+def test_a_bisection_of_rationals_stays_exact():
+    low, high = bisected(lambda x: 3 * x <= 1, Fraction(0), Fraction(1), steps=10)
+    assert low <= Fraction(1, 3) < high
+    assert high - low == Fraction(1, 2**10)
+
+
+def test_a_bisection_ends_where_its_ends_are_close():
+    asked: list[float] = []
+
+    def holds(x: float) -> bool:
+        asked.append(x)
+        return x <= 0.3
+
+    low, high = bisected(holds, 0.0, 1.0, close=lambda low, high: high - low <= 0.25)
+    assert asked == [0.5, 0.25]
+    assert (low, high) == (0.25, 0.5)
+
+
+def test_what_was_found_last_belongs_to_the_place_and_is_handed_on():
+    """Each search starts from what the one before found."""
+    starts: list[str] = []
+
+    def find(x: float, before: str) -> str | None:
+        starts.append(before)
+        return f"at {x}" if x <= 6 else None
+
+    assert last_found(find, "nothing", 0.0, 8.0, steps=3) == (6.0, "at 6.0")
+    assert starts == ["nothing", "at 4.0", "at 6.0"]
+
+
+def test_nothing_that_is_found_leaves_what_there_was():
+    assert last_found(lambda x, before: None, "nothing", 0.0, 8.0, steps=3) == (0.0, "nothing")
+
+
+def test_an_answer_far_below_the_end_is_met_by_dividing():
+    asked: list[float] = []
+
+    def holds(x: float) -> bool:
+        asked.append(x)
+        return x <= 0.02
+
+    bisected(holds, 0.0, 8.0, steps=5, middle=quickly_down(8))
+    assert asked == [1.0, 0.125, 0.015625, 0.0703125, 0.04296875]

@@ -13,7 +13,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -28,6 +29,7 @@ from dobc_design.conditions.consensus.pinning import (
     smallest_gains,
 )
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
+from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.problem import Problem
@@ -279,6 +281,14 @@ def _one_of_each(blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> list[int]
     return chosen
 
 
+def _is_enough(table: Any, border: Any, factor: float) -> bool:
+    """Whether the table is negative with the border over the factor added."""
+    if factor <= 0:
+        return False
+    found = largest_eigenvalue(sparse.coo_array(table + border / factor))
+    return found.value < 0
+
+
 def scale_needed(problem: Problem, S: Matrix) -> float | None:
     """The factor a beyond which Lambda + I (x) S / a < 0 (theory, section 9), about; None if Lambda
     < 0 fails."""
@@ -290,14 +300,10 @@ def scale_needed(problem: Problem, S: Matrix) -> float | None:
         top = largest_eigenvalue(sparse.coo_array(table)).value
         if not top < 0 or not math.isfinite(weight):
             return None
-        high, low = weight / -top * (1 + 1e-12), 0.0  # with m = 1 and S = s I this is the answer
-        border = sparse.kron(sparse.eye_array(problem.n), sparse.csr_array(block))
-        for _ in range(STEPS if len(block) > 1 else 0):
-            middle = (low + high) / 2
-            does = (
-                middle > 0
-                and largest_eigenvalue(sparse.coo_array(table + border / middle)).value < 0
-            )
-            low, high = (low, middle) if does else (middle, high)
-        worst = max(worst, high)
+        needed = weight / -top * (1 + 1e-12)  # with m = 1 and S = s I this is the answer
+        if len(block) > 1:
+            border = sparse.kron(sparse.eye_array(problem.n), sparse.csr_array(block))
+            does = partial(_is_enough, table, border)
+            needed, _ = bisected(does, needed, 0.0, steps=STEPS)
+        worst = max(worst, needed)
     return worst

@@ -32,6 +32,7 @@ from dobc_design.conditions.consensus.propose import (
     largest_eigenvalue,
     rows_of,
 )
+from dobc_design.conditions.numbers import bisected
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagonal
 from dobc_design.solvers.program import Array, factored
@@ -468,20 +469,19 @@ def _alike(blocks: Blocks, chosen: Any) -> Array | None:
         everything = np.arange(len(indicator))
         return all(lowest_on((table + held).tocsr(), everything)[0] > 0 for table in blocks.tables)
 
-    low, high = 0.0, blocks.scale * 1e6
-    if not high or not does(high):
+    def middle(high: float, low: float) -> float:
+        return (low * high) ** 0.5 if low else high / 100
+
+    def close(high: float, low: float) -> bool:
+        if high <= low * (1 + 1e-6) or high < blocks.scale * 1e-9:
+            return True
+        return not low < middle(high, low) < high  # floats end
+
+    most = blocks.scale * 1e6
+    if not most or not does(most):
         return None
-    for _ in range(STEPS):
-        middle = (low * high) ** 0.5 if low else high / 100
-        if (
-            middle <= low
-            or middle >= high
-            or high <= low * (1 + 1e-6)
-            or high < blocks.scale * 1e-9
-        ):
-            break
-        low, high = (low, middle) if does(middle) else (middle, high)
-    return np.asarray(high * chosen.astype(np.float64))
+    gain, _ = bisected(does, most, 0.0, steps=STEPS, middle=middle, close=close)
+    return np.asarray(gain * chosen.astype(np.float64))
 
 
 def solve_program(

@@ -34,6 +34,7 @@ from dobc_design.conditions.numbers import (
     MANY_AGENTS,
     claimed,
     decimal_below,
+    last_found,
     rounded_down,
     rounded_up,
     shorten,
@@ -77,11 +78,16 @@ def mean_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | 
     w = _weights(M, 0.0)
     if w is None:
         return None
-    low, high = float(np.min(M @ w / w)), float(np.min(M.diagonal()))  # the best rate lies between
-    for _ in range(BISECTIONS):
-        middle = math.sqrt(max(low, SMALLEST) * high)
-        found = _weights(M, middle)
-        low, high, w = (low, middle, w) if found is None else (middle, high, found)
+    # The best rate lies between.
+    low, high = float(np.min(M @ w / w)), float(np.min(M.diagonal()))
+    _, w = last_found(
+        lambda rate, _: _weights(M, rate),
+        w,
+        low,
+        high,
+        steps=BISECTIONS,
+        middle=lambda low, high: math.sqrt(max(low, SMALLEST) * high),
+    )
     rate = _observed(problem, W, float(np.min(M @ w / w)) * SAFE)
     if rate <= SMALLEST:
         return None

@@ -18,7 +18,13 @@ from dobc_design.conditions.check import Check, Domain, limited, starts_in, unde
 from dobc_design.conditions.coverage import NEAR, Asked, Progress
 from dobc_design.conditions.margins import decide
 from dobc_design.conditions.margins.decide import Inputs, Tolerance
-from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
+from dobc_design.conditions.numbers import (
+    claimed,
+    decimal_below,
+    last_found,
+    rounded_down,
+    rounded_up,
+)
 from dobc_design.conditions.separable.checks import why_no_weights
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
@@ -197,11 +203,21 @@ def _largest(find: Callable[[Fraction], Tolerance | None]) -> tuple[Fraction, To
         if (best := find(low)) is not None:
             break
         low, high = rounded_down(low / 2, digits=3), low
-    for _ in range(STEPS if best is not None else 0):
-        middle = rounded_down((low + high) / 2, digits=3)
-        better = find(middle) if low < middle < high else None
-        low, high, best = (low, middle, best) if better is None else (middle, high, better)
-    return low, best
+    if best is None:
+        return low, None
+
+    def middle(low: Fraction, high: Fraction) -> Fraction:
+        return rounded_down((low + high) / 2, digits=3)
+
+    return last_found(
+        lambda part, _: find(part),
+        best,
+        low,
+        high,
+        steps=STEPS,
+        middle=middle,
+        close=lambda low, high: not low < middle(low, high) < high,
+    )
 
 
 def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | None]:

@@ -22,6 +22,7 @@ from dobc_design.conditions.consensus.claim import omega
 from dobc_design.conditions.numbers import (
     bisected,
     golden_section,
+    last_found,
     rounded_down,
     time_to_one_percent,
 )
@@ -190,7 +191,7 @@ def bound_lure(
         SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)}) if P_e is None else P_e
     )
 
-    def at(radius: float) -> Lure | None:
+    def at(radius: float, _: object = None) -> Lure | None:
         exact = rounded_down(radius, digits=6)
         try:
             ranges = enclose_ranges(problem, radius=exact)
@@ -203,12 +204,9 @@ def bound_lure(
     low, high, best = 1e-6, 1e-3, at(1e-6)
     while best is not None and high < largest and (found := at(high)) is not None:
         low, best, high = high, found, 4 * high
-    high = min(high, float(largest))
-    for _ in range(HALVINGS if best is not None else 0):
-        middle = (low + high) / 2
-        found = at(middle)
-        low, high, best = (middle, high, found) if found is not None else (low, middle, best)
-    return best
+    if best is None:
+        return None
+    return last_found(at, best, low, min(high, float(largest)), steps=HALVINGS)[1]
 
 
 def _level(P_e: SparseSymmetric, problem: Problem, radius: Fraction) -> Fraction:
@@ -562,15 +560,19 @@ class _Search:
         search, point = self, self.centred(radius, None)
         while point is not None:
             yield search, point
-            rate, low, high = float(search.rate), float(search.rate), fastest
-            while high - low > FASTER / 4 * high:
-                middle = (low + high) / 2
-                there = replace(search, rate=rounded_down(middle, digits=6))
-                low, high = (middle, high) if there.inside(point, radius) else (low, middle)
+            rate = float(search.rate)
+            inside = partial(search.inside_at, point, radius)
+            low, _ = bisected(
+                inside, rate, fastest, close=lambda low, high: not high - low > FASTER / 4 * high
+            )
             if low <= rate * (1 + FASTER):
                 return
             search = replace(search, rate=rounded_down(rate + GROWTH * (low - rate), digits=6))
             point = search.centred(radius, point)
+
+    def inside_at(self, point: _Point, radius: float | None, rate: float) -> bool:
+        """Whether the point is inside at another rate, about."""
+        return replace(self, rate=rounded_down(rate, digits=6)).inside(point, radius)
 
     def _limit(self, point: _Point, radius: float, largest: float) -> float:
         """The largest radius for which the same unknowns do, about, from below."""
@@ -581,10 +583,11 @@ class _Search:
             if self.inside(point, largest):
                 return largest
             high = largest
-        while high - low > max(0.03 * (low - radius), SETTLED / 4 * radius):
-            middle = (low + high) / 2
-            low, high = (middle, high) if self.inside(point, middle) else (low, middle)
-        return low
+
+        def close(low: float, high: float) -> bool:
+            return not high - low > max(0.03 * (low - radius), SETTLED / 4 * radius)
+
+        return bisected(partial(self.inside, point), low, high, close=close)[0]
 
     def largest_balls(self, path: list[_Point]) -> list[_Point]:
         """Points with the covered ball of their radius, the largest ball first; empty if nothing is

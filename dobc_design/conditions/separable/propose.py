@@ -20,7 +20,12 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.numbers import golden_section, time_to_one_percent
+from dobc_design.conditions.numbers import (
+    golden_section,
+    last_found,
+    quickly_down,
+    time_to_one_percent,
+)
 from dobc_design.conditions.separable.claim import (
     EXACT,
     ErrorBound,
@@ -513,13 +518,15 @@ def _later(each: tuple[float, Array], before: tuple[float, Array]) -> bool:
 def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
     """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.
     The rate may be many powers of ten below the gains: divide by 8 first, then evenly."""
-    low, high = 0.0, float(np.max(field.gains))
-    slowest, middle = SLOWEST * high, high / 8
-    while high > slowest and not (low and high - low <= close * low):
-        found = least_solution(field, alpha=middle, start=best)
-        low, high, best = (low, middle, best) if found is None else (middle, high, found)
-        middle = (low + high) / 2 if low else high / 8
-    return low, best
+    top = float(np.max(field.gains))
+
+    def enough(low: float, high: float) -> bool:
+        return not high > SLOWEST * top or (low > 0 and high - low <= close * low)
+
+    def find(rate: float, best: Array) -> Array | None:
+        return least_solution(field, alpha=rate, start=best)
+
+    return last_found(find, best, 0.0, top, middle=quickly_down(8), close=enough)
 
 
 def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> Iterator[Array]:

@@ -22,7 +22,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
 from dobc_design.conditions.coverage import Progress, asked_radius, covers
-from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.numbers import bisected, claimed, shorten
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
@@ -711,16 +711,18 @@ def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
 def _fastest_near(ground: Ground, pinned: Sequence[int], high: Fraction) -> Fraction:
     """The fastest rate (1/s) by V = e'e, by bisection, since caps and modes are in it; the first
     steps may lie above."""
-    fastest = Fraction(0)
-    for _ in range(24):
-        middle = (fastest + high) / 2
-        found = ground.pinning(_three_digits(middle), pinned, conservative=True)
-        if found.verdict is Verdict.PROVED:
-            fastest = middle
-        else:
-            high = middle
-        if fastest and high - fastest <= fastest / 20:
-            break
+
+    def does(rate: Fraction) -> bool:
+        found = ground.pinning(_three_digits(rate), pinned, conservative=True)
+        return found.verdict is Verdict.PROVED
+
+    fastest, _ = bisected(
+        does,
+        Fraction(0),
+        high,
+        steps=24,
+        close=lambda low, high: low > 0 and high - low <= low / 20,
+    )
     return fastest
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from scipy import optimize, sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
+from dobc_design.conditions.numbers import last_found, quickly_down
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, field_of, least_above
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
@@ -337,18 +338,20 @@ class RegionSearch:
         if best is None:
             return 0.0
         accuracy = ROUGH if coarse else CLOSE
-        low, high = 0.0, min(self.decay, self._most(pinned, caps))
-        for _ in range(BISECTIONS):
-            # Most answers lie far below the first bound.
-            middle = (low + high) / 2 if low else high / 4
-            found = self.holds(pinned, caps, middle, coarse=coarse, start=best)
-            if found is None:
-                high = middle
-            else:
-                low, best = middle, found
-            if low and high - low <= accuracy * high:
-                break
-        return low
+
+        def find(rate: float, best: Array) -> Array | None:
+            return self.holds(pinned, caps, rate, coarse=coarse, start=best)
+
+        rate, _ = last_found(
+            find,
+            best,
+            0.0,
+            min(self.decay, self._most(pinned, caps)),
+            steps=BISECTIONS,
+            middle=quickly_down(4),
+            close=lambda low, high: low > 0 and high - low <= accuracy * high,
+        )
+        return rate
 
     def _most(self, pinned: Collection[int], caps: Gains) -> float:
         """No rate is larger: an agent with the least v has at most its gain, or it hears others."""

@@ -14,7 +14,7 @@ from fractions import Fraction
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.conditions.consensus.network import Enclosed, carriers, name_agents
 from dobc_design.conditions.coverage import Progress
-from dobc_design.conditions.numbers import claimed, rounded_up, shorten
+from dobc_design.conditions.numbers import bisected, claimed, rounded_up, shorten
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
@@ -463,16 +463,16 @@ def _larger_caps(proposer: PinningProposer, request: PinningRequest) -> Fraction
     def enough(factor: float) -> bool:
         return proposer.fastest(request.allowed, factor) > float(request.rate)
 
-    low, high = 1.0, MOST_CAPS
-    if not enough(high):
+    if not enough(MOST_CAPS):
         return None
-    while high > low * 1.001:
-        middle = math.sqrt(low * high)
-        if enough(middle):
-            high = middle
-        else:
-            low = middle
-    return Fraction(high * 1.001)
+    factor, _ = bisected(
+        enough,
+        MOST_CAPS,
+        1.0,
+        middle=lambda high, low: math.sqrt(low * high),
+        close=lambda high, low: not high > low * 1.001,
+    )
+    return Fraction(factor * 1.001)
 
 
 def with_lacking(problem: Problem, allowed: Sequence[int]) -> tuple[int, ...]:

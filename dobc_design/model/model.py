@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -124,9 +124,9 @@ class Model(Headed):
         )
 
     def _card(self) -> Card:
-        title = f'{self.problem.name}, mode "{self.mode}": n = {self.n}, m = {self.m}, q = {self.q}'
+        sizes = f"n = {self.n}, m = {self.m}, q = {self.q}"
         return Card(
-            title=title,
+            title=f'{self.problem.name}, mode "{self.mode}": {sizes}',
             heads=("function", "takes", "returns"),
             rows=[_signature(each) for each in self.functions],
         )
@@ -214,10 +214,12 @@ class _Equations:
         xi = self._symbol("xi")
         z = self._symbol("z")
         d = self._per_agent(self.C, xi)
-        dhat = self._per_agent(self.C, z + self._corrected(x))
+        xihat = z + self._corrected(x)
+        dhat = self._per_agent(self.C, xihat)
         u = self._control(x, dhat)
         e = x - self.goal
-        x_dot = self._moved(e, self.h(e) + u - self.u0 + d) + self.drift
+        felt = self.h(e) + u - self.u0 + d
+        x_dot = self._moved(e, felt) + self.drift
         xi_dot = self._per_agent(self.A, xi)
         z_dot = self._observer_slope(z, x, u)
         outputs = {"x_dot": x_dot, "xi_dot": xi_dot, "z_dot": z_dot}
@@ -232,7 +234,8 @@ class _Equations:
         e = self._symbol("e")
         eps = self._symbol("eps")
         unknown = self._per_agent(self.C, eps)
-        e_dot = self._moved(e + self._beside(), self.h(e) - self.K @ e + unknown)
+        felt = self.h(e) - self.K @ e + unknown
+        e_dot = self._moved(e + self._beside(), felt)
         if self.leader is not None:
             e_dot = e_dot - self._led_motion()
         eps_dot = self._per_agent(self.F, eps)
@@ -290,7 +293,8 @@ class _Equations:
     def _observer_slope(self, z: Any, x: Any, u: Any) -> Any:
         """z_dot of (13)."""
         e = x - self.goal
-        x_dot = self._moved(e, self.h(e) + u - self.u0) + self.drift
+        felt = self.h(e) + u - self.u0
+        x_dot = self._moved(e, felt) + self.drift
         xihat = z + self._corrected(x)
         return self._per_agent(self.F, xihat) - self._corrected(x_dot)
 
@@ -315,10 +319,11 @@ def _couplings(problem: Problem, mode: str) -> tuple[Any, Any]:
         # ... and a gathering adds up what every agent feels there, with the weights of its arcs.
         onto = arrays.gathering_matrix(group, n)
         gathering = [_constant(sp.kron(onto, row.T)) for row in _rows(problem.inputs)]
-        values, slopes = _on_arcs(group, [difference @ e for difference in differences])
-        for gathered, value, row in zip(gathering, values, slopes, strict=True):
-            h += gathered @ value
-            for slope, difference in zip(row, differences, strict=True):
+        found = _on_arcs(group, [difference @ e for difference in differences])
+        for c, gathered in enumerate(gathering):
+            h += gathered @ found.values[c]
+            for d, difference in enumerate(differences):
+                slope = found.slopes.get((c, d))
                 if slope is not None:
                     jacobian += gathered @ ca.diag(slope) @ difference
     sparse = ca.Function("jacobian", [e], [jacobian], ["e"], ["dh_de"])
@@ -346,9 +351,15 @@ def _bent(problem: Problem, e: Any) -> Any:
     return result
 
 
-def _on_arcs(group: arrays.ArcGroup, y: Sequence[Any]) -> tuple[list[Any], list[list[Any | None]]]:
-    """Components of h, and slopes[c][d] = dh_c/dy_d (None where it is 0), on every arc; y[c] has
-    one row per arc."""
+class _OnArcs(NamedTuple):
+    """Components of h, and dh_c/dy_d by (c, d) where it is not 0, on every arc."""
+
+    values: list[Any]
+    slopes: dict[tuple[int, int], Any]
+
+
+def _on_arcs(group: arrays.ArcGroup, y: Sequence[Any]) -> _OnArcs:
+    """h and its slopes at the arguments of the arcs; y[c] has one row per arc."""
     count, m = len(group.weights), len(y)
     p = group.coupling.outputs
     variables = [ca.SX.sym(f"y{c + 1}", count) for c in range(m)]
@@ -364,10 +375,7 @@ def _on_arcs(group: arrays.ArcGroup, y: Sequence[Any]) -> tuple[list[Any], list[
     slopes = [ca.jtimes(values[c], variables[d], ones) for c, d in pairs]
     function = ca.Function("arcs", variables, [*values, *slopes])
     found = function(*y)
-    table: list[list[Any | None]] = [[None] * m for _ in range(p)]
-    for (c, d), slope in zip(pairs, found[p:], strict=True):
-        table[c][d] = slope
-    return list(found[:p]), table
+    return _OnArcs(values=found[:p], slopes=dict(zip(pairs, found[p:], strict=True)))
 
 
 def _constant(matrix: sp.sparray) -> Any:
@@ -382,14 +390,16 @@ def _function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> Any
 
 def _signature(function: Any) -> tuple[str, str, str]:
     """Name, inputs and outputs with their shapes, for showing."""
-    inputs = [_sized(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]
-    outputs = [_sized(function.name_out(i), function.size_out(i)) for i in range(function.n_out())]
+    inputs = map(_sized, function.name_in(), map(function.size_in, range(function.n_in())))
+    outputs = map(_sized, function.name_out(), map(function.size_out, range(function.n_out())))
     return function.name(), ", ".join(inputs), ", ".join(outputs)
 
 
 def _sized(name: str, size: tuple[int, int]) -> str:
     rows, columns = size
-    return f"{name} ({rows})" if columns == 1 else f"{name} ({rows}, {columns})"
+    if columns == 1:
+        return f"{name} ({rows})"
+    return f"{name} ({rows}, {columns})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -156,12 +156,13 @@ def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int =
     entries = dict(zip(labels, handles, strict=True))
     if len(entries) < least:
         return ax
+    columns = len(entries) if len(entries) <= widest else 2
     legend = ax.legend(
         list(entries.values()),
         list(entries),
         loc="lower right" if right else "lower left",
         bbox_to_anchor=(1.0 if right else 0.0, 1.0),
-        ncols=len(entries) if len(entries) <= widest else 2,
+        ncols=columns,
         borderaxespad=0.2,
         handlelength=1.5,
         columnspacing=1.1,

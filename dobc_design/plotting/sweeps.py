@@ -167,7 +167,9 @@ def _line(ax: Axes, x: Places, cases: Cases, *, name: str, place: int) -> None:
             high[tick] = found.max()
     colour = SERIES[place % len(SERIES)]
     marker = look.MARKERS[place % len(look.MARKERS)]
-    ax.plot(x.ticks, middle, color=colour, marker=marker, label=short(name) or None)
+    (line,) = ax.plot(x.ticks, middle, color=colour, marker=marker)
+    if name:
+        line.set_label(short(name))
     if np.nanmax(high - low, initial=0.0) > 0:
         ax.fill_between(x.ticks, low, high, color=colour, alpha=0.15, linewidth=0)
 
@@ -329,7 +331,8 @@ def _limits(sweeps: Sequence[Sweep], tolerance: float) -> tuple[float, float]:
     shown = [each for each in finite if len(each)]
     largest = max((float(each.max()) for each in shown), default=1.0)
     least = min([tolerance / 3, *(float(each.min()) for each in shown)])
-    return max(least / 2, 1e-12), max(10 * tolerance, 2 * largest)
+    begin = max(least / 2, 1e-12)
+    return begin, max(10 * tolerance, 2 * largest)
 
 
 def plot_breaking(ax: Axes, sweeps: Sequence[Sweep], *, tolerance: float, name: str) -> Axes:

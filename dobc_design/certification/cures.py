@@ -25,7 +25,7 @@ from dobc_design.conditions.consensus.network import (
     unpinned_witness,
 )
 from dobc_design.conditions.coverage import Progress
-from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.numbers import claimed, text_below
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, too_large
 from dobc_design.conditions.observer.propose import design_gain
 from dobc_design.conditions.weighted.decide import network_holds, why_not
@@ -202,7 +202,7 @@ def _model_parts(problem: Problem) -> list[Fix]:
     W = design_gain(exosystem, rate=observer.rate).W
     check = None if W is None else hurwitz_check(exosystem, W)
     if W is not None and check is not None and check.verdict is Verdict.PROVED:
-        pace = f" at least like exp(-{shorten(check.rate, digits=4):.4g} t)" if check.rate else ""
+        pace = f" at least like exp(-{text_below(check.rate)} t)" if check.rate else ""
         gone = "" if observer.P is None else " and drop P, which was meant for the old W"
         changes: dict[str, Any] = {"observer.W": typed_matrix(W)}
         text = f"Use the observer gain W below{gone}: with it the estimation error decays{pace}."

@@ -16,7 +16,7 @@ from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.graphs.decide import absorbing, generator_of, signals_in_words
-from dobc_design.conditions.numbers import read_rational, rounded_up, shorten
+from dobc_design.conditions.numbers import read_rational, rounded_up, text_below
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
 from dobc_design.conditions.schedule.cycles import cycles_of, may_stay, phases_of
 from dobc_design.conditions.stated import (
@@ -375,7 +375,7 @@ def _pace_in_words(problem: Problem, check: Check) -> str:
     """The rate with its factor, and what they say together."""
     if not check.rate:
         return ""
-    pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s"
+    pace = f", at a rate of at least {text_below(check.rate)} 1/s"
     if check.factor is None:
         return pace
     factor = significant_away_from_zero(check.factor)

@@ -3,6 +3,12 @@ show.
 
 Rationals of a certificate may be longer than a number that somebody types: they come out of
 arithmetic.
+
+How a rate, a radius or a bound is rounded: ``rounded_down`` and ``rounded_up`` give rationals of a
+few digits; a proved rational becomes the number of a check by ``decimal_below`` or
+``decimal_above``, which keep it where it has no more digits; a number that was only estimated is
+cut by ``shorten``, and ``largest_proved`` tries a few below it.  ``text_below`` and ``text_above``
+are for sentences.
 """
 
 from __future__ import annotations
@@ -56,6 +62,17 @@ def shorten(value: float | Fraction, *, digits: int = 9) -> float:
     exponent = math.floor(math.log10(below)) - digits + 1
     shorter = float(f"{int(Fraction(below) / Fraction(10) ** exponent)}e{exponent}")
     return shorter if claimed(shorter) <= value else 0.0  # floats below 1e-307 have few digits
+
+
+def text_below(value: float | Fraction, *, digits: int = 4) -> str:
+    """A number > 0 as a sentence shows it, with so many digits, rounded down: a rate that is shown
+    is one that is proved."""
+    return f"{shorten(value, digits=digits):.{digits}g}"
+
+
+def text_above(value: Fraction, *, digits: int) -> str:
+    """A number >= 0 as a sentence shows it, with so many digits, rounded up: a bound, a cost."""
+    return f"{float(rounded_up(value, digits=digits)):.{digits}g}"
 
 
 def rounded_down(value: Fraction | float, *, digits: int = 9) -> Fraction:

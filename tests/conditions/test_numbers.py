@@ -23,6 +23,8 @@ from dobc_design.conditions.numbers import (
     quickly_down,
     read_rational,
     shorten,
+    text_above,
+    text_below,
 )
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
@@ -154,6 +156,14 @@ def test_both_programs_take_common_denominators_as_long_as_the_format_page_says(
     assert not has_short_denominator([*fits, Fraction(1, 3)], bits)
     with pytest.raises(Refused, match="common denominator"):
         short([*fits, Fraction(1, 3)], bits)
+
+
+@given(st.fractions(min_value=Fraction(1, 10**6), max_value=10**6), st.sampled_from([3, 4, 6]))
+def test_a_sentence_shows_a_number_that_holds(value: Fraction, digits: int):
+    below = Fraction(text_below(value, digits=digits))
+    above = Fraction(text_above(value, digits=digits))
+    assert below <= value <= above
+    assert above - below <= value * Fraction(25, 10**digits)
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 8.0), (8.0, 0.0)])

@@ -35,7 +35,13 @@ from dobc_design.conditions.consensus.network import (
     lowest_quotient,
     refutes,
 )
-from dobc_design.conditions.numbers import claimed, has_short_denominator, largest_proved, shorten
+from dobc_design.conditions.numbers import (
+    claimed,
+    has_short_denominator,
+    largest_proved,
+    shorten,
+    text_below,
+)
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose, zeros
@@ -171,7 +177,7 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
     matrix = enclosed_lambda(statements, mode)
     margin = largest_proved(proposal.margin, lambda shift: is_negative(matrix, shift=shift))
     if margin is not None:
-        most = f", lambda_max <= {-shorten(margin, digits=6):.6g}" if margin else ""
+        most = f", lambda_max <= -{text_below(margin, digits=6)}" if margin else ""
         return check(
             verdict=Verdict.PROVED,
             margin=margin,
@@ -254,7 +260,7 @@ def theorem_check(
         )
         name = "the P given" if printed else "a rational P"
         common = "" if len(modes) == 1 else f" with one P for all {len(modes)} modes"
-        pace = f", V' <= -2 ({shorten(rate, digits=4):.4g}) V." if rate else "."
+        pace = f", V' <= -2 ({text_below(rate)}) V." if rate else "."
         return Check(
             id=id,
             verdict=Verdict.PROVED,

@@ -37,7 +37,8 @@ from dobc_design.conditions.numbers import (
     last_found,
     rounded_down,
     rounded_up,
-    shorten,
+    text_above,
+    text_below,
 )
 from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.conditions.separable.checks import obstacle
@@ -218,7 +219,7 @@ def _safe(asked: Asked) -> Check:
         if wrong is None:
             size = "max |e(0)|" + (" and what the estimation error adds" if problem.groups else "")
             if claim.box is not None and claim.box.rho is not None:
-                size = f"{float(rounded_up(claim.box.rho, digits=6)):.6g}"
+                size = text_above(claim.box.rho, digits=6)
             starts = (
                 "every start"
                 if claim.box is None or claim.box.rho is None
@@ -241,7 +242,7 @@ def _safe(asked: Asked) -> Check:
                     " All agents are pinned, so from there all reach the target for every "
                     "graph and every motion,"
                 )
-                reason += f" at least like exp(-{shorten(claim.rate, digits=4):.4g} t)."
+                reason += f" at least like exp(-{text_below(claim.rate)} t)."
             return _check("safety", smaller, claim, reason)
     return undecided_check("safety", asked.domain, str(wrong))
 
@@ -257,7 +258,7 @@ def _random(asked: Asked) -> Check:
                 else how(problem, W, generator)
             )
             if claim is not None and why_not(problem, W, claim) is None:
-                pace = f"at least like exp(-{shorten(claim.rate or Fraction(0), digits=4):.4g} t)"
+                pace = f"at least like exp(-{text_below(claim.rate or Fraction(0))} t)"
                 return _check("markov", asked, claim, f"{signal} {HOW[claim.kind]}, {pace}.")
     if (found := apart_check(problem, asked.domain)) is not None:
         return found

@@ -13,7 +13,7 @@ from functools import partial
 from dobc_design.conditions.check import Check, differs
 from dobc_design.conditions.consensus.claim import Statements, Unstable
 from dobc_design.conditions.consensus.decide import linear_part, unstable_roots
-from dobc_design.conditions.numbers import claimed, largest_proved, shorten
+from dobc_design.conditions.numbers import claimed, largest_proved, text_below
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.exact.matrix import Matrix
 from dobc_design.verdict import Verdict
@@ -43,7 +43,7 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
         return undecided(reason="there is no observer gain W.")
     rate = largest_proved(estimate, lambda b: all(hurwitz_with_rate(part, b) for part in parts))
     if rate is not None:
-        pace = f", at every rate below {shorten(rate, digits=4):.4g} 1/s" if rate else ""
+        pace = f", at every rate below {text_below(rate)} 1/s" if rate else ""
         where = (
             "everywhere (the couplings are linear)"
             if statements.domain == "global"

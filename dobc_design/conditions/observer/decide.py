@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
-from dobc_design.conditions.numbers import claimed, largest_proved, shorten
+from dobc_design.conditions.numbers import claimed, largest_proved, text_below
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
 from dobc_design.exact.number import number_text, root_above
 from dobc_design.exact.observability import (
@@ -108,7 +108,7 @@ def hurwitz_check(
     table = None if error is None else decide_hurwitz(error)
     if error is not None and table is not None and table.verdict is Verdict.PROVED:
         rate = largest_proved(estimate, lambda a: hurwitz_with_rate(error, a))
-        decay = f" at least like exp(-{shorten(rate, digits=4):.4g} t)" if rate else ""
+        decay = f" at least like exp(-{text_below(rate)} t)" if rate else ""
         return _check(
             id="hurwitz",
             verdict=Verdict.PROVED,

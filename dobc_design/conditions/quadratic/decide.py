@@ -28,6 +28,7 @@ from dobc_design.conditions.numbers import (
     read_rational,
     rounded_up,
     shorten,
+    text_below,
 )
 from dobc_design.conditions.quadratic import sectors as channels
 from dobc_design.conditions.quadratic.claim import (
@@ -386,7 +387,7 @@ def decrease_in_words(problem: Problem, lure: Lure, radius: float, disturbance: 
     errors = f" and |eps_i| <= {disturbance:.6g}" if problem.groups else ""
     within = "" if lure.level is None else f" with |e| <= {radius:.6g}{errors}"
     V = "e'P_e e" + ("" if lure.P is None else " + sum eps_i'P eps_i")
-    pace = f", at least like exp(-2 ({shorten(lure.rate, digits=4):.4g}) t)" if lure.rate else ""
+    pace = f", at least like exp(-2 ({text_below(lure.rate)}) t)" if lure.rate else ""
     return f"from every start{within} V = {V} decreases{pace}"
 
 

@@ -12,7 +12,14 @@ from typing import Final
 
 from dobc_design.conditions.check import Check, Witness, read_domain, starts_in, undecided_check
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.numbers import claimed, decimal_below, follows, rounded_down, shorten
+from dobc_design.conditions.numbers import (
+    claimed,
+    decimal_below,
+    follows,
+    rounded_down,
+    shorten,
+    text_below,
+)
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable
 from dobc_design.conditions.separable.decide import (
@@ -86,7 +93,7 @@ def max_separable_check(
         rate=rate,
         claim=claim,
         reason=f"{starts} reaches the target: V = {measure} decays at least like "
-        f"exp(-{shorten(rate, digits=4):.4g} t)"
+        f"exp(-{text_below(rate)} t)"
         f"{everywhere} (max-separable Lyapunov function).{remark}",
     )
 
@@ -139,7 +146,7 @@ def delay_check(
     reason = (
         "stable for every bounded communication delay; for delays up to "
         f"{float(bound.delay):.4g} s, constant or"
-        f" varying, the error decays at every rate below {shorten(rate, digits=4):.4g} 1/s."
+        f" varying, the error decays at every rate below {text_below(rate)} 1/s."
     )
     return Check(
         id="delay",

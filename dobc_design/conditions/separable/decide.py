@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final, NamedTuple
 
-from dobc_design.conditions.numbers import rounded_down, shorten
+from dobc_design.conditions.numbers import rounded_down, text_below
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import (
     EXACT,
@@ -121,7 +121,7 @@ def verify_separable(
         verdict=Verdict.PROVED,
         reason="every box |e_i| <= s v_i is invariant and shrinks: max_i |e_i|/v_i decays at "
         "least like"
-        f" exp(-{shorten(claim.alpha, digits=4):.4g} t) {where}, up to what the observer "
+        f" exp(-{text_below(claim.alpha)} t) {where}, up to what the observer "
         "error adds.",
     )
 

@@ -11,7 +11,7 @@ from dobc_design.conditions.numbers import (
     claimed,
     form_from_json,
     read_rational,
-    shorten,
+    text_below,
     vector_from_json,
 )
 from dobc_design.conditions.weighted import decide
@@ -80,7 +80,7 @@ def weighted_check(
         if statements.domain == "global"
         else " near the target"
     )
-    pace = f", V' <= -2 ({shorten(rate, digits=4):.4g}) V" if rate else ""
+    pace = f", V' <= -2 ({text_below(rate)}) V" if rate else ""
     observer = " + sum eps_i' P eps_i" if statements.problem.groups else ""
     form = "e'(D (x) R)e" if isinstance(claim, Alike) else "e'De"
     return Check(

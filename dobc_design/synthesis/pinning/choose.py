@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from dobc_design.conditions.coverage import Progress
-from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.numbers import claimed, shorten, text_below
 from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.exact.number import number_text
 from dobc_design.synthesis.pinning import decide
@@ -110,7 +110,7 @@ class Choice:
         finished = all(self._is_beaten(node) for _, _, node in self._heap)
         how = "all choices compared" if finished else f"{self._nodes} parts of the choice looked at"
         agents = "one agent" if self.pins == 1 else f"at most {self.pins} agents"
-        text = f"No gains on {agents} cost less than {shorten(self.bound, digits=6):.6g} ({how})."
+        text = f"No gains on {agents} cost less than {text_below(self.bound, digits=6)} ({how})."
         return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
 
     def _impossible(self) -> Statement:

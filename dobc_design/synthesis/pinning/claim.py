@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from dobc_design._show.cards import Card, listed, plain
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.numbers import rounded_up, shorten
+from dobc_design.conditions.numbers import rounded_up, shorten, text_above, text_below
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.statement import Statement
 from dobc_design.conditions.weighted.decide import Weighted
@@ -487,8 +487,8 @@ def _largest(values: Gains) -> list[int]:
 
 
 def _down(value: Fraction) -> str:
-    return f"{shorten(value, digits=6):.6g}"
+    return text_below(value, digits=6)
 
 
 def _up(value: Fraction) -> str:
-    return f"{float(rounded_up(value, digits=6)):.6g}"
+    return text_above(value, digits=6)

@@ -38,7 +38,7 @@ from dobc_design.conditions.consensus.network import (
     refutes,
     rounded,
 )
-from dobc_design.conditions.numbers import rounded_up
+from dobc_design.conditions.numbers import text_above
 from dobc_design.conditions.statement import Statement, refuted
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
@@ -559,4 +559,4 @@ def _above(limit: Fraction) -> str:
     """At most four digits, not below."""
     if not limit:
         return "0"
-    return f"{float(rounded_up(limit, digits=4)):.4g}"
+    return text_above(limit, digits=4)

@@ -43,6 +43,7 @@ from dobc_design.verdict import Verdict
 Each = Number | Mapping[str | int, Number]  # one for all agents, or by label
 Labels = Collection[str | int]
 Noise = Number | NoiseLimit | Sequence[NoiseLimit]
+Pins = int | Literal["fewest"] | None
 Found = TypeVar("Found", Design, PinningDesign)
 
 
@@ -60,6 +61,7 @@ def _under_guarantee(problem: Problem, found: Found) -> Found:
     kinds = {each.kind for each in found.statements}
     if not kinds & OF_ALL_SIGNALS:
         return found
+    # The nearest request is not offered: a weaker one may not be needed at all.
     return replace(
         found, verdict=Verdict.UNDECIDED, under_guarantee=True, statements=(), nearest=None
     )
@@ -71,6 +73,7 @@ def _beside_given_gains(problem: Problem, found: Design, report: Callable[[str],
     own = found.certificate
     if found.verdict is not Verdict.PROVED or own is None or not problem.pinning.agents:
         return found
+    # Its own gains tell a user what the design buys.
     report("certifying the gains of the problem")
     given = certify(problem)
     if given.verdict is not Verdict.PROVED:
@@ -130,10 +133,12 @@ def design_observer(
     request = read_observer_request(
         rate=rate, region=region, noise=noise, digits=digits, period=period
     )
-    if problem.dynamics is not None and (request.noise or request.period):
-        # C s (sI - F)^-1 W, and Cd
+    if problem.dynamics is None:
+        return search_groups(observed(problem), request)
+    if request.noise or request.period:
+        # With dynamics noise passes through x to dhat in another way, and a sampled C depends on A.
         problem.require_integrators("the design of an observer with noise or a period")
-    return search_groups(observed(problem), replace(request, norms=problem.dynamics is None))
+    return search_groups(observed(problem), replace(request, norms=False))
 
 
 @shows_progress
@@ -144,7 +149,7 @@ def design_pinning(
     allowed: Labels | None = None,
     cost: Each | None = None,
     max_gain: Each | None = None,
-    pins: int | Literal["fewest"] | None = None,
+    pins: Pins = None,
     digits: int = 4,
     region: Number | bool | None = None,
     conservative: bool = False,
@@ -192,7 +197,8 @@ def design_pinning(
         found = search_agents(problem, request, report, coupling=coupling)
         return _under_guarantee(problem, found)
     if region is None:
-        return _under_guarantee(problem, search_pinning(problem, request, report))
+        found = search_pinning(problem, request, report)
+        return _under_guarantee(problem, found)
     report("looking for gains for the whole region")
     return search_region(problem, request, region)
 
@@ -202,7 +208,7 @@ def design(
     problem: Source,
     *,
     rate: Number | None = None,
-    pins: int | Literal["fewest"] | None = None,
+    pins: Pins = None,
     max_gain: Each | None = None,
     allowed: Labels | None = None,
     noise: Noise | None = None,
@@ -233,7 +239,8 @@ def design(
         'proved'
     """
     problem = load_problem(problem)
-    _check(problem, coupling=coupling, others=conservative or noise is not None)
+    others = conservative or noise is not None
+    _check(problem, coupling=coupling, others=others)
     asked = AskedDesign(
         rate=rate,
         pins=pins,
@@ -247,7 +254,8 @@ def design(
     )
     request = read_design_request(problem.network.labels, asked)
     report = report_to(progress)
-    found = _under_guarantee(problem, search_design(problem, request, report))
+    found = search_design(problem, request, report)
+    found = _under_guarantee(problem, found)
     return _beside_given_gains(problem, found, report)
 
 
@@ -257,7 +265,7 @@ def trade_off(
     *,
     curve: str = "gain",
     design: Design | None = None,
-    pins: int | Literal["fewest"] | None = None,
+    pins: Pins = None,
     max_gain: Each | None = None,
     allowed: Labels | None = None,
     points: int = 10,
@@ -283,6 +291,5 @@ def trade_off(
     _check(problem, coupling=False, others=True)
     asked = AskedDesign(pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
     request = read_design_request(problem.network.labels, asked)
-    return trade_off_of(
-        problem, request, curve, design=design, points=points, progress=report_to(progress)
-    )
+    report = report_to(progress)
+    return trade_off_of(problem, request, curve, design=design, points=points, progress=report)

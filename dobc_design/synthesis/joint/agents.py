@@ -74,6 +74,7 @@ def obstacle(problem: Problem, request: DesignRequest, structure: Structure) -> 
         if settled or bend is not None:
             return replace(found, verdict=Verdict.UNDECIDED)
         return found
+    # Gains are looked for only as multiples of one matrix (theory, section 13).
     network = network_of(state_theorems(as_integrators(problem)))
     if isinstance(network, str) and not request.coupling:
         why = network.removeprefix("does not apply: ").removesuffix(".")
@@ -159,12 +160,15 @@ def _with_strengths(
     if high is None:
         return
     least = WIDE * bisected(does, high, 0.0, steps=STEPS)[0]
+    # Without a rate the gains of usual networks (None) are tried, too; they come first where agents
+    # hardly need any strength.
     strengths: tuple[float | None, ...] = (MORE * least, None)
     if least < LEAST:
         strengths = (None, MORE * least)
     if rate:
         strengths = (least,)
     numbers = dynamics.inputs < problem.m and problem.coupling.is_linear
+    # K with B K = G, the gain of one
     slopes = multiply(dynamics.left_inverse, network.G)
     for strength in strengths:
         for gains in networks(network.statements.problem, strength, ()):
@@ -200,6 +204,7 @@ def _network(alone: Problem, networks: Networks) -> _Held:
         strength = next((c for _, c in proposals(state_theorems(held), None)), 0.0)
         diagonals = [stiffness(held, mode).diagonal() for mode in held.network.modes]
         pull = max(float(diagonal.max()) for diagonal in diagonals)
+        # The next network is asked for more strength on the same pins, until that costs more.
         if not strength or pull >= least * strength:
             break
         least = pull / strength
@@ -287,6 +292,7 @@ def weaker(problem: Problem, rate: float) -> float | None:
     for mode in problem.network.modes:
         table = stiffness(network.statements.problem, mode)
         own.append(np.linalg.eigvals(table.toarray()))
+    # Every eigenvalue of the network gives one loop of m states.
     pulls = np.concatenate(own)[:, None, None]
 
     def fast(part: float) -> bool:

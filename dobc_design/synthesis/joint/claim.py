@@ -75,6 +75,7 @@ class DesignRequest:
         if self.pins is not None:
             yield "pins", f"at most {counted(self.pins, 'pinned agent')}"
         if self.caps:
+            # the smallest and the largest; one number where all are alike
             ends = sorted({min(self.caps.values()), max(self.caps.values())})
             yield "max_gain", f"gains up to {' to '.join(str(typed_number(k)) for k in ends)}"
         if len(self.allowed) < len(labels):
@@ -110,6 +111,7 @@ class AskedDesign:
 def read_design_request(labels: Sequence[str], asked: AskedDesign) -> DesignRequest:
     """Read the arguments of ``design``, exactly.  Raises: SpecError that names every wrong one."""
     gains = AskedGains(
+        # Gains near the consensus are always for a rate; any number stands in for none.
         rate=1 if asked.rate is None else asked.rate,
         allowed=asked.allowed,
         max_gain=asked.max_gain,
@@ -117,6 +119,7 @@ def read_design_request(labels: Sequence[str], asked: AskedDesign) -> DesignRequ
         digits=asked.digits,
         conservative=asked.conservative,
     )
+    # All that is wrong is said at once.
     errors = list[SpecError]()
     with kept(errors):
         found = read_request(labels, gains)
@@ -130,6 +133,7 @@ def read_design_request(labels: Sequence[str], asked: AskedDesign) -> DesignRequ
         rate=None if asked.rate is None else found.rate,
         allowed=found.allowed,
         caps=found.caps,
+        # "fewest" is what a design does anyhow
         pins=found.pins if isinstance(found.pins, int) else None,
         noise=noise,
         digits=found.digits,
@@ -246,6 +250,7 @@ class Design(Answer):
         if proof is None:
             return "" if self.obstacle is None else self.obstacle.text
         wanted = self.request.rate
+        # What the certificate says is true, and not what was asked.
         too_slow = self.verdict is not Verdict.PROVED and proof.verdict is Verdict.PROVED
         if too_slow and wanted is not None:
             asked = f"{typed_number(wanted)} was asked for"
@@ -279,6 +284,7 @@ class Design(Answer):
             "P": None if self.P is None else matrix_text(self.P),
             "gains": {label: number_text(k) for label, k in self.gains.items()},
         }
+        # Only designs that chose a coupling have the key.
         if "coupling.h" in self.changes:
             document["coupling"] = self.changes["coupling.h"]
         return document | {
@@ -339,6 +345,7 @@ def _decisions(design: Design) -> Iterator[str]:
     covered_by = None if proof is None else proof.covered_by
     how = f"Proved by: {covered_by or 'nothing yet'}."
     if grounds.everything:
+        # Somebody who certifies the file as usual would see a lower rate.
         how += " That rate is proved when every condition is run (dobc certify --all)."
     yield how
 
@@ -383,6 +390,7 @@ def _why_least(problem: Problem, groups: Sequence[Sequence[int]]) -> str:
     if len(groups) > 1:
         why = f"{len(groups)} groups listen to nobody outside, and each needs a pin"
         switching = problem.switching
+        # Groups are those of every mode alone, although a signal may leave it in time.
         guaranteed = switching is not None and switching.is_guaranteed
         if guaranteed and len(problem.network.modes) > 1:
             why = f"{why} under arbitrary switching; {FEWER_MAY_DO}"

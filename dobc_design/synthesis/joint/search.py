@@ -230,6 +230,7 @@ def _attempt(
     ``slower``."""
     progress("looking for what is impossible")
     reasons = (too_large(group.exosystem) for group in problem.groups)
+    # Exact arithmetic with such an exosystem would take too long, its reduction included.
     large = next(filter(None, reasons), None)
     reduction = Reduction() if large else reduced_exosystem(problem, reduce=request.reduce)
     bare = _bare(problem, reduction)
@@ -281,6 +282,7 @@ def _first_proved(ground: Ground, slower: list[Design] | None) -> Design:
             best = design
         last = design
         tries += 1
+        # What is proved at a lower rate is a candidate for the nearest request.
         if slower is not None:
             slower += _without_rate(design)
     if best is not None:
@@ -380,6 +382,7 @@ def _proof(ground: Ground, designed: Problem, aim: float) -> Proof:
     request = ground.request
     ground.progress("certifying the design")
     nearly = aim * NEARLY
+    # Proofs with at least this rate are looked for.
     least = max(claimed(shorten(nearly, digits=6)), request.rate or Fraction(0)) or None
     first = certify(designed, rate=least, progress=ground.progress)
     rate = _rate_of(first)
@@ -411,9 +414,11 @@ def _weaker(
     slower = None if request.rate is None else replace(request, rate=None)
     any_pins = replace(request, pins=None)
     any_gain = replace(request, caps={})
+    # Without a reduction nothing else can help,
     if kind == "detectable":
         yield replace(request, reduce=True), HALF
         return
+    # nor without an agent of every group.
     if kind == "structure":
         wider = replace(request, allowed=with_lacking(problem, request.allowed))
         yield wider, HALF
@@ -426,6 +431,7 @@ def _weaker(
         yield any_pins, HALF
     elif kind == "max_gain":
         yield any_gain, HALF
+    # A slower loop within the same limits is what most can live with.
     if slower is not None:
         yield slower, NEAREST
     all_agents = replace(request, allowed=tuple(range(problem.n)))
@@ -506,6 +512,7 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
     most = len(request.allowed) if request.pins is None else request.pins
     first = search_with(next(ground.every_observer()))
     sets = PinSets(structure=ground.structure, request=request, search=first)
+    # Few pins come first: a set is left when no observer makes it do.
     for pinned in sets.growing(most):
         ground.progress(f"looking for gains on {counted(len(pinned), 'agent')}")
         observers = ground.every_observer()
@@ -536,6 +543,7 @@ def of_agents(ground: Ground, dynamics: Dynamics) -> Iterator[Proposal]:
             coupling=False,
             allowed=tuple(pins) or request.allowed,
         )
+        # a network of integrators, which has no disturbance: no observer is designed
         network = replace(ground, problem=alone, request=asked, observers=[None])
         return (each.gains for each in of_consensus(network))
 
@@ -596,6 +604,7 @@ def _over_region(
     request = ground.request
     caps = request.caps
     rate = None if request.rate is None else float(request.rate)
+    # Many sets fall here, so that few points of s have to do.
     if rate is not None and search.holds(pinned, caps, rate, coarse=True) is None:
         return
     fastest = search.fastest(pinned, caps)
@@ -604,6 +613,7 @@ def _over_region(
     most = fastest * (COMFORT if may_grow else 1.0)
     if not 0 < target < most:
         return
+    # Rounded v and gains may prove a little less than they are meant for.
     for pad in PADS:
         found = search.smallest(pinned, caps, min(target * float(pad), (target + fastest) / 2))
         if found is None:
@@ -678,6 +688,7 @@ def _with_more_pins(
     """The design, or a cheaper one on the agents that V = e'e needs, where these are more."""
     if not found.weights or ground.request.pins:
         return found
+    # Fewer pins need larger gains: the set of V = e'e may be the better bargain.
     plain = ground.pinning(rate, agents, FEWEST, conservative=True)
     if len(plain.gains) <= len(found.gains):
         return found
@@ -738,6 +749,7 @@ class PinSets:
         self.caps = request.caps
         self.search = search
         self.blocks = network_blocks(search.problem)
+        # Exchanges and further agents ask for the same sets.
         self.quick = cache(self._quick)
 
     def growing(self, most: int, *, one_by_one: bool = False) -> Iterator[tuple[int, ...]]:
@@ -772,6 +784,7 @@ class PinSets:
             for i in self.allowed:
                 if i not in rest and all(i in group for group in missed):
                     others.append(i)
+            # a choice of one is none; work bounds the time in large networks
             if len(others) > 1 and work + len(others) <= EXCHANGES:
                 work += len(others)
                 chosen[place] = self._best(rest, others, agent)
@@ -798,6 +811,7 @@ class PinSets:
         rate = 0.0
         for agent in close:
             reached = self.search.fastest([*rest, agent], self.caps, coarse=True)
+            # Rates are approximate: a little more decides nothing.
             if reached > rate * DECISIVE:
                 found = agent
                 rate = reached
@@ -830,6 +844,7 @@ def trade_off_of(
     if design is None and curve == "gain":
         own = _attempt(bare, request, progress)
     observer = None if own is None else own.observer
+    # Rows over a region, and the curve of noise, need a W in any case.
     if observer is None and bare.groups:
         observer = observer_at(bare, request, None)
     ground = Curve(problem=bare, request=request, count=count, progress=progress)

@@ -276,6 +276,7 @@ def common_interval(regions: tuple[SpectralRegion, ...]) -> Ends | None:
     """The common part on the real axis; if it is empty (None), so is that of the regions: z brings
     Re z along."""
     ends = [region.real_ends for region in regions]
+    # Closed, convex and symmetric regions meet on the real axis if they meet at all.
     low = max((left for left, _ in ends if left is not None), default=None)
     high = min((right for _, right in ends if right is not None), default=None)
     if low is not None and high is not None and low > high:
@@ -403,6 +404,7 @@ class ObserverDesign(Answer):
     def to_json(self) -> dict[str, Any]:
         """JSON object; exact numbers as text, infinite ones as null."""
         measures = {}
+        # JSON has no infinite numbers.
         for name, value in self.measures.items():
             measures[name] = value if abs(value) < float("inf") else None
         document: dict[str, Any] = {
@@ -415,6 +417,7 @@ class ObserverDesign(Answer):
         document["statements"] = [statement.to_json() for statement in self.statements]
         document["measures"] = measures
         document["nearest"] = None if self.nearest is None else self.nearest.to_json()
+        # Only where agents have different exosystems.
         if self.groups:
             groups = {name: each.to_json() for name, each in self.groups.items()}
             document["groups"] = groups

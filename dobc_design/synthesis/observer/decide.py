@@ -72,6 +72,7 @@ def gain_statements(
         )
         return *asked, *noise
     F = error_matrix(exosystem, W)
+    # Convergence is proved even where a rate or a region implies it: everything else rests on it.
     found = [hurwitz_statement(F)]
     if request.rate is not None:
         found.append(region_statement(F, request.all_regions[0], kind="rate"))
@@ -261,6 +262,7 @@ def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     if gamma <= 0 or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED:
         return False
     F, B, C, D = system.F, system.B, system.C, system.D
+    # The norm is not below the gain at infinite frequency, the norm of D.
     room = subtract(scale(gamma * gamma, identity(len(B[0]))), multiply(transpose(D), D))
     if decide_positive_definite(room).verdict is not Verdict.PROVED:
         return False
@@ -281,6 +283,7 @@ def root_above(square: Fraction) -> float:
     """A float that is not below the root of a rational >= 0."""
     if not square:
         return 0.0
+    # A float's root is rounded to the nearest; a few steps up make it a bound.
     root = math.sqrt(float_above(square))
     while math.isfinite(root) and Fraction(root) ** 2 < square:
         root = math.nextafter(root, math.inf)
@@ -372,6 +375,7 @@ def _proved_near(estimate: float, holds: Callable[[Fraction], bool]) -> float | 
 
 def _hinf_above(system: StateSpace, estimate: float) -> float | None:
     """A proved bound of the H-infinity norm, hardly larger than the estimate; None without one."""
+    # The estimate itself may be the norm, and the norm has to stay below the bound.
     for widening in WIDENINGS:
         bound = estimate * (1 + widening)
         if 0 < bound < math.inf and hinf_below(system, claimed(bound)):
@@ -391,6 +395,7 @@ def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Stat
     if request.period is not None:
         return None
     regions = request.all_regions
+    # A polynomial of degree 0 has no hidden eigenvalues.
     if len(found.unobservable_polynomial) > 1:
         for position, region in enumerate(regions):
             if not roots_inside(found.unobservable_polynomial, region)[0]:
@@ -425,6 +430,7 @@ def reduced_exosystem(problem: Problem, *, reduce: bool) -> Reduction:
     check = detectability_check(problem.exosystem, problem)
     if check.verdict is Verdict.PROVED:
         return Reduction()
+    # What C never sees does not act on the agents, so that it may be left out.
     if check.fix is not None and reduce:
         return Reduction(changes=check.fix.set, words=check.fix.text)
     exact = {name: str(value) for name, value in (check.exact or {}).items()}
@@ -446,6 +452,7 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
         if not reduce or check.fix is None:
             yield refuted("detectable", text)
             continue
+        # The reduction of one group is advice; it is not made here.
         kept = list[str]()
         for key, value in check.fix.set.items():
             if value:

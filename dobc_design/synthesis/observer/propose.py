@@ -86,6 +86,7 @@ def _rounded_gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tup
     for W, source in _gains(plant, request):
         yield round_matrix(plant.T.T @ W, request.digits), source
         found.append((W, source))
+    # Rounding may break what holds only just.
     for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
         if digits > request.digits:
             yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
@@ -160,6 +161,7 @@ def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array
     for rate in _rates(plant, request):
         regions = plant.regions
         if rate:
+            # The smallest |W| alone would be too slow to be of use.
             regions = (claim.HalfPlane(left_of=-rate), *regions)
         if claim.common_interval(regions) is None:
             continue
@@ -169,6 +171,7 @@ def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array
             if W is not None:
                 found.append((W, INEQUALITIES))
         found += kalman_gains(plant.A, plant.C, regions, sampled=plant.sampled)
+        # A small W passes on little noise.
         yield from sorted(found, key=lambda each: float(np.linalg.norm(each[0])))
     if request.noise:
         yield from _quiet_gains(plant, request.noise)
@@ -178,6 +181,7 @@ def _rates(plant: Plant, request: claim.ObserverRequest) -> list[Fraction]:
     """Rates (1/s) to be added where none was asked: half that of the Kalman gain, then smaller
     ones; 0 in the end."""
     rate = propose.half_rate(plant.A, plant.C, propose.kalman_gain(plant.A, plant.C))
+    # A rate that was asked for is among the regions of the plant already.
     if not rate or request.rate is not None or plant.sampled:
         return [Fraction(0)]
     halvings = STEPS if request.noise else 1
@@ -318,6 +322,7 @@ def _noise_blocks(
     M: Array, P: Array, Q: Array, C: Array, limit: claim.NoiseLimit, *, time: float
 ) -> list[Array]:
     """The matrices that are negative semidefinite where P shows the bound (module docstring)."""
+    # C (A - W C) is not affine in Q.
     if limit.channel == "measurement":
         return []
     bound = float(limit.bound)
@@ -397,6 +402,7 @@ def propose_envelopes(
 def _envelopes_at(F: Array, rate: Fraction) -> Iterator[claim.Envelope]:
     """P of one rate with more and more digits, and bounds of its eigenvalues."""
     unit = np.eye(len(F))
+    # F + rate I is stable, so that P is positive definite.
     P = linalg.solve_continuous_lyapunov((F + float(rate) * unit).T, -unit)
     for digits in DIGITS:
         rounded = round_matrix((P + P.T) / 2, digits)

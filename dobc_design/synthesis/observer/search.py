@@ -44,6 +44,7 @@ def _nearest_of_all(
 ) -> ObserverDesign | None:
     """The design for the nearest request that every group meets; None where one has none."""
     known = dict[str, ObserverDesign]()
+    # A group that meets the request as it is keeps its design.
     for name, design in designs.items():
         near = design if design.verdict is Verdict.PROVED else design.nearest
         if near is None:
@@ -51,6 +52,7 @@ def _nearest_of_all(
         known[name] = near
     asked = [near.request for near in known.values()]
     rates = [each.rate for each in asked if each.rate is not None]
+    # A group without a rate leaves all without one.
     slowest = min(rates) if len(rates) == len(asked) else None
     noise = list[NoiseLimit]()
     for limits in zip(*(each.noise for each in asked), strict=True):
@@ -84,6 +86,7 @@ def _weaker(exosystem: Exosystem, found: ObserverDesign) -> ObserverRequest | No
     nothing helps."""
     request = found.request
     kind = found.obstacle.kind if found.obstacle else None
+    # Hidden eigenvalues stay where they are: as fast as the slowest of them is possible.
     if kind == "rate":
         pair = decide_detectable(exosystem.A, exosystem.C)
         rate = decide.largest_hidden_rate(pair.unobservable_polynomial)
@@ -109,6 +112,7 @@ def _side_by_side(
     statements = list[Statement]()
     for name, design in designs.items():
         for each in design.statements:
+            # Of an answer that is not proved, only what stands in the way.
             if verdict is Verdict.PROVED or each.verdict is verdict:
                 text = f"Group of agent {name}: {each.text}"
                 statements.append(replace(each, text=text))
@@ -136,6 +140,7 @@ def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
             obstacle=obstacle,
             statements=(obstacle,),
         )
+    # A solver's word counts for nothing: what it proposes is decided exactly, as it is rounded.
     for W, source in propose_gains(exosystem, request):
         statements = decide.gain_statements(exosystem, W, request)
         if all(statement.verdict is Verdict.PROVED for statement in statements):

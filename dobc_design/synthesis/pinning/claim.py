@@ -85,6 +85,7 @@ def read_request(labels: Sequence[str], asked: AskedGains) -> PinningRequest:
     """Read the arguments of ``design_pinning``, exactly.  Raises: SpecError that names every wrong
     one."""
     index = {label: i for i, label in enumerate(labels)}
+    # All that is wrong is said at once.
     errors = list[SpecError]()
     with kept(errors):
         cure = "True asks for V = e'e, without weights."
@@ -147,6 +148,7 @@ def _agents(allowed: Any, index: Mapping[str, int]) -> tuple[int, ...]:
 
 def _agent(label: Any, index: Mapping[str, int], *, key: str) -> int:
     place = None
+    # True would stand for agent 1.
     if not isinstance(label, bool):
         place = index.get(one_form(label))
     if place is None:
@@ -176,6 +178,7 @@ def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Gains) -> dict
     typed = dict[int, Fraction]()
     for agent, k in sorted(gains.items()):
         if k > least:
+            # down would lose the rate; a cap is a limit even so
             larger = rounded_up(Fraction(k), digits=digits)
             typed[agent] = min(larger, caps.get(agent, larger))
     return typed
@@ -463,6 +466,7 @@ def prices_in_words(
     in the bound."""
     if not bound.vectors:
         return
+    # Prices are rounded towards the weaker claim: what costs down, what saves up.
     base = number_text(bound.rate)
     line = f"{_down(bound.value)} + {_down(bound.rate_price)} (b - {base})"
     yield f"Rate: a larger rate b costs at least {line} with gains on these agents."

@@ -117,6 +117,7 @@ def is_undirected(statements: Statements) -> bool:
     listeners = mode.arcs.listeners.tolist()
     speakers = mode.arcs.speakers.tolist()
     kinds = mode.kind.tolist()
+    # Enclosures of slopes cannot be compared, but arcs of one kind have one slope.
     there = Counter(zip(listeners, speakers, kinds, strict=True))
     back = Counter(zip(speakers, listeners, kinds, strict=True))
     return there == back
@@ -145,6 +146,7 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
             # part <= sqrt(part), so that the squares of what is left fit
             multipliers.shrink(i, cost / loads[i])
             loads[i] = multipliers.load(i)
+    # Every step above keeps the vectors feasible, so that their value is a bound.
     exact = multipliers.exact()
     squares = sum(loads, ZERO)
     value = sum((ground.lambdas[mode].value(v).lo for mode, v in exact), ZERO) / 2 + rate * squares
@@ -225,6 +227,7 @@ def obstacle_to(
         for name, v in candidates:
             if name == mode and len(v) == size:
                 fitting.append([0.0 if row // m in free else x for row, x in enumerate(v)])
+        # Proposals first: elimination costs the third power of the rows.
         vector = _first_witness(matrix, fitting)
         if vector is None and len(rows) <= LARGEST:
             vector = find_witness(matrix, fitting, rows=rows)
@@ -278,6 +281,7 @@ def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
     for (i, j), value in lower.entries.items():
         matrix[i, j] = int(value * common)
         matrix[j, i] = matrix[i, j]
+    # Rounded directions may have become dependent.
     gram = _from_integers(columns.T @ columns)
     if decide_positive_definite(gram).verdict is not Verdict.PROVED:
         return False
@@ -508,6 +512,7 @@ def too_fast(
     found = slowest(limits.allowed)
     if found is None:
         return _too_few_pins(rate, limits, slowest)
+    # Caps are to blame if gains without them are not excluded.
     capped = bool(limits.caps) and slowest(limits.allowed, {}) is None
     how = "with the allowed agents held exactly at the target"
     if capped or len(limits.allowed) == problem.n:
@@ -543,6 +548,7 @@ def _too_few_pins(
     if pins >= len(limits.allowed) or count > MOST_SETS:
         return None
     most = Fraction(0)
+    # Fewer pins do no better, so that sets of exactly so many are enough.
     for chosen in combinations(limits.allowed, pins):
         found = slowest(chosen)
         if found is None:

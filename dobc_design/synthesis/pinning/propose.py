@@ -100,11 +100,13 @@ class PinningProposer:
         blocks = pinning.for_rate(self.blocks, rate)
         free = set(allowed)
         if blocks.z and blocks.agents > MANY and not blocks.weighted:
+            # Closed forms of every candidate would take too long.
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
             if many is None or self._cost(many, rate) == np.inf:
                 return None
             return many
+        # Until the rate is reached, fast counts; then cheap does.
         while self._cost(chosen, rate) == np.inf:
             left = free - set(chosen)
             if not left or (pins is not None and len(chosen) >= pins):

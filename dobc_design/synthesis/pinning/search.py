@@ -160,6 +160,7 @@ def _weighted_attempt(task: Task) -> PinningDesign:
     proposer = make_proposer(task.bare, request, weighted=True)
     if obstacle is not None or proposer is None:
         return task.fails(obstacle)
+    # Its gains stand in where no weights are proved, and its agents are worth a look.
     plain = _attempt(task)
     sets = [request.allowed]
     if request.pins is not None:
@@ -175,6 +176,7 @@ def _weighted_attempt(task: Task) -> PinningDesign:
         designs.append(_unbounded(plain))
     if not designs:
         return task.fails(None)
+    # Fewer pins count more than cheaper ones only where the fewest are asked for.
     if request.pins != FEWEST:
         return min(designs, key=lambda design: design.cost or 0)
     best = min(designs, key=lambda design: (len(design.gains), design.cost or 0))
@@ -235,6 +237,7 @@ def _with_weights(
         most = task.plain.relax(agents, speed)[0] if several else None
         if most is None:
             most = [MORE * k for k in least]
+        # The first that is proved is the cheapest of them.
         for part in MIXED if several else MIXED[:1]:
             mixed = {i: least[i] + part * (most[i] - least[i]) for i in agents}
             gains = typed_gains(mixed, digits=request.digits, caps=request.caps)
@@ -322,6 +325,7 @@ def _fewest_chosen(task: Task, needed: int) -> Chosen:
         if choice.agents is not None:
             fewest = _fewest(len(choice.agents), needed)
             return Chosen(choice=choice, statements=(fewest, choice.statement()))
+        # Neither found nor excluded: larger sets would say nothing about fewer.
         if not choice.impossible:
             break
         needed = number + 1
@@ -449,6 +453,7 @@ def _weaker(task: Task, obstacle: Statement | None) -> Iterator[PinningRequest]:
             yield replace(request, caps=caps)
     fastest = task.plain.fastest(request.allowed, 1.0)
     if 0 < fastest < math.inf:
+        # At the fastest rate itself gains grow without bound.
         for part in (0.99, 0.9):
             rate = claimed(shorten(fastest * part, digits=3))
             if 0 < rate < request.rate:

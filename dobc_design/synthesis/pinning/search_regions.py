@@ -72,6 +72,7 @@ def search_region(problem: Problem, request: PinningRequest, region: Any) -> Pin
     asked = _asked_region(problem, request, region)
     design = _attempt(problem, request, asked)
     kind = None if design.obstacle is None else design.obstacle.kind
+    # A slower rate cures no other obstacle.
     if kind not in ("gains", "rate", "max_gain"):
         return design
     for halvings in range(1, SLOWER + 1):
@@ -101,6 +102,7 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
     if not disturbance or exosystem is None:
         return Region(radius=radius, rho=None if problem.is_linear else radius)
     W = problem.joint_observer.W
+    # The observer's error is in the certificate: V = N + kappa E.
     if W is None:
         text = "observer.W is needed, because the [region] has an initial_disturbance."
         raise SpecError(text, key="observer.W", cure="Design W first, with design_observer.")
@@ -151,6 +153,7 @@ def _heaviest(task: Task, found: PinningDesign, pins: int) -> list[int]:
     gains = [found.gains.get(label, 0) for label in task.bare.network.labels]
     order = sorted(task.request.allowed, key=lambda i: (-gains[i], i))
     chosen = list[int]()
+    # an agent of every group, then one by one
     for group in (*task.structure.groups, *([i] for i in order)):
         if not set(group) & set(chosen):
             chosen.append(next(i for i in order if i in group))
@@ -184,6 +187,7 @@ def _unordered(task: Task) -> Statement | None:
     """A proof that no v exists for any radius, whatever the gains: agents that no order serves."""
     if not acts_by_component(task.bare):
         return None
+    # Which order serves depends on who has a gain, not on how large it is.
     held = holding(task.bare, dict.fromkeys(task.request.allowed, Fraction(1)))
     stuck = stuck_agents(held)
     if not stuck:
@@ -245,6 +249,7 @@ def _covered(task: Task, gains: Gains, held: Problem, claim: Separable) -> Pinni
         decided = separable.verify_composite(held, region.W, claim)
         if decided.verdict is not Verdict.PROVED:
             wrong = f": {decided.reason}"
+    # The box of the rows has to hold the region together with the observer's part.
     reaches = separable.covers(claim, radius=region.radius, disturbance=region.disturbance)
     if wrong or not reaches or separable.composite_rate(claim) < request.rate:
         text = f"the observer's part is not proved{wrong or '.'}"

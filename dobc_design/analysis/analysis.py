@@ -108,6 +108,7 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
         values = tuple(np.linalg.svd(matrix, compute_uv=False).tolist())
     modes = []
     for s in map(complex, np.linalg.eigvals(dynamics)):
+        # The rank drops at s if that mode never shows in the output.
         pencil = np.vstack([dynamics - s * np.eye(q), output])
         smallest = np.linalg.svd(pencil, compute_uv=False)[-1]
         modes.append(ModeMargin(eigenvalue=s, margin=float(smallest)))
@@ -159,6 +160,7 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
     """Collect the graph facts of one mode; an agent counts as pinned if its gain is not zero.
     Raises: KeyError."""
     arcs, labels, n = problem.network.modes[mode], problem.network.labels, problem.n
+    # The matrix of who is heard by whom: strong components do not ask for weights.
     hearing = sparse.csr_array((np.ones(len(arcs)), (arcs.speakers, arcs.listeners)), shape=(n, n))
     _, numbers = connected_components(hearing, directed=True, connection="strong")
     components = sorted(part.tolist() for _, part in split_by(numbers.astype(np.int64)))
@@ -271,6 +273,7 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
         observability = check_observability(exosystem.A, exosystem.C)
         if W is not None:
             spectrum = check_spectrum(exosystem.A, exosystem.C, W)
+    # Where they feel their neighbours alike, the eigenvalues of the network alone are enough.
     alike = None
     if problem.origin is not None and problem.n <= MAX_DENSE:
         alike = network_of(state_theorems(problem))

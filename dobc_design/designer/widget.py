@@ -232,6 +232,7 @@ def _require_drawable(problem: Problem) -> None:
 
 
 def _drawn(problem: Problem) -> dict[str, Any]:
+    # The drawing stays where it is when modes differ: it is of all their arcs.
     pairs = sorted({(i, j) for arcs in problem.network.modes.values() for i, j, _ in arcs})
     return {
         "name": problem.name,
@@ -298,6 +299,7 @@ def _lambda_max(problem: Problem) -> float | None:
 
 
 def _reach(problem: Problem, radius: float, rate: float) -> float:
+    # What cannot be proved that way need not be searched for.
     if not acts_by_component(problem) or stuck_agents(problem):
         return 0.0
     if _shrinks(problem, radius, rate):
@@ -327,6 +329,7 @@ def _response(problem: Problem, radius: float, t_final: float) -> Preview:
     """The network without disturbances, from a start on the box's boundary that is the same every
     time."""
     goals = np.array([list(map(float, problem.goal_of(agent))) for agent in range(problem.n)])
+    # Corners and halves of the box: a start that shows something of every agent.
     random = np.random.default_rng(0)
     start = goals + radius * random.choice((-1.0, -0.5, 0.5, 1.0), size=goals.shape)
     unused = ("exosystem", "observer", "groups", "region", "switching", "simulation")

@@ -65,6 +65,7 @@ def to_c(
     problem = _loaded(problem)
     problem.require_no_leader("C code")
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
+    # Its period would be that of another loop.
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
         message = "certificate must be one of this problem; it is about another one."
         raise SpecError(message, key="certificate", cure="Certify this problem.")
@@ -315,6 +316,7 @@ def _imports() -> list[str]:
     several, and what it lacks, have definitions of their own."""
     plain, renamed, defined = ["pi"], [], []
     for row in FUNCTIONS.values():
+        # min and max take several numbers, NumPy's minimum and maximum two.
         if row.numpy and row.name not in ("min", "max"):
             renamed.append(f"from numpy import {row.numpy} as {row.name}")
         elif not row.numpy and hasattr(np, row.name):

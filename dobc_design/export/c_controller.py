@@ -178,6 +178,7 @@ def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fracti
     else:
         return None
     low = bisected(works, trial, above, steps=_BISECTIONS)[0]
+    # Fewer digits where they work as well: the period is told to somebody who types it.
     short = rounded_down(low, digits=3)
     return short if works(short) else low
 
@@ -190,6 +191,7 @@ def _mode_verdict(
         return Verdict.UNDECIDED
     if written is not None and size > MOST_ROWS:
         return Verdict.UNDECIDED
+    # J - K at the consensus, as a dense matrix.
     entries = linearisation(mode, problem.pinning, problem.m)
     rows = range(size)
     loop = tuple(tuple(entries.get((i, j), Fraction(0)) for j in rows) for i in rows)
@@ -197,6 +199,7 @@ def _mode_verdict(
     origin = problem.origin
     if written is not None and origin is not None and origin.dynamics is not None:
         F = _held(problem, origin.dynamics, loop, written)
+    # Definiteness decides many more rows than a characteristic polynomial does.
     if transpose(F) == F:
         return _symmetric_in_unit_disk(F)
     return _in_unit_disk(F) if len(F) <= MOST_ROWS else Verdict.UNDECIDED
@@ -223,6 +226,7 @@ def _symmetric_in_unit_disk(F: Matrix) -> Verdict:
     strict = [decide_positive_definite(each).verdict for each in (below, above)]
     if all(verdict is Verdict.PROVED for verdict in strict):
         return Verdict.PROVED
+    # An eigenvalue on the border proves nothing, and refutes nothing.
     weak = [decide_positive_semidefinite(each).verdict for each in (below, above)]
     on_border = all(verdict is Verdict.PROVED for verdict in weak)
     return Verdict.UNDECIDED if on_border else Verdict.REFUTED
@@ -231,6 +235,7 @@ def _symmetric_in_unit_disk(F: Matrix) -> Verdict:
 def _in_unit_disk(F: Matrix) -> Verdict:
     """PROVED: all eigenvalues inside the unit disk; REFUTED: one outside; UNDECIDED: one on its
     border."""
+    # A Moebius map takes the unit disk to the left half-plane: there Hurwitz' test is exact.
     image = disk_image(characteristic_polynomial(F), centre=Fraction(0), radius=Fraction(1))
     inside, strictly = decide_images([image], degree=len(F))
     if strictly:
@@ -329,6 +334,7 @@ def make_controller(
     plan = _Plan(
         problem=problem, precision=precision, agents=numbers, observed=observed, sampled_gain=L
     )
+    # What is wrong with the arguments is said before anything is discretised or simulated.
     controller = plan.at(asked)
     failed = _obstacle(controller, objection)
     if failed:
@@ -356,6 +362,7 @@ def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Obs
     if not problem.is_grouped or W is None:
         return _Observed(exosystem=problem.joint_exosystem, W=W, states=range(problem.q))
     numbers = group_numbers(problem.groups, problem.network.labels)
+    # One folder of code has one transition matrix.
     found = {numbers[agent] for agent in agents}
     if len(found) > 1:
         names = ", ".join(named(group.name) for group in problem.groups[:6])
@@ -393,7 +400,9 @@ class _Plan:
         flow = _middle(discretise(self._held_motion(), period).transition)
         hold = tuple(row[m:own] for row in flow[:m])
         exact_push = multiply(hold, B)
+        # What the disturbance did is read off the state: the left inverse of how inputs move it.
         exact_watch = multiply(inverse(multiply(left, exact_push)), left)
+        # Of an f the code computes f(x) itself and holds it for a period, as a speed.
         motion = self._rounded(hold if self._bends() else self._moved(flow))
         push = self._rounded(exact_push)
         watch = self._rounded(exact_watch)
@@ -405,6 +414,7 @@ class _Plan:
             Ad = self._rounded(tuple(row[own:] for row in flow[own:]))
             Cd = self._rounded(multiply(exact_watch, tuple(row[own:] for row in flow[:m])))
             L = self._rounded(self._sampled_gain(period))
+            # What is decided is about the numbers as they are written, after rounding.
             statements.append(sampled_observer_statement(Ad, Cd, L, period=period))
         statements.append(sampled_network_statement(problem, period, self._step(motion, push)))
         return Controller(
@@ -470,6 +480,7 @@ class _Plan:
         exosystem, W = self.observed.exosystem, self.observed.W
         if self.sampled_gain is not None or exosystem is None or W is None:
             return self.sampled_gain or ()
+        # W corrects from states; from what the inputs explain of them it is W B.
         gain = multiply(W, self._inputs()[0])
         error = discretise(error_matrix(exosystem, gain), period).mean
         return multiply(scale(period, _middle(error)), gain)
@@ -505,6 +516,7 @@ def _read_period(given: Any) -> Fraction:
 def _obstacle(controller: Controller, objection: Callable[[Controller], str] | None) -> str:
     """Why a period cannot be used, or ""."""
     for each in controller.statements:
+        # The observer must be proved to converge; the network need only not be refuted.
         undecided = each.kind == "sampled" and each.verdict is not Verdict.PROVED
         if undecided or each.verdict is Verdict.REFUTED:
             return each.text
@@ -536,6 +548,7 @@ def _numbers(problem: Problem, agent: int) -> AgentNumbers:
     modes = []
     for arcs in problem.network.modes.values():
         own = (arcs.listeners == agent).nonzero()[0].tolist()
+        # Neighbours are numbered as they are met, over all modes: one packet is heard in each.
         hearings = []
         for arc in own:
             speaker = int(arcs.speakers[arc])

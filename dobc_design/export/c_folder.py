@@ -79,6 +79,7 @@ class Recorder:
         run = self.run(controller)
         if not run.diverged:
             return ""
+        # Would it converge if nothing were sampled?
         free = self.simulated(controller, None)
         if free.diverged:
             message = f"in a simulation {free.reason}, although nothing is sampled: no period "
@@ -88,6 +89,7 @@ class Recorder:
 
     def run(self, controller: Controller) -> Trajectory:
         """The sampled loop at the controller's period."""
+        # Asked for twice: by the search for a period, and for the test vectors.
         if self.last is None or self.last[0] != controller.period:
             given = _limits(controller).get(_recorded_agent(controller).label)
             limit = None if given is None else float(rounded(given, "double"))
@@ -99,6 +101,7 @@ class Recorder:
     def simulated(self, controller: Controller, stress: Stress | None) -> Trajectory:
         """The loop at the multiples of the period."""
         period = float(controller.period)
+        # At least two samples, so that one of them has a past.
         count = max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1)
         times = [k * period for k in range(count)]
         mode = None
@@ -139,6 +142,7 @@ class Recorder:
             v=u,
         )
         e = run.x[:, i] - run.goal[i]
+        # v is what an agent does in all: its couplings, which no simulation records, and u.
         exact = np.zeros_like(e)
         felt = felt_with_error(controller, measured, e, exact, 0.0)
         return replace(measured, v=felt.value + u)
@@ -212,6 +216,7 @@ def vectors_header(controller: Controller, recorded: Recorded) -> str:
     heard = recorded.heard
     if not agent.neighbours:  # C has no arrays of length 0
         heard = np.zeros((count, 1, controller.problem.m))
+    # Derived and not measured: the test must not fail on another processor.
     tolerance = rounding_bound(controller, recorded)
     if not np.isfinite(tolerance):
         message = "the rounding errors of the test vectors have no finite bound: a coupling is "
@@ -313,6 +318,7 @@ def header_text(controller: Controller) -> str:
 def source_text(controller: Controller) -> str:
     """dobc_agent.c."""
     problem, precision = controller.problem, controller.precision
+    # It notes on the way which helpers and headers the expressions need.
     algebra = CAlgebra(precision)
     made = partial(function, algebra=algebra, m=problem.m)
     couplings = []
@@ -347,6 +353,7 @@ def _tables(controller: Controller) -> Iterator[str]:
             if hearings:
                 arcs = ", ".join(_arc(arc, precision) for arc in hearings)
                 yield f"static const dobc_arc arcs_{place}_{mode}[] = {{{arcs}}};\n"
+        # An empty array is not C.
         if agent.neighbours:
             names = ", ".join(string(labels[index]) for index in agent.neighbours)
             yield f"static const char *const neighbours_{place}[] = {{{names}}};\n"

@@ -60,7 +60,9 @@ def rounded(value: Fraction, precision: str) -> Fraction:
 def literal(value: Fraction, precision: str) -> str:
     """A C literal that reads back as ``rounded(value)``; negative ones stand in parentheses."""
     number = rounded(value, precision)
+    # The shortest text that reads back as the same number in its precision.
     text = repr(float(number)) if precision == "double" else str(np.float32(float(number)))
+    # 2 would be an int, and 1/2 then 0.
     if "." not in text and "e" not in text:
         text += ".0"
     text += "" if precision == "double" else "f"
@@ -86,6 +88,7 @@ def bare(value: Fraction, precision: str) -> str:
 def string(text: str) -> str:
     """A C string literal of the UTF-8 bytes of ``text``; octal escapes end by themselves and make
     no trigraphs."""
+    # No question mark: two of them begin a trigraph.
     plain = set(range(32, 127)) - {ord('"'), ord("\\"), ord("?")}
     written = [chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode("utf-8")]
     return '"' + "".join(written) + '"'
@@ -146,6 +149,7 @@ def function(
     lines = [f"/* {h}({y}) = {comment(', '.join(texts))} */"]
     parameters = f"const dobc_real {y}[DOBC_COMPONENTS], dobc_real {h}[{size}]"
     lines += [f"static void {name}({parameters})", "{"]
+    # Or the compiler warns of a parameter that nothing uses.
     if not any(variables_used(each.node) for each in expressions):
         lines.append(f"    (void){y};")
     components = [Piece(f"{y}[{c}]", ATOM) for c in range(m)]

@@ -90,6 +90,7 @@ class Variable(NamedTuple):
 def make_fmu(controller: Controller) -> Fmu:
     """Build the FMU of the controller's only agent.  Raises: SolverError if the compiler refuses
     the code."""
+    # The token says to an importer whether the library is that of the description.
     code = header_text(controller) + source_text(controller)
     token = hashlib.sha256(code.encode("utf-8")).hexdigest()
     files = {}
@@ -102,6 +103,7 @@ def make_fmu(controller: Controller) -> Fmu:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, data in described.items():
+            # Date and rights never change, so that the same controller gives the same bytes.
             info = zipfile.ZipInfo(name, DATE)
             info.compress_type = zipfile.ZIP_DEFLATED
             info.external_attr = 0o644 << 16
@@ -147,6 +149,7 @@ def variables(controller: Controller) -> list[Variable]:
     for name, causality, text, size in wanted:
         for c in range(size):
             full = f"{name}[{c + 1}]" if size > 1 else name
+            # Number 0 is time and number 1 is mode.
             found.append(Variable(full, 2 + len(found), causality, text))
     return found
 
@@ -180,6 +183,7 @@ def _compiled(files: Mapping[str, bytes]) -> _Library | None:
     """The shared library; None where there is no compiler, or none for shared libraries."""
     compilers = filter(None, map(shutil.which, COMPILERS))
     compiler = next(compilers, None)
+    # Sources are enough where there is no compiler: the importer may have one.
     if compiler is None or platform.system() not in SYSTEMS:
         return None
     system, suffix = SYSTEMS[platform.system()]

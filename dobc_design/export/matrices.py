@@ -69,6 +69,7 @@ def exact_matrices(
     for mode, arcs in problem.network.modes.items():
         found[f"L_{mode}" if several else "L"] = _laplacian(n, arcs)
     for mode, pencil in state_theorems(as_integrators(problem)).lambdas.items():
+        # Slopes that are not rational have no exact matrix: nothing stands for it.
         if isinstance(pencil.constant, SparseSymmetric) and not pencil.deviations:
             found[f"Lambda_{mode}" if several else "Lambda"] = pencil.constant.to_dense()
     return found
@@ -189,6 +190,7 @@ def normalisation(pair: tuple[Matrix, Matrix] | None) -> Normalisation:
         with np.errstate(all="ignore"):
             eigenvalues = np.linalg.eigvalsh(P)
             least, largest = float(eigenvalues[0]), float(eigenvalues[-1])
+            # So much larger P has to be for P >= I; the pair may be scaled as a whole.
             scale = max(1.0, 1.0 / least) if least > 0 else math.inf
             ratio = ROOM * scale * largest
             radius = ROOM * scale * float(np.linalg.norm(Q))

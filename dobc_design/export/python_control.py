@@ -81,6 +81,7 @@ def to_control(
     loop = make_loop(problem, gain)
     signal = Fixed(mode=mode) if signal is None else signal
     switches = scheduled_switches(signal, names, float(problem.simulation.t_final), seed)
+    # Networks of modes that never are on need not be built.
     used = np.unique(switches.modes).tolist()
     networks = {number: network_of(loop, arc_groups(problem, names[number])) for number in used}
 
@@ -100,6 +101,7 @@ def _system(problem: Problem, loop: Loop, network_at: Callable[[float], Network]
         e = x - loop.goal - (s if len(s) else 0.0)
         network = network_at(max(0.0, float(time)))
         slopes = network(np.concatenate([e.ravel(), s]))
+        # The slopes of a leader, if there is one, come after those of the agents.
         felt, s_dot = np.split(slopes, [e.size])
         x_dot = felt.reshape(x.shape)
         if len(s):  # goals move with the leader
@@ -143,6 +145,7 @@ def observer_of(loop: Loop) -> Any:
     dhat_i."""
     p = len(loop.output)
     F = loop.A - loop.W @ loop.C
+    # z = xihat - W x takes the place of the estimate: no derivative of x is needed.
     by_x, by_v = F @ loop.W, -loop.W
     if loop.plant is not None:
         by_x = by_x - loop.W @ loop.plant.A

@@ -85,10 +85,12 @@ class ErringAlgebra:
     def _called(self, name: str, *operands: Erring) -> Erring:
         row = FUNCTIONS[name]
         of = row.found_in(np, "numpy")
+        # min and max pick one of two numbers, and do not round.
         if len(operands) == 2:
             left, right = operands
             return Erring(of(left.value, right.value), np.maximum(left.error, right.error))
         (inner,) = operands
+        # An error grows by the steepest slope within reach of it.
         slope = 1.0
         if row.steepest is not None:
             slope = row.steepest(inner.value, np.abs(inner.value) + inner.error)
@@ -118,6 +120,7 @@ class Recorded:
 def rounding_bound(controller: Controller, recorded: Recorded) -> float:
     """The largest difference of u, v and dhat between C code of the controller's precision and the
     recorded samples."""
+    # The recorded loop is in double precision: its own errors stand between the two as well.
     with np.errstate(all="ignore"):
         own = _bound(controller, recorded, ROUNDOFF[controller.precision])
         loops = _bound(controller, recorded, ROUNDOFF["double"])
@@ -133,11 +136,13 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
     # of e: its input, the goal, the difference
     size_of_e = np.abs(e)
     own = u * (np.abs(recorded.x) + np.abs(goal) + size_of_e)
+    # Every operation below adds one u of its result; a product of a row and a column one for each.
     felt = felt_with_error(controller, recorded, e, own, u)
     pull = own @ gain.T + (m + 2) * u * size_of_e @ gain.T
     sized = np.abs(felt.value) + size_of_e @ gain.T
     if agent.rest is not None:
         sized = sized + np.abs(to_float((agent.rest,))[0])
+    # Without an observer u and v are all there is, and nothing is carried on.
     if q == 0:
         return float(np.max(felt.error + pull + 3 * u * sized))
     Ad = to_float(controller.Ad)
@@ -163,6 +168,7 @@ def _innovation(controller: Controller, recorded: Recorded, held: Array, u: floa
     watch = to_float(controller.watch)
     x, before = recorded.x[1:], recorded.x[:-1]
     v = recorded.v[:-1]
+    # An f is computed from the measured state, with rounding errors of its own.
     own = Erring(before, np.zeros_like(before))
     dynamics = controller.problem.dynamics
     if dynamics is not None and dynamics.f is not None:
@@ -199,6 +205,7 @@ def felt_with_error(
             total[here] += weight * h.value
             size[here] += np.abs(weight * h.value)
             error[here] += weight * h.error
+    # Sums of so many terms, each rounded once more.
     most = max((len(each) for each in recorded.agent.modes), default=0)
     return Erring(total, error + (most + 2) * u * size)
 

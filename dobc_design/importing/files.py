@@ -81,6 +81,7 @@ def problem_from_file(
         return Problem(name=name, network=network, coupling="y", notes=_notes(path, arcs))
     if suffix == ".toml":
         return load_problem(path)
+    # JSON may be of pandapower or a problem.json: its contents tell.
     data = read_bytes(path, limit=LARGEST, what="file")
     if suffix == ".m":
         text = data.decode("utf-8", errors="replace")
@@ -104,6 +105,7 @@ def _notes(path: Path, arcs: Arcs) -> list[str]:
 def _goes_one_way(arcs: Arcs) -> bool:
     """Whether no two agents hear each other, as where a list of undirected edges names each
     once."""
+    # Arcs as single numbers, so that millions are compared at once.
     size = int(max(arcs.listeners.max(), arcs.speakers.max())) + 1
     there = arcs.listeners * size + arcs.speakers
     back = arcs.speakers * size + arcs.listeners

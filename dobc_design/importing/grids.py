@@ -76,6 +76,7 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     for (a, b), weight in weights.items():
         arcs += [[a, b, abs(weight)], [b, a, abs(weight)]]
     buses = list(dict.fromkeys(becomes.values()))
+    # Series capacitors have negative reactances.
     repelling = [ends for ends, weight in weights.items() if weight < 0]
     place = {bus: i for i, bus in enumerate(buses)}
     pairs = [(place[a], place[b]) for a, b in repelling]
@@ -121,6 +122,7 @@ def _check_ends(grid: Grid) -> None:
 def _weights(grid: Grid, becomes: Mapping[str, str]) -> dict[tuple[str, str], Fraction]:
     """The susceptance between two agents, of all their branches together; none is 0."""
     weights: dict[tuple[str, str], Fraction] = {}
+    # Parallel branches add up, whichever way they are listed.
     for branch in grid.branches:
         a, b = (becomes[end] for end in branch.ends)
         if a != b:
@@ -215,6 +217,7 @@ def read_matpower(text: str, *, name: str) -> Grid:
     branches = []
     for row in tables["branch"]:
         ends = row.bus(1), row.bus(2)
+        # Left out: what is out of service, or at an isolated bus.
         if row.number(11) != 0 and not isolated & set(ends):
             reactance = row.number(4) * unit * (row.number(9) or 1)
             branches.append(Branch(ends=ends, reactance=reactance, place=row.place))
@@ -237,6 +240,7 @@ def _tables(text: str, name: str) -> Iterator[tuple[str, list[_Row]]]:
         line += _lines(text[counted : begin.end()])
         counted = begin.end()
         rows = _rows(text[counted:end], begin[1], line, name)
+        # A bracket that does not end the statement is transposed, or computed with.
         if not _END.match(text, end):
             raise wrong(f"{name}, line {line}: mpc.{begin[1]}", f"must end in ];{COMPUTED}.", CURE)
         yield begin[1], rows
@@ -283,6 +287,7 @@ def _unit(text: str, buses: list[_Row], name: str) -> Fraction:
     line = 1
     for row in text.split("\n"):
         for statement in row.split(";"):
+            # Nothing is executed: harmless is what cannot touch the columns that are read.
             left, *right = _EQUALS.split(statement, 1)
             if not right:
                 continue
@@ -391,6 +396,7 @@ def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
 def _branches(tables: Tables, *, base: float) -> Iterator[Branch]:
     """What is in service, with reactances in p.u. on ``base`` MVA; closed bus couplers have 0."""
     switches = tables["switch"]
+    # A line behind an open switch carries nothing.
     opened = {(row.get("et"), row["element"]) for row in switches if not row.get("closed")}
     voltage = {row["index"]: float(row["vn_kv"]) for row in tables["bus"]}
     on = {row["index"] for row in tables["bus"] if _on(row)}
@@ -418,6 +424,7 @@ def _reactance(table: str, row: Row, base: float, voltage: Mapping[Any, float]) 
         return ohm * base / voltage[row["from_bus"]] ** 2
     if table == "trafo":
         part = base / float(row["sn_mva"]) / float(row.get("parallel") or 1) / 100
+        # The short-circuit voltage gives the impedance, its real part the resistance.
         z = float(row["vk_percent"]) * part
         r = float(row["vkr_percent"]) * part
         return math.sqrt(max(0.0, z * z - r * r)) * _tap(row)

@@ -143,6 +143,7 @@ def build_model(
     wrong gain.
     """
     name = arrays.chosen_mode(problem, mode)
+    # Agents with [dynamics] have the observer of the integrators with the same errors.
     integrators = as_integrators(problem)
     W = arrays.required_gain(integrators, gain)
     h, jacobian = _couplings(problem, name)
@@ -309,6 +310,7 @@ def _couplings(problem: Problem, mode: str) -> tuple[Any, Any]:
     e = ca.SX.sym("e", n * problem.m)
     h = ca.SX(n * problem.inputs, 1)
     jacobian = ca.SX(n * problem.inputs, n * problem.m)
+    # Of the integrators that stand for agents with an f, h also holds what f has beside its slopes.
     if problem.node is not None:
         h += _bent(problem, e)
         jacobian += ca.jacobian(h, e)
@@ -344,6 +346,7 @@ def _bent(problem: Problem, e: Any) -> Any:
         return result
     parts = [e[c :: problem.m] for c in range(problem.m)]
     values = own.couplings[own.node].evaluated(parts, CasadiAlgebra())
+    # The slopes are in A already.
     slopes = to_float(slopes_of_nodes(own))
     for c, value in enumerate(values):
         linear = sum(slope * part for slope, part in zip(slopes[c], parts, strict=True))
@@ -384,6 +387,7 @@ def _constant(matrix: sp.sparray) -> Any:
 
 
 def _function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> Any:
+    # Users see full arrays; only the Jacobian stays sparse.
     dense = [ca.densify(each) for each in outputs.values()]
     return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs))
 
@@ -440,10 +444,12 @@ def build_flow(
     slopes = model.error_dynamics(state[:rows], state[rows:])
     nothing = ca.SX.sym("nothing", 0)  # the parameters that simpleRK wants
     dynamics = ca.Function("slope", [state, nothing], [ca.vertcat(*slopes)])
+    # A fixed number of steps, so that the end is a smooth function of the start.
     runge_kutta = ca.simpleRK(dynamics, steps)
     start = ca.MX.sym("start", size)
     weight = ca.MX.sym("weight", size)
     end = runge_kutta(start, [], horizon)
+    # True: the transposed Jacobian, in one sweep back through the steps.
     gradient = ca.jtimes(end, start, weight, True)
     to_end = _function("end", {"start": start}, {"end": end})
     inputs = {"start": start, "weight": weight}

@@ -88,6 +88,7 @@ def _in_plane(values: Array) -> Array:
     if values.shape[-1] >= 2:
         return np.asarray(values[..., :2])
     states = values[..., 0]
+    # One component is a height; agents stand side by side.
     numbers = np.arange(1.0, values.shape[-2] + 1)
     return np.stack([states, np.broadcast_to(numbers, states.shape)], axis=-1)
 
@@ -101,6 +102,7 @@ def _axis_names(run: Run) -> tuple[str, str]:
 def _links(run: Run, arcs: Arcs | None) -> list[NDArray[np.int64]]:
     """Pairs of agents (k, 2) by mode, each pair once.  Raises: SpecError for a network that is too
     large."""
+    # Agents that move have graphs of the run itself; else the modes have arcs.
     if run.switches.graphs:
         found = [np.asarray(graph).T for graph in run.switches.graphs]
     else:

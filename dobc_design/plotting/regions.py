@@ -139,6 +139,7 @@ def _draw_reach(ax: Axes, row: int, claim: Claim, reach: float) -> None:
     margin = reach * 0.02
     begin, colour, ground = margin, MUTED, PAPER
     note = "nothing proved" if claim.kind == "none" else claim.starts
+    # Words stand on the bar where it fills the row, else beside it.
     if claim.kind == "everywhere":
         ax.barh(row, reach, height=0.52, color=BLUE)
         colour, ground = PAPER, ""
@@ -180,6 +181,7 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
         _draw_start(ax, column, agent)
     asked = regions.asked
     if asked is not None:
+        # Around the goals, unless states themselves were asked for.
         band = asked.interval or (-asked.box, asked.box)
         ax.axhspan(*band, facecolor=VERMILLION, alpha=0.16, linewidth=0, zorder=1)
         for edge in band:
@@ -187,6 +189,7 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
             line.set_label("asked for")
     names = [short(agent.label, 10) for agent in chosen]
     ax.set_xticks(range(len(names)), names, parse_math=False)
+    # Longer names stand upright, so that they do not run into each other.
     if max(map(len, names), default=0) > 3:
         ax.tick_params(axis="x", labelrotation=90)
     ax.tick_params(axis="x", length=0)

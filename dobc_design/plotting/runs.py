@@ -214,6 +214,7 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
     held = set(pinned)
     chosen = look.shown_agents(run.x.shape[1], held)
     few = len(chosen) <= len(SERIES)
+    # Few agents have colours of their own; of many the order is seen from dark to light.
     shades: Any = SERIES
     if not few:
         shades = colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
@@ -221,6 +222,7 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
     for agent, shade in zip(chosen, shades, strict=False):
         x = run.x[rows, agent, component]
         (line,) = ax.plot(times, x, linewidth=1.0, marker=marker)
+        # With pins given, the question is who is pinned and not who is who.
         if agent in held:
             line.set(color=BLUE, label="pinned", linewidth=1.7, zorder=2.1)
         elif held:
@@ -244,6 +246,7 @@ def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
     with it."""
     rows = look.thinned_rows(len(run.times))
     times = run.times[rows]
+    # One leader for one run, or one for each of the runs whose states are drawn.
     leaders = run.leader[..., component].reshape(-1, len(run.times))
     for goal in sorted({float(run.goal[agent, component]) for agent in chosen})[:12]:
         if run.leader.any():
@@ -305,8 +308,10 @@ def plot_errors(
         _draw_bound(ax, envelope[:, 0], look.resolved(envelope[:, 1]))
     elif rate is not None:
         error = next(iter(errors.values()))
+        # Clipped where exp would underflow or overflow.
         exponent = -rate * (times[rows] - times[0])
         slope = error[0] * np.exp(np.clip(exponent, -700, 0))
+        # Not below the errors: the line would stretch the axis.
         lowest = max(0.5 * float(np.nanmin(error)), look.SMALLEST)
         visible = np.where(slope > lowest, slope, np.nan)
         _draw_bound(ax, times[rows], visible, "slope of the certified rate")
@@ -324,6 +329,7 @@ def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: 
     rows = look.thinned_rows(len(times))
     chosen = errors[:, rows]
     ordered = np.sort(np.where(np.isnan(chosen), np.inf, chosen), axis=0)
+    # Of the sorted runs the first that at least this part of them do not exceed.
     places = [max(0, int(np.ceil(level * len(ordered))) - 1) for level in LEVELS]
     bands = np.clip(ordered[places], look.SMALLEST, None)
     finite = bands[np.isfinite(bands)]
@@ -347,8 +353,10 @@ def plot_modes(ax: Axes, switches: Switches, end: float) -> Axes:
     """A band that shows which mode is active when: names for few modes, shades for many."""
     times = np.asarray(switches.times)
     modes = np.asarray(switches.modes)
+    # A mode lasts until the next switch, the last one until the end.
     ends = np.minimum(np.append(times[1:], end), end)
     lengths = ends - times
+    # A network of agents that move may have hundreds of graphs.
     used = np.unique(modes).tolist()
     named = len(used) <= MOST_NAMED_MODES
     shades: Any = (*SERIES[:4], INK, MUTED)
@@ -377,6 +385,7 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
     if envelope is None:
         return None
     if callable(envelope):
+        # A certified bound can take a while to be computed at one time.
         chosen = times[look.thinned_rows(len(times), MOST_BOUNDS)]
         bound = np.asarray(envelope(chosen), dtype=np.float64)
         envelope = np.stack([chosen, bound], axis=1)

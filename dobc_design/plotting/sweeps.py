@@ -115,6 +115,7 @@ def _draw_signs(ax: Axes, x: Places, y: Places, grid: Array, signs: list[list[st
     """The sign of the worst outcome in every cell, so that it can be seen on the cell's colour."""
     bright = 0.0
     if np.isfinite(grid).any():
+        # Half way between the darkest and the brightest colour that occurs.
         bright = float(np.nanmean([np.nanmin(grid), np.nanmax(grid)]))
     for row, column in np.ndindex(grid.shape):
         outcome = signs[row][column]
@@ -170,6 +171,7 @@ def _line(ax: Axes, x: Places, cases: Cases, *, name: str, place: int) -> None:
     (line,) = ax.plot(x.ticks, middle, color=colour, marker=marker)
     if name:
         line.set_label(short(name))
+    # A band only where several cases fall on one place.
     if np.nanmax(high - low, initial=0.0) > 0:
         ax.fill_between(x.ticks, low, high, color=colour, alpha=0.15, linewidth=0)
 
@@ -179,6 +181,7 @@ def _points(ax: Axes, position: Array, cases: Cases) -> None:
     several."""
     names = cases.lines
     several = len(names) > 1
+    # Colours are the series where there are several; then outcomes are told by shapes alone.
     if several:
         for name, shade in zip(names, SERIES, strict=False):
             _marks(ax, (), (), marker="s", color=shade).set_label(short(name))
@@ -207,6 +210,7 @@ def _on_grid(x: Places, y: Places, cases: Cases) -> tuple[Array, list[list[str]]
     signs = [["" for _ in x.ticks] for _ in y.ticks]
     columns = np.searchsorted(x.ticks, x.position)
     rows = np.searchsorted(y.ticks, y.position)
+    # MARKS lists outcomes from the best to the worst of their task.
     worst = list(MARKS).index
     for row, column in np.ndindex(grid.shape):
         own = np.flatnonzero((rows == row) & (columns == column)).tolist()
@@ -236,9 +240,11 @@ def _edges(axis: Places) -> Array:
 def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:
     own = ax.xaxis if along == "x" else ax.yaxis
     if axis.even_ratios:
-        ax.set(**{f"{along}scale": "log"})
+        scaled = ax.set_xscale if along == "x" else ax.set_yscale
+        scaled("log")
     own.set_label_text(axis.name, parse_math=False)
     if axis.names is not None:
+        # Every second name, or third, so that at most twelve stand there.
         step = -(-len(axis.names) // MOST_TICKS)
         names = [short(name) for name in axis.names[::step]]
         own.set_ticks(axis.ticks[::step], names, parse_math=False)
@@ -352,12 +358,14 @@ def plot_breaking(ax: Axes, sweeps: Sequence[Sweep], *, tolerance: float, name: 
 
 def _panel(ax: Axes, sweep: Sweep, *, tolerance: float, limits: tuple[float, float]) -> None:
     bottom, top = limits
+    # A run that diverged stands at the top.
     late = np.where(np.isfinite(sweep.late), sweep.late, top)
     good = late <= tolerance
     linear = sweep.option in LINEAR
     ax.set_yscale("log")
     if not linear:
         ax.set_xscale("log")
+    # All above the tolerance is broken, however far the axis goes.
     ax.axhspan(tolerance, 1e6 * top, color=VERMILLION, alpha=0.1, linewidth=0)
     ax.axhline(tolerance, color=VERMILLION, linewidth=1.0)
     ax.plot(sweep.severity, late, color=INK, linewidth=0.9)
@@ -384,6 +392,7 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
         ax.axvline(period, color=BLUE, linewidth=1.0, linestyle=DASHED, label="longest that works")
     if certified is not None:
         ax.axvline(certified, color=GREEN, linewidth=1.2, label="certified")
+        # Over many decades 1, 2 and 5 of each would run into each other.
         low, high = sorted(ax.get_xlim())
         if high > MOST_FINE_TICKS * low:
             ax.xaxis.set_major_locator(LogLocator(numticks=5))
@@ -438,6 +447,7 @@ def trade_off_plot(found: TradeOff, *, steps: bool, ax: Axes | None = None) -> S
         if found.chosen is not None:
             _draw_chosen(ax, found.chosen)
             ys = [*ys, found.chosen.y]
+        # One far point must not press all others to the ground.
         heights = [y for y in ys if y > 0]
         if heights and max(heights) > STEEP * min(heights):
             ax.set_yscale("log")

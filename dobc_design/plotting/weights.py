@@ -55,6 +55,7 @@ def plot_weights(
     for phase, each in shown:
         times = np.array(each.times, dtype=float)
         v = np.array(each.v, dtype=float)
+        # Both parts have the point between them, so that no gap is seen.
         held = times <= float(phase.shortest)
         left = times >= float(phase.shortest)
         after = begins[-1] + times
@@ -63,6 +64,7 @@ def plot_weights(
             ax.plot(after[held], v[held, agent], color=colour, linestyle="solid", label=label)
             ax.plot(after[left], v[left, agent], color=colour, linestyle=DOTTED)
         begins.append(begins[-1] + float(times[-1]))
+    # The last phase ends where the picture does.
     end = begins.pop()
     across = ax.get_xaxis_transform()
     ax.vlines(begins[1:], 0, 1, transform=across, color=look.MUTED, linewidth=0.7)
@@ -78,6 +80,7 @@ def plot_weights(
 def _drawn_agents(weights: Sequence[Weights]) -> list[int]:
     """At most four, from the one with the largest weight to the one with the least."""
     heights = np.max([np.array(each.v, dtype=float).max(axis=0) for each in weights], axis=0)
+    # Evenly among the ranks: a few agents stand for all.
     ranks = np.linspace(0, len(heights) - 1, min(4, len(heights))).round().astype(int)
     descending = np.argsort(-heights, kind="stable")
     chosen: list[int] = descending[ranks].tolist()
@@ -90,6 +93,7 @@ def draw_band(ax: Axes, switches: Switches, end: float) -> Axes:
     place = ax.get_subplotspec()
     if place is None or np.size(switches.times) < 2:
         return ax
+    # The axes give up a strip of their own place, so that a report needs no other layout.
     grid = place.subgridspec(2, 1, height_ratios=[13, 1])
     ax.set_subplotspec(grid[0])
     band = ax.figure.add_subplot(grid[1], sharex=ax)

@@ -71,6 +71,7 @@ class Draw:
 
     def value(self, seed: int, axis: str, sample: int) -> str:
         u = Random(f"{seed}|{axis}|{sample}").random()
+        # One number in [0, 1) for each draw, so that distributions can be compared draw by draw.
         if self.kind == "choice":
             return self.arguments[int(u * len(self.arguments))]
         a, b = (Fraction(text) for text in self.arguments)
@@ -79,9 +80,8 @@ class Draw:
         if self.kind == "loguniform":
             return _rounded(math.exp(math.log(a) + u * (math.log(b) - math.log(a))))
         if self.kind == "normal":
-            return _rounded(
-                NormalDist(float(a), float(b)).inv_cdf(min(max(u, 2.0**-53), 1 - 2.0**-53))
-            )
+            inside = min(max(u, 2.0**-53), 1 - 2.0**-53)  # at 0 and 1 it is infinite
+            return _rounded(NormalDist(float(a), float(b)).inv_cdf(inside))
         return _rounded(float(a) + u * float(b - a))
 
 
@@ -117,6 +117,7 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
             axes.append(_axis(key, values))
         except SpecError as error:
             errors.extend(about(key, each.message, each.cure) for each in error.errors)
+    # Of all axes at once, so that a user need not mend them one by one.
     raise_all(errors)
     paths = [path for axis in axes for path in axis.keys]
     if any(path is not other and path == other[: len(path)] for path in paths for other in paths):
@@ -177,11 +178,13 @@ def _listed(text: str) -> tuple[str, ...]:
             f"got {shown(count)}."
         )
         raise SpecError(message, cure=_CURE)
+    # Evenly spaced values are exact: 0:1:4 has 1/3.
     if not found[4]:
         return tuple(exact_text(a + (b - a) * k / (count - 1)) for k in range(count))
     if a <= 0 or b <= 0:
         cure = "For example 0.01:10:7:log."
         raise SpecError("START:END:COUNT:log needs ends > 0, because ratios are even.", cure=cure)
+    # The ends stay as they were typed; only what lies between is rounded.
     low, step = math.log(a), (math.log(b) - math.log(a)) / (count - 1)
     inner = (_rounded(math.exp(low + step * k)) for k in range(1, count - 1))
     return (exact_text(a), *inner, exact_text(b))
@@ -279,6 +282,7 @@ def with_changes(document: Mapping[str, Any], changes: Mapping[Path, Any]) -> di
 def _set(document: dict[str, Any], path: Path, value: Any) -> None:
     inner: Any = document
     for depth, part in enumerate(_spelled(inner, each) for each in path[:-1]):
+        # A table that is missing on the way is made, for a value to be set in it.
         if isinstance(inner, dict) and isinstance(part, str) and part not in inner:
             if value is None:
                 return
@@ -286,8 +290,9 @@ def _set(document: dict[str, Any], path: Path, value: Any) -> None:
         _require_place(inner, path, depth)
         inner = inner[part]
     last = _spelled(inner, path[-1])
+    # One place beyond the end is a new entry, such as the weight of an arc [a, b].
     if isinstance(inner, list) and last == len(inner) and value is not None:
-        inner.append(value)  # such as the weight of an arc [a, b]
+        inner.append(value)
         return
     _require_place(inner, path, len(path) - 1)
     if value is not None:
@@ -314,13 +319,11 @@ def _require_place(inner: Any, path: Path, depth: int) -> None:
         problem = f"has {len(inner)} entries, counted from 0; got index {part}"
         cure = "Use an existing index, or the next one."
     else:
-        kind = (
-            "a table"
-            if isinstance(inner, dict)
-            else "a list"
-            if isinstance(inner, list)
-            else shown(inner)
-        )
+        kind = shown(inner)
+        if isinstance(inner, dict):
+            kind = "a table"
+        elif isinstance(inner, list):
+            kind = "a list"
         problem = f"is {kind}, which has no {shown(part)}"
         cure = "Give an index, such as [0]." if isinstance(inner, list) else "Name a key of it."
         if not isinstance(inner, (dict, list)):
@@ -366,6 +369,7 @@ def value_text(value: Any) -> str:
         return "{ " + ", ".join(pairs) + " }"
     if isinstance(value, str):
         return value if _reads_back(value) else json.dumps(value, ensure_ascii=False)
+    # A bool is an int in Python, and would pass for 0 or 1 below.
     if isinstance(value, bool):
         cure = "Use 0 or 1."
         raise SpecError(
@@ -403,6 +407,7 @@ def split(text: str) -> list[str]:
 def _parts(text: str) -> Iterator[str]:
     begin, closing, quote = 0, [], ""
     for place, character in enumerate(text):
+        # Inside quotes brackets and commas are text.
         if quote:
             quote = "" if character == quote and text[place - 1] != "\\" else quote
         elif character in "\"'":
@@ -429,6 +434,7 @@ def _in_table(value: Any) -> str:
     """A value inside an inline table, where TOML's rules hold: text and fractions stand in
     quotes."""
     text = value_text(value)
+    # A fraction such as 9/16 is no number of TOML.
     bare = isinstance(value, str) or ("/" in text and not is_list(value))
     return (
         json.dumps(value if isinstance(value, str) else text, ensure_ascii=False) if bare else text

@@ -113,6 +113,7 @@ class Task:
         return COLUMNS[self.kind]
 
     def to_json(self) -> dict[str, Any]:
+        # Options of the other task are no part of what the results depend on.
         own = {"everything": self.everything} if self.kind == "certify" else {"runs": self.runs}
         return {"kind": self.kind, **own}
 
@@ -123,6 +124,7 @@ class Task:
         from dobc_design.simulation import runs  # noqa: F401 - likewise
 
     def run(self, problem: Problem) -> dict[str, Any]:
+        # Imported here: a sweep of simulations needs no solver, and one of proofs no simulation.
         if self.kind == "certify":
             from dobc_design.certification.certify import certify
 
@@ -142,9 +144,13 @@ def _facts(certificate: Certificate) -> dict[str, Any]:
     regions = certificate.regions
     proved = [claim for claim in regions.claims if claim.verdict is Verdict.PROVED]
     kinds = [claim.kind for claim in proved if claim.kind in _ORDER]
+    boxes = [claim.box for claim in proved if claim.box is not None]
+    balls = [claim.ball for claim in proved if claim.ball is not None]
     checks = certificate.checks
+    # Margins of a weaker theorem say nothing where a stronger one was decided.
     near = next((id for id in _NEAR if any(check.id == id for check in checks)), None)
     margins = [each.margin for each in checks if each.id == near and each.margin is not None]
+    # Only a proved settling time is a result, rounded up.
     settling, time = regions.settling, None
     if settling is not None and settling.verdict is Verdict.PROVED and settling.exact is not None:
         time = float_above(Fraction(settling.exact["time"]))
@@ -157,8 +163,8 @@ def _facts(certificate: Certificate) -> dict[str, Any]:
         "one_percent": one_percent if math.isfinite(one_percent) else None,
         "margin": min(margins, default=None),
         "starts": min(kinds, key=_ORDER.index, default="none"),
-        "box": max((claim.box for claim in proved if claim.box is not None), default=None),
-        "ball": max((claim.ball for claim in proved if claim.ball is not None), default=None),
+        "box": max(boxes, default=None),
+        "ball": max(balls, default=None),
         "settling_time": time,
         "reason": certificate.reason,
     }
@@ -184,6 +190,7 @@ class Plan:
 
     def values(self, case: int) -> tuple[str, ...]:
         """The value of every axis in the case of that number, as text."""
+        # Like digits of a number: draws first, then the axes from the last to the first.
         rest, sample = divmod(case, self.samples)
         values: list[str] = []
         for axis in reversed(self.axes):
@@ -258,6 +265,7 @@ def make_plan(
         seed=whole(seed, "seed", least=0),
         task=task,
     )
+    # Cases are counted and not listed, so that this is refused before anything takes memory.
     if len(plan) > MOST_CASES:
         message = f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}."
         cure = "Take fewer values, or split it into several sweeps."

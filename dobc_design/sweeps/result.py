@@ -67,12 +67,14 @@ class Journal:
         try:
             self.stream = open(folder / LINES, "ab+")  # noqa: SIM115 - closed by __exit__
             _lock(self.stream, folder)
+            # Locked first: two processes that begin anew at once would wipe out each other.
             if anew:
                 self.stream.truncate(0)
             head = json.dumps(plan.document | {"sha256": plan.sha256}, indent=2, ensure_ascii=False)
             write_atomically(folder / HEAD, f"{head}\n".encode())
             self.stream.seek(0)
             data = self.stream.read()
+            # A line that was torn when the machine stopped has no end: its case is done again.
             whole = data.rfind(b"\n") + 1
             if whole < len(data):
                 self.stream.truncate(whole)
@@ -92,6 +94,7 @@ class Journal:
                 line = json.loads(text.decode("utf-8"))
             except (ValueError, RecursionError):
                 continue
+            # Somebody may have edited the file; what fits no case is left where it is.
             if not _is_line(line, self.plan):
                 continue
             case = line["case"]
@@ -108,6 +111,7 @@ class Journal:
             try:
                 text = json.dumps(line, ensure_ascii=False, allow_nan=False)
                 self.stream.write(f"{text}\n".encode())
+                # A case counts only when it is on the disk.
                 self.stream.flush()
                 os.fsync(self.stream.fileno())
             except OSError as error:
@@ -171,6 +175,7 @@ def _is_result(line: Outcome, plan: Plan) -> bool:
         return False
     if not all(value is None or _fits(value, kinds[name]) for name, value in result.items()):
         return False
+    # A result without an outcome could not be counted.
     return outcome_of(line) in OUTCOMES if "verdict" in kinds else result["diverged"] is not None
 
 
@@ -320,6 +325,7 @@ class SweepResult(Headed):
             cure = "`dobc doctor` says how to install them; .csv and .jsonl need none."
             raise SpecError(message, key="frame", cure=cure) from None
         columns = self.columns
+        # Types are said, so that a column of nothing but None stays a column of numbers.
         table = pd.DataFrame(self.rows, columns=list(columns))
         return table.astype({name: DTYPES[kind] for name, kind in columns.items()})
 
@@ -376,6 +382,7 @@ class SweepResult(Headed):
         if not np.isfinite(numbers).any():
             message = f"no case has a {name}, so there is nothing to be drawn."
             raise SpecError(message, key="value", cure="Choose another column.")
+        # The first axes that are worth it, or those that were named.
         chosen = self._drawn_axes(x, y)
         places = [self._places(each) for each in chosen]
         cases = Cases(
@@ -389,6 +396,7 @@ class SweepResult(Headed):
             return heat_map(places[0], places[1], cases, ax=ax)
         series, used = self._series(chosen[0])
         axis = self.plan.axes[self.axes.index(chosen[0])]
+        # Random numbers have no lines: each case is a point of its own, nothing is a median.
         if axis.draw is not None and places[0].names is None:
             cases = replace(cases, series=series, drawn=True, note="")
         else:
@@ -436,6 +444,7 @@ class SweepResult(Headed):
         place = self.axes.index(name)
         axis = self.plan.axes[place]
         if self._is_number(place):
+            # Numbers stand where they are, unless no axis of a drawing can hold them ...
             numbers = np.array(self.column(name), dtype=np.float64)
             if _can_be_drawn(numbers):
                 ticks = np.unique(numbers)
@@ -443,6 +452,7 @@ class SweepResult(Headed):
                 if axis.draw is not None:
                     even_ratios = axis.draw.kind == "loguniform"
                 return Places(name=name, position=numbers, ticks=ticks, even_ratios=even_ratios)
+        # ... all else side by side.
         texts = [line["values"][place] for line in self.lines]
         names = axis.values
         if not names:  # drawn: in their order
@@ -465,6 +475,7 @@ class SweepResult(Headed):
                 used.append(place)
                 count *= len(axis.values)
         axes = [self.axes[place] for place in used]
+        # A single axis need not be named in each entry of the legend.
         heads = [f"{name}=" for name in axes] if len(axes) > 1 else [""] * len(axes)
         names = []
         for line in self.lines:
@@ -526,6 +537,7 @@ def _can_be_drawn(numbers: NDArray[np.float64]) -> bool:
     names."""
     if not np.isfinite(numbers).all():
         return False
+    # 0 is fine; what is too near to it or too far away is not.
     size = np.abs(numbers[numbers != 0])
     return not len(size) or bool(size.min() >= LEAST and size.max() <= MOST)
 
@@ -534,6 +546,7 @@ def _has_even_ratios(ticks: NDArray[np.float64]) -> bool:
     """Whether a logarithmic axis spreads the values better than a linear one."""
     if len(ticks) < 3 or ticks[0] <= 0 or ticks[-1] / ticks[0] < 50:
         return False
+    # Even ratios on a logarithmic axis are even steps: which of the two is more even?
     ratios, steps = np.diff(np.log(ticks)), np.diff(ticks)
     unevenness_of_ratios = np.ptp(ratios) / ratios.sum()
     return bool(unevenness_of_ratios < np.ptp(steps) / steps.sum())

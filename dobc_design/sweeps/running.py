@@ -265,9 +265,12 @@ def outcomes(
             begun.append(case)
             yield delayed(run_case)(plan, case, limit)
 
+    processes = 2 if apart else jobs
+    if backend != LOKY:  # as many as the cluster has
+        processes = -1
     with parallel_config(**backend):
         pool = Parallel(
-            n_jobs=-1 if backend != LOKY else 2 if apart else jobs,
+            n_jobs=processes,
             pre_dispatch=1 if apart else "2 * n_jobs",
             return_as="generator_unordered",
             batch_size=1,

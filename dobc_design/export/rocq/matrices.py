@@ -99,6 +99,7 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
     title = KINDS[id].short
     statements = state_theorems(problem)
     jacobians = _rational_jacobians(statements)
+    # P, Q, and what they are about, enter as numbers; Coq builds Psi from them itself.
     matrices = _matrices(certificate)
     P_squares: Factors = ()
     if matrices:
@@ -108,6 +109,7 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
     rate_factors = factors
     if claimed_rate is not None:
         rate_factors = _factors(statements, matrices, claimed_rate)
+    # Each matrix has one definition, however many arcs it stands for.
     slopes = _named("slope", [each for mode in jacobians.modes for each in _slopes(mode)])
     modes = []
     for mode in jacobians.modes:
@@ -276,6 +278,7 @@ def _factors(
     matrices = [each.shifted(2 * rate) for each in constants if isinstance(each, SparseSymmetric)]
     if len(matrices) < len(constants):
         raise _too_large("Lambda of so large a network would take Coq hours.")
+    # With an exosystem Psi has the estimation errors as well.
     if known:
         pair = {"P": known["P"], "Q": known["Qm"]}
         matrices = [each.at(pair) for each in statements.psi(rate=rate)]
@@ -297,6 +300,7 @@ def _factored(matrix: SparseSymmetric, name: str) -> Factors:
 
 def _work(factors: Factors) -> int:
     """How many bits have to be multiplied with how many to multiply L D L' out, roughly."""
+    # Numbers are as long as their fractions: the longest sets the pace.
     total = 0
     for each in factors:
         numbers = (each.weight, *each.others.values())

@@ -252,6 +252,7 @@ class Rows:
         )
         if self.rising[place]:
             return arc
+        # Else look where in its range the coupling rises, and where it falls.
         cells = list(self._cells(place, face, arc.low, arc.high))
         falling = [k for k, (*_, slope) in enumerate(cells) if slope.lo < 0]
         if not falling:
@@ -292,6 +293,7 @@ class Rows:
 
     def _holds(self, part: Part, face: int, room: Fraction) -> bool:
         exact = all(arc.step is not None for arc in part.arcs)
+        # A bound is a constant, however short the piece: halving it does not help for long.
         depth = DEEPEST if exact else 4
         return self._below(part, face, room, Interval(part.low, part.high), depth)
 
@@ -301,6 +303,7 @@ class Rows:
         value, slope = self._row(part, face, room, S)
         if value.hi <= 0:
             return True
+        # A row that rises or falls is largest at an end.
         if slope.sign and self._row(part, face, room, _highest_end(S, slope))[0].hi <= 0:
             return True
         if depth == 0:
@@ -340,6 +343,7 @@ def proved_in_states(certificate: Certificate) -> tuple[Check, Separable] | None
     problem = certificate.problem
     if problem.dynamics is not None:
         return None
+    # Coordinates T change what a row is: the library is about the states themselves.
     for check in certificate.checks:
         proved = check.verdict is Verdict.PROVED and check.rate is not None
         if check.id == "max-separable" and proved:
@@ -373,6 +377,7 @@ def motions_proof(certificate: Certificate) -> str:
     if error is None:  # nothing is observed
         error = ErrorBound(P=(), beta=rate + 1, kappa=1 / claim.least, size=Fraction(0))
     share = root_above(error.size * off**2, unit=10**15)
+    # A claim for every start has no rho of its own: as far as the box that is stated.
     rho = claim.rho or rounded_up(radius / claim.least + error.kappa * share, digits=6)
     rows = Rows(problem, claim, rho)
     try:

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dobc_design.conditions.numbers import bisected
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.problem.arrays import ArcGroup, Array, places_at, split_by
 from dobc_design.problem.network import IndexArray
@@ -138,14 +139,18 @@ class Nearby:
 
     def bisected(self, low: float, high: float, positions_at: Callable[[float], Array]) -> float:
         """The float, up to ``high``, from which on the graph is another one than at ``low``."""
-        while True:
-            middle = low + (high - low) / 2
-            if middle in (low, high):
-                return float(high)
-            if self.stays(positions_at(middle)):
-                low = middle
-            else:
-                high = middle
+
+        def middle(low: float, high: float) -> float:
+            return low + (high - low) / 2
+
+        _, changed = bisected(
+            lambda time: self.stays(positions_at(time)),
+            low,
+            high,
+            middle=middle,
+            close=lambda low, high: middle(low, high) in (low, high),  # no float is between
+        )
+        return float(changed)
 
     @property
     def switches(self) -> Switches:

@@ -40,7 +40,13 @@ from dobc_design.conditions.check import (
     undecided_check,
 )
 from dobc_design.conditions.coverage import Progress, read_region
-from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
+from dobc_design.conditions.numbers import (
+    claimed,
+    decimal_below,
+    last_found,
+    rounded_down,
+    rounded_up,
+)
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable.checks import why_no_weights
 from dobc_design.conditions.separable.claim import (
@@ -257,21 +263,19 @@ def _lowest(problem: Problem, peaks: Peaks | None, stage: Level) -> Level | None
     near rho."""
     if stage.rho is None:
         return None
-    found, low, high = None, math.log(DEEPEST), math.log(HIGHEST)
-    for _ in range(HALVINGS):
-        at = high if found is None else (low + high) / 2
-        tried = _with_rate(
-            problem,
-            peaks,
-            replace(stage, level=rounded_up(stage.rho * Fraction(math.exp(at)), digits=6)),
-        )
-        if _holds(problem, peaks, tried):
-            found, high = tried, at
-        elif found is None:
-            return None
-        else:
-            low = at
-    return None if found is None else replace(found, level=found.level * (1 + ABOVE))
+    rho = stage.rho
+
+    def at(place: float, _: object = None) -> Level | None:
+        level = rounded_up(rho * Fraction(math.exp(place)), digits=6)
+        tried = _with_rate(problem, peaks, replace(stage, level=level))
+        return tried if _holds(problem, peaks, tried) else None
+
+    high, low = math.log(HIGHEST), math.log(DEEPEST)
+    first = at(high)
+    if first is None:
+        return None
+    _, lowest = last_found(at, first, high, low, steps=HALVINGS - 1)
+    return replace(lowest, level=lowest.level * (1 + ABOVE))
 
 
 def _with_rate(problem: Problem, peaks: Peaks | None, stage: Level) -> Level:

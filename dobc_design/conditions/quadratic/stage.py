@@ -23,7 +23,7 @@ from dobc_design.conditions.check import (
     undecided_check,
 )
 from dobc_design.conditions.coverage import Asked, Progress
-from dobc_design.conditions.numbers import claimed, rounded_down, time_to_one_percent
+from dobc_design.conditions.numbers import bisected, claimed, rounded_down, time_to_one_percent
 from dobc_design.conditions.quadratic.claim import Lure, Shape
 from dobc_design.conditions.quadratic.decide import (
     IN_WORDS,
@@ -53,7 +53,7 @@ MOST_MODES: Final = 200  # up to which one V is looked for
 CORNER_CHANNELS: Final = 6
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection;
 #: rows n m from which on fewer are.
-FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11
+RATE_STEPS, FEWER_STEPS, MANY_ROWS = 5, 3, 11
 MODE: Final = 20  # steps of work for the inequality of a mode
 #: Rates that are tried for the least time to one percent; times are next to that of P_e = I below
 #: this part.
@@ -254,18 +254,23 @@ def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
 def _faster(asked: Asked, best: Found) -> list[Found]:
     """The same region at growing rates, as far as a short bisection finds them."""
     top = linear_rate(asked.problem, asked.W)
-    low, high, part = 0.0, 1.0, FIRST_PART
     steps = FEWER_STEPS if asked.problem.n * asked.problem.m >= MANY_ROWS else RATE_STEPS
     seen = [best]
-    if best.lure.method == "lure":
-        for _ in range(steps if top > 0 else 0):
-            rate = rounded_down(Fraction(top * part), digits=4)
-            faster = propose(
-                asked, best.lure.shape, rate=rate, accept=math.nextafter(asked.ball, 0.0)
-            )
-            low, high = (low, part) if faster is None else (part, high)
-            seen += [] if faster is None else [faster]
-            part = (low + high) / 2 if low else high / 4
+
+    def covers_at(part: float) -> bool:
+        rate = rounded_down(Fraction(top * part), digits=4)
+        faster = propose(asked, best.lure.shape, rate=rate, accept=math.nextafter(asked.ball, 0.0))
+        if faster is None:
+            return False
+        seen.append(faster)
+        return True
+
+    def next_part(low: float, high: float) -> float:
+        # Half of the rate first; where that is too much, it may be a small part of it.
+        return (low + high) / 2 if low or high == 1.0 else high / 4
+
+    if best.lure.method == "lure" and top > 0:
+        bisected(covers_at, 0.0, 1.0, steps=steps, middle=next_part)
     return seen
 
 

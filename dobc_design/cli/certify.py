@@ -6,6 +6,7 @@ from __future__ import annotations
 import shlex
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,11 +16,13 @@ from dobc_design.cli import output
 from dobc_design.errors import SpecError
 
 if TYPE_CHECKING:
+    from fractions import Fraction
+
     from rich.console import RenderableType
 
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.conditions.check import Check
-    from dobc_design.falsification.suspect import Falsification
+    from dobc_design.falsification.beside import Searched
     from dobc_design.problem.problem import Problem
 
 REASONS_BESIDE = 120  # columns from which reasons stand beside the verdicts
@@ -73,81 +76,173 @@ def certify(
     seconds = None if time_limit is None else read_time_limit(time_limit, key="--time-limit")
     with until(None if seconds is None else float(seconds)):  # what is imported and read counts
         from dobc_design.certificate.files import require_own
-        from dobc_design.conditions.kinds import KINDS
         from dobc_design.problem.load import load_problem
-        from dobc_design.report.words import shown_notes
-        from dobc_design.report.write import PAGE, render_report
+        from dobc_design.report.write import PAGE
 
         stages = output.Progress(quiet=quiet, verbose=verbose)
-        if theorem is not None and theorem not in KINDS:
-            raise SpecError(
-                f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(KINDS)}."
-            )
+        _require_known(theorem)
         output.refuse_option(out, key="--out")
         if apply_fix is not None:
             output.check_target(apply_fix, force=force, key="--apply-fix")
-        tolerance = _tolerance(settling)
+        wanted = _Wanted(
+            everything=everything,
+            search=search,
+            settling=_tolerance(settling),
+            rate=rate,
+            seconds=seconds,
+        )
         problem = load_problem(file)
         folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
-        pages: dict[str, bytes] = {}
         with stages as progress:
-            how: dict[str, Any] = {"everything": everything, "rate": rate, "time_limit": seconds}
-            certificate, searches = _certified(problem, tolerance, progress, search=search, **how)
+            found = _certified(problem, wanted, progress)
+            certificate = found.certificate
             cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
+            pages: dict[str, bytes] = {}
             if report:
-                try:
-                    pages = render_report(certificate, searches=searches, progress=progress)
-                except Exception:
-                    certificate.save(folder, force=force)  # the proof outlives its picture
-                    raise
+                pages = _pages(found, folder, progress, force=force)
             path, own, *_ = certificate.save(folder, beside=pages, force=force)
             if apply_fix is not None and cured is not None:
                 output.write_file(apply_fix, cured, key="--apply-fix")
-    page = folder / PAGE if pages else None
-    checks = tuple(each for each in certificate.checks if theorem in (None, each.id))
-    verdict, reason = certificate.verdict.value, certificate.reason
-    if theorem is not None:
-        values, reason = {each.verdict.value for each in checks}, f"This is about {theorem} alone."
-        verdict = (
-            "proved" if values == {"proved"} else "refuted" if "refuted" in values else "undecided"
-        )
-        if not checks:
-            others = ", ".join(dict.fromkeys(each.id for each in certificate.checks))
-            reason = (
-                f"does not apply: {theorem} is not among the conditions of this problem ({others})."
-            )
+    written = _Written(
+        certificate=path,
+        problem=own,
+        report=folder / PAGE if pages else None,
+        cured=apply_fix,
+    )
+    judged = _judged(certificate, theorem)
     if as_json:
-        document = _head(certificate) | {
-            "checks": [each.to_json() for each in checks],
-            "notes": list(shown_notes(certificate)),
-            "certificate": str(path),
-            "report": None if page is None else str(page),
-        }
-        if apply_fix is not None:
-            document["applied"] = str(apply_fix)
+        document = _document(found, judged, written)
         if search:
-            document["searches"] = [each.to_json() for each in searches]
+            document["searches"] = [each.to_json() for each in found.searches]
         if theorem is not None:
-            rates = [each.rate for each in checks if each.rate is not None]
-            slowest = min(rates) if verdict == "proved" and len(rates) == len(checks) else None
-            factors = [each.factor for each in checks if each.factor is not None]
-            factor = max(factors) if slowest is not None and len(factors) == len(checks) else None
-            document |= {"verdict": verdict, "reason": reason, "rate": slowest, "factor": factor}
-            document |= {"covered_by": theorem if verdict == "proved" else None, "theorem": theorem}
+            document |= _about_one(judged, theorem)
         output.print_json(document)
     elif not quiet:
-        head = output.verdict_line(problem.name, verdict, reason.removeprefix("Undecided: "))
-        settled = certificate.settling if theorem is None else None
         output.show(output.remark_lines(problem))
-        _show(head, certificate, checks, file=None if apply_fix else file)
-        output.show([*output.settling_parts(settled), *output.search_parts(searches)])
-        output.say(f"\ncertificate  {path}\nproblem      {own}")
-        if page is not None:
-            output.say(f"report       {page}")
-        output.say(f"re-check     {shlex.join(['dobc', 'verify', str(path), '--problem', file])}")
-        if apply_fix is not None:
-            output.say(f"cured        {output.certify_it(str(apply_fix), problem.notes)}")
-    raise typer.Exit(output.EXIT[verdict])
+        _show(judged, certificate, file=None if apply_fix else file)
+        settled = certificate.settling if theorem is None else None
+        output.show([*output.settling_parts(settled), *output.search_parts(found.searches)])
+        output.say("\n" + "\n".join(_places(written, file, problem)))
+    raise typer.Exit(output.EXIT[judged.verdict])
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Wanted:
+    """What is asked of a proof, beside the problem."""
+
+    everything: bool
+    search: bool
+    settling: Fraction | None = None
+    rate: str | None = None
+    seconds: Fraction | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Written:
+    """The files of a certificate; what was not wanted is None."""
+
+    certificate: Path
+    problem: Path
+    report: Path | None
+    cured: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Judged:
+    """What is shown of a certificate: all of it, or one condition alone."""
+
+    checks: Sequence[Check]
+    verdict: str
+    reason: str
+
+
+def _require_known(theorem: str | None) -> None:
+    from dobc_design.conditions.kinds import KINDS
+
+    if theorem is not None and theorem not in KINDS:
+        cure = f"One of {', '.join(KINDS)}."
+        raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=cure)
+
+
+def _pages(
+    found: Searched, folder: Path, progress: Callable[[str], None], *, force: bool
+) -> dict[str, bytes]:
+    from dobc_design.report.write import render_report
+
+    certificate = found.certificate
+    try:
+        return render_report(certificate, searches=found.searches, progress=progress)
+    except Exception:
+        certificate.save(folder, force=force)  # the proof outlives its picture
+        raise
+
+
+def _judged(certificate: Certificate, theorem: str | None) -> _Judged:
+    """The verdict of a certificate, or with ``theorem`` that of one of its conditions."""
+    if theorem is None:
+        verdict, reason = certificate.verdict.value, certificate.reason
+        return _Judged(checks=certificate.checks, verdict=verdict, reason=reason)
+    checks = [each for each in certificate.checks if each.id == theorem]
+    values = {each.verdict.value for each in checks}
+    verdict = "undecided"
+    if values == {"proved"}:
+        verdict = "proved"
+    elif "refuted" in values:
+        verdict = "refuted"
+    reason = f"This is about {theorem} alone."
+    if not checks:
+        others = ", ".join(dict.fromkeys(each.id for each in certificate.checks))
+        reason = (
+            f"does not apply: {theorem} is not among the conditions of this problem ({others})."
+        )
+    return _Judged(checks=checks, verdict=verdict, reason=reason)
+
+
+def _document(found: Searched, judged: _Judged, written: _Written) -> dict[str, Any]:
+    """What --json prints of a certificate."""
+    from dobc_design.report.words import shown_notes
+
+    certificate = found.certificate
+    document = _head(certificate)
+    document["checks"] = [each.to_json() for each in judged.checks]
+    document["notes"] = list(shown_notes(certificate))
+    document["certificate"] = str(written.certificate)
+    document["report"] = None if written.report is None else str(written.report)
+    if written.cured is not None:
+        document["applied"] = str(written.cured)
+    return document
+
+
+def _about_one(judged: _Judged, theorem: str) -> dict[str, Any]:
+    """What --json says of one condition: of its modes the slowest rate, with the largest
+    factor."""
+    rates = [each.rate for each in judged.checks if each.rate is not None]
+    factors = [each.factor for each in judged.checks if each.factor is not None]
+    proved, rate, factor = judged.verdict == "proved", None, None
+    if proved and len(rates) == len(judged.checks):
+        rate = min(rates)
+        if len(factors) == len(judged.checks):
+            factor = max(factors)
+    return {
+        "verdict": judged.verdict,
+        "reason": judged.reason,
+        "rate": rate,
+        "factor": factor,
+        "covered_by": theorem if proved else None,
+        "theorem": theorem,
+    }
+
+
+def _places(written: _Written, file: str, problem: Problem) -> Iterator[str]:
+    """Where everything is, and how it is checked."""
+    path = str(written.certificate)
+    yield f"certificate  {path}"
+    yield f"problem      {written.problem}"
+    if written.report is not None:
+        yield f"report       {written.report}"
+    yield f"re-check     {shlex.join(['dobc', 'verify', path, '--problem', file])}"
+    if written.cured is not None:
+        yield f"cured        {output.certify_it(str(written.cured), problem.notes)}"
 
 
 def region(
@@ -168,26 +263,24 @@ def region(
     """Say from which starts consensus is proved: numbers and a picture, without a report."""
     from dobc_design.certificate.files import make_folder, require_own, write_together
     from dobc_design.problem.load import load_problem
-    from dobc_design.report.pictures import search_sheet
 
     stages = output.Progress(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
     problem = load_problem(file)
     folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
     with stages as progress:
-        largest = everything or problem.region is None
-        how: dict[str, Any] = {"everything": largest, "time_limit": None}
-        certificate, searches = _certified(
-            problem, _tolerance(settling), progress, search=search, **how
+        wanted = _Wanted(
+            everything=everything or problem.region is None,
+            search=search,
+            settling=_tolerance(settling),
         )
+        found = _certified(problem, wanted, progress)
+        certificate = found.certificate
         document = _head(certificate) | certificate.regions.to_json()
         if search:
-            document["searches"] = [each.to_json() for each in searches]
+            document["searches"] = [each.to_json() for each in found.searches]
         progress("drawing")
-        files = {folder / "region.json": output.json_bytes(document)}
-        for name, picture in (("region", certificate.plot()), ("search", search_sheet(searches))):
-            if picture is not None:
-                files |= {folder / f"{name}.{kind}": picture.file(kind) for kind in ("svg", "png")}
+        files = {folder / name: data for name, data in _drawn(found, document).items()}
         make_folder(folder)
         write_together(files)
     written = [str(path) for path in files]
@@ -195,29 +288,48 @@ def region(
         output.print_json(document | {"files": written})
     elif not quiet:
         output.show(output.remark_lines(problem))
-        output.show(_shown(certificate, searches, wide=output.make_console().width >= WIDE))
+        output.show(_shown(found, wide=output.make_console().width >= WIDE))
         output.say("\n" + "\n".join(f"wrote {path}" for path in written))
     raise typer.Exit(output.EXIT[certificate.verdict.value])
 
 
-def _tolerance(settling: str | None) -> Any:
+def _drawn(found: Searched, document: dict[str, Any]) -> dict[str, bytes]:
+    """The files of ``dobc region`` by name: its document and its pictures."""
+    from dobc_design.report.pictures import search_sheet
+
+    files = {"region.json": output.json_bytes(document)}
+    pictures = (("region", found.certificate.plot()), ("search", search_sheet(found.searches)))
+    for name, picture in pictures:
+        if picture is not None:
+            for kind in ("svg", "png"):
+                files[f"{name}.{kind}"] = picture.file(kind)
+    return files
+
+
+def _tolerance(settling: str | None) -> Fraction | None:
     from dobc_design.conditions.schedule.stage import read_tolerance
 
     return None if settling is None else read_tolerance(settling, key="--settling")
 
 
-def _certified(
-    problem: Problem, tolerance: Any, progress: Callable[[str], None], *, search: bool, **how: Any
-) -> tuple[Certificate, tuple[Falsification, ...]]:
-    """The certificate, and with ``search`` what a search for starts that do not converge found."""
+def _certified(problem: Problem, wanted: _Wanted, progress: Callable[[str], None]) -> Searched:
+    """The certificate, and where it is wanted what a search for starts that do not converge
+    found."""
     from dobc_design.certification import certify as certification
     from dobc_design.falsification import falsify as falsification
+    from dobc_design.falsification.beside import Searched
 
-    certificate = certification.certify(problem, settling=tolerance, progress=progress, **how)
-    if not search:
-        return certificate, ()
-    found = falsification.falsify(certificate, progress=progress)
-    return found.certificate, found.searches
+    certificate = certification.certify(
+        problem,
+        everything=wanted.everything,
+        settling=wanted.settling,
+        rate=wanted.rate,
+        time_limit=wanted.seconds,
+        progress=progress,
+    )
+    if not wanted.search:
+        return Searched(certificate=certificate, searches=())
+    return falsification.falsify(certificate, progress=progress)
 
 
 def _head(certificate: Certificate) -> dict[str, Any]:
@@ -246,132 +358,147 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
     from dobc_design.problem.load import source_text
 
     check = main_cure(certificate.checks)
-    fix = None if check is None else check.fix
     output.require_toml(target, key="--apply-fix")
-    if fix is None:
-        message, cure = (
-            "no cure is known for this problem.",
-            "The reasons of the checks say what fails.",
-        )
+    if check is None or check.fix is None:
+        message = "no cure is known for this problem."
+        cure = "The reasons of the checks say what fails."
         if certificate.verdict.value == "proved":
-            message, cure = (
-                "there is nothing to cure: everything asked for is proved.",
-                "Leave --apply-fix out.",
-            )
+            message = "there is nothing to cure: everything asked for is proved."
+            cure = "Leave --apply-fix out."
         raise SpecError(message, key="--apply-fix", cure=cure)
-    text = changed_file(
-        certificate.problem, fix.set, text=source_text(source), folder=target.resolve().parent
-    )
-    return text.encode("utf-8")
+    text, folder = source_text(source), target.resolve().parent
+    cured = changed_file(certificate.problem, check.fix.set, text=text, folder=folder)
+    return cured.encode("utf-8")
 
 
-def _show(
-    head: RenderableType, certificate: Certificate, checks: Sequence[Check], *, file: str | None
-) -> None:
+def _show(judged: _Judged, certificate: Certificate, *, file: str | None) -> None:
     """The verdict, the checks with their reasons, and what would cure it.  Text of the user is
     shown as it is. ``file``: what the problem was read from, for the command that writes the cured
     one."""
     from rich.text import Text
 
-    from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
-    from dobc_design.report.words import capitalize_first, shown_notes
+    from dobc_design.report.words import shown_notes
 
-    output.show([head])
-    width = output.make_console().width
+    problem, checks = certificate.problem, judged.checks
+    reason = judged.reason.removeprefix("Undecided: ")
+    output.show([output.verdict_line(problem.name, judged.verdict, reason)])
+    if checks:
+        width = output.make_console().width
+        output.show([Text(""), *_check_parts(_rows(checks), width)], wrapped=True)
+        output.show([Text(f"\n{COLUMNS}", style="dim")])
+    # A local statement beside a proof for a region needs no cure where no region is asked for.
+    covering = [check for check in checks if check.id == certificate.covered_by]
+    regional = any(check.kind.role == "region" for check in covering)
+    if not regional or problem.region is not None:
+        output.show(_cures(checks, certificate, file=file))
+    notes = [f"Note: {note}" for note in shown_notes(certificate)]
+    if notes:
+        output.show(map(Text, [f"\n{notes[0]}", *notes[1:]]))
+
+
+def _check_parts(rows: Sequence[_Row], width: int) -> Iterator[RenderableType]:
+    """Checks with their numbers as a table; their reasons beside these, or below on a narrow
+    terminal."""
+    from rich.text import Text
+
+    from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
+    from dobc_design.report.words import capitalize_first
+
+    def below(value: float | None) -> str:
+        return "" if value is None else significant_towards_zero(value)
+
+    def above(value: float | None) -> str:
+        return "" if value is None else significant_away_from_zero(value)
+
     beside = width >= REASONS_BESIDE
     table = output.make_table(["condition"])
     for name in ("result", "rate (1/s)", "factor", "margin"):
         table.add_column(name, no_wrap=True)
     if beside:
         table.add_column("what it says", overflow="fold")
-    rows = _rows(checks)
-    for title, each in rows:
-        rate, margin = (
-            "" if x is None else significant_towards_zero(x) for x in (each.rate, each.margin)
-        )
-        texts = [
-            rate,
-            "" if each.factor is None else significant_away_from_zero(each.factor),
-            margin,
-        ]
-        texts += [capitalize_first(each.reason)] if beside else []
-        table.add_row(Text(title), output.verdict_text(each.verdict.value), *map(Text, texts))
-    parts: list[RenderableType] = [Text(""), table] if checks else []
-    for title, each in () if beside else rows:
-        lines = textwrap.wrap(
-            capitalize_first(each.reason), width, initial_indent="  ", subsequent_indent="  "
-        )
-        parts += [Text.assemble("\n", (title, "bold")), Text("\n".join(lines))]
-    output.show(parts, wrapped=True)
-    if checks:
-        output.show([Text(f"\n{COLUMNS}", style="dim")])
-    regional = any(
-        check.id == certificate.covered_by and check.kind.role == "region" for check in checks
-    )
-    if not regional or certificate.problem.region is not None:  # else nothing is to be cured
-        unproved = certificate.verdict.value != "proved"
-        output.show(
-            _cures(checks, width=width, file=file, name=certificate.problem.name, unproved=unproved)
-        )
-    notes = shown_notes(certificate)
-    output.show(Text(f"{'' if place else chr(10)}Note: {note}") for place, note in enumerate(notes))
+    for row in rows:
+        check = row.check
+        texts = [below(check.rate), above(check.factor), below(check.margin)]
+        if beside:
+            texts.append(capitalize_first(check.reason))
+        verdict = output.verdict_text(check.verdict.value)
+        table.add_row(Text(row.title), verdict, *map(Text, texts))
+    yield table
+    if beside:
+        return
+    for row in rows:
+        reason = capitalize_first(row.check.reason)
+        lines = textwrap.wrap(reason, width, initial_indent="  ", subsequent_indent="  ")
+        yield Text.assemble("\n", (row.title, "bold"))
+        yield Text("\n".join(lines))
 
 
-def _rows(checks: Sequence[Check]) -> list[tuple[str, Check]]:
-    """Row heads and checks; modes of which the same is said share a row."""
+@dataclass(frozen=True, kw_only=True)
+class _Row:
+    """A check with its head in the table."""
+
+    title: str
+    check: Check
+
+
+def _rows(checks: Sequence[Check]) -> list[_Row]:
+    """Checks with their heads; modes of which the same is said share a row."""
+    from dobc_design.exact.reading import some
+
     same: dict[tuple[object, ...], list[Check]] = {}
     for each in checks:
         said = (each.id, each.group, each.verdict, each.rate, each.factor, each.margin, each.reason)
         same.setdefault(said, []).append(each)
     rows = []
     for alike in same.values():
-        modes = ", ".join(str(each.mode) for each in alike[:MOST_MODES])
-        more = f" and {len(alike) - MOST_MODES} more" if len(alike) > MOST_MODES else ""
-        rows.append(
-            (f"{alike[0].id} ({modes}{more})" if len(alike) > 1 else alike[0].title, alike[0])
-        )
+        first = alike[0]
+        title = first.title
+        if len(alike) > 1:
+            title = f"{first.id} ({some([str(each.mode) for each in alike], MOST_MODES)})"
+        rows.append(_Row(title=title, check=first))
     return rows
 
 
-def _cures(
-    checks: Sequence[Check], *, width: int, file: str | None, name: str, unproved: bool
-) -> Iterator[str]:
+def _cures(checks: Sequence[Check], certificate: Certificate, *, file: str | None) -> Iterator[str]:
     """What would cure what failed: in words, as lines of the problem file, and the command that
     writes them."""
     from dobc_design.conditions.check import main_cure, other_cures
     from dobc_design.problem.changes import change_lines
 
+    proved = certificate.verdict.value == "proved"
     main = main_cure(checks)
-    for each in [*([] if main is None else [main]), *other_cures(checks)]:
-        if each.fix is None:
+    for check in (main, *other_cures(checks)):
+        if check is None or check.fix is None:
             continue
-        head = f"What would cure {'it' if unproved and each.kind.role == 'paper' else each.id}:"
-        if each.verdict.value != "refuted" or each.id == "observability":
-            head = f"What would help {each.id}:"
-        words = f"{head} {each.fix.text}"
-        lines = (
-            [words]
-            if width == output.PIPED
-            else textwrap.wrap(words, width, subsequent_indent="  ")
-        )
-        yield "\n".join(["", *lines, *(f"    {line}" for line in change_lines(each.fix.set))])
-        if each is main and file is not None:
-            command = shlex.join(
-                ["dobc", "certify", file, "--apply-fix", f"{output.folder_name(name)}-cured.toml"]
-            )
+        head = f"What would cure {check.id}:"
+        if check.verdict.value != "refuted" or check.id == "observability":
+            head = f"What would help {check.id}:"
+        elif check.kind.role == "paper" and not proved:
+            head = "What would cure it:"
+        words = f"{head} {check.fix.text}"
+        lines = [f"    {line}" for line in change_lines(check.fix.set)]
+        yield "\n".join(["", *_wrapped(words), *lines])
+        if check is main and file is not None:
+            cured = f"{output.folder_name(certificate.problem.name)}-cured.toml"
+            command = shlex.join(["dobc", "certify", file, "--apply-fix", cured])
             yield f"  To write the cured problem to a new file:\n    {command}"
 
 
-def _shown(
-    certificate: Certificate, searches: Sequence[Falsification], *, wide: bool
-) -> Iterator[RenderableType]:
+def _wrapped(text: str) -> list[str]:
+    """As wide as the terminal; one line where there is none."""
+    width = output.make_console().width
+    return [text] if width == output.PIPED else textwrap.wrap(text, width, subsequent_indent="  ")
+
+
+def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
     """The regions on a terminal: the verdict, one row per method, delays and sampling."""
     from rich.padding import Padding
     from rich.text import Text
 
     from dobc_design.report import region_words as told
 
-    regions, settling = certificate.regions, certificate.settling
+    certificate = found.certificate
+    regions = certificate.regions
     reason = certificate.reason.removeprefix("Undecided: ")
     yield output.verdict_line(certificate.problem.name, certificate.verdict.value, reason)
     yield Text("")
@@ -381,13 +508,17 @@ def _shown(
     norms = "|e|∞ is the largest error of any agent, |e|₂ the Euclidean norm of all errors."
     yield Text(f"{told.asked_sentence(regions)} {norms}\n")
     table = told.regions_table(regions, disturbed=False)
-    yield output.document_table(
-        table, leave_out=["certified", *([] if wide else ["|e|₂ ≤", "why not further"])]
-    )
-    for claim in () if wide else regions.claims:  # the last column stands below the table
-        yield Text(f"\n{claim.method}", style="bold")
-        yield Padding(Text(told.limit_words(claim)), (0, 0, 0, 2))
-    sentences = [*filter(None, [told.rest_sentence(regions)]), *told.timing_sentences(regions)]
-    yield from (Text(f"\n{sentence}") for sentence in sentences)
-    yield from output.settling_parts(settling)
-    yield from output.search_parts(searches)
+    if wide:
+        yield output.document_table(table, leave_out=["certified"])
+    else:
+        yield output.document_table(table, leave_out=["certified", "|e|₂ ≤", "why not further"])
+        for claim in regions.claims:  # the last column stands below the table
+            yield Text(f"\n{claim.method}", style="bold")
+            yield Padding(Text(told.limit_words(claim)), (0, 0, 0, 2))
+    rest = told.rest_sentence(regions)
+    if rest is not None:
+        yield Text(f"\n{rest}")
+    for sentence in told.timing_sentences(regions):
+        yield Text(f"\n{sentence}")
+    yield from output.settling_parts(certificate.settling)
+    yield from output.search_parts(found.searches)

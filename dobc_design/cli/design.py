@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +12,11 @@ import typer
 from dobc_design.cli import output
 
 if TYPE_CHECKING:
+    from dobc_design.problem.problem import Problem
     from dobc_design.synthesis.joint.claim import Design, DesignRequest
+
+DIGITS = 3
+MOST_DIGITS = 10  # of a number of pins; a longer one is no number of agents
 
 
 def design(
@@ -37,7 +41,7 @@ def design(
         list[str] | None,
         typer.Option(help="Labels of agents that may be pinned, with commas; may be repeated."),
     ] = None,
-    digits: Annotated[int, typer.Option(help="Significant digits of W and of the gains.")] = 3,
+    digits: Annotated[int, typer.Option(help="Significant digits of W and of the gains.")] = DIGITS,
     keep_exosystem: Annotated[
         bool,
         typer.Option(
@@ -62,49 +66,76 @@ def design(
 ) -> None:
     """Design observer gain, pinned agents and gains with a proof, or prove that the request is
     impossible."""
-    from dobc_design.problem.changes import changed_file
-    from dobc_design.problem.load import load_problem, source_text
+    from dobc_design.problem.load import load_problem
     from dobc_design.synthesis import designs
 
     stages = output.Progress(quiet=quiet, verbose=verbose)
     output.check_target(out, force=force, key="--out")
     output.require_toml(out, key="--out")
     problem = load_problem(file)
-    # A whole number of pins where it is one; anything else is refused where requests are read.
-    whole = pins is not None and pins.isascii() and pins.isdigit() and len(pins) < 10
-    labels = [label.strip() for text in allowed or () for label in text.split(",") if label.strip()]
     with stages as progress:
-        limits: dict[str, Any] = {
-            "pins": int(pins or "") if whole else pins,
-            "rate": rate,
-            "max_gain": max_gain,
-            "noise": noise,
-            "allowed": labels or None,
-        }
-        how: dict[str, Any] = {"digits": digits, "reduce": not keep_exosystem, "progress": progress}
-        how |= {"conservative": conservative, "coupling": coupling}
-        found = designs.design(problem, **limits, **how)
-    written = None
-    if found.verdict.value == "proved":
-        text, folder = source_text(file), out.resolve().parent
-        new = changed_file(
-            problem, found.changes, text=text, folder=folder, remark="set by dobc design"
+        found = designs.design(
+            problem,
+            pins=_whole(pins),
+            rate=rate,
+            max_gain=max_gain,
+            noise=noise,
+            allowed=_labels(allowed or ()),
+            digits=digits,
+            reduce=not keep_exosystem,
+            conservative=conservative,
+            coupling=coupling,
+            progress=progress,
         )
-        output.write_file(out, new.encode("utf-8"), key="--out")
-        written = str(out)
+    proved = found.verdict.value == "proved"
+    if proved:
+        _write(found, problem, file, out)
     if as_json:
-        output.print_json(found.to_json() | {"problem": written})
+        output.print_json(found.to_json() | {"problem": str(out) if proved else None})
     elif not quiet:
-        from rich.text import Text
-
-        reason = f"{found.reason[:1].upper()}{found.reason[1:]}"
-        output.show([output.verdict_line(problem.name, found.verdict.value, reason)])
-        lines = _lines(found, file=file, out=out)
-        # a command is not wrapped
-        output.show(line if line.startswith("    ") else Text(line) for line in lines)
-        if written is not None:
-            output.say(f"\nwrote        {output.certify_it(written, problem.notes)}")
+        _say(found, problem, file, out)
+        if proved:
+            output.say(f"\nwrote        {output.certify_it(str(out), problem.notes)}")
     raise typer.Exit(output.EXIT[found.verdict.value])
+
+
+def _whole(pins: str | None) -> Any:
+    """A whole number of pins where it is one; anything else is refused where requests are read."""
+    if pins is None or not (pins.isascii() and pins.isdigit()) or len(pins) >= MOST_DIGITS:
+        return pins
+    return int(pins)
+
+
+def _labels(texts: Iterable[str]) -> list[str] | None:
+    """Labels from texts with commas; None where there are none, which allows all agents."""
+    labels = [label.strip() for text in texts for label in text.split(",")]
+    return [label for label in labels if label] or None
+
+
+def _write(found: Design, problem: Problem, source: str, out: Path) -> None:
+    """Write the designed problem, with the comments of its source."""
+    from dobc_design.problem.changes import changed_file
+    from dobc_design.problem.load import source_text
+
+    new = changed_file(
+        problem,
+        found.changes,
+        text=source_text(source),
+        folder=out.resolve().parent,
+        remark="set by dobc design",
+    )
+    output.write_file(out, new.encode("utf-8"), key="--out")
+
+
+def _say(found: Design, problem: Problem, file: str, out: Path) -> None:
+    """The verdict, and what was decided or would be possible."""
+    from rich.text import Text
+
+    reason = f"{found.reason[:1].upper()}{found.reason[1:]}"
+    output.show([output.verdict_line(problem.name, found.verdict.value, reason)])
+    lines = _lines(found, file=file, out=out)
+    # a command is not wrapped
+    output.show(line if line.startswith("    ") else Text(line) for line in lines)
 
 
 def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
@@ -113,23 +144,15 @@ def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
     yield from found.decisions
     yield from found.prices
     if found.binding is not None:
-        option = {"max_gain": "max-gain", "reduce": "keep-exosystem"}.get(
-            found.binding, found.binding
-        )
+        own_names = {"max_gain": "max-gain", "reduce": "keep-exosystem"}
+        option = own_names.get(found.binding, found.binding)
         yield f"\nThe limit that fails: --{option}."
     nearest = found.nearest
     if nearest is not None:
         yield f"\nThe nearest request that was proved possible: {nearest.limits}."
         yield from nearest.decisions
-        command = [
-            "dobc",
-            "design",
-            file,
-            "--out",
-            str(out),
-            *_option_texts(nearest.request, nearest.labels),
-        ]
-        yield f"    {shlex.join(command)}"
+        options = _option_texts(nearest.request, nearest.labels)
+        yield f"    {shlex.join(['dobc', 'design', file, '--out', str(out), *options])}"
     if found.verdict.value != "proved":
         yield "\nNothing was written."
 
@@ -138,22 +161,23 @@ def _option_texts(request: DesignRequest, labels: Sequence[str]) -> list[str]:
     """The options of ``dobc design`` that ask for a request, as far as options can."""
     from dobc_design.problem.changes import typed_number
 
-    given = {
-        "--rate": None if request.rate is None else typed_number(request.rate),
-        "--pins": request.pins,
-        "--max-gain": typed_number(max(request.caps.values())) if request.caps else None,
-        "--allowed": ",".join(labels[i] for i in request.allowed)
-        if len(request.allowed) < len(labels)
-        else None,
-        "--noise": typed_number(request.noise[0].bound) if request.noise else None,
-        "--digits": None if request.digits == 3 else request.digits,
+    given: dict[str, object] = {}
+    if request.rate is not None:
+        given["--rate"] = typed_number(request.rate)
+    if request.pins is not None:
+        given["--pins"] = request.pins
+    if request.caps:
+        given["--max-gain"] = typed_number(max(request.caps.values()))
+    if len(request.allowed) < len(labels):
+        given["--allowed"] = ",".join(labels[i] for i in request.allowed)
+    if request.noise:
+        given["--noise"] = typed_number(request.noise[0].bound)
+    if request.digits != DIGITS:
+        given["--digits"] = request.digits
+    texts = [text for option, value in given.items() for text in (option, str(value))]
+    flags = {
+        "--keep-exosystem": not request.reduce,
+        "--conservative": request.conservative,
+        "--coupling": request.coupling,
     }
-    words = [
-        word
-        for option, value in given.items()
-        if value is not None
-        for word in (option, str(value))
-    ]
-    flags = {"--keep-exosystem": not request.reduce, "--conservative": request.conservative}
-    flags["--coupling"] = request.coupling
-    return [*words, *(flag for flag, given in flags.items() if given)]
+    return texts + [flag for flag, wanted in flags.items() if wanted]

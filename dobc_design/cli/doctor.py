@@ -41,14 +41,24 @@ PROGRAM_TABLE = (
         "coq libcoq-coquelicot libcoq-interval",
         "coq",
     ),
-    (("gcc", "cc", "clang"), "compiling the C code of dobc export --c", "gcc", "gcc"),
+    (
+        ("gcc", "cc", "clang"),
+        "compiling the C code of dobc export --c",
+        "gcc",
+        "gcc",
+    ),
     (
         ("chromium", "chromium-browser", "google-chrome"),
         "the tests of the report's page",
         "chromium",
         "chromium",
     ),
-    (("csdp",), "a second solver for the files of dobc export --sdpa", "coinor-csdp", "csdp"),
+    (
+        ("csdp",),
+        "a second solver for the files of dobc export --sdpa",
+        "coinor-csdp",
+        "csdp",
+    ),
 )
 
 
@@ -97,11 +107,11 @@ def _package(text: str) -> Item:
     from packaging.requirements import Requirement
     from packaging.version import InvalidVersion
 
-    required, typed = Requirement(text), text.partition(";")[0].replace(" ", "")
+    required = Requirement(text)
+    typed = text.partition(";")[0].replace(" ", "")
     extra = re.search(r"extra == ['\"]([a-z]+)", str(required.marker))
-    missing = Item(
-        required.name, extra[1] if extra else CORE, "not installed", False, install_command([typed])
-    )
+    group = extra[1] if extra else CORE
+    missing = Item(required.name, group, "not installed", False, install_command([typed]))
     try:
         version = metadata.version(required.name)
         fits = required.specifier.contains(version, prereleases=True)
@@ -111,7 +121,7 @@ def _package(text: str) -> Item:
         fits = False
     if not fits:
         return missing._replace(detail=f"{version}, needs {typed.removeprefix(required.name)}")
-    return missing._replace(detail=version, ok=True, install=None)
+    return Item(required.name, group, version, True)
 
 
 def install_command(requirements: Sequence[str]) -> str:
@@ -127,8 +137,11 @@ def _programs() -> Iterator[Item]:
         if place is not None:
             yield Item(names[0], PROGRAMS, f"{place}: {purpose}", True)
             continue
-        command = f"brew install {brew}" if shutil.which("brew") else None
-        command = f"sudo apt-get install {debian}" if shutil.which("apt-get") else command
+        command = None
+        if shutil.which("apt-get"):
+            command = f"sudo apt-get install {debian}"
+        elif shutil.which("brew"):
+            command = f"brew install {brew}"
         yield Item(names[0], PROGRAMS, f"not found; for {purpose}", False, command)
 
 
@@ -138,10 +151,9 @@ def _main_path() -> Item:
 
     try:
         certificate = certify("paper-fixed")
-        works = certificate.verdict.value == "proved" and verify(certificate, "paper-fixed").holds
-        detail = (
-            f"{certificate.verdict.value}, re-checked" if works else "not proved, or not confirmed"
-        )
+        verdict = certificate.verdict.value
+        works = verdict == "proved" and verify(certificate, "paper-fixed").holds
+        detail = f"{verdict}, re-checked" if works else "not proved, or not confirmed"
     except (DobcError, ImportError) as error:
         works, detail = False, str(error)[:200]
     return Item("paper-fixed", CORE, detail, works)
@@ -149,42 +161,39 @@ def _main_path() -> Item:
 
 def _words(items: Sequence[Item]) -> str:
     width = max(len(each.item) for each in items)
-    lines: list[str] = []
+    titles = {CORE: "needed", PROGRAMS: "programs, none of them needed"}
+    paragraphs = []
     for group in dict.fromkeys(each.group for each in items):
-        own = [each for each in items if each.group == group]
-        title = {CORE: "needed", PROGRAMS: "programs, none of them needed"}.get(
-            group, f"dobc_design[{group}]"
-        )
-        purpose = PURPOSES.get(group)
-        lines += ["", f"{title}: {purpose}" if purpose else title]
+        lines = [titles.get(group, f"dobc_design[{group}]")]
+        if group in PURPOSES:
+            lines[0] += f": {PURPOSES[group]}"
         absent = "MISSING" if group == CORE else "absent"
-        lines += [
-            f"  {'ok' if each.ok else absent:<7}  {each.item:<{width}}  {each.detail}"
-            for each in own
-        ]
-    return "\n".join([*lines[1:], "", *_conclusion(items)])
+        for each in items:
+            if each.group == group:
+                state = "ok" if each.ok else absent
+                lines.append(f"  {state:<7}  {each.item:<{width}}  {each.detail}")
+        paragraphs.append("\n".join(lines))
+    conclusion = "\n".join(_conclusion(items))
+    return "\n\n".join([*paragraphs, conclusion])
 
 
 def _conclusion(items: Sequence[Item]) -> Iterator[str]:
+    """Whether everything that is needed is there, and how the rest is installed."""
     broken = sum(each.group == CORE and not each.ok for each in items)
-    bad = f"{broken} of the things that are needed are missing or broken."
-    yield bad if broken else "Everything that is needed is there and works."
-    for group in dict.fromkeys(
-        each.group for each in items if not each.ok and each.group not in DEVELOPERS
-    ):
-        missing = [
-            each
-            for each in items
-            if each.group == group and not each.ok and each.install is not None
-        ]
+    if broken:
+        yield f"{broken} of the things that are needed are missing or broken."
+    else:
+        yield "Everything that is needed is there and works."
+    missing: dict[str, list[tuple[str, str]]] = {}  # group -> items and what installs them
+    for each in items:
+        if not each.ok and each.install is not None and each.group not in DEVELOPERS:
+            missing.setdefault(each.group, []).append((each.item, each.install))
+    for group, commands in missing.items():
         if group == PROGRAMS:
-            yield from (f"To install {each.item}:\n  {each.install}" for each in missing)
-        elif missing:
-            head = (
-                "To install what is missing:" if group == CORE else f"To install the extra {group}:"
-            )
-            # the requirement stands at the end of an item's command
-            yield (
-                f"{head}\n  "
-                f"{install_command([shlex.split(each.install or '')[-1] for each in missing])}"
-            )
+            for item, command in commands:
+                yield f"To install {item}:\n  {command}"
+        else:
+            # the requirement stands at the end of a command
+            wanted = [shlex.split(command)[-1] for _, command in commands]
+            what = "what is missing" if group == CORE else f"the extra {group}"
+            yield f"To install {what}:\n  {install_command(wanted)}"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import typer
 
@@ -15,7 +16,8 @@ from dobc_design.errors import SpecError
 TARGETS = "--c DIR, --fmu FILE, --sdpa FILE, --python-control FILE or --rocq FILE"
 
 
-class _Asked(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class _Asked:
     """The options beside the target."""
 
     period: str | None
@@ -28,7 +30,14 @@ class _Asked(NamedTuple):
     force: bool
 
 
-Exported = tuple[dict[str, Any], str]  # the document of --json, and the same in words
+@dataclass(frozen=True, kw_only=True)
+class _Exported:
+    """What was written: as the document of --json, and in words."""
+
+    document: dict[str, Any]
+    words: str
+
+
 Stage = Callable[[str], None]
 
 
@@ -87,15 +96,24 @@ def export(
 ) -> None:
     """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq
     (Coq 8.16)."""
-    asked = _Asked(period, precision, agent, certificate, problem, rate, theorem, force)
-    targets = {
-        "--c": (c, _c),
-        "--fmu": (fmu, _fmu),
-        "--sdpa": (sdpa, _sdpa),
-        "--python-control": (python_control, _python),
-        "--rocq": (rocq, _rocq),
-    }
-    chosen = [(key, path, write) for key, (path, write) in targets.items() if path is not None]
+    asked = _Asked(
+        period=period,
+        precision=precision,
+        agent=agent,
+        certificate=certificate,
+        problem=problem,
+        rate=rate,
+        theorem=theorem,
+        force=force,
+    )
+    targets = (
+        ("--c", c, _c),
+        ("--fmu", fmu, _fmu),
+        ("--sdpa", sdpa, _sdpa),
+        ("--python-control", python_control, _python),
+        ("--rocq", rocq, _rocq),
+    )
+    chosen = [(key, path, write) for key, path, write in targets if path is not None]
     with output.Progress() as progress:
         if len(chosen) != 1:
             raise SpecError("exactly one target must be named.", key="export", cure=f"{TARGETS}.")
@@ -105,11 +123,11 @@ def export(
             output.refuse_option(path, key=key)
         else:
             output.check_target(path, force=force, key=key)
-        document, text = write(file, path, asked, progress)
+        found = write(file, path, asked, progress)
     if as_json:
-        output.print_json(document)
+        output.print_json(found.document)
     else:
-        output.say(text)
+        output.say(found.words)
 
 
 def _check_options(asked: _Asked, target: str) -> None:
@@ -125,14 +143,11 @@ def _check_options(asked: _Asked, target: str) -> None:
     }
     for key, (value, targets) in belongs.items():
         if value is not None and target not in targets:
-            raise SpecError(
-                f"{key} has no meaning with {target}.",
-                key=key,
-                cure=f"It is for {' and '.join(targets)}.",
-            )
+            cure = f"It is for {' and '.join(targets)}."
+            raise SpecError(f"{key} has no meaning with {target}.", key=key, cure=cure)
 
 
-def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
+def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> _Exported:
     from dobc_design.export import to_c
     from dobc_design.export.c_folder import COMPILE, check_free
     from dobc_design.problem.load import load_problem
@@ -144,26 +159,30 @@ def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
         progress("verifying the certificate")
         claims = output.read_claims(asked.certificate, problem)
     progress("discretising and simulating")
-    agents, precision = None if asked.agent is None else [asked.agent], asked.precision or "double"
     found = to_c(
-        problem, period=asked.period, precision=precision, agents=agents, certificate=claims
+        problem,
+        period=asked.period,
+        precision=asked.precision or "double",
+        agents=None if asked.agent is None else [asked.agent],
+        certificate=claims,
     )
-    written = found.save(folder, force=asked.force)
+    written = [str(path) for path in found.save(folder, force=asked.force)]
     controller = found.controller
     document = {
         "c": str(folder),
-        "files": [str(path) for path in written],
+        "files": written,
         "period": float(controller.period),
         "precision": controller.precision,
         "agents": [agent.label for agent in controller.agents],
         "tolerance": found.tolerance,
         "statements": [each.to_json() for each in found.statements],
     }
-    test = f"compile and test it: cd {shlex.quote(str(folder))} && {COMPILE}"
-    return document, "\n".join([str(found), *(f"wrote {path}" for path in written), test])
+    lines = [str(found), *(f"wrote {path}" for path in written)]
+    lines.append(f"compile and test it: cd {shlex.quote(str(folder))} && {COMPILE}")
+    return _Exported(document=document, words="\n".join(lines))
 
 
-def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
+def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
     from dobc_design.export import to_fmu
     from dobc_design.problem.load import load_problem
 
@@ -171,51 +190,49 @@ def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     progress("discretising and compiling")
     found = to_fmu(problem, period=asked.period, agent=asked.agent)
     output.write_file(target, found.data, key="--fmu")
-    words = "with sources only: no C compiler was found, so the importer has to compile them"
-    words = f"with a library for {found.platform}" if found.platform else words
-    return {"fmu": str(target), "platform": found.platform}, f"wrote {target}, {words}"
+    what = "with sources only: no C compiler was found, so the importer has to compile them"
+    if found.platform:
+        what = f"with a library for {found.platform}"
+    document = {"fmu": str(target), "platform": found.platform}
+    return _Exported(document=document, words=f"wrote {target}, {what}")
 
 
-def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
+def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
     from dobc_design.export import to_sdpa
     from dobc_design.problem.load import load_problem
 
     problem = load_problem(file)
     progress("deciding the theorem")
     output.write_file(target, to_sdpa(problem).encode("ascii"), key="--sdpa")
-    return {
-        "sdpa": str(target)
-    }, f"wrote {target}\nsolve it with, say: {shlex.join(['csdp', str(target)])}"
+    solve = shlex.join(["csdp", str(target)])
+    words = f"wrote {target}\nsolve it with, say: {solve}"
+    return _Exported(document={"sdpa": str(target)}, words=words)
 
 
-def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
+def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
     from dobc_design.export import python_script
 
     output.write_file(target, python_script(file).encode("utf-8"), key="--python-control")
-    return {"python_control": str(target)}, f"wrote {target}"
+    return _Exported(document={"python_control": str(target)}, words=f"wrote {target}")
 
 
-def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
+def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.export.rocq.matrices import rocq_proof
     from dobc_design.export.rocq.motions import motions_proof, proved_in_states
     from dobc_design.problem.load import load_problem
 
     certificate = Path(file)
-    folder = certificate if certificate.is_dir() else certificate.parent
     claims = output.read_claims(certificate)
+    folder = certificate if certificate.is_dir() else certificate.parent
     trusted = load_problem(str(folder / "problem.json") if asked.problem is None else asked.problem)
     own = Certificate(problem=trusted, claims=claims)
     progress("looking at the rows piece by piece")
-    whole = proved_in_states(own) is not None and not (asked.theorem or asked.rate)
+    motions = proved_in_states(own) is not None and not (asked.theorem or asked.rate)
     if not target.stem.replace("_", "a").isalnum():
-        raise SpecError(
-            "Coq takes file names of letters, digits and _.",
-            key="--rocq",
-            cure="Choose another name.",
-        )
-    text = motions_proof(own) if whole else rocq_proof(own, rate=asked.rate)
+        message = "Coq takes file names of letters, digits and _."
+        raise SpecError(message, key="--rocq", cure="Choose another name.")
+    text = motions_proof(own) if motions else rocq_proof(own, rate=asked.rate)
     output.write_file(target, text.encode("ascii"), key="--rocq")
-    return {
-        "rocq": str(target)
-    }, f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
+    words = f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
+    return _Exported(document={"rocq": str(target)}, words=words)

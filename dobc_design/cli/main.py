@@ -17,6 +17,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -41,6 +42,8 @@ from dobc_design.cli import (
 from dobc_design.errors import CertificateError, DobcError, SpecError
 
 if TYPE_CHECKING:
+    from typer.exceptions import TyperException
+
     from dobc_design.export.rocq.kernel import Judgement
     from dobc_design.problem.problem import Problem
 
@@ -78,23 +81,22 @@ def _show_version(wanted: bool) -> None:
 
 def _completion(context: typer.Context, parameter: typer.CallbackParam, wanted: bool) -> None:
     """Print or install the completion for the shell that is running."""
-    if wanted and not context.resilient_parsing:
-        from typer import completion as shells
+    if not wanted or context.resilient_parsing:
+        return
+    from typer import completion as shells
 
-        action = (
-            shells.install_callback
-            if parameter.name == "install_completion"
-            else shells.show_callback
-        )
-        shells.get_completion_inspect_parameters()  # prepares the shells' scripts
-        try:
-            action(context, parameter, wanted)
-        except SystemExit as error:
-            if error.code in (0, None):
-                raise typer.Exit(0) from error
-            message = "completion does not support the shell that is running."
-            cure = "Run this in bash, zsh, fish or PowerShell."
-            raise SpecError(message, key="--show-completion", cure=cure) from error
+    action = shells.show_callback
+    if parameter.name == "install_completion":
+        action = shells.install_callback
+    shells.get_completion_inspect_parameters()  # prepares the shells' scripts
+    try:
+        action(context, parameter, wanted)
+    except SystemExit as error:
+        if error.code in (0, None):
+            raise typer.Exit(0) from error
+        message = "completion does not support the shell that is running."
+        cure = "Run this in bash, zsh, fish or PowerShell."
+        raise SpecError(message, key="--show-completion", cure=cure) from error
 
 
 @app.callback()
@@ -155,11 +157,9 @@ def check(
     if canonical is not None:
         output.write_file(canonical, canonical_bytes(problem), key="--canonical")
     if as_json:
-        written = None if canonical is None else str(canonical)
-        sha256 = problem_sha256(problem)
-        output.print_json(
-            {"valid": True, **facts(problem), "problem_sha256": sha256, "canonical": written}
-        )
+        document = {"valid": True, **facts(problem), "problem_sha256": problem_sha256(problem)}
+        document["canonical"] = None if canonical is None else str(canonical)
+        output.print_json(document)
         return
     output.say(describe(problem))
 
@@ -194,18 +194,24 @@ def verify(
         found = run(data, trusted)
     except CertificateError as error:
         # Unreadable: what was handed in is wrong, not the machine.
-        raise typer.Exit(
-            output.fail(output.error_bodies(error), output.MISTAKE, as_json=as_json)
-        ) from error
+        bodies = output.error_bodies(error)
+        raise typer.Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
     kernel = _let_coq_check(certificate, trusted) if rocq and found.holds else None
     if as_json:
-        listed = {"confirmed": list(found.confirmed), "failures": list(found.failures)}
-        verdict = {"holds": found.holds, "verdict": found.verdict.value if found.holds else None}
-        more = {} if kernel is None else {"rocq": kernel.to_json()}
-        output.print_json(verdict | listed | {"lone_checker": found.lone_checker} | more)
+        document: dict[str, Any] = {
+            "holds": found.holds,
+            "verdict": found.verdict.value if found.holds else None,
+            "confirmed": list(found.confirmed),
+            "failures": list(found.failures),
+            "lone_checker": found.lone_checker,
+        }
+        if kernel is not None:
+            document["rocq"] = kernel.to_json()
+        output.print_json(document)
     else:
         output.say(str(found) if kernel is None else f"{found}\n{kernel}")
-    raise typer.Exit(0 if found.holds and (kernel is None or kernel.accepted) else 1)
+    accepted = kernel is None or kernel.accepted
+    raise typer.Exit(0 if found.holds and accepted else 1)
 
 
 def _let_coq_check(path: Path, problem: Problem) -> Judgement:
@@ -225,13 +231,9 @@ def _let_coq_check(path: Path, problem: Problem) -> Judgement:
         progress("waiting for coqc")
         found = judged(text)
         if found.accepted:
-            pages = render_report(certificate, kernel=str(found), progress=progress)
-            write_together(
-                {
-                    folder / name: data
-                    for name, data in (pages | {FILE: text.encode("ascii")}).items()
-                }
-            )
+            files = render_report(certificate, kernel=str(found), progress=progress)
+            files[FILE] = text.encode("ascii")
+            write_together({folder / name: data for name, data in files.items()})
     return found
 
 
@@ -258,21 +260,20 @@ def explain(
     from dobc_design.conditions.kinds import KINDS
 
     if id is None:
+        titles = {each: text.title for each, text in KINDS.items()}
         if as_json:
-            output.print_json(
-                {"conditions": [{"id": each, "title": text.title} for each, text in KINDS.items()]}
-            )
+            listed = [{"id": each, "title": title} for each, title in titles.items()]
+            output.print_json({"conditions": listed})
             return
-        width = max(map(len, KINDS))
-        output.say("\n".join(f"{each:<{width}}  {text.title}" for each, text in KINDS.items()))
+        width = max(map(len, titles))
+        output.say("\n".join(f"{each:<{width}}  {title}" for each, title in titles.items()))
         return
     text = KINDS.get(id)
     if text is None:
         near = get_close_matches(id[:40], KINDS, n=1)
         hint = f"Did you mean {near[0]}? " if near else ""
-        raise SpecError(
-            f"{id[:40]!r} is not known.", key="id", cure=f"{hint}One of {', '.join(KINDS)}."
-        )
+        cure = f"{hint}One of {', '.join(KINDS)}."
+        raise SpecError(f"{id[:40]!r} is not known.", key="id", cure=cure)
     if as_json:
         output.print_json({"id": id, **{name: getattr(text, name) for name in TOLD}})
         return
@@ -297,31 +298,8 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     refuted."""
     from typer.exceptions import TyperException
 
-    def failed(kind: str, message: str, cure: str | None, code: int, key: str | None = None) -> int:
-        return output.fail(
-            [{"kind": kind, "key": key, "message": message, "cure": cure}], code, as_json=as_json
-        )
-
     try:
         code = run()
-    except TyperException as error:  # a wrong option or a missing argument
-        context = getattr(error, "ctx", None)
-        command = "dobc" if context is None else context.command_path
-        option = getattr(error, "option_name", None)
-        if command == "dobc simulate" and option in stress.MOVED:
-            message = (
-                f"{option} is no option of simulate: what a loop withstands is a command of "
-                "its own, stress."
-            )
-            return failed(
-                "usage", message, f"Write `{stress.MOVED[option]}`.", output.MISTAKE, option
-            )
-        return failed("usage", error.format_message(), f"See `{command} --help`.", output.MISTAKE)
-    except DobcError as error:
-        status = output.MISTAKE if isinstance(error, SpecError) else output.MACHINE
-        return output.fail(output.error_bodies(error), status, as_json=as_json)
-    except KeyboardInterrupt:
-        return failed("interrupted", SENTENCE, None, output.INTERRUPTED)
     except SystemExit as error:  # help, too, goes to standard output
         # typer's way to end after completion
         if error.code in (0, None) or COMPLETING in os.environ:
@@ -329,32 +307,89 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
         raise output.NobodyReads from error
     except output.NoOutput:
         raise
+    except DobcError as error:
+        status = output.MISTAKE if isinstance(error, SpecError) else output.MACHINE
+        return output.fail(output.error_bodies(error), status, as_json=as_json)
+    except TyperException as error:  # a wrong option or a missing argument
+        failure = _wrong_usage(error)
+    except KeyboardInterrupt:
+        failure = _INTERRUPTED
     except MemoryError:
-        return failed(
-            "memory", "The machine ran out of memory.", "Try a smaller problem.", output.MACHINE
-        )
+        message, cure = "The machine ran out of memory.", "Try a smaller problem."
+        failure = _Failure(kind="memory", message=message, cure=cure)
     except OSError as error:
-        # typer's own output; our files are named
-        if error.filename is None and error.errno in _NO_ROOM:
-            raise (output.NobodyReads if error.errno == errno.EPIPE else output.NoOutput)(
-                error.strerror
-            ) from error
-        place = None if error.filename is None else str(error.filename)
-        message = f"{error.strerror or error}{'' if place is None else f' ({place})'}."
-        code = output.MISTAKE if error.errno == errno.ENAMETOOLONG else output.MACHINE
-        return failed("io", message, "Check disk, paths and permissions.", code, place)
+        failure = _failed_file(error)
     except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback reaches a user
-        if os.environ.get("DOBC_TRACEBACK"):
-            import traceback
+        failure = _internal(error)
+    else:
+        if code != output.INTERRUPTED:  # typer turns the interrupt into this
+            return code if isinstance(code, int) else 0
+        failure = _INTERRUPTED
+    return output.fail([failure.body], failure.code, as_json=as_json)
 
-            traceback.print_exc()
-        text = f"Internal error ({type(error).__name__}: {str(error)[:200]})."
-        return failed(
-            "internal", text, "Set DOBC_TRACEBACK=1 to see where, and report it.", output.MACHINE
+
+@dataclass(frozen=True, kw_only=True)
+class _Failure:
+    """What went wrong, as --json has it, and the exit code."""
+
+    kind: str
+    message: str
+    cure: str | None = None
+    key: str | None = None
+    code: int = output.MACHINE
+
+    @property
+    def body(self) -> dict[str, Any]:
+        """The object under "error"."""
+        return {"kind": self.kind, "key": self.key, "message": self.message, "cure": self.cure}
+
+
+_INTERRUPTED = _Failure(kind="interrupted", message=SENTENCE, code=output.INTERRUPTED)
+
+
+def _wrong_usage(error: TyperException) -> _Failure:
+    context = getattr(error, "ctx", None)
+    command = "dobc" if context is None else context.command_path
+    option = getattr(error, "option_name", None)
+    message, cure = error.format_message(), f"See `{command} --help`."
+    key = None
+    if command == "dobc simulate" and option in stress.MOVED:
+        message = (
+            f"{option} is no option of simulate: what a loop withstands is a command of "
+            "its own, stress."
         )
-    if code == output.INTERRUPTED:  # typer turns the interrupt into this
-        return failed("interrupted", SENTENCE, None, output.INTERRUPTED)
-    return code if isinstance(code, int) else 0
+        cure = f"Write `{stress.MOVED[option]}`."
+        key = option
+    return _Failure(kind="usage", message=message, cure=cure, key=key, code=output.MISTAKE)
+
+
+def _failed_file(error: OSError) -> _Failure:
+    """A file that failed us.  Raises: NoOutput where it is standard output."""
+    # typer's own output; our files are named
+    if error.filename is None and error.errno in _NO_ROOM:
+        kind = output.NobodyReads if error.errno == errno.EPIPE else output.NoOutput
+        raise kind(error.strerror) from error
+    message, place = str(error.strerror or error), None
+    if error.filename is not None:
+        place = str(error.filename)
+        message = f"{message} ({place})"
+    return _Failure(
+        kind="io",
+        message=f"{message}.",
+        cure="Check disk, paths and permissions.",
+        key=place,
+        code=output.MISTAKE if error.errno == errno.ENAMETOOLONG else output.MACHINE,
+    )
+
+
+def _internal(error: Exception) -> _Failure:
+    if os.environ.get("DOBC_TRACEBACK"):
+        import traceback
+
+        traceback.print_exception(error)
+    message = f"Internal error ({type(error).__name__}: {str(error)[:200]})."
+    cure = "Set DOBC_TRACEBACK=1 to see where, and report it."
+    return _Failure(kind="internal", message=message, cure=cure)
 
 
 @cache
@@ -390,9 +425,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = output.NOT_READ
         if not isinstance(error, (output.NobodyReads, BrokenPipeError)):
+            why = getattr(error, "strerror", None) or error
             output.complain(
-                "error: standard output cannot be written: "
-                f"{getattr(error, 'strerror', None) or error}.\n"
+                f"error: standard output cannot be written: {why}.\n"
                 "       Send it to a file on a disk with free space, or to /dev/null. This "
                 "exit code is not a verdict."
             )

@@ -8,9 +8,10 @@ from __future__ import annotations
 import json
 import re
 import shlex
+from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -57,14 +58,11 @@ def new(
     changes."""
     from dobc_design.certificate.files import make_folder, write_together
 
-    if _NAME.fullmatch(name) is None or len(name) > LONGEST:
-        rule = f"at most {LONGEST} letters, digits, dashes and underscores, and begin with a letter"
-        message = f"NAME must be {rule}, because files are named after it; got {name[:70]!r}."
-        raise SpecError(message, key="NAME", cure="For example my-swarm.")
+    _require_name(name)
     refuse_option(out, key="--out")
-    reading: dict[str, Any] = {"arrow": arrow, "merge": merge, "drop_loops": drop_loops}
-    for option in (f"--{key.replace('_', '-')}" for key, value in reading.items() if value):
-        if source is None:
+    given = {"--arrow": arrow, "--merge": merge, "--drop-loops": drop_loops}
+    for option, value in given.items():
+        if value and source is None:
             what = f"{option} says how the arcs of --from are read; there is no --from."
             raise SpecError(what, key=option, cure="Leave it out.")
     problem, read = None, ""
@@ -72,30 +70,38 @@ def new(
         from dobc_design.importing.files import problem_from_file
         from dobc_design.problem.words import size_words
 
-        problem = problem_from_file(source, **reading)
+        problem = problem_from_file(source, arrow=arrow, merge=merge, drop_loops=drop_loops)
         read = f"read {source.name}: {size_words(problem.network)}\n"
     files = scaffold(name, problem=problem, source="" if source is None else source.name)
     folder = require_folder(Path(name) if out is None else out)
-    there = next((each for each in files if (folder / each).exists()), None)
-    if there is not None:
-        cure = "Choose another name, or another folder with --out."
-        raise SpecError(
-            f"{str(folder / there)!r} exists already; nothing is overwritten.",
-            key="NAME",
-            cure=cure,
-        )
+    _require_none(folder, files)
     make_folder(folder)
     write_together({folder / each: data for each, data in files.items()})
     written = [str(folder / each) for each in files]
     if as_json:
         print_json({"name": name, "folder": str(folder), "files": written})
-    else:
-        say(read + "\n".join(f"wrote {path}" for path in written))
-        file = shlex.quote(f"{name}.toml")
-        say(
-            f"\nnext:  cd {shlex.quote(str(folder))}\n       dobc check {file}\n       "
-            f"dobc certify {file}"
-        )
+        return
+    say(read + "\n".join(f"wrote {path}" for path in written))
+    file = shlex.quote(f"{name}.toml")
+    say(f"\nnext:  cd {shlex.quote(str(folder))}")
+    say(f"       dobc check {file}\n       dobc certify {file}")
+
+
+def _require_name(name: str) -> None:
+    """Refuse a name that cannot be one of files and of a Python function."""
+    if _NAME.fullmatch(name) is None or len(name) > LONGEST:
+        rule = f"at most {LONGEST} letters, digits, dashes and underscores, and begin with a letter"
+        message = f"NAME must be {rule}, because files are named after it; got {name[:70]!r}."
+        raise SpecError(message, key="NAME", cure="For example my-swarm.")
+
+
+def _require_none(folder: Path, files: Iterable[str]) -> None:
+    """Refuse a folder that has one of the files already."""
+    for each in files:
+        if (folder / each).exists():
+            message = f"{str(folder / each)!r} exists already; nothing is overwritten."
+            cure = "Choose another name, or another folder with --out."
+            raise SpecError(message, key="NAME", cure=cure)
 
 
 def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> dict[str, bytes]:
@@ -107,11 +113,8 @@ def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> 
     text, verdict = _template("problem.toml", name), "PROVED"
     if problem is not None:
         text, verdict = _converted(name, problem, source)
-    test = (
-        _template("test.py.txt", name)
-        .replace("@IDENTIFIER@", identifier)
-        .replace("@VERDICT@", verdict)
-    )
+    test = _template("test.py.txt", name)
+    test = test.replace("@IDENTIFIER@", identifier).replace("@VERDICT@", verdict)
     texts = {
         f"{name}.toml": text,
         f"{name}.ipynb": _template("notebook.ipynb.txt", name),
@@ -122,9 +125,8 @@ def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> 
 
 
 def _template(file: str, name: str) -> str:
-    return (
-        (files("dobc_design.cli") / "templates" / file).read_text("utf-8").replace("@NAME@", name)
-    )
+    text = (files("dobc_design.cli") / "templates" / file).read_text("utf-8")
+    return text.replace("@NAME@", name)
 
 
 def _converted(name: str, problem: Problem, source: str) -> tuple[str, str]:

@@ -18,36 +18,34 @@ def in_groups(command: Callable[..., None]) -> Callable[..., None]:
     command.
     """
     taken = signature(command, eval_str=True).parameters
-    groups: dict[str, Any] = {
-        name: each.annotation for name, each in taken.items() if is_dataclass(each.annotation)
-    }
+    groups: dict[str, Any] = {}
     options: list[Parameter] = []
     for name, parameter in taken.items():
-        if name in groups:
-            options += _options_of(groups[name])
+        if is_dataclass(parameter.annotation):
+            groups[name] = parameter.annotation
+            options += _options_of(parameter.annotation)
         else:
             options.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
 
     def run(**given: Any) -> None:
         for name, noun in groups.items():
-            given[name] = noun(**{each.name: given.pop(each.name) for each in fields(noun)})
+            own = {each.name: given.pop(each.name) for each in fields(noun)}
+            given[name] = noun(**own)
         command(**given)
 
-    run.__name__, run.__doc__, run.__module__ = (
-        command.__name__,
-        command.__doc__,
-        command.__module__,
-    )
-    run.__signature__ = Signature(options)  # type: ignore[attr-defined]  # what inspect, and so typer, looks for
+    run.__name__ = command.__name__
+    run.__doc__ = command.__doc__
+    run.__module__ = command.__module__
     run.__annotations__ = {each.name: each.annotation for each in options}
+    # what inspect, and so typer, looks for
+    run.__signature__ = Signature(options)  # type: ignore[attr-defined]
     return run
 
 
 def _options_of(noun: Any) -> list[Parameter]:
-    types = get_type_hints(noun, include_extras=True)
+    """The fields of a group as parameters."""
+    types, kind = get_type_hints(noun, include_extras=True), Parameter.KEYWORD_ONLY
     return [
-        Parameter(
-            each.name, Parameter.KEYWORD_ONLY, default=each.default, annotation=types[each.name]
-        )
+        Parameter(each.name, kind, default=each.default, annotation=types[each.name])
         for each in fields(noun)
     ]

@@ -51,13 +51,14 @@ def problem_names(incomplete: str) -> list[str]:
         entries = sorted(os.scandir(head or "."), key=lambda entry: entry.name)
     except OSError:
         return found
-    own = [
-        entry
-        for entry in entries
-        if entry.name.startswith(beginning) and not entry.name.startswith(".")
-    ]
-    known = [entry for entry in own if entry.is_dir() or entry.name.endswith((".toml", ".json"))]
-    return found + [f"{head}{entry.name}{'/' if entry.is_dir() else ''}" for entry in known]
+    for entry in entries:
+        if not entry.name.startswith(beginning) or entry.name.startswith("."):
+            continue
+        if entry.is_dir():
+            found.append(f"{head}{entry.name}/")
+        elif entry.name.endswith((".toml", ".json")):
+            found.append(f"{head}{entry.name}")
+    return found
 
 
 def ids(incomplete: str) -> list[str]:
@@ -160,10 +161,14 @@ def error_bodies(error: DobcError) -> list[dict[str, Any]]:
 def fail(bodies: Sequence[dict[str, Any]], code: int, *, as_json: bool) -> int:
     """Say what went wrong and return the exit code."""
     if as_json:
-        print_json({"error": bodies[0] | ({"all": [*bodies]} if len(bodies) > 1 else {})})
+        error = dict(bodies[0])
+        if len(bodies) > 1:
+            error["all"] = [*bodies]
+        print_json({"error": error})
         return code
     for each in bodies:
-        complain(f"error: {each['message']}" + (f"\n       {each['cure']}" if each["cure"] else ""))
+        cure = f"\n       {each['cure']}" if each["cure"] else ""
+        complain(f"error: {each['message']}{cure}")
     if len(bodies) > 1:
         complain(f"{len(bodies)} errors; nothing was written.")
     return code
@@ -185,8 +190,10 @@ def show(parts: Iterable[RenderableType], *, wrapped: bool = False) -> None:
     console = make_console()
     with answering():
         for part in parts:
-            whole = isinstance(part, str) or (console.width == PIPED and not wrapped)
-            console.print(Text(part) if isinstance(part, str) else part, soft_wrap=whole)
+            if isinstance(part, str):
+                console.print(Text(part), soft_wrap=True)
+            else:
+                console.print(part, soft_wrap=console.width == PIPED and not wrapped)
 
 
 class Progress:
@@ -196,11 +203,8 @@ class Progress:
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         if quiet and verbose:
-            raise SpecError(
-                "--quiet and --verbose exclude each other.",
-                key="--quiet",
-                cure="Leave one of them out.",
-            )
+            message = "--quiet and --verbose exclude each other."
+            raise SpecError(message, key="--quiet", cure="Leave one of them out.")
         self.quiet, self.verbose = quiet, verbose
         self.moving: Bar | None = None  # where standard error is a terminal
         self.said: object = ""
@@ -254,12 +258,10 @@ def verdict_text(verdict: str) -> Text:
 
 def certify_it(path: str, notes: Sequence[str]) -> str:
     """What to do with a problem that was written to ``path``."""
-    more = (
-        "\nlook at      its notes: they are unchanged and may describe the old problem"
-        if notes
-        else ""
-    )
-    return f"{path}\ncertify it   {shlex.join(['dobc', 'certify', path])}{more}"
+    lines = [path, f"certify it   {shlex.join(['dobc', 'certify', path])}"]
+    if notes:
+        lines.append("look at      its notes: they are unchanged and may describe the old problem")
+    return "\n".join(lines)
 
 
 def make_table(heads: Iterable[str] = ()) -> Table:
@@ -280,22 +282,19 @@ def document_table(table: doc.Table, leave_out: Collection[str] = ()) -> Table:
     from dobc_design.report.document import Mark
     from dobc_design.report.region_words import NONE
 
-    kept = [
-        (k, column.head)
-        for k, column in enumerate(table.columns)
-        if "markdown" in column.only
-        and column.head not in leave_out
-        and any(row[k] != NONE for row in table.rows)
-    ]
-    shown = make_table(head for _, head in kept)
+    kept = []
+    for k, column in enumerate(table.columns):
+        wanted = "markdown" in column.only and column.head not in leave_out
+        if wanted and any(row[k] != NONE for row in table.rows):
+            kept.append(k)
+    shown = make_table(table.columns[k].head for k in kept)
     for row in table.rows:
-        cells = [row[k] for k, _ in kept]
-        shown.add_row(
-            *(
-                verdict_text(each.verdict) if isinstance(each, Mark) else Text(str(each))
-                for each in cells
-            )
-        )
+        cells = []
+        for k in kept:
+            cell = row[k]
+            text = verdict_text(cell.verdict) if isinstance(cell, Mark) else Text(str(cell))
+            cells.append(text)
+        shown.add_row(*cells)
     return shown
 
 
@@ -323,10 +322,10 @@ def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:
         yield Text(f"\n{section.title}", style="bold")
         for place, block in enumerate(section.blocks):
             match block:
+                case Paragraph(words) if place == 0:
+                    yield Text(plain(words))
                 case Paragraph(words):
-                    yield (
-                        Text(plain(words)) if place == 0 else Text(f"\n{plain(words)}", style="dim")
-                    )
+                    yield Text(f"\n{plain(words)}", style="dim")
                 case List(items):
                     yield from (Text(plain(item)) for item in items)
                 case Table():

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -55,112 +55,166 @@ def report(
     certificate claims.
     """
     from dobc_design.certificate.files import make_folder, write_together
-    from dobc_design.report.comparison import conclusion
-    from dobc_design.report.refusal import headline
-    from dobc_design.report.write import (
-        render_comparison,
-        render_latex,
-        render_refusal,
-        render_report,
-    )
 
     stages = output.Progress(quiet=quiet, verbose=verbose)
-    _check_options(certificates, problem or [], out=out, pdf=pdf, latex=latex, force=force)
-    named: list[str | None] = [*problem] if problem else [None] * len(certificates)
-    letters = ("",) if len(certificates) == 1 else ("A", "B")
+    asked = _Asked(
+        certificates=certificates,
+        problems=problem or [],
+        out=out,
+        pdf=pdf,
+        full=full,
+        latex=latex,
+        force=force,
+    )
+    asked.require_possible()
     with stages as progress:
         try:
-            sides = [
-                _checked(path, trusted, letter, progress)
-                for path, trusted, letter in zip(certificates, named, letters, strict=True)
-            ]
+            sides = _sides(asked, progress)
         # unreadable: what was handed in is wrong, not the machine
         except CertificateError as error:
-            raise typer.Exit(
-                output.fail(output.error_bodies(error), output.MISTAKE, as_json=as_json)
-            ) from error
-        holds, found = all(each.found.holds for each in sides), [each.certificate for each in sides]
-        if len(found) == 1:
-            folder = certificates[0] if certificates[0].is_dir() else certificates[0].parent
-        else:
-            names = dict.fromkeys(output.folder_name(each.problem.name) for each in found)
-            folder = Path(f"{'-'.join(names)}-comparison")
-        if not holds:
-            pages = render_refusal(sides, pdf=pdf is not None)
-        elif len(found) == 1:
-            pages = render_report(found[0], pdf=pdf is not None, full=full, progress=progress)
-        else:
-            pages = render_comparison(*found, pdf=pdf is not None)
-    folder = output.require_folder(folder if out is None else out)
-    document = next(
-        (pages.pop(name) for name in ("report.pdf", "comparison.pdf") if name in pages), None
-    )
-    own = len(found) == 1 and out is None  # beside its certificate a report is replaced
-    output.require_free(folder, pages, force=own or force)
-    files = {folder / name: data for name, data in pages.items()}
-    if pdf is not None and document is not None:
-        files[pdf] = document
+            bodies = output.error_bodies(error)
+            raise typer.Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
+        pages = _pages(sides, asked, progress)
+    folder = output.require_folder(_folder(sides, asked))
+    files = _files(pages, folder, asked)
+    holds = all(side.found.holds for side in sides)
     if latex is not None and holds:  # fragments of a paper repeat what is proved, or nothing
-        fragments = render_latex(found[0])
-        output.require_free(
-            output.require_folder(latex, key="--latex"), fragments, force=force, key="--latex"
-        )
-        files |= {latex / name: data for name, data in fragments.items()}
+        files |= _fragments(sides[0], latex, force=force)
         make_folder(latex)
     make_folder(folder)
     write_together(files)
     written = [str(path) for path in files]
     if as_json:
-        failures = [list(each.found.failures) for each in sides]
-        verdicts = [each.certificate.verdict.value if each.found.holds else None for each in sides]
-        problems = [each.problem.name for each in found]
-        output.print_json(
-            {"problems": problems, "verdicts": verdicts, "failures": failures, "files": written}
-        )
+        output.print_json(_document(sides, written))
     elif not quiet:
-        first = [headline(sides)] if not holds else [conclusion(*found)] if len(found) == 2 else []
-        failed = [f"  NOT confirmed: {text}" for each in sides for text in each.found.failures]
-        output.say("\n".join([*first, *failed, *(f"wrote {path}" for path in written)]))
+        output.say("\n".join([*_words(sides), *(f"wrote {path}" for path in written)]))
     if not holds:
         raise typer.Exit(1)
 
 
-def _check_options(
-    given: list[Path],
-    problems: list[str],
-    *,
-    out: Path | None,
-    pdf: Path | None,
-    latex: Path | None,
-    force: bool,
-) -> None:
-    """Refuse what can be refused before anything is read.  Raises: SpecError."""
-    if len(given) > 2:
-        cure = "Leave the others out."
-        raise SpecError(
-            f"one or two certificates can be shown; got {len(given)}.", key="CERT", cure=cure
-        )
-    if problems and len(problems) != len(given):
-        message = (
-            f"--problem must be given once for each certificate; got {len(problems)} for "
-            f"{len(given)}."
-        )
-        raise SpecError(
-            message,
-            key="--problem",
-            cure="Leave it out where problem.json lies beside the certificate.",
-        )
-    output.refuse_option(out, key="--out")
-    if pdf is not None:
-        output.check_target(pdf, force=force, key="--pdf")
-        if pdf.suffix.lower() != ".pdf":
-            raise SpecError(
-                f"{str(pdf)!r} must end in .pdf.", key="--pdf", cure=f"For example {pdf.name}.pdf."
+@dataclass(frozen=True, kw_only=True)
+class _Asked:
+    """Which certificates are shown, how, and where that goes."""
+
+    certificates: list[Path]
+    problems: list[str]
+    out: Path | None
+    pdf: Path | None
+    full: bool
+    latex: Path | None
+    force: bool
+
+    @property
+    def single(self) -> bool:
+        """Whether one certificate is shown, not two side by side."""
+        return len(self.certificates) == 1
+
+    def require_possible(self) -> None:
+        """Refuse what can be refused before anything is read.  Raises: SpecError."""
+        given, problems = len(self.certificates), len(self.problems)
+        if given > 2:
+            message = f"one or two certificates can be shown; got {given}."
+            raise SpecError(message, key="CERT", cure="Leave the others out.")
+        if problems and problems != given:
+            message = (
+                f"--problem must be given once for each certificate; got {problems} for {given}."
             )
-    if latex is not None and len(given) != 1:
-        raise SpecError(
-            "LaTeX fragments are of one certificate.", key="--latex", cure="Name one certificate."
-        )
+            cure = "Leave it out where problem.json lies beside the certificate."
+            raise SpecError(message, key="--problem", cure=cure)
+        output.refuse_option(self.out, key="--out")
+        pdf = self.pdf
+        if pdf is not None:
+            output.check_target(pdf, force=self.force, key="--pdf")
+            if pdf.suffix.lower() != ".pdf":
+                cure = f"For example {pdf.name}.pdf."
+                raise SpecError(f"{str(pdf)!r} must end in .pdf.", key="--pdf", cure=cure)
+        if self.latex is not None and not self.single:
+            message = "LaTeX fragments are of one certificate."
+            raise SpecError(message, key="--latex", cure="Name one certificate.")
+
+
+def _sides(asked: _Asked, progress: Callable[[str], None]) -> list[Checked]:
+    """The certificates with their problems, every claim decided again."""
+    letters = ("",) if asked.single else ("A", "B")
+    problems: list[str | None] = [*asked.problems] or [None] * len(letters)
+    return [
+        _checked(path, problem, letter, progress)
+        for path, problem, letter in zip(asked.certificates, problems, letters, strict=True)
+    ]
+
+
+def _pages(
+    sides: Sequence[Checked], asked: _Asked, progress: Callable[[str], None]
+) -> dict[str, bytes]:
+    from dobc_design.report.write import render_comparison, render_refusal, render_report
+
+    found, pdf = [side.certificate for side in sides], asked.pdf is not None
+    if not all(side.found.holds for side in sides):
+        return render_refusal(sides, pdf=pdf)
+    if asked.single:
+        return render_report(found[0], pdf=pdf, full=asked.full, progress=progress)
+    return render_comparison(*found, pdf=pdf)
+
+
+def _folder(sides: Sequence[Checked], asked: _Asked) -> Path:
+    """Where the pages go: by default beside the certificate, those of two into a folder of their
+    own."""
+    if asked.out is not None:
+        return asked.out
+    if asked.single:
+        path = asked.certificates[0]
+        return path if path.is_dir() else path.parent
+    names = dict.fromkeys(output.folder_name(side.certificate.problem.name) for side in sides)
+    return Path(f"{'-'.join(names)}-comparison")
+
+
+def _files(pages: dict[str, bytes], folder: Path, asked: _Asked) -> dict[Path, bytes]:
+    """The pages by their places.  Raises: SpecError where something is in the way."""
+    files: dict[Path, bytes] = {}
+    printed: dict[Path, bytes] = {}
+    for name, data in pages.items():
+        # A PDF goes where --pdf says.
+        if asked.pdf is not None and name.endswith(".pdf"):
+            printed[asked.pdf] = data
+        else:
+            files[folder / name] = data
+    replaced = asked.force or (asked.single and asked.out is None)  # beside its certificate
+    output.require_free(folder, [path.name for path in files], force=replaced)
+    return files | printed
+
+
+def _fragments(side: Checked, folder: Path, *, force: bool) -> dict[Path, bytes]:
+    from dobc_design.report.write import render_latex
+
+    fragments = render_latex(side.certificate)
+    output.require_folder(folder, key="--latex")
+    output.require_free(folder, fragments, force=force, key="--latex")
+    return {folder / name: data for name, data in fragments.items()}
+
+
+def _document(sides: Sequence[Checked], written: Sequence[str]) -> dict[str, Any]:
+    """What --json prints; a certificate that does not hold has no verdict."""
+    verdicts = [side.certificate.verdict.value if side.found.holds else None for side in sides]
+    return {
+        "problems": [side.certificate.problem.name for side in sides],
+        "verdicts": verdicts,
+        "failures": [list(side.found.failures) for side in sides],
+        "files": list(written),
+    }
+
+
+def _words(sides: Sequence[Checked]) -> Iterator[str]:
+    """What became of the certificates; of a single one that holds the files say enough."""
+    from dobc_design.report.comparison import conclusion
+    from dobc_design.report.refusal import headline
+
+    if not all(side.found.holds for side in sides):
+        yield headline(sides)
+    elif len(sides) == 2:
+        yield conclusion(*(side.certificate for side in sides))
+    for side in sides:
+        for failure in side.found.failures:
+            yield f"  NOT confirmed: {failure}"
 
 
 def _checked(
@@ -184,14 +238,10 @@ def _checked(
     if problem is None and not beside.exists():
         message = (
             f"there is no problem.json beside {str(path)!r}: its verdict can only be repeated "
-            "unverified, "
+            f"unverified, {claims.verdict.value}, and no report is written."
         )
-        message += f"{claims.verdict.value}, and no report is written."
-        raise SpecError(
-            message,
-            key="--problem",
-            cure="Name the problem that it was made for with --problem FILE.",
-        )
+        cure = "Name the problem that it was made for with --problem FILE."
+        raise SpecError(message, key="--problem", cure=cure)
     own = load_problem(str(beside) if problem is None else problem)
     if problem_sha256(own) != claims.problem_sha256:
         message = f"the certificate {str(path)!r} is about another problem (its hash differs)."
@@ -213,6 +263,5 @@ def _with_own_sentence(claims: Claims, problem: Problem) -> Claims:
 
     if claims.verdict is Verdict.UNDECIDED:
         return claims
-    return replace(
-        claims, reason=decide_overall(as_integrators(problem), claims.checks, claims.W).reason
-    )
+    decided = decide_overall(as_integrators(problem), claims.checks, claims.W)
+    return replace(claims, reason=decided.reason)

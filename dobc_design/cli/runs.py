@@ -6,7 +6,7 @@ An ensemble of one run is a trajectory.  A run that diverges is an answer, not a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -23,17 +23,22 @@ if TYPE_CHECKING:
     from dobc_design.simulation.stress import Stress
     from dobc_design.simulation.trajectory import Trajectory
 
-SUMMARY, FIGURE, NETWORK, BREAKING = (
-    "summary.json",
-    "simulation.svg",
-    "network.html",
-    "breaking.svg",
-)
-TRAJECTORY, ENSEMBLE = "trajectory.npz", "ensemble.npz"
+SUMMARY = "summary.json"
+FIGURE = "simulation.svg"
+NETWORK = "network.html"
+BREAKING = "breaking.svg"
+TRAJECTORY = "trajectory.npz"
+ENSEMBLE = "ensemble.npz"
 WRITTEN = (TRAJECTORY, ENSEMBLE, FIGURE, NETWORK, BREAKING, SUMMARY)  # all that a run may write
 MOST_MOVING = 200  # agents whose motion is drawn
 SHOWN = 5  # reasons for early ends that are printed
 OBSERVER = "closed-form"
+#: What is measured of runs: its key, its title, its unit, and the word where there is no number.
+MEASURES = (
+    ("final_error", "final |e|_inf", "", "unknown"),
+    ("settling_time", "settled to 1 % after", " s", "never"),
+    ("decay_rate", "decay rate", " 1/s", "unknown"),
+)
 
 Files = dict[str, bytes]  # by their names in --out
 
@@ -120,11 +125,11 @@ class Answer:
         if self.as_json:
             output.print_json(document)
         elif not self.quiet:
-            notes = [f"  Note: {note}" for note in document["notes"]]
-            files = [f"wrote {path}" for path in document["files"]] or [
-                f"Add --out FOLDER for {', '.join(names)}."
-            ]
-            output.say("\n".join([text, *notes, *files]))
+            lines = [text, *(f"  Note: {note}" for note in document["notes"])]
+            lines += [f"wrote {path}" for path in document["files"]]
+            if not document["files"]:
+                lines.append(f"Add --out FOLDER for {', '.join(names)}.")
+            output.say("\n".join(lines))
 
 
 def make_runs(
@@ -136,8 +141,9 @@ def make_runs(
 
     with answer.progress() as progress:
         problem = load_problem(file)
-        moving = (NETWORK,) if runs.single and problem.m > 1 and problem.n <= MOST_MOVING else ()
-        names = (TRAJECTORY if runs.single else ENSEMBLE, SUMMARY, FIGURE, *moving)
+        names = [TRAJECTORY if runs.single else ENSEMBLE, SUMMARY, FIGURE]
+        if runs.single and problem.m > 1 and problem.n <= MOST_MOVING:
+            names.append(NETWORK)
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("simulating")
@@ -152,56 +158,62 @@ def make_runs(
             stress=stress,
             progress=lambda part: progress(f"simulating, {part:.0%}"),
         )
-        document = _document(result, problem, proof, single=runs.single)
+        document = _document(result, problem, proof)
+        if not runs.single:
+            document["intervals"] = _intervals(result)
 
         def draw() -> Files:
             progress("writing")
-            made = {names[0]: result.to_bytes(), FIGURE: result.plot(certificate=proof).file("svg")}
+            figure = result.plot(certificate=proof).file("svg")
+            made = {names[0]: result.to_bytes(), FIGURE: figure}
             if NETWORK in names:
                 made[NETWORK] = _moving_network(result, problem)
             return made
 
         answer.write(document, names, draw)
-    answer.say(document, _words(result, document), names)
+    answer.say(document, "\n".join(_lines(result, document)), names)
 
 
 def _moving_network(result: Trajectory, problem: Problem) -> bytes:
     """The page on which the run moves through the network."""
     from dobc_design.plotting.animation import animation_page
 
-    modes = problem.network.modes.items()
-    arcs = {
-        name: list(zip(x.listeners.tolist(), x.speakers.tolist(), strict=True)) for name, x in modes
-    }
+    arcs = {}
+    for name, mode in problem.network.modes.items():
+        arcs[name] = list(zip(mode.listeners.tolist(), mode.speakers.tolist(), strict=True))
     return animation_page(result, arcs=arcs).encode("utf-8")
 
 
-def _document(
-    result: Any, problem: Problem, proof: Certificate | None, *, single: bool
-) -> dict[str, Any]:
+def _document(result: Any, problem: Problem, proof: Certificate | None) -> dict[str, Any]:
     """What --json prints of runs, with what the certificate bounds; a note where it bounds nothing
     here."""
     notes = list(result.notes)
-    document: dict[str, Any] = result.summary() | {"problem": problem.name, "mode": result.mode}
+    document: dict[str, Any] = result.summary()
+    document |= {"problem": problem.name, "mode": result.mode}
     document |= {"reasons": _reasons(result), "notes": notes}
-    if proof is not None:
-        from dobc_design.plotting.look import RESOLVED
+    if proof is None:
+        return document
+    from dobc_design.plotting.look import RESOLVED
 
-        bound = proof.envelope(result)
-        document["certified"] = None
-        if bound.sources:
-            first, last = (float(x) for x in bound([0.0, result.t_final]))
-            document["certified"] = {"sources": list(bound.sources), "final_error": last}
-            if last < RESOLVED * first:
-                notes.append("The certified bound falls below what the integration resolves.")
-        else:
-            notes.append(f"No certified bound: {bound.reason}.")
-    if not single:  # confidence intervals at 95 %; null where there are too few runs, or no bound
-        document["intervals"] = {
-            name: None if interval is None or interval[1] == float("inf") else list(interval)
-            for name, interval in result.intervals(0.95).items()
-        }
+    bound = proof.envelope(result)
+    document["certified"] = None
+    if not bound.sources:
+        notes.append(f"No certified bound: {bound.reason}.")
+        return document
+    first, last = (float(x) for x in bound([0.0, result.t_final]))
+    document["certified"] = {"sources": list(bound.sources), "final_error": last}
+    if last < RESOLVED * first:
+        notes.append("The certified bound falls below what the integration resolves.")
     return document
+
+
+def _intervals(result: Ensemble) -> dict[str, list[float] | None]:
+    """Confidence intervals at 95 %; None where there are too few runs, or no bound."""
+    intervals: dict[str, list[float] | None] = {}
+    for name, interval in result.intervals(0.95).items():
+        bounded = interval is not None and interval[1] != float("inf")
+        intervals[name] = list(interval) if interval is not None and bounded else None
+    return intervals
 
 
 def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) -> Certificate:
@@ -227,37 +239,33 @@ def _reasons(result: Trajectory | Ensemble) -> list[dict[str, Any]]:
 
     if isinstance(result, Trajectory):
         return [{"seed": result.seed, "reason": result.reason}] if result.diverged else []
-    return [
-        {"seed": int(result.seeds[run]), "reason": reason} for run, reason in result.reasons.items()
-    ]
+    early = result.reasons.items()
+    return [{"seed": int(result.seeds[run]), "reason": reason} for run, reason in early]
 
 
-def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
-    lines = [str(result)]
-    for name, title, unit, nothing in (
-        ("final_error", "final |e|_inf", "", "unknown"),
-        ("settling_time", "settled to 1 % after", " s", "never"),
-        ("decay_rate", "decay rate", " 1/s", "unknown"),
-    ):
-        values = document[name] if document["runs"] > 1 else {"": document[name]["median"]}
-        named = [
-            f"{each} {nothing if value is None else f'{value:.4g}{unit}'}"
-            for each, value in values.items()
-        ]
-        lines.append(f"  {title:<22} {', '.join(named).strip()}")
+def _lines(result: Trajectory | Ensemble, document: dict[str, Any]) -> Iterator[str]:
+    """What came of the runs, in words."""
+    yield str(result)
+    for name, title, unit, nothing in MEASURES:
+        values = document[name]
+        if document["runs"] == 1:
+            values = {"": values["median"]}
+        told = []
+        for each, value in values.items():
+            shown = nothing if value is None else f"{value:.4g}{unit}"
+            told.append(f"{each} {shown}")
+        yield f"  {title:<22} {', '.join(told).strip()}"
     for name, interval in document.get("intervals", {}).items():
         words = f"no confidence interval with {document['runs']} runs"
         if interval is not None:
             words = f"{interval[0]:.4g} to {interval[1]:.4g}, with 95 % confidence"
-        lines.append(f"  {name.replace('_', ' '):<22} {words}")
-    if document.get("certified"):
-        final, sources = (
-            document["certified"]["final_error"],
-            ", ".join(document["certified"]["sources"]),
-        )
-        lines.append(f"  {'certified':<22} final |e|_inf <= {final:.4g}, by {sources}")
+        yield f"  {name.replace('_', ' '):<22} {words}"
+    certified = document.get("certified")
+    if certified:
+        sources = ", ".join(certified["sources"])
+        yield f"  {'certified':<22} final |e|_inf <= {certified['final_error']:.4g}, by {sources}"
     reasons = document["reasons"]
-    lines += [f"  seed {each['seed']}: {each['reason']}." for each in reasons[:SHOWN]]
+    for each in reasons[:SHOWN]:
+        yield f"  seed {each['seed']}: {each['reason']}."
     if len(reasons) > SHOWN:
-        lines.append(f"  ... and {len(reasons) - SHOWN} more.")
-    return "\n".join(lines)
+        yield f"  ... and {len(reasons) - SHOWN} more."

@@ -49,19 +49,23 @@ class Stresses:
         SpecError."""
         from dobc_design.simulation.stress import Stress
 
-        given: dict[str, Any] = {
-            each.name: getattr(self, each.name) for each in fields(self) if each.name != "worst"
-        }
-        given = {name: value for name, value in given.items() if value not in (None, [])}
+        values = [getattr(self, each.name) for each in fields(self) if each.name != "worst"]
+        given = any(value not in (None, []) for value in values)
+        if self.worst and given:
+            message = "--worst must be the only stress: it takes all of them from the problem."
+            raise SpecError(message, key="--worst", cure="Leave the others out.")
         if self.worst:
-            if given:
-                message = "--worst must be the only stress: it takes all of them from the problem."
-                raise SpecError(message, key="--worst", cure="Leave the others out.")
             return "worst"
         if not given:
             return None
-        failures = tuple(_failure(text) for text in given.pop("fail", ()))
-        return Stress(**given, failures=failures)
+        return Stress(
+            noise=self.noise or 0.0,
+            disturbance=self.disturbance or 0.0,
+            saturation=self.saturation,
+            period=self.period,
+            loss=self.loss or 0.0,
+            failures=tuple(map(_failure, self.fail or ())),
+        )
 
 
 #: Options that ``simulate`` had: what to type now.
@@ -86,14 +90,10 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
     from dobc_design.simulation.breaking import what_breaks_first
     from dobc_design.simulation.signals import Fixed
 
-    unfit = "--observer" if runs.observer != OBSERVER else None if runs.single else "--runs"
-    if unfit is not None:
-        message = (
-            f"{unfit} needs a stress: without one every stress is made worse, in runs of its own."
-        )
-        raise SpecError(
-            message, key=unfit, cure=f"Add one, such as --noise 0.1, or leave {unfit} out."
-        )
+    if runs.observer != OBSERVER:
+        raise _needs_a_stress("--observer")
+    if not runs.single:
+        raise _needs_a_stress("--runs")
     names = (BREAKING, SUMMARY)
     with answer.progress() as progress:
         problem = load_problem(file)
@@ -119,6 +119,14 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
     answer.say(document, str(found), names)
 
 
+def _needs_a_stress(option: str) -> SpecError:
+    message = (
+        f"{option} needs a stress: without one every stress is made worse, in runs of its own."
+    )
+    cure = f"Add one, such as --noise 0.1, or leave {option} out."
+    return SpecError(message, key=option, cure=cure)
+
+
 def _failure(text: str) -> Failure:
     """An agent that fails, as --fail says it.  Raises: SpecError."""
     from dobc_design.simulation.stress import Failure
@@ -138,8 +146,7 @@ def _document(found: Any, problem: Problem, proof: Certificate | None) -> dict[s
     notes = list(found.calm.notes)
     if proof is not None and found.period is not None and found.period.certified is None:
         notes.append("The certificate proves no sampling period.")
-    document: dict[str, Any] = found.calm.summary() | {
-        "problem": problem.name,
-        "mode": found.calm.mode,
-    }
-    return document | {"notes": notes, "breaking": found.to_json()}
+    document: dict[str, Any] = found.calm.summary()
+    document |= {"problem": problem.name, "mode": found.calm.mode}
+    document |= {"notes": notes, "breaking": found.to_json()}
+    return document

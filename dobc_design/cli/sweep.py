@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dobc_design.sweeps.running import State
 
 SHOWN = 5  # failed cases that are told
+MOST_FAILURES = 100  # that a document holds
 
 
 def sweep_command(
@@ -62,73 +63,86 @@ def sweep_command(
 ) -> None:
     """Certify or simulate a problem for many values of some keys; a stopped sweep can be
     continued."""
-    from dobc_design.certificate.files import write_atomically
     from dobc_design.problem.load import load_problem
-    from dobc_design.sweeps.result import HEAD, LINES
     from dobc_design.sweeps.running import sweep
 
     stages = _Bar(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
-    folder = output.results_folder(
-        out, "" if out is not None else load_problem(file).name, suffix="sweep"
-    )
+    name = "" if out is not None else load_problem(file).name
+    folder = output.results_folder(out, name, suffix="sweep")
     command = shlex.join(["dobc", *sys.argv[1:]])
-    kept = (
+    say_on_ending(
         f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes "
-        "on with the others:"
+        f"on with the others:\n  {command}"
     )
-    say_on_ending(f"{kept}\n  {command}")
     with stages as progress:
-        options: dict[str, Any] = {
-            "task": task,
-            "samples": samples,
-            "seed": seed,
-            "everything": everything,
-        }
-        how: dict[str, Any] = {
-            "jobs": jobs,
-            "cluster": cluster,
-            "time_limit": time_limit,
-            "force": force,
-        }
-        result = sweep(file, axes, runs=runs, out=folder, progress=progress, **options, **how)
-    tables = (folder / name for name in ("results.csv", "results.parquet"))
-    files = [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
-    figure, notes = folder / "sweep.svg", list[str]()
+        result = sweep(
+            file,
+            axes,
+            task=task,
+            samples=samples,
+            seed=seed,
+            runs=runs,
+            everything=everything,
+            out=folder,
+            jobs=jobs,
+            cluster=cluster,
+            time_limit=time_limit,
+            force=force,
+            progress=progress,
+        )
+    files, figure = _files(folder), folder / "sweep.svg"
+    note = _draw(result, figure)
+    if note is None:
+        files.append(figure)
+    notes = [] if note is None else [note]
+    if as_json:
+        document = _document(result, folder, files, resumed=stages.resumed)
+        output.print_json(document | {"notes": notes})
+    elif not quiet:
+        lines = _lines(result, resumed=stages.resumed)
+        output.say("\n".join([*lines, *(f"wrote {path}" for path in files), *notes]))
+
+
+def _draw(result: SweepResult, figure: Path) -> str | None:
+    """Draw the figure; where it cannot be drawn, say why, and remove that of an earlier run."""
+    from dobc_design.certificate.files import write_atomically
+
     try:
         write_atomically(figure, result.plot().file("svg"))
-        files.append(figure)
     except SpecError as error:  # nothing numeric was varied or found
-        notes.append(f"No figure: {error.message}")
+        note = f"No figure: {error.message}"
     # numbers beyond what the scales of Matplotlib hold
     except (ArithmeticError, ValueError) as error:
-        notes.append(f"No figure: Matplotlib cannot draw these numbers ({error}).")
-    if notes:
-        figure.unlink(missing_ok=True)  # of an earlier run
-    if as_json:
-        output.print_json(
-            _document(result, folder, files, resumed=stages.resumed) | {"notes": notes}
-        )
-    elif not quiet:
-        output.say("\n".join([_words(result, files, resumed=stages.resumed), *notes]))
+        note = f"No figure: Matplotlib cannot draw these numbers ({error})."
+    else:
+        return None
+    figure.unlink(missing_ok=True)
+    return note
+
+
+def _files(folder: Path) -> list[Path]:
+    """The tables of a sweep."""
+    from dobc_design.sweeps.result import HEAD, LINES
+
+    tables = [folder / "results.csv", folder / "results.parquet"]
+    return [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
 
 
 def _document(
     result: SweepResult, folder: Path, files: Sequence[Path], *, resumed: int
 ) -> dict[str, Any]:
-    failures = [
-        {
-            "case": line["case"],
-            "values": dict(zip(result.axes, line["values"], strict=True)),
-            "error": line["error"],
-        }
-        for line in result.failures[:100]
-    ]
+    """What --json prints, with at most a hundred of the cases that failed."""
+    failures = []
+    for line in result.failures[:MOST_FAILURES]:
+        values = dict(zip(result.axes, line["values"], strict=True))
+        failures.append({"case": line["case"], "values": values, "error": line["error"]})
+    plan = result.plan
     return {
-        "problem": result.plan.name,
-        "problem_sha256": result.plan.problem_sha256,
-        "task": result.plan.task.to_json(),
-        "axes": [axis.text for axis in result.plan.axes],
+        "problem": plan.name,
+        "problem_sha256": plan.problem_sha256,
+        "task": plan.task.to_json(),
+        "axes": [axis.text for axis in plan.axes],
         "cases": len(result),
         "resumed": resumed,
         "outcomes": result.outcomes,
@@ -138,19 +152,18 @@ def _document(
     }
 
 
-def _words(result: SweepResult, files: Sequence[Path], *, resumed: int) -> str:
-    lines = [str(result)]
+def _lines(result: SweepResult, *, resumed: int) -> Iterator[str]:
+    """What came of the cases, in words."""
+    yield str(result)
     if resumed:
-        lines.append(f"  {resumed} of the cases were there from before")
+        yield f"  {resumed} of the cases were there from before"
     for line in result.failures[:SHOWN]:
-        values = ", ".join(
-            f"{name}={value}" for name, value in zip(result.axes, line["values"], strict=True)
-        )
+        pairs = zip(result.axes, line["values"], strict=True)
+        values = ", ".join(f"{name}={value}" for name, value in pairs)
         error = DobcError(line["error"]["message"], cure=line["error"]["cure"])
-        lines.append(f"  case {line['case']} ({values}) failed: {error}")
+        yield f"  case {line['case']} ({values}) failed: {error}"
     if len(result.failures) > SHOWN:
-        lines.append(f"  ... and {len(result.failures) - SHOWN} more, in the column error")
-    return "\n".join([*lines, *(f"wrote {path}" for path in files)])
+        yield f"  ... and {len(result.failures) - SHOWN} more, in the column error"
 
 
 class _Bar(output.Progress):

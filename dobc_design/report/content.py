@@ -7,13 +7,12 @@ write it and list it.  Handed everything, computes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.exact.matrix import Matrix
 from dobc_design.report import checks, pictures, words
 from dobc_design.report import document as doc
 from dobc_design.report.condition import condition_section
@@ -23,11 +22,6 @@ from dobc_design.report.plant import plant_section
 from dobc_design.report.region_words import region_section, search_sections, settling_section
 from dobc_design.report.system import loop_section, network_section, problem_section
 from dobc_design.verdict import Verdict
-
-if TYPE_CHECKING:
-    from dobc_design.analysis.analysis import Analysis
-    from dobc_design.falsification.suspect import Falsification
-    from dobc_design.simulation.trajectory import Trajectory
 
 LONGEST_NAME = 70  # characters, in the footer of a printed page
 _REGION = "dobc region problem.json"
@@ -207,28 +201,9 @@ def _shown(parts: Iterable[Part], found: Findings) -> tuple[doc.Block, ...]:
     return tuple(block for part in parts for block in part(found))
 
 
-def report_document(
-    certificate: Certificate,
-    *,
-    analysis: Analysis | None = None,
-    trajectory: Trajectory | None = None,
-    worst: Trajectory | None = None,
-    lambdas: Mapping[str, Matrix] | None = None,
-    searches: Sequence[Falsification] = (),
-    kernel: str = "",
-) -> doc.Document:
-    """The document.  ``analysis``, ``trajectory`` and ``worst``, a run with a slow signal, are
-    shown where given. ``lambdas``: mode -> Lambda(J) at the consensus, printed up to 12 x 12;
-    ``searches`` for counterexamples; ``kernel``: what Coq says."""
-    found = Findings(
-        certificate=certificate,
-        analysis=analysis,
-        trajectory=trajectory,
-        worst=worst,
-        lambdas=lambdas or {},
-        searches=searches,
-        kernel=kernel,
-    )
+def report_document(found: Findings) -> doc.Document:
+    """The report of a certificate, with whatever was computed to be shown beside it."""
+    certificate = found.certificate
     name, verdict = found.problem.name, certificate.verdict
     reason = certificate.reason.removeprefix("Undecided: ").partition(_HELP)[0]
     fingerprint = found.prints[1][1]

@@ -47,11 +47,16 @@ BELOW: Final = 0.5  # of the least bound, at the foot of its picture
 LEGEND = "An arrow from j to i: i listens to j, so information runs along the arrow."
 MOST_LABELLED = 60
 LARGEST_BY_DISTANCE = 150  # Kamada and Kawai's method takes all pairs
+MOST_BIG = 30  # agents whose labels beside the nodes are not made smaller
 _SIDES = ((0, -1), (0, 1), (1, 0), (-1, 0))
 _INSIDE = 3  # letters that fit into a node
-_SQUARE = Path(
-    np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.9)]), closed=True
-)
+_ROOMY = 0.05  # radius from which a node has letters inside
+_CORNERS = np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.9)])
+_SQUARE = Path(_CORNERS, closed=True)
+_CIRCLE = Path.unit_circle()
+GAP = 1.22  # between the tip of an arrow and the middle of its node, in radii
+_SHORT_DASHES = (0, (2, 1.2))
+_LABEL_BOX = {"facecolor": PAPER, "edgecolor": "none", "alpha": 0.85, "pad": 0.6}
 
 
 def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
@@ -60,15 +65,15 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     rightmost and leftmost included."""
     known = {name: np.atleast_1d(np.asarray(each, dtype=complex)) for name, each in spectra.items()}
     everything = np.concatenate(list(known.values()))
-    reach = max(float(np.abs(everything.real).max(initial=0.0)), 1e-3)
-    left, right = (
-        min(float(everything.real.min(initial=0.0)), 0.0),
-        max(float(everything.real.max(initial=0.0)), 0.0),
-    )
+    real = everything.real
+    reach = max(float(np.abs(real).max(initial=0.0)), 1e-3)
+    left = min(float(real.min(initial=0.0)), 0.0)
+    right = max(float(real.max(initial=0.0)), 0.0)
     ax.set_xlim(left - 0.12 * reach, right + 0.2 * reach)
     _shade(ax, right + 10 * reach)
     for place, (name, values) in enumerate(known.items()):
-        points = values[np.argsort(values.real, kind="stable")][look.thinned_rows(len(values))]
+        order = np.argsort(values.real, kind="stable")
+        points = values[order][look.thinned_rows(len(values))]
         ax.plot(
             points.real,
             points.imag,
@@ -79,6 +84,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
             markeredgewidth=1.3,
             label=short(name),
         )
+    # Real eigenvalues only: the vertical axis has nothing to say.
     if float(np.abs(everything.imag).max(initial=0.0)) < 1e-9:
         ax.set_ylim(-1, 1)
         ax.set_yticks([0])
@@ -96,21 +102,19 @@ def plot_lambda(
     largest must stay below."""
     known = {name: np.sort(np.asarray(each, dtype=float).ravel()) for name, each in spectra.items()}
     everything = np.concatenate(list(known.values()))
-    marks = [0.0, *(bounds or {}).values()]
-    low, high = min(everything.min(initial=0.0), *marks), max(everything.max(initial=0.0), *marks)
+    limits = list((bounds or {}).values())
+    low = min(everything.min(initial=0.0), 0.0, *limits)
+    high = max(everything.max(initial=0.0), 0.0, *limits)
     reach = max(high - low, 1e-3)
     ax.set_xlim(low - 0.06 * reach, high + 0.14 * reach)
     _shade(ax, high + 10 * reach)
     for row, values in enumerate(known.values()):
         shown = values[look.thinned_rows(len(values))]
-        ax.plot(
-            shown, np.full(len(shown), row), linestyle="none", marker="|", markersize=9, color=BLUE
-        )
+        level = np.full(len(shown), row)
+        ax.plot(shown, level, linestyle="none", marker="|", markersize=9, color=BLUE)
         ax.plot(shown[-1:], [row], linestyle="none", marker="D", markersize=4.5, color=BLUE)
-    for bound, dashes in zip(
-        (bounds or {}).values(), itertools.cycle(DASHES.values()), strict=False
-    ):
-        ax.axvline(bound, color=INK, linewidth=1.1, linestyle=dashes)
+    for limit, dashes in zip(limits, itertools.cycle(DASHES.values()), strict=False):
+        ax.axvline(limit, color=INK, linewidth=1.1, linestyle=dashes)
     name_rows(ax, [short(name) for name in known])
     ax.set_xlabel("eigenvalues of Λ(J) in 1/s")
     return ax
@@ -126,30 +130,20 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another
     certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance."""
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
-    foot, tolerance = float(bounds.min()) * BELOW, float(settling.tolerance)
+    foot, top = float(bounds.min()) * BELOW, float(bounds.max()) * 1.6
     ax.set_yscale("log")
     ax.plot(times, bounds, color=BLUE, linewidth=1.6, zorder=3, label="certified bound")
     ax.fill_between(times, bounds, foot, color=BLUE, alpha=0.10, linewidth=0)
     for stage in settling.stages[1:]:
         when = float(stage.start)
-        marker, colour, kind = (
-            ("s", PURPLE, stage.kind) if stage.kind == "quadratic" else ("o", BLUE, stage.kind)
-        )
-        at, told = [settling.envelope(when)], f"next {kind}"
-        ax.plot(
-            [when],
-            at,
-            zorder=4,
-            markersize=4.5,
-            linestyle="",
-            marker=marker,
-            color=colour,
-            label=told,
-        )
-    ax.axhline(
-        tolerance, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=2, label="tolerance"
-    )
-    ax.set(ylim=(foot, float(bounds.max()) * 1.6), xlim=(0, float(times[-1])))
+        marker, colour = "o", BLUE
+        if stage.kind == "quadratic":
+            marker, colour = "s", PURPLE
+        (taken,) = ax.plot([when], [settling.envelope(when)], color=colour)
+        taken.set(label=f"next {stage.kind}", marker=marker, markersize=4.5, linestyle="", zorder=4)
+    tolerance = ax.axhline(float(settling.tolerance), color=VERMILLION, label="tolerance")
+    tolerance.set(linewidth=1.2, linestyle=DASHED, zorder=2)
+    ax.set(ylim=(foot, top), xlim=(0, float(times[-1])))
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     ax.minorticks_off()
     ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
@@ -171,9 +165,8 @@ def plot_search(ax: Axes, search: Falsification) -> Axes:
     end = max((float(suspect.times[-1]) for suspect in shown), default=search.horizon)
     ax.set(xlim=(0, end or 1.0), ylim=(0, None))
     ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
-    ax.set_title(
-        short(f"from {search.target}", 44).replace("|e|_inf <=", "|e|∞ ≤"), parse_math=False
-    )
+    title = short(f"from {search.target}", 44).replace("|e|_inf <=", "|e|∞ ≤")
+    ax.set_title(title, parse_math=False)
     if shown:
         ax.legend(loc="best")
     return ax
@@ -195,36 +188,34 @@ def draw_network(
     radius, known = _radius(places), list(arcs)
     _draw_arcs(ax, known, places, radius)
     free = [i for i in range(len(labels)) if i not in pinned]
-    for shape, agents, face, edge, width, style in (
-        (Path.unit_circle(), [i for i in free if i not in unreached], PAPER, INK, 1.1, "solid"),
-        (
-            Path.unit_circle(),
-            [i for i in free if i in unreached],
-            PAPER,
-            VERMILLION,
-            1.6,
-            (0, (2, 1.2)),
-        ),
-        (_SQUARE, sorted(pinned), BLUE, BLUE, 1.1, "solid"),
-    ):
-        copies = [
-            Path(np.asarray(shape.vertices) * radius + places[agent], shape.codes)
-            for agent in agents
-        ]
-        if copies:
-            path = Path.make_compound_path(*copies)
-            ax.add_patch(
-                PathPatch(
-                    path, facecolor=face, edgecolor=edge, linewidth=width, linestyle=style, zorder=2
-                )
-            )
+    reached = [i for i in free if i not in unreached]
+    lost = [i for i in free if i in unreached]
+    if reached:
+        ax.add_patch(_nodes(_CIRCLE, places[reached], radius))
+    if lost:
+        patch = _nodes(_CIRCLE, places[lost], radius)
+        patch.set(edgecolor=VERMILLION, linewidth=1.6, linestyle=_SHORT_DASHES)
+        ax.add_patch(patch)
+    if pinned:
+        patch = _nodes(_SQUARE, places[sorted(pinned)], radius)
+        patch.set(facecolor=BLUE, edgecolor=BLUE)
+        ax.add_patch(patch)
     if len(labels) <= MOST_LABELLED:
         _draw_labels(ax, labels, places, radius, set(pinned), known)
     ax.set_aspect("equal")
     ax.set_axis_off()
-    (left, low), (right, high) = places.min(axis=0) - 3 * radius, places.max(axis=0) + 3 * radius
-    ax.set(xlim=(float(left), float(right)), ylim=(float(low), float(high)))
+    margin = 3 * radius
+    left, low = (places.min(axis=0) - margin).tolist()
+    right, high = (places.max(axis=0) + margin).tolist()
+    ax.set(xlim=(left, right), ylim=(low, high))
     return ax
+
+
+def _nodes(shape: Path, places: Positions, radius: float) -> PathPatch:
+    """The same shape at all these places, as one patch."""
+    corners = np.asarray(shape.vertices) * radius
+    path = Path.make_compound_path(*(Path(corners + place, shape.codes) for place in places))
+    return PathPatch(path, facecolor=PAPER, edgecolor=INK, linewidth=1.1, zorder=2)
 
 
 def drawn_labels(labels: Sequence[str]) -> tuple[list[str], str]:
@@ -232,13 +223,23 @@ def drawn_labels(labels: Sequence[str]) -> tuple[list[str], str]:
     are alike."""
     if all(len(label) <= _INSIDE for label in labels):
         return list(labels), ""
-    first, last = min(labels), max(labels)
-    same = itertools.takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
-    alike = "".join(letter for letter, _ in same).rstrip("0123456789") if first != last else ""
-    rest = [label[len(alike) :] for label in labels]
+    # Digits belong to the number of an agent, even where all numbers begin with the same one.
+    alike = _beginning(labels).rstrip("0123456789")
+    rest = [label.removeprefix(alike) for label in labels]
     if alike and all(1 <= len(each) <= _INSIDE for each in rest):
         return rest, alike
     return [short(label, 14) for label in labels], ""
+
+
+def _beginning(labels: Sequence[str]) -> str:
+    """What all labels begin with; nothing where there is only one."""
+    first, last = min(labels), max(labels)
+    if first == last:
+        return ""
+    for place, letter in enumerate(first):
+        if last[place] != letter:
+            return first[:place]
+    return first
 
 
 def proportions(places: Positions) -> float:
@@ -256,6 +257,7 @@ def _radius(places: Positions) -> float:
 
 
 def _draw_arcs(ax: Axes, arcs: Sequence[Pair], places: Positions, radius: float) -> None:
+    """Arrows from whom is heard to who listens; two opposite ones share a shaft."""
     known, shafts, heads = set(arcs), list[Path](), list[Path]()
     size = max(0.75 * radius, 0.03)
     for listener, speaker in arcs:
@@ -264,24 +266,21 @@ def _draw_arcs(ax: Axes, arcs: Sequence[Pair], places: Positions, radius: float)
         if length <= 2.3 * radius:
             continue
         forward = (end - start) / length
-        side = np.array([-forward[1], forward[0]])
-        tip = end - forward * radius * 1.22
+        tip = end - forward * radius * GAP
         back = tip - forward * size
         both = (speaker, listener) in known
         if not both or listener < speaker:
-            tail = start + forward * (radius * 1.22 + size * 0.9 if both else radius * 1.1)
+            behind = radius * GAP + size * 0.9 if both else radius * 1.1
+            tail = start + forward * behind
             shafts.append(Path(np.array([tail, back + forward * size * 0.1])))
-        heads.append(
-            Path(
-                np.array([tip, back + side * size * 0.45, back - side * size * 0.45, tip]),
-                closed=True,
-            )
-        )
+        aside = np.array([-forward[1], forward[0]]) * size * 0.45
+        heads.append(Path(np.array([tip, back + aside, back - aside, tip]), closed=True))
     if shafts:
-        shaft = Path.make_compound_path(*shafts)
-        ax.add_patch(PathPatch(shaft, facecolor="none", edgecolor=MUTED, linewidth=0.9))
+        path = Path.make_compound_path(*shafts)
+        ax.add_patch(PathPatch(path, facecolor="none", edgecolor=MUTED, linewidth=0.9))
     if heads:
-        ax.add_patch(PathPatch(Path.make_compound_path(*heads), facecolor=INK, edgecolor="none"))
+        path = Path.make_compound_path(*heads)
+        ax.add_patch(PathPatch(path, facecolor=INK, edgecolor="none"))
 
 
 def _draw_labels(
@@ -295,50 +294,36 @@ def _draw_labels(
     """Short labels inside the nodes, where there is room; the others on the side with the fewest
     arrows."""
     drawn, _ = drawn_labels(labels)
-    for agent, ((x, y), (right, up)) in enumerate(
-        zip(places, _free_sides(places, arcs), strict=True)
-    ):
-        if len(drawn[agent]) <= _INSIDE and radius > 0.05:
-            size = float(np.clip(78 * radius, 5.5, 9.0))
-            text = ax.text(
-                x,
-                y,
-                drawn[agent],
-                ha="center",
-                va="center_baseline",
-                parse_math=False,
-                fontsize=size,
-            )
-            text.set(zorder=3, color=PAPER if agent in pinned else INK)
+    sides = _free_sides(places, arcs)
+    inside = float(np.clip(78 * radius, 5.5, 9.0))
+    beside = 8.0 if len(drawn) <= MOST_BIG else 6.0
+    for agent, ((x, y), (right, up)) in enumerate(zip(places, sides, strict=True)):
+        if len(drawn[agent]) <= _INSIDE and radius > _ROOMY:
+            text = ax.text(x, y, drawn[agent], ha="center", va="center_baseline", fontsize=inside)
+            text.set(parse_math=False, color=PAPER if agent in pinned else INK)
         else:
-            ax.text(
-                x + 1.35 * radius * right,
-                y + 1.35 * radius * up,
-                drawn[agent],
-                ha=("right", "center", "left")[right + 1],
-                va=("top", "center", "bottom")[up + 1],
-                zorder=3,
-                parse_math=False,
-                fontsize=8.0 if len(drawn) <= 30 else 6.0,
-                color=INK,
-                bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.85, "pad": 0.6},
-            )
+            away = 1.35 * radius
+            text = ax.text(x + away * right, y + away * up, drawn[agent], fontsize=beside)
+            across = ("right", "center", "left")[right + 1]
+            upright = ("top", "center", "bottom")[up + 1]
+            text.set(ha=across, va=upright, parse_math=False, color=INK, bbox=_LABEL_BOX)
+        text.set_zorder(3)
 
 
 def _free_sides(places: Positions, arcs: Sequence[Pair]) -> list[Pair]:
     """For every agent the side, below first, that is farthest from the directions of its arrows."""
     directions: list[list[Positions]] = [[] for _ in places]
     for one, other in arcs:
-        step = (places[other] - places[one]) / max(
-            float(np.hypot(*(places[other] - places[one]))), 1e-9
-        )
+        apart = places[other] - places[one]
+        step = apart / max(float(np.hypot(*apart)), 1e-9)
         directions[one].append(step)
         directions[other].append(-step)
     chosen = []
     for own in directions:
-        nearest = [
-            max((float(step @ side) for step in own), default=-1.0) for side in np.array(_SIDES)
-        ]
+        nearest = []
+        for side in np.array(_SIDES):
+            nearest.append(max((float(step @ side) for step in own), default=-1.0))
+        # Rounded, so that the last bits of two directions do not decide.
         chosen.append(_SIDES[int(np.argmin(np.round(nearest, 3)))])
     return chosen
 
@@ -377,14 +362,17 @@ def _packed(graph: Any, components: Sequence[Sequence[int]], n: int) -> Position
     widest = 2.5 * max(1.0, math.sqrt(sum(size**2 for size in sizes)))
     x = y = height = 0.0
     for part, size in zip(ordered, sizes, strict=True):
+        # the next row
         if x > 0 and x + 2 * size > widest:
-            x, y, height = 0.0, y - height - 0.4, 0.0
+            y -= height + 0.4
+            x = height = 0.0
         own = np.zeros((1, 2))
         if len(part) > 1:
             start = nx.circular_layout(graph.subgraph(part))
             own = _scaled(nx.kamada_kawai_layout(graph.subgraph(part), pos=start), part)
         places[list(part)] = own * size + np.array([x + size, y - size])
-        x, height = x + 2 * size + 0.4, max(height, 2 * size)
+        x += 2 * size + 0.4
+        height = max(height, 2 * size)
     return _fitted(places)
 
 

@@ -27,7 +27,7 @@ class Findings:
     analysis: Analysis | None = None  # graphs and eigenvalues, in floating point
     trajectory: Trajectory | None = None  # one simulated run
     worst: Trajectory | None = None  # the run with a slow signal that keeps the guarantee
-    lambdas: Mapping[str, Matrix] = field(default_factory=dict)  # mode -> Lambda(J) at the target
+    lambdas: Mapping[str, Matrix] = field(default_factory=dict)  # mode -> Lambda at the target
     searches: Sequence[Falsification] = ()  # for starts that do not converge
     kernel: str = ""  # what Coq says of the motions
 

@@ -21,38 +21,33 @@ from dobc_design.report.pages import environment_of
 
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
 PACKAGES: Final = "amsmath,amssymb,array,booktabs,graphicx,longtable"
-_SPECIAL: Final = {
-    **{each: rf"\{each}" for each in "{}$&#%_"},
-    **{
-        "\\": r"\textbackslash{}",
-        "^": r"\textasciicircum{}",
-        "~": r"\textasciitilde{}",
-        "|": r"\textbar{}",
-    },
-    **{
-        '"': r"\textquotedbl{}",
-        "’": "'",
-        "‘": "`",
-        "“": "``",
-        "”": "''",
-        "–": "--",
-        "—": "---",
-        "…": r"\dots{}",
-    },
-    **{"\u00a0": "~", "\u200b": ""},
+_SPECIAL: Final = {each: rf"\{each}" for each in "{}$&#%_"} | {
+    "\\": r"\textbackslash{}",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+    "’": "'",
+    "‘": "`",
+    "“": "``",
+    "”": "''",
+    "–": "--",
+    "—": "---",
+    "…": r"\dots{}",
+    "\u00a0": "~",
+    "\u200b": "",
 }
 _LETTERS: Final = "≤≥≈±·×⊗√→∞∈✓✗αβεκλμξρτΛΨΩΣ"
 _COMMANDS: Final = (
-    "le ge approx pm cdot times otimes surd to infty in checkmark times alpha beta "
-    "varepsilon kappa lambda mu xi rho"
-    " tau Lambda Psi Omega Sigma"
+    "le ge approx pm cdot times otimes surd to infty in checkmark times alpha beta varepsilon "
+    "kappa lambda mu xi rho tau Lambda Psi Omega Sigma"
 )
-_SIGNS: Final = {
-    **{"<": "<", ">": ">", "−": "-", "′": "'"},
-    **{sign: rf"\{name}" for sign, name in zip(_LETTERS, _COMMANDS.split(), strict=True)},
-    **{raised: f"^{{{plain}}}" for raised, plain in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)},
-    **{low: f"_{{{plain}}}" for low, plain in zip("₀₁₂₃₄₅₆₇₈₉ᵢⱼₑ", "0123456789ije", strict=True)},
-}
+_SIGNS: Final = (
+    {"<": "<", ">": ">", "−": "-", "′": "'"}
+    | {sign: rf"\{name}" for sign, name in zip(_LETTERS, _COMMANDS.split(), strict=True)}
+    | {high: f"^{{{x}}}" for high, x in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)}
+    | {low: f"_{{{x}}}" for low, x in zip("₀₁₂₃₄₅₆₇₈₉ᵢⱼₑ", "0123456789ije", strict=True)}
+)
 _ACCENTS: Final = {"\u0302": "hat", "\u0304": "bar"}  # combining ones, as in an estimate
 _ACCENTED = re.compile("[A-Za-zα-ωΑ-Ω][\u0302\u0304]|.", re.DOTALL)
 AUTOMATIC: Final = 0.9  # what a column without a width of its own is compared as
@@ -70,71 +65,89 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
     bytes.
     """
     report = doc.in_form(document, "latex")
-    condition, kept = report.section("condition"), dict[str, str]()
+    condition = report.section("condition")
     matrices = [block for block in condition if isinstance(block, doc.Matrices)]
     formulas = [block for block in condition if not isinstance(block, doc.Matrices)]
-    problem, checks, region, trace = map(
-        report.section, ("problem", "checks", "region", "traceability")
-    )
+    kept: dict[str, str] = {}
     for name, what, blocks in (
         ("verdict", "The verdict and what it says.", report.section("meaning")),
-        ("model", "The equations with the paper's numbers, couplings, target and pins.", problem),
+        (
+            "model",
+            "The equations with the paper's numbers, couplings, target and pins.",
+            report.section("problem"),
+        ),
         ("condition", "The condition that is decided.", formulas),
         ("matrices", "The matrices; entries with a decimal point are rounded.", matrices),
-        ("checks", "Every condition that was decided; numbers hold as printed.", checks),
-        ("regions", "From which starts consensus is proved.", region),
-        ("traceability", "Where each condition stands and which module decided it.", trace),
+        (
+            "checks",
+            "Every condition that was decided; numbers hold as printed.",
+            report.section("checks"),
+        ),
+        ("regions", "From which starts consensus is proved.", report.section("region")),
+        (
+            "traceability",
+            "Where each condition stands and which module decided it.",
+            report.section("traceability"),
+        ),
     ):
         if blocks:
-            given = {
-                "report": report,
-                "name": name,
-                "what": what,
-                "blocks": blocks,
-                "filled": FILLED,
-            }
-            kept[f"{name}.tex"] = _template("fragment.tex.j2").render(given, packages=PACKAGES)
-    safe = "".join(each for each in version if each.isalnum() or each in ".+-")
-    given = {
-        "name": document.name,
-        "fragments": [name.removesuffix(".tex") for name in kept],
-        "version": safe,
-    }
-    given |= {"packages": PACKAGES, "bibliography": BIBLIOGRAPHY.removesuffix(".bib")}
-    kept |= {name: _template(f"{name}.j2").render(given) for name in (BIBLIOGRAPHY, MAIN)}
+            kept[f"{name}.tex"] = _template("fragment.tex.j2").render(
+                report=report,
+                name=name,
+                what=what,
+                blocks=blocks,
+                filled=FILLED,
+                packages=PACKAGES,
+            )
+    names = [name.removesuffix(".tex") for name in kept]
+    for name in (BIBLIOGRAPHY, MAIN):
+        kept[name] = _template(f"{name}.j2").render(
+            name=document.name,
+            fragments=names,
+            version="".join(each for each in version if each.isalnum() or each in ".+-"),
+            packages=PACKAGES,
+            bibliography=BIBLIOGRAPHY.removesuffix(".bib"),
+        )
     return {name: text.encode("utf-8") for name, text in kept.items()}
 
 
 @cache
 def _template(name: str) -> Template:
     """With signs that mean nothing in LaTeX."""
-    signs = {"block_start_string": "<%", "block_end_string": "%>", "comment_start_string": "<#"}
-    signs |= {
-        "variable_start_string": "<<",
-        "variable_end_string": ">>",
-        "comment_end_string": "#>",
-    }
     filters = {"tex": tex, "plain": doc.plain, "cells": _cells, "widths": _widths}
-    return environment_of(filters, **signs, keep_trailing_newline=True).get_template(name)
+    environment = environment_of(
+        filters,
+        keep_trailing_newline=True,
+        block_start_string="<%",
+        block_end_string="%>",
+        variable_start_string="<<",
+        variable_end_string=">>",
+        comment_start_string="<#",
+        comment_end_string="#>",
+    )
+    return environment.get_template(name)
 
 
 def tex(text: object) -> str:
     """Any text for LaTeX, on one line; long words may be broken."""
-    return " ".join(
-        r"\allowbreak{}".join(
-            map(_escaped, _PIECES.findall(word) if len(word) > _LONG_WORD else [word])
-        )
-        for word in str(text).split()
-    )
+    return " ".join(map(_word, str(text).split()))
+
+
+def _word(word: str) -> str:
+    pieces = _PIECES.findall(word) if len(word) > _LONG_WORD else [word]
+    return r"\allowbreak{}".join(map(_escaped, pieces))
 
 
 def _escaped(text: str) -> str:
-    return "".join(
-        rf"\ensuremath{{\{_ACCENTS[each[1]]}{{{_SIGNS.get(each[0], each[0])}}}}}"
-        if len(each) == 2
-        else _letter(each)
-        for each in _ACCENTED.findall(text)
-    )
+    return "".join(map(_sign, _ACCENTED.findall(text)))
+
+
+def _sign(sign: str) -> str:
+    """A letter, or one with an accent as two code points."""
+    if len(sign) == 1:
+        return _letter(sign)
+    letter, accent = _SIGNS.get(sign[0], sign[0]), _ACCENTS[sign[1]]
+    return rf"\ensuremath{{\{accent}{{{letter}}}}}"
 
 
 def _letter(letter: str) -> str:
@@ -152,11 +165,14 @@ def _letter(letter: str) -> str:
 
 def _cells(table: doc.Table) -> list[list[str]]:
     """The texts of a table, numbers as people write them."""
-    numbers = [column.style == "number" for column in table.columns]
-    return [
-        [typeset(str(x)) if number else str(x) for x, number in zip(row, numbers, strict=True)]
-        for row in table.rows
-    ]
+    styles = [column.style for column in table.columns]
+    rows = []
+    for row in table.rows:
+        texts = []
+        for cell, style in zip(row, styles, strict=True):
+            texts.append(typeset(str(cell)) if style == "number" else str(cell))
+        rows.append(texts)
+    return rows
 
 
 def _widths(table: doc.Table) -> list[float]:

@@ -22,15 +22,14 @@ _OPENING = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")  # would begin a list or under
 def html_page(document: doc.Document, *, full: bool = False) -> str:
     """The page; ``full``: with its details open, to be printed.  The same document gives the same
     text."""
-    return (
-        _html_template().render(document=doc.in_form(document, "html"), full=full, leads=doc.leads)
-        + "\n"
-    )
+    shown = doc.in_form(document, "html")
+    return _html_template().render(document=shown, full=full, leads=doc.leads) + "\n"
 
 
 def markdown_page(document: doc.Document) -> str:
     """The document as Markdown."""
-    return _markdown_template().render(document=doc.in_form(document, "markdown")).rstrip() + "\n"
+    text = _markdown_template().render(document=doc.in_form(document, "markdown"))
+    return text.rstrip() + "\n"
 
 
 @cache
@@ -47,16 +46,16 @@ def _markdown_template() -> Template:
 def environment_of(filters: dict[str, Any], **options: Any) -> Environment:
     """The templates of this room with these filters; without ``autoescape`` every template escapes
     by its own."""
-    loader: dict[str, Any] = {
-        "loader": PackageLoader("dobc_design.report"),
-        "undefined": StrictUndefined,
-    }
-    environment = Environment(**loader, trim_blocks=True, lstrip_blocks=True, **options)
-    environment.filters |= {
-        "capitalize_first": capitalize_first,
-        "kind": lambda it: type(it).__name__,
-        **filters,
-    }
+    environment = Environment(
+        loader=PackageLoader("dobc_design.report"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        **options,
+    )
+    environment.filters["capitalize_first"] = capitalize_first
+    environment.filters["kind"] = lambda it: type(it).__name__
+    environment.filters |= filters
     return environment
 
 
@@ -70,7 +69,9 @@ def _math(latex: str, *, display: bool = False) -> Fragment:
 
 def escape(text: object) -> str:
     """Escape user text so that Markdown and HTML show it as it is, on one line."""
-    return _OPENING.sub(r"\1\\\2", _SPECIAL.sub(r"\\\g<0>", " ".join(str(text).split())))
+    line = " ".join(str(text).split())
+    safe = _SPECIAL.sub(r"\\\g<0>", line)
+    return _OPENING.sub(r"\1\\\2", safe)
 
 
 def _words(words: doc.Words) -> str:

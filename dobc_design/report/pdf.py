@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from importlib.resources import files
-from itertools import chain, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final, Literal
 from xml.etree import ElementTree
@@ -40,6 +40,8 @@ PRINTED: Final = ("recheck", "signatures")  # the details that belong to every p
 # digits of numerator and denominator that are still printed as a fraction
 LONGEST_NUMBER: Final = 12
 LONGEST_WORD: Final = 16  # in a cell; longer ones may be broken anywhere
+Shown = dict[str, Any]  # a block as JSON; its "kind" is what the template calls it
+
 _SOFT = "\u200b"  # a place where a line may break
 _INVISIBLE: Final = f"{_SOFT}\n"
 _VARIABLE = re.compile(r"var\(--[\w-]+, *(#[0-9a-f]{6})\)")
@@ -68,11 +70,10 @@ def require_typst() -> None:
 def content(document: doc.Document, *, full: bool = False) -> dict[str, Any]:
     """Everything that the template shows, as JSON: strings, lists and numbers' digits."""
     document, verdict = doc.in_form(document, "pdf"), document.verdict
-    more = [
-        each
-        for each in document.details
-        if full or (isinstance(each, doc.Section) and each.name in PRINTED)
-    ]
+    blocks = list(document.blocks)
+    for each in document.details:
+        if full or (isinstance(each, doc.Section) and each.name in PRINTED):
+            blocks.append(each)
     return {
         "kind": document.kind,
         "title": soft(document.title, 24),
@@ -83,7 +84,7 @@ def content(document: doc.Document, *, full: bool = False) -> dict[str, Any]:
         "reason": soft(verdict.reason, 40),
         "identity": [[name, soft(value, 70)] for name, value in document.identity],
         "facts": [[name, soft(value)] for name, value in verdict.facts],
-        "blocks": list(_blocks((*document.blocks, *more))),
+        "blocks": list(_blocks(blocks)),
     }
 
 
@@ -98,17 +99,21 @@ def compile_pdf(content: Mapping[str, Any]) -> bytes:
     known = FT2Font(str(folder / "DejaVuSans.ttf")).get_charmap()
     shipped = all(ord(each) in known or each in _INVISIBLE for each in text)
 
-    settings: dict[str, Any] = {
-        "sys_inputs": {"data": text},
-        "font_paths": [str(folder)],
-        "ignore_system_fonts": shipped,
-    }
+    def made(standard: Literal["ua-1"] | None) -> bytes:
+        page: bytes = typst.compile(
+            source,
+            sys_inputs={"data": text},
+            font_paths=[str(folder)],
+            ignore_system_fonts=shipped,
+            pdf_standards=standard,
+        )
+        return page
+
     try:
-        made: bytes = typst.compile(source, pdf_standards=STANDARD, **settings)
+        return made(STANDARD)
     # the standard forbids some letters that a label may have; the report is still wanted
     except typst.TypstError:
-        made = typst.compile(source, pdf_standards=None, **settings)
-    return made
+        return made(None)
 
 
 def soft(text: object, longest: int = LONGEST_WORD) -> str:
@@ -120,78 +125,83 @@ def soft(text: object, longest: int = LONGEST_WORD) -> str:
 def _soft_word(word: str, longest: int) -> str:
     if len(word) <= longest:
         return word
-    parts = _JOINT.sub(rf"\1{_SOFT}", word).split(_SOFT)
     short = longest // 2
-    pieces = [
-        [part[k : k + short] for k in range(0, len(part), short)] if len(part) > longest else [part]
-        for part in parts
-    ]
-    return _SOFT.join(chain.from_iterable(pieces))
+    pieces: list[str] = []
+    for part in _JOINT.sub(rf"\1{_SOFT}", word).split(_SOFT):
+        if len(part) <= longest:
+            pieces.append(part)
+        else:
+            pieces += [part[k : k + short] for k in range(0, len(part), short)]
+    return _SOFT.join(pieces)
 
 
-def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, Any]]:
+def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[Shown]:
     found = list(blocks)
     for block, after in zip_longest(found, found[1:]):
         match block:
             case doc.Section(title=title, blocks=inner):
-                yield {"kind": "heading", "level": level, "text": soft(title)}
+                yield _heading(title, level)
                 yield from _blocks(inner, level + 1)
             case doc.Box():
-                yield {"kind": "heading", "level": level, "text": soft(block.title)}
+                yield _heading(block.title, level)
                 yield _text(f"{block.mark.symbol} {block.word}. {block.reason}")
                 yield _text(block.note)
             case doc.Text(words, style):
                 yield _text(words, "lead" if doc.leads(block, after) else style)
-            case doc.List(items) if items:
-                yield {"kind": "list", "items": [soft(doc.plain(item), 40) for item in items]}
-            case doc.Code(lines):
-                yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
-            case doc.Formula(typst=Fraction() as bound):
-                yield {
-                    "kind": "bound",
-                    "label": f"{capitalize_first(block.label)} is",
-                    "number": number_parts(bound),
-                }
-            case doc.Formula():
-                yield {
-                    "kind": "formula",
-                    "name": block.typst,
-                    "label": block.label,
-                    "number": block.number,
-                }
-            case doc.Matrices(items):
-                yield from map(_matrix, items)
-            case doc.Pictures(items) if items:
-                yield {"kind": "pictures", "items": [picture_parts(item) for item in items]}
-            case doc.Facts(rows):
-                yield _table(("", ""), rows)
-            case doc.Terms(items):
-                yield _table(
-                    ("word", "meaning"),
-                    [(word, capitalize_first(meaning)) for word, meaning in items],
-                )
-            case doc.Table(columns=columns, rows=rows):
-                yield _table([each.head for each in columns], rows, columns)
-            case doc.Signatures(heads, roles):
-                yield {"kind": "signatures", "heads": ["role", *heads], "roles": list(roles)}
+            case _:
+                yield from _plain_block(block)
 
 
-def _text(words: doc.Words, style: str = "plain") -> dict[str, Any]:
+def _plain_block(block: doc.Block) -> Iterator[Shown]:
+    """A block that is shown by itself, wherever it stands."""
+    match block:
+        case doc.List(items) if items:
+            yield {"kind": "list", "items": [soft(doc.plain(item), 40) for item in items]}
+        case doc.Code(lines):
+            yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
+        case doc.Formula(label=label, typst=Fraction() as bound):
+            label = f"{capitalize_first(label)} is"
+            yield {"kind": "bound", "label": label, "number": number_parts(bound)}
+        case doc.Formula(label=label, number=number, typst=name):
+            yield {"kind": "formula", "name": name, "label": label, "number": number}
+        case doc.Matrices(items):
+            yield from map(_matrix, items)
+        case doc.Pictures(items) if items:
+            yield {"kind": "pictures", "items": [picture_parts(item) for item in items]}
+        case doc.Facts(rows):
+            yield _pairs(("", ""), rows)
+        case doc.Terms(items):
+            meanings = [(word, capitalize_first(meaning)) for word, meaning in items]
+            yield _pairs(("word", "meaning"), meanings)
+        case doc.Table():
+            yield _table(block)
+        case doc.Signatures(heads, roles):
+            yield {"kind": "signatures", "heads": ["role", *heads], "roles": list(roles)}
+
+
+def _heading(title: str, level: int) -> Shown:
+    return {"kind": "heading", "level": level, "text": soft(title)}
+
+
+def _text(words: doc.Words, style: str = "plain") -> Shown:
     return {"kind": "text", "text": soft(doc.plain(words), 40), "style": style}
 
 
-def _table(
-    heads: Iterable[str], rows: Iterable[Sequence[doc.Cell]], columns: Sequence[doc.Column] = ()
-) -> dict[str, Any]:
-    """A table; without ``columns`` of names and what stands beside them."""
-    styles = [each.style for each in columns] or ["plain", "plain"]
+def _pairs(heads: Sequence[str], rows: Iterable[Sequence[doc.Cell]]) -> Shown:
+    """Names and what stands beside them, which has the room that is left."""
+    name, beside = heads
+    columns = (doc.Column(name, width=0), doc.Column(beside, width=1))
+    return _table(doc.Table(caption="", columns=columns, rows=list(rows)))
+
+
+def _table(table: doc.Table) -> Shown:
+    styles = [column.style for column in table.columns]
+    rows = [[_cell(*each) for each in zip(row, styles, strict=True)] for row in table.rows]
     return {
         "kind": "table",
-        "heads": [soft(head) for head in heads],
-        "rows": [
-            [_cell(cell, style) for cell, style in zip(row, styles, strict=True)] for row in rows
-        ],
-        "widths": [each.width for each in columns] or [0, 1],
+        "heads": [soft(column.head) for column in table.columns],
+        "rows": rows,
+        "widths": [column.width for column in table.columns],
     }
 
 
@@ -214,49 +224,38 @@ def _cell(cell: doc.Cell, style: str = "plain") -> Any:
             return [soft(cell)]
 
 
-def _matrix(shown: doc.ShownMatrix) -> dict[str, Any]:
+def _matrix(shown: doc.ShownMatrix) -> Shown:
     """A matrix from its exact entries, or a sentence where it is too large."""
     name, label = MATRIX_NAMES.get(shown.name, shown.name), capitalize_first(shown.what)
     if shown.latex is None:
-        return _text(
-            f"{label} ({name}) is {shown.size}, too large to be printed; see certificate.json."
-        )
+        size = f"{shown.size}, too large to be printed; see certificate.json."
+        return _text(f"{label} ({name}) is {size}")
     rows = [[number_parts(entry, exact=False) for entry in row] for row in shown.matrix]
     return {"kind": "matrix", "name": name, "label": soft(label), "rows": rows}
 
 
-def number_parts(value: Fraction, *, exact: bool = True) -> dict[str, Any]:
+def number_parts(value: Fraction, *, exact: bool = True) -> Shown:
     """A rational for the template: sign and digits, a decimal with its power of ten, or an
     ``exact`` fraction."""
-    sign, size = value < 0, abs(value)
+    size = abs(value)
+    parts: Shown = {"negative": value < 0, "digits": "", "over": None, "power": None}
     small = max(size.numerator.bit_length(), size.denominator.bit_length()) <= 4 * LONGEST_NUMBER
     if exact and small and Fraction(significant(size, 6)) != size:
-        return {
-            "negative": sign,
-            "digits": str(size.numerator),
-            "over": str(size.denominator),
-            "power": None,
-        }
+        return parts | {"digits": str(size.numerator), "over": str(size.denominator)}
     mantissa, _, power = significant(size, 6 if exact else 5).partition("e")
-    return {
-        "negative": sign,
-        "digits": mantissa,
-        "over": None,
-        "power": str(int(power)) if power else None,
-    }
+    return parts | {"digits": mantissa, "power": str(int(power)) if power else None}
 
 
 def picture_parts(picture: doc.Picture) -> dict[str, str]:
     """A figure for the template: its SVG with fixed colours and font, its text alternative, title
     and caption."""
-    svg = _VARIABLE.sub(r"\1", svg_of(picture)).replace(
-        "font-family: inherit", "font-family: 'DejaVu Sans'"
-    )
-    width = Decimal((ElementTree.fromstring(svg).get("viewBox") or "0 0 330 0").split()[2])
+    svg = _VARIABLE.sub(r"\1", svg_of(picture))
+    svg = svg.replace("font-family: inherit", "font-family: 'DejaVu Sans'")
+    box = ElementTree.fromstring(svg).get("viewBox") or "0 0 330 0"
     return {
         "svg": svg,
         "alt": soft(picture.alt, 60),
         "title": soft(picture.title),
         "caption": soft(picture.caption, 40),
-        "width": f"{width:.1f}",
+        "width": f"{Decimal(box.split()[2]):.1f}",
     }

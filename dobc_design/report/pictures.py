@@ -48,7 +48,9 @@ from dobc_design.report.words import (
 )
 
 if TYPE_CHECKING:
-    from dobc_design.analysis.analysis import Analysis
+    from matplotlib.axes import Axes
+
+    from dobc_design.analysis.analysis import Analysis, SpectrumResult
     from dobc_design.simulation.trajectory import Trajectory
 
 Values = NDArray[Any]
@@ -56,9 +58,13 @@ Values = NDArray[Any]
 MOST_MODES = 6
 MOST_AGENTS, MOST_ARCS = 300, 1500  # of a network that is drawn; beyond, it would be a grey ball
 _NAMES = ("ink", "muted", "grid", "paper", "blue", "vermillion", "green", "purple")
-VARIABLES = {
-    (colour := getattr(look, name.upper())): f"var(--figure-{name}, {colour})" for name in _NAMES
-}
+_COLOURS = {name: getattr(look, name.upper()) for name in _NAMES}
+VARIABLES = {colour: f"var(--figure-{name}, {colour})" for name, colour in _COLOURS.items()}
+SLOW = (
+    "Solid: |e|∞, the largest |xᵢ − goal| of all agents, in two simulated runs from one start. "
+    "Slow signal, modes beneath: of short rounds that keep the guarantee the slowest for the "
+    "linearised loop."
+)
 _FONT = re.compile(r"font-family:[^;]*")
 _LONG_DECIMAL = re.compile(r"-?\d+\.\d{3,}")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
@@ -77,35 +83,36 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
         return [], f"A network of {problem.n} agents and {total} arcs is too large to be drawn."
     # The modes stand on the same places, so that they can be compared.
     places = figures.positions({pair for each in pairs.values() for pair in each}, problem.n)
-    drawn, any_lost = [], False
-    for place, (name, arcs) in enumerate(pairs.items()):
-        lost = unreached_agents(certificate, name)
-        any_lost = any_lost or bool(lost)
-        alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, pinned: "
-        alt += names_in_words([labels[i] for i in pinned])
-        alt += (
-            f"; not reached: {names_in_words([labels[i] for i in sorted(lost)])}." if lost else "."
+    drawn = []
+    lost_in = {name: unreached_agents(certificate, name) for name in pairs}
+    for place, (name, arcs) in enumerate(pairs.items(), 1):
+        lost = lost_in[name]
+        pins = names_in_words([labels[i] for i in pinned])
+        alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, pinned: {pins}"
+        if lost:
+            alt += f"; not reached: {names_in_words([labels[i] for i in sorted(lost)])}"
+        draw = partial(
+            figures.draw_network,
+            labels=labels,
+            arcs=arcs,
+            places=places,
+            pinned=pinned,
+            unreached=lost,
         )
-        settings: dict[str, Any] = {
-            "labels": labels,
-            "arcs": arcs,
-            "places": places,
-            "pinned": pinned,
-        }
-        drawn.append(
-            Picture(
-                name=f"network-{place + 1}",
-                title=f"Mode {name}",
-                alt=alt,
-                draw=partial(figures.draw_network, unreached=lost, **settings),
-                width=3.4,
-                height=3.4 * figures.proportions(places),
-            )
+        picture = Picture(
+            name=f"network-{place}",
+            title=f"Mode {name}",
+            alt=f"{alt}.",
+            draw=draw,
+            width=3.4,
+            height=3.4 * figures.proportions(places),
         )
-    return drawn, _network_legend(labels, len(problem.network.modes), lost=any_lost)
+        drawn.append(picture)
+    return drawn, _network_legend(problem, lost=any(lost_in.values()))
 
 
-def _network_legend(labels: Sequence[str], modes: int, *, lost: bool) -> str:
+def _network_legend(problem: Problem, *, lost: bool) -> str:
+    labels, modes = problem.network.labels, len(problem.network.modes)
     text = f"{figures.LEGEND} Blue squares are pinned agents, circles are agents without a pin"
     text += "; a dashed orange circle is an agent that no pin reaches." if lost else "."
     alike = figures.drawn_labels(labels)[1]
@@ -113,69 +120,78 @@ def _network_legend(labels: Sequence[str], modes: int, *, lost: bool) -> str:
         text += " Labels are left out."
     elif alike:
         text += f" “{alike}” is left out of the labels."
-    return text + (
-        f" The first {MOST_MODES} of {modes} modes are drawn." if modes > MOST_MODES else ""
-    )
+    if modes > MOST_MODES:
+        text += f" The first {MOST_MODES} of {modes} modes are drawn."
+    return text
 
 
 def eigenvalue_pictures(certificate: Certificate, analysis: Analysis) -> Iterator[Picture]:
     """Spectra of A - WC, of Lambda and of J - K."""
     if analysis.spectrum is not None:
-        values = np.array(analysis.spectrum.eigenvalues)
-        yield Picture(
-            name="spectrum-observer",
-            title="Observer: eigenvalues of A − WC",
-            caption="The estimation error decays when all lie left of the line; the slowest gives"
-            f" {number(analysis.spectrum.rate)} 1/s.",
-            alt="Eigenvalues of A minus W C in the complex plane: "
-            f"{eigenvalues(values.tolist())}, in 1/s.",
-            draw=lambda ax: figures.plot_spectrum(ax, {"A − WC": values}),
-            height=_spectrum_height(values),
-        )
-    lambdas = [
-        (m.mode, np.array(m.lambda_eigenvalues)) for m in analysis.modes if m.lambda_eigenvalues
-    ]
+        yield _observer_picture(analysis.spectrum)
+    lambdas: dict[str, Values] = {}
+    loops: dict[str, Values] = {}
+    for mode in analysis.modes:
+        if mode.lambda_eigenvalues and len(lambdas) < 2 * MOST_MODES:
+            lambdas[mode.mode] = np.array(mode.lambda_eigenvalues)
+        if mode.loop_eigenvalues and len(loops) < MOST_MODES:
+            loops[mode.mode] = np.array(mode.loop_eigenvalues)
     if lambdas:
-        yield _lambda_picture(certificate, dict(lambdas[: 2 * MOST_MODES]))
-    loops = dict(
-        [(m.mode, np.array(m.loop_eigenvalues)) for m in analysis.modes if m.loop_eigenvalues][
-            :MOST_MODES
-        ]
-    )
+        yield _lambda_picture(certificate, lambdas)
     if loops:
-        rightmost = "; ".join(
-            f"mode {name}: {number(float(v.real.max()))}" for name, v in loops.items()
-        )
-        yield Picture(
-            name="spectrum-loop",
-            title="Network: eigenvalues of J − K at the target",
-            caption="Small errors decay, with the disturbance known, when all lie left of the line."
-            " This says more than Λ about one mode, and nothing about switching.",
-            alt="Eigenvalues of J minus K in the complex plane; the rightmost real parts are "
-            f"{rightmost} 1/s.",
-            draw=lambda ax: figures.plot_spectrum(ax, loops),
-            height=_spectrum_height(*loops.values()),
-        )
+        yield _loop_picture(loops)
+
+
+def _observer_picture(spectrum: SpectrumResult) -> Picture:
+    values = np.array(spectrum.eigenvalues)
+    told = eigenvalues(values.tolist())
+    return Picture(
+        name="spectrum-observer",
+        title="Observer: eigenvalues of A − WC",
+        caption="The estimation error decays when all lie left of the line; the slowest gives"
+        f" {number(spectrum.rate)} 1/s.",
+        alt=f"Eigenvalues of A minus W C in the complex plane: {told}, in 1/s.",
+        draw=lambda ax: figures.plot_spectrum(ax, {"A − WC": values}),
+        height=_spectrum_height(values),
+    )
+
+
+def _loop_picture(loops: Mapping[str, Values]) -> Picture:
+    rightmost = _by_mode({name: values.real for name, values in loops.items()})
+    return Picture(
+        name="spectrum-loop",
+        title="Network: eigenvalues of J − K at the target",
+        caption="Small errors decay, with the disturbance known, when all lie left of the line."
+        " This says more than Λ about one mode, and nothing about switching.",
+        alt="Eigenvalues of J minus K in the complex plane; the rightmost real parts are "
+        f"{rightmost} 1/s.",
+        draw=lambda ax: figures.plot_spectrum(ax, loops),
+        height=_spectrum_height(*loops.values()),
+    )
 
 
 def _lambda_picture(certificate: Certificate, lambdas: Mapping[str, Values]) -> Picture:
     known = {name: float(bound) for name, bound in bounds_of(certificate).items()}
     caption = "Lemma 1 asks for all of them to be negative; the largest is the diamond."
     if known:
-        styles = zip(known.items(), figures.DASHES, strict=False)
-        bounds = ", for ".join(
-            f"{name} {number(value)} ({style})" for (name, value), style in styles
-        )
+        told = []
+        for (name, value), style in zip(known.items(), figures.DASHES, strict=False):
+            told.append(f"{name} {number(value)} ({style})")
+        bounds = ", for ".join(told)
         caption += f" It must stay below a bound that depends on P: for {bounds}."
-    largest = "; ".join(f"mode {name}: {number(float(v.max()))}" for name, v in lambdas.items())
     return Picture(
         name="spectrum-lambda",
         title="Network: eigenvalues of Λ(J) at the target",
         caption=caption,
-        alt=f"Eigenvalues of Lambda; the largest are {largest} 1/s.",
+        alt=f"Eigenvalues of Lambda; the largest are {_by_mode(lambdas)} 1/s.",
         draw=lambda ax: figures.plot_lambda(ax, lambdas, bounds=known),
         height=2.3 + 0.22 * max(0, len(lambdas) - 4),
     )
+
+
+def _by_mode(values: Mapping[str, Values]) -> str:
+    """The largest value of each mode."""
+    return "; ".join(f"mode {name}: {number(float(v.max()))}" for name, v in values.items())
 
 
 def _spectrum_height(*spectra: Values) -> float:
@@ -187,38 +203,48 @@ def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Ite
     """States and estimates of one simulation; nothing where it ended at its start."""
     if len(trajectory.times) < 2:
         return
-    for component in range(min(certificate.problem.m, runs.MOST_COMPONENTS)):
-        yield _state_picture(certificate.problem, trajectory, component)
-    if certificate.problem.groups:
-        agents = min(len(trajectory.labels), runs.MOST_ESTIMATES)
-        which = "" if trajectory.d.shape[2] == 1 else ", first component"
-        left = number(float(np.abs(trajectory.d[-1] - trajectory.dhat[-1]).max()))
-        yield Picture(
-            name="estimates",
-            title="Disturbance and estimate",
-            caption=f"Disturbance d (dotted) and its estimate d̂ of {agents} agents{which}.",
-            alt=f"Disturbance and estimate over time; they differ at the end by at most {left} "
-            "over all agents.",
-            draw=lambda ax: runs.in_time(runs.plot_estimates(ax, trajectory), trajectory.times),
-        )
+    problem = certificate.problem
+    for component in range(min(problem.m, runs.MOST_COMPONENTS)):
+        yield _state_picture(problem, trajectory, component)
+    if problem.groups:
+        yield _estimate_picture(trajectory)
 
 
-def _state_picture(problem: Problem, trajectory: Trajectory, c: int) -> Picture:
-    several, times, last = problem.m > 1, trajectory.times, trajectory.x[-1, :, c]
-    who = (
-        "all agents"
-        if problem.n <= look.MOST_AGENTS
-        else f"{look.MOST_AGENTS} of the {problem.n} agents"
-    )
+def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> Picture:
+    times, last = trajectory.times, trajectory.x[-1, :, component]
+    title, who = "States", "all agents"
+    if problem.m > 1:
+        title = f"States, component {component + 1} of {problem.m}"
+    if problem.n > look.MOST_AGENTS:
+        who = f"{look.MOST_AGENTS} of the {problem.n} agents"
     end, least, most = (number(float(value)) for value in (times[-1], last.min(), last.max()))
+
+    def draw(ax: Axes) -> object:
+        pinned = problem.pinning.agents
+        drawn = runs.plot_agents(ax, trajectory, component=component, pinned=pinned)
+        return runs.in_time(drawn, times)
+
     return Picture(
-        name=f"states-{c + 1}",
-        title=f"States, component {c + 1} of {problem.m}" if several else "States",
-        caption=f"{runs.state_symbol(c, problem.m)}(t) of {who}; goals dashed.",
+        name=f"states-{component + 1}",
+        title=title,
+        caption=f"{runs.state_symbol(component, problem.m)}(t) of {who}; goals dashed.",
         alt=f"States over {end} s: at the end between {least} and {most}.",
-        draw=lambda ax: runs.in_time(
-            runs.plot_agents(ax, trajectory, component=c, pinned=problem.pinning.agents), times
-        ),
+        draw=draw,
+    )
+
+
+def _estimate_picture(trajectory: Trajectory) -> Picture:
+    d, dhat = trajectory.d, trajectory.dhat
+    agents = min(len(trajectory.labels), runs.MOST_ESTIMATES)
+    which = "" if d.shape[2] == 1 else ", first component"
+    left = number(float(np.abs(d[-1] - dhat[-1]).max()))
+    return Picture(
+        name="estimates",
+        title="Disturbance and estimate",
+        caption=f"Disturbance d (dotted) and its estimate d̂ of {agents} agents{which}.",
+        alt=f"Disturbance and estimate over time; they differ at the end by at most {left} "
+        "over all agents.",
+        draw=lambda ax: runs.in_time(runs.plot_estimates(ax, trajectory), trajectory.times),
     )
 
 
@@ -227,44 +253,39 @@ def error_picture(
 ) -> Picture:
     """The error with what is proved about it, bound or slope; beside it that of ``worst``, with a
     slow signal."""
-    times, error, proved = trajectory.times, trajectory.error(), certificate.envelope(trajectory)
+    times, error = trajectory.times, trajectory.error()
+    first, last = number(float(error[0])), number(float(error[-1]))
+    alt = f"Largest error over time: {first} at the start, {last} at the end"
     caption = "Solid: |e|∞, the largest |xᵢ − goal| of all agents in one simulated run."
-    alt = (
-        f"Largest error over time: {number(float(error[0]))} at the start, "
-        f"{number(float(error[-1]))} at the end"
-    )
-    envelope, errors, switches = None, {"|e|∞": error}, trajectory.switches
+    errors, switches = {"|e|∞": error}, trajectory.switches
+    # A run that ended early is not beside the other at the same times.
     if worst is not None and len(worst.times) == len(times):
+        slow = worst.error()
+        errors = {"|e|∞, drawn signal": error, "|e|∞, slow signal": slow}
         switches = worst.switches
-        errors = {"|e|∞, drawn signal": error, "|e|∞, slow signal": worst.error()}
-        caption = (
-            "Solid: |e|∞, the largest |xᵢ − goal| of all agents, in two simulated runs from "
-            "one start. Slow signal,"
-        )
-        caption += (
-            " modes beneath: of short rounds that keep the guarantee the slowest for the "
-            "linearised loop."
-        )
-        alt += f", with the slow signal {number(float(errors['|e|∞, slow signal'][-1]))}"
+        caption = SLOW
+        alt += f", with the slow signal {number(float(slow[-1]))}"
+    proved, envelope = certificate.envelope(trajectory), None
     if proved.sources:
         bound = proved(times)
         envelope = np.stack([times, bound], axis=1)
-        caption += (
-            f" Dashed: certified upper bound for this start ({' and '.join(proved.sources)})."
-        )
+        sources = " and ".join(proved.sources)
+        caption += f" Dashed: certified upper bound for this start ({sources})."
         alt += f"; proved to be at most {number(float(bound[-1]))} there"
     elif certificate.rate:
         caption += " Dashed: the slope of the certified rate, for comparison."
 
-    draw = partial(
-        runs.plot_errors, times=times, errors=errors, envelope=envelope, rate=certificate.rate
-    )
+    def draw(ax: Axes) -> object:
+        rate = certificate.rate
+        runs.plot_errors(ax, times=times, errors=errors, envelope=envelope, rate=rate)
+        return draw_band(runs.in_time(ax, times), switches, float(times[-1]))
+
     return Picture(
         name="error",
         title="Largest distance to the goals over time",
         caption=caption,
         alt=f"{alt}.",
-        draw=lambda ax: draw_band(runs.in_time(draw(ax), times), switches, float(times[-1])),
+        draw=draw,
         width=4.8,
     )
 
@@ -273,50 +294,50 @@ def region_pictures(regions: Regions) -> Iterator[Picture]:
     """How far each method reaches, and single agents where they have bounds."""
     if not regions.sized:
         return
-    claims, asked = regions.claims, regions.asked is not None
-    for_all, ball = (
-        any(claim.box for claim in claims),
-        any(claim.kind == "ball" for claim in claims),
-    )
-    bars = (
-        "Bars: all agents may be off by this much at once." if for_all else "",
-        "Thin lines: one agent alone, the others at their goals." if ball else "",
-        "Dashed: what was asked for, of all agents at once." if asked else "",
-        "Dotted: another equilibrium." if regions.rest is not None else "",
-    )
-    yield Picture(
-        name="region-methods",
-        title="How far each proof reaches",
-        caption=" ".join(filter(None, bars)),
-        alt="Certified distance from the goals. "
-        + " ".join(f"{_told(claim)}." for claim in claims),
-        draw=lambda ax: plot_regions(ax, regions),
-        height=height_of(regions),
-    )
+    yield _methods_picture(regions)
     if regions.agents:
         drawn = len(drawn_agents(regions))
-        sentence = region_words.agents_sentence(
-            regions, drawn=drawn if drawn < len(regions.agents) else None
-        )
+        some = drawn if drawn < len(regions.agents) else None
+        sentence = region_words.agents_sentence(regions, drawn=some)
+        asked = "" if regions.asked is None else " Dashed: the starts asked for."
         yield Picture(
             name="region-agents",
             title="From where each agent may start",
-            caption=sentence + (" Dashed: the starts asked for." if asked else ""),
+            caption=sentence + asked,
             alt=sentence,
             draw=lambda ax: plot_starts(ax, regions),
             height=height_of(regions),
         )
 
 
-def _told(claim: RegionClaim) -> str:
-    name = claim.method
-    if claim.kind in ("box", "ball"):
-        return (
-            f"{name}: {lower(claim.box)} for all agents at once, {lower(claim.ball)} for one alone"
-        )
-    return f"{name}: " + {"everywhere": "every start", "near": "no radius"}.get(
-        claim.kind, "nothing proved"
+def _methods_picture(regions: Regions) -> Picture:
+    """How far each method reaches, explained by what there is to be seen."""
+    claims, bars = regions.claims, []
+    if any(claim.box for claim in claims):
+        bars.append("Bars: all agents may be off by this much at once.")
+    if any(claim.kind == "ball" for claim in claims):
+        bars.append("Thin lines: one agent alone, the others at their goals.")
+    if regions.asked is not None:
+        bars.append("Dashed: what was asked for, of all agents at once.")
+    if regions.rest is not None:
+        bars.append("Dotted: another equilibrium.")
+    told = " ".join(f"{_told(claim)}." for claim in claims)
+    return Picture(
+        name="region-methods",
+        title="How far each proof reaches",
+        caption=" ".join(bars),
+        alt=f"Certified distance from the goals. {told}",
+        draw=lambda ax: plot_regions(ax, regions),
+        height=height_of(regions),
     )
+
+
+def _told(claim: RegionClaim) -> str:
+    """How far one method reaches."""
+    reach = {"everywhere": "every start", "near": "no radius"}.get(claim.kind, "nothing proved")
+    if claim.kind in ("box", "ball"):
+        reach = f"{lower(claim.box)} for all agents at once, {lower(claim.ball)} for one alone"
+    return f"{claim.method}: {reach}"
 
 
 def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
@@ -336,25 +357,20 @@ def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
 def weight_pictures(certificate: Certificate) -> Iterator[Picture]:
     """The weights of a few agents over one round of phases; nothing without them."""
     weights, labels = certificate.weights, certificate.problem.network.labels
-    if weights:
-        sizes = [float(x) for _, each in weights for v in each.v for x in v]
-        caption = (
-            "The largest |eᵢ|/vᵢ(t) of all agents grows at most by estimation errors. Where "
-            "the mode changes"
-        )
-        caption += (
-            " (dotted: it may) the next weights are larger by at least the factor of the "
-            "certified rate."
-        )
-        yield Picture(
-            name="weights",
-            title="Weights of the agents that prove it",
-            caption=caption,
-            alt=f"Weights over one round of {len(weights)} phases, from {number(min(sizes))} "
-            f"to {number(max(sizes))}.",
-            draw=lambda ax: plot_weights(ax, weights, labels=labels),
-            width=4.8,
-        )
+    if not weights:
+        return
+    sizes = [float(x) for _, phase in weights for v in phase.v for x in v]
+    least, most = number(min(sizes)), number(max(sizes))
+    yield Picture(
+        name="weights",
+        title="Weights of the agents that prove it",
+        caption="The largest |eᵢ|/vᵢ(t) of all agents grows at most by estimation errors. Where "
+        "the mode changes (dotted: it may) the next weights are larger by at least the factor of "
+        "the certified rate.",
+        alt=f"Weights over one round of {len(weights)} phases, from {least} to {most}.",
+        draw=lambda ax: plot_weights(ax, weights, labels=labels),
+        width=4.8,
+    )
 
 
 def search_picture(search: Falsification, place: int) -> Picture | None:
@@ -405,19 +421,13 @@ def _inline(text: str, *, name: str, alt: str) -> str:
                 parent.remove(child)
         parent.tag = _local(parent.tag)
         parent.attrib = {_local(key): value for key, value in parent.attrib.items()}
-    # new identifiers for those that something refers to, numbered as they are met
-    names: dict[str, str] = {}
+    names = _new_names(root, name)
     for element in root.iter():
+        kept = {}
         for key, value in element.attrib.items():
-            for old in [value.removeprefix("#")] if key == "href" else _REFERENCE.findall(value):
-                names.setdefault(old, f"{name}-{len(names) + 1}")
-    for element in root.iter():
-        known = element.attrib.items()
-        element.attrib = {
-            key: _attribute(key, value, names)
-            for key, value in known
-            if key != "id" or value in names
-        }
+            if key != "id" or value in names:
+                kept[key] = _attribute(key, value, names)
+        element.attrib = kept
         if element.text is not None and not element.text.strip():
             element.text = None
         element.tail = None
@@ -430,7 +440,22 @@ def _inline(text: str, *, name: str, alt: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _attribute(key: str, value: str, names: dict[str, str]) -> str:
+def _new_names(root: ElementTree.Element, name: str) -> dict[str, str]:
+    """New identifiers for those that something refers to, numbered as they are met."""
+    names: dict[str, str] = {}
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            referred = _REFERENCE.findall(value)
+            if key == "href":
+                referred = [value.removeprefix("#")]
+            for old in referred:
+                names.setdefault(old, f"{name}-{len(names) + 1}")
+    return names
+
+
+def _attribute(key: str, value: str, names: Mapping[str, str]) -> str:
+    """The value of an attribute inside a page, with decimals that are no longer than can be
+    seen."""
     if key == "id":
         return names[value]
     if key == "href":
@@ -441,9 +466,11 @@ def _attribute(key: str, value: str, names: dict[str, str]) -> str:
         value = _COLOUR.sub(lambda match: VARIABLES.get(match[0], match[0]), value)
     if key == "d":
         value = " ".join(value.split())
-    return _LONG_DECIMAL.sub(
-        lambda match: f"{float(match.group()):.2f}".rstrip("0").rstrip("."), value
-    )
+    return _LONG_DECIMAL.sub(_shortened, value)
+
+
+def _shortened(decimal: re.Match[str]) -> str:
+    return f"{float(decimal.group()):.2f}".rstrip("0").rstrip(".")
 
 
 def _local(name: str) -> str:

@@ -59,37 +59,38 @@ def _sentence(side: Checked) -> str:
 def refusal_document(sides: Sequence[Checked]) -> doc.Document:
     """One certificate, or two of which at least one does not hold."""
     names = " and ".join(dict.fromkeys(each.certificate.problem.name for each in sides))
-    identity = [
-        (f"{title} {each.letter}".strip(), value)
-        for each in sides
-        for title, value in checks.fingerprints(each.certificate)
-    ]
+    identity = []
+    blocks: list[doc.Block] = []
+    for side in sides:
+        for title, value in checks.fingerprints(side.certificate):
+            identity.append((f"{title} {side.letter}".strip(), value))
+        blocks += _sections(side)
+    kind = "Certificates of consensus"
+    if len(sides) == 1:
+        kind = "Certificate of consensus that is not confirmed"
     return doc.Document(
-        kind="Certificate of consensus that is not confirmed"
-        if len(sides) == 1
-        else "Certificates of consensus",
+        kind=kind,
         name=names,
         title=f"{names}: {UNCONFIRMED}",
         verdict=doc.Box(mark=MARK, word=UNCONFIRMED.capitalize(), reason=headline(sides)),
         identity=identity,
         footer=f"{words.shortened(names, LONGEST_NAME)}: {UNCONFIRMED}",
-        blocks=(*(section for each in sides for section in _sections(each)), *_advice(sides)),
+        blocks=(*blocks, _advice(sides)),
     )
 
 
 def _sections(side: Checked) -> Iterator[doc.Section]:
     """What does not hold of one certificate, and what does."""
     of = f" of {side.letter}" if side.letter else ""
-    if side.found.failures:
-        yield doc.Section(f"What does not hold{of}", (doc.List(side.found.failures[:MOST]),))
-    if side.found.confirmed:
-        holds = doc.List(side.found.confirmed[:MOST])
-        yield doc.Section(f"Checks{of} that are confirmed", (holds,))
+    failures, confirmed = side.found.failures[:MOST], side.found.confirmed[:MOST]
+    if failures:
+        yield doc.Section(f"What does not hold{of}", (doc.List(failures),))
+    if confirmed:
+        yield doc.Section(f"Checks{of} that are confirmed", (doc.List(confirmed),))
 
 
-def _advice(sides: Sequence[Checked]) -> Iterator[doc.Section]:
+def _advice(sides: Sequence[Checked]) -> doc.Section:
     told = "Make the certificate again from the problem that you mean:"
-    commands = tuple(
-        checks.certify_command(each.certificate) for each in sides if not each.found.holds
-    )
-    yield doc.Section("What to do next", (doc.Text(told), doc.Code(commands, command=True)), "next")
+    failed = [side.certificate for side in sides if not side.found.holds]
+    commands = doc.command(*map(checks.certify_command, failed))
+    return doc.Section("What to do next", (doc.Text(told), commands), "next")

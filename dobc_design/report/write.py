@@ -3,7 +3,7 @@ computes nothing."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from os import PathLike
@@ -23,7 +23,9 @@ from dobc_design.problem.problem import Problem
 if TYPE_CHECKING:
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.report.document import Document
+    from dobc_design.report.findings import Findings
     from dobc_design.report.refusal import Checked
+    from dobc_design.simulation.trajectory import Trajectory
 
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
 DRAWN_ORDER = 100  # of the exosystem, likewise
@@ -77,55 +79,70 @@ def render_report(
     if pdf:
         require_typst()  # said before anything is computed
     say = report_to(progress)
-    problem, gain = as_integrators(certificate.problem), certificate.claims.W
-    analysis, trajectory, worst = None, None, None
-    if problem.n * problem.m <= DRAWN and problem.q <= DRAWN_ORDER:
-        from dobc_design.analysis.analysis import analyse as run_analysis
-        from dobc_design.conditions.schedule.cycles import phases_of
-        from dobc_design.simulation.one_run import run_once
-        from dobc_design.simulation.runs import fingerprint
-        from dobc_design.simulation.setting import make_setting
-        from dobc_design.simulation.signals import signal_of
-        from dobc_design.simulation.worst import worst_signal
-
-        say("computing diagnostics")
-        # beyond the floats, or too long for the integrator: no reason for no report
-        with suppress(SpecError):
-            analysis = run_analysis(problem, gain=gain)
-            if (not problem.groups or gain is not None) and out_of_time() is None:
-                say("simulating")
-                # without a guarantee the first mode
-                own = signal_of(problem)[0] if phases_of(problem) else None
-                run = run_once(make_setting(problem, gain=gain, signal=own))
-                trajectory = replace(run, loop_sha256=fingerprint(problem, gain))
-                slow = worst_signal(problem)
-                worst = (
-                    None
-                    if slow is None
-                    else run_once(make_setting(problem, gain=gain, signal=slow))
-                )
+    found = _computed(certificate, say)
     say("writing the report")
-    document = report_document(
-        certificate,
-        analysis=analysis,
-        trajectory=trajectory,
-        worst=worst,
-        lambdas=_shown_lambdas(problem),
-        searches=searches,
-        kernel=kernel,
-    )
+    document = report_document(replace(found, searches=searches, kernel=kernel))
     if pdf:
         say("setting the PDF")
     return _pages(document, "report", pdf=pdf, full=full)
+
+
+def _computed(certificate: Certificate, say: Callable[[str], None]) -> Findings:
+    """A certificate with its diagnostics and one simulation, or two, where it is not too large."""
+    from dobc_design.report.findings import Findings
+
+    problem = as_integrators(certificate.problem)
+    found = Findings(certificate=certificate, lambdas=_shown_lambdas(problem))
+    if problem.n * problem.m > DRAWN or problem.q > DRAWN_ORDER:
+        return found
+    from dobc_design.analysis.analysis import analyse as run_analysis
+
+    gain = certificate.claims.W
+    # Numbers beyond the floats, or too long for the integrator, are no reason for no report.
+    with suppress(SpecError):
+        say("computing diagnostics")
+        found = replace(found, analysis=run_analysis(problem, gain=gain))
+        if (not problem.groups or gain is not None) and out_of_time() is None:
+            say("simulating")
+            found = replace(found, trajectory=_drawn_run(problem, gain))
+            found = replace(found, worst=_slow_run(problem, gain))
+    return found
+
+
+def _drawn_run(problem: Problem, gain: Matrix | None) -> Trajectory:
+    """One run with the signal of the problem; without a guarantee in the first mode."""
+    from dobc_design.conditions.schedule.cycles import phases_of
+    from dobc_design.simulation.one_run import run_once
+    from dobc_design.simulation.runs import fingerprint
+    from dobc_design.simulation.setting import make_setting
+    from dobc_design.simulation.signals import signal_of
+
+    signal = signal_of(problem)[0] if phases_of(problem) else None
+    run = run_once(make_setting(problem, gain=gain, signal=signal))
+    return replace(run, loop_sha256=fingerprint(problem, gain))
+
+
+def _slow_run(problem: Problem, gain: Matrix | None) -> Trajectory | None:
+    """One run with a slow signal that keeps the guarantee; None without a guarantee."""
+    from dobc_design.simulation.one_run import run_once
+    from dobc_design.simulation.setting import make_setting
+    from dobc_design.simulation.worst import worst_signal
+
+    signal = worst_signal(problem)
+    return None if signal is None else run_once(make_setting(problem, gain=gain, signal=signal))
 
 
 def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> dict[str, bytes]:
     from dobc_design.report.pages import html_page, markdown_page
     from dobc_design.report.pdf import pdf_page
 
-    html, text = html_page(document, full=full), markdown_page(document)
-    printed = {f"{name}.pdf": pdf_page(document, full=full)} if pdf else {}
-    return {f"{name}.html": html.encode("utf-8"), f"{name}.md": text.encode("utf-8")} | printed
+    pages = {
+        f"{name}.html": html_page(document, full=full).encode("utf-8"),
+        f"{name}.md": markdown_page(document).encode("utf-8"),
+    }
+    if pdf:
+        pages[f"{name}.pdf"] = pdf_page(document, full=full)
+    return pages
 
 
 def write_comparison(
@@ -159,18 +176,19 @@ def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> dict[str, 
     report or comparison."""
     from dobc_design.report.refusal import refusal_document
 
-    return _pages(refusal_document(sides), "report" if len(sides) == 1 else "comparison", pdf=pdf)
+    name = "report" if len(sides) == 1 else "comparison"
+    return _pages(refusal_document(sides), name, pdf=pdf)
 
 
 def render_latex(certificate: Certificate) -> dict[str, bytes]:
     """The bytes of the report's LaTeX fragments by name, with references.bib and a main.tex that
     inputs them all."""
     from dobc_design.report.content import report_document
+    from dobc_design.report.findings import Findings
     from dobc_design.report.latex import latex_fragments
 
-    document = report_document(
-        certificate, lambdas=_shown_lambdas(as_integrators(certificate.problem))
-    )
+    lambdas = _shown_lambdas(as_integrators(certificate.problem))
+    document = report_document(Findings(certificate=certificate, lambdas=lambdas))
     return latex_fragments(document, certificate.claims.version)
 
 
@@ -178,6 +196,5 @@ def _shown_lambdas(problem: Problem) -> dict[str, Matrix]:
     """Lambda at the target by mode, where it is small enough to be printed."""
     if problem.n * problem.m > SHOWN:
         return {}
-    return {
-        mode: pencil.constant.to_dense() for mode, pencil in state_theorems(problem).lambdas.items()
-    }
+    lambdas = state_theorems(problem).lambdas
+    return {mode: pencil.constant.to_dense() for mode, pencil in lambdas.items()}

@@ -11,6 +11,7 @@ from dobc_design.problem.meaning import remarks, time_words
 from dobc_design.problem.words import describe, facts
 from dobc_design.report import pages
 from dobc_design.report.content import report_document
+from dobc_design.report.findings import Findings
 from dobc_design.report.pages import html_page, markdown_page
 from dobc_design.report.write import render_report
 
@@ -85,7 +86,7 @@ def test_silent_inputs_and_time_scales_are_those_of_the_plant():
 def test_report_shows_the_plant_and_says_nothing_of_integrators_alone(problem):
     """Typeset: x_i' = A_x x_i + B (...), u0, the matrices, f; no advice that is refused for such
     problems."""
-    document = report_document(certified(problem))
+    document = report_document(Findings(certificate=certified(problem)))
     page, text = html_page(document), markdown_page(document)
     moves = "A_x x_i" if problem.dynamics.f is None else "f(x_i)"
     assert rf"\dot x_i = {moves} + B" in text and r"u_i = -K_i e_i - \hat{d}_i + u^0_i" in text
@@ -99,7 +100,7 @@ def test_report_shows_the_plant_and_says_nothing_of_integrators_alone(problem):
 
 def test_report_of_integrators_is_as_it_was():
     """No word of dynamics where there are none."""
-    text = markdown_page(report_document(certified("clock-sync")))
+    text = markdown_page(report_document(Findings(certificate=certified("clock-sync"))))
     assert "single integrators" in text and "u^0_i" not in text and "of their own" not in text
 
 

@@ -19,6 +19,7 @@ from dobc_design.errors import SpecError
 from dobc_design.report import content as of_report
 from dobc_design.report.content import report_document
 from dobc_design.report.document import Picture
+from dobc_design.report.findings import Findings
 from dobc_design.report.pdf import compile_pdf, number_parts, pdf_page, picture_parts, soft
 
 needs_typst = pytest.mark.skipif(
@@ -155,7 +156,7 @@ def test_every_equation_of_the_loop_has_its_formula():
 def test_without_typst_the_message_names_the_extra(certificate, monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
     with pytest.raises(SpecError, match=r"dobc_design\[pdf\]"):
-        pdf_page(report_document(certificate))
+        pdf_page(report_document(Findings(certificate=certificate)))
 
 
 @needs_typst
@@ -166,7 +167,7 @@ def test_pages_are_a4_and_nothing_is_cut_off(
     which: str, request: pytest.FixtureRequest, tmp_path: Path
 ):
     arguments = request.getfixturevalue(which)
-    boxes = texts(pdf_page(report_document(**arguments)), tmp_path, "-bbox")
+    boxes = texts(pdf_page(report_document(Findings(**arguments))), tmp_path, "-bbox")
     pages = re.findall(r'<page width="([\d.]+)" height="([\d.]+)">', boxes)
     assert len(pages) >= 3
     assert {(round(float(w)), round(float(h))) for w, h in pages} == {(595, 842)}
@@ -185,7 +186,7 @@ def test_pages_are_a4_and_nothing_is_cut_off(
 @needs_poppler
 @pytest.mark.slow
 def test_the_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: Path):
-    text = squeezed(texts(pdf_page(report_document(**everything)), tmp_path))
+    text = squeezed(texts(pdf_page(report_document(Findings(**everything))), tmp_path))
     certificate = everything["certificate"]
     for check in certificate.checks:
         assert squeezed(check.reason[1:]) in text

@@ -6,6 +6,7 @@ from typing import Any
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.report.comparison import comparison_document
 from dobc_design.report.content import report_document
+from dobc_design.report.findings import Findings
 from dobc_design.report.latex import latex_fragments
 from dobc_design.report.pages import html_page, markdown_page
 from dobc_design.report.pdf import content
@@ -27,21 +28,21 @@ VOID = {"meta", "br", "link", "img", "hr", "input", "col", "wbr", "mspace"}
 
 
 def html_report(certificate: Certificate, **shown: Any) -> str:
-    return html_page(report_document(certificate, **shown))
+    return html_page(report_document(Findings(certificate=certificate, **shown)))
 
 
 def markdown_report(certificate: Certificate, **shown: Any) -> str:
-    return markdown_page(report_document(certificate, **shown))
+    return markdown_page(report_document(Findings(certificate=certificate, **shown)))
 
 
 def pdf_content(certificate: Certificate, **shown: Any) -> dict[str, Any]:
     """What reaches the Typst template."""
-    return content(report_document(certificate, **shown), full=True)
+    return content(report_document(Findings(certificate=certificate, **shown)), full=True)
 
 
 def latex_report(certificate: Certificate, **shown: Any) -> dict[str, str]:
     """The fragments as text, by file name."""
-    document = report_document(certificate, **shown)
+    document = report_document(Findings(certificate=certificate, **shown))
     return {
         name: data.decode("utf-8")
         for name, data in latex_fragments(document, certificate.claims.version).items()

@@ -100,6 +100,7 @@ def certify(
             pages: dict[str, bytes] = {}
             if report:
                 pages = _pages(found, folder, progress, force=force)
+            # Certificate, problem and pages change together, or none of them does.
             path, own, *_ = certificate.save(folder, beside=pages, force=force)
             if apply_fix is not None and cured is not None:
                 output.write_file(apply_fix, cured, key="--apply-fix")
@@ -109,6 +110,7 @@ def certify(
         report=folder / PAGE if pages else None,
         cured=apply_fix,
     )
+    # The certificate holds every condition; --theorem chooses what is shown and returned.
     judged = _judged(certificate, theorem)
     if as_json:
         document = _document(found, judged, written)
@@ -218,6 +220,7 @@ def _about_one(judged: _Judged, theorem: str) -> dict[str, Any]:
     factor."""
     rates = [each.rate for each in judged.checks if each.rate is not None]
     factors = [each.factor for each in judged.checks if each.factor is not None]
+    # A rate of some modes only is none of the condition.
     proved, rate, factor = judged.verdict == "proved", None, None
     if proved and len(rates) == len(judged.checks):
         rate = min(rates)
@@ -445,6 +448,7 @@ def _rows(checks: Sequence[Check]) -> list[_Row]:
     """Checks with their heads; modes of which the same is said share a row."""
     from dobc_design.exact.reading import some
 
+    # Twenty modes of which the same is said are one row, not twenty.
     same: dict[tuple[object, ...], list[Check]] = {}
     for each in checks:
         said = (each.id, each.group, each.verdict, each.rate, each.factor, each.margin, each.reason)

@@ -88,6 +88,7 @@ def design(
             progress=progress,
         )
     proved = found.verdict.value == "proved"
+    # Nothing is written that is not proved.
     if proved:
         _write(found, problem, file, out)
     if as_json:

@@ -111,6 +111,7 @@ class NobodyReads(NoOutput):
 @contextmanager
 def answering() -> Iterator[None]:
     """Wrap what writes to standard output."""
+    # From here on an error must not put a second document on standard output.
     answer_begins()
     try:
         yield
@@ -178,6 +179,7 @@ def make_console() -> Console:
     """Standard output; as wide as the terminal, or wide enough for tables where there is none."""
     from rich.console import Console
 
+    # In a pipe a line is a line, however long, so that grep and diff work.
     limited = sys.stdout.isatty() or "COLUMNS" in os.environ
     return Console(width=None if limited else PIPED, highlight=False)
 

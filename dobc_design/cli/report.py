@@ -178,6 +178,7 @@ def _files(pages: dict[str, bytes], folder: Path, asked: _Asked) -> dict[Path, b
             printed[asked.pdf] = data
         else:
             files[folder / name] = data
+    # A report may replace itself; anywhere else files are somebody's.
     replaced = asked.force or (asked.single and asked.out is None)  # beside its certificate
     output.require_free(folder, [path.name for path in files], force=replaced)
     return files | printed
@@ -261,6 +262,7 @@ def _with_own_sentence(claims: Claims, problem: Problem) -> Claims:
     from dobc_design.problem.integrators import as_integrators
     from dobc_design.verdict import Verdict
 
+    # An undecided one says what would help, which its claims do not hold.
     if claims.verdict is Verdict.UNDECIDED:
         return claims
     decided = decide_overall(as_integrators(problem), claims.checks, claims.W)

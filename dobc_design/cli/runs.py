@@ -118,6 +118,7 @@ class Answer:
         made = draw() | {SUMMARY: output.json_bytes(document)}
         make_folder(self.out)
         whole = {self.out / name: data for name, data in made.items()}
+        # What an earlier run left there goes, so that files of two runs are never mixed.
         write_together(whole, without=[self.out / name for name in WRITTEN])
 
     def say(self, document: dict[str, Any], text: str, names: Sequence[str]) -> None:
@@ -202,6 +203,7 @@ def _document(result: Any, problem: Problem, proof: Certificate | None) -> dict[
         return document
     first, last = (float(x) for x in bound([0.0, result.t_final]))
     document["certified"] = {"sources": list(bound.sources), "final_error": last}
+    # Below that the figure would show the integrator, not the loop.
     if last < RESOLVED * first:
         notes.append("The certified bound falls below what the integration resolves.")
     return document

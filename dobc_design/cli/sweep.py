@@ -71,6 +71,7 @@ def sweep_command(
     name = "" if out is not None else load_problem(file).name
     folder = output.results_folder(out, name, suffix="sweep")
     command = shlex.join(["dobc", *sys.argv[1:]])
+    # Whoever stops a sweep of hours wants to know that nothing is lost.
     say_on_ending(
         f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes "
         f"on with the others:\n  {command}"

@@ -52,6 +52,7 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
     if check is None or check.fix is None:
         return
     if check.verdict is not Verdict.REFUTED:
+        # Nothing failed that could be cured: it was not decided.
         head = f"What would help {check.id}"
     elif check.kind.role == "paper":
         head = "What would cure it"
@@ -91,9 +92,11 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
     def rate(check: Check) -> str:
         return significant_towards_zero(check.rate)
 
+    # Of very many checks those that are not proved are the ones to be seen.
     ordered = sorted(range(len(checks)), key=lambda i: (_ORDER.index(checks[i].verdict), i))
     yield doc.table_of(
         "Checks with verdict, domain, margin, rate, factor and reason",
+        # shown in the order in which they were made
         [checks[i] for i in sorted(ordered[:MOST_ROWS])],
         doc.Column("verdict", lambda check: words.mark_of(check.verdict), 0),
         doc.Column("condition", _name, 1.5),
@@ -185,6 +188,7 @@ def _fix_lines(fix: Fix) -> tuple[str, ...]:
 
 def _entries(values: Sequence[Any]) -> str:
     """A number, or a vector of which the first entries are shown."""
+    # A vector of thousands of entries would hide the sentence beside it.
     shown = [_number(str(value)) for value in values[:MOST_ENTRIES]]
     if len(values) == 1:
         return shown[0]

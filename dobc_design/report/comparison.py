@@ -80,6 +80,7 @@ def conclusion(first: Certificate, second: Certificate) -> str:
     if first.verdict is not Verdict.PROVED:
         return f"Both are {first.verdict.value}."
     a, b = (time_to_one_percent(each.rate, each.factor) for each in (first, second))
+    # A larger rate with a much larger factor may be the slower one: times are compared first.
     if math.isfinite(a) and math.isfinite(b) and a != b:
         better, worse = SIDES if a < b else SIDES[::-1]
         early, late = words.seconds(min(a, b)), words.seconds(max(a, b))
@@ -143,6 +144,7 @@ def _marked(
 ) -> doc.Table:
     """A table of names and of pairs of values, those of A and of B; rows are marked where a pair
     differs."""
+    # cells come in pairs: A, B, A, B, ...
     marked = frozenset(place for place, (_, *cells) in enumerate(rows) if cells[::2] != cells[1::2])
     return doc.Table(caption=caption, columns=columns, rows=rows, marked=marked)
 
@@ -167,6 +169,7 @@ def _problems(
 def _networks(first: Certificate, second: Certificate) -> Iterator[doc.Block]:
     """The networks of A and of B beside each other; none where they are the same or too large."""
     a, b = first.problem, second.problem
+    # Two drawings that are the same would look as if they differed.
     if (a.network, a.pinning) == (b.network, b.pinning):
         return
     drawn = []
@@ -241,6 +244,7 @@ def differences(first: Problem, second: Problem) -> tuple[list[Difference], int]
     """The differences in the order of the file, cut after 60 of them, and how many there are in
     all."""
     one, other = (parse_toml(problem_text(each).encode("utf-8")) for each in (first, second))
+    # Arcs are compared as sets: their order in a file means nothing.
     rows = list(_network(one.pop("network"), other.pop("network")))
     rows += _keys(dict(_flat(one)), dict(_flat(other)))
     return rows[:MOST_DIFFERENCES], len(rows)

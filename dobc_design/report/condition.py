@@ -31,9 +31,11 @@ def condition_section(certificate: Certificate, lambdas: Mapping[str, Matrix]) -
         blocks += [matrices, doc.on_pages(doc.Text(rounded, "caption"))]
     for name, bound in words.bounds_of(certificate).items():
         latex = rf"\lambda_{{\max}}(\Lambda) < {latex_decimal(bound)}"
+        # Pages say it in a sentence with the number typeset; text forms as a formula.
         blocks.append(doc.Only(doc.TEXTS, (doc.Text(f"For {name}:"), doc.Formula(latex))))
         blocks.append(doc.on_pages(doc.Formula(latex, f"condition for {name}", typst=bound)))
     for mode, matrix in list(lambdas.items())[:MOST_LAMBDAS]:
+        # Lambda above 12 x 12 is left out without a word: its eigenvalues stand below.
         shown = doc.ShownMatrix(r"\Lambda", f"at the target, mode {mode}", matrix)
         if shown.latex is not None:
             blocks.append(doc.Matrices((shown,)))
@@ -87,6 +89,7 @@ def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
     """A, C, W, and P, Q, S where the theorem is proved, S of a printed P beside them."""
     problem, claims = certificate.problem, certificate.claims
     exosystem = problem.joint_exosystem
+    # what the condition is about: with [dynamics] the disturbance enters through B
     felt = as_integrators(problem).joint_exosystem
     if exosystem is None or felt is None:
         return

@@ -53,6 +53,7 @@ def _meaning(found: Findings) -> Iterator[doc.Block]:
     meaning = words.what_it_means(found.certificate)
     says = doc.Section("It says", (doc.List(meaning.says),))
     says_not = doc.Section("It does not say", (doc.List(meaning.says_not),))
+    # Beside each other, so that nobody reads the first without the second.
     both = doc.Beside(((says,), (says_not,)))
     yield doc.Section("What this says, and what it does not", (both,), "meaning")
 
@@ -72,6 +73,7 @@ def _next_step(found: Findings) -> Iterator[doc.Block]:
     if found.proved:
         yield _review(certificate)
         return
+    # A cure that is known is worth more than advice, and both may be there.
     cures = tuple(checks.cure_section(certificate.checks))
     yield from cures
     advice = certificate.reason.partition(_HELP)[2]
@@ -205,7 +207,9 @@ def report_document(found: Findings) -> doc.Document:
     """The report of a certificate, with whatever was computed to be shown beside it."""
     certificate = found.certificate
     name, verdict = found.problem.name, certificate.verdict
+    # What would help stands in a section of its own.
     reason = certificate.reason.removeprefix("Undecided: ").partition(_HELP)[0]
+    # that of certificate.json, by which a printed page is known again
     fingerprint = found.prints[1][1]
     return doc.Document(
         kind="Certificate of consensus",

@@ -29,6 +29,7 @@ def bound_section(found: Findings) -> Iterator[doc.Block]:
     title = "Simulated error"
     if certificate.envelope(run).sources:
         title = "Certified bound and simulation"
+    # The bound holds for the start of this run, so the run stands under it.
     picture = pictures.error_picture(certificate, run, found.worst)
     drawn = doc.Pictures((picture, *pictures.weight_pictures(certificate)))
     yield doc.on_pages(doc.Section(title, (drawn,), "bound"))
@@ -61,6 +62,7 @@ def _spectra(analysis: Analysis) -> Iterator[tuple[str, Sequence[complex]]]:
         yield "A − WC", analysis.spectrum.eigenvalues
     for mode in analysis.modes:
         if mode.lambda_eigenvalues is not None:
+            # ascending as they come; the table begins with the rightmost
             yield f"Λ(J), mode {mode.mode}", mode.lambda_eigenvalues[::-1]
         if mode.loop_eigenvalues is not None:
             yield f"J − K, mode {mode.mode}", mode.loop_eigenvalues

@@ -329,13 +329,16 @@ def _chosen(blocks: Sequence[Block], form: Form) -> Iterator[Block]:
                 yield from _chosen(inner, form) if form in forms else ()
             case Section():
                 inner = tuple(_chosen(block.blocks, form))
+                # a heading with nothing below it would look like something missing
                 if inner:
                     yield replace(block, blocks=inner)
             case Beside(parts) if form == "html":
                 yield replace(block, parts=tuple(tuple(_chosen(part, form)) for part in parts))
+            # one below the other where there is no room for two
             case Beside(parts):
                 yield from _chosen(list(chain.from_iterable(parts)), form)
             case Table():
+                # A column that a form does not have takes its cells along.
                 kept = [form in column.only for column in block.columns]
                 rows = tuple(tuple(compress(row, kept)) for row in block.rows)
                 yield replace(block, columns=tuple(compress(block.columns, kept)), rows=rows)

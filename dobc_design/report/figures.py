@@ -72,6 +72,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     ax.set_xlim(left - 0.12 * reach, right + 0.2 * reach)
     _shade(ax, right + 10 * reach)
     for place, (name, values) in enumerate(known.items()):
+        # Sorted, so that thinning keeps the rightmost, which decides.
         order = np.argsort(values.real, kind="stable")
         points = values[order][look.thinned_rows(len(values))]
         ax.plot(
@@ -252,6 +253,7 @@ def _radius(places: Positions) -> float:
     if len(places) == 1:
         return 0.14
     apart = np.hypot(*(places[:, None, :] - places[None, :, :]).transpose(2, 0, 1))
+    # Nodes must not overlap: they shrink with the least distance.
     nearest = float(apart[~np.eye(len(places), dtype=bool)].min())
     return float(np.clip(0.3 * nearest, 0.012, 0.12))
 
@@ -263,12 +265,14 @@ def _draw_arcs(ax: Axes, arcs: Sequence[Pair], places: Positions, radius: float)
     for listener, speaker in arcs:
         start, end = places[speaker], places[listener]
         length = float(np.hypot(*(end - start)))
+        # Nodes that touch leave no room for an arrow.
         if length <= 2.3 * radius:
             continue
         forward = (end - start) / length
         tip = end - forward * radius * GAP
         back = tip - forward * size
         both = (speaker, listener) in known
+        # one shaft for both directions, drawn by one of them
         if not both or listener < speaker:
             behind = radius * GAP + size * 0.9 if both else radius * 1.1
             tail = start + forward * behind
@@ -368,6 +372,7 @@ def _packed(graph: Any, components: Sequence[Sequence[int]], n: int) -> Position
             x = height = 0.0
         own = np.zeros((1, 2))
         if len(part) > 1:
+            # A start of its own makes the layout the same every time.
             start = nx.circular_layout(graph.subgraph(part))
             own = _scaled(nx.kamada_kawai_layout(graph.subgraph(part), pos=start), part)
         places[list(part)] = own * size + np.array([x + size, y - size])

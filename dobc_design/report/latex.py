@@ -66,6 +66,7 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
     """
     report = doc.in_form(document, "latex")
     condition = report.section("condition")
+    # A paper has its matrices in an appendix, the condition in its text.
     matrices = [block for block in condition if isinstance(block, doc.Matrices)]
     formulas = [block for block in condition if not isinstance(block, doc.Matrices)]
     kept: dict[str, str] = {}
@@ -104,6 +105,7 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
         kept[name] = _template(f"{name}.j2").render(
             name=document.name,
             fragments=names,
+            # It comes from a file: only what a version number may have.
             version="".join(each for each in version if each.isalnum() or each in ".+-"),
             packages=PACKAGES,
             bibliography=BIBLIOGRAPHY.removesuffix(".bib"),

@@ -93,6 +93,7 @@ def compile_pdf(content: Mapping[str, Any]) -> bytes:
     have."""
     import typst
 
+    # As one string: Typst never reads it as markup.
     text = json.dumps(content, ensure_ascii=False)
     source = (files("dobc_design.report") / "templates" / "report.typ").read_bytes()
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
@@ -239,6 +240,7 @@ def number_parts(value: Fraction, *, exact: bool = True) -> Shown:
     ``exact`` fraction."""
     size = abs(value)
     parts: Shown = {"negative": value < 0, "digits": "", "over": None, "power": None}
+    # A fraction of hundreds of digits would not fit on the page.
     small = max(size.numerator.bit_length(), size.denominator.bit_length()) <= 4 * LONGEST_NUMBER
     if exact and small and Fraction(significant(size, 6)) != size:
         return parts | {"digits": str(size.numerator), "over": str(size.denominator)}
@@ -249,6 +251,7 @@ def number_parts(value: Fraction, *, exact: bool = True) -> Shown:
 def picture_parts(picture: doc.Picture) -> dict[str, str]:
     """A figure for the template: its SVG with fixed colours and font, its text alternative, title
     and caption."""
+    # Paper has no dark mode: variables become the colours that they stand for.
     svg = _VARIABLE.sub(r"\1", svg_of(picture))
     svg = svg.replace("font-family: inherit", "font-family: 'DejaVu Sans'")
     box = ElementTree.fromstring(svg).get("viewBox") or "0 0 330 0"

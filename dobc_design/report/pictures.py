@@ -78,6 +78,7 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     labels, pinned = problem.network.labels, problem.pinning.agents
     modes = list(problem.network.modes.items())[:MOST_MODES]
     pairs = {name: [(listener, speaker) for listener, speaker, _ in arcs] for name, arcs in modes}
+    # A drawing of thousands of arcs shows nothing and makes a page of megabytes.
     total = sum(map(len, pairs.values()))
     if problem.n > MOST_AGENTS or total > MOST_ARCS:
         return [], f"A network of {problem.n} agents and {total} arcs is too large to be drawn."
@@ -260,6 +261,7 @@ def error_picture(
     errors, switches = {"|e|∞": error}, trajectory.switches
     # A run that ended early is not beside the other at the same times.
     if worst is not None and len(worst.times) == len(times):
+        # Both runs in one picture: how much the signal matters is seen at once.
         slow = worst.error()
         errors = {"|e|∞, drawn signal": error, "|e|∞, slow signal": slow}
         switches = worst.switches
@@ -421,6 +423,7 @@ def _inline(text: str, *, name: str, alt: str) -> str:
                 parent.remove(child)
         parent.tag = _local(parent.tag)
         parent.attrib = {_local(key): value for key, value in parent.attrib.items()}
+    # Pictures share a page: the same identifier twice would mix them up.
     names = _new_names(root, name)
     for element in root.iter():
         kept = {}
@@ -430,7 +433,9 @@ def _inline(text: str, *, name: str, alt: str) -> str:
         element.attrib = kept
         if element.text is not None and not element.text.strip():
             element.text = None
+        # White space between elements says nothing.
         element.tail = None
+    # The page decides how large a picture is; its viewBox keeps the proportions.
     for key in ("width", "height", "version"):
         root.attrib.pop(key, None)
     root.set("xmlns", "http://www.w3.org/2000/svg")

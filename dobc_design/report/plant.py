@@ -68,6 +68,7 @@ def plant_numbers(certificate: Certificate) -> list[str]:
     for id, key, what in _LARGEST:
         values = _numbers(proved[id], key) if id in proved else {}
         if values:
+            # the agent that needs most decides what is to be bought
             label = max(values, key=values.__getitem__)
             told.append(f"{what} ≤ {significant_away_from_zero(values[label])} (agent {label})")
     if "tolerance" in proved:
@@ -78,6 +79,7 @@ def plant_numbers(certificate: Certificate) -> list[str]:
 
 
 def _percent_below(part: object) -> str:
+    # rounded down: no larger error is proved to be tolerated
     return significant_towards_zero(100 * read_rational(part))
 
 
@@ -163,6 +165,7 @@ def _worst(values: Values, head: str, limits: Values) -> list[doc.Block]:
 
     rows: dict[tuple[str, str], list[str]] = {}
     for label in sorted(values, key=closeness, reverse=True):
+        # rounded up, because it is a bound from above
         value = typeset(significant_away_from_zero(values[label]))
         limit = limits.get(label)
         shown = "–" if limit is None else words.decimal(limit)

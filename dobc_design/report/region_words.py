@@ -108,6 +108,7 @@ def starts_words(claim: RegionClaim) -> str:
     if claim.kind == "box":
         return f"{box}{errors}"
     if claim.kind == "ball":
+        # A ball is hard to imagine in many dimensions; its box is what one agent may be off by.
         return f"{ball}{errors}; it holds the {box}"
     return claim.starts
 
@@ -181,6 +182,7 @@ def _sampling(check: Check) -> str:
         text += f": the largest weighted error falls by at least {fall} % a sample"
         disturbed = isinstance(check.domain, Mapping) and check.domain.get("disturbance")
         text += ", up to what the estimation error adds." if disturbed else "."
+    # A reader would take a period of microseconds for a fault.
     if 0 < period * _FAST < 1:
         text += TEXTS["fixed"]["short_period"]
     return text
@@ -206,6 +208,7 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     bounds = [agent.bound for agent in regions.agents]
     reach, most = lower(min(bounds)), lower(max(bounds))
     if reach != most:
+        # in coordinates or with weights agents differ
         reach += f", for some agents up to {most}"
     text = (
         "By the max-separable certificate each agent may start anywhere in its bar, "
@@ -333,6 +336,7 @@ def equilibrium_sentences(search: Falsification) -> list[str]:
     for claim in search.proved:
         size = max(abs(float(x)) for x in claim.middle)
         resting = next((each for each in search.suspects if each.equilibrium is claim), None)
+        # The claim encloses an equilibrium; a run that rests there gives its states.
         place = "" if resting is None else f", x = ({_states(resting)})"
         told.append(
             f"Proved: in mode {claim.mode} the agents may also rest at |e|∞ ≈ "

@@ -79,6 +79,7 @@ def _equations(problem: Problem) -> Iterator[doc.Formula]:
     if problem.leader is not None:
         kind += ", led in formation" if problem.offsets else ", led"
     for name, latex, equation in words.TEXTS["loop"][" ".join(loop) or "plain"]:
+        # The template of the PDF has the shared equations once.
         ending = disturbed if latex in _SHARED else kind
         yield doc.Formula(_own(latex, problem), name, equation, name + ending)
 
@@ -140,6 +141,7 @@ def _target(problem: Problem) -> str:
     target = problem.target
     if problem.leader is not None and problem.dynamics is not None:
         return _leader(problem)
+    # Only the space is named where the entries would fill the page.
     if len(target) > LONGEST_VECTOR:
         return rf"\bar{{x}} \in \mathbb{{R}}^{{{len(target)}}}"
     if len(target) == 1:

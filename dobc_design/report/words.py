@@ -90,6 +90,7 @@ def domain_words(domain: Domain) -> str:
     """Where a check holds, in a few words."""
     if not isinstance(domain, Mapping):
         return {"global": "every start", "consensus": "near the target"}.get(domain, domain)
+    # A box bounds every component by itself, a ball all of them together.
     norm = "|e|∞" if domain.get("kind") == "box" else "|e|₂"
     text = f"starts with {norm} ≤ {_number(domain.get('radius'))}"
     disturbance = domain.get("disturbance")
@@ -240,6 +241,7 @@ def what_it_means(certificate: Certificate) -> Meaning:
     if certificate.verdict is Verdict.PROVED:
         says, says_not = _proved(certificate), _left_open(certificate)
         timing = [each for each in proved if each.kind.role == "timing"]
+        # The model has delays and sampling only where both are proved.
         if len(timing) == len(ids_of("timing")):
             messages = texts["timed"]
     else:
@@ -369,10 +371,12 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
     problem, claims = certificate.problem, certificate.claims
     facts = list(_disturbances(problem))
     facts += [("Agents", told) for told in dynamics_words(problem)]
+    # typed with hyphens, shown with minus signs
     h = ", ".join(problem.coupling.texts).replace("-", "−")
     facts += [("Coupling", f"h(y) = {h}"), ("Target", target_words(problem))]
     if problem.region is not None:
         facts.append(("Starts asked for", _starts(problem.region)))
+    # A large W stands among the matrices only.
     W = claims.W
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
         rows = ["; ".join(map(decimal, row)) for row in W]
@@ -510,6 +514,7 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
     if steps is not None and n > 2 and len(steps) <= MOST_STEPS and len(steps) < n - 1:
         whom = names_in_words([f"i + {s}" if 2 * s <= n else f"i − {n - s}" for s in steps])
         return f"{count}; every agent i listens to {whom}, counted around a circle of {n}."
+    # one way at least once
     if any((j, i) not in weights for i, j in weights):
         return f"{count}."
     count += "; whoever listens is also listened to"

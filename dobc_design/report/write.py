@@ -79,6 +79,7 @@ def render_report(
     if pdf:
         require_typst()  # said before anything is computed
     say = report_to(progress)
+    # What is computed may fail without the proof being less true; see ``_computed``.
     found = _computed(certificate, say)
     say("writing the report")
     document = report_document(replace(found, searches=searches, kernel=kernel))

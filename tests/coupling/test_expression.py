@@ -107,18 +107,16 @@ _small = st.integers(0, 12).map(str)
 
 
 def _grow(inner):
-    return st.one_of(
-        st.tuples(inner, st.sampled_from("+-*/"), inner).map("".join),
-        inner.map("-{}".format),
-        inner.map("({})".format),
-        st.tuples(
-            st.one_of(inner.map("({})".format), _small, st.just("y")), st.integers(-3, 3)
-        ).map(lambda pair: f"{pair[0]}**{pair[1]}"),
-        st.tuples(st.sampled_from(["min", "max"]), inner, inner).map(
-            lambda t: f"{t[0]}({t[1]}, {t[2]})"
-        ),
-        inner.map("abs({})".format),
-    )
+    """Larger expressions of an inner one."""
+    in_brackets = inner.map("({})".format)
+    joined = st.tuples(inner, st.sampled_from("+-*/"), inner).map("".join)
+    base = st.one_of(in_brackets, _small, st.just("y"))
+    powers = st.tuples(base, st.integers(-3, 3)).map(lambda pair: "{}**{}".format(*pair))
+    extreme = st.tuples(st.sampled_from(["min", "max"]), inner, inner)
+    extremes = extreme.map(lambda parts: "{}({}, {})".format(*parts))
+    negated = inner.map("-{}".format)
+    absolute = inner.map("abs({})".format)
+    return st.one_of(joined, negated, in_brackets, powers, extremes, absolute)
 
 
 rational_texts = st.recursive(st.one_of(st.just("y"), _small), _grow, max_leaves=12)
@@ -128,8 +126,9 @@ rational_texts = st.recursive(st.one_of(st.just("y"), _small), _grow, max_leaves
 @given(text=rational_texts, y=st.fractions(-3, 3, max_denominator=20))
 def test_values_agree_with_pythons_evaluation_in_exact_arithmetic(text, y):
     exact = re.sub(r"(\d+)", r"Fraction(\1)", text)
+    known = {"Fraction": Fraction, "y": y, "min": min, "max": max, "abs": abs}
     try:
-        expected = eval(exact, {"Fraction": Fraction, "y": y, "min": min, "max": max, "abs": abs})  # noqa: S307 (the oracle, on text made here)
+        expected = eval(exact, known)  # noqa: S307 (the oracle, on text made here)
     except ZeroDivisionError:
         with pytest.raises((ZeroDivisionError, ExpressionError), match=r"zero|Fraction"):
             tree.evaluate(parse_expression(text).node, [y], _Rational())
@@ -143,33 +142,29 @@ def test_values_agree_with_pythons_evaluation_in_exact_arithmetic(text, y):
 
 
 _functions = st.sampled_from(sorted(KNOWN))
+_integers = st.integers(1, 10**30).map(str)
+_decimals = st.decimals("0.0000000001", "1e20", allow_nan=False, places=8).map(str)
+_scientific = st.tuples(st.integers(1, 99), st.integers(-400, 400))
 _literals = st.one_of(
-    st.integers(1, 10**30).map(str),
-    st.decimals("0.0000000001", "1e20", allow_nan=False, places=8).map(str),
-    st.tuples(st.integers(1, 99), st.integers(-400, 400)).map(lambda t: f"{t[0]}e{t[1]}"),
-    st.just("pi"),
+    _integers, _decimals, _scientific.map(lambda pair: "{}e{}".format(*pair)), st.just("pi")
 )
 
 
 def _grow_any(inner):
-    return st.one_of(
-        _grow(inner),
-        st.tuples(_functions, inner).map(lambda t: f"{t[0]}({t[1]})"),
-        inner.map("({})**0.5".format),
-        inner.map("clip({}, -1, 2.50)".format),
-    )
+    calls = st.tuples(_functions, inner).map(lambda pair: "{}({})".format(*pair))
+    roots = inner.map("({})**0.5".format)
+    clipped = inner.map("clip({}, -1, 2.50)".format)
+    return st.one_of(_grow(inner), calls, roots, clipped)
 
 
-texts = st.recursive(
-    st.one_of(st.sampled_from(["y1", "y2", "y3"]), _literals), _grow_any, max_leaves=15
-)
+_variables = st.sampled_from(["y1", "y2", "y3"])
+texts = st.recursive(st.one_of(_variables, _literals), _grow_any, max_leaves=15)
 
 
 def _parse_or_none(text, dimension=3):
+    numbered = text.replace("y**", "y1**").replace("y ", "y1 ")
     try:
-        return parse_expression(
-            text.replace("y**", "y1**").replace("y ", "y1 "), dimension=dimension
-        )
+        return parse_expression(numbered, dimension=dimension)
     except ExpressionError:
         return None
 
@@ -448,10 +443,15 @@ class _Mpmath(tree.Operators):
 
     def call(self, name, arguments):
         if name == "clip":
-            return min(max(arguments[0], arguments[1]), arguments[2])
+            value, low, high = arguments
+            return min(max(value, low), high)
         if name in ("min", "max"):
             return min(arguments) if name == "min" else max(arguments)
-        return abs(*arguments) if name == "abs" else getattr(mpmath_context, name)(*arguments)
+        (argument,) = arguments
+        if name == "abs":
+            return abs(argument)
+        function = getattr(mpmath_context, name)
+        return function(argument)
 
 
 def _as_mpf(value):
@@ -477,10 +477,10 @@ _fraction = st.fractions(-2, 2, max_denominator=50)
 def _box(ends, at):
     """A box, and points in it: two fractions of its sides for each."""
     box = [Interval(*sorted(ends[:2])), Interval(*sorted(ends[2:]))]
-    pairs = zip(at[::2], at[1::2], strict=True)
-    return box, [
-        [side.lo + t * side.width for side, t in zip(box, pair, strict=True)] for pair in pairs
-    ]
+    points = []
+    for parts in zip(at[::2], at[1::2], strict=True):
+        points.append([side.lo + t * side.width for side, t in zip(box, parts, strict=True)])
+    return box, points
 
 
 @cache
@@ -502,9 +502,9 @@ def test_gradients_contain_sympys_derivatives_on_the_box(text, ends, at):
     box, (point,) = _box(ends, at)
     algebra = tree.GradientAlgebra(2)
     gradient = tree.evaluate(expression.node, algebra.variables(box), algebra)
-    values = {
-        s: sympy.Rational(x.numerator, x.denominator) for s, x in zip(symbols, point, strict=True)
-    }
+    values = {}
+    for symbol, x in zip(symbols, point, strict=True):
+        values[symbol] = sympy.Rational(x.numerator, x.denominator)
     for derivative, partial in zip(wanted, gradient.partials, strict=True):
         value = derivative.subs(values).evalf(80)
         assert _contains(partial, mpmath_context.mpf(str(value)), slack="1e-70")
@@ -520,20 +520,18 @@ def test_gradients_with_kinks_contain_a_mean_value_of_every_difference(text, end
     box, (first, second) = _box(ends, at)
     algebra = tree.GradientAlgebra(2)
     partials = tree.evaluate(node, algebra.variables(box), algebra).partials
-    reachable = sum(
-        (partial * (a - b) for partial, a, b in zip(partials, first, second, strict=True)),
-        Interval.point(0),
-    )
-    values = [
-        tree.evaluate(node, [_as_mpf(x) for x in point], _Mpmath()) for point in (first, second)
-    ]
-    assert _contains(reachable, values[0] - values[1])
+    reachable = Interval.point(0)
+    for partial, a, b in zip(partials, first, second, strict=True):
+        reachable = reachable + partial * (a - b)
+    here = tree.evaluate(node, [_as_mpf(x) for x in first], _Mpmath())
+    there = tree.evaluate(node, [_as_mpf(x) for x in second], _Mpmath())
+    assert _contains(reachable, here - there)
 
 
 def _slope_of(text, low, high):
     algebra = tree.GradientAlgebra(1)
-    box = [Interval(Fraction(low), Fraction(high))]
-    return tree.evaluate(parse_expression(text).node, algebra.variables(box), algebra).partials[0]
+    variables = algebra.variables([Interval(Fraction(low), Fraction(high))])
+    return tree.evaluate(parse_expression(text).node, variables, algebra).slope
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,9 @@ def coupling_text(seed: int) -> str:
     r = Random(seed)
     first = OUTER[seed % len(OUTER)].replace("#", f"({r.choice(INNER)})")
     if r.random() < 0.5:
-        first = r.choice(JOINTS).format(first, r.choice(OUTER).replace("#", f"({r.choice(INNER)})"))
+        joint = r.choice(JOINTS)
+        second = r.choice(OUTER).replace("#", f"({r.choice(INNER)})")
+        first = joint.format(first, second)
     # No name of the grammar contains a y, so this is f(y) - f(0).
     return f"{first} - ({first.replace('y', '0')})"
 
@@ -88,9 +90,9 @@ def truth(text: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
     """h and h' as functions of mpmath numbers; to be called at BITS bits."""
     y = sympy.symbols("y", real=True)
     h = sympy.sympify(text, locals=names({"y": y}), rational=True)
-    return tuple(
-        sympy.lambdify(y, each, "mpmath", printer=PRINTER) for each in (h, sympy.diff(h, y))
-    )
+    value = sympy.lambdify(y, h, "mpmath", printer=PRINTER)
+    slope = sympy.lambdify(y, sympy.diff(h, y), "mpmath", printer=PRINTER)
+    return value, slope
 
 
 def true_values(text: str, y: Fraction) -> tuple[Fraction, Fraction, Fraction]:
@@ -113,4 +115,6 @@ def near_kink(text: str, y: Fraction) -> bool:
     if not any(name in text for name in ("abs", "min", "max", "clip")):
         return False
     gap = Fraction(1, 10**9)
-    return abs(true_values(text, y + gap)[1] - true_values(text, y - gap)[1]) > Fraction(1, 10**4)
+    _, right, _ = true_values(text, y + gap)
+    _, left, _ = true_values(text, y - gap)
+    return abs(right - left) > Fraction(1, 10**4)

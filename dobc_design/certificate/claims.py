@@ -21,6 +21,7 @@ from dobc_design.conditions.equilibrium import decide as equilibrium
 from dobc_design.conditions.graphs import decide as graphs
 from dobc_design.conditions.margins import decide as margins
 from dobc_design.conditions.quadratic import decide as quadratic
+from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.claim import SamplingBound
@@ -35,8 +36,8 @@ from dobc_design.verdict import Verdict
 class Claims:
     """Verdict, checks and the matrices they rest on.
 
-    ``reason`` is the verdict in one sentence; ``rate`` (1/s), its ``factor`` and ``covered_by``
-    belong to the best proof. ``W`` (q, m) is the observer gain every check is about,
+    ``reason`` is the verdict in one sentence, ``why`` its parts; ``rate`` (1/s), its ``factor`` and
+    ``covered_by`` belong to the best proof. ``W`` (q, m) is the observer gain every check is about,
     ``gain_source`` says "given" or "designed"; ``P`` (q, q) and ``Q`` (q, m) belong to Theorem 1 or
     2 where it is proved.  Where agents have different exosystems, these are block diagonal, one
     block per group, and "designed" says that at least one block of W is. ``notes`` list what was
@@ -47,7 +48,7 @@ class Claims:
     problem_name: str
     problem_sha256: str
     verdict: Verdict
-    reason: str
+    why: Reason
     rate: float | None
     covered_by: str | None
     checks: tuple[Check, ...]
@@ -59,6 +60,11 @@ class Claims:
     version: str
     options: tuple[str, ...] = ()
     factor: float | None = None
+
+    @property
+    def reason(self) -> str:
+        """The verdict in one sentence."""
+        return str(self.why)
 
 
 #: How each topic reads what a check of it claims.

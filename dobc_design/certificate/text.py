@@ -35,6 +35,7 @@ from dobc_design.conditions.numbers import (
     has_short_denominator,
     read_rational,
 )
+from dobc_design.conditions.reason import read_reason
 from dobc_design.errors import CertificateError, SpecError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import matrix_text
@@ -137,7 +138,7 @@ def _claims(document: dict[str, Any]) -> Claims:
         problem_name=read_text(document["problem"], "problem"),
         problem_sha256=read_text(document["problem_sha256"], "problem_sha256"),
         verdict=Verdict(document["verdict"]),
-        reason=read_text(document["reason"], "reason"),
+        why=read_reason(read_text(document["reason"], "reason")),
         rate=number_or_none(document["rate"]),
         factor=factor_or_none(document.get("factor")),
         covered_by=_text_or_none(document["covered_by"], "covered_by"),

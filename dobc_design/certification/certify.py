@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from itertools import zip_longest
@@ -178,7 +178,11 @@ def certify(
         claims = Claims(
             problem_name=problem.name,
             problem_sha256=problem_sha256(problem),
-            **asdict(overall),
+            verdict=overall.verdict,
+            why=overall.why,
+            rate=overall.rate,
+            factor=overall.factor,
+            covered_by=overall.covered_by,
             checks=checks,
             W=W,
             gain_source=None if W is None else ("designed" if any(found.designs) else "given"),

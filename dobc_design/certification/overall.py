@@ -7,10 +7,11 @@ an unstable linearisation.  A theorem that does not apply never refutes."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from dobc_design._show.text import significant_away_from_zero
+from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
@@ -18,6 +19,7 @@ from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.graphs.decide import absorbing, generator_of, signals_in_words
 from dobc_design.conditions.numbers import read_rational, rounded_up, text_below
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
+from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.schedule.cycles import cycles_of, may_stay, phases_of
 from dobc_design.conditions.stated import (
     ACCURACY,
@@ -51,10 +53,27 @@ class Overall:
     check that carries it."""
 
     verdict: Verdict
-    reason: str
+    why: Reason
     rate: float | None = None
     factor: float | None = None
     covered_by: str | None = None
+
+    @property
+    def reason(self) -> str:
+        """The sentence."""
+        return str(self.why)
+
+
+def with_verdict(claims: Claims, overall: Overall) -> Claims:
+    """The claims with this verdict."""
+    return replace(
+        claims,
+        verdict=overall.verdict,
+        why=overall.why,
+        rate=overall.rate,
+        factor=overall.factor,
+        covered_by=overall.covered_by,
+    )
 
 
 def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> Overall:
@@ -72,9 +91,9 @@ def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) 
         _apart_reason(problem) or _adrift_reason(problem) or _refuted_reason(problem, checks, W)
     )
     if refuted is not None:
-        return Overall(verdict=Verdict.REFUTED, reason=refuted)
-    reason = _undecided_reason(problem, checks) + _moving_words(problem, checks, None)
-    return Overall(verdict=Verdict.UNDECIDED, reason=reason)
+        return Overall(verdict=Verdict.REFUTED, why=Reason(head=refuted))
+    why = _undecided_reason(problem, checks).followed_by(_moving_words(problem, checks, None))
+    return Overall(verdict=Verdict.UNDECIDED, why=why)
 
 
 def _proved(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
@@ -85,7 +104,7 @@ def _proved(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
         rate=best.rate,
         factor=best.factor,
         covered_by=best.id,
-        reason=reason,
+        why=Reason(head=reason),
     )
 
 
@@ -95,16 +114,15 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
     stated, open_tables = stated_in(problem), list(gaps(problem, checks))
     if open_tables:
         without = " and ".join(_NAMES[id] for id in stated.wanted)
-        told = (
-            f"Undecided: without {without} "
-            f"{_arrival(problem, best, pace=best).replace('All', 'all', 1)}"
-        )
+        arrival = _arrival(problem, best, pace=best).replace("All", "all", 1)
+        told = f"without {without} {arrival}"
         reasons = dict.fromkeys(gap.reason for gap in open_tables)
         for reason in reasons:
             tables = " and with ".join(gap.table for gap in open_tables if gap.reason == reason)
             told += f"; with {tables} it is not proved: {reason.removesuffix('.')}"
         cures = "; ".join(dict.fromkeys(gap.cure for gap in open_tables))
-        return Overall(verdict=Verdict.UNDECIDED, reason=f"{told}. What would help: {cures}.")
+        why = Reason(head=f"{told}.", advice=f"{cures}.", is_open=True)
+        return Overall(verdict=Verdict.UNDECIDED, why=why)
     carrier = best
     for id in (ACCURACY, TOLERANCE):
         if id in stated.wanted:
@@ -125,7 +143,7 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
         rate=carrier.rate,
         factor=carrier.factor,
         covered_by=carrier.id,
-        reason=reason,
+        why=Reason(head=reason),
     )
 
 
@@ -387,7 +405,7 @@ def _pace_in_words(problem: Problem, check: Check) -> str:
     )
 
 
-def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
+def _reached(problem: Problem, checks: Sequence[Check]) -> Reason | None:
     """How far the regional proofs reach, and what would help; None if none was tried or applies."""
     tried = [check for check in checks if check.kind.role == "region" and check.applies]
     proved = [check for check in tried if check.verdict is Verdict.PROVED]
@@ -395,7 +413,8 @@ def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
         return None
     if tried[0].verdict is Verdict.REFUTED and not proved:
         signals = " Consensus may still hold for some signals." if problem.network.switches else ""
-        return f"Undecided: {tried[0].reason}{signals} More pinned agents would help."
+        head = f"{tried[0].reason}{signals} More pinned agents would help."
+        return Reason(head=head, is_open=True)
     near = proved or any(
         check.kind.is_consensus and check.verdict is Verdict.PROVED for check in checks
     )
@@ -404,14 +423,16 @@ def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
         if near
         else "more pinned agents, larger gains"
     )
-    advice = f"What would help: {smaller}. {ALONE}"
+    advice = f"{smaller}. {ALONE}"
     if not proved:
-        return f"Undecided: no proof reaches the region asked for: {tried[0].reason} {advice}"
+        head = f"no proof reaches the region asked for: {tried[0].reason}"
+        return Reason(head=head, advice=advice, is_open=True)
     reach = ", ".join(_domain_in_words(check) for check in proved)
     asked = f"|e_i| <= {float(min(max(asked_radius(problem)), MOST)):.6g}"
     if problem.region is not None and problem.region.initial_disturbance:
         asked += f" and |eps_i| <= {float(min(problem.region.initial_disturbance, MOST)):.6g}"
-    return f"Undecided: consensus is proved from {reach}; the region asks for {asked}. {advice}"
+    head = f"consensus is proved from {reach}; the region asks for {asked}."
+    return Reason(head=head, advice=advice, is_open=True)
 
 
 def _domain_in_words(check: Check) -> str:
@@ -425,7 +446,7 @@ def _domain_in_words(check: Check) -> str:
     )
 
 
-def _cut_reason(checks: Sequence[Check]) -> str | None:
+def _cut_reason(checks: Sequence[Check]) -> Reason | None:
     """What was not decided, because time or work ran out, where that might have decided; None if
     nothing."""
     cut = [
@@ -439,14 +460,11 @@ def _cut_reason(checks: Sequence[Check]) -> str | None:
     listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
     seconds = time_limit()
     if seconds is not None and out_of_time() is not None:
-        told = (
-            f"Undecided: time ran out. The time limit of {seconds:g} s ended before {listed} "
-            "could be decided;"
-        )
-        told += " with more time more may be proved."
+        limit = f"The time limit of {seconds:g} s ended before {listed} could be decided"
+        told = f"time ran out. {limit}; with more time more may be proved."
     else:
         told = (
-            f"Undecided: work ran out. {listed} would take too long for a problem of this "
+            f"work ran out. {listed} would take too long for a problem of this "
             "size, so that nothing is"
         )
         told += " known of what would be proved. Fewer agents, states, modes or phases would help."
@@ -457,11 +475,14 @@ def _cut_reason(checks: Sequence[Check]) -> str | None:
         check for check in checks if check.kind.role == "region" and check.verdict is Verdict.PROVED
     ]
     reach = [_domain_in_words(check) for check in regions]
-    return told if not reach else f"{told} So far consensus is proved from {', '.join(reach)}."
+    if reach:
+        told = f"{told} So far consensus is proved from {', '.join(reach)}."
+    return Reason(head=told, is_open=True)
 
 
-def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
-    if (cut := _cut_reason(checks)) is not None:
+def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> Reason:
+    cut = _cut_reason(checks)
+    if cut is not None:
         return cut
     unmet = [
         check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED
@@ -470,14 +491,13 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
         check.kind.role == "region" and check.verdict is Verdict.PROVED for check in checks
     )
     if unmet and problem.network.switches and not somewhere:
-        text = f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
+        text = f"in mode {unmet[0].mode} {unmet[0].reason}"
+        rest = "Consensus may still hold for signals that leave that mode often enough."
         if problem.network.modes[str(unmet[0].mode)].optional:
-            text += (
-                " An arc that is always there would help as well: in this mode or, with a "
-                "guarantee in [switching]"
-            )
-            return text + ' on time (such as "dwell"), in another one that comes often enough.'
-        return text + " Consensus may still hold for signals that leave that mode often enough."
+            where = 'with a guarantee in [switching] on time (such as "dwell"), in another one'
+            always = "An arc that is always there would help as well"
+            rest = f"{always}: in this mode or, {where} that comes often enough."
+        return Reason(head=f"{text} {rest}", is_open=True)
     reached = None if problem.region is None else _reached(problem, checks)
     if reached is not None:
         return reached
@@ -488,10 +508,8 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
     ]
     complete = [c for c in local if c.id != "lemma1"] if problem.groups else local
     if complete and problem.region is not None:
-        return (
-            "Undecided: consensus is proved near the target only, and the region asked for is "
-            f"larger. {ALONE}"
-        )
+        near = "consensus is proved near the target only, and the region asked for is larger."
+        return Reason(head=f"{near} {ALONE}", is_open=True)
     ids: tuple[str, ...] = (
         "detectability",
         "hurwitz",
@@ -505,7 +523,6 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
         check for check in checks if check.id in ids and check.verdict is not Verdict.PROVED
     ]
     first = min(unproved, key=lambda check: ids.index(check.id), default=None)
-    return (
-        "Undecided: "
-        f"{'no condition that applies covers what is asked.' if first is None else first.reason}"
-    )
+    if first is None:
+        return Reason(head="no condition that applies covers what is asked.", is_open=True)
+    return Reason(head=first.reason, is_open=True)

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.factors import factor_obstacle
 from dobc_design.certificate.text import certificate_bytes, read_claims
-from dobc_design.certification.overall import decide_overall
+from dobc_design.certification.overall import Overall, decide_overall, with_verdict
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.accuracy import decide as accuracy
 from dobc_design.conditions.check import Check, same_witness, withdrawn
@@ -27,6 +27,7 @@ from dobc_design.conditions.margins import decide as margins
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
+from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
 from dobc_design.conditions.weighted import checks as weighted
@@ -203,16 +204,15 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         claims = replace(
             claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None
         )
-        claims = replace(claims, **asdict(overall))
+        claims = with_verdict(claims, overall)
     if any(check.verdict is not Verdict.UNDECIDED for check in unasked):
         claims = replace(claims, notes=(*claims.notes, _unasked_words(unasked)))
     lacking = next((text for holds, text in found if not holds), None)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
-    reason = "Undecided: " + DISAGREE.format(claims.verdict.value, lacking, _what_follows(lacking))
-    return replace(
-        claims, verdict=Verdict.UNDECIDED, reason=reason, rate=None, factor=None, covered_by=None
-    )
+    told = DISAGREE.format(claims.verdict.value, lacking, _what_follows(lacking))
+    why = Reason(head=told, is_open=True)
+    return with_verdict(claims, Overall(verdict=Verdict.UNDECIDED, why=why))
 
 
 def _unasked_words(unasked: Sequence[Check]) -> str:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.conditions.check import Check
+    from dobc_design.conditions.reason import Reason
     from dobc_design.falsification.beside import Searched
     from dobc_design.problem.problem import Problem
 
@@ -155,7 +156,7 @@ class _Judged:
 
     checks: Sequence[Check]
     verdict: str
-    reason: str
+    why: Reason
 
 
 def _require_known(theorem: str | None) -> None:
@@ -181,9 +182,11 @@ def _pages(
 
 def _judged(certificate: Certificate, theorem: str | None) -> _Judged:
     """The verdict of a certificate, or with ``theorem`` that of one of its conditions."""
+    from dobc_design.conditions.reason import Reason
+
     if theorem is None:
-        verdict, reason = certificate.verdict.value, certificate.reason
-        return _Judged(checks=certificate.checks, verdict=verdict, reason=reason)
+        verdict = certificate.verdict.value
+        return _Judged(checks=certificate.checks, verdict=verdict, why=certificate.claims.why)
     checks = [each for each in certificate.checks if each.id == theorem]
     values = {each.verdict.value for each in checks}
     verdict = "undecided"
@@ -197,7 +200,7 @@ def _judged(certificate: Certificate, theorem: str | None) -> _Judged:
         reason = (
             f"does not apply: {theorem} is not among the conditions of this problem ({others})."
         )
-    return _Judged(checks=checks, verdict=verdict, reason=reason)
+    return _Judged(checks=checks, verdict=verdict, why=Reason(head=reason))
 
 
 def _document(found: Searched, judged: _Judged, written: _Written) -> dict[str, Any]:
@@ -228,7 +231,7 @@ def _about_one(judged: _Judged, theorem: str) -> dict[str, Any]:
             factor = max(factors)
     return {
         "verdict": judged.verdict,
-        "reason": judged.reason,
+        "reason": str(judged.why),
         "rate": rate,
         "factor": factor,
         "covered_by": theorem if proved else None,
@@ -383,8 +386,7 @@ def _show(judged: _Judged, certificate: Certificate, *, file: str | None) -> Non
     from dobc_design.report.words import shown_notes
 
     problem, checks = certificate.problem, judged.checks
-    reason = judged.reason.removeprefix("Undecided: ")
-    output.show([output.verdict_line(problem.name, judged.verdict, reason)])
+    output.show([output.verdict_line(problem.name, judged.verdict, judged.why.told)])
     if checks:
         width = output.make_console().width
         output.show([Text(""), *_check_parts(_rows(checks), width)], wrapped=True)
@@ -503,7 +505,7 @@ def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
 
     certificate = found.certificate
     regions = certificate.regions
-    reason = certificate.reason.removeprefix("Undecided: ")
+    reason = certificate.claims.why.told
     yield output.verdict_line(certificate.problem.name, certificate.verdict.value, reason)
     yield Text("")
     if not regions.claims:

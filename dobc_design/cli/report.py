@@ -266,4 +266,4 @@ def _with_own_sentence(claims: Claims, problem: Problem) -> Claims:
     if claims.verdict is Verdict.UNDECIDED:
         return claims
     decided = decide_overall(as_integrators(problem), claims.checks, claims.W)
-    return replace(claims, reason=decided.reason)
+    return replace(claims, why=decided.why)

@@ -8,13 +8,13 @@ already.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design._show.progress import Reports
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.certification.overall import decide_overall
+from dobc_design.certification.overall import decide_overall, with_verdict
 from dobc_design.conditions.check import Check
 from dobc_design.falsification.levels import regional_check
 from dobc_design.falsification.search import RUNS, Question, search_starts
@@ -97,5 +97,5 @@ def _refuted(certificate: Certificate, refuting: Check) -> Certificate:
     checks = (*certificate.checks, refuting)
     problem = as_integrators(certificate.problem)
     overall = decide_overall(problem, checks, certificate.claims.W)
-    claims = replace(certificate.claims, checks=checks, **asdict(overall))
+    claims = with_verdict(replace(certificate.claims, checks=checks), overall)
     return replace(certificate, claims=claims)

@@ -26,7 +26,6 @@ from dobc_design.verdict import Verdict
 LONGEST_NAME = 70  # characters, in the footer of a printed page
 _REGION = "dobc region problem.json"
 _DESIGN = "dobc design problem.json --out designed.toml"
-_HELP = "What would help: "  # in the reason of an undecided certificate
 
 Part = Callable[[Findings], Iterator[doc.Block]]
 
@@ -76,7 +75,7 @@ def _next_step(found: Findings) -> Iterator[doc.Block]:
     # A cure that is known is worth more than advice, and both may be there.
     cures = tuple(checks.cure_section(certificate.checks))
     yield from cures
-    advice = certificate.reason.partition(_HELP)[2]
+    advice = certificate.claims.why.advice
     if advice:
         title = "What would decide it"
         told = f"{words.sentence(advice)} This command shows from which starts consensus is proved:"
@@ -208,7 +207,7 @@ def report_document(found: Findings) -> doc.Document:
     certificate = found.certificate
     name, verdict = found.problem.name, certificate.verdict
     # What would help stands in a section of its own.
-    reason = certificate.reason.removeprefix("Undecided: ").partition(_HELP)[0]
+    reason = certificate.claims.why.head
     # that of certificate.json, by which a printed page is known again
     fingerprint = found.prints[1][1]
     return doc.Document(

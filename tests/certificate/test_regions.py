@@ -19,6 +19,7 @@ from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.reason import Reason
 from dobc_design.errors import CertificateError
 from dobc_design.exact.symmetric import SparseSymmetric
 
@@ -45,7 +46,7 @@ def regions(problem: Problem, *checks: Check, verdict: Verdict = Verdict.UNDECID
     known = {
         "problem_name": problem.name,
         "verdict": verdict,
-        "reason": "Here is why.",
+        "why": Reason(head="Here is why."),
         "checks": checks,
     }
     known |= {"problem_sha256": "0" * 64, "notes": (), "version": "0"}

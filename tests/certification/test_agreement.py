@@ -248,7 +248,7 @@ def stuck():
     assert check is not None
     checks = (*claims.checks, check)
     overall = decide_overall(problem, checks, claims.W)
-    return problem, replace(claims, checks=checks, verdict=overall.verdict, reason=overall.reason)
+    return problem, replace(claims, checks=checks, verdict=overall.verdict, why=overall.why)
 
 
 @pytest.mark.parametrize(

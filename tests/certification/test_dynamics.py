@@ -1,7 +1,7 @@
 """Agents with linear dynamics, certified: known answers, random ones against their eigenvalues, a
 region."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 
@@ -25,7 +25,7 @@ from dobc_design import (
 )
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.overall import decide_overall
+from dobc_design.certification.overall import decide_overall, with_verdict
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Values
@@ -196,7 +196,7 @@ def unheld() -> tuple[Problem, Claims]:
     found += margins_stage(asked, found, lambda stage: None)
     checks = (*claims.checks, *found)
     overall = decide_overall(as_integrators(problem), checks, claims.W)
-    return problem, replace(claims, checks=checks, **asdict(overall))
+    return problem, with_verdict(replace(claims, checks=checks), overall)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from dobc_design.certification.recheck import Trusted, confirm, expected_checks,
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.reason import Reason
 from dobc_design.problem.canonical import canonical_bytes
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -89,7 +90,7 @@ def test_sentences_and_advice_are_not_checked_but_the_notes_of_the_problem_have_
     problem, certificate = paper
     claims = bent(certificate, "theorem1", reason="")
     free = (*problem.notes, "anything")
-    assert recheck(replace(claims, reason="", notes=free, version="?"), problem).holds
+    assert recheck(replace(claims, why=Reason(head=""), notes=free, version="?"), problem).holds
     assert not recheck(replace(claims, notes=("anything",)), problem).holds
 
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 import dobc_design as dd
 from dobc_design import Check, Verdict
+from dobc_design.conditions.reason import Reason
 from dobc_design.falsification.beside import Searched
 from dobc_design.falsification.suspect import RESTS, STAYS_AWAY
 from dobc_design.report.document import Text
@@ -38,7 +39,7 @@ def overlooked() -> dd.Certificate:
     certificate = found().certificate
     checks = tuple(check for check in certificate.checks if check.id != "equilibrium")
     claims = replace(
-        certificate.claims, checks=checks, verdict=Verdict.UNDECIDED, reason="Undecided: so far."
+        certificate.claims, checks=checks, verdict=Verdict.UNDECIDED, why=Reason(head="so far.")
     )
     return replace(certificate, claims=claims)
 

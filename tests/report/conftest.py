@@ -30,6 +30,7 @@ from dobc_design.analysis.analysis import (
 from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.reason import Reason
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.report import pages
@@ -115,7 +116,7 @@ def make_certificate(problem: Problem | None = None, **changes: Any) -> Certific
         problem_name=problem.name,
         problem_sha256="ab" * 32,
         verdict=Verdict.PROVED,
-        reason="All agents reach the target.",
+        why=Reason(head="All agents reach the target."),
         rate=0.26189,
         covered_by="theorem1",
         checks=ring_checks(problem),

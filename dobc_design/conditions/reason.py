@@ -1,0 +1,45 @@
+"""Why a verdict is what it is, in parts: what stands there, and what would help.
+
+The text is made here, and a text of a stored certificate is taken apart here, nowhere else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+OPEN = "Undecided: "
+HELP = " What would help: "
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reason:
+    """Sentences that say why, and where something is known to help, the ``advice``; ``is_open``:
+    nothing was decided, which the text says first."""
+
+    head: str
+    advice: str = ""
+    is_open: bool = False
+
+    def __str__(self) -> str:
+        return f"{OPEN}{self.told}" if self.is_open else self.told
+
+    @property
+    def told(self) -> str:
+        """The text for a place where the verdict stands already."""
+        return f"{self.head}{HELP}{self.advice}" if self.advice else self.head
+
+    def followed_by(self, words: str) -> Reason:
+        """The same with more words at its end."""
+        if self.advice:
+            return replace(self, advice=f"{self.advice}{words}")
+        return replace(self, head=f"{self.head}{words}")
+
+
+def read_reason(text: str) -> Reason:
+    """The parts of a text; ``str`` of them is the text again."""
+    told = text.removeprefix(OPEN)
+    head, _, advice = told.partition(HELP)
+    is_open = told != text
+    if not advice:
+        return Reason(head=told, is_open=is_open)
+    return Reason(head=head, advice=advice, is_open=is_open)

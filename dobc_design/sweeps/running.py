@@ -252,36 +252,22 @@ def outcomes(
     """The lines of the cases by joblib, each as soon as it is there.  When a worker dies, or hangs
     in a library, what was in hand is done again one by one; only a case that ends so on its own is
     given up, and recorded."""
-    from joblib import Parallel, cpu_count, delayed, parallel_config
+    from joblib import cpu_count, delayed
 
     if not cases:
         return
-    jobs = min(jobs or cpu_count(), len(cases))
-    # in another process, which can be ended: two of which one is idle
-    apart = jobs == 1 and limit is not None
+    pool = _pool(min(jobs or cpu_count(), len(cases)), backend, limit)
 
     def calls(batch: Sequence[int], begun: list[int]) -> Iterator[Any]:
         for case in batch:
             begun.append(case)
             yield delayed(run_case)(plan, case, limit)
 
-    processes = 2 if apart else jobs
-    if backend != LOKY:  # as many as the cluster has
-        processes = -1
-    with parallel_config(**backend):
-        pool = Parallel(
-            n_jobs=processes,
-            pre_dispatch=1 if apart else "2 * n_jobs",
-            return_as="generator_unordered",
-            batch_size=1,
-            # from one finished case to the next
-            timeout=None if limit is None else 2 * limit + GRACE,
-            initializer=_begin_worker,
-            initargs=(os.getpid(),),
-        )
-    left, suspects = dict.fromkeys(cases), list[int]()
+    left = dict.fromkeys(cases)
+    suspects: list[int] = []  # in hand when a worker was lost
     while left:
-        batch, begun = suspects[:1] or list(left), list[int]()
+        batch = suspects[:1] or list(left)
+        begun: list[int] = []
         try:
             with _deaf():
                 lines = pool(calls(batch, begun))
@@ -291,15 +277,37 @@ def outcomes(
         except (BrokenProcessPool, NoAnswer) as error:
             suspects = begun
             if len(batch) == 1:
-                late = isinstance(error, NoAnswer)
-                lost = (
-                    {"error": _too_long(limit), "seconds": limit}
-                    if late
-                    else {"error": _error("worker", DIED)}
-                )
                 del left[batch[0]]
-                yield _line(plan, batch[0]) | lost
+                yield _line(plan, batch[0]) | _lost(error, limit)
         suspects = [case for case in suspects if case in left]
+
+
+def _pool(jobs: int, backend: Backend, limit: float | None) -> Any:
+    from joblib import Parallel, parallel_config
+
+    # One job that may be ended is done in another process: two, of which one is idle.
+    apart = jobs == 1 and limit is not None
+    processes = 2 if apart else jobs
+    if backend != LOKY:  # as many as the cluster has
+        processes = -1
+    with parallel_config(**backend):
+        return Parallel(
+            n_jobs=processes,
+            pre_dispatch=1 if apart else "2 * n_jobs",
+            return_as="generator_unordered",
+            batch_size=1,
+            # from one finished case to the next
+            timeout=None if limit is None else 2 * limit + GRACE,
+            initializer=_begin_worker,
+            initargs=(os.getpid(),),
+        )
+
+
+def _lost(error: Exception, limit: float | None) -> Outcome:
+    """What is recorded of a case whose worker gave no answer in time, or died."""
+    if isinstance(error, NoAnswer):
+        return {"error": _too_long(limit), "seconds": limit}
+    return {"error": _error("worker", DIED)}
 
 
 @contextmanager
@@ -345,20 +353,18 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
             "a cluster needs the extra packages of dobc_design[cluster], which are not installed."
         )
         cure = (
-            "`dobc doctor` says how to install them; without --cluster this machine's "
-            "processors are used."
+            "`dobc doctor` says how to install them; without --cluster this machine's processors "
         )
-        raise SpecError(message, key="--cluster", cure=cure) from None
+        raise SpecError(message, key="--cluster", cure=f"{cure}are used.") from None
     with ExitStack() as stack:
         try:
             address: Any = cluster
             if cluster == LOCAL:
                 from joblib import cpu_count
 
-                jobs = min(jobs or cpu_count(), cases)
                 with _deaf():
                     own = LocalCluster(
-                        n_workers=jobs,
+                        n_workers=min(jobs or cpu_count(), cases),
                         threads_per_worker=1,
                         dashboard_address=None,
                         silence_logs=50,
@@ -370,15 +376,17 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
             message = f"there is no Dask scheduler at {shown(cluster)}."
             cure = "Start one with `dask scheduler`, or say --cluster local."
             raise SpecError(message, key="--cluster", cure=cure) from error
-        for worker, version in client.run(_version, on_error="return").items():
-            if version != __version__:  # its numbers would be others
-                message = (
-                    f"the worker {worker} has another dobc_design, or none; this program is "
-                    f"{__version__}."
-                )
-                cure = "Install the same version on all machines of the cluster."
-                raise SpecError(message, key="--cluster", cure=cure)
+        _require_this_version(client.run(_version, on_error="return"))
         yield {"backend": "dask"}
+
+
+def _require_this_version(found: Mapping[str, Any]) -> None:
+    """Raise SpecError unless every worker has this program: its numbers would be others."""
+    for worker, version in found.items():
+        if version != __version__:
+            message = f"the worker {worker} has another dobc_design, or none; this program is "
+            cure = "Install the same version on all machines of the cluster."
+            raise SpecError(f"{message}{__version__}.", key="--cluster", cure=cure)
 
 
 def _version() -> str:

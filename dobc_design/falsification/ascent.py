@@ -64,6 +64,7 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
     gradient = _gradient(flow, best, height)
     step = FIRST_STEP
     for _ in range(EVALUATIONS):
+        # in units of the reach, so that large and small components move alike
         scaled = gradient * lengths
         largest = float(np.max(np.abs(scaled), initial=0.0))
         if not 0 < largest < np.inf or step < LEAST_STEP:

@@ -67,6 +67,7 @@ class BoxLevel:
         if self.T is not None:
             along = turned(self.T.T, along)
         along_eps = np.zeros_like(eps)
+        # of each maximum the largest term alone
         own = observer_norms(self.P, eps[:, :, None])[:, 0]
         if self.P is not None and own.max(initial=0.0) > 0:
             agent = int(np.argmax(own))
@@ -139,6 +140,7 @@ def observer_norms(P: Array | None, eps: Array) -> Array:
 def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) -> Level:
     """The set of a claim, or of a proved check about ``W``; up to V = 1 if it holds everywhere.
     Raises: SpecError."""
+    # scaled so that V = 1 is the boundary, whatever the claim says
     if isinstance(certified, Check):
         certified = _claim_of(problem, certified, W)
     if isinstance(certified, Separable):
@@ -201,6 +203,7 @@ def regional_check(certificate: Certificate) -> Check | None:
         regional = check.kind.role == "region" and check.id not in SOME_SIGNALS
         if regional and check.verdict is Verdict.PROVED:
             proved.append(check)
+    # the verdict rests on this one
     for check in proved:
         if check.id == certificate.claims.covered_by:
             return check

@@ -22,22 +22,27 @@ def drawn_signals(
     """Every third run in one mode, the modes in turn; the others switch at random, at quite
     different paces.  Under a guarantee all keep it, for ``longer`` horizons: modes last as short or
     as long as they may, or as a chain draws."""
+    lasting = longer * horizon
     phases = phases_of(problem)
     if phases:
-        return table_of([_kept(rng, problem, phases, longer * horizon) for _ in range(count)])
+        return table_of([_kept(rng, problem, phases, lasting) for _ in range(count)])
     generator = generator_of(problem)
     if generator is not None:
         rates = tuple(tuple(map(float, row)) for row in generator)
-        return table_of([_chained(rng, problem, rates, longer * horizon) for _ in range(count)])
+        return table_of([_chained(rng, problem, rates, lasting) for _ in range(count)])
     modes = len(problem.network.modes)
     first = np.arange(count) % modes
     if modes == 1:
         return constant_signals(first)
     paces = rng.choice(PACES, count)
     longest = 2 * int(paces.max(initial=1))
-    stays = rng.exponential(size=(count, longest)) * (horizon / paces)[:, None]
-    times = np.concatenate([np.zeros((count, 1)), np.cumsum(stays, axis=1)], axis=1)
-    chosen = np.concatenate([first[:, None], rng.integers(modes, size=(count, longest))], axis=1)
+    shape = (count, longest)
+    stays = rng.exponential(size=shape) * (horizon / paces)[:, None]
+    times = np.zeros((count, 1 + longest))
+    times[:, 1:] = np.cumsum(stays, axis=1)
+    others = rng.integers(modes, size=shape)
+    chosen = np.concatenate([first[:, None], others], axis=1)
+    # modes are taken in turn, and each third turn stays constant
     constant = np.arange(count) // modes % 3 == 0
     times[:, 1:][constant] = np.inf
     times[times >= horizon] = np.inf
@@ -64,14 +69,15 @@ def _kept(
     times: list[float] = []
     modes: list[int] = []
     time = 0.0
-    place = int(rng.choice([p for p, phase in enumerate(phases) if phase.first]))
+    firsts = [place for place, phase in enumerate(phases) if phase.first]
+    place = int(rng.choice(firsts))
     while time < horizon:
         phase = phases[place]
         times.append(time)
         modes.append(names.index(phase.mode))
         shortest = float(phase.shortest)
         if phase.longest is None:
-            longest = float(rng.choice((2 * shortest, horizon)))
+            longest = rng.choice((2 * shortest, horizon))
         else:
             longest = float(phase.longest)
         time += float(rng.choice((shortest, longest)))

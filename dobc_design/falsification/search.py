@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
 from dobc_design._show.progress import Reports, report_to
+from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.equilibrium.decide import LARGEST, Equilibrium, refuting_check
 from dobc_design.conditions.equilibrium.propose import (
@@ -99,8 +100,8 @@ def search_starts(
     seed = problem.simulation.seed
     if question.seed is not None:
         seed = whole(question.seed, "seed", least=0)
-    bounds = (question.radius, question.disturbance)
-    if question.certified is not None and bounds != (None, None):
+    bounded = question.radius is not None or question.disturbance is not None
+    if question.certified is not None and bounded:
         message = "says where to start; radius and disturbance must be left out with it."
         raise wrong("certified", message, "Leave one of them out.")
     radius = None
@@ -112,13 +113,15 @@ def search_starts(
         horizon = seconds(question.t_final, "t_final", example="20")
     with np.errstate(all="ignore"):
         arena = make_arena(problem, gain)
+        loop = arena.loop
         level = None
         starts: StartSet
-        if question.certified is not None:
-            level = level_of(problem, question.certified, chosen_gain(problem, gain))
-            starts = Boundary(level=level, loop=arena.loop)
+        if question.certified is None:
+            starts = asked_box(problem, loop, radius=radius, disturbance=question.disturbance)
         else:
-            starts = asked_box(problem, arena.loop, radius=radius, disturbance=question.disturbance)
+            W = chosen_gain(problem, gain)
+            level = level_of(problem, question.certified, W)
+            starts = Boundary(level=level, loop=loop)
         search = _Search(
             arena=arena,
             starts=starts,
@@ -172,11 +175,16 @@ class _Search:
         """Starts of every kind."""
         counts = {kind: int(share * count) for kind, share in SHARES.items()}
         counts[RANDOM] = count - sum(counts.values())
-        parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
+        e = []
+        eps = []
+        for kind, each in counts.items():
+            if each:
+                drawn = self.starts.draw(rng, each, kind)
+                e.append(drawn[0])
+                eps.append(drawn[1])
+        switches = self.signals(rng, count)
         return Batch(
-            e=np.concatenate([e for e, _ in parts], axis=1),
-            eps=np.concatenate([eps for _, eps in parts], axis=2),
-            switches=self.signals(rng, count),
+            e=np.concatenate(e, axis=1), eps=np.concatenate(eps, axis=2), switches=switches
         )
 
     def signals(self, rng: np.random.Generator, count: int) -> ModeTable:
@@ -196,9 +204,10 @@ class _Search:
             last = np.where(np.isnan(last), np.inf, last)
             return np.where(trials.unfinished, -np.inf, last)
         values = trials.values
-        growth = np.log(np.maximum(values, TINY) / np.maximum(values[0], TINY))
-        above = growth + self.level.rate * trials.times[:, None]
-        early = np.where(values > SPENT * values[0], above, -np.inf)
+        first = values[0]
+        growth = np.log(np.maximum(values, TINY) / np.maximum(first, TINY))
+        certified = self.level.rate * trials.times[:, None]
+        early = np.where(values > SPENT * first, growth + certified, -np.inf)
         return np.asarray(np.max(early[1:], axis=0))
 
     def worst(self, trials: Trials) -> IndexArray:
@@ -215,20 +224,21 @@ class _Search:
         objective = partial(final_error, rows)
         if self.level is not None:
             objective = partial(final_level, self.level, rows, self.arena.loop.q)
-        flows = {mode: self.flow(mode) for mode in dict.fromkeys(modes.tolist())}
-        found = []
+        flow = cache(self.flow)  # to build one takes longer than to climb it
+        e = []
+        eps = []
         for run, mode in zip(worst.tolist(), modes.tolist(), strict=True):
             start = (starts.e[:, run], starts.eps[:, :, run])
-            found.append(ascend(flows[mode], self.starts, start, objective))
+            climbed = ascend(flow(mode), self.starts, start, objective)
+            e.append(climbed[0])
+            eps.append(climbed[1])
+        # where no mode may last for ever the climbed starts are tried with other signals
         switches = constant_signals(modes)
         if not all(may_stay(self.problem, mode) for mode in self.arena.modes):
-            switches = self.signals(np.random.default_rng(self.seed), count)
-        climbed = Batch(
-            e=np.stack([e for e, _ in found], axis=1),
-            eps=np.stack([eps for _, eps in found], axis=2),
-            switches=switches,
-        )
-        return self.simulate(climbed)
+            rng = np.random.default_rng(self.seed)
+            switches = self.signals(rng, count)
+        higher = Batch(e=np.stack(e, axis=1), eps=np.stack(eps, axis=2), switches=switches)
+        return self.simulate(higher)
 
     def flow(self, mode: int) -> Flow:
         """The flow that is climbed in one mode: as long as its steps allow."""
@@ -250,10 +260,11 @@ class _Search:
         values = trials.values
         decay = np.exp(-self.level.rate * trials.times)
         bound = values[0] * decay[:, None] * (1 + BEYOND) + FLOOR
-        over = np.nanmax(np.where(np.isnan(values), np.inf, values) - bound, axis=0)
+        seen = np.where(np.isnan(values), np.inf, values)
+        over = np.nanmax(seen - bound, axis=0)
         bad = np.flatnonzero((over > 0) & ~trials.unfinished)
-        order = bad[np.argsort(-over[bad], kind="stable")]
-        return [self.suspect(LEAVES, trials, run) for run in order.tolist()]
+        order = np.argsort(-over[bad], kind="stable")
+        return [self.suspect(LEAVES, trials, run) for run in bad[order].tolist()]
 
     def stay_away(self, done: list[Trials]) -> list[Suspect]:
         """Runs that stall and still do when they last longer; one of those that end at one
@@ -276,37 +287,48 @@ class _Search:
     def equilibria(self, done: list[Trials], rng: np.random.Generator) -> list[Equilibrium]:
         """Equilibria within the set of starts, proved: from where runs stall, and from other
         starts."""
+        # linear couplings have the target alone, or a whole space
         if self.problem.is_linear or not self.is_small:
             return []
         count = max(1, NEWTON_STARTS // len(self.arena.modes))
-        stalled = [end for trials in done for end in trials.resting_points][:count]
+        stalled: list[Array] = []
+        for trials in done:
+            stalled += trials.resting_points
         found: list[Equilibrium] = []
         for mode in self.arena.modes:
-            drawn = [self.starts.draw(rng, count, kind)[0] for kind in (CORNERS, RANDOM)]
-            points = [*stalled, *np.concatenate(drawn, axis=1).T]
+            corners, _ = self.starts.draw(rng, count, CORNERS)
+            others, _ = self.starts.draw(rng, count, RANDOM)
+            points = [*stalled[:count], *corners.T, *others.T]
             found += proved_equilibria(self.problem, mode, points, holds=self.starts.holds)
         return sorted(found, key=distance_of)
 
     def suspect(self, kind: str, trials: Trials, run: int) -> Suspect:
         """What became of one run."""
-        loop = self.arena.loop
         starts = trials.starts
-        start = starts.e[:, run]
+        e = starts.e[:, run]
         error = trials.error[:, run]
         final = float("inf")
         if not trials.diverged[run]:
             final = float(error[~np.isnan(error)][-1])
         end = trials.ends[:, run]
+        # of a run that diverged only the start is known
+        if not np.isfinite(end).all():
+            end = e
         return Suspect(
             kind=kind,
-            start=start.reshape(loop.n, loop.m) + loop.goal,
+            start=self.states(e),
             eps=starts.eps[:, :, run].copy(),
             final_error=final,
             times=trials.times.copy(),
             error=error.copy(),
-            labels=self.farthest(end if np.isfinite(end).all() else start),
+            labels=self.farthest(end),
             modes=starts.switches.named(run, self.arena.modes),
         )
+
+    def states(self, e: Array) -> Array:
+        """x (n, m) of errors (n m,)."""
+        goal = self.arena.loop.goal
+        return np.asarray(e.reshape(goal.shape) + goal)
 
     def resting(self, claim: Equilibrium) -> Suspect:
         """A proved equilibrium: the agents start there with eps = 0 and stay."""
@@ -315,7 +337,7 @@ class _Search:
         size = largest(e)
         return Suspect(
             kind=RESTS,
-            start=e.reshape(loop.n, loop.m) + loop.goal,
+            start=self.states(e),
             eps=np.zeros((loop.n, loop.q)),
             final_error=size,
             times=np.array([0.0, self.horizon]),
@@ -340,11 +362,16 @@ class _Search:
         unfinished = sum(int(trials.unfinished.sum()) for trials in done)
         if unfinished:
             notes.append(f"{unfinished} runs took too many steps; nothing is said about them.")
-        if self.starts.reach[1].any() and not any(trials.starts.eps.any() for trials in done):
+        asked = self.starts.reach[1].any()
+        if asked and not any(trials.starts.eps.any() for trials in done):
             notes.append(
                 "The observer is too fast for its closed form: every run starts with xihat = xi."
             )
-        checks = (refuting_check(self.problem, claim) for claim in proved)
+        certified = None
+        observed = None
+        if self.level is not None:
+            certified = self.level.rate
+            observed = _observed_rate(done)
         return Falsification(
             name=self.problem.name,
             target=self.starts.words,
@@ -352,13 +379,21 @@ class _Search:
             unfinished=unfinished,
             suspects=tuple(suspects),
             proved=tuple(proved),
-            check=next((each for each in checks if each is not None), None),
+            check=self.refuting(proved),
             horizon=self.horizon,
             seed=self.seed,
-            certified_rate=None if self.level is None else self.level.rate,
-            observed_rate=None if self.level is None else _observed_rate(done),
+            certified_rate=certified,
+            observed_rate=observed,
             notes=tuple(notes),
         )
+
+    def refuting(self, proved: list[Equilibrium]) -> Check | None:
+        """The check of the first equilibrium that refutes the region asked for."""
+        for claim in proved:
+            check = refuting_check(self.problem, claim)
+            if check is not None:
+                return check
+        return None
 
 
 def _is_same(end: Array, other: Array) -> bool:
@@ -374,5 +409,6 @@ def _observed_rate(done: list[Trials]) -> float | None:
         counts = np.sum(values > SPENT * values[0], axis=0)
         for run in np.flatnonzero((counts > 1) & ~trials.unfinished):
             last = int(counts[run]) - 1
-            rates.append(-math.log(values[last, run] / values[0, run]) / trials.times[last])
+            left = values[last, run] / values[0, run]
+            rates.append(-math.log(left) / trials.times[last])
     return min(rates, default=None)

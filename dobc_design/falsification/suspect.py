@@ -21,6 +21,7 @@ STAYS_AWAY = "does not converge"
 LEAVES = "leaves the certified set"
 RESTS = "equilibrium"
 MOST_WRITTEN = 10  # suspects of a JSON document
+MOST_NAMED = 6  # agents of a suspect in words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -55,20 +56,21 @@ class Suspect(Told):
             "proved": self.equilibrium is not None,
             "start": self.start.tolist(),
             "eps": self.eps.tolist(),
-            "final_error": self.final_error if np.isfinite(self.final_error) else None,
+            "final_error": _finite(self.final_error),
             "times": self.times.tolist(),
-            "error": [x if np.isfinite(x) else None for x in self.error.tolist()],
+            "error": [_finite(error) for error in self.error.tolist()],
             "labels": list(self.labels),
-            "modes": [[time, name] for time, name in self.modes],
+            "modes": [list(each) for each in self.modes],
         }
 
     def __str__(self) -> str:
         proved = " (proved)" if self.equilibrium is not None else ""
-        names = ", ".join(self.labels[:6]) + (", ..." if len(self.labels) > 6 else "")
-        errors = (
-            f"|e|_inf from {self.error[0]:.4g} to {self.final_error:.4g} after "
-            f"{self.times[-1]:.4g} s"
-        )
+        names = ", ".join(self.labels[:MOST_NAMED])
+        if len(self.labels) > MOST_NAMED:
+            names += ", ..."
+        first = self.error[0]
+        last = self.final_error
+        errors = f"|e|_inf from {first:.4g} to {last:.4g} after {self.times[-1]:.4g} s"
         return f"{self.kind}{proved}: {errors}, farthest: {names}"
 
     def __repr__(self) -> str:
@@ -103,17 +105,15 @@ class Falsification(Headed):
     def to_json(self) -> dict[str, Any]:
         """JSON object.  ``proved`` lists boxes that each hold an equilibrium, ends as exact
         rationals."""
-        boxes = [
-            (claim.mode, [[number_text(x.lo), number_text(x.hi)] for x in claim.box])
-            for claim in self.proved
-        ]
+        shown = self.suspects[:MOST_WRITTEN]
         return {
-            **{
-                name: getattr(self, name)
-                for name in ("target", "tried", "unfinished", "horizon", "seed")
-            },
-            "suspects": [each.to_json() for each in self.suspects[:MOST_WRITTEN]],
-            "proved": [{"mode": mode, "box": box} for mode, box in boxes],
+            "target": self.target,
+            "tried": self.tried,
+            "unfinished": self.unfinished,
+            "horizon": self.horizon,
+            "seed": self.seed,
+            "suspects": [each.to_json() for each in shown],
+            "proved": [_box(claim) for claim in self.proved],
             "refutes": self.check is not None,
             "certified_rate": self.certified_rate,
             "observed_rate": self.observed_rate,
@@ -121,15 +121,22 @@ class Falsification(Headed):
         }
 
     def _card(self) -> Card:
-        found = "no suspect" if not self.suspects else f"{len(self.suspects)} suspect(s)"
-        rate = ""
+        found = f"{len(self.suspects)} suspect(s)" if self.suspects else "no suspect"
+        words = [f"{self.tried} starts from {self.target}", found]
+        words.append(f"{len(self.proved)} proved equilibria")
         if self.certified_rate and self.observed_rate is not None:
-            rate = (
-                f", certified rate {self.certified_rate:.4g} 1/s, slowest seen "
-                f"{self.observed_rate:.4g}"
-            )
-        text = (
-            f"{self.tried} starts from {self.target}, {found}, {len(self.proved)} proved "
-            f"equilibria{rate}"
-        )
-        return Card(title=self.name, text=text, lines=[*self.notes, *map(str, self.suspects)])
+            words.append(f"certified rate {self.certified_rate:.4g} 1/s")
+            words.append(f"slowest seen {self.observed_rate:.4g}")
+        lines = [*self.notes, *map(str, self.suspects)]
+        return Card(title=self.name, text=", ".join(words), lines=lines)
+
+
+def _finite(number: float) -> float | None:
+    """A number as JSON has it."""
+    return number if np.isfinite(number) else None
+
+
+def _box(claim: Equilibrium) -> dict[str, Any]:
+    """Where a proved equilibrium lies."""
+    sides = [[number_text(side.lo), number_text(side.hi)] for side in claim.box]
+    return {"mode": claim.mode, "box": sides}

@@ -79,9 +79,10 @@ class Agents:
         self.noises = [np.random.default_rng([seed, NOISE]) for seed in runs.seeds]
         self.drawn: Array = np.zeros((0, *self.shape, len(runs.seeds)))
         phases = []
+        ports = (self.loop.n, len(self.loop.output))
         for seed in runs.seeds:
             rng = np.random.default_rng([seed, PHASE])
-            phases.append(rng.uniform(0, 2 * np.pi, size=(self.loop.n, len(self.loop.output))))
+            phases.append(rng.uniform(0, 2 * np.pi, size=ports))
         self.phase = np.stack(phases, axis=2)
         self.signs = None
         if runs.stress.worst:
@@ -97,6 +98,7 @@ class Agents:
         """The noise that holds from the k-th instant on, (n, m, R); instants come in order."""
         if not self.stress.noise:
             return np.zeros((*self.shape, len(self.noises)))
+        # one run draws the same numbers alone and beside others
         if k % BLOCK == 0:
             size = (min(BLOCK, self.count - k), *self.shape)
             self.drawn = np.stack([rng.standard_normal(size) for rng in self.noises], axis=3)
@@ -126,6 +128,7 @@ class Agents:
                 due.append(agent)
         if not due:
             return
+        # what the agents that fail now command last
         u = self.control(e, dhat)
         for agent in due:
             if self.failing[agent].kind == "freeze":
@@ -166,7 +169,8 @@ class Agents:
         # The mean value times the length: no cancellation where the frequency is small.
         shrink = np.sinc(self.stress.frequency * half / np.pi)
         middle = np.sin(self.stress.frequency * (begin + half) + self.phase)
-        return np.asarray(self.stress.disturbance * 2 * half * shrink * middle)
+        length = self.stress.disturbance * 2 * half
+        return np.asarray(length * shrink * middle)
 
     def believed(self, estimate: Array) -> Array:
         """An estimate of xi or d as it is acted on: 0 where nothing is estimated."""
@@ -209,13 +213,15 @@ class Heard:
         used = np.unique(np.concatenate([each.modes for each in runs.switches])).tolist()
         small = np.min_scalar_type(used[-1])  # a number for every run and instant
         self.modes = np.array([each.at(instants) for each in runs.switches], dtype=small)
-        self.learn({mode: Links(runs.groups(mode), loop.n, loop.m) for mode in used})
+        links = {mode: Links(runs.groups(mode), loop.n, loop.m) for mode in used}
+        self.learn(links)
 
     def learn(self, links: dict[int, Links]) -> None:
         """These are the arcs of the modes from now on; what is held on arcs that stay is kept."""
         codes = np.unique(np.concatenate([each.codes for each in links.values()]))
         values = np.full((len(codes), *self.values.shape[1:]), np.nan)
-        values[np.isin(codes, self.codes)] = self.values[np.isin(self.codes, codes)]
+        stay = np.isin(self.codes, codes)
+        values[np.isin(codes, self.codes)] = self.values[stay]
         self.codes = codes
         self.values = values
         self.links = links

@@ -45,7 +45,8 @@ class Box:
     def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
         """Starts of one kind: anywhere, at corners, or on sides; eps anywhere or at the most."""
         part = unit_cube(rng, len(self.low), count, kind)
-        e = self.low[:, None] + (self.high - self.low)[:, None] * (part + 1) / 2
+        width = (self.high - self.low)[:, None]
+        e = self.low[:, None] + width * (part + 1) / 2
         own = self.owned
         lengths: Array | float = 1.0
         if kind == RANDOM:
@@ -63,7 +64,8 @@ class Box:
     def holds(self, e: Array) -> bool:
         """Whether e (n m,) with eps = 0 is in the set, but for rounding."""
         slack = 1e-9 * (1 + np.abs(self.high) + np.abs(self.low))
-        return bool(np.all((self.low - slack <= e) & (e <= self.high + slack)))
+        above = self.low - slack <= e
+        return bool(np.all(above & (e <= self.high + slack)))
 
 
 def asked_box(
@@ -78,7 +80,8 @@ def asked_box(
         words = "the region"
     else:
         far = AWAY if radius is None else radius
-        low, high = np.full(len(goal), -far), np.full(len(goal), far)
+        high = np.full(len(goal), far)
+        low = -high
         words = f"|e|_inf <= {far:.4g}"
     if disturbance is None:
         disturbance = 0.0 if region is None else float(region.initial_disturbance or 0)
@@ -94,7 +97,8 @@ def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Arr
         return inside
     if kind == EDGES:
         at_end = rng.random((rows, count)) < rng.random(count)
-        at_end[rng.integers(rows, size=count), np.arange(count)] = True
+        sides = rng.integers(rows, size=count)
+        at_end[sides, np.arange(count)] = True  # one at least
         return np.where(at_end, signs, inside)
     if rows <= MOST_ENUMERATED:
         every = np.array(list(product((-1.0, 1.0), repeat=rows))).T

@@ -225,6 +225,7 @@ def what_breaks_first(
         if option == "period":
             limit = loop.bisected(sweep.survives, sweep.breaks, certified=_certified(certificate))
     report(1.0)
+    # what had to be chosen stands in the notes of the run that is shown
     calm = loop.calm
     if remark is not None:
         calm = replace(calm, notes=(remark, *calm.notes))
@@ -260,6 +261,7 @@ def _late_error(run: Trajectory, stress: Stress) -> float:
     """The late error of the agents that work, over the error at the start; inf where the run
     diverged."""
     gone = {each.agent for each in stress.failures}
+    # of failed agents nothing can be expected
     working = [place for place, label in enumerate(run.labels) if label not in gone]
     if run.diverged or not working:
         return np.inf
@@ -286,6 +288,7 @@ class _Tried:
 
     def late(self, stress: Stress) -> float:
         """The late error of a run under this stress."""
+        # with the same seed as the run without stress
         run = run_once(replace(self.setting, stress=None if stress.is_calm else stress))
         return _late_error(run, stress)
 

@@ -158,7 +158,8 @@ class _March:
         with np.errstate(all="ignore"):
             self.K = np.empty((EXTENDED, *self.y.shape))
             self.parts = self.grouped(np.arange(len(self.run_of)))
-            self.f = self.derivative(self.y, self.columns.forces(self.t[None], self.run_of)[0])
+            forces = self.columns.forces(self.t[None], self.run_of)
+            self.f = self.derivative(self.y, forces[0])
             self.h = self.first_steps() if self.first is None else self.first.copy()
             wrong = ~np.isfinite(self.f).all(axis=0)
             if wrong.any():
@@ -174,7 +175,8 @@ class _March:
         h = ends - self.t
         new, f_new = self.stages(h, ends)
         norm = self.error_norm(h, new)
-        good = (norm < 1) & np.isfinite(new).all(axis=0) & np.isfinite(f_new).all(axis=0)
+        finite = np.isfinite(new).all(axis=0) & np.isfinite(f_new).all(axis=0)
+        good = (norm < 1) & finite
         factor = np.where(norm == 0, MOST_FACTOR, SAFETY * norm**EXPONENT)
         factor = np.where(np.isfinite(factor), factor, LEAST_FACTOR)
         # right after a rejected step none is longer than it
@@ -198,13 +200,14 @@ class _March:
         flat = K.reshape(EXTENDED, -1)
         within = self.t + DOP853.C[1:, None] * h
         forces = self.columns.forces(np.concatenate([within, ends[None]]), self.run_of)
-        K[0] = self.f
+        K[0] = self.f  # the last derivative of a step is the first of the next
         for s in range(1, STAGES):
             y = (DOP853.A[s, :s] @ flat[:s]).reshape(self.y.shape)
             y *= h
             y += self.y
             K[s] = self.derivative(y, forces[s - 1])
-        new = (DOP853.B @ flat[:STAGES]).reshape(self.y.shape) * h + self.y
+        moved = (DOP853.B @ flat[:STAGES]).reshape(self.y.shape)
+        new = moved * h + self.y
         K[STAGES] = self.derivative(new, forces[STAGES - 1])
         return new, K[STAGES]
 
@@ -213,14 +216,17 @@ class _March:
         and 3, as SciPy combines them."""
         flat = self.K.reshape(EXTENDED, -1)[: STAGES + 1]
         scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.relative
-        fifth = np.square((DOP853.E5 @ flat).reshape(self.y.shape) / scale).sum(axis=0)
-        third = np.square((DOP853.E3 @ flat).reshape(self.y.shape) / scale).sum(axis=0)
+        of_fifth = (DOP853.E5 @ flat).reshape(self.y.shape)
+        of_third = (DOP853.E3 @ flat).reshape(self.y.shape)
+        fifth = np.square(of_fifth / scale).sum(axis=0)
+        third = np.square(of_third / scale).sum(axis=0)
         below = np.sqrt((fifth + 0.01 * third) * len(self.y))
         exact = below == 0
         return np.where(exact, 0.0, h * fifth / np.where(exact, 1.0, below))
 
     def record(self, good: BoolArray, h: Array, ends: Array, new: Array, f_new: Array) -> None:
         """Show the samples within the steps that were accepted."""
+        # runs have steps of their own, so that some pass several samples and some none
         upto = np.searchsorted(self.samples, ends, side="right")
         chosen = np.flatnonzero(good & (upto > self.done))
         if not len(chosen):
@@ -250,9 +256,10 @@ class _March:
         old = self.y[:, chosen]
         times = self.t[chosen] + DOP853.C_EXTRA[:, None] * h
         forces = self.columns.forces(times, self.run_of[chosen])
-        for s, row in enumerate(DOP853.A_EXTRA, start=STAGES + 1):
-            y = (row[:s] @ flat[:s]).reshape(old.shape) * h + old
-            K[s] = self.derivative(y, forces[s - STAGES - 1], chosen)
+        for number, row in enumerate(DOP853.A_EXTRA):
+            s = STAGES + 1 + number
+            moved = (row[:s] @ flat[:s]).reshape(old.shape)
+            K[s] = self.derivative(moved * h + old, forces[number], chosen)
         difference = new[:, chosen] - old
         F = np.empty((3 + len(DOP853.D), *old.shape))
         F[0] = difference
@@ -267,10 +274,12 @@ class _March:
             self.switch(switched)
         collapsed = ~good & (self.h < 10 * np.spacing(self.t))
         collapsed |= switched & ~np.isfinite(self.f).all(axis=0)
-        state = np.where(collapsed, COLLAPSED, RUNNING)
-        state = np.where(self.columns.size(self.y) > self.farthest, ESCAPED, state)
-        state = np.where((state == RUNNING) & (self.t >= self.horizon), DONE, state)
-        state = np.where((state == RUNNING) & (self.steps >= self.most), HANDED_BACK, state)
+        escaped = self.columns.size(self.y) > self.farthest
+        # where several are true, the last of these counts
+        state = np.where(self.steps >= self.most, HANDED_BACK, RUNNING)
+        state = np.where(self.t >= self.horizon, DONE, state)
+        state = np.where(collapsed, COLLAPSED, state)
+        state = np.where(escaped, ESCAPED, state)
         if (state != RUNNING).any():
             self.retire(state)
 
@@ -361,13 +370,15 @@ class CalmColumns:
             return np.zeros((len(times), 0, len(runs)))
         states = self.eps.take(runs, axis=2)
         weights = np.moveaxis(self.closed.many(times), 2, 0)
-        total = np.zeros((len(weights), len(states), weights.shape[1], weights.shape[3]))
+        shape = (len(weights), len(states), weights.shape[1], weights.shape[3])
+        total = np.zeros(shape)
         for k in range(states.shape[1]):
             total += states[:, k, None, :] * weights[:, None, :, k]
         return total.reshape(len(times), self.loop.n * self.loop.m, len(runs))
 
     def size(self, y: Array) -> Array:
-        return np.asarray(np.abs(y[: self.loop.n * self.loop.m]).max(axis=0, initial=0.0))
+        e = y[: self.loop.n * self.loop.m]
+        return np.asarray(np.abs(e).max(axis=0, initial=0.0))
 
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:
         """Nothing is kept from one mode to the next."""

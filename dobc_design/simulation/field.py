@@ -104,6 +104,7 @@ class _Block:
         """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
         own = e[self.rows]
         y = e.take(self.speakers, axis=0)
+        # in place: these arrays are as large as the processor's cache allows
         if self.counts is not None:
             y -= np.repeat(own, self.counts, axis=0)
         for begin, end in self.slots:
@@ -176,8 +177,13 @@ def _by_slots(function: _Function, arcs: _Arcs, lowest: int, counts: IndexArray)
     of every agent that has so many."""
     agents = np.argsort(-counts, kind="stable")
     begins = np.cumsum(counts) - counts
-    having = [int(np.count_nonzero(counts > slot)) for slot in range(int(counts.max()))]
-    chosen = np.concatenate([begins[agents[:many]] + slot for slot, many in enumerate(having)])
+    having = []
+    places = []
+    for slot in range(int(counts.max())):
+        many = int(np.count_nonzero(counts > slot))
+        having.append(many)
+        places.append(begins[agents[:many]] + slot)
+    chosen = np.concatenate(places)
     edges = np.concatenate([[0], np.cumsum(having)]).tolist()
     rows: slice | IndexArray = lowest + agents[: having[0]]
     # a slice is no copy
@@ -203,10 +209,10 @@ class Links:
         self.groups = groups
         self.n = n
         self.m = m
-        self.parts = [
-            (compile_coupling(group.coupling), arrays.gathering_matrix(group, n))
-            for group in groups
-        ]
+        self.parts = []
+        for group in groups:
+            h = compile_coupling(group.coupling)
+            self.parts.append((h, arrays.gathering_matrix(group, n)))
         none = np.zeros(0, dtype=np.int64)
         self.listeners = np.concatenate([none, *(group.listeners for group in groups)])
         self.speakers = np.concatenate([none, *(group.speakers for group in groups)])
@@ -216,14 +222,17 @@ class Links:
         """Sum of h(heard - own) over the arcs of each listener; own (n, m, R), heard (arcs, m, R),
         nan if silent."""
         difference = heard - own[self.listeners]
+        # a vanished agent: its arcs are not there
         silent: Any = np.isnan(heard).any(axis=1)
         total = np.zeros_like(own)
         begin = 0
         for h, gather in self.parts:
             end = begin + gather.shape[1]
             value = np.array(h(difference[begin:end]))
-            np.moveaxis(value, 1, -1)[silent[begin:end]] = 0.0
-            total += (gather @ value.reshape(len(value), -1)).reshape(own.shape)
+            by_run = np.moveaxis(value, 1, -1)
+            by_run[silent[begin:end]] = 0.0
+            summed = gather @ value.reshape(len(value), -1)
+            total += summed.reshape(own.shape)
             begin = end
         return total
 
@@ -269,7 +278,8 @@ class Loop:
 
     def split(self, state: Array) -> tuple[Array, Array, Array]:
         """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
-        x, xi, z = np.split(state, [self.n * self.m, self.n * (self.m + self.q)], axis=-1)
+        cuts = [self.n * self.m, self.n * (self.m + self.q)]
+        x, xi, z = np.split(state, cuts, axis=-1)
         lead = (*state.shape[:-1], self.n)
         return x.reshape(*lead, self.m), xi.reshape(*lead, self.q), z.reshape(*lead, self.q)
 
@@ -280,7 +290,8 @@ class Loop:
         if self.plant is not None:
             K = self.plant.K
             u0 = self.plant.u0
-        pulled = (K @ e.reshape(-1, self.n * self.m).T).T.reshape(dhat.shape)
+        flat = e.reshape(-1, self.n * self.m).T
+        pulled = (K @ flat).T.reshape(dhat.shape)
         return np.asarray(-pulled - dhat + u0)
 
     def moved(self, u: Array, e: Array) -> Array:
@@ -289,19 +300,23 @@ class Loop:
         if self.plant is None:
             return u
         # A goal + B u0 = 0
-        moved = act(self.plant.B, u - self.plant.u0[..., None]) + act(self.plant.A, e)
+        pushed = act(self.plant.B, u - self.plant.u0[..., None])
+        moved = pushed + act(self.plant.A, e)
         return moved if self.bend is None else moved + self.bend(e)
 
 
 def applied(gain: Array, y: Array) -> Array:
     """A gain (q, m) of all agents, or (n, q, m) one for each, times y (..., n, m): (..., n, q)."""
-    return np.asarray(y @ gain.T if gain.ndim == 2 else np.einsum("iqm,...im->...iq", gain, y))
+    if gain.ndim == 2:
+        return np.asarray(y @ gain.T)
+    return np.asarray(np.einsum("iqm,...im->...iq", gain, y))
 
 
 def act(matrix: Array, y: Array) -> Array:
     """A matrix (p, q) of all agents, or (n, p, q) one for each, times y (n, q, R): (n, p, R)."""
-    # the product with one run is faster without the last axis
-    return applied(matrix, y[..., 0])[..., None] if y.shape[2] == 1 else np.asarray(matrix @ y)
+    if y.shape[2] == 1:  # faster without the last axis
+        return applied(matrix, y[..., 0])[..., None]
+    return np.asarray(matrix @ y)
 
 
 def make_loop(problem: Problem, gain: Gain | None) -> Loop:
@@ -367,20 +382,24 @@ class Network:
         """Return h(e) - K e in a new array; not finite where a coupling overflows or is undefined.
         Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by agent, then
         those of a leader."""
-        n, m = self.loop.n, self.loop.m
+        loop = self.loop
+        n, m = loop.n, loop.m
         s = e[n * m :]
         e = e[: n * m]
+        # one run of agents with one component is a vector: no axes of length 1 in the blocks
         rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
         total = np.zeros_like(rows)
         for block in self.blocks:
             block.add(total, rows, m)
         result = total.reshape(e.shape)
-        result -= self.loop.K @ e
-        if self.loop.bend is not None:
+        result -= loop.K @ e
+        if loop.bend is not None:
             led = [np.reshape(s, (m, -1))] if len(s) else []
-            result += self.loop.bend(np.reshape(e, (n, m, -1)), *led).reshape(e.shape)
-        if len(s) and self.loop.lead is not None:
-            result = np.concatenate([result, self.loop.lead(s.reshape(m, -1)).reshape(s.shape)])
+            bent = loop.bend(np.reshape(e, (n, m, -1)), *led)
+            result += bent.reshape(e.shape)
+        if len(s) and loop.lead is not None:
+            moved = loop.lead(s.reshape(m, -1))
+            result = np.concatenate([result, moved.reshape(s.shape)])
         return result
 
 
@@ -406,10 +425,12 @@ def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     m, q = loop.m, loop.q
     neighbours = hears(groups, loop.n)
     own = sp.eye_array(loop.n, format="csr")
+    x_of_exosystem = _filled(own, m, q)
+    among_exosystem = _filled(own, q, q)
     rows = [
-        [_filled(neighbours, m, m), _filled(own, m, q), _filled(own, m, q)],
-        [None, _filled(own, q, q), None],
-        [_filled(neighbours, q, m), None, _filled(own, q, q)],
+        [_filled(neighbours, m, m), x_of_exosystem, x_of_exosystem],
+        [None, among_exosystem, None],
+        [_filled(neighbours, q, m), None, among_exosystem],
     ]
     return sp.block_array(rows, format="csr")
 
@@ -417,16 +438,17 @@ def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
 def errors_pattern(loop: Loop, groups: Sequence[ArcGroup], *, both: bool) -> sp.csr_array:
     """Who may influence whom in e, or in ``both`` [e; eps]."""
     m, q = loop.m, loop.q
-    own = sp.eye_array(loop.n, format="csr")
     alone = _filled(hears(groups, loop.n), m, m)
     if loop.lead is not None:
         everyone = np.ones((loop.n * m, m))
-        alone = sp.block_array([[alone, everyone], [None, np.ones((m, m))]], format="csr")
-        if not both:
-            return alone
-        return sp.block_diag([alone, np.ones((loop.n * q, loop.n * q))], format="csr")
+        rows = [[alone, everyone], [None, np.ones((m, m))]]
+        alone = sp.block_array(rows, format="csr")
     if not both:
         return alone
+    if loop.lead is not None:
+        observers = np.ones((loop.n * q, loop.n * q))
+        return sp.block_diag([alone, observers], format="csr")
+    own = sp.eye_array(loop.n, format="csr")
     rows = [[alone, _filled(own, m, q)], [None, _filled(own, q, q)]]
     return sp.block_array(rows, format="csr")
 

@@ -97,6 +97,7 @@ class _Collector:
         setting = self.setting
         notes = [*setting.notes, *setting.stress_notes]
         self.report(0.0)
+        # the full loop integrates the observer as well
         closed = None if setting.is_full else settings.closed_form_of(setting)
         reason = _why_one_by_one(setting, closed)
         if reason:
@@ -113,6 +114,7 @@ class _Collector:
         """What was collected."""
         setting = self.setting
         problem = setting.problem
+        # whoever has a reason ended early
         diverged = np.zeros(self.runs, dtype=bool)
         diverged[list(self.reasons)] = True
         return Ensemble(
@@ -147,6 +149,7 @@ class _Collector:
         shared = settings.switches_for(setting, setting.seed)
         groups = partial(settings.groups_for, setting, shared)
         size = self.chunk_size(shared)
+        # the blocks of a network fit the number of runs; all chunks share them
         networks = cache(lambda mode: network_of(setting.loop, groups(mode), runs=size))
         for first in range(0, self.runs, size):
             chosen = np.arange(first, min(self.runs, first + size))
@@ -199,8 +202,11 @@ class _Collector:
         _, self.lengths[run], self.disturbances[run] = done.start_size()
         if done.diverged:
             self.reasons[run] = done.reason
-        names = [name for name in (self.method, done.method) if name]
-        self.method = "; ".join(dict.fromkeys("; ".join(names).split("; ")))
+        # every method once, in the order of the runs
+        names = self.method.split("; ") if self.method else []
+        if done.method:
+            names += done.method.split("; ")
+        self.method = "; ".join(dict.fromkeys(names))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -218,7 +224,8 @@ class _Chunk:
     def put_starts(self) -> None:
         """How large the starts are."""
         for run, start in zip(self.chosen, self.runs.starts, strict=True):
-            self.collector.lengths[run] = np.linalg.norm(start.errors(self.setting.loop))
+            e = start.errors(self.setting.loop)
+            self.collector.lengths[run] = np.linalg.norm(e)
             eps = np.linalg.norm(start.xi - start.xihat, axis=1)
             self.collector.disturbances[run] = eps.max(initial=0.0)
 
@@ -274,7 +281,8 @@ class _Chunk:
         goal = self.setting.loop.goal[..., None]
 
         def visit(number: int, seen: Samples) -> None:
-            self.put(np.full(len(every), number), every, seen.x - goal, seen.d - seen.dhat)
+            places = np.full(len(every), number)
+            self.put(places, every, seen.x - goal, seen.d - seen.dhat)
 
         stepper = Stepper(self.runs, visit, self.report)
         self.collector.method = f"{stepper.method}, side by side"
@@ -299,8 +307,9 @@ class _Chunk:
         kept = (runs[own], sample[own])
         if len(s):
             collector.leader[kept] = s[:, own].T
+        leader = collector.leader[kept]
         states = e[:, own].T.reshape(-1, loop.n, loop.m) + loop.goal
-        collector.states[kept] = states + collector.leader[kept][:, None]
+        collector.states[kept] = states + leader[:, None]
 
     def put_ends(self, ended: _Ended) -> None:
         """How the runs ended; those that were handed back are made alone."""

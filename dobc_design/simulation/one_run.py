@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -82,15 +83,11 @@ def _full(
     setting: Setting, start: Start, seed: int, modes: Modes, progress: Progress | None
 ) -> Outcome:
     """A run of the full loop as printed, or under a stress: a stack of one."""
-    moving = isinstance(modes, Nearby)
-    runs = StressedRuns(
-        setting=setting,
-        groups=modes.groups,
-        starts=[start],
-        seeds=[seed],
-        switches=() if moving else [modes.switches],
-        nearby=modes if isinstance(modes, Nearby) else None,
-    )
+    alone = StressedRuns(setting=setting, groups=modes.groups, starts=[start], seeds=[seed])
+    if isinstance(modes, Nearby):
+        runs = replace(alone, nearby=modes)
+    else:
+        runs = replace(alone, switches=[modes.switches])
     if setting.is_sampled:
         return run_sampled_alone(runs, progress)
     return run_alone(runs, modes, progress)
@@ -103,10 +100,12 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress | Non
     eps0 = start.xi - start.xihat
     closed = settings.closed_form_of(setting)
     both = loop.q > 0 and closed is None
+    # xihat = xi - eps: nothing else of the observer has to be integrated
     e0 = np.concatenate([start.errors(loop).ravel(), start.s])
+    state = np.concatenate([e0, eps0.ravel()]) if both else e0
     integration = Integration(
         errors(loop, modes, closed, eps0, F),
-        np.concatenate([e0, eps0.ravel()]) if both else e0,
+        state,
         setting.times,
         tolerance=setting.tolerance,
         implicit=settings.is_stiff(setting, closed=not both),
@@ -114,9 +113,8 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress | Non
     )
     run = integration.run()
     if both:
-        run.notes.append(
-            "The observer is too fast for its closed form: its error was integrated as well."
-        )
+        note = "The observer is too fast for its closed form: its error was integrated as well."
+        run.notes.append(note)
     cut = len(e0)
     xi = evolve(loop.A, start.xi, run.times)
     eps = run.states[:, cut:].reshape(xi.shape) if both else evolve(F, eps0, run.times)
@@ -129,9 +127,12 @@ def _samples(setting: Setting, states: Array, xi: Array, xihat: Array) -> Sample
     loop = setting.loop
     e, s = np.split(states, [loop.n * loop.m], axis=1)
     e = e.reshape(-1, loop.n, loop.m)
+    x = e + loop.goal
+    if loop.lead:
+        x = x + s[:, None]
     dhat = xihat @ loop.output.T
     return Samples(
-        x=e + loop.goal + (s[:, None] if loop.lead else 0.0),
+        x=x,
         xi=xi,
         xihat=xihat,
         d=xi @ loop.output.T,

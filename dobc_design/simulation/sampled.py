@@ -79,6 +79,7 @@ def discretised(loop: Loop, period: float, gain: Array | None = None) -> Discret
         gain = integral(loop.F, period)[1] @ loop.W @ B
     else:
         check_sampled_gain(gain.shape, q=loop.q, m=B.shape[1], grouped=loop.own is not None)
+    # of the states that the inputs drive: B has full column rank
     left = np.linalg.pinv(B)
     watch = np.linalg.solve(left @ added[:, : loop.m] @ B, left)
     return Discrete(watch, watch @ added[:, loop.m :], gain)
@@ -124,7 +125,9 @@ class Between(StressedColumns):
 
         def derivative(y: Array, force: Array) -> Array:
             x, xi, z = self.split(y)
-            d = act(self.loop.output, xi) + (force.reshape(u.shape) if len(force) else 0.0)
+            d = act(self.loop.output, xi)
+            if len(force):
+                d = d + force.reshape(u.shape)
             x_dot = felt + self.loop.moved(u + d, x - self.goal)
             return self.joined(x_dot, act(self.loop.A, xi), 0 * z)
 
@@ -203,6 +206,7 @@ class Stepper:
         own = None if gain is None else np.asarray(gain)
         self.observer = discretised(self.loop, self.period, own)
         self.Ad = integral(self.loop.A, self.period)[0]
+        # nothing is heard between the instants
         self.agents = Agents(runs, self.instants, keep=False)
         self.between = self.curved_between(runs)
         self.method = f"exact steps of {self.period:g} s"
@@ -233,6 +237,7 @@ class Stepper:
 
     def run(self) -> Reached:
         """From instant to instant, up to the horizon.  Raises: SpecError for too many."""
+        # one matrix exponential for all samples, which lie anywhere between instants
         since = self.times - self.instants[self.owner]
         transition = integral(self.loop.A, since)[0]
         added = flow(self.loop, since)
@@ -250,6 +255,7 @@ class Stepper:
                 self.end(bad, max(1, done), reason)
                 self.show(sample, hold, self.x if sample == 0 else x, transition[sample])
             done = last
+            # samples may end before the next instant
             if following:
                 self.go_on(hold, next(path), following[0], done)
             if not self.going.any():
@@ -300,6 +306,7 @@ class Stepper:
         """The path (T, n, m, R), integrated; nan after a run has ended, and of those that had ended
         before."""
         alive = np.flatnonzero(self.going)
+        state = columns.joined(self.x, self.xi, self.xihat)
         columns.felt = hold.felt
         columns.u = hold.u
         columns.alive = alive
@@ -311,10 +318,11 @@ class Stepper:
 
         if not len(times) or times[-1] <= hold.begin:
             return path
+        # couplings are held, so that switches of the graph do not matter here
         one_mode = np.zeros((len(alive), 1))
         found = Stretch(
             columns=columns,
-            start=columns.joined(self.x, self.xi, self.xihat)[:, alive],
+            start=state[:, alive],
             begin=hold.begin,
             end=times[-1],
             switches=ModeTable(times=one_mode, modes=one_mode.astype(np.int64)),
@@ -344,6 +352,7 @@ class Stepper:
             agents.heard.move(mode, self.nearby.groups(mode), k)
         measured = self.x + agents.noise(k)
         watch, Cd, L = self.observer
+        # at the first instant there is nothing to compare with
         if k:
             expected = flown(self.flow, self.before, self.held, np.zeros_like(self.xihat))
             innovation = act(watch, measured - expected) - act(Cd, self.xihat)

@@ -114,6 +114,7 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
         problem.require_no_leader("a stress, or the full loop as printed,")
     width = loop.n * (4 * loop.m + 2 * loop.q)
     times, notes = _times(given.get("samples"), horizon, width)
+    # without a disturbance there is nothing to compensate
     if observer == WITHOUT and problem.q:
         notes = [*notes, OFF]
     if stress is not None:
@@ -196,6 +197,7 @@ def _times(
     if np.ndim(samples) == 0:
         return np.linspace(0.0, horizon, whole(samples, "samples", least=2)), []
     times = finite_array(samples, "samples", shape=np.shape(samples), because="one list of times")
+    # a run is integrated up to its last sample
     listed = times.ndim == 1 and len(times) >= 2
     if not (listed and times[0] == 0 and times[-1] == horizon and (np.diff(times) > 0).all()):
         message = f"must be a number, or times that increase from 0 to t_final, {horizon:g} s."

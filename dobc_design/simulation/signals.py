@@ -200,7 +200,7 @@ class Waypoints(Shown):
     def at(self, time: float, places: Array) -> Array:
         """Positions (n, k) at a time; ``places`` is ``positions`` as an array, made once by the
         caller."""
-        if len(self.times) == 1:
+        if len(self.times) == 1:  # no line to interpolate on
             return np.asarray(places[0])
         passed = int(np.searchsorted(self.times, time, side="right")) - 1
         number = min(max(passed, 0), len(self.times) - 2)
@@ -276,6 +276,7 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
         if own.dwell is not None:
             remark = f"switching.dwell is not used by a {own.signal} signal."
         return _mobile(own) if own.signal == "mobile" else _schedule(own), remark
+    # all other signals need another mode to switch to
     if len(names) == 1:
         return Fixed(), "There is one mode: nothing switches."
     if own.signal == "periodic" and (own.schedule or own.period):

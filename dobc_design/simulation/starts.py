@@ -110,6 +110,7 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     if region is not None:
         sides = to_float(region.initial_states).T
         low, high = (np.broadcast_to(side, loop.goal.shape) for side in sides)
+    # what is given comes first, then [simulation], then the region
     x = rows.get("x")
     if x is None and problem.simulation.x0 is not None:
         x = np.array(np.broadcast_to(to_float(problem.simulation.x0), loop.goal.shape))
@@ -120,7 +121,7 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     if xi is None and region is not None and region.initial_disturbance is not None:
         radius = float(region.initial_disturbance)
     elif xi is None:
-        xi = loop.owned.astype(float)
+        xi = loop.owned.astype(float)  # nothing bounds it: 1 in every number
     return Starts(
         low=low,
         high=high,
@@ -189,6 +190,7 @@ def _rows(value: Any, name: str, n: int, width: _Width) -> Array:
     except ValueError:  # rows of different lengths
         message = f"must be {because}; its rows differ in length."
         raise wrong(name, message, "Fill them.", kind=ShapeError) from None
+    # one number per agent, else one row for all of them
     if shape == (n,) and width.numbers == 1:
         value = np.reshape(value, (n, 1))
     elif shape == (width.numbers,):
@@ -220,6 +222,7 @@ def _read(path: Path, n: int, widths: Mapping[str, _Width]) -> Mapping[str, Any]
 
 def _numbers(text: str) -> list[list[float]]:
     """The rows of a CSV file.  Raises: UnfitError."""
+    # strict: a quote that is never closed is an error, not the rest of the file
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     lines = [(reader.line_num, row) for row in reader if row]
     for line, row in lines:

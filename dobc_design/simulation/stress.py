@@ -137,6 +137,7 @@ class Stress(Told):
         """Time in s between two exchanges; None where states are heard continuously."""
         if self.period is not None:
             return self.period
+        # packets can only be lost where there are any
         if self.exchange is None and self.loss:
             return EXCHANGE
         return self.exchange
@@ -211,6 +212,7 @@ def required_worst_stress(problem: Problem) -> Stress:
 def stress_to_json(stress: Stress) -> str:
     """A stress as one JSON object."""
     given = asdict(stress)
+    # left out where it says nothing
     if not stress.worst:
         del given["worst"]
     return json.dumps(given, ensure_ascii=False)

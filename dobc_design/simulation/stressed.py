@@ -69,6 +69,7 @@ class StressedColumns:
         self.next = 0
         self.noise = np.zeros((*self.agents.shape, len(runs.seeds)))
         x = runs.stacked("x")
+        # xihat jumps whenever noise is drawn anew; z does not
         z = runs.stacked("xihat") - act(self.loop.W, x)
         self.start = self.joined(x, runs.stacked("xi"), z)
 
@@ -99,6 +100,7 @@ class StressedColumns:
             self.noise = agents.noise(self.next)
         x, _, z = self.split(y)
         e, xihat = self.known(x, z, self.noise)
+        # first, so that a frozen agent sends what it measured at this instant
         agents.fail(time, e, act(self.loop.output, xihat))
         if agents.stress.exchanges is not None:
             if due:
@@ -121,6 +123,7 @@ class StressedColumns:
         def derivative(y: Array, force: Array) -> Array:
             x, xi, z = self.split(y)
             e, xihat = self.known(x, z, noise)
+            # without exchanges neighbours are heard as they are now
             arrived = agents.said(e, chosen)[links.speakers] if held is None else held
             felt = links.felt(e, arrived)
             u = agents.control(e, act(loop.output, xihat), chosen)
@@ -128,7 +131,7 @@ class StressedColumns:
             if len(force):
                 d = d + force.reshape(d.shape)
             x_dot = felt + loop.moved(u + d, x - self.goal)
-            # the observer takes what is measured for the state
+            # the observer takes what is measured for the state, and knows the applied input
             seen = felt + loop.moved(u, e)
             z_dot = act(loop.F, xihat) - act(loop.W, seen)
             return self.joined(x_dot, act(loop.A, xi), z_dot)
@@ -187,6 +190,7 @@ class _Together:
         count = len(runs.seeds)
         self.everyone = np.arange(count)
         self.place = np.zeros(count, dtype=np.int64)
+        # how they ended: as they do until something else is known
         self.states = np.full(count, DONE)
         self.ended = np.full(count, self.horizon)
         self.steps: Array | None = None
@@ -218,6 +222,7 @@ class _Together:
             switches=self.switches_before(end, alive),
             farthest=self.farthest[alive],
             steps=self.steps,
+            # the steps of a run are shared among its stretches
             most=max(LEAST_STEPS, MOST_STEPS // len(self.begins)),
             tolerance=self.setting.tolerance,
             samples=self.times,
@@ -248,6 +253,7 @@ class _Together:
             if not more.any():
                 break
             last = last + more
+        # the next switch, too: a run has to know when its mode ends
         width = (last - self.place).max() + 2
         places = np.minimum(self.place[:, None] + np.arange(width), times.shape[1] - 1)[alive]
         rows = alive[:, None]
@@ -297,6 +303,7 @@ class _Alone:
         if isinstance(self.modes, Nearby):
             heard.move(stay.mode, self.modes.groups(stay.mode), columns.next)
         columns.wait(time, state[:, None], np.array([stay.mode]))
+        # a switch between two exchanges draws nothing
         if columns.next > len(self.noises):
             self.noises.append(columns.noise[..., 0])
         part = columns.part(stay.mode, ALONE)
@@ -322,6 +329,7 @@ class _Alone:
         e, xihat = columns.known(x, z, noise)
         dhat = act(columns.loop.output, xihat)
         u = agents.command(e, dhat)
+        # u was computed as if all agents worked
         for agent, left in agents.stopped.items():
             u[agent][:, times >= agents.failing[agent].time] = left.input
         d = act(columns.loop.output, xi) + agents.extra(times)

@@ -145,7 +145,7 @@ def drawn_graphs(problem: Problem) -> dict[str, DrawnGraph]:
         draws = np.random.default_rng(0).random((GRAPHS, arcs.optional)) < 0.5
         if not arcs.optional:
             continue
-        draws[0] = False
+        draws[0] = False  # the fewest arcs that there can be
         always = np.ones(len(arcs) - arcs.optional, dtype=bool)
         for k, draw in enumerate(draws):
             name = f"{mode}, draw {k}" if k else f"{mode}, no optional arc"
@@ -159,6 +159,7 @@ def drawn_switches(signal: Scheduled, problem: Problem, horizon: float, seed: in
     graphs = drawn_graphs(problem)
     if not graphs:
         return switches
+    # a stream of its own: the switches of the modes stay as they are without optional arcs
     rng = np.random.default_rng([seed, STREAM, STREAM])
     names = (*switches.names, *graphs)
     choices = {mode: [names.index(mode)] for mode in switches.names}
@@ -246,6 +247,7 @@ def _markov(
     times = [time]
     places = [now]
     while True:
+        # a jump after an exponential time, to another mode in proportion to its rate
         away = np.where(np.arange(len(rates)) == now, 0.0, rates[now])
         leaving = float(away.sum())
         if leaving == 0:

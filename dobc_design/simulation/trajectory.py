@@ -105,6 +105,7 @@ class Trajectory(Simulated):
     mode_index: IndexArray = field(init=False)
 
     def __post_init__(self) -> None:
+        # without switches of its own it was in ``mode`` throughout
         if self.switches.names == ("",):
             object.__setattr__(self, "switches", one_mode(self.mode))
         object.__setattr__(self, "mode_index", self.switches.at(self.times))
@@ -251,6 +252,7 @@ class Trajectory(Simulated):
             ABOUT: np.array(json.dumps(facts, ensure_ascii=False)),
             "goal": self.goal,
         }
+        # left out otherwise, as in files of older versions
         if self.leader.any():
             arrays[LEADER] = self.leader
         arrays["switch_times"] = switches.times
@@ -325,6 +327,7 @@ def _require_shapes(shapes: Shapes) -> None:
     require(len(shapes["x"]) == len(shapes["xi"]) == 3, "x and xi must be samples of agents")
     samples, n, m = shapes["x"]
     q = shapes["xi"][2]
+    # slices: a shape that is too short is found below, with all others
     p = shapes["u"][2:][-1:]  # inputs of an agent: m but with [dynamics]
     switches = shapes["switch_times"][:1]
     wanted = {

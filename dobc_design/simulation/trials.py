@@ -168,6 +168,7 @@ def run_starts(
     loop = arena.loop
     closed = make_closed_form(loop.F, loop.C, effort.horizon) if loop.q else None
     states = make_closed_form(loop.F, np.eye(loop.q), effort.horizon) if loop.q else None
+    # |F| times the horizon is too large for a table
     if closed is None or states is None:
         starts = Batch(e=starts.e, eps=np.zeros_like(starts.eps), switches=starts.switches)
     count = len(starts)

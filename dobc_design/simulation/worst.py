@@ -38,7 +38,8 @@ class Signs:
 
     def at(self, times: float | Array, chosen: IndexArray) -> Array:
         """The signs at times (k,) of the runs ``chosen``, as many or one: (n, m, k)."""
-        places = np.minimum((np.atleast_1d(times) / self.length).astype(np.int64), STEPS - 1)
+        stretches = (np.atleast_1d(times) / self.length).astype(np.int64)
+        places = np.minimum(stretches, STEPS - 1)
         places, runs = np.broadcast_arrays(places, chosen)
         return np.moveaxis(self.values[places, :, :, runs], 0, -1)
 
@@ -59,21 +60,24 @@ def worst_signs(
     length = horizon / STEPS
     values = np.ones((STEPS, loop.n, len(loop.output), len(seeds)))
     slopes = consensus_jacobian(problem, next(iter(problem.network.modes)))
-    size = loop.n * (loop.m + (loop.q if observed else 0))
+    q = loop.q if observed else 0
+    size = loop.n * (loop.m + q)
     if slopes is None or size > LARGEST:
         return Signs(values, length)
     pulled = slopes.toarray() - loop.K.toarray()
-    if observed and loop.q:
+    if q:
         M, entry = _with_observer(loop, pulled)
     else:
         M, entry = pulled, np.eye(len(pulled))
     if loop.plant is not None:
         entry = entry @ np.kron(np.eye(loop.n), loop.plant.B)
-    rows = np.eye(len(pulled), size)[[seed % len(pulled) for seed in seeds]]
+    turns = [seed % len(pulled) for seed in seeds]
+    rows = np.eye(len(pulled), size)[turns]
     step = expm(M * length)
     for k in range(STEPS):
         response = (rows @ entry).reshape(len(seeds), loop.n, -1)
-        values[STEPS - 1 - k] = np.where(np.moveaxis(response, 0, -1) < 0, -1.0, 1.0)
+        response = np.moveaxis(response, 0, -1)
+        values[STEPS - 1 - k] = np.where(response < 0, -1.0, 1.0)
         rows = rows @ step
     return Signs(values, length)
 
@@ -149,4 +153,5 @@ def _rounds(
 
 def _changes(order: tuple[int, ...]) -> bool:
     """Whether every mode is followed by another one, round and round."""
-    return len(order) == 1 or all(a != b for a, b in pairwise((*order, order[0])))
+    turns = pairwise((*order, order[0]))
+    return len(order) == 1 or all(mode != following for mode, following in turns)

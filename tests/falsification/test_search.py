@@ -299,3 +299,13 @@ def test_an_observer_that_is_too_fast_to_be_followed_is_told_and_starts_at_its_d
         (),
         ("The observer is too fast for its closed form: every run starts with xihat = xi.",),
     ]
+
+
+@pytest.mark.parametrize("name", ["radius", "disturbance", "certified", "t_final"])
+def test_a_certificate_says_where_to_start(name: str):
+    """Whatever else would say it is refused, by its name."""
+    certificate = dd.certify(listening_pair(reach=0.5))
+    given = certificate if name == "certified" else 1.0
+    with pytest.raises(SpecError, match="must be left out with a certificate") as refused:
+        dd.falsify(certificate, **{name: given})
+    assert refused.value.key == name

@@ -41,7 +41,8 @@ def test_it_is_found_up_to_the_edge_of_the_region_and_not_beyond():
 def test_nothing_is_certified_beyond_it():
     """v = (1, 1): the rows hold exactly up to the false equilibrium; proved at 1.653, refuted at
     1.655."""
-    problem, v = listening_pair(), (F(1), F(1))
+    problem = listening_pair()
+    v = (F(1), F(1))
     assert largest_rate(problem, v, rho=F("1.653")) is not None
     assert largest_rate(problem, v, rho=F("1.655")) is None
     tiny = Separable(v=v, alpha=F(1, 10**9), rho=F("1.655"))
@@ -105,7 +106,8 @@ def test_without_a_region_with_linear_couplings_and_for_many_agents_nothing_is_s
 @pytest.mark.parametrize("seed", range(3))
 def test_roots_are_roots_of_the_field_and_none_is_the_target(seed: int, m: int):
     """Weights, exceptions, matrix gains, offsets; the field is written out arc by arc."""
-    problem, rng = random_folded(seed, m=m), np.random.default_rng(seed)
+    problem = random_folded(seed, m=m)
+    rng = np.random.default_rng(seed)
     points = rng.uniform(-6, 6, (20, problem.n * m))
     roots = list(find_roots(problem, "G", points))
     for root in roots:

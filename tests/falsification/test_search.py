@@ -34,7 +34,8 @@ from dobc_design.simulation.boxes import asked_box
 from dobc_design.simulation.field import make_loop
 
 F = Fraction
-SADDLE, NODE = float(half_difference(3.3)), float(half_difference(6.0))
+SADDLE = float(half_difference(3.3))
+NODE = float(half_difference(6.0))
 
 
 def end_of(problem: Problem, suspect, duration: float) -> np.ndarray:
@@ -67,7 +68,8 @@ def found_of_the_pair() -> Falsification:
 
 def test_the_false_equilibria_of_two_agents_are_found_proved_and_shown():
     """e = (-y/2, y/2), y = 3.3077 and 5.98, and what falls into others beyond."""
-    problem, found = listening_pair(), found_of_the_pair()
+    problem = listening_pair()
+    found = found_of_the_pair()
     sizes = [float(max(map(abs, claim.middle))) for claim in found.proved]
     assert sizes == pytest.approx([SADDLE, SADDLE, NODE, NODE], abs=1e-5)
     assert found.check.verdict is Verdict.REFUTED
@@ -146,7 +148,8 @@ def test_a_rate_that_is_too_high_is_contradicted():
 @pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_a_set_that_is_too_large_is_contradicted():
     """Two agents, sin: v = (1, 1) is proved up to 1.65387; at 1.7 starts leave."""
-    problem, v = listening_pair(reach=None), (F(1), F(1))
+    problem = listening_pair(reach=None)
+    v = (F(1), F(1))
     inside = Separable(v=v, alpha=largest_rate(problem, v, rho=F("1.653")), rho=F("1.653"))
     assert dd.falsify(problem, runs=14, certified=inside, t_final=20).suspects == ()
     beyond = dd.falsify(problem, runs=14, certified=replace(inside, rho=F("1.7")), t_final=5)
@@ -215,7 +218,8 @@ def test_the_ascent_never_ends_lower_than_it_began(seed: int):
     problem = random_problem(80 + seed, couplings=("tanh(y)", "atan(2*y)"), modes=1, n=3, held=True)
     level = level_of(problem, certificate_of(problem, F(2)))
     starts = Boundary(level=level, loop=make_loop(problem, None))
-    flow, objective = build_flow(problem, horizon=1.0, steps=200), partial(final_level, level, 3, 0)
+    flow = build_flow(problem, horizon=1.0, steps=200)
+    objective = partial(final_level, level, 3, 0)
     e, eps = starts.draw(np.random.default_rng(seed), 5, "random")
     gains = []
     for run in range(5):

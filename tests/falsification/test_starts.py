@@ -65,13 +65,16 @@ def lure_value(e: np.ndarray, eps: np.ndarray) -> float:
 
 @pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
 def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim, truth):
-    level, rng = level_of(problem(), claim), np.random.default_rng(0)
-    e, eps = rng.normal(size=(3, 20)), rng.normal(size=(3, 2, 20))
+    level = level_of(problem(), claim)
+    rng = np.random.default_rng(0)
+    e = rng.normal(size=(3, 20))
+    eps = rng.normal(size=(3, 2, 20))
     values = level.value(e, eps)
     for run in range(20):
         assert values[run] == pytest.approx(truth(e[:, run], eps[:, :, run]), rel=1e-12)
         along, along_eps = level.gradient(e[:, run], eps[:, :, run])
-        step, other = 1e-7 * rng.normal(size=3), 1e-7 * rng.normal(size=(3, 2))
+        step = 1e-7 * rng.normal(size=3)
+        other = 1e-7 * rng.normal(size=(3, 2))
         change = truth(e[:, run] + step, eps[:, :, run] + other) - truth(
             e[:, run] - step, eps[:, :, run] - other
         )
@@ -154,7 +157,8 @@ def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
 def test_starts_keep_to_the_states_of_the_own_group():
     """Agents 1 and 3 have places 0 and 1, agent 2 has place 2."""
     own = np.array([[1, 1, 0], [0, 0, 1], [1, 1, 0]], dtype=bool)
-    sine, constant = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]), Exosystem(A=[[0]], C=[[1]])
+    sine = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])
+    constant = Exosystem(A=[[0]], C=[[1]])
     groups = [
         Group(agents=[1, 3], exosystem=sine, observer=Observer(W=[[1], [0]])),
         Group(agents=[2], exosystem=constant, observer=Observer(W=[[1]])),
@@ -162,7 +166,8 @@ def test_starts_keep_to_the_states_of_the_own_group():
     given = Problem(network=problem().network, coupling="tanh(y)", gains={1: 1}, groups=groups)
     P = np.diag([F(2), F(1), F(3)]).tolist()
     claim = replace(SEPARABLE, error=ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3)))
-    level, loop = level_of(given, claim), make_loop(given, None)
+    level = level_of(given, claim)
+    loop = make_loop(given, None)
     box = asked_box(given, loop, radius=2.0, disturbance=0.5)
     edge = Boundary(level=level, loop=loop)
     for starts in (box, edge):
@@ -194,14 +199,16 @@ def settled(problem: Problem, *columns: list[float], horizon: float = 150.0):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_every_start_goes_where_scipy_takes_it_through_its_switches(seed: int):
-    problem, rng = switched_problem(seed, modes=3), np.random.default_rng(seed)
+    problem = switched_problem(seed, modes=3)
+    rng = np.random.default_rng(seed)
     signals = drawn_signals(rng, 9, problem, 4.0)
     e = rng.uniform(-2, 2, (problem.n, 9))
     starts = Batch(e=e, eps=np.zeros((problem.n, 0, 9)), switches=signals)
     runs = run_starts(make_arena(problem, None), starts, Effort(horizon=4.0, tolerance=1e-10))
     names = tuple(problem.network.modes)
     for run in (0, 4, 8):  # the first stays in its mode
-        state, switches = e[:, run], [*signals.named(run, names), (4.0, "")]
+        state = e[:, run]
+        switches = [*signals.named(run, names), (4.0, "")]
         for (begin, mode), (end, _) in pairwise(switches):
             answer = solve_ivp(
                 lambda t, x, m=mode: field(problem, m, x),
@@ -247,17 +254,13 @@ def test_some_runs_keep_their_mode_and_the_others_switch_at_several_paces():
 
 @pytest.mark.parametrize("longest", [None, 3])
 def test_under_a_guarantee_all_runs_keep_it(longest):
-    turns, own = (
-        Switching(guarantee="dwell", dwell=1, longest=longest),
-        switched_problem(0, modes=3),
-    )
+    turns = Switching(guarantee="dwell", dwell=1, longest=longest)
+    own = switched_problem(0, modes=3)
     kept = Problem(
         network=own.network, coupling="y", gains={1: 1}, target=[0] * own.m, switching=turns
     )
-    signals, names = (
-        drawn_signals(np.random.default_rng(0), 40, kept, 10.0),
-        tuple(own.network.modes),
-    )
+    signals = drawn_signals(np.random.default_rng(0), 40, kept, 10.0)
+    names = tuple(own.network.modes)
     for run in range(40):
         switches = signals.named(run, names)
         for (before, old), (after, new) in pairwise(switches):

@@ -43,7 +43,8 @@ def test_run_is_the_solution_of_the_full_loop(problem, observer):
     run = dd.simulate(problem, t_final=3, samples=41, observer=observer)
     x, u = reference(problem, (run.x[0], run.xi[0]), run.times)
     assert run.u.shape == run.d.shape == run.dhat.shape == (41, problem.n, problem.inputs)
-    assert np.allclose(run.x, x, atol=1e-7) and np.allclose(run.u, u, atol=1e-7)
+    assert np.allclose(run.x, x, atol=1e-7)
+    assert np.allclose(run.u, u, atol=1e-7)
     assert np.allclose(run.d, run.xi @ matrices(problem)["C"].T, atol=1e-12)
 
 
@@ -53,7 +54,8 @@ def test_saturation_limits_the_true_input(problem):
     run = dd.simulate(problem, t_final=1, samples=11, stress=dd.Stress(saturation=0.7))
     x, u = reference(problem, (run.x[0], run.xi[0]), run.times, limit=0.7, rtol=1e-9)
     assert np.abs(run.u).max() == 0.7
-    assert np.allclose(run.x, x, atol=1e-6) and np.allclose(run.u, u, atol=1e-6)
+    assert np.allclose(run.x, x, atol=1e-6)
+    assert np.allclose(run.u, u, atol=1e-6)
     assert run.estimation_error()[-1] < run.estimation_error()[0] or problem.name == "plants"
 
 
@@ -72,7 +74,8 @@ def test_agent_that_fails_moves_by_its_own_dynamics():
         start=[[1, 0]],
         stress=dd.Stress(failures=[dd.Failure(agent="a", time=1.0)]),
     )
-    assert np.allclose(run.u[run.times < 1], 1.0) and not run.u[run.times >= 1].any()
+    assert np.allclose(run.u[run.times < 1], 1.0)
+    assert not run.u[run.times >= 1].any()
     free = solve_ivp(
         lambda t, x: [x[1], -x[0] - x[1] / 2],
         (1, 3),
@@ -104,10 +107,8 @@ def test_observer_is_told_what_it_can_know():
     closed form."""
     problem = PROBLEMS[0]
     given = {"t_final": 1, "samples": 9}
-    calm, limited = (
-        dd.simulate(problem, **given),
-        dd.simulate(problem, stress=dd.Stress(saturation=0.5), **given),
-    )
+    calm = dd.simulate(problem, **given)
+    limited = dd.simulate(problem, stress=dd.Stress(saturation=0.5), **given)
     assert np.allclose(calm.d - calm.dhat, limited.d - limited.dhat, atol=1e-7)
 
 
@@ -134,9 +135,11 @@ def test_switching_runs_and_files(tmp_path):
         network=network, switching=dd.Switching(signal="random", dwell=0.5)
     )
     run = dd.simulate(problem, t_final=10, samples=21, tolerance=1e-6)
-    assert len(run.switches) > 5 and run.final_error < 0.1 * run.error()[0]
+    assert len(run.switches) > 5
+    assert run.final_error < 0.1 * run.error()[0]
     again = dd.load_trajectory(run.save(tmp_path / "run.npz"))
-    assert np.array_equal(again.u, run.u) and again.u.shape == (21, 3, 1)
+    assert np.array_equal(again.u, run.u)
+    assert again.u.shape == (21, 3, 1)
     worst = dd.simulate(problem, runs=2, t_final=0.5, stress=dd.Stress(disturbance=0.1, worst=True))
     assert worst.error.shape == (2, 401)
 
@@ -145,14 +148,17 @@ def test_switching_runs_and_files(tmp_path):
 def test_samples_between_the_instants_are_those_of_the_held_input(problem):
     """x' = f(x) or A x + B (couplings + u + d) with what was held at the instant, and a disturbance
     besides d."""
-    data, period = matrices(problem), 0.2
+    data = matrices(problem)
+    period = 0.2
     stress = dd.Stress(period=period, disturbance=0.3, frequency=0.0)
     run = dd.simulate(problem, t_final=1, samples=11, stress=stress)
-    other, own = (run.d - run.xi @ data["C"].T)[0], drift(problem)
+    other = (run.d - run.xi @ data["C"].T)[0]
+    own = drift(problem)
     for k in range(0, 10, 2):
 
         def slope(time, state, k=k):
-            x, d = state.reshape(3, -1), run.xi[k] @ expm(data["S"] * time).T @ data["C"].T + other
+            x = state.reshape(3, -1)
+            d = run.xi[k] @ expm(data["S"] * time).T @ data["C"].T + other
             return (
                 own(x) + (felt(problem, run.x[k] - data["goals"]) + run.u[k] + d) @ data["B"].T
             ).ravel()
@@ -172,7 +178,9 @@ def test_agents_that_leave_within_a_period_end_their_run_alone():
     problem = dd.Problem(network=alone, dynamics=cubic, coupling="y")
     stress = dd.Stress(period=1.0)
     run = dd.simulate(problem, t_final=1, samples=11, start=[[0.9]], stress=stress, tolerance=1e-8)
-    assert run.diverged and "collapsed" in run.reason and run.times[-1] == pytest.approx(0.6)
+    assert run.diverged
+    assert "collapsed" in run.reason
+    assert run.times[-1] == pytest.approx(0.6)
     assert run.x[:, 0, 0] == pytest.approx(1 / np.sqrt(1 / 0.81 - 2 * run.times), rel=1e-6)
     many = dd.simulate(problem, t_final=3, samples=31, runs=8, stress=stress, tolerance=1e-5)
     assert 0 < np.isnan(many.error[:, -1]).sum() < 8
@@ -189,7 +197,8 @@ def test_agents_that_are_too_stiff_between_samples_end_their_run(monkeypatch: py
             network=alone, dynamics=Dynamics(f=[f"-1e{k}*x**3 + 1"]), coupling="y", target=target
         )
         run = dd.simulate(problem, t_final=1, samples=3, start=[[1]], stress=stress)
-        assert run.diverged is stiff and ("too stiff for 200 steps" in run.reason) is stiff
+        assert run.diverged is stiff
+        assert ("too stiff for 200 steps" in run.reason) is stiff
         assert stiff or run.x[1:] == pytest.approx(0.01)
 
 
@@ -201,4 +210,5 @@ def test_what_breaks_first_knows_the_period(monkeypatch: pytest.MonkeyPatch, pro
     assert [each.option for each in found.sweeps] == [
         "saturation",
         "period",
-    ] and found.period.converges > 0.05
+    ]
+    assert found.period.converges > 0.05

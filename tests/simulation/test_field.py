@@ -45,12 +45,14 @@ IDS = ["mixed", "without disturbance", "paper-fixed"]
 @pytest.mark.parametrize("problem", PROBLEMS, ids=IDS)
 def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
     setting = make_setting(problem, gain=None, mode=next(iter(problem.network.modes)))
-    switches, starts = switches_for(setting, 0), [setting.starts.draw(0)]
+    switches = switches_for(setting, 0)
+    starts = [setting.starts.draw(0)]
     groups = partial(groups_for, setting, switches)
     runs = StressedRuns(
         setting=setting, groups=groups, starts=starts, seeds=[0], switches=[switches]
     )
-    derivative, model = StressedColumns(runs, 1.0).part(0, ALONE), build_model(problem)
+    derivative = StressedColumns(runs, 1.0).part(0, ALONE)
+    model = build_model(problem)
     rng = np.random.default_rng(0)
     for _ in range(5):
         state = rng.normal(size=problem.n * (problem.m + 2 * problem.q))
@@ -196,7 +198,8 @@ def test_the_table_is_given_up_where_it_would_be_too_long():
 
 def test_states_evolve_row_by_row():
     F = np.array(CASES["three states"])
-    start, times = np.array([[1.0, 2, 3], [0, -1, 0]]), np.array([0.0, 0.4, 5])
+    start = np.array([[1.0, 2, 3], [0, -1, 0]])
+    times = np.array([0.0, 0.4, 5])
     found = evolve(F, start, times)
     for k, t in enumerate(times):
         np.testing.assert_allclose(found[k], start @ precise(F, t).T, atol=1e-13)

@@ -47,14 +47,17 @@ def by_hand(start: np.ndarray, times: np.ndarray) -> np.ndarray:
     """x of the loop (1), (12), (13), (19), every agent with matrices of its own size."""
 
     def slope(time: float, state: np.ndarray) -> np.ndarray:
-        x, rest = state[:3], state[3:]
+        x = state[:3]
+        rest = state[3:]
         felt = np.zeros(3)
         for i, j in ARCS:
             felt[i] += np.tanh(x[j] - x[i]) + x[j] - x[i]
         out = [np.zeros(3)]
         for i, (A, C, W) in enumerate(OWN):
             q = len(A)
-            xi, z, rest = rest[:q], rest[q : 2 * q], rest[2 * q :]
+            xi = rest[:q]
+            z = rest[q : 2 * q]
+            rest = rest[2 * q :]
             xihat = z + W * x[i]
             u = -GAINS[i] * (x[i] - 1) - C @ xihat
             out[0][i] = felt[i] + u + C @ xi
@@ -119,10 +122,8 @@ def test_what_breaks_first_knows_groups_and_a_start_in_the_states_of_another_is_
 
 
 def test_the_model_has_the_right_hand_side_of_the_simulation(problem):
-    model, run = (
-        dd.build_model(problem),
-        dd.simulate(problem, observer="full-loop", samples=[0.0, 0.5, 6.0]),
-    )
+    model = dd.build_model(problem)
+    run = dd.simulate(problem, observer="full-loop", samples=[0.0, 0.5, 6.0])
     W = np.array([[3.2, 2.4, 0, 0, 0], [0, 0, 3, 2, 0], [3.2, 2.4, 0, 0, 0]])
     z = run.xihat[1] - W * run.x[1]
     x_dot, xi_dot, z_dot = (

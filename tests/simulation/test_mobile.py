@@ -38,7 +38,9 @@ def by_hand_within(positions, radius: float, hysteresis: float, before) -> set[t
 @pytest.mark.parametrize("k", [1, 2, 3])
 def test_links_within_a_radius_are_made_and_kept_as_said(k: int):
     rng = np.random.default_rng(k)
-    signal, codes, wanted = Mobile(radius=0.4, hysteresis=0.1), None, set()
+    signal = Mobile(radius=0.4, hysteresis=0.1)
+    codes = None
+    wanted = set()
     for _ in range(20):
         positions = rng.random((25, k))
         codes = near(signal, positions, codes)
@@ -60,7 +62,8 @@ def test_the_nearest_neighbours_are_heard():
 def test_a_neighbour_is_replaced_only_by_one_that_is_nearer_by_the_hysteresis():
     signal = Mobile(neighbours=1, hysteresis=0.3)
     places = [np.array([[0.0], [1.0], [-x]]) for x in (2.0, 0.9, 0.71, 0.69, 0.9, 1.4)]
-    codes, heard = None, []
+    codes = None
+    heard = []
     for positions in places:
         codes = near(signal, positions, codes)
         heard.append(next(j for i, j in pairs(codes, 3) if i == 0))

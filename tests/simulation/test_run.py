@@ -17,6 +17,7 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.simulation import integrate
 from dobc_design.simulation import setting as module
+from dobc_design.simulation.signals import Periodic, Schedule
 
 ROUTES = ("closed-form", "full-loop")
 N = 12
@@ -51,7 +52,9 @@ def error_system(problem: dd.Problem, mode: str):
     A, C, W = (
         np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
     )
-    n, m, q = problem.n, problem.m, problem.q
+    n = problem.n
+    m = problem.m
+    q = problem.q
     J = consensus_jacobian(problem, mode).toarray() - pinning_matrix(problem).toarray()
     return np.block(
         [[J, np.kron(np.eye(n), C)], [np.zeros((n * q, n * m)), np.kron(np.eye(n), A - W @ C)]]
@@ -67,7 +70,7 @@ def errors(trajectory, k: int):
 def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str):
     """Instants that no step of equal length would meet; a switch late by 1e-9 s would be seen."""
     problem = planar()
-    signal = dd.signals.Schedule(
+    signal = Schedule(
         times=[0, 0.7390851, 1.6180339, 3.1415926], modes=["one", "two", "one", "two"]
     )
     run = simulate(problem, signal=signal, samples=5, observer=observer, tolerance=1e-12)
@@ -86,7 +89,8 @@ def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str
 def test_no_step_crosses_a_switch(monkeypatch):
     """Every step of the integrator lies between two neighbouring instants, and both ends are hit
     exactly."""
-    steps, original = [], integrate._stepped
+    steps = []
+    original = integrate._stepped
 
     def spy(solver):
         steps.append([solver.t])
@@ -95,9 +99,7 @@ def test_no_step_crosses_a_switch(monkeypatch):
         return done
 
     monkeypatch.setattr(integrate, "_stepped", spy)
-    run = simulate(
-        dd.load_problem("paper-switching"), signal=dd.signals.Periodic(dwell=0.3), t_final=5.0
-    )
+    run = simulate(dd.load_problem("paper-switching"), signal=Periodic(dwell=0.3), t_final=5.0)
     instants = [*run.switches.times.tolist(), 5.0]
     assert len(instants) == 18
     assert set(instants[1:]) <= {end for _, end in steps}
@@ -109,9 +111,11 @@ def test_the_observer_error_in_closed_form_is_that_of_the_full_loop(
 ):
     """(17), in closed form or integrated beside e, and what follows from it for x, d, dhat and u,
     on Example 2."""
-    problem, signal = dd.load_problem("paper-switching"), dd.signals.Periodic(dwell=0.7)
+    problem = dd.load_problem("paper-switching")
+    signal = Periodic(dwell=0.7)
     given = {"signal": signal, "tolerance": 1e-12, "t_final": 2, "samples": 41}
-    fast, full = simulate(problem, **given), simulate(problem, observer="full-loop", **given)
+    fast = simulate(problem, **given)
+    full = simulate(problem, observer="full-loop", **given)
     monkeypatch.setattr("dobc_design.simulation.closed_form.MOST_ANCHORS", 1)
     along = simulate(problem, **given)
     for name in ("x", "xi", "xihat", "d", "dhat", "u"):
@@ -144,11 +148,14 @@ def taylor(k1: float, start: tuple[float, float], t: float, *, steps: int = 150,
         e = [mpmath.mpf(s) for s in start]
         dt = mpmath.mpf(t) / steps
         for _ in range(steps):
-            a, b = [e[0]], [e[1]]
-            forward, back = exponential_series(), exponential_series()
+            a = [e[0]]
+            b = [e[1]]
+            forward = exponential_series()
+            back = exponential_series()
             for k in range(order):
                 y = b[k] - a[k]
-                p, q = forward(y), back(-y)
+                p = forward(y)
+                q = back(-y)
                 a.append((p - k1 * a[k]) / (k + 1))
                 b.append(q / (k + 1))
             e = [mpmath.polyval(c[::-1], dt) for c in (a, b)]
@@ -157,7 +164,8 @@ def taylor(k1: float, start: tuple[float, float], t: float, *, steps: int = 150,
 
 def exponential_series():
     """exp(y) - 1 + y: the coefficients obey k p_k = sum_j j y_j p_{k-j}."""
-    y, p = [], []
+    y = []
+    p = []
 
     def next_coefficient(value):
         k = len(y)
@@ -175,7 +183,8 @@ def test_the_error_falls_with_the_tolerance_at_the_order_of_the_method():
     network = dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
     problem = dd.Problem(network=network, coupling="exp(y) - 1 + y", gains={"1": "1/2"})
     wanted = np.array(taylor(0.5, (0.5, -1.0), 4.0))
-    work, off = [], []
+    work = []
+    off = []
     for tolerance in 10.0 ** -np.arange(4, 13):
         run = simulate(problem, start=[[0.5], [-1.0]], t_final=4.0, tolerance=tolerance, samples=2)
         work.append(run.evaluations)
@@ -189,7 +198,7 @@ def test_the_error_falls_with_the_tolerance_at_the_order_of_the_method():
 def test_example_2_with_switching_agrees_with_cvodes():
     """Integrated mode by mode by CasADi's CVODES from the symbolic closed loop."""
     problem = dd.load_problem("paper-switching")
-    signal = dd.signals.Periodic(dwell=0.4)
+    signal = Periodic(dwell=0.4)
     run = simulate(problem, signal=signal, t_final=2.0, samples=6)
     state = np.concatenate(
         [run.x[0].ravel(), run.xi[0].ravel(), -np.kron(run.x[0].ravel(), [3.2, 2.4])]
@@ -253,11 +262,9 @@ def test_starts_are_drawn_in_the_region_and_without_one_within_one_of_the_goal()
 
 def test_the_seed_decides_the_start_and_the_problem_where_the_disturbance_begins():
     problem = ring(gains=1, simulation={"seed": 7, "t_final": 1})
-    first, again, other = (
-        simulate(problem, samples=3),
-        simulate(problem, seed=7, samples=3),
-        simulate(problem, seed=8),
-    )
+    first = simulate(problem, samples=3)
+    again = simulate(problem, seed=7, samples=3)
+    other = simulate(problem, seed=8)
     assert np.array_equal(first.x, again.x)
     assert not np.array_equal(first.x[0], other.x[0])
     assert (first.seed, first.t_final) == (7, 1)
@@ -311,7 +318,7 @@ def test_a_fixed_point_stays_fixed_to_rounding(observer: str):
     """e = 0 and eps = 0: (3), with a disturbance that the observer knows from the start."""
     xi = starts()[1]
     start = {"x": np.ones((N, 1)), "xi": xi, "xihat": xi}
-    run = simulate(loop(), start=start, signal=dd.signals.Periodic(dwell=0.5), observer=observer)
+    run = simulate(loop(), start=start, signal=Periodic(dwell=0.5), observer=observer)
     assert run.error().max() < (1e-15 if observer == "closed-form" else 1e-9)
     assert np.abs(run.d).max() > 1
 
@@ -319,10 +326,12 @@ def test_a_fixed_point_stays_fixed_to_rounding(observer: str):
 def test_permuting_the_agents_permutes_the_result():
     order = np.random.default_rng(0).permutation(N)
     x, xi = starts()
-    given = {"signal": dd.signals.Periodic(dwell=0.5), "t_final": 4, "samples": 81}
+    given = {"signal": Periodic(dwell=0.5), "t_final": 4, "samples": 81}
     one = simulate(loop(), start={"x": x, "xi": xi}, **given)
-    moved_x, moved_xi = np.empty_like(x), np.empty_like(xi)
-    moved_x[order], moved_xi[order] = x, xi
+    moved_x = np.empty_like(x)
+    moved_xi = np.empty_like(xi)
+    moved_x[order] = x
+    moved_xi[order] = xi
     other = simulate(loop(order.tolist()), start={"x": moved_x, "xi": moved_xi}, **given)
     np.testing.assert_allclose(other.x[:, order], one.x, atol=1e-9)
     np.testing.assert_allclose(other.u[:, order], one.u, atol=1e-8)
@@ -331,7 +340,7 @@ def test_permuting_the_agents_permutes_the_result():
 def test_the_active_mode_stands_at_every_sample():
     run = simulate(
         loop(),
-        signal=dd.signals.Periodic(dwell=0.5),
+        signal=Periodic(dwell=0.5),
         t_final=2,
         samples=[0, 0.25, 0.5, 1.2, 1.75, 2],
     )
@@ -448,7 +457,7 @@ def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"mode": "a", "signal": dd.signals.Periodic(dwell=1)}, "exclude each other"),
+        ({"mode": "a", "signal": Periodic(dwell=1)}, "exclude each other"),
         ({"mode": "c"}, "mode must be one of"),
         ({"signal": "periodic"}, "signal must be a switching signal; got periodic"),
         ({"stress": "noise"}, "stress must be a Stress; got noise"),

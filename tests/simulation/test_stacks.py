@@ -14,6 +14,7 @@ from side_by_side import EVERYTHING, FAILING, planar, require_the_same
 import dobc_design as dd
 from dobc_design import Stress
 from dobc_design.errors import SpecError
+from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell, Waypoints
 
 CONTINUOUS = {
     "noise": Stress(noise=0.1),
@@ -53,22 +54,22 @@ def agree(problem: dd.Problem, stress: Stress, **given) -> dd.Ensemble:
 )
 def test_every_stress_gives_the_runs_that_single_ones_give(stress: Stress):
     """Modes change within the time between two exchanges."""
-    agree(planar(), stress, signal=dd.signals.RandomDwell(dwell=0.13 if stress.period else 0.07))
+    agree(planar(), stress, signal=RandomDwell(dwell=0.13 if stress.period else 0.07))
 
 
 @pytest.mark.parametrize(
     "stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"]
 )
 def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress):
-    agree(planar(), stress, signal=dd.signals.Periodic(dwell=0.3), observer="off")
+    agree(planar(), stress, signal=Periodic(dwell=0.3), observer="off")
 
 
 @pytest.mark.parametrize(
     "stress", [CONTINUOUS["lost"], SAMPLED["lost"]], ids=["continuous", "sampled"]
 )
 def test_graphs_of_a_given_motion_are_shared(stress: Stress):
-    motion = dd.signals.Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
-    agree(planar(), stress, signal=dd.signals.Mobile(radius=1.5, motion=motion))
+    motion = Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
+    agree(planar(), stress, signal=Mobile(radius=1.5, motion=motion))
 
 
 def test_a_gain_for_the_sampled_observer_takes_its_place():
@@ -79,22 +80,21 @@ class ByHand:
     """Three agents in a ring with h = sinh, one state each, under everything at once: agent by
     agent, arc by arc."""
 
-    A, C, W, K = (
-        np.array([[0.0, 2.0], [-2.0, 0.0]]),
-        np.array([1.0, 0.0]),
-        np.array([3.2, 2.4]),
-        (1.0, 0.0, 0.5),
-    )
+    A = np.array([[0.0, 2.0], [-2.0, 0.0]])
+    C = np.array([1.0, 0.0])
+    W = np.array([3.2, 2.4])
+    K = (1.0, 0.0, 0.5)
     arcs = ((0, 1), (1, 2), (2, 0), (0, 2))
 
     def __init__(self, stress: Stress, seed: int) -> None:
-        self.stress, self.bound = stress, stress.saturation
-        self.noise_rng, self.loss_rng = (
-            np.random.default_rng([seed, 2]),
-            np.random.default_rng([seed, 3]),
-        )
+        self.stress = stress
+        self.bound = stress.saturation
+        self.noise_rng = np.random.default_rng([seed, 2])
+        self.loss_rng = np.random.default_rng([seed, 3])
         self.phase = np.random.default_rng([seed, 4]).uniform(0, 2 * np.pi, size=(3, 1))[:, 0]
-        self.noise, self.held, self.stopped = np.zeros(3), {}, {}
+        self.noise = np.zeros(3)
+        self.held = {}
+        self.stopped = {}
 
     @staticmethod
     def problem() -> dd.Problem:
@@ -144,7 +144,10 @@ class ByHand:
 
     def continuous(self, x: np.ndarray, xi: np.ndarray, end: float) -> np.ndarray:
         """x at the end, from xihat = 0: SciPy from one meeting to the next."""
-        A, C, W, spacing = self.A, self.C, self.W, self.stress.exchange
+        A = self.A
+        C = self.C
+        W = self.W
+        spacing = self.stress.exchange
         due = [spacing * k for k in range(round(end / spacing))]
         times = sorted({*due, *(failure.time for failure in self.stress.failures), end})
         y = np.concatenate([x, xi.ravel(), -np.outer(x, W).ravel()])
@@ -153,7 +156,8 @@ class ByHand:
             return y[9:].reshape(3, 2) + np.outer(y[:3] + self.noise, W)
 
         def rate(time: float, y: np.ndarray) -> np.ndarray:
-            xi, xihat = y[3:9].reshape(3, 2), known(y)
+            xi = y[3:9].reshape(3, 2)
+            xihat = known(y)
             felt = self.felt(y[:3], xihat @ C)
             z = xihat @ (A - np.outer(W, C)).T - np.outer(felt, W)
             return np.concatenate([felt + xi @ C + self.push(time), (xi @ A.T).ravel(), z.ravel()])
@@ -167,13 +171,19 @@ class ByHand:
 
     def sampled(self, x: np.ndarray, xi: np.ndarray, end: float) -> np.ndarray:
         """The same with everything computed at multiples of the period; integrals by quadrature."""
-        A, C, period = self.A, self.C, self.stress.period
+        A = self.A
+        C = self.C
+        period = self.stress.period
         nodes, weights = np.polynomial.legendre.leggauss(12)
-        nodes, weights = period * (1 + nodes) / 2, period * weights / 2
-        Ad, F = expm(A * period), A - np.outer(self.W, C)
+        nodes = period * (1 + nodes) / 2
+        weights = period * weights / 2
+        Ad = expm(A * period)
+        F = A - np.outer(self.W, C)
         Cd = C @ sum(w * expm(A * s) for s, w in zip(nodes, weights, strict=True)) / period
         L = sum(w * expm(F * s) for s, w in zip(nodes, weights, strict=True)) @ self.W
-        xihat, before, held = np.zeros((3, 2)), None, None
+        xihat = np.zeros((3, 2))
+        before = None
+        held = None
         for k in range(round(end / period)):
 
             def estimate(x=x, xihat=xihat, before=before, held=held, k=k) -> np.ndarray:
@@ -187,9 +197,12 @@ class ByHand:
 
             found = xihat
             self.meet(period * k, x, estimate, due=True)
-            xihat, before, held = found, x + self.noise, self.felt(x, found @ Cd)
+            xihat = found
+            before = x + self.noise
+            held = self.felt(x, found @ Cd)
             pushed = sum(w * self.push(period * k + s) for s, w in zip(nodes, weights, strict=True))
-            x, xi = x + period * (held + xi @ Cd) + pushed, xi @ Ad.T
+            x = x + period * (held + xi @ Cd) + pushed
+            xi = xi @ Ad.T
         return x
 
 

@@ -16,6 +16,7 @@ from dobc_design.simulation.agents import Heard, StressedRuns
 from dobc_design.simulation.field import make_loop
 from dobc_design.simulation.sampled import discretised, integral
 from dobc_design.simulation.setting import groups_for, make_setting, switches_for
+from dobc_design.simulation.signals import Mobile, Periodic
 from dobc_design.simulation.stress import stress_to_json
 from dobc_design.synthesis.observer.decide import sampled_matrix
 
@@ -59,7 +60,8 @@ def test_the_discretised_observer_lies_in_its_exact_enclosure():
     W = tuple(tuple(entry / 10 for entry in row) for row in problem.observer.W)
     exact = sampled_matrix(problem.exosystem, W, Fraction(1, 4))
     loop = make_loop(problem, None)
-    Ad, (_, Cd, L) = integral(loop.A, 0.25)[0], discretised(loop, 0.25, np.array(W, dtype=float))
+    Ad = integral(loop.A, 0.25)[0]
+    (_, Cd, L) = discretised(loop, 0.25, np.array(W, dtype=float))
     middle = np.array([[float(entry.midpoint) for entry in row] for row in exact])
     np.testing.assert_allclose(Ad - L @ Cd, middle, atol=1e-15)
 
@@ -94,9 +96,10 @@ def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     modes = {"a": [[1, 2], [2, 3]], "b": [[3, 1], [2, 3]]}
     problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
     setting = make_setting(
-        problem, gain=None, stress=Stress(exchange=0.1), signal=dd.signals.Periodic(dwell=0.15)
+        problem, gain=None, stress=Stress(exchange=0.1), signal=Periodic(dwell=0.15)
     )
-    switches, starts = switches_for(setting, 0), [setting.starts.draw(0)]
+    switches = switches_for(setting, 0)
+    starts = [setting.starts.draw(0)]
     given = {
         "groups": partial(groups_for, setting, switches),
         "starts": starts,
@@ -107,7 +110,8 @@ def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     heard = Heard(runs, np.array([0.0, 0.1]), keep=True)
     heard.exchange(0, np.array([[[10.0]], [[20.0]], [[30.0]]]))
     heard.tune(np.array([0]), np.array([1]))
-    second, values = heard.links[1], heard.values[heard.places[1]]
+    second = heard.links[1]
+    values = heard.values[heard.places[1]]
     held = dict(
         zip(zip(second.listeners, second.speakers, strict=True), values[:, 0, 0], strict=True)
     )
@@ -140,7 +144,8 @@ def test_a_frozen_agent_keeps_its_input_and_what_others_hear_of_it():
     exp(-2)."""
     stress = Stress(failures=(Failure(agent="2", time=1.0, kind="freeze"),))
     run = simulate(pair(gains={"2": 2}), start=[[4], [1]], t_final=20, samples=201, stress=stress)
-    late, value = run.times >= 1, np.exp(-2)
+    late = run.times >= 1
+    value = np.exp(-2)
     np.testing.assert_allclose(
         run.x[late, 1, 0], value - 2 * value * (run.times[late] - 1), atol=1e-7
     )
@@ -157,7 +162,7 @@ def test_moving_agents_can_be_stressed(stress: Stress):
     start = np.random.default_rng(2).uniform(-1, 1, size=(6, 2))
     run = simulate(
         problem,
-        signal=dd.signals.Mobile(radius=1.2, hysteresis=0.1),
+        signal=Mobile(radius=1.2, hysteresis=0.1),
         start=start,
         t_final=4,
         stress=stress,
@@ -233,12 +238,13 @@ def test_a_mode_that_switches_within_a_period_is_seen_at_the_next_sample():
     modes = {"on": [[1, 2]], "off": [[2, 3]]}
     problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
     given = {
-        "signal": dd.signals.Periodic(dwell=0.15),
+        "signal": Periodic(dwell=0.15),
         "start": [[1], [0], [0]],
         "stress": Stress(period=0.1),
     }
     run = simulate(problem, t_final=0.4, samples=5, **given)
-    wanted, x = [1.0], 1.0
+    wanted = [1.0]
+    x = 1.0
     on = [True, True, False, True]
     for each in on:
         x = x - 0.1 * x if each else x

@@ -13,6 +13,7 @@ import dobc_design as dd
 from dobc_design.errors import CertificateError, ShapeError, SpecError
 from dobc_design.simulation import measures
 from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.signals import Mobile, Periodic
 from dobc_design.simulation.starts import make_starts
 from dobc_design.simulation.trajectory import PLAIN, SAMPLED
 
@@ -20,9 +21,11 @@ from dobc_design.simulation.trajectory import PLAIN, SAMPLED
 def made(errors, *, diverged: bool = False, times=None, name: str = "made") -> dd.Trajectory:
     """Two agents; the first is off its goal by the given errors, the second by minus half of
     them."""
-    error, goal = np.asarray(errors, dtype=float), np.array([[1.0], [3.0]])
+    error = np.asarray(errors, dtype=float)
+    goal = np.array([[1.0], [3.0]])
     x = goal + np.stack([error, -error / 2], axis=1)[:, :, None]
-    empty, zero = np.zeros((len(error), 2, 0)), np.zeros_like(x)
+    empty = np.zeros((len(error), 2, 0))
+    zero = np.zeros_like(x)
     times = np.arange(len(error)) if times is None else times
     samples = {
         "x": x,
@@ -99,7 +102,8 @@ def test_order_statistics_hold_the_quantile_as_often_as_promised_and_tighter_one
     """P(X_(a) <= quantile < X_(b)) by the binomial distribution; uniform values, so that the
     quantile is known."""
     low, high = measures.quantile_interval(np.arange(count, dtype=float), level, 0.95)
-    a, b = int(low) + 1, int(high) + 1
+    a = int(low) + 1
+    b = int(high) + 1
 
     def covered(a: int, b: int) -> float:
         return stats.binom.cdf(b - 1, count, level) - stats.binom.cdf(a - 1, count, level)
@@ -120,7 +124,8 @@ def test_a_run_that_is_not_a_number_is_larger_than_every_number():
 
 def test_the_summary_counts_and_says_never_where_a_run_does_not_settle():
     times = np.linspace(0, 10, 101)
-    good, slow = np.exp(-times), np.exp(-0.1 * times)
+    good = np.exp(-times)
+    slow = np.exp(-0.1 * times)
     bad = np.where(times < 5, np.exp(times), np.nan)
     found = measures.summary(times, np.stack([good, slow, bad]), np.array([False, False, True]))
     assert (found["runs"], found["diverged"], found["diverged_runs"]) == (3, True, 1)
@@ -142,7 +147,7 @@ def test_the_summary_counts_and_says_never_where_a_run_does_not_settle():
 def switching() -> dd.Trajectory:
     return simulate(
         dd.load_problem("paper-switching"),
-        signal=dd.signals.Periodic(dwell=0.3),
+        signal=Periodic(dwell=0.3),
         t_final=2,
         samples=9,
     )
@@ -152,9 +157,7 @@ def switching() -> dd.Trajectory:
 def mobile() -> dd.Trajectory:
     network = dd.Network.from_arcs([["ä", "b c"]], arrow="listens_to", agents=["ä", "b c", "d"])
     problem = dd.Problem(network=network, coupling="-y", target=[0, 1], name="Ω")
-    return simulate(
-        problem, signal=dd.signals.Mobile(radius=1, hysteresis=0.1), t_final=40, samples=11
-    )
+    return simulate(problem, signal=Mobile(radius=1, hysteresis=0.1), t_final=40, samples=11)
 
 
 @cache
@@ -164,7 +167,7 @@ def stressed() -> dd.Trajectory:
     )
     return simulate(
         dd.load_problem("paper-switching"),
-        signal=dd.signals.Periodic(dwell=0.3),
+        signal=Periodic(dwell=0.3),
         t_final=2,
         samples=9,
         stress=stress,

@@ -29,13 +29,18 @@ def pair(**changes: object) -> dd.Problem:
 def largest(agent: int) -> float:
     """0.1 times the integral of |response of the agent to every residual|, by SciPy: [e; eps], w
     enters both."""
-    ring, n = np.roll(np.eye(10), 1, axis=1), 10
+    ring = np.roll(np.eye(10), 1, axis=1)
+    n = 10
     M = np.zeros((30, 30))
     M[:n, :n] = 2 * (ring - np.eye(n)) - np.diag([5.0 if i in (0, 5) else 0 for i in range(n)])
-    A, C, W = np.array([[0, 2], [-2, 0]]), np.array([[1, 0]]), np.array([[3.2], [2.4]])
+    A = np.array([[0, 2], [-2, 0]])
+    C = np.array([[1, 0]])
+    W = np.array([[3.2], [2.4]])
     M[:n, n:], M[n:, n:] = np.kron(np.eye(n), C), np.kron(np.eye(n), A - W @ C)
     entry = np.vstack([np.eye(n), -np.kron(np.eye(n), W)])
-    step, row, total = expm(M * 0.002), np.eye(30)[agent], 0.0
+    step = expm(M * 0.002)
+    row = np.eye(30)[agent]
+    total = 0.0
     for _ in range(15_000):
         total += 0.002 * np.abs(row @ entry).sum()
         row = row @ step
@@ -69,7 +74,8 @@ def test_runs_of_an_ensemble_are_the_single_ones(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(worst, "STEPS", 20)
     problem = pair(uncertainty={"disturbance": "0.1"}, exosystem=HARMONIC, observer=PRINTED)
     given = {"stress": "worst", "t_final": 2, "samples": 9, "tolerance": 1e-6}
-    many, one = dd.simulate(problem, runs=2, seed=5, **given), dd.simulate(problem, seed=6, **given)
+    many = dd.simulate(problem, runs=2, seed=5, **given)
+    one = dd.simulate(problem, seed=6, **given)
     assert many.error[1] == pytest.approx(np.abs(one.x).max(axis=(1, 2)), rel=1e-6)
 
 

@@ -829,16 +829,7 @@ def trade_off_of(
 ) -> TradeOff:
     """The curve of that name.  Raises: SpecError for another name or number of points, and where
     there is no curve."""
-    count = _read_points(points)
-    if curve not in AXES:
-        text = f"curve must be one of {', '.join(AXES)}; got {shown(curve)}."
-        raise SpecError(text, key="curve", cure='"gain" is the sum of the gains against the rate.')
-    if count is None:
-        text = f"points must be an integer from 2 to 200; got {shown(points)}."
-        raise SpecError(text, key="points", cure="Ten are a good choice.")
-    if curve == "noise" and not problem.groups:
-        text = "the noise curve needs an exosystem: without one there is no observer."
-        raise SpecError(text, key="curve", cure='Ask for "gain" or "pins".')
+    count = _read_curve(problem, curve, points)
     bare = changed_problem(problem, {"pinning.gains": None})
     own = design
     if design is None and curve == "gain":
@@ -863,12 +854,19 @@ def trade_off_of(
     )
 
 
-def _read_points(points: object) -> int | None:
-    """A number of points that a curve may have; None for anything else."""
+def _read_curve(problem: Problem, curve: str, points: object) -> int:
+    """How many points a curve gets.  Raises: SpecError where there is no such curve."""
+    if curve not in AXES:
+        text = f"curve must be one of {', '.join(AXES)}; got {shown(curve)}."
+        raise SpecError(text, key="curve", cure='"gain" is the sum of the gains against the rate.')
     # True and False are integers of Python.
-    if isinstance(points, bool) or not isinstance(points, int):
-        return None
-    return points if 2 <= points <= 200 else None
+    if isinstance(points, bool) or not isinstance(points, int) or not 2 <= points <= 200:
+        text = f"points must be an integer from 2 to 200; got {shown(points)}."
+        raise SpecError(text, key="points", cure="Ten are a good choice.")
+    if curve == "noise" and not problem.groups:
+        text = "the noise curve needs an exosystem: without one there is no observer."
+        raise SpecError(text, key="curve", cure='Ask for "gain" or "pins".')
+    return points
 
 
 def _chosen(curve: str, design: Design, observer: ObserverDesign | None) -> TradePoint | None:

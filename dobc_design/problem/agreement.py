@@ -19,12 +19,8 @@ from dobc_design.verdict import Verdict
 def agreement_words(problem: Problem) -> str:
     """What agents of which none is pinned do among themselves, in a sentence; "" where it is not
     known here."""
-    if (
-        problem.pinning.agents
-        or problem.dynamics is not None
-        or problem.origin is not None
-        or problem.n == 1
-    ):
+    held = problem.pinning.agents or problem.dynamics is not None
+    if held or problem.origin is not None or problem.n == 1:
         return ""
     labels, modes = problem.network.labels, problem.network.modes
     apart = closed_groups(problem, modes.values())
@@ -34,21 +30,23 @@ def agreement_words(problem: Problem) -> str:
             f"Nor need they agree with each other: no arc lets {first} hear anybody else, and none "
             f"lets {second}."
         )
-    roots = [
-        set(groups[0])
-        for arcs in modes.values()
-        if len(groups := closed_groups(problem, [arcs.present])) == 1
-    ]
+    roots = []  # of each mode, if there are any: agents that hear nobody outside of themselves
+    for arcs in modes.values():
+        groups = closed_groups(problem, [arcs.present])
+        if len(groups) == 1:
+            roots.append(set(groups[0]))
     if len(roots) < len(modes):
         return ""  # it depends on how the modes follow each other
     if problem.uncertainty is not None or problem.actuators is not None:
         return ""  # what they leave of it is not decided here
     if not _attract(problem) or not all(map(_estimates_decay, problem.groups)):
         return ""
+    # One agent that leads in every mode can be named.
     common = set.intersection(*roots)
     heard = "every mode has an agent that is heard by all others"
     if common:
         heard = f"agent {labels[min(common)]} is heard by all others"
+    # Slopes at 0 say nothing of far starts unless the couplings are linear.
     start = "" if problem.is_linear else ", from close enough starts"
     return (
         f"The agents do agree with each other{start}, because {heard}, directly or through others; "
@@ -58,11 +56,11 @@ def agreement_words(problem: Problem) -> str:
 
 def _attract(problem: Problem) -> bool:
     """Whether every coupling acts by component and rises at 0."""
-    slopes = [
-        [row[k] for k, row in enumerate(each.jacobian_at_zero())] for each in problem.couplings
-    ]
-    by_component = all(each.by_component for each in problem.couplings)
-    return by_component and all(slope.lo > 0 for own in slopes for slope in own)
+    for each in problem.couplings:
+        slopes = [row[k] for k, row in enumerate(each.jacobian_at_zero())]
+        if not each.by_component or any(slope.lo <= 0 for slope in slopes):
+            return False
+    return True
 
 
 def _estimates_decay(group: Group) -> bool:

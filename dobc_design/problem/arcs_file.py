@@ -81,6 +81,7 @@ def read_arcs_file(
     """
     check_repairs(merge, drop_loops, key=key)
     source, path, text = _opened(name, folder=folder, key=key)
+    # Plain tables are read many lines at a time; all others, and all mistakes, line by line.
     table = _table(path, text, source)
     plain = None if table is None else plain_columns(text, table, source, index)
     quick = None if plain is None else _plain_arcs(plain, source, arrow=arrow)
@@ -168,6 +169,7 @@ def _arcs(
     merge: str | None,
     drop_loops: bool,
 ) -> Arcs:
+    # Arrays of machine numbers: lists of tuples would take many times the memory.
     columns = array("q"), array("q"), array("q")
     known: dict[str, Fraction] = {}
     weights: list[Fraction] = []
@@ -249,6 +251,7 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     root = folder.resolve()
     found, size = "does not exist", 0
     try:
+        # Links are followed before it is asked whether the file lies in the folder.
         path = (root / name).resolve()
         inside = path.is_relative_to(root) and "\0" not in name
         if inside and path.is_dir():

@@ -135,6 +135,7 @@ def gml(text: str, source: Source) -> Graph:
 
 def _gml_entries(text: str, source: Source) -> Entries:
     """The keys and values of a file; a list is a value in brackets."""
+    # Lines stay where they are, comments become empty.
     bare = "\n".join("" if line.lstrip().startswith("#") else line for line in text.splitlines())
     tokens = iter(_TOKEN.findall(bare))
     open_lists: list[Entries] = [[]]
@@ -249,6 +250,7 @@ def _pajek_rows(
     if unknown is not None:
         what = f"names vertex {shown(unknown)}; vertices are numbered 1 to {len(labels)}"
         raise source.error(what, "Correct the number.", row=row)
+    # In a list every further cell is another agent, so there is no room for weights.
     weight = [] if lists else cells[2:3]
     for end in ends[1:]:
         yield from _edge(row, labels[ends[0]], labels[end], weight, both=part.startswith("*edges"))
@@ -315,6 +317,7 @@ def _matrix_rows(
         if not 1 <= min(i, j) <= max(i, j) <= n:
             what = f"leaves the matrix, which is {n} x {n}"
             raise source.error(what, "Correct the indices.", row=number)
+        # A stored zero is no arc, but it counts among the entries that the file announces.
         if with_values and _ZERO.fullmatch(cells[2]):
             yield number, []
             continue

@@ -127,6 +127,7 @@ def csv_separator(text: str, source: Source) -> str:
     """The sign between the columns: a comma, else a semicolon, else a tab.  Raises: SpecError where
     it is not clear."""
     for number, line in enumerate(io.StringIO(text), start=1):
+        # The first line that holds anything decides; each further one is checked against it.
         if line.strip() and not _COMMENT.match(line):
             sign = _sign(line, source, row=number)
             if sign is None and "\t" in line:
@@ -213,6 +214,7 @@ def _split(line: str, source: Source, separator: str | None, *, row: int) -> lis
     except csv.Error as error:
         raise source.error(f"cannot be read ({error})", "Check the quotes.", row=row) from None
     cells = [cell.strip() for cell in parts]
+    # "a, b 0.5" could be two columns or three.
     if separator != "\t" and any(len(cell.split()) > 1 for cell in cells) and '"' not in line:
         what = "holds both ; and blanks"
         if separator == ",":
@@ -312,6 +314,7 @@ def find_columns(first: Row, rows: Rows, source: Source, index: Mapping[str, int
     third = cells[2] if len(cells) > 2 else ""
     third_is_number = _NUMBER.fullmatch(third) is not None
     ends = next((pair for pair in ENDS if set(pair) <= set(names)), None)
+    # A number in the third place is a weight: then the two names are agents.
     if ends is not None and not (len(cells) == 3 and third_is_number):
         places = (names.index(ends[0]), names.index(ends[1]))
         return _named_columns(names, cells, places, source, row=number)
@@ -357,6 +360,7 @@ def _two_names(first: Row, rows: Rows, source: Source, index: Mapping[str, int])
     """Two words at the top are a header if all labels below are numbers, and an arc if one of them
     occurs again."""
     number, (a, b, *_) = first
+    # The whole file is asked: only a name that never occurs again can be a header.
     others = {label for place, cells in rows() if place != number for label in cells[:2]}
     if not others or a in others or b in others or a in index or b in index:
         return PLAIN

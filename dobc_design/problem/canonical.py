@@ -314,6 +314,7 @@ class _Reader:
                 result.append(Group(agents=agents, exosystem=system, observer=observer))
             except SpecError as error:
                 raise renamed(error, key) from None
+        # One problem has one text: a group of all agents is written without groups.
         everybody = len(result) == 1 and len(result[0].agents) == len(self.labels)
         if not result or everybody:
             wanted = "a list of groups, none of which has all agents"
@@ -399,6 +400,7 @@ def _wrong(key: str, wanted: str, value: object) -> SpecError:
 
 def _arcs(value: Any, *, key: str) -> Arcs:
     rows = _list(value, key=key)
+    # One row after the other, so that a message names the first wrong one.
     for position, row in enumerate(rows):
         if not isinstance(row, list) or len(row) != 3 or not type(row[0]) is type(row[1]) is int:
             raise _wrong(f"{key}[{position}]", "[listener, speaker, weight] with indices", row)

@@ -242,6 +242,7 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str
     # A table is written in another place than a value.
     if name in table and is_table and type(old) is not type(item):
         table.remove(name)
+    # A table ends with an empty line, or the next one sticks to it.
     if isinstance(item, tomlkit.items.Table):
         item.add(tomlkit.nl())
     table[name] = item
@@ -258,6 +259,7 @@ def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) ->
         own = None if name is None else left.pop(name)
         _set(table, ["W"], own, whole=True, remark=remark)
         _set(table, ["P"], None, whole=True, remark=remark)
+    # The gain that no group has taken is that of the agents outside of all groups.
     outside = next(iter(left.values()), None)
     _set(document, ["observer", "W"], outside, whole=True, remark=remark)
     _set(document, ["observer", "P"], None, whole=True, remark=remark)
@@ -295,11 +297,13 @@ def changed_file(
     SpecError.  ``text``: the TOML the problem came from, or None; its comments and its order stay
     where that is possible."""
     wanted = changed_problem(problem, changes)
+    # First with the comments of every line that stays, then with whole tables written anew.
     if text is not None:
         for whole in (False, True):
             own = changed_text(text, changes, whole=whole, remark=remark)
             if own is not None and _gives(own, wanted, folder=folder):
                 return own
+    # Last without the text that was there.
     anew = problem_text(wanted)
     if _gives(anew, wanted, folder=folder):
         return anew
@@ -322,6 +326,7 @@ def _gives(text: str, wanted: Problem, *, folder: Path) -> bool:
 def problem_text(problem: Problem) -> str:
     """A whole problem file.  Reading it gives an equal Problem."""
     labels = list(problem.network.labels)
+    # A count in place of labels, as somebody would write it.
     counted = labels == [str(i + 1) for i in range(len(labels))]
     document = tomlkit.document()
     document["schema"] = 1

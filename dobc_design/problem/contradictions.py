@@ -60,7 +60,7 @@ def _about_limits(problem: Problem, reached: Mapping[str, float]) -> Iterator[st
         tight = _within(table, amplitudes)
         if tight:
             yield _limit_warning(tight, amplitudes, source, problem.n)
-            break
+            break  # the same agents, most often: one warning is enough
     largest = max(reached.values(), default=0.0)
     if stated is not None and stated < largest:
         yield (
@@ -72,7 +72,11 @@ def _about_limits(problem: Problem, reached: Mapping[str, float]) -> Iterator[st
 
 def _within(table: Actuators, amplitudes: Mapping[str, float]) -> dict[str, Fraction]:
     """The limits below the amplitudes, by label; where none is below, those that are equal."""
-    limits = {label: limit for label in amplitudes if (limit := table.limit_of(label)) is not None}
+    limits = {}
+    for label in amplitudes:
+        limit = table.limit_of(label)
+        if limit is not None:
+            limits[label] = limit
     below = {label: limit for label, limit in limits.items() if limit < amplitudes[label]}
     return below or {label: limit for label, limit in limits.items() if limit == amplitudes[label]}
 
@@ -82,9 +86,9 @@ def _limit_warning(
 ) -> str:
     largest = max(amplitudes[label] for label in tight)
     least = significant(min(tight.values()))
-    whose = (
-        "every agent" if len(tight) == n else f"agent{'s' * (len(tight) > 1)} {listed(list(tight))}"
-    )
+    whose = f"agent {listed(list(tight))}" if len(tight) == 1 else f"agents {listed(list(tight))}"
+    if len(tight) == n:
+        whose = "every agent"
     relation, leaves = "is below", "the disturbance alone needs more than the actuators can give"
     if all(limit == amplitudes[label] for label, limit in tight.items()):
         relation, leaves = "equals", "cancelling the disturbance leaves nothing for the feedback"
@@ -105,6 +109,7 @@ def _reached_in_runs(problem: Problem) -> dict[str, float]:
             continue
         if any(part[0] > 0 or part[2] > 1 for part in disturbance_parts(group.exosystem)):
             continue  # it grows for ever
+        # |C xi(t)| is at most the sum of the amplitudes of all parts.
         _, vectors = np.linalg.eig(to_float(group.exosystem.A))
         weights = np.linalg.lstsq(vectors, starts, rcond=None)[0]
         # of C xi, by component and agent
@@ -112,9 +117,8 @@ def _reached_in_runs(problem: Problem) -> dict[str, float]:
         largest = np.broadcast_to(sizes.max(axis=0), (len(group.agents),)).tolist()
         # Rounded, so that a limit which is equal is not found to be below by an error of the last
         # digit.
-        found |= {
-            label: float(f"{size:.9g}") for label, size in zip(group.agents, largest, strict=True)
-        }
+        for label, size in zip(group.agents, largest, strict=True):
+            found[label] = float(f"{size:.9g}")
     return found
 
 

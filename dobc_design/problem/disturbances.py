@@ -87,6 +87,7 @@ def read_exosystem(
         places[group_key(number)] = group
     found = {place: _explicit(each, place, errors) for place, each in places.items()}
     raise_all(errors)
+    # Disturbances in words have one part for each component, so how many there are comes first.
     m = dimension_of(next((each for each in found.values() if each is not None), None))
     for place, each in places.items():
         if found[place] is None:
@@ -133,6 +134,7 @@ def _explicit(
         errors.append(wrong(f"{place}.{parts[0]}", what, cure))
     if parts:
         return None
+    # [exosystem] may be there for its groups alone.
     if isinstance(table, ExosystemTable) and table.groups and not matrices:
         return None
     for name in ("A", "C"):
@@ -183,6 +185,7 @@ def _in_words(
     except SpecError as error:
         for each in error.errors:
             was = each.key or ""
+            # exosystems.of_parts knows one table; the key is that of the table it was read from.
             own = (was or "constant").removeprefix("exosystem").removeprefix(".")
             key = f"{place}.{own}".rstrip(".")
             message = each.message.replace(was, key, 1)

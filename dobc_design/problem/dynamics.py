@@ -74,6 +74,7 @@ class Dynamics(Shown):
             what = f"must have {counted(m, 'row')}, one per state component; got {len(enters)}."
             cure = "Row c says how the inputs act on x_c."
             raise wrong("dynamics.B", what, cure, kind=ShapeError)
+        # Else two inputs could not be told apart, and B+ would not exist.
         if rank(enters) < len(enters[0]):
             what = "must have full column rank, so that every input acts in a way of its own."
             raise wrong("dynamics.B", what, "Remove inputs that act like others, or not at all.")
@@ -146,6 +147,7 @@ class Dynamics(Shown):
         if found is None:
             return None
         pulled = _column(found)
+        # The least squares solution holds the goal if any input does.
         u0 = scale(-1, multiply(self.left_inverse, pulled))
         held = not any(x for (x,) in add(pulled, multiply(self.B, u0)))
         return tuple(x for (x,) in u0) if held else None
@@ -157,6 +159,7 @@ class Dynamics(Shown):
             return None
         nowhere = (Fraction(0),) * self.dimension
         kept = subtract(identity(self.dimension), multiply(self.B, self.left_inverse))
+        # Goals that some input holds: (1 - B B+) A x = 0.
         basis = nullspace(multiply(kept, self.A))
         if not any(map(any, basis)):
             return nowhere
@@ -175,6 +178,7 @@ def expressions_of(dynamics: Dynamics) -> tuple[Expression, ...]:
 def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
     """Refuse an f that is not defined, or has no bounded slope, near a goal.  Raises:
     ExpressionError."""
+    # At a single point every kink looks smooth: a neighbourhood shows it.
     near = [Interval(x - NEAR, x + NEAR) for x in goal]
     algebra = GradientAlgebra(dynamics.dimension)
     for place, expression in enumerate(expressions_of(dynamics)):

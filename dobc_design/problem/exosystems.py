@@ -59,12 +59,8 @@ class Exosystem(Shown):
                 f"must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q}); got "
                 f"shape ({len(output)}, {len(output[0])})."
             )
-            raise wrong(
-                "exosystem.C",
-                what,
-                "Each row of C picks one component of the disturbance.",
-                kind=ShapeError,
-            )
+            cure = "Each row of C picks one component of the disturbance."
+            raise wrong("exosystem.C", what, cure, kind=ShapeError)
         put(self, A=dynamics, C=output)
 
     @property
@@ -85,10 +81,8 @@ class Exosystem(Shown):
             what = f"must be a state-space system with A and C; got {type(system).__name__}."
             raise wrong("exosystem", what, "For a transfer function: control.ss(system).")
         if getattr(system, "dt", None):
-            what = (
-                "must be in continuous time, xi' = A xi; got one with the time step "
-                f"{shown(system.dt)}."
-            )
+            what = "must be in continuous time, xi' = A xi; got one with the time step"
+            what += f" {shown(system.dt)}."
             raise wrong("exosystem", what, "Give the continuous-time system.")
         return cls(A=np.asarray(system.A).tolist(), C=np.asarray(system.C).tolist())
 
@@ -122,20 +116,17 @@ def of_parts(
         elif frequencies is None:
             cure = "Write frequencies = [2], in rad/s; or, without kind, hz = [0.5]."
             raise wrong("exosystem.frequencies", "is required for harmonics and missing.", cure)
-        for key in (key for key, value in beside.items() if value is not None):
-            raise wrong(
-                f"exosystem.{key}",
-                "cannot stand beside kind.",
-                "Remove kind: parts without it add up.",
-            )
-        constant, ramp = kind == "constant", kind == "ramp"
+        for key, value in beside.items():
+            if value is not None:
+                cure = "Remove kind: parts without it add up."
+                raise wrong(f"exosystem.{key}", "cannot stand beside kind.", cure)
+        constant = kind == "constant"
+        ramp = kind == "ramp"
     for key, value in (("constant", constant), ("ramp", ramp)):
         if not isinstance(value, bool | None):
-            raise wrong(
-                f"exosystem.{key}",
-                f"must be true or false; got {shown(value)}.",
-                f"Write {key} = true.",
-            )
+            what = f"must be true or false; got {shown(value)}."
+            raise wrong(f"exosystem.{key}", what, f"Write {key} = true.")
+    # A ramp starts somewhere: it has the constant in it.
     shapes = [polynomial(1 if ramp else 0)] if constant or ramp else []
     sines: dict[Fraction, str] = {}
     for key, value in (("frequencies", frequencies), ("hz", hz)):
@@ -152,10 +143,10 @@ def of_parts(
 def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
     """Add angular frequencies (rad/s) to ``found``, each with the key that states it; those of the
     key hz are in Hz, and 2 pi f is rounded to twelve digits."""
-    in_hz, unit = (True, "Hz") if key.endswith("hz") else (False, "rad/s")
+    in_hz = key.endswith("hz")
     given = list(value) if is_list(value) else [value]
     if not given:
-        what = f"must hold at least one number ({unit}); got none."
+        what = f"must hold at least one number ({'Hz' if in_hz else 'rad/s'}); got none."
         raise wrong(key, what, "Without sines leave it out, for example constant().")
     for k, each in enumerate(given):
         name = f"{key}[{k}]" if is_list(value) else key
@@ -167,12 +158,14 @@ def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
                 "harmonics(...))."
             )
             raise wrong(name, f"must be {limits}; got {shown_number(w)}.", cure)
+        # 2 pi f is irrational: the claim is about the rounded frequency, which is written down.
         if in_hz:
             w = Fraction(f"{math.tau * w.numerator / w.denominator:.{DIGITS}g}")
         if w in found:
+            size = nearest(w)
             what = (
                 f"must differ from {found[w]}, because equal sines cannot be told apart; both are "
-                f"{nearest(w):.6g} rad/s ({nearest(w) / math.tau:.6g} Hz)."
+                f"{size:.6g} rad/s ({size / math.tau:.6g} Hz)."
             )
             raise wrong(name, what, "Name each frequency once; amplitude and phase are free.")
         found[w] = name
@@ -225,20 +218,14 @@ def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exo
     off is an unmodelled disturbance for the observer. Raises: SpecError unless fundamental > 0 and
     harmonics_kept is an integer >= 1."""
     w = parse_number(fundamental, key="fundamental")
-    if (
-        isinstance(harmonics_kept, bool)
-        or not isinstance(harmonics_kept, int)
-        or harmonics_kept < 1
-    ):
-        what = f"must be an integer >= 1; got {shown(harmonics_kept)}."
+    kept = harmonics_kept
+    if isinstance(kept, bool) or not isinstance(kept, int) or kept < 1:
+        what = f"must be an integer >= 1; got {shown(kept)}."
         raise wrong("harmonics_kept", what, "For a constant disturbance use constant().")
     if w <= 0:
-        raise wrong(
-            "fundamental",
-            f"must be > 0 (rad/s); got {shown_number(w)}.",
-            "It is 2 pi divided by the period.",
-        )
-    sines = harmonics([w * k for k in range(1, harmonics_kept + 1)])
+        what = f"must be > 0 (rad/s); got {shown_number(w)}."
+        raise wrong("fundamental", what, "It is 2 pi divided by the period.")
+    sines = harmonics([w * k for k in range(1, kept + 1)])
     return total(constant(), sines) if mean else sines
 
 
@@ -253,13 +240,10 @@ def total(*parts: Exosystem) -> Exosystem:
     """
     outputs = _require_parts(parts)
     if len({part.outputs for part in parts}) > 1:
-        what = (
-            "the parts of a total must have equally many components, because they are added; got "
-            f"{', '.join(str(part.outputs) for part in parts)}."
-        )
-        raise SpecError(
-            what, key="parts", cure="stacked(...) gives every part components of its own."
-        )
+        sizes = ", ".join(str(part.outputs) for part in parts)
+        what = "the parts of a total must have equally many components, because they are added;"
+        cure = "stacked(...) gives every part components of its own."
+        raise SpecError(f"{what} got {sizes}.", key="parts", cure=cure)
     C = [[x for part in parts for x in part.C[row]] for row in range(outputs)]
     return Exosystem(A=block_diagonal([part.A for part in parts]), C=C)
 
@@ -268,24 +252,22 @@ def stacked(*parts: Exosystem) -> Exosystem:
     """Each part drives components of its own: A and C block diagonal.  For m > 1.  Raises:
     SpecError without parts."""
     _require_parts(parts)
-    return Exosystem(
-        A=block_diagonal([part.A for part in parts]), C=block_diagonal([part.C for part in parts])
-    )
+    A = block_diagonal([part.A for part in parts])
+    return Exosystem(A=A, C=block_diagonal([part.C for part in parts]))
 
 
 def _require_parts(parts: Sequence[Exosystem]) -> int:
     if not parts or not all(isinstance(part, Exosystem) for part in parts):
-        raise wrong(
-            "parts",
-            "must be at least one Exosystem.",
-            "For example total(constant(), harmonics([1, 2])).",
-        )
+        cure = "For example total(constant(), harmonics([1, 2]))."
+        raise wrong("parts", "must be at least one Exosystem.", cure)
     return parts[0].outputs
 
 
 def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:
     """Matrices along the diagonal, zeros elsewhere."""
-    width, before, zero = sum(len(block[0]) for block in blocks), 0, Fraction(0)
+    zero = Fraction(0)
+    width = sum(len(block[0]) for block in blocks)
+    before = 0  # columns of the blocks that are placed
     rows: list[tuple[Fraction, ...]] = []
     for block in blocks:
         after = width - before - len(block[0])

@@ -56,6 +56,7 @@ class Observer(Shown):
         gain = None if W is None else read_matrix(W, key="observer.W")
         lyapunov = None if P is None else read_matrix(P, key="observer.P")
         speed = None if rate is None else parse_number(rate, key="observer.rate")
+        # P alone would be tested for a W that nobody has seen.
         if lyapunov is not None:
             if gain is None:
                 what = "must stand beside observer.W, because P is tested for that W; got P alone."
@@ -180,6 +181,7 @@ def read_groups(
     for number, group in enumerate(groups):
         with kept(errors):
             _check_group(group, number, m=m, states=states, rate=common.rate)
+    # With a mistake above, "in no group" would be said of agents that are meant to be in one.
     if not errors:
         rest = [label for label in labels if label not in owner]
         _check_rest(rest, exosystem, common, states)
@@ -211,6 +213,7 @@ def renamed(error: SpecError, key: str) -> SpecError:
     file."""
 
     def changed(text: str) -> str:
+        # The nouns know nothing of groups: their messages name [exosystem] and [observer].
         return re.sub(r"\b(?:exosystem|observer)\.([ACWP])\b", rf"{key}.\1", text)
 
     errors = []
@@ -321,6 +324,7 @@ def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix
         blocks.append(tuple(tuple(each[column : column + columns]) for each in band))
         row += rows
         column += columns
+    # Whatever stands outside of the blocks is 0, or it is another matrix.
     if block_diagonal(blocks) != tuple(map(tuple, matrix)):
         return None
     return tuple(blocks)

@@ -256,6 +256,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
             return dynamics.inputs
         return dimension_of(exosystem, tables.target, tables.coupling.h)
 
+    # What can be read is read, so that all mistakes of a file show at once.
     network = _tried(lambda: _network(tables, folder=folder), errors)
     given = _tried(lambda: read_exosystem(tables, dimension_of=inputs), errors)
     observer = _tried(lambda: _observer(tables), errors)

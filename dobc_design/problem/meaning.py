@@ -74,6 +74,7 @@ def disturbance_starts(problem: Problem, group: Group) -> Array:
     rows = problem.simulation.xi0 or ()
     if not rows or not has_floats(problem):
         return np.zeros((group.exosystem.order, 0))
+    # One row for each agent: those of this group.
     if len(rows) > 1:
         numbers = group_numbers(problem.groups, problem.network.labels)
         place = problem.groups.index(group)
@@ -88,6 +89,7 @@ def _amplitude(
     constant."""
     if part[0] or part[2] > 1 or not starts.size:
         return None
+    # The part of C exp(A t) xi(0) that moves with this eigenvalue.
     values, vectors = np.linalg.eig(to_float(exosystem.A))
     here = complex(*part[:2])
     others = [abs(here - complex(re, sign * im)) for re, im, _ in parts for sign in (1, -1)]
@@ -104,6 +106,7 @@ def disturbance_parts(exosystem: Exosystem) -> list[Part]:
     if not A:
         return []
     found = list[Part]()
+    # The minimal polynomial says exactly which eigenvalues are equal, and how long chains are.
     for factor, power in to_fmpq_mat(A).minpoly().factor()[1]:
         roots: Any = factor.complex_roots()  # pairs (root, multiplicity)
         for root, _ in roots:
@@ -169,6 +172,7 @@ def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
     loop."""
     spectra: list[tuple[str, NDArray[Any]]] = []
     problem = as_integrators(problem)
+    # Dense eigenvalues: beyond that they would take longer than all else that check says.
     if problem.n * problem.m <= LARGEST_NETWORK:
         K = pinning_matrix(problem)
         for mode in list(problem.network.modes)[:MOST_MODES]:
@@ -236,6 +240,7 @@ def _about_disturbance(problem: Problem, group: Group) -> Iterator[str]:
     if exosystem.order > LARGEST_ORDER:
         return
     seen = disturbance_parts(exosystem)
+    # With C = I nothing is hidden: what is there and does not reach d shows by comparison.
     whole = Exosystem(A=exosystem.A, C=identity(exosystem.order))
     for part in seen:
         if part[0] > 0:
@@ -321,6 +326,7 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Iterator[str]:
     missing = [labels[i] for i in unheard if i not in apart]
     if not missing:
         return
+    # Mixed-up directions are the commonest slip: try them the other way round.
     turned = [Arcs(arcs.speakers, arcs.listeners, arcs.weights) for arcs in modes.values()]
     if unreached(held, turned):
         yield (

@@ -54,6 +54,7 @@ def one_form(text: object) -> str:
 
 def label_text(value: object, *, place: str = "network.agents") -> str:
     """Turn a label as given into its text; 1 and "1" are one label."""
+    # Numbers with a point stay text when a file is read: 1.0 is no label.
     if isinstance(value, (bool, NumberText)) or not isinstance(value, (str, int, np.integer)):
         what = f"{place}: a label must be text or a whole number; got {shown(value)}."
         raise SpecError(what, key="network.agents", cure="Write it in quotes.")
@@ -164,6 +165,7 @@ def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
     """Read weights exactly, each distinct value once."""
     known: dict[object, Fraction] = {number_key(1): ONE}
     result = []
+    # A network has few different weights: equal texts are parsed once.
     for position, value in enumerate(values):
         plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
         token = number_key(value) if plain else object()
@@ -196,6 +198,7 @@ def directed(
 ) -> Arcs:
     """Apply ``arrow`` to pairs of indices: who of [a, b] is the listener."""
     check_arrow(arrow)
+    # Arcs are frozen, and hashed by the bytes of their ends.
     for ends in (first, second):
         ends.setflags(write=False)
     if arrow == "listens_to":
@@ -220,6 +223,7 @@ def repeated(first: IndexArray, second: IndexArray) -> IndexArray:
     """The places of arcs that stood there before, in order."""
     if not len(first):
         return np.zeros(0, dtype=np.int64)
+    # One number for each pair, so that equal pairs are neighbours once sorted.
     codes = first * (int(second.max()) + 1) + second
     order = np.argsort(codes, kind="stable")
     return np.sort(order[1:][np.diff(codes[order]) == 0])
@@ -360,6 +364,7 @@ def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tu
 
 
 def _range(index: Mapping[str, int]) -> str:
+    # Labels that count are shown as a range, others by the first few.
     names = list(index)
     if len(names) > 3 and names[0] == "1" and names[-1] == str(len(names)):
         return f" (agents are numbered 1 to {len(names)})"
@@ -379,6 +384,7 @@ class Network(Shown):
     modes: Mapping[str, Arcs]
 
     def __post_init__(self) -> None:
+        # A copy that nobody can change: a Network is hashed, and certificates are about it.
         put(self, modes=MappingProxyType(dict(self.modes)))
         put(self, labels=labels_of(self.labels))
         _check_different(self.labels)
@@ -536,6 +542,7 @@ class Network(Shown):
                 cure = "Add the missing nodes to the graph; a node without arcs is allowed."
                 raise wrong(key, what, cure)
             pairs = list(each.edges(data="weight", default=1))
+            # networkx names an undirected edge once; both of its agents listen.
             if not each.is_directed():
                 pairs += [(b, a, w) for a, b, w in pairs]
             arcs[name] = pairs
@@ -573,6 +580,7 @@ class Network(Shown):
             if not hasattr(each, "tocoo") or len(each.shape) != 2:
                 what = f"must be a SciPy sparse matrix; got {type(each).__name__}."
                 raise wrong(key, what, "Wrap it: scipy.sparse.coo_array(matrix).")
+            # A copy: adding up duplicates works in place, and the matrix is the user's.
             table = each.tocoo(copy=True)
             table.sum_duplicates()
             rows, columns = table.shape

@@ -93,6 +93,7 @@ class GainForm:
     def of(cls, m: int, dynamics: Dynamics | None, coupling: Coupling | None) -> GainForm:
         """The form for m states; ``coupling`` is None where it was refused, and then nothing is
         said of gains."""
+        # With as many inputs as states a number is a multiple of the identity.
         if dynamics is None or dynamics.inputs == m:
             return cls(unit=identity(m), shape=(m, m), pulling=dynamics is None)
         shape = (dynamics.inputs, m)
@@ -109,6 +110,7 @@ class GainForm:
         """Refuse a gain that may push away from the target.  Raises: SpecError."""
         if not self.pulling:
             return
+        # e'ke = e'(k + k')e/2: only the symmetric part pulls.
         symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
         if decide_positive_semidefinite(symmetric).verdict is Verdict.PROVED:
             return
@@ -161,6 +163,7 @@ def read_pinning(gains: Any, *, network: Network, form: GainForm) -> Pinning:
     if not isinstance(gains, Mapping):
         gain = form.read(gains, key="pinning.gains")
         return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
+    # The commonest wrong key: gains by mode, as weights are.
     modes = [mode for mode in map(str, gains) if mode in network.modes and mode not in labels]
     if modes:
         raise _pins_of_modes(gains, modes, network, form)
@@ -237,6 +240,7 @@ def by_label(
 
 def _no_agent(label: object, labels: Sequence[str], *, key: str) -> SpecError:
     what = f"there is no agent {shown(str(label))} in network.agents."
+    # Bounded, because the search takes the product of both lengths.
     near = get_close_matches(str(label)[:100], labels[:1000], n=1)
     cure = f'Did you mean "{near[0]}"?' if near else "Use the label of an agent."
     return about(key, what, cure)

@@ -136,6 +136,7 @@ class Problem(Shown):
     ) -> None:
         _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching)
         _check_groups(groups)
+        # Everything below needs to know how many components there are: these two raise at once.
         own = Dynamics(**dynamics) if isinstance(dynamics, Mapping) else dynamics
         first = exosystem
         if exosystem is None and groups:
@@ -194,6 +195,7 @@ class Problem(Shown):
             put(self, notes=_read_notes(notes))
         raise_all(errors)
         self._check_dynamics()
+        # Arcs name a coupling by its place, so that equal ones are bounded once.
         couplings = dict.fromkeys((self.coupling, *self.exceptions.values()))
         places = {each: place for place, each in enumerate(couplings)}
         put(self, couplings=tuple(places), origin=None, node=None)
@@ -215,6 +217,7 @@ class Problem(Shown):
         elif any(self.target):
             what = "must be left out, or 0, with a [leader], which is the target."
             raise wrong("target", what, "Remove it.")
+        # The slopes of f at the target have to be rational.
         own.about(self.target)
         if self.offsets and own.f is not None:
             what = "is known for agents with A only, not with f."

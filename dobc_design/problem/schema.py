@@ -85,42 +85,39 @@ def _table(value: Any) -> Any:
 # any value will do here: the nouns read it and name the key
 _GIVEN = PlainValidator(lambda value: value)
 _TABLE = PlainValidator(_table)
+Given = Annotated[Any, _GIVEN]
 
-Number = Annotated[Any, _GIVEN, WithJsonSchema(_NUMBER)]
-NumberMatrix = Annotated[Any, _GIVEN, WithJsonSchema(_MATRIX)]
-NumberOrList = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _NUMBERS))]
+Number = Annotated[Given, WithJsonSchema(_NUMBER)]
+NumberMatrix = Annotated[Given, WithJsonSchema(_MATRIX)]
+NumberOrList = Annotated[Given, WithJsonSchema(_either(_NUMBER, _NUMBERS))]
 _COUPLING = {"description": "In y, applied by component; or a list of m expressions in y1..ym."}
-CouplingText = Annotated[Any, _GIVEN, WithJsonSchema(_COUPLING | _either(_TEXT, _list_of(_TEXT)))]
-ArcList = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_list_of(_LABEL, 2, 2)))]
-Texts = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NOTE, _list_of(_NOTE, None)))]
-Name = Annotated[Any, _GIVEN, WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 100})]
-Version = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
-Seed = Annotated[
-    Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})
-]
-Arrow = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(ARROWS)})]
-Signal = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(SIGNALS)})]
-Guarantee = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(GUARANTEES)})]
+CouplingText = Annotated[Given, WithJsonSchema(_COUPLING | _either(_TEXT, _list_of(_TEXT)))]
+ArcList = Annotated[Given, WithJsonSchema(_list_of(_list_of(_LABEL, 2, 2)))]
+Texts = Annotated[Given, WithJsonSchema(_either(_NOTE, _list_of(_NOTE, None)))]
+Name = Annotated[Given, WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 100})]
+Version = Annotated[Given, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
+Seed = Annotated[Given, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
+Arrow = Annotated[Given, WithJsonSchema({"enum": list(ARROWS)})]
+Signal = Annotated[Given, WithJsonSchema({"enum": list(SIGNALS)})]
+Guarantee = Annotated[Given, WithJsonSchema({"enum": list(GUARANTEES)})]
 _COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
-Agents = Annotated[Any, _GIVEN, WithJsonSchema(_either(_COUNT, _list_of(_LABEL)))]
-Pairs = Annotated[Any, _GIVEN, WithJsonSchema(_either(_INTERVAL, _list_of(_INTERVAL, None)))]
-Box = Annotated[
-    Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _list_of(_either(_NUMBER, _INTERVAL))))
-]
-Rows = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBERS, _list_of(_NUMBERS, None)))]
-ModeNames = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_TEXT))]
-Instants = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_INSTANT))]
-Count = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 1})]
+Agents = Annotated[Given, WithJsonSchema(_either(_COUNT, _list_of(_LABEL)))]
+Pairs = Annotated[Given, WithJsonSchema(_either(_INTERVAL, _list_of(_INTERVAL, None)))]
+Box = Annotated[Given, WithJsonSchema(_either(_NUMBER, _list_of(_either(_NUMBER, _INTERVAL))))]
+Rows = Annotated[Given, WithJsonSchema(_either(_NUMBERS, _list_of(_NUMBERS, None)))]
+ModeNames = Annotated[Given, WithJsonSchema(_list_of(_TEXT))]
+Instants = Annotated[Given, WithJsonSchema(_list_of(_INSTANT))]
+Count = Annotated[Given, WithJsonSchema({"type": "integer", "minimum": 1})]
 Modes = Annotated[
     Any,
     _TABLE,
     WithJsonSchema(_table_of(_list_of(_ARC, None), _FILE, _OPTIONAL) | {"minProperties": 1}),
 ]
-Gains = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
-Kind = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(KINDS)})]
-Flag = Annotated[Any, _GIVEN, WithJsonSchema({"type": "boolean"})]
-Members = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_LABEL))]
-Limits = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER)))]
+Gains = Annotated[Given, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
+Kind = Annotated[Given, WithJsonSchema({"enum": list(KINDS)})]
+Flag = Annotated[Given, WithJsonSchema({"type": "boolean"})]
+Members = Annotated[Given, WithJsonSchema(_list_of(_LABEL))]
+Limits = Annotated[Given, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER)))]
 Offsets = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
 
 
@@ -284,7 +281,7 @@ class DynamicsTable(_Table):
     """[dynamics]: x_i' = A x_i + B (couplings + u_i + d_i) of every agent."""
 
     A: NumberMatrix = Field(default=None, description="m x m, in 1/s.")
-    f: Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_TEXT))] = Field(
+    f: Annotated[Given, WithJsonSchema(_list_of(_TEXT))] = Field(
         default=None, description="In place of A: m expressions in x1..xm, x_i' = f(x_i) + ..."
     )
     B: NumberMatrix = Field(

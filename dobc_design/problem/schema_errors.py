@@ -85,6 +85,7 @@ def _unknown_key(key: str, location: Location) -> SpecError:
     known = known_keys(_without_places(table))
     place = f" in [{table}]" if table else ""
     cure = f"Known keys{place}: {', '.join(known)}."
+    # Other capitals first: for difflib "a" and "A" have nothing in common.
     near = [other for other in known if other.lower() == name.lower()]
     near += get_close_matches(name[:100], known, n=1, cutoff=0.7)
     if near:
@@ -98,6 +99,7 @@ def _unknown_key(key: str, location: Location) -> SpecError:
 @cache
 def _tables() -> dict[str, tuple[str, ...]]:
     """The keys of every table, by its name; "" is the top of the file."""
+    # From the schema, so that no table is listed twice.
     schema = ProblemFile.model_json_schema(by_alias=True)
     tables: dict[str, tuple[str, ...]] = {}
 

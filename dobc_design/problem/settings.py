@@ -304,7 +304,9 @@ class Switching(Shown):
             if not isinstance(guarantee, str) or guarantee not in GUARANTEES:
                 what = f"must be one of {', '.join(GUARANTEES)}; got {shown(guarantee)}."
                 raise wrong("switching.guarantee", what, 'For example guarantee = "dwell".')
+            # Simulations show a signal that keeps the guarantee, unless another is asked for.
             signal = GUARANTEES[guarantee] if signal is None else signal
+            # Modes of different length are a schedule that begins anew.
             if guarantee == "sequence" and is_list(dwell):
                 for name, other in (("period", period), ("schedule", schedule)):
                     if other is not None:
@@ -329,6 +331,7 @@ class Switching(Shown):
             "longest": longest,
         }
         errors: list[SpecError] = []
+        # Every field is there before the first is read, whatever of them is refused.
         put(self, signal=signal, **dict.fromkeys(given))
         for name, value in given.items():
             if value is not None:
@@ -467,6 +470,7 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
     lengths: list[Fraction] = []
     for k, x in enumerate(dwell):
         lengths.append(positive_number(x, key=f"switching.dwell[{k}]", unit="s"))
+    # Sums of allowed numbers may be too long to be written down again.
     begins = [Fraction(0), *accumulate(lengths)]
     if any(len(number_text(begin)) > MAX_CHARACTERS for begin in begins):
         short, long = shown_number(min(lengths)), shown_number(max(lengths))

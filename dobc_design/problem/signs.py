@@ -24,6 +24,7 @@ def two_sides(n: int, arcs: Iterable[Signed]) -> tuple[list[int], list[int]] | N
         linked[listener].append((speaker, opposed))
         linked[speaker].append((listener, opposed))
     side: list[int | None] = [None] * n
+    # Breadth first from one agent of every part: each arc says on which side its other end is.
     for first in range(n):
         if side[first] is not None:
             continue
@@ -67,6 +68,7 @@ def turned_text(text: str) -> str:
     brackets."""
     inner = text.strip().removeprefix("-").strip()
     depth, plain = 0, text.strip().startswith("-")
+    # A sum at the top level needs brackets; the sign of an exponent (1e-3) is no sum.
     for before, letter in zip("(" + inner, inner, strict=False):
         depth += (letter == "(") - (letter == ")")
         if depth == 0 and letter in "+-" and before not in "eE*/":

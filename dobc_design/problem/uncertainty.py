@@ -43,30 +43,22 @@ class Uncertainty(Shown):
         errors: list[SpecError] = []
         for name in (*RELATIVE, *ABSOLUTE):
             with kept(errors):
-                put(
-                    self,
-                    **{
-                        name: _bound(
-                            getattr(self, name), f"uncertainty.{name}", below=name in RELATIVE
-                        )
-                    },
-                )
+                value, key = getattr(self, name), f"uncertainty.{name}"
+                put(self, **{name: _bound(value, key, below=name in RELATIVE)})
         with kept(errors):
+            # "false" in quotes would be true.
             known: object = self.known_to_agents
             if not isinstance(known, bool):
                 what = f"must be true or false; got {shown(known)}."
-                raise wrong(
-                    "uncertainty.known_to_agents",
-                    what,
-                    "Leave it out where the agents know their couplings.",
-                )
+                cure = "Leave it out where the agents know their couplings."
+                raise wrong("uncertainty.known_to_agents", what, cure)
         raise_all(errors)
 
     def _card(self) -> Card:
-        facts: list[tuple[str, Any]] = [
-            (name, x) for name in (*RELATIVE, *ABSOLUTE) if (x := getattr(self, name))
-        ]
-        facts += [] if self.known_to_agents else [("the agents' couplings", "off by as much")]
+        bounds = [(name, getattr(self, name)) for name in (*RELATIVE, *ABSOLUTE)]
+        facts: list[tuple[str, Any]] = [(name, x) for name, x in bounds if x]
+        if not self.known_to_agents:
+            facts.append(("the agents' couplings", "off by as much"))
         return Card(title="Uncertainty", text="at most", facts=facts)
 
 
@@ -84,16 +76,12 @@ class Actuators(Shown):
         errors: list[SpecError] = []
         with kept(errors):
             if isinstance(self.limit, Mapping):
-                given = self.limit.items()
-                limits = {
-                    str(x): positive_number(u, key=f"actuators.limit.{x}", unit="unit of u")
-                    for x, u in given
-                }
+                limits = {}
+                for x, u in self.limit.items():
+                    limits[str(x)] = _limit(u, key=f"actuators.limit.{x}")
                 put(self, limit=MappingProxyType(limits))
             elif self.limit is not None:
-                put(
-                    self, limit=positive_number(self.limit, key="actuators.limit", unit="unit of u")
-                )
+                put(self, limit=_limit(self.limit, key="actuators.limit"))
         with kept(errors):
             if self.amplitude is not None:
                 put(self, amplitude=_bound(self.amplitude, "actuators.amplitude"))
@@ -111,9 +99,9 @@ class Actuators(Shown):
         return self.limit.get(label) if isinstance(self.limit, Mapping) else self.limit
 
     def _card(self) -> Card:
-        facts: list[tuple[str, Any]] = (
-            [] if self.amplitude is None else [("|d_i| at most", self.amplitude)]
-        )
+        facts: list[tuple[str, Any]] = []
+        if self.amplitude is not None:
+            facts.append(("|d_i| at most", self.amplitude))
         if isinstance(self.limit, Mapping):
             facts += [(f"|u| of {label} at most", x) for label, x in self.limit.items()]
         elif self.limit is not None:
@@ -123,11 +111,9 @@ class Actuators(Shown):
 
 def read_uncertainty(value: Any) -> Uncertainty | None:
     """Read the [uncertainty] table.  Raises: SpecError that names every wrong key."""
-    return (
-        value
-        if value is None or isinstance(value, Uncertainty)
-        else Uncertainty(**_known(value, Uncertainty))
-    )
+    if value is None or isinstance(value, Uncertainty):
+        return value
+    return Uncertainty(**_known(value, Uncertainty))
 
 
 def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
@@ -151,6 +137,10 @@ def _known(value: Any, noun: Any) -> dict[str, Any]:
         if name not in names:
             raise wrong(f"{key}.{name}", "is an unknown key.", f"Known keys: {', '.join(names)}.")
     return {name: each for name, each in value.items() if each is not None}
+
+
+def _limit(value: Any, *, key: str) -> Fraction:
+    return positive_number(value, key=key, unit="unit of u")
 
 
 def _bound(value: Any, key: str, *, below: bool = False) -> Fraction:

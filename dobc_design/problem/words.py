@@ -81,6 +81,7 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> list[str]:
 def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
     """Whom each agent hears, of the first agents."""
     heard: dict[int, list[str]] = defaultdict(list)
+    # Large networks are not gone through: the first agents say what the arrow means.
     for listener, speaker, weight in arcs:
         of = "" if weight == 1 else f" (weight {decimal_text(weight)})"
         heard[listener].append(labels[speaker] + of)

@@ -13,7 +13,6 @@ import re
 import stat
 import tomllib
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
 from importlib.resources import files
@@ -273,8 +272,8 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     # W and P are those of the last group now
     if divided is not given and observer is not None:
         observer = None if observer.rate is None else Observer(rate=observer.rate)
-    sizes = Sizes(dimension=p if states is None else states, outputs=p)
-    exceptions = _tried(lambda: _exceptions(tables, network, sizes), errors)
+    made = partial(make_coupling, dimension=p if states is None else states, outputs=p)
+    exceptions = _tried(lambda: _exceptions(tables, network, made), errors)
     others = {
         field: _given(getattr(tables, field))
         for field in ProblemFile.model_fields
@@ -372,17 +371,10 @@ def _mode(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sizes:
-    """What a coupling takes and gives: state components, and inputs."""
-
-    dimension: int
-    outputs: int
-
-
 def _exceptions(
-    tables: ProblemFile, network: Network, sizes: Sizes
+    tables: ProblemFile, network: Network, made: Callable[..., Coupling]
 ) -> dict[tuple[int, int], Coupling]:
+    """The couplings of single arcs; ``made`` makes one of its text."""
     given = tables.coupling.exceptions
     if not given:
         return {}
@@ -402,10 +394,7 @@ def _exceptions(
                 _check_exception(arc, network, codes, taken=taken, key=f"{key}.arcs[{place}]")
                 seen.add(arc)
         with kept(errors):
-            coupling = make_coupling(
-                table.h, dimension=sizes.dimension, outputs=sizes.outputs, key=f"{key}.h"
-            )
-            result |= dict.fromkeys(pairs, coupling)
+            result |= dict.fromkeys(pairs, made(table.h, key=f"{key}.h"))
         if len(errors) >= MOST_ERRORS:
             break
     raise_all(errors)

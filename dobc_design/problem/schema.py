@@ -87,6 +87,12 @@ _GIVEN = PlainValidator(lambda value: value)
 _TABLE = PlainValidator(_table)
 Given = Annotated[Any, _GIVEN]
 
+
+def _optional(description: str) -> Any:
+    """A key that may be left out."""
+    return Field(default=None, description=description)
+
+
 Number = Annotated[Given, WithJsonSchema(_NUMBER)]
 NumberMatrix = Annotated[Given, WithJsonSchema(_MATRIX)]
 NumberOrList = Annotated[Given, WithJsonSchema(_either(_NUMBER, _NUMBERS))]
@@ -152,7 +158,7 @@ class CouplingTable(_Table):
 class PinningTable(_Table):
     """[pinning]: the gains k_i."""
 
-    gains: Gains = Field(default=None, description="Label -> k, or one number for all agents.")
+    gains: Gains = _optional("Label -> k, or one number for all agents.")
 
 
 _WAYS: Any = [{"required": list(keys)} for keys in (("A", "C"), *((part,) for part in PARTS))]
@@ -161,11 +167,11 @@ _WAYS: Any = [{"required": list(keys)} for keys in (("A", "C"), *((part,) for pa
 class _Disturbance(_Table):
     A: NumberMatrix = None
     C: NumberMatrix = None
-    constant: Flag = Field(default=None, description="In place of A and C: a constant part.")
-    ramp: Flag = Field(default=None, description="A constant and a ramp.")
-    hz: NumberOrList = Field(default=None, description="Sines, in Hz (cycles per second).")
-    frequencies: NumberOrList = Field(default=None, description="Sines, in rad/s.")
-    kind: Kind = Field(default=None, description="A single part by its name.")
+    constant: Flag = _optional("In place of A and C: a constant part.")
+    ramp: Flag = _optional("A constant and a ramp.")
+    hz: NumberOrList = _optional("Sines, in Hz (cycles per second).")
+    frequencies: NumberOrList = _optional("Sines, in rad/s.")
+    kind: Kind = _optional("A single part by its name.")
 
 
 class GroupTable(_Disturbance):
@@ -174,15 +180,9 @@ class GroupTable(_Disturbance):
     model_config = ConfigDict(json_schema_extra={"anyOf": [*_WAYS, {"required": ["none"]}]})
 
     agents: Members = Field(description="Labels; an agent is in one group at most.")
-    none: Flag = Field(
-        default=None, description="True, in place of all else: these agents have no disturbance."
-    )
-    W: NumberMatrix = Field(
-        default=None, description="Without it W is designed, for observer.rate."
-    )
-    P: NumberMatrix = Field(
-        default=None, description="Beside W, for every group or none; tested as it is."
-    )
+    none: Flag = _optional("True, in place of all else: these agents have no disturbance.")
+    W: NumberMatrix = _optional("Without it W is designed, for observer.rate.")
+    P: NumberMatrix = _optional("Beside W, for every group or none; tested as it is.")
 
 
 class ExosystemTable(_Disturbance):
@@ -222,91 +222,63 @@ class SwitchingTable(_Table):
         json_schema_extra={"anyOf": [{"required": ["signal"]}, {"required": ["guarantee"]}]}
     )
 
-    signal: Signal = Field(default=None, description="Required, unless there is a guarantee.")
-    guarantee: Guarantee = Field(default=None, description="What proofs may assume of the signal.")
-    dwell: NumberOrList = Field(
-        default=None, description="s; the mean stay where signal is markov; sequence: one for each."
+    signal: Signal = _optional("Required, unless there is a guarantee.")
+    guarantee: Guarantee = _optional("What proofs may assume of the signal.")
+    dwell: NumberOrList = _optional(
+        "s; the mean stay where signal is markov; sequence: one for each."
     )
-    longest: Number = Field(
-        default=None, description="s; guarantee dwell: a mode lasts at most that."
-    )
-    sequence: ModeNames = Field(default=None, description="periodic: the modes of one round.")
-    period: Number = Field(default=None, description="periodic: s of one round, in place of dwell.")
-    generator: NumberMatrix = Field(
-        default=None, description="markov: rates in 1/s, rows adding up to 0."
-    )
-    schedule: Instants = Field(
-        default=None, description="schedule: [instant in s, mode]; periodic: of one round."
-    )
-    radius: Number = Field(
-        default=None, description="mobile: how far an agent hears, in the unit of x."
-    )
-    neighbours: Count = Field(
-        default=None, description="mobile: how many of the nearest it hears, instead of radius."
-    )
-    hysteresis: Number = Field(
-        default=None, description="mobile: a link made at one distance breaks this much later."
-    )
+    longest: Number = _optional("s; guarantee dwell: a mode lasts at most that.")
+    sequence: ModeNames = _optional("periodic: the modes of one round.")
+    period: Number = _optional("periodic: s of one round, in place of dwell.")
+    generator: NumberMatrix = _optional("markov: rates in 1/s, rows adding up to 0.")
+    schedule: Instants = _optional("schedule: [instant in s, mode]; periodic: of one round.")
+    radius: Number = _optional("mobile: how far an agent hears, in the unit of x.")
+    neighbours: Count = _optional("mobile: how many of the nearest it hears, instead of radius.")
+    hysteresis: Number = _optional("mobile: a link made at one distance breaks this much later.")
 
 
 class SimulationTable(_Table):
     """[simulation]: settings of simulations; they never enter a proof."""
 
-    t_final: Number = Field(default=None, description="s")
+    t_final: Number = _optional("s")
     seed: Seed = None
-    xi0: Rows = Field(default=None, description="q numbers for all agents, or n rows.")
-    x0: Rows = Field(
-        default=None, description="m numbers for all agents, or n rows; with m = 1 also n numbers."
-    )
+    xi0: Rows = _optional("q numbers for all agents, or n rows.")
+    x0: Rows = _optional("m numbers for all agents, or n rows; with m = 1 also n numbers.")
 
 
 class UncertaintyTable(_Table):
     """[uncertainty]: how far the plant may be from the model."""
 
-    weights: Number = Field(default=None, description="Largest relative error of every arc weight.")
-    gains: Number = Field(default=None, description="Largest relative error of every pinning gain.")
-    known_to_agents: Flag = Field(
-        default=None, description="false: the agents' model of the couplings is off as much."
-    )
-    disturbance: Number = Field(
-        default=None, description="|w_i|: the part of d_i the exosystem does not generate."
-    )
-    drift: Number = Field(default=None, description="|xi' - A xi|")
-    measurement: Number = Field(
-        default=None, description="|noise| of every measured state, in the unit of x."
-    )
+    weights: Number = _optional("Largest relative error of every arc weight.")
+    gains: Number = _optional("Largest relative error of every pinning gain.")
+    known_to_agents: Flag = _optional("false: the agents' model of the couplings is off as much.")
+    disturbance: Number = _optional("|w_i|: the part of d_i the exosystem does not generate.")
+    drift: Number = _optional("|xi' - A xi|")
+    measurement: Number = _optional("|noise| of every measured state, in the unit of x.")
 
 
 class DynamicsTable(_Table):
     """[dynamics]: x_i' = A x_i + B (couplings + u_i + d_i) of every agent."""
 
-    A: NumberMatrix = Field(default=None, description="m x m, in 1/s.")
-    f: Annotated[Given, WithJsonSchema(_list_of(_TEXT))] = Field(
-        default=None, description="In place of A: m expressions in x1..xm, x_i' = f(x_i) + ..."
+    A: NumberMatrix = _optional("m x m, in 1/s.")
+    f: Annotated[Given, WithJsonSchema(_list_of(_TEXT))] = _optional(
+        "In place of A: m expressions in x1..xm, x_i' = f(x_i) + ..."
     )
-    B: NumberMatrix = Field(
-        default=None, description="m x p with full column rank; by default the identity."
-    )
+    B: NumberMatrix = _optional("m x p with full column rank; by default the identity.")
 
 
 class LeaderTable(_Table):
     """[leader]: the target is a solution of s' = A s, or f(s)."""
 
     initial: Box = Field(description="s(0): m pairs [lo, hi], or numbers.")
-    stays_in: Box = Field(
-        default=None, description="With f: a box that s never leaves; else one is looked for."
-    )
+    stays_in: Box = _optional("With f: a box that s never leaves; else one is looked for.")
 
 
 class ActuatorsTable(_Table):
     """[actuators]: what the actuators can give."""
 
-    limit: Limits = Field(
-        default=None, description="|u_i| per component: for all agents, or label -> number."
-    )
-    amplitude: Number = Field(
-        default=None, description="Bound on |d_i|; by default from simulation.xi0."
-    )
+    limit: Limits = _optional("|u_i| per component: for all agents, or label -> number.")
+    amplitude: Number = _optional("Bound on |d_i|; by default from simulation.xi0.")
 
 
 class ProblemFile(_Table):

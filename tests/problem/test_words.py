@@ -4,6 +4,7 @@ from html import unescape
 from typing import Any
 
 import networkx as nx
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.conditions.consensus.network import cure_in_words
 from dobc_design.problem.arrays import closed_groups, unreached
+from dobc_design.problem.load import load_problem
 from dobc_design.problem.words import describe, facts
 
 CHAIN = Network.from_arcs(
@@ -142,6 +144,19 @@ def test_every_table_of_the_file_is_repeated_in_words(tables: dict[str, Any], wo
     for shown in (str(problem), unescape(problem._repr_html_())):
         assert (sentence or name) in shown
         assert not sentence or name.lower() in shown.lower()
+
+
+def test_a_problem_shows_itself_without_computing(monkeypatch: pytest.MonkeyPatch):
+    """What needs an eigenvalue is said by `check`; a view asks for none."""
+    problem = load_problem("paper-fixed")
+    assert "sine of 2 rad/s" in describe(problem)
+    for name in ("eig", "eigvals"):
+        monkeypatch.setattr(np.linalg, name, None)
+    for shown in (str(problem), problem._repr_html_()):
+        assert "sine of" not in shown
+        assert "time scales" not in shown.lower()
+    with pytest.raises(TypeError, match="NoneType"):
+        describe(problem)
 
 
 def test_long_lists_are_cut():

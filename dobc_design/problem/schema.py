@@ -311,4 +311,7 @@ RESERVED = {"delays"}
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of the problem file, for editors and for `dobc schema`."""
     schema = ProblemFile.model_json_schema(by_alias=True)
+    # Descriptions are docstrings, whose lines end where those of the source do.
+    for table in schema["$defs"].values():
+        table["description"] = " ".join(table["description"].split())
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -62,27 +62,31 @@ class Problem(Shown):
     """A disturbance-observer-based consensus problem: equations (1), (12), (13), (19).
 
     Parameters (all by keyword; numbers are exact, a float means its shortest decimal text):
-        network: Network. coupling: h as text in y (by component), or m texts in y1..ym; h(0) = 0 is
-        checked exactly. exceptions: {(listener index, speaker index): h}, for arcs with a coupling
-        of their own. target: xbar, a number for all components or m numbers. gains: {label: k} with
-        k >= 0 or an m x m matrix; or one number for all agents. exosystem: Exosystem or None (no
-        disturbance). observer: Observer or None (W is designed). groups: Groups of agents with an
-        exosystem and an observer of their own; ``exosystem`` and ``observer`` are
-            then those of the agents in no group, who have no disturbance without an ``exosystem``.
-        offsets: {label: offset}, the formation: agent i goes to xbar + offset_i. region:
-        {"initial_states": ..., "initial_disturbance": ...} or a Region. switching, simulation:
-        settings; ``simulation`` is a mapping with t_final, seed, xi0, x0. dynamics: Dynamics, of
-        agents that are no integrators; couplings, gains (p x m) and C then have p components.
+        network: Network.
+        coupling: h as text in y (by component), or m texts in y1..ym; h(0) = 0 is checked exactly.
+        exceptions: {(listener index, speaker index): h}, for arcs with a coupling of their own.
+        target: xbar, a number for all components or m numbers.
+        gains: {label: k} with k >= 0 or an m x m matrix; or one number for all agents.
+        exosystem: Exosystem or None (no disturbance).
+        observer: Observer or None (W is designed).
+        groups: Groups of agents with an exosystem and an observer of their own; ``exosystem`` and
+            ``observer`` are then those of the agents in no group, who have no disturbance without
+            an ``exosystem``.
+        offsets: {label: offset}, the formation: agent i goes to xbar + offset_i.
+        region: {"initial_states": ..., "initial_disturbance": ...} or a Region.
+        switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0, x0.
+        dynamics: Dynamics, of agents that are no integrators; couplings, gains (p x m) and C then
+            have p components.
         leader: a Leader, or a mapping with initial and stays_in: the target is a solution of the
-        dynamics; it knows no
-            ``target`` then.
+            dynamics; it knows no ``target`` then.
         uncertainty, actuators: an Uncertainty and Actuators, or mappings: what the plant may add,
-        what it can give. notes: sentences on what is assumed or stands in; they are shown wherever
-        a result is shown.
-    Further attributes: couplings, the default one and those of the exceptions, each once;
-    exception_places, the place among them of the coupling of every arc with its own; origin, the
-    problem with [dynamics] whose errors this one has (``as_integrators``), else None, and node, the
-    place of what every agent feels of its own error.
+            what it can give.
+        notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
+    Further attributes:
+        couplings: the default one and those of the exceptions, each once.
+        exception_places: the place among them of the coupling of every arc with its own.
+        origin: the problem with [dynamics] whose errors this one has (``as_integrators``), or None.
+        node: the place of what every agent feels of its own error, or None.
     Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
     Example:
         >>> network = dd.Network.from_arcs([["tail", "head"]], arrow="listens_to")

@@ -260,16 +260,22 @@ _EXAMPLES = {
 class Switching(Shown):
     """Which signal drives the modes; None stands for what was not given.
 
-    ``dwell`` in s: the time between two changes of "random" and "periodic", the mean one of
-    "markov". ``sequence``: modes of one round of "periodic", by default all; ``period`` in s: how
-    long a round takes. ``generator`` (M, M) in 1/s: "markov", the rate from the k-th mode to the
-    l-th, rows adding up to 0. ``schedule``: (instant in s, mode) of "schedule"; of "periodic" those
-    of one round, which ends with ``period``. ``radius`` or ``neighbours``: "mobile", who hears
-    whom; ``hysteresis``: both distances in the unit of x. ``guarantee``: what proofs may assume.
-    "arbitrary" (as None), any signal; "dwell", a mode lasts at least ``dwell``, and at most
-    ``longest`` where it is given; "sequence", the modes of "periodic" over and over; "markov", the
-    Markov chain of ``generator``.  Its signal is then "random", "periodic" or "markov" unless
-    another is given; a list as ``dwell`` says how long each mode of a sequence lasts.
+    Simulations:
+        signal: "random", "periodic", "markov", "schedule" or "mobile".
+        dwell: s; the time between two changes of "random" and "periodic", the mean one of "markov".
+        sequence: modes of one round of "periodic", by default all; period: s, how long it takes.
+        generator: (M, M) in 1/s; "markov": the rate from the k-th mode to the l-th, rows adding up
+            to 0.
+        schedule: (instant in s, mode) of "schedule"; of "periodic" those of one round, which ends
+            with ``period``.
+        radius or neighbours: "mobile", who hears whom; hysteresis: both distances are in the unit
+            of x.
+    Proofs:
+        guarantee: what they may assume. "arbitrary" (as None), any signal; "dwell", a mode lasts at
+            least ``dwell``, and at most ``longest`` where it is given; "sequence", the modes of
+            "periodic" over and over; "markov", the Markov chain of ``generator``.  Its signal is
+            then "random", "periodic" or "markov" unless another is given; a list as ``dwell`` says
+            how long each mode of a sequence lasts.
     Raises: SpecError that names every wrong key.
     """
 

@@ -25,11 +25,13 @@ ABSOLUTE = ("disturbance", "drift", "measurement")
 class Uncertainty(Shown):
     """How far the plant may be from the model; numbers are exact, 0 where nothing is given.
 
-    ``weights`` and ``gains``: largest relative error of every arc weight and every pinning gain, >=
-    0 and < 1. ``known_to_agents``: whether the observers use the true couplings; else their model
-    of them is off by that much. ``disturbance``: bound on every component of the part of d_i that
-    the exosystem does not generate; ``drift``: of xi' - A xi; ``measurement``: of the noise of
-    every measured state.  Raises: SpecError that names every wrong key.
+    weights, gains: largest relative error of every arc weight and every pinning gain, >= 0 and < 1.
+    known_to_agents: whether the observers use the true couplings; else their model of them is off
+        by that much.
+    disturbance: bound on every component of the part of d_i that the exosystem does not generate.
+    drift: bound on xi' - A xi.
+    measurement: bound on the noise of every measured state.
+    Raises: SpecError that names every wrong key.
     """
 
     weights: Fraction = field(default=Fraction(0))
@@ -64,10 +66,12 @@ class Uncertainty(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Actuators(Shown):
-    """What actuators can give: ``limit``, a bound on every component of u_i: a number for all
-    agents, or label -> number; and ``amplitude``, a bound on every component of d_i, by default
-    that of the runs from simulation.xi0.
-    Raises: SpecError that names every wrong key."""
+    """What actuators can give.
+
+    limit: bound on every component of u_i, a number for all agents, or label -> number.
+    amplitude: bound on every component of d_i, by default that of the runs from simulation.xi0.
+    Raises: SpecError that names every wrong key.
+    """
 
     limit: Fraction | Mapping[str, Fraction] | None = None
     amplitude: Fraction | None = None

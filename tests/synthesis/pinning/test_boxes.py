@@ -24,9 +24,11 @@ def geometric_program(problem: Problem, allowed, rate: float) -> float:
     """The least total gain for h = y: k_i + d_i - rate = the largest posynomial, in cvxpy's own
     geometric form."""
     n = problem.n
-    v, total = cp.Variable(n, pos=True), cp.Variable(len(allowed), pos=True)
+    v = cp.Variable(n, pos=True)
+    total = cp.Variable(len(allowed), pos=True)
     place = {agent: number for number, agent in enumerate(allowed)}
-    limits, offset = [], 0.0
+    limits = []
+    offset = 0.0
     for number, arcs in enumerate(problem.network.modes.values()):
         for i in range(n):
             heard = [(j, float(w)) for own, j, w in arcs if own == i]
@@ -54,9 +56,11 @@ def test_one_pin_on_a_linear_cycle_has_its_gain_in_closed_form():
     assert design.verdict is Verdict.PROVED
     assert float(design.gains["1"]) == pytest.approx(k, rel=1e-6)
     assert float(design.cost) >= k * (1 - 1e-12)
-    assert abs(np.log10(float(max(design.certificate.v))) + 5 * np.log10(0.95)) < 1e-6
+    span = float(max(design.certificate.v))
+    assert abs(np.log10(span) + 5 * np.log10(0.95)) < 1e-6
     # sum log(v_j/v_i) = 0: k = rate each
-    whole = dd.design_pinning(cycle(4, gains={}), rate=RATE, region=2, digits=9)
+    four = cycle(4, gains={})
+    whole = dd.design_pinning(four, rate=RATE, region=2, digits=9)
     assert float(whole.cost) == pytest.approx(0.4, rel=1e-6)
 
 
@@ -68,20 +72,18 @@ def test_linear_gains_are_those_of_the_geometric_program_and_of_the_spectrum(see
     n = r.randint(4, 7)
     problem = digraph(r, n, density=2 / n)
     allowed = sorted(r.sample(range(problem.n), 2))
-    design = dd.design_pinning(
-        problem, rate="1/20", allowed=[i + 1 for i in allowed], region=1, digits=9
-    )
+    labels = [i + 1 for i in allowed]
+    design = dd.design_pinning(problem, rate="1/20", allowed=labels, region=1, digits=9)
     if design.verdict is not Verdict.PROVED:
         assert design.verdict is Verdict.REFUTED
         assert linear_rate(problem, dict.fromkeys(allowed, 1e6)) < 0.05
         return
-    assert float(design.cost) == pytest.approx(geometric_program(problem, allowed, 0.05), rel=1e-5)
-    gains = {problem.network.index[label]: float(k) for label, k in design.gains.items()}
-    assert (
-        linear_rate(problem, gains)
-        >= 0.05
-        > linear_rate(problem, {i: 0.999 * k for i, k in gains.items()})
-    )
+    least = geometric_program(problem, allowed, 0.05)
+    assert float(design.cost) == pytest.approx(least, rel=1e-5)
+    index = problem.network.index
+    gains = {index[label]: float(k) for label, k in design.gains.items()}
+    smaller = {i: 0.999 * k for i, k in gains.items()}
+    assert linear_rate(problem, gains) >= 0.05 > linear_rate(problem, smaller)
 
 
 def test_rows_of_the_designed_gains_hold_on_a_grid_and_fail_for_smaller_gains():
@@ -94,26 +96,26 @@ def test_rows_of_the_designed_gains_hold_on_a_grid_and_fail_for_smaller_gains():
         for label, gain in design.gains.items():
             k[int(label) - 1] = factor * float(gain)
         step = v[np.arange(1, 11) % 10] - v  # agent i listens to i + 1
-        rows = [
-            [
-                face * (np.expm1(face * s * step) + face * s * step) / s - (k - 0.05) * v
-                for face in (1, -1)
-            ]
-            for s in np.linspace(1e-3, 4, 200)
-        ]
+        rows = []
+        for s in np.linspace(1e-3, 4, 200):
+            for face in (1, -1):
+                move = face * s * step
+                pull = face * (np.expm1(move) + move) / s
+                rows.append(pull - (k - 0.05) * v)
         return float(np.max(rows))
 
     assert worst(1.0) <= 1e-12
     assert worst(0.99) > 0
-    smaller = {label: k * Fraction(99, 100) for label, k in design.gains.items()}
-    weaker = dd.design_pinning(
-        "paper-fixed", rate="1/20", allowed=[1, 6], region=4, max_gain=min(smaller.values())
-    )
+    cap = min(design.gains.values()) * Fraction(99, 100)
+    weaker = dd.design_pinning("paper-fixed", rate="1/20", allowed=[1, 6], region=4, max_gain=cap)
     assert weaker.verdict is not Verdict.PROVED
 
 
 def test_the_certificate_of_a_design_is_the_one_that_was_proved():
-    arcs = {f"G{k}": digraph(Random(k), 5, density=0.4).network.modes["G"] for k in range(2)}
+    arcs = {}
+    for seed in range(2):
+        graph = digraph(Random(seed), 5, density=0.4)
+        arcs[f"G{seed}"] = graph.network.modes["G"]
     problem = Problem(network=Network(labels=tuple("12345"), modes=arcs), coupling="tanh(y)")
     design = dd.design_pinning(problem, rate="1/100", region="1/2")
     assert verify_separable(design.problem, design.certificate).verdict is Verdict.PROVED
@@ -131,8 +133,10 @@ def test_a_rate_that_the_others_cannot_have_is_refuted_by_a_slow_direction():
     assert (design.verdict, design.statements[0].kind) == (Verdict.REFUTED, "rate")
     assert design.nearest.verdict is Verdict.PROVED
     assert 1 <= design.nearest.rate <= Fraction(201, 200)
-    assert dd.design_pinning(problem, rate="3/2", allowed=[1], region=1).verdict is Verdict.PROVED
-    assert dd.design_pinning(problem, rate=2, allowed=[1], region=1).verdict is Verdict.UNDECIDED
+    slower = dd.design_pinning(problem, rate="3/2", allowed=[1], region=1)
+    assert slower.verdict is Verdict.PROVED
+    at_it = dd.design_pinning(problem, rate=2, allowed=[1], region=1)
+    assert at_it.verdict is Verdict.UNDECIDED
 
 
 def test_modes_in_which_no_order_serves_all_are_refuted_whatever_the_gains():
@@ -142,9 +146,8 @@ def test_modes_in_which_no_order_serves_all_are_refuted_whatever_the_gains():
     design = dd.design_pinning(problem, rate="1/100", allowed=[1], region=1)
     assert (design.verdict, design.statements[0].kind) == (Verdict.REFUTED, "ordering")
     assert "agents 2 and 3" in design.reason
-    assert (
-        dd.design_pinning(problem, rate="1/100", allowed=[1, 2], region=1).verdict is Verdict.PROVED
-    )
+    another = dd.design_pinning(problem, rate="1/100", allowed=[1, 2], region=1)
+    assert another.verdict is Verdict.PROVED
 
 
 @pytest.mark.slow
@@ -155,7 +158,8 @@ def test_pins_are_limited_and_the_fewest_are_found():
     few = dd.design_pinning(apart, rate="1/10", region=1, pins="fewest")
     assert (few.verdict, len(few.gains)) == (Verdict.PROVED, 2)
     assert [s.verdict for s in few.statements if s.kind == "pins"] == [Verdict.PROVED]
-    assert dd.design_pinning(apart, rate="1/10", region=1, pins=1).verdict is Verdict.REFUTED
+    fewer = dd.design_pinning(apart, rate="1/10", region=1, pins=1)
+    assert fewer.verdict is Verdict.REFUTED
 
 
 def test_a_box_that_does_not_hold_the_region_is_no_proof(monkeypatch):
@@ -189,12 +193,10 @@ def test_the_region_of_the_file_leaves_room_for_the_observer():
 def test_where_couplings_end_or_mix_components_there_is_no_box_and_no_error():
     problem = cycle(4, gains={}, h="sqrt(1 + y) - 1")
     for region, verdict in ((10, Verdict.UNDECIDED), ("1/10", Verdict.PROVED)):
-        assert (
-            dd.design_pinning(problem, rate="1/100", region=region, allowed=[1]).verdict is verdict
-        )
-    design = dd.design_pinning(
-        problem_of([[1, 2], [2, 1]], coupling=["y1 + y2/2", "y2"]), rate="1/10", region=1
-    )
+        design = dd.design_pinning(problem, rate="1/100", region=region, allowed=[1])
+        assert design.verdict is verdict
+    mixing = problem_of([[1, 2], [2, 1]], coupling=["y1 + y2/2", "y2"])
+    design = dd.design_pinning(mixing, rate="1/10", region=1)
     assert (design.verdict, design.statements[0].kind) == (Verdict.UNDECIDED, "method")
 
 

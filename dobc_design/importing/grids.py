@@ -368,7 +368,8 @@ def _json_records(table: Any) -> list[Row]:
         frame = json.loads(frame)
     found: list[Row] = []
     for index, row in zip(frame["index"], frame["data"], strict=True):
-        found.append({"index": index, **dict(zip(frame["columns"], row, strict=True))})
+        cells = zip(frame["columns"], row, strict=True)
+        found.append({"index": index, **dict(cells)})
     return found
 
 
@@ -402,8 +403,9 @@ def _branches(tables: Tables, *, base: float) -> Iterator[Branch]:
     on = {row["index"] for row in tables["bus"] if _on(row)}
     for table, first, second in BRANCHES:
         for row in tables[table]:
-            ends = row[first], row[second]
-            if not _on(row) or (table[0], row["index"]) in opened or not on >= set(ends):
+            if not _on(row) or not on >= {row[first], row[second]}:
+                continue
+            if (table[0], row["index"]) in opened:
                 continue
             if table == "switch" and (row.get("et") != "b" or not row.get("closed")):
                 continue
@@ -412,7 +414,8 @@ def _branches(tables: Tables, *, base: float) -> Iterator[Branch]:
             # Twelve digits: x was computed in floats, and 0.05917 should not read
             # 0.059170000000000006.
             reactance = parse_number(f"{x:.12g}", key=f"the reactance of {place}")
-            yield Branch(ends=(str(ends[0]), str(ends[1])), reactance=reactance, place=place)
+            labels = str(row[first]), str(row[second])
+            yield Branch(ends=labels, reactance=reactance, place=place)
 
 
 def _reactance(table: str, row: Row, base: float, voltage: Mapping[Any, float]) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import product
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -26,6 +27,8 @@ from dobc_design.exact.number import nearest
 from dobc_design.problem import arrays
 from dobc_design.problem.integrators import as_integrators, slopes_of_nodes
 from dobc_design.problem.problem import Problem
+
+Named = dict[str, Any]  # symbols and expressions, by the names that users see
 
 
 class CasadiAlgebra(Operators):
@@ -72,7 +75,8 @@ def to_sympy(expression: Expression) -> tuple[Any, tuple[Any, ...]]:
 
     names = variable_names(expression.dimension)
     variables = tuple(sympy.Symbol(name, real=True) for name in names)
-    return evaluate(expression.node, variables, SympyAlgebra()), variables
+    found = evaluate(expression.node, variables, SympyAlgebra())
+    return found, variables
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -177,12 +181,15 @@ class _Equations:
         self.h = h
         self.plant = plant
         self.A = ca.DM(disturbance.A)
-        self.C = ca.DM(disturbance.C if plant is None else plant.C)
+        self.C = ca.DM(disturbance.C)
         self.F = ca.DM(disturbance.F)
         self.W = disturbance.W
         self.K = _constant(arrays.pinning_matrix(problem))
-        self.goal = ca.DM(arrays.goals(problem).reshape(-1))
-        self.u0 = ca.DM(0 if plant is None else plant.u0.reshape(-1))
+        self.goal = ca.DM(arrays.goals(problem).ravel())
+        self.u0 = ca.DM(0)
+        if plant is not None:  # whose disturbances and inputs are those of [dynamics]
+            self.C = ca.DM(plant.C)
+            self.u0 = ca.DM(plant.u0.ravel())
         self.leader: Any = None
         self.drift: Any = 0
         if problem.leader is not None:
@@ -255,7 +262,7 @@ class _Equations:
             width = problem.q
         return ca.SX.sym(name, problem.n * width)
 
-    def _led(self) -> dict[str, Any]:
+    def _led(self) -> Named:
         """The last input of functions that a leader enters."""
         return {} if self.leader is None else {"s": self.leader}
 
@@ -349,7 +356,8 @@ def _bent(problem: Problem, e: Any) -> Any:
     # The slopes are in A already.
     slopes = to_float(slopes_of_nodes(own))
     for c, value in enumerate(values):
-        linear = sum(slope * part for slope, part in zip(slopes[c], parts, strict=True))
+        terms = zip(slopes[c], parts, strict=True)
+        linear = sum(slope * part for slope, part in terms)
         result[c :: problem.m] = value - linear
     return result
 
@@ -368,17 +376,20 @@ def _on_arcs(group: arrays.ArcGroup, y: Sequence[Any]) -> _OnArcs:
     variables = [ca.SX.sym(f"y{c + 1}", count) for c in range(m)]
     components = group.coupling.evaluated(variables, CasadiAlgebra())
     # A component may be a constant, which has to be one for every arc.
-    values = [ca.SX.zeros(count, 1) + value for value in components]
-    pairs = [(c, d) for c in range(p) for d in range(m)]
+    zeros = ca.SX.zeros(count, 1)
+    values = [zeros + value for value in components]
     if group.coupling.by_component:
-        pairs = [(c, d) for c, d in pairs if c == d]
+        pairs = [(c, c) for c in range(p)]
+    else:
+        pairs = list(product(range(p), range(m)))
     # Each arc's value depends on that arc's y alone, so J times a vector of ones is the diagonal of
     # J.
     ones = ca.DM.ones(count, 1)
     slopes = [ca.jtimes(values[c], variables[d], ones) for c, d in pairs]
     function = ca.Function("arcs", variables, [*values, *slopes])
     found = function(*y)
-    return _OnArcs(values=found[:p], slopes=dict(zip(pairs, found[p:], strict=True)))
+    by_pair = dict(zip(pairs, found[p:], strict=True))
+    return _OnArcs(values=found[:p], slopes=by_pair)
 
 
 def _constant(matrix: sp.sparray) -> Any:
@@ -386,7 +397,7 @@ def _constant(matrix: sp.sparray) -> Any:
     return ca.sparsify(ca.DM(sp.csc_matrix(matrix)))
 
 
-def _function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> Any:
+def _function(name: str, inputs: Named, outputs: Named) -> Any:
     # Users see full arrays; only the Jacobian stays sparse.
     dense = [ca.densify(each) for each in outputs.values()]
     return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs))
@@ -394,8 +405,8 @@ def _function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> Any
 
 def _signature(function: Any) -> tuple[str, str, str]:
     """Name, inputs and outputs with their shapes, for showing."""
-    inputs = map(_sized, function.name_in(), map(function.size_in, range(function.n_in())))
-    outputs = map(_sized, function.name_out(), map(function.size_out, range(function.n_out())))
+    inputs = [_sized(name, function.size_in(name)) for name in function.name_in()]
+    outputs = [_sized(name, function.size_out(name)) for name in function.name_out()]
     return function.name(), ", ".join(inputs), ", ".join(outputs)
 
 
@@ -441,9 +452,9 @@ def build_flow(
     rows = model.n * model.m
     size = rows + model.n * model.q
     state = ca.SX.sym("state", size)
-    slopes = model.error_dynamics(state[:rows], state[rows:])
+    slopes = ca.vertcat(*model.error_dynamics(state[:rows], state[rows:]))
     nothing = ca.SX.sym("nothing", 0)  # the parameters that simpleRK wants
-    dynamics = ca.Function("slope", [state, nothing], [ca.vertcat(*slopes)])
+    dynamics = ca.Function("slope", [state, nothing], [slopes])
     # A fixed number of steps, so that the end is a smooth function of the start.
     runge_kutta = ca.simpleRK(dynamics, steps)
     start = ca.MX.sym("start", size)

@@ -169,6 +169,7 @@ def _arcs(
     merge: str | None,
     drop_loops: bool,
 ) -> Arcs:
+    """The arcs of rows of any kind, one after the other.  Raises: SpecError with the line."""
     # Arrays of machine numbers: lists of tuples would take many times the memory.
     columns = array("q"), array("q"), array("q")
     known: dict[str, Fraction] = {}
@@ -206,6 +207,7 @@ def _arcs(
 
 
 def _opened(name: str, *, folder: Path | None, key: str) -> tuple[Source, Path, str]:
+    """The file as text, and what it is called in messages.  Raises: SpecError."""
     path = _resolve(name, folder=folder, key=key)
     unit = "edge" if path.suffix.lower() in (".graphml", ".gml") else "line"
     source = Source(name=named(name), key=key, unit=unit)
@@ -245,6 +247,7 @@ def _table(path: Path, text: str, source: Source) -> Table | None:
 
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
+    """The path of a file that lies in the problem's folder, or below.  Raises: SpecError."""
     if folder is None:
         what = f"{shown(name)} cannot be found, the problem has no folder."
         raise about(key, what, "List the arcs instead.")
@@ -277,6 +280,7 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
 
 
 def _weight(text: str, source: Source, *, row: int) -> Fraction:
+    """A weight, exact.  Raises: SpecError for 0 and for what is no number."""
     try:
         weight = parse_number(text, key="weight")
     except SpecError as error:

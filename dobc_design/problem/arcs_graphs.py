@@ -63,6 +63,7 @@ def _several_graphs(count: int, source: Source) -> SpecError:
 
 
 def _graphml_rows(root: ElementTree.Element, graph: ElementTree.Element) -> Iterator[Row]:
+    """The edges of a GraphML graph, each with the weight it has, or the default one."""
     weights = _weight_keys(root)
     default = [text for text in weights.values() if text is not None][:1]
     undirected = graph.get("edgedefault") == "undirected"
@@ -89,6 +90,7 @@ def _weight_keys(root: ElementTree.Element) -> dict[str | None, str | None]:
 
 
 def _default(key: ElementTree.Element) -> str | None:
+    """What a GraphML key says of edges that do not have it."""
     for part in key:
         if _tag(part) == "default":
             return part.text or ""
@@ -96,6 +98,7 @@ def _default(key: ElementTree.Element) -> str | None:
 
 
 def _tag(node: ElementTree.Element) -> str:
+    """The name of an XML element without its namespace."""
     return str(node.tag).rsplit("}", 1)[-1]
 
 
@@ -158,6 +161,7 @@ def _gml_entries(text: str, source: Source) -> Entries:
 
 
 def _plain_entries(value: str | Entries) -> dict[str, str]:
+    """The keys of a GML list whose values are texts."""
     if isinstance(value, str):
         return {}
     return {key: text for key, text in value if isinstance(text, str)}
@@ -166,6 +170,7 @@ def _plain_entries(value: str | Entries) -> dict[str, str]:
 def _gml_rows(
     edges: Sequence[Mapping[str, str]], labels: Mapping[str, str], source: Source, *, both: bool
 ) -> Iterator[Row]:
+    """The edges of a GML graph, by the labels of their nodes."""
     for number, edge in enumerate(edges, start=1):
         for end in ("source", "target"):
             own = edge.get(end, "")
@@ -177,6 +182,7 @@ def _gml_rows(
 
 
 def _different(labels: Sequence[str], source: Source) -> None:
+    """Refuse two nodes of one name.  Raises: SpecError."""
     seen = set[str]()
     for label in labels:
         if label in seen:
@@ -222,6 +228,7 @@ def pajek(text: str, source: Source) -> Graph:
 def _no_more_vertices(
     labels: Mapping[str, str], cells: Sequence[str], source: Source, *, row: int
 ) -> None:
+    """Refuse a second *Vertices, and two kinds of vertices.  Raises: SpecError."""
     if labels:
         what = "begins a second network"
         raise source.error(what, "Save each mode in a file of its own.", row=row)
@@ -231,6 +238,7 @@ def _no_more_vertices(
 
 
 def _count(cells: Sequence[str], source: Source, *, row: int) -> int:
+    """How many nodes a file announces.  Raises: SpecError."""
     text = cells[0] if cells else ""
     if not re.fullmatch("[0-9]{1,8}", text) or not 1 <= int(text) <= MOST_AGENTS:
         what = f"must say how many nodes there are, 1 to {MOST_AGENTS}; got {shown(text)}"

@@ -170,6 +170,7 @@ def _decimal_comma(source: Source, text: str, *, row: int) -> SpecError:
 
 
 def _csv(text: str, source: Source, separator: str) -> Iterator[Row]:
+    """The rows of a CSV file that are no comments."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
         for row in reader:
@@ -183,6 +184,7 @@ def _csv(text: str, source: Source, separator: str) -> Iterator[Row]:
 
 
 def _edge_list(text: str, source: Source, separator: str | None) -> Iterator[Row]:
+    """The rows of an edge list; of attributes in {...} the weight."""
     for number, line in enumerate(text.splitlines(), start=1):
         head, brace, attributes = _without_comment(line).partition("{")
         if not head.strip():
@@ -196,6 +198,7 @@ def _edge_list(text: str, source: Source, separator: str | None) -> Iterator[Row
 
 
 def _split(line: str, source: Source, separator: str | None, *, row: int) -> list[str]:
+    """The cells of one line of an edge list.  Raises: SpecError where they are not clear."""
     if separator is None:
         cells = line.split()
         found = next((cell for cell in cells if cell in ARROWS), None)
@@ -296,6 +299,7 @@ def _in_order(number: int, cells: list[str], columns: Columns, source: Source) -
 
 
 def _is_undirected(cells: Sequence[str], place: int, source: Source, *, row: int) -> bool:
+    """What the column of types says of a row."""
     text = cells[place].lower() if place < len(cells) else ""
     found = (BOTH | ONE_WAY).get(text)
     if found is None:

@@ -154,6 +154,7 @@ def settings_of(problem: Problem) -> dict[str, Any]:
 
 
 def _group_table(group: Group, index: Mapping[str, int]) -> dict[str, Any]:
+    """A group as a table: its agents by index, A, C, W and P."""
     table: dict[str, Any] = {"agents": [index[label] for label in group.agents]}
     for noun in (group.exosystem, group.observer):
         table |= _table_of(noun) or {}
@@ -171,6 +172,7 @@ def _table_of(noun: Any) -> dict[str, Any] | None:
 
 
 def _later_keys(noun: Any) -> tuple[str, ...]:
+    """The fields that a noun has in problem.json only where they were given."""
     return tuple(each.name for each in fields(noun) if each.metadata == LATER)
 
 
@@ -203,6 +205,7 @@ def problem_from_canonical(data: bytes, *, name: str = "problem.json") -> Proble
 
 
 def _load(data: bytes, name: str) -> dict[str, Any]:
+    """The JSON document, of a version that is known.  Raises: SpecError."""
     try:
         document = json.loads(data.decode("utf-8"), object_pairs_hook=_no_duplicates)
     except SpecError:
@@ -244,6 +247,7 @@ def _leaves_agents_undisturbed(document: Mapping[str, Any]) -> bool:
 
 
 def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Refuse an object that has a key twice, of which JSON would keep the last."""
     result = dict(pairs)
     if len(result) != len(pairs):
         raise wrong("problem.json", "holds a key twice.", _CURE)
@@ -399,6 +403,7 @@ def _wrong(key: str, wanted: str, value: object) -> SpecError:
 
 
 def _arcs(value: Any, *, key: str) -> Arcs:
+    """Rows [listener, speaker, weight] as arcs.  Raises: SpecError."""
     rows = _list(value, key=key)
     # One row after the other, so that a message names the first wrong one.
     for position, row in enumerate(rows):

@@ -87,6 +87,7 @@ def change_lines(changes: Mapping[str, Any]) -> list[str]:
 
 
 def _cut_text(value: Any) -> str:
+    """A value on one line; of a long table the first rows."""
     if not isinstance(value, Mapping) or len(value) <= INLINE:
         return value_text(value)
     first = value_text(dict(list(value.items())[: INLINE - 1]))
@@ -94,6 +95,7 @@ def _cut_text(value: Any) -> str:
 
 
 def _key(name: str) -> str:
+    """A key of TOML, in quotes where it needs them."""
     bare = re.fullmatch(r"[\w-]*[A-Za-z0-9][\w-]*", name, re.ASCII)
     return name if bare else json.dumps(name, ensure_ascii=False)
 
@@ -219,6 +221,7 @@ _NOT_BY_KEY = (
 
 
 def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str) -> None:
+    """Set, or remove, the value at a path of a TOML document."""
     table = document
     *tables, name = path
     for each in tables:
@@ -277,6 +280,7 @@ def _change_lines(table: Any, wanted: Mapping[str, Any], remark: str) -> None:
 
 
 def _item(value: Any) -> Any:
+    """A value as tomlkit writes it; a long table gets lines of its own."""
     if isinstance(value, Mapping):
         table: Any = tomlkit.inline_table() if len(value) <= INLINE else tomlkit.table()
         for key, each in value.items():
@@ -359,6 +363,7 @@ def _arcs(arcs: Arcs, labels: Sequence[str]) -> Any:
 
 
 def _coupling(problem: Problem, labels: Sequence[str]) -> dict[str, Any]:
+    """[coupling]: h, and the exceptions arc by arc."""
     table: dict[str, Any] = {"h": coupling_text(problem.coupling)}
     exceptions = []
     for (i, j), coupling in sorted(problem.exceptions.items()):
@@ -387,10 +392,12 @@ def _settings(problem: Problem, labels: Sequence[str]) -> dict[str, dict[str, An
 
 
 def _given(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A table without the keys that say nothing."""
     return {key: value for key, value in table.items() if value is not None}
 
 
 def _table(content: Mapping[str, Any]) -> Any:
+    """A table of a new document."""
     table: Any = tomlkit.table()
     for key, value in content.items():
         if isinstance(value, Mapping) and key == "modes":

@@ -123,6 +123,7 @@ def _reached_in_runs(problem: Problem) -> dict[str, float]:
 
 
 def _about_errors(problem: Problem) -> Iterator[str]:
+    """Errors of weights or gains that are large, or that the agents know about for nothing."""
     table = problem.uncertainty
     if table is None:
         return
@@ -168,6 +169,7 @@ def _about_sines(problem: Problem) -> Iterator[str]:
 
 
 def _about_observer_rates(problem: Problem) -> Iterator[str]:
+    """An observer that is much faster than the network."""
     found = observer_excess(problem)
     if found is not None:
         observer, network = found
@@ -201,6 +203,7 @@ def _about_region(problem: Problem) -> Iterator[str]:
 
 
 def _about_dwell(problem: Problem) -> Iterator[str]:
+    """A dwell time that no guarantee lets a proof use."""
     own = problem.switching
     if own is None or own.dwell is None or own.guarantee not in (None, "arbitrary"):
         return

@@ -111,6 +111,7 @@ def read_exosystem(
 
 
 def _labels(agents: Any, *, key: str) -> list[Any]:
+    """The agents of a group.  Raises: SpecError."""
     known = is_list(agents) and len(agents) > 0
     if not known or not all(is_text(x) or isinstance(x, str | int) for x in agents):
         what = f"must be a list of labels, at least one; got {shown(agents)}."

@@ -235,6 +235,7 @@ def _read_nodes(f: Any) -> tuple[str, ...]:
 
 
 def _read_node(text: Any, m: int, *, key: str) -> str:
+    """One component of f as canonical text in x1..xm.  Raises: SpecError, ExpressionError."""
     if not isinstance(text, str) or re.search(r"\by[0-9]*\b", text):
         names = "x" if m == 1 else f"x1 to x{m}"
         raise wrong(key, f"must be an expression in {names}; got {shown(text)}.", _EXAMPLE)
@@ -247,6 +248,7 @@ def _read_node(text: Any, m: int, *, key: str) -> str:
 
 
 def _in_x(text: str) -> str:
+    """The text with x in place of y, the variable of couplings."""
     return re.sub(r"\by([0-9]*)\b", r"x\1", text)
 
 

@@ -70,6 +70,7 @@ class Observer(Shown):
 
 
 def _check_symmetric(P: Matrix) -> None:
+    """Refuse a P that is not square, or not symmetric.  Raises: ShapeError."""
     require_square(P, name="observer.P", because="one row and column per exosystem state")
     for i, row in enumerate(P):
         for j in range(i):
@@ -95,6 +96,7 @@ def _check_shape(
     because: str,
     also: tuple[int, int | None] | None = None,
 ) -> None:
+    """Refuse a matrix of another shape than this, or ``also``.  Raises: ShapeError."""
     if matrix is None:
         return
     got = (len(matrix), len(matrix[0]))
@@ -249,6 +251,7 @@ def _owners(
 def _check_group(
     group: Group, number: int, *, m: int, states: int | None, rate: Fraction | None
 ) -> None:
+    """The sizes of a group fit, and it asks for no rate of its own.  Raises: SpecError."""
     key, outputs = group_key(number), group.exosystem.outputs
     if outputs != m:
         rows = counted(m, "row")
@@ -287,6 +290,7 @@ def _check_rest(
 
 
 def _check_all_have_p(groups: Sequence[Group]) -> None:
+    """P is given for every group or for none.  Raises: SpecError."""
     given = [group.name for group in groups if group.observer.P is not None]
     missing = [group.name for group in groups if group.observer.P is None]
     if given and missing:

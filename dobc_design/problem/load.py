@@ -123,6 +123,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
 
 
 def _check_nesting(data: bytes) -> None:
+    """Refuse brackets, and dotted keys, that are nested too deeply for the parser."""
     bare = _TEXTS.sub(b"''", data)
     depth = 0
     for match in _BRACKET.finditer(bare):
@@ -134,6 +135,7 @@ def _check_nesting(data: bytes) -> None:
 
 
 def _check_depth(document: Mapping[str, Any]) -> None:
+    """Refuse tables that are nested too deeply, however they were written."""
     level: list[Any] = [document]
     for _ in range(MAX_NESTING + 1):
         deeper: list[Any] = []
@@ -203,6 +205,7 @@ def read_problem_tables(
 
 
 def _check_version(document: Mapping[str, Any]) -> None:
+    """Refuse a file that a later version of the program wrote."""
     version = document.get("schema", SCHEMA_VERSION)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         what = f"must be the whole number {SCHEMA_VERSION}; got {shown(version)}."
@@ -246,6 +249,7 @@ _READ_HERE = (
 
 
 def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
+    """The nouns of all tables, and the Problem of them.  Raises: SpecError with every mistake."""
     errors: list[SpecError] = []
     own = _given(tables.dynamics)
     dynamics = None if own is None else Dynamics(**own)
@@ -312,11 +316,13 @@ def _switching(tables: ProblemFile) -> Switching | None:
 def _divided(
     given: Disturbances, labels: Sequence[str], observer: Observer | None, states: int | None
 ) -> Disturbances:
+    """The groups of all agents, each agent in one at most.  Raises: SpecError."""
     given.check(labels)
     return given.divided(labels, observer, states)
 
 
 def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
+    """[network]: labels, and the arcs of every mode.  Raises: SpecError with every mistake."""
     table = tables.network
     errors: list[SpecError] = []
     _tried(lambda: check_arrow(table.arrow), errors)
@@ -355,6 +361,7 @@ def _with_optional(value: Any, read: Callable[..., Arcs], *, key: str) -> Arcs:
 def _mode(
     value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder: Path | None
 ) -> Arcs:
+    """The arcs of one list, or of the file that is named in its place."""
     if is_list(value):
         return arcs_from_pairs(value, index=index, arrow=arrow, key=key)
     known = isinstance(value, dict) and set(value) <= {"file", "merge", "drop_loops"}
@@ -420,6 +427,7 @@ def _check_exception(
 def _exception_arcs(
     value: Any, *, key: str, index: Mapping[str, int], arrow: str
 ) -> list[tuple[int, int]]:
+    """The arcs of [[coupling.exceptions]] as pairs (listener, speaker)."""
     if not is_list(value) or not value:
         what = f"must be a list of arcs; got {shown(value)}."
         raise wrong(key, what, "For example [[1, 2], [2, 3]].")

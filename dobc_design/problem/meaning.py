@@ -120,6 +120,7 @@ def disturbance_parts(exosystem: Exosystem) -> list[Part]:
 
 
 def _part(part: Part, amplitude: float | None = None) -> str:
+    """One part of a disturbance in words, with its amplitude where that is known."""
     real, imaginary, power = part
     size = "" if amplitude is None else f"{significant(amplitude)} in simulations"
     if not real and not imaginary:
@@ -234,6 +235,7 @@ def remarks(problem: Problem) -> tuple[str, ...]:
 
 
 def _about_disturbance(problem: Problem, group: Group) -> Iterator[str]:
+    """Parts that grow, that decay by themselves, or that never reach the agents."""
     exosystem, whose = group.exosystem, ""
     if problem.is_grouped:
         whose = f" of the group of agent {group.name}"
@@ -277,6 +279,7 @@ def _about_disturbance(problem: Problem, group: Group) -> Iterator[str]:
 
 
 def _about_network(problem: Problem) -> Iterator[str]:
+    """Agents without arcs or pins, modes that are empty or equal, weights of other units."""
     modes, labels = problem.network.modes, problem.network.labels
     linked = np.zeros(problem.n, dtype=bool)
     for arcs in modes.values():
@@ -341,6 +344,7 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Iterator[str]:
 
 
 def _about_couplings(problem: Problem) -> Iterator[str]:
+    """Couplings that repel, or hardly attract, close neighbours."""
     if problem.dynamics is not None:  # B decides what pulls where
         return
     slopes = []
@@ -450,6 +454,7 @@ def _where(places: Array, *, step: float) -> str:
 
 
 def _about_region(problem: Problem) -> Iterator[str]:
+    """Goals outside of the region asked for, and numbers that look like another unit."""
     region, labels = problem.region, problem.network.labels
     yield from _about_goals(problem)
     if region is None:
@@ -490,11 +495,13 @@ def _about_region(problem: Problem) -> Iterator[str]:
 
 
 def _holds(region: Region, x: Vector) -> bool:
+    """Whether a state lies in the region."""
     pairs = zip(region.initial_states, x, strict=True)
     return all(lo <= entry <= hi for (lo, hi), entry in pairs)
 
 
 def _about_goals(problem: Problem) -> Iterator[str]:
+    """Agents of a formation that go to the same place."""
     if not problem.offsets:
         return
     goals: dict[Vector, list[str]] = {}
@@ -509,6 +516,7 @@ def _about_goals(problem: Problem) -> Iterator[str]:
 
 
 def _about_observers(problem: Problem) -> Iterator[str]:
+    """A given W whose estimation error does not decay, and what stands beside it in vain."""
     for group in as_integrators(problem).groups:
         A, C, own = to_float(group.exosystem.A), to_float(group.exosystem.C), group.observer
         if own.W is None or group.exosystem.order > LARGEST_ORDER:
@@ -527,6 +535,7 @@ def _about_observers(problem: Problem) -> Iterator[str]:
 
 
 def _about_times(problem: Problem) -> Iterator[str]:
+    """Times that are far apart, and runs that are too short or too long to show anything."""
     fast, slow = _time_scales(problem)
     if not fast or not slow:
         return
@@ -573,6 +582,7 @@ def _about_times(problem: Problem) -> Iterator[str]:
 
 
 def _about_simulation(problem: Problem) -> Iterator[str]:
+    """Runs that start where nothing is proved, or in which nothing happens."""
     run = problem.simulation
     starts = run.x0 or ()
     region = problem.region
@@ -595,6 +605,7 @@ def _about_simulation(problem: Problem) -> Iterator[str]:
 
 
 def _about_switching(problem: Problem) -> Iterator[str]:
+    """Parts of [switching] that change nothing."""
     own, modes, t_final = problem.switching, list(problem.network.modes), problem.simulation.t_final
     if own is None or own.signal == "mobile":
         return

@@ -341,11 +341,13 @@ def place_of(arcs: Arcs, place: int) -> str:
 
 
 def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
+    """ "a listens to b", of one arc."""
     listener, speaker = labels[int(arcs.listeners[position])], labels[int(arcs.speakers[position])]
     return f"{named(listener)} listens to {named(speaker)}"
 
 
 def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tuple[int, int, Any]:
+    """One arc as it is written: the indices of both agents, and the weight.  Raises: SpecError."""
     if not isinstance(pair, (list, tuple)) or len(pair) not in (2, 3):
         what = f"must be an arc [a, b] or [a, b, weight]; got {shown(pair)}."
         raise wrong(key, what, "Write two labels and, if wanted, a weight.")
@@ -364,6 +366,7 @@ def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tu
 
 
 def _range(index: Mapping[str, int]) -> str:
+    """Which labels there are, for a message."""
     # Labels that count are shown as a range, others by the first few.
     names = list(index)
     if len(names) > 3 and names[0] == "1" and names[-1] == str(len(names)):
@@ -640,6 +643,7 @@ def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
 
 
 def _modes(value: Any, several: bool) -> dict[str, Any]:
+    """What is given for each mode; a single one is called G."""
     if not several:
         return {"G": value}
     return {str(name): each for name, each in value.items()}

@@ -133,6 +133,7 @@ class GainForm:
         return gain
 
     def _read_number(self, value: Any, *, key: str) -> Matrix:
+        """A gain given as a number, a multiple of ``unit``."""
         if self.unit is None:
             p, m = self.shape
             what = f"must be a {p} x {m} matrix, because the coupling is not linear;"

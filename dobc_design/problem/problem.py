@@ -630,6 +630,7 @@ def _read_notes(notes: Any) -> tuple[str, ...]:
 
 
 def _read_coupling(value: Any, *, dimension: int, outputs: int, key: str) -> Coupling:
+    """A coupling of the right size, or the one that a text says."""
     if not isinstance(value, Coupling):
         return make_coupling(value, dimension=dimension, outputs=outputs, key=key)
     if (value.dimension, value.outputs) == (dimension, outputs):
@@ -644,6 +645,7 @@ def _read_coupling(value: Any, *, dimension: int, outputs: int, key: str) -> Cou
 def _read_exceptions(
     value: Any, *, network: Network, dimension: int, outputs: int
 ) -> Mapping[Arc, Coupling]:
+    """The couplings of single arcs, by the indices of listener and speaker, in their order."""
     codes, n = network.arc_codes() if value else set(), network.size
     result: dict[Arc, Coupling] = {}
     errors: list[SpecError] = []
@@ -672,6 +674,7 @@ def _is_arc(arc: Any, n: int) -> bool:
 
 
 def _read_offsets(value: Any, *, labels: Sequence[str], dimension: int) -> Mapping[int, Vector]:
+    """Where agents go from the target, by index; 0 is left out."""
     because = "one per state component"
 
     def read(offset: Any, key: str) -> Vector:

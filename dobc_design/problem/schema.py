@@ -27,6 +27,7 @@ _NUMBER = {
 
 
 def _list_of(items: Any, least: int | None = 1, most: int | None = None) -> dict[str, Any]:
+    """A list of so many items."""
     sizes = {"minItems": least, "maxItems": most}
     return {"type": "array", "items": items} | {
         key: size for key, size in sizes.items() if size is not None
@@ -34,10 +35,12 @@ def _list_of(items: Any, least: int | None = 1, most: int | None = None) -> dict
 
 
 def _either(*choices: dict[str, Any]) -> dict[str, Any]:
+    """One of several forms."""
     return {"anyOf": list(choices)}
 
 
 def _table_of(*values: dict[str, Any]) -> dict[str, Any]:
+    """A table with any keys."""
     return {"type": "object", "additionalProperties": _either(*values)}
 
 
@@ -77,6 +80,7 @@ _NOTE = {"type": "string", "maxLength": 1000}
 
 
 def _table(value: Any) -> Any:
+    """Let nothing but a table through."""
     if not isinstance(value, dict):
         raise ValueError("must be a table")
     return value

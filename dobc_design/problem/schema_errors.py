@@ -49,6 +49,7 @@ def explain(error: ValidationError) -> SpecError:
 
 
 def _explain(item: Any) -> SpecError:
+    """One mistake, said of its key."""
     location, value = item["loc"], item["input"]
     key = key_text(location)
     if item["type"] == "extra_forbidden":
@@ -74,10 +75,12 @@ def key_text(location: Location) -> str:
 
 
 def _without_places(key: str) -> str:
+    """The key without the places in lists: exosystem.groups.A."""
     return re.sub(r"\[\d+\]", "", key)
 
 
 def _unknown_key(key: str, location: Location) -> SpecError:
+    """Says which key may be meant, or in which table it belongs."""
     table, name = key_text(location[:-1]), str(location[-1])
     what = f"is an unknown key in [{table}]" if table else "is an unknown key"
     if _without_places(key) in RESERVED:

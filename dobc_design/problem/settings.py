@@ -110,6 +110,7 @@ def read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
 
 
 def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
+    """The largest estimation error at the start; required with an exosystem, refused without."""
     key = "region.initial_disturbance"
     if value is None and with_exosystem:
         what = (
@@ -163,6 +164,7 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) 
 
 
 def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
+    """Where the exosystems start: one row for all agents, or one for each."""
     key = "simulation.xi0"
     if len(orders) > 1:
         return _read_different_xi0(value, key, orders)
@@ -376,6 +378,7 @@ def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switch
 
 
 def _read(signal: str, name: str, value: Any) -> Any:
+    """The value of one key, which this signal has to know.  Raises: SpecError."""
     key = f"switching.{name}"
     if name == "guarantee":
         return value
@@ -490,12 +493,14 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
 
 
 def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
+    """The modes of one round."""
     if not is_list(value) or not len(value):
         raise _no_list(key, "a list of modes", value, "sequence")
     return tuple(_mode(mode, f"{key}[{k}]") for k, mode in enumerate(value))
 
 
 def _read_generator(value: Any, key: str) -> Matrix:
+    """The rates of a Markov chain: a square matrix whose rows add up to 0."""
     matrix = read_matrix(value, key=key)
     rows, columns = len(matrix), len(matrix[0])
     if rows != columns:
@@ -515,6 +520,7 @@ def _read_generator(value: Any, key: str) -> Matrix:
 
 
 def _read_schedule(value: Any, key: str) -> Schedule:
+    """Instants, which increase from 0 s, with the mode that begins there."""
     if not is_list(value) or not len(value):
         raise _no_list(key, "a list of [instant in s, mode]", value, "schedule")
     rows = []

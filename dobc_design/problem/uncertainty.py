@@ -136,6 +136,7 @@ def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
 
 
 def _known(value: Any, noun: Any) -> dict[str, Any]:
+    """The keys of a table that say something; no other may stand there."""
     key, names = noun.__name__.lower(), noun.__dataclass_fields__
     for name, _ in items(value, key=key):
         if name not in names:
@@ -148,6 +149,7 @@ def _limit(value: Any, *, key: str) -> Fraction:
 
 
 def _bound(value: Any, key: str, *, below: bool = False) -> Fraction:
+    """A number >= 0; of relative errors one ``below`` 1."""
     number = parse_number(value, key=key)
     if number < 0 or (below and number >= 1):
         what = "a relative error, >= 0 and < 1" if below else ">= 0, because it is a bound"

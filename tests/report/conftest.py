@@ -58,50 +58,47 @@ def ring_checks(problem: Problem) -> tuple[Check, ...]:
     verdicts."""
     mode, labels = next(iter(problem.network.modes)), problem.network.labels
     proved, refuted, undecided = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
-    routh, bound = (
-        Values({"routh": ["1", "16/5", "44/5"]}),
-        Values({"bound": "-1/20", "S": [["1/20"]]}),
+    cure = {"pinning.gains.2": 1, "observer.W": None}
+    routh = Values({"routh": ["1", "16/5", "44/5"]})
+    hurwitz = one("hurwitz", proved, "global", "A - WC is Hurwitz.", rate=1.59999, claim=routh)
+    lonely = one(
+        "reachability",
+        refuted,
+        "global",
+        "somebody is alone.",
+        mode=mode,
+        witness=Witness(kind="agents", labels=labels[1:3]),
+        fix=Fix(kind="pin", set=cure, text="Pin one of them."),
     )
-    printed, vector = (
-        Values({"bound": "-9/8", "S": [["9/8"]]}),
-        Witness(kind="vector", values=tuple(map(str, range(30)))),
+    lemma1 = one(
+        "lemma1", proved, "consensus", "Lambda(J) < 0.", mode=mode, margin=0.58229999, rate=0.29
     )
-    alone = Witness(kind="agents", labels=labels[1:3])
-    fix = Fix(kind="pin", set={"pinning.gains.2": 1, "observer.W": None}, text="Pin one of them.")
+    printed = one(
+        "theorem1-printed",
+        refuted,
+        "consensus",
+        "Psi is not negative definite for this P.",
+        margin=-0.53678,
+        claim=Values({"bound": "-9/8", "S": [["9/8"]]}),
+        witness=Witness(kind="vector", values=tuple(map(str, range(30)))),
+    )
+    theorem1 = one(
+        "theorem1",
+        proved,
+        "consensus",
+        "Psi < 0 holds exactly for a rational P.",
+        margin=0.5319,
+        rate=0.2618,
+        claim=Values({"bound": "-1/20", "S": [["1/20"]]}),
+    )
     box = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
     return (
         one("observability", proved, "global", "(A, C) is observable."),
-        one("hurwitz", proved, "global", "A - WC is Hurwitz.", rate=1.59999, claim=routh),
-        one(
-            "reachability",
-            refuted,
-            "global",
-            "somebody is alone.",
-            mode=mode,
-            witness=alone,
-            fix=fix,
-        ),
-        one(
-            "lemma1", proved, "consensus", "Lambda(J) < 0.", mode=mode, margin=0.58229999, rate=0.29
-        ),
-        one(
-            "theorem1-printed",
-            refuted,
-            "consensus",
-            "Psi is not negative definite for this P.",
-            margin=-0.53678,
-            claim=printed,
-            witness=vector,
-        ),
-        one(
-            "theorem1",
-            proved,
-            "consensus",
-            "Psi < 0 holds exactly for a rational P.",
-            margin=0.5319,
-            rate=0.2618,
-            claim=bound,
-        ),
+        hurwitz,
+        lonely,
+        lemma1,
+        printed,
+        theorem1,
         one("max-separable", undecided, box, "does not apply: nobody asked."),
     )
 
@@ -133,30 +130,31 @@ def make_certificate(problem: Problem | None = None, **changes: Any) -> Certific
 def make_analysis(problem: Problem) -> Analysis:
     """Made-up eigenvalues of the right shapes."""
     n, labels = problem.n * problem.m, problem.network.labels
-    margins = tuple(ModeMargin(eigenvalue=value, margin=0.7) for value in (2j, -2j))
-    one_each = (1,) * problem.n
-    shape = {
-        "components": (labels,),
-        "sources": (labels,),
-        "heard": one_each,
-        "hearing": one_each,
-        "balanced": True,
-    }
     lambdas = tuple(np.linspace(-8, -0.5, n).tolist())
     loops = tuple(complex(-0.5 - i / n, (-1) ** i) for i in range(n))
-    modes = problem.network.modes
+    graphs, modes = [], []
+    for mode, arcs in problem.network.modes.items():
+        graph = GraphFacts(
+            mode=mode,
+            arcs=len(arcs),
+            unreached=labels[1:3],
+            components=(labels,),
+            sources=(labels,),
+            heard=(1,) * problem.n,
+            hearing=(1,) * problem.n,
+            balanced=True,
+        )
+        graphs.append(graph)
+        spectrum = ModeSpectrum(mode=mode, lambda_eigenvalues=lambdas, loop_eigenvalues=loops)
+        modes.append(spectrum)
+    margins = tuple(ModeMargin(eigenvalue=value, margin=0.7) for value in (2j, -2j))
+    seen = ObservabilityResult(order=2, rank=2, singular_values=(2.0, 1.0), modes=margins)
     return Analysis(
         name=problem.name,
-        observability=ObservabilityResult(
-            order=2, rank=2, singular_values=(2.0, 1.0), modes=margins
-        ),
+        observability=seen,
         spectrum=SpectrumResult(eigenvalues=(-1.6 + 2.5j, -1.6 - 2.5j), rate=1.6),
-        graphs=tuple(
-            GraphFacts(mode=m, arcs=len(modes[m]), unreached=labels[1:3], **shape) for m in modes
-        ),
-        modes=tuple(
-            ModeSpectrum(mode=m, lambda_eigenvalues=lambdas, loop_eigenvalues=loops) for m in modes
-        ),
+        graphs=tuple(graphs),
+        modes=tuple(modes),
     )
 
 
@@ -165,26 +163,26 @@ def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
     n, m, q = problem.n, problem.m, problem.q
     times = np.linspace(0, 10, 401)
     goal = np.ones((n, m))
-    x = goal + np.exp(-times)[:, None, None] * np.linspace(-1, 4, n * m).reshape(n, m)
+    starts = np.linspace(-1, 4, n * m).reshape(n, m)
+    x = goal + np.exp(-times)[:, None, None] * starts
     d = np.broadcast_to(np.cos(2 * times)[:, None, None], x.shape).copy()
-    dhat = d * (1 - np.exp(-times))[:, None, None]
     xi = np.zeros((len(times), n, q))
-    arrays = {
-        "times": times,
-        "x": x,
-        "xi": xi,
-        "xihat": xi.copy(),
-        "d": d,
-        "dhat": dhat,
-        "u": 0 * x,
-        "goal": goal,
-    }
-    named = {
-        "name": problem.name,
-        "mode": next(iter(problem.network.modes)),
-        "labels": problem.network.labels,
-    }
-    return Trajectory(t_final=10.0, seed=3, diverged=diverged, **named, **arrays)
+    return Trajectory(
+        name=problem.name,
+        mode=next(iter(problem.network.modes)),
+        labels=problem.network.labels,
+        t_final=10.0,
+        seed=3,
+        diverged=diverged,
+        times=times,
+        x=x,
+        goal=goal,
+        u=0 * x,
+        d=d,
+        dhat=d * (1 - np.exp(-times))[:, None, None],
+        xi=xi,
+        xihat=xi.copy(),
+    )
 
 
 @pytest.fixture
@@ -238,16 +236,15 @@ def trajectory_of() -> Callable[..., Trajectory]:
 def everything(certificate: Certificate) -> dict[str, Any]:
     """The arguments of a full report on the ring."""
     problem = certificate.problem
-    n = problem.n
-    rows = [
-        [-2 if i == j else 1 if abs(i - j) in (1, n - 1) else Fraction(1, 3) for j in range(n)]
-        for i in range(n)
-    ]
+    Lambda = [[Fraction(1, 3)] * problem.n for _ in range(problem.n)]
+    for i, row in enumerate(Lambda):
+        row[i] = Fraction(-2)
+        row[i - 1] = row[(i + 1) % problem.n] = Fraction(1)
     return {
         "certificate": certificate,
         "analysis": make_analysis(problem),
         "trajectory": make_trajectory(problem),
-        "lambdas": {"Ga": matrix(rows)},
+        "lambdas": {"Ga": matrix(Lambda)},
     }
 
 
@@ -256,28 +253,21 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
     """A report on the ring with a region, whose certificates are made by hand."""
     problem = problem_with(region=Region(initial_states=[[0, 5]], initial_disturbance="1/2"))
     box = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
-    values = {"v": ["1", *["3/2"] * 9], "alpha": "1/5", "rho": "9/2", "P": [["1", "0"], ["0", "1"]]}
-    separable = Values(values | {"beta": "3/2", "kappa": "7/10", "size": "1"})
+    values = {"v": ["1", *["3/2"] * 9], "P": [["1", "0"], ["0", "1"]], "size": "1"}
+    values |= {"alpha": "1/5", "beta": "3/2", "rho": "9/2", "kappa": "7/10"}
+    proved, decays = Verdict.PROVED, "from every start V decays."
+    separable = one("max-separable", proved, box, decays, rate=0.2, claim=Values(values))
+    late = Values({"delay": "1/50", "rate": "1/10"})
+    delay = one("delay", proved, box, "late.", rate=0.1, claim=late)
     P_e = SparseSymmetric(10, {(i, i): Fraction(1 + i) for i in range(10)})
-    lure = Lure(method="vertices", P_e=P_e, ranges=(), radius=Fraction(1), level=Fraction(2))
+    claim = Lure(method="vertices", P_e=P_e, ranges=(), radius=Fraction(1), level=Fraction(2))
     ball = {"kind": "ball", "radius": 1.079, "disturbance": 0.5}
     why = (
         "from every start in a ball V decays. Beyond, and this takes several lines, no "
         "quadratic V is found."
     )
-    late = Values({"delay": "1/50", "rate": "1/10"})
-    checks = (
-        one(
-            "max-separable",
-            Verdict.PROVED,
-            box,
-            "from every start V decays.",
-            rate=0.2,
-            claim=separable,
-        ),
-        one("lure", Verdict.PROVED, ball, why, rate=0.0001234, claim=lure),
-        one("delay", Verdict.PROVED, box, "late.", rate=0.1, claim=late),
-    )
+    lure = one("lure", proved, ball, why, rate=0.0001234, claim=claim)
+    checks = (separable, lure, delay)
     certificate = certificate_of(problem, checks=checks, covered_by="max-separable", rate=0.2)
     return {"certificate": certificate, "analysis": None, "trajectory": None}
 

@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 from shown import HOSTILE, pdf_content
 
-from dobc_design import Exosystem, Group, Network, Observer, Problem, certify
+from dobc_design import Certificate, Exosystem, Group, Network, Observer, Problem, certify
 from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix, matrix
 from dobc_design.report import content as of_report
 from dobc_design.report.content import report_document
 from dobc_design.report.document import Picture
@@ -27,6 +28,7 @@ needs_typst = pytest.mark.skipif(
 )
 POPPLER = shutil.which("pdftotext")
 needs_poppler = pytest.mark.skipif(POPPLER is None, reason="needs pdftotext (poppler-utils)")
+SAID = ("Traceability", "Signatures", "Approved by", "0.2618 1/s", "0.5822", "9.9.9", "dobc verify")
 MARGIN = 14 * 72 / 25.4  # pt; the page has 18 mm
 
 
@@ -44,37 +46,31 @@ def squeezed(text: str) -> str:
 
 
 def content(*blocks: dict[str, Any], **changes: Any) -> dict[str, Any]:
-    texts = {
-        "title": "t",
-        "name": "n",
-        "footer": "f",
-        "verdict": "proved",
-        "word": "Proved",
-        "reason": "r",
-    }
-    return {
-        **texts,
-        "identity": [["Problem", "n"]],
-        "facts": [["Agents", "1"]],
-        "blocks": list(blocks),
-        **changes,
-    }
+    """What reaches the template of a document with these blocks."""
+    whole: dict[str, Any] = {"title": "t", "name": "n", "footer": "f"}
+    whole |= {"verdict": "proved", "word": "Proved", "reason": "r"}
+    whole |= {"identity": [["Problem", "n"]], "facts": [["Agents", "1"]], "blocks": list(blocks)}
+    return whole | changes
+
+
+def printed(shown: dict[str, Any], *, full: bool = False) -> bytes:
+    """The PDF of a report."""
+    return pdf_page(report_document(Findings(**shown)), full=full)
 
 
 @needs_typst
 @needs_poppler
 def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: Path):
     items = list(HOSTILE[:5])
-    table = {
-        "kind": "table",
-        "heads": items[:2],
-        "rows": [[[each], [each]] for each in items],
-        "widths": [0, 1],
-    }
-    blocks = ({"kind": "list", "items": items}, {"kind": "code", "lines": items}, table)
-    headings = ({"kind": "heading", "level": 1, "text": each} for each in items)
+    rows = [[[each], [each]] for each in items]
+    blocks: list[dict[str, Any]] = [
+        {"kind": "list", "items": items},
+        {"kind": "code", "lines": items},
+        {"kind": "table", "heads": items[:2], "rows": rows, "widths": [0, 1]},
+    ]
+    blocks += [{"kind": "heading", "level": 1, "text": each} for each in items]
     whole = " ".join(items)
-    page = compile_pdf(content(*blocks, *headings, name=whole, reason=whole, footer=whole[:60]))
+    page = compile_pdf(content(*blocks, name=whole, reason=whole, footer=whole[:60]))
     text = squeezed(texts(page, tmp_path))
     for each in items:
         assert text.count(squeezed(each)) >= 6, each
@@ -85,9 +81,8 @@ def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: P
     "text", ["時計 🕰 \ufffd", "private \ue000 \U0010fffd", "\u202eright to left", "\ufffe"]
 )
 def test_letters_that_fonts_or_the_standard_do_not_have_do_not_stop_it(text: str):
-    made = compile_pdf(
-        content({"kind": "text", "text": text, "style": "plain"}, name=text, title=text)
-    )
+    paragraph = {"kind": "text", "text": text, "style": "plain"}
+    made = compile_pdf(content(paragraph, name=text, title=text))
     assert made.startswith(b"%PDF")
 
 
@@ -120,12 +115,8 @@ def test_the_same_content_gives_the_same_bytes_without_a_date():
     ],
 )
 def test_numbers(value: Fraction, negative: bool, digits: str, over: str | None, power: str | None):
-    assert number_parts(value) == {
-        "negative": negative,
-        "digits": digits,
-        "over": over,
-        "power": power,
-    }
+    expected = {"negative": negative, "digits": digits, "over": over, "power": power}
+    assert number_parts(value) == expected
 
 
 def test_long_words_may_be_broken_and_lose_no_letter():
@@ -146,17 +137,17 @@ def test_a_figure_keeps_its_colours_and_gets_its_alternative():
 
 def test_every_equation_of_the_loop_has_its_formula():
     template = (Path(of_report.__file__).parent / "templates" / "report.typ").read_text("utf-8")
-    assert all(f'"{name}": (' in template for name, _, _ in of_report.words.TEXTS["loop"]["plain"])
-    assert all(
-        f'"{name}, disturbed": (' in template
-        for name, _, _ in of_report.words.TEXTS["loop"]["disturbed"]
-    )
+    loops = of_report.words.TEXTS["loop"]
+    for name, _, _ in loops["plain"]:
+        assert f'"{name}": (' in template
+    for name, _, _ in loops["disturbed"]:
+        assert f'"{name}, disturbed": (' in template
 
 
 def test_without_typst_the_message_names_the_extra(certificate, monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
     with pytest.raises(SpecError, match=r"dobc_design\[pdf\]"):
-        pdf_page(report_document(Findings(certificate=certificate)))
+        printed({"certificate": certificate})
 
 
 @needs_typst
@@ -166,72 +157,54 @@ def test_without_typst_the_message_names_the_extra(certificate, monkeypatch):
 def test_pages_are_a4_and_nothing_is_cut_off(
     which: str, request: pytest.FixtureRequest, tmp_path: Path
 ):
-    arguments = request.getfixturevalue(which)
-    boxes = texts(pdf_page(report_document(Findings(**arguments))), tmp_path, "-bbox")
+    boxes = texts(printed(request.getfixturevalue(which)), tmp_path, "-bbox")
     pages = re.findall(r'<page width="([\d.]+)" height="([\d.]+)">', boxes)
     assert len(pages) >= 3
-    assert {(round(float(w)), round(float(h))) for w, h in pages} == {(595, 842)}
-    words = re.findall(
-        r'<word xMin="(-?[\d.]+)" yMin="(-?[\d.]+)" xMax="([\d.]+)" yMax="([\d.]+)">(.*?)</word>',
-        boxes,
-    )
+    for width, height in pages:
+        assert (round(float(width)), round(float(height))) == (595, 842)
+    words = re.findall(r'<word xMin="(-?[\d.]+)" .*?xMax="([\d.]+)" .*?>(.*?)</word>', boxes)
     assert len(words) > 500
-    outside = [
-        word for *box, word in words if float(box[0]) < MARGIN or float(box[2]) > 595.3 - MARGIN
-    ]
-    assert outside == []
+    for left, right, word in words:
+        assert float(left) >= MARGIN, word
+        assert float(right) <= 595.3 - MARGIN, word
 
 
 @needs_typst
 @needs_poppler
 @pytest.mark.slow
-def test_the_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: Path):
-    text = squeezed(texts(pdf_page(report_document(Findings(**everything))), tmp_path))
-    certificate = everything["certificate"]
-    for check in certificate.checks:
-        assert squeezed(check.reason[1:]) in text
-    for words in (
-        "Traceability",
-        "Signatures",
-        "Approved by",
-        "0.2618 1/s",
-        "0.5822",
-        "9.9.9",
-        "dobc verify",
-    ):
+def test_the_full_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: Path):
+    text = squeezed(texts(printed(everything, full=True), tmp_path))
+    for check in everything["certificate"].checks:
+        assert squeezed(of_report.words.sentence(check.reason)) in text
+    for words in SAID:
         assert squeezed(words) in text
     assert "0.5823" not in text  # cut towards the weaker claim
 
 
+def blocks_of(certificate: Certificate) -> list[dict[str, Any]]:
+    """The blocks of a report as they reach the template, in JSON."""
+    blocks: list[dict[str, Any]] = json.loads(json.dumps(pdf_content(certificate)))["blocks"]
+    return blocks
+
+
+def matrix_of(blocks: list[dict[str, Any]], name: str) -> Matrix:
+    """A matrix as the template gets it."""
+    rows = next(block["rows"] for block in blocks if block.get("name") == name)
+    return matrix([[("-" if x["negative"] else "") + x["digits"] for x in row] for row in rows])
+
+
 def test_matrices_reach_the_template(certificate):
-    whole = json.loads(json.dumps(pdf_content(certificate)))
-    matrices = {
-        block["name"]: block["rows"] for block in whole["blocks"] if block["kind"] == "matrix"
-    }
-
-    def value(part: dict[str, Any]) -> Fraction:
-        return Fraction(part["digits"]) * (-1 if part["negative"] else 1)
-
-    assert [[value(x) for x in row] for row in matrices["P"]] == [
-        [3, Fraction(-1, 4)],
-        [Fraction(-1, 4), 2],
-    ]
-    assert [[value(x) for x in row] for row in matrices["W"]] == [
-        [Fraction(16, 5)],
-        [Fraction(12, 5)],
-    ]
-    assert [[value(x) for x in row] for row in matrices["P given"]][1] == [
-        Fraction(-1, 4),
-        Fraction("0.33333"),
-    ]
+    blocks = blocks_of(certificate)
+    assert matrix_of(blocks, "P") == matrix([[3, "-1/4"], ["-1/4", 2]])
+    assert matrix_of(blocks, "W") == matrix([["16/5"], ["12/5"]])
+    assert matrix_of(blocks, "P given")[1] == (Fraction(-1, 4), Fraction("0.33333"))
 
 
 def test_agents_with_different_exosystems_get_the_condition_with_a_disturbance():
-    groups = [
-        Group(agents=[i], exosystem=Exosystem(A=[[-i]], C=[[1]]), observer=Observer(W=[[1]]))
-        for i in (1, 2)
-    ]
+    groups = []
+    for i in (1, 2):
+        exosystem = Exosystem(A=[[-i]], C=[[1]])
+        groups.append(Group(agents=[i], exosystem=exosystem, observer=Observer(W=[[1]])))
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
     certificate = certify(Problem(network=network, coupling="y", gains=1, groups=groups))
-    whole = json.loads(json.dumps(pdf_content(certificate)))
-    assert "psi" in [block.get("name") for block in whole["blocks"]]
+    assert "psi" in [block.get("name") for block in blocks_of(certificate)]

@@ -74,10 +74,8 @@ def test_domains_in_words():
     assert domain_words("global") == "every start"
     assert domain_words("consensus") == "near the target"
     assert domain_words({"kind": "ball", "radius": 1.5}) == "starts with |e|₂ ≤ 1.5"
-    assert (
-        domain_words({"kind": "box", "radius": "x", "disturbance": 0})
-        == "starts with |e|∞ ≤ ? and every |εᵢ| ≤ 0"
-    )
+    unreadable = {"kind": "box", "radius": "x", "disturbance": 0}
+    assert domain_words(unreadable) == "starts with |e|∞ ≤ ? and every |εᵢ| ≤ 0"
 
 
 def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_with, certificate_of):

@@ -43,10 +43,8 @@ def pdf_content(certificate: Certificate, **shown: Any) -> dict[str, Any]:
 def latex_report(certificate: Certificate, **shown: Any) -> dict[str, str]:
     """The fragments as text, by file name."""
     document = report_document(Findings(certificate=certificate, **shown))
-    return {
-        name: data.decode("utf-8")
-        for name, data in latex_fragments(document, certificate.claims.version).items()
-    }
+    fragments = latex_fragments(document, certificate.claims.version)
+    return {name: data.decode("utf-8") for name, data in fragments.items()}
 
 
 def compare_html(first: Certificate, second: Certificate) -> str:

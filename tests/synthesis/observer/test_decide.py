@@ -3,6 +3,7 @@ no W can do."""
 
 import math
 from fractions import Fraction
+from functools import partial
 from random import Random
 
 import numpy as np
@@ -70,32 +71,35 @@ def test_the_paper_gain_has_its_rate_damping_and_disk_exactly():
     assert not damping_holds(F, below + TINY)
     # |s|^2 = 44/5 about 0; about -8/5 the radius is (2/5) sqrt(39).
     radius = Fraction(math.isqrt(156 * 10**24 // 25), 10**12)
-    assert roots_inside(
-        characteristic_polynomial(F), Disk(centre="-8/5", radius=radius + TINY)
-    ) == (True, True)
-    assert roots_inside(characteristic_polynomial(F), Disk(centre="-8/5", radius=radius)) == (
-        False,
-        False,
-    )
-    assert roots_inside(characteristic_polynomial(F), HalfPlane(right_of="-8/5")) == (True, False)
-    assert roots_inside(
-        characteristic_polynomial(F), HalfPlane(right_of=Fraction(-8, 5) + TINY)
-    ) == (False, False)
+    polynomial = characteristic_polynomial(F)
+    around = Disk(centre="-8/5", radius=radius + TINY)
+    assert roots_inside(polynomial, around) == (True, True)
+    around = Disk(centre="-8/5", radius=radius)
+    assert roots_inside(polynomial, around) == (False, False)
+    right = HalfPlane(right_of="-8/5")
+    assert roots_inside(polynomial, right) == (True, False)
+    right = HalfPlane(right_of=Fraction(-8, 5) + TINY)
+    assert roots_inside(polynomial, right) == (False, False)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_random_gains_agree_with_floating_point_away_from_the_border(seed):
     r = Random(seed)
     q = r.randint(1, 5)
-    E = matrix([[Fraction(r.randint(-30, 10), 10) for _ in range(q)] for _ in range(q)])
+    rows = []
+    for _ in range(q):
+        rows.append([Fraction(r.randint(-30, 10), 10) for _ in range(q)])
+    E = matrix(rows)
     poles = np.linalg.eigvals(to_float(E))
-    for region, inside in (
-        (HalfPlane(left_of="-0.3"), np.max(poles.real) - (-0.3)),
-        (Disk(centre=-2, radius="2.5"), np.max(np.abs(poles + 2)) - 2.5),
-        (Cone(damping="0.4"), np.max(poles.real + 0.4 * np.abs(poles))),
-    ):
-        if abs(inside) > 1e-6:
-            assert roots_inside(characteristic_polynomial(E), region)[0] == (inside < 0)
+    outside = {
+        HalfPlane(left_of="-0.3"): np.max(poles.real) + 0.3,
+        Disk(centre=-2, radius="2.5"): np.max(np.abs(poles + 2)) - 2.5,
+        Cone(damping="0.4"): np.max(poles.real + 0.4 * np.abs(poles)),
+    }
+    polynomial = characteristic_polynomial(E)
+    for region, distance in outside.items():
+        if abs(distance) > 1e-6:
+            assert roots_inside(polynomial, region)[0] == (distance < 0)
 
 
 def test_the_sampled_error_is_that_of_scipy():
@@ -107,42 +111,44 @@ def test_the_sampled_error_is_that_of_scipy():
     assert max(x.width for row in found for x in row) < Fraction(1, 2**100)
 
 
-def test_a_sampled_constant_converges_for_gains_between_zero_and_two():
+@pytest.mark.parametrize(
+    ("gain", "verdict"),
+    [
+        ("1", Verdict.PROVED),
+        ("1.999999", Verdict.PROVED),
+        ("2.000001", Verdict.REFUTED),
+        ("-0.1", Verdict.REFUTED),
+    ],
+)
+def test_a_sampled_constant_converges_for_gains_between_zero_and_two(gain, verdict):
     """Ad = 1, Cd = 1: the error is multiplied by 1 - W."""
-    proved, refuted = Verdict.PROVED, Verdict.REFUTED
-    for gain, verdict in (
-        ("1", proved),
-        ("1.999999", proved),
-        ("2.000001", refuted),
-        ("-0.1", refuted),
-    ):
-        found = sampled_statements(
-            CONSTANT, matrix([[gain]]), period=Fraction(1), rate=None, regions=()
-        )
-        assert [statement.verdict for statement in found] == [verdict]
+    W = matrix([[gain]])
+    (found,) = sampled_statements(CONSTANT, W, period=Fraction(1), rate=None, regions=())
+    assert found.verdict is verdict
 
 
 def test_the_sampled_rate_is_decided_to_many_digits():
     """1 - W = exp(-rate T) with rate T = 1: W on either side of 1 - 1/e."""
     edge = Fraction(1 - math.exp(-1))
-    for gain, verdict in ((edge + TINY, Verdict.PROVED), (edge - TINY, Verdict.REFUTED)):
-        found = sampled_statements(
-            CONSTANT, ((gain,),), period=Fraction(1, 2), rate=Fraction(2), regions=()
-        )
-        assert [s.verdict for s in found] == [Verdict.PROVED, verdict]
+
+    def decided(gain: Fraction) -> list[Verdict]:
+        asked = {"period": Fraction(1, 2), "rate": Fraction(2)}
+        found = sampled_statements(CONSTANT, ((gain,),), **asked, regions=())
+        return [each.verdict for each in found]
+
+    assert decided(edge + TINY) == [Verdict.PROVED, Verdict.PROVED]
+    assert decided(edge - TINY) == [Verdict.PROVED, Verdict.REFUTED]
 
 
 def test_disks_of_the_sampled_plane_are_decided_and_a_pole_on_the_circle_is_never_proved():
     """W = 0 leaves the harmonic on the unit circle, where an enclosure cannot decide."""
-    found = sampled_statements(
-        PAPER, matrix([[0], [0]]), period=Fraction(1, 10), rate=None, regions=()
-    )
+    nothing = matrix([[0], [0]])
+    found = sampled_statements(PAPER, nothing, period=Fraction(1, 10), rate=None, regions=())
     assert found[0].verdict is not Verdict.PROVED
     disk = [Disk(centre="1/2", radius="1/4")]
     for gain, verdict in (("1/2", Verdict.PROVED), ("0.8", Verdict.REFUTED)):
-        found = sampled_statements(
-            CONSTANT, matrix([[gain]]), period=Fraction(1), rate=None, regions=disk
-        )
+        W = matrix([[gain]])
+        found = sampled_statements(CONSTANT, W, period=Fraction(1), rate=None, regions=disk)
         assert found[-1].verdict is verdict
 
 
@@ -150,17 +156,19 @@ def random_system(seed: int) -> StateSpace:
     r = Random(seed)
 
     def draw(rows, columns, shift=0):
-        return matrix(
-            [
-                [Fraction(r.randint(-20, 20), 10) - shift * (i == j) for j in range(columns)]
-                for i in range(rows)
-            ]
-        )
+        found = []
+        for i in range(rows):
+            row = [Fraction(r.randint(-20, 20), 10) for _ in range(columns)]
+            if shift:
+                row[i] -= shift
+            found.append(row)
+        return matrix(found)
 
     while True:
         q, u, y = r.randint(1, 5), r.randint(1, 3), r.randint(1, 3)
-        feedthrough = draw(y, u) if seed % 2 else matrix([[0] * u] * y)
-        system = StateSpace(F=draw(q, q, shift=3), B=draw(q, u), C=draw(y, q), D=feedthrough)
+        D = draw(y, u) if seed % 2 else matrix([[0] * u] * y)
+        F = draw(q, q, shift=3)
+        system = StateSpace(F=F, B=draw(q, u), C=draw(y, q), D=D)
         if decide_hurwitz(system.F).verdict is Verdict.PROVED:
             return system
 
@@ -171,9 +179,8 @@ def test_random_systems_have_the_norms_of_python_control(seed):
     exact."""
     system = random_system(seed)
     expected = control_norm(system, "inf")
-    assert hinf_norm(*map(to_float, (system.F, system.B, system.C, system.D))) == pytest.approx(
-        expected, rel=1e-6
-    )
+    floats = map(to_float, (system.F, system.B, system.C, system.D))
+    assert hinf_norm(*floats) == pytest.approx(expected, rel=1e-6)
     assert hinf_below(system, Fraction(expected * (1 + 1e-6)))
     assert not hinf_below(system, Fraction(expected * (1 - 1e-6)))
     square = h2_squared(system)
@@ -188,9 +195,9 @@ def test_the_norms_of_a_constant_are_known(w):
     """F = -w: w/(s+w) has H2^2 = w/2 and norm 1; w s/(s+w) has norm w; 1/(s+w) has H2^2 = 1/(2w)
     and norm 1/w."""
     gain, x = matrix([[w]]), Fraction(w)
-    d, e, n = (
-        channel(CONSTANT, gain, name) for name in ("disturbance", "exosystem", "measurement")
-    )
+    d = channel(CONSTANT, gain, "disturbance")
+    e = channel(CONSTANT, gain, "exosystem")
+    n = channel(CONSTANT, gain, "measurement")
     assert h2_squared(d) == x / 2
     assert h2_squared(e) == 1 / (2 * x)
     assert h2_squared(n) is None
@@ -213,18 +220,21 @@ def test_the_measurement_channel_of_a_harmonic_peaks_where_calculus_says():
 
 def test_statements_say_what_holds_and_what_does_not():
     gain = matrix([[2]])
-    cases = (
-        (NoiseLimit(channel="disturbance", norm="h2", bound=1), Verdict.PROVED),
-        (NoiseLimit(channel="disturbance", norm="h2", bound="0.999999999"), Verdict.REFUTED),
-        (NoiseLimit(channel="measurement", bound="2.000000001"), Verdict.PROVED),
-        (NoiseLimit(channel="measurement", bound=2), Verdict.REFUTED),
-        (NoiseLimit(channel="measurement", norm="h2", bound=1000), Verdict.REFUTED),
-    )
-    for limit, verdict in cases:
+    h2 = partial(NoiseLimit, norm="h2")
+    exactly = h2(channel="disturbance", bound=1)
+    for limit in (exactly, NoiseLimit(channel="measurement", bound="2.000000001")):
         found = noise_statement(CONSTANT, gain, limit)
-        assert found.verdict is verdict
-        assert ("it is false" in found.text) == (verdict is Verdict.REFUTED)
-    assert noise_statement(CONSTANT, gain, cases[0][0]).exact["h2_squared"] == "1"
+        assert found.verdict is Verdict.PROVED
+        assert "it is false" not in found.text
+    for limit in (
+        h2(channel="disturbance", bound="0.999999999"),
+        NoiseLimit(channel="measurement", bound=2),
+        h2(channel="measurement", bound=1000),
+    ):
+        found = noise_statement(CONSTANT, gain, limit)
+        assert found.verdict is Verdict.REFUTED
+        assert "it is false" in found.text
+    assert noise_statement(CONSTANT, gain, exactly).exact["h2_squared"] == "1"
 
 
 def test_channels_are_transfer_functions_of_the_simulated_observer():
@@ -241,9 +251,8 @@ def test_channels_are_transfer_functions_of_the_simulated_observer():
     }
     for name in CHANNELS:
         x = channel(exosystem, gain, name)
-        value = to_float(x.C) @ np.linalg.inv(s * np.eye(2) - to_float(x.F)) @ to_float(
-            x.B
-        ) + to_float(x.D)
+        states = np.linalg.inv(s * np.eye(2) - to_float(x.F)) @ to_float(x.B)
+        value = to_float(x.C) @ states + to_float(x.D)
         assert value == pytest.approx(expected[name])
     with pytest.raises(SpecError, match="channel must be one of"):
         channel(exosystem, gain, "wind")
@@ -297,8 +306,10 @@ def test_a_request_is_refuted_beyond_its_border_and_not_before(
 
 def test_small_norms_of_a_decaying_exosystem_and_a_cone_alone_are_never_impossible():
     """With A Hurwitz W = 0 is a good observer."""
-    assert reason(Exosystem(A=[[-1]], C=[[1]]), noise=disturbance("1/10")) is None
-    assert reason(exosystems.harmonics([1, 2, 3]), region=Cone(damping="0.99"), rate=100) is None
+    decaying = Exosystem(A=[[-1]], C=[[1]])
+    assert reason(decaying, noise=disturbance("1/10")) is None
+    waves = exosystems.harmonics([1, 2, 3])
+    assert reason(waves, region=Cone(damping="0.99"), rate=100) is None
 
 
 @pytest.mark.parametrize(

@@ -250,6 +250,8 @@ def tallest(P_e: SparseSymmetric) -> Fraction:
     P_e."""
     if P_e.size <= MOST_INVERTED or all(i == j for i, j in P_e.entries):
         return max(diagonal_of_inverse(P_e))
+    # 1 / lambda_min bounds every entry of the inverse; lambda_min from an upper bound of
+    # ceiling I - P_e.
     ceiling = eigenvalue_bound(P_e)
     least = ceiling - eigenvalue_bound(P_e.negated().shifted(ceiling))
     if least <= 0:
@@ -272,6 +274,7 @@ def starts_of(problem: Problem, radius: Number | None, disturbance: Number | Non
             "[region]."
         )
         raise wrong(key, what, cure)
+    # Without a radius the whole region counts, the largest side of each component.
     if radius is None:
         sides = asked_radius(problem)
     else:
@@ -293,7 +296,7 @@ def bound_from(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBou
     """What ``claims``, which are about ``problem``, prove about |e(t)|_inf from all of these
     starts."""
     settling = certified_settling(problem, claims)
-    if settling is not None:
+    if settling is not None:  # it is about its own box of starts
         room = 1 + ROUNDING
         outside = starts.box > settling.radius * room
         if outside or starts.disturbance > settling.disturbance * room:
@@ -309,7 +312,7 @@ def bound_of_plant(problem: Problem, claims: Claims, starts: Starts) -> Certifie
     ``tolerance`` proves; with a limit from starts where ``actuators`` proves that no input exceeds
     it."""
     stated = stated_in(problem)
-    if stated.absolute:
+    if stated.absolute:  # a bound that goes to 0 would be false
         reason = (
             "what [uncertainty] says acts on the plant for ever; the check accuracy has the "
             "errors that remain"
@@ -396,6 +399,7 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     box, ball, disturbance = map(Fraction, run.start_size())
     starts = Starts(box=box, ball=ball, disturbance=disturbance)
     bound = bound_from(problem, claims, starts)
+    # What rests on a guarantee says nothing about a signal that does not keep it.
     if not keeps_guarantee(problem, json.loads(run.signal or "{}")):
         found = tuple(each for each in bound.envelopes if each.id != "schedule")
         settling = bound.settling

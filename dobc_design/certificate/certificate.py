@@ -213,6 +213,7 @@ class Certificate(Headed):
         }
         for name, data in (beside or {}).items():
             files[target / name] = data
+        # Together, so that a certificate never lies beside the problem of another run.
         write_together(files)
         return certificate, problem
 

@@ -318,6 +318,7 @@ class _Gatherer:
             starts = Starts(claimed(asked.box), claimed(asked.ball), claimed(asked.disturbance))
         if check.verdict is not Verdict.PROVED or starts is None or self.tolerance is None:
             return None
+        # In floating point, and a little more: a time that is shown has to be late enough.
         bound = None
         with suppress(ValueError):  # too close to a singular matrix
             bound = envelope_of(self.problem, check, check.claim, starts)
@@ -343,6 +344,7 @@ class _Gatherer:
         if not isinstance(claim, Separable) or claim.T is not None or claim.rho is None:
             return ""
         reaches = largest_reach(self.problem, claim.v)
+        # Only where both agents of an arc stand at opposite faces is the difference that large.
         for coupling, reach in zip(self.problem.couplings, reaches, strict=True):
             if not reach or not coupling.by_component:
                 continue
@@ -376,6 +378,7 @@ def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
         return ()
     if claim.T or claim.rho is None or problem.n > MOST_AGENTS:
         return ()
+    # What estimation errors may take of V is not there for |e_i| <= room v_i.
     room = claim.rho - error_share(claim, claimed(domain["disturbance"]), unit=_UNIT)
     radius = float(domain["radius"])
     pinned = set(problem.pinning.agents)

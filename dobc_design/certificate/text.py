@@ -129,6 +129,7 @@ def _claims(document: dict[str, Any]) -> Claims:
     program = document["program"]
     observer = document["observer"]
     checks = document["checks"]
+    # Every key, on every level: a field that is not known might look like a part of the proof.
     require_keys(program, "program", needed=("name", "version"), allowed=("options",))
     require_keys(observer, "observer", needed=("W", "source", "P", "Q"))
     if not isinstance(checks, list):
@@ -235,6 +236,7 @@ def _fits(check: Check) -> bool:
             return False
     if witness is None or witness.kind != "vector":
         return True
+    # Readers bring a vector over one denominator before they multiply out.
     broken = (text for text in values if not text.lstrip("-").isdigit())
     return has_short_denominator((read_rational(text) for text in broken), VECTOR_BITS)
 

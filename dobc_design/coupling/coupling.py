@@ -128,7 +128,7 @@ class Coupling(Shown):
         if not self.by_component:
             return tuple(rows)
         slope = rows[0][0]
-        places = range(self.dimension)
+        places = range(self.dimension)  # component by component: a diagonal matrix
         return tuple(tuple(slope if i == j else tree.ZERO for j in places) for i in places)
 
     def numpy_function(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
@@ -172,7 +172,7 @@ def make_coupling(
     given = _text(h)
     if count == 1 < dimension and not is_list(given):
         given = [given]  # one input needs no list, and reads all components
-    if isinstance(given, str) and not isinstance(given, NumberText):
+    if isinstance(given, str) and not isinstance(given, NumberText):  # a number is no text
         if count != dimension:
             expressions = counted(count, "expression")
             what = f"must be a list of {expressions}, one per input; got {shown(given)}."
@@ -183,7 +183,7 @@ def make_coupling(
         return Coupling(components=(alone,), by_component=True, dimension=dimension, key=key)
     _check_list(given, count, dimension=dimension, key=key)
     read: list[Expression] = []
-    errors: list[SpecError] = []
+    errors: list[SpecError] = []  # of all components at once
     for position, text in enumerate(given):
         with kept(errors):
             read.append(parsed(_text(text), dimension=dimension, key=f"{key}[{position}]"))
@@ -283,6 +283,7 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
     if not language.variables_used(expression.node):
         what = f"{quoted} must vanish at y = 0 but is the constant {exact}."
         return ExpressionError(what, key=key, cure='Write for example "tanh(y)".')
+    # h - h(0) vanishes: that is the guess behind "did you mean".
     better = language.to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
     cure = f'did you mean "{better}"?' if len(better) <= _LONGEST_SUGGESTION else None
     return ExpressionError(f"{quoted} must vanish at y = 0 but equals {exact}", key=key, cure=cure)

@@ -139,6 +139,7 @@ def secant(curve: Curve, Y: Interval) -> Secant:
         return Secant(known, None)
     if slope.sign:
         return Secant(known.meet(_at_ends(_secant_at, curve, Y)), slope)
+    # Mean value theorem: g on Y differs from g in the middle by at most g' times the distance.
     middle = Y.middle()
     return Secant(known.meet(_secant_at(curve, middle) + slope * (Y - middle)), slope)
 
@@ -198,7 +199,7 @@ def value_form(curve: Curve, Y: Interval) -> Interval:
         slope = jet(curve, Y, restricted=True).slope
     except UndefinedError:  # h may be defined where h' is not bounded, as sqrt is at 0
         return natural
-    if slope.sign:
+    if slope.sign:  # monotone
         return natural.meet(_at_ends(value, curve, Y))
     middle = Y.middle()
     return natural.meet(value(curve, middle) + slope * (Y - middle))
@@ -276,6 +277,7 @@ def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
         try:
             found.append((form(piece), piece))
         except UndefinedError as error:
+            # A form may be undefined by its width alone, as 1/(y - y + 1) is.
             if piece.is_point or depth >= _MOST_HALVINGS or len(found) >= _MOST_PIECES:
                 raise UndefinedError(f"near y = {float(piece.midpoint):.6g}, {error}") from error
             open_pieces += [(half, depth + 1) for half in piece.halves()]
@@ -368,7 +370,7 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
         place = waiting.pop()
         count += 1
         spend(curve.programs.cost)
-        last = place.width <= narrow or count > _MOST_CELLS
+        last = place.width <= narrow or count > _MOST_CELLS  # cells may stay without a direction
         try:
             direction = _direction(curve, place)
         except UndefinedError:

@@ -42,6 +42,7 @@ def evaluated(
 ) -> list[T]:
     """Return their values at y, one value of the algebra for each component; one in a single
     variable acts on each."""
+    # One function of y stands for all components; with one component both ways are the same.
     if [each.dimension for each in expressions] == [1]:
         return [tree.evaluate(expressions[0].node, [each], algebra) for each in y]
     return [tree.evaluate(each.node, y, algebra) for each in expressions]
@@ -157,7 +158,7 @@ class _LatexAlgebra(Infix):
         text = decimal_text(value)
         if text is None:
             return Piece(rf"\frac{{{value.numerator}}}{{{value.denominator}}}", POWER)
-        mantissa, _, exponent = text.partition("e")
+        mantissa, _, exponent = text.partition("e")  # 1e-30 is 10^{-30}, 2e-30 a product
         if not exponent:
             return Piece(text, ATOM, number=True)
         power = f"10^{{{exponent}}}"
@@ -182,6 +183,7 @@ class _LatexAlgebra(Infix):
         return Piece(rf"\frac{{{left.text}}}{{{right.text}}}", POWER)
 
     def power(self, base: Piece, exponent: int) -> Piece:
+        # sin^{2}(y), but (sin(y))^{-2}: sin^{-1} would be read as the inverse function.
         if base.head and exponent > 0:
             return Piece(f"{base.head}^{{{exponent}}}{base.text.removeprefix(base.head)}", POWER)
         if base.head:
@@ -287,7 +289,7 @@ def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.f
                 f"the last axis of y must have length {dimension}; got shape {array.shape}."
             )
         variables = [array] if dimension == 1 else [array[..., index] for index in range(dimension)]
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # inf and nan are answers here
             result = tree.run(steps, variables)
         return np.array(np.broadcast_to(result, variables[0].shape), dtype=np.float64)
 

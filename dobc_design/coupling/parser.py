@@ -109,6 +109,7 @@ def tokenize(text: str) -> list[Token]:
 
 def _stranger(text: str, place: int) -> Fault:
     character = text[place]
+    # A character that looks like one of the language was meant as that one.
     replacement, why = _LOOKALIKES.get(character, (None, _ALLOWED))
     repair = None if replacement is None else Repair(place, place + 1, replacement)
     found = "a quotation mark" if character == '"' else f'"{visible(character)}"'
@@ -154,18 +155,20 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
 def _guess_name(token: Token, *, names: tuple[str, ...], called: bool) -> Repair | None:
     word = token.text.lower()
     allowed = ["pi", *FUNCTIONS]
+    # Of one or two letters everything is close to something.
     close = get_close_matches(word[:LONGEST_QUOTE], allowed, cutoff=0.7) if len(word) > 2 else []
     if word in ("x", "z") and not called:
         guess: str | None = names[0]
     elif word in allowed or word in OTHER_NAMES:
         guess = OTHER_NAMES.get(word, word)
     else:
+        # Of several, the one with the same letters: tahn is tanh, not tan.
         guess = max(close, key=lambda name: sorted(name) == sorted(word), default=None)
     return None if guess is None else Repair(token.start, token.end, guess)
 
 
 DEEPEST = 50
-LARGEST_CONSTANT_BITS = 4096
+LARGEST_CONSTANT_BITS = 4096  # 9**64**64 would fill the memory
 
 _BINARY: dict[str, tuple[str, Callable[[Fraction, Fraction], Fraction]]] = {
     "+": ("add", operator.add),
@@ -243,6 +246,7 @@ class _Parser:
         return left
 
     def _signed(self) -> _Operand:
+        # A loop, since two thousand signs in a row are deeper than Python follows calls.
         minuses = 0
         while self._at("+", "-"):
             minuses += self._advance().text == "-"
@@ -260,11 +264,12 @@ class _Parser:
         exponent = self._exponent()
         if self._at("**"):
             raise self._fault(f"{_EXPONENTS}; for a power of a power write (y**2)**3")
-        if exponent == _HALF:
+        if exponent == _HALF:  # a root is no power: its slope is not bounded at 0
             return _Operand(tree.Node("call", (base.node,), "sqrt"), None)
         node = tree.Node("power", (base.node,), exponent.numerator)
         if base.value is None:
             return _Operand(node, None)
+        # Constants are computed at once: what has no value, or too long a one, is refused here.
         if base.value == 0 and exponent < 0:
             raise Fault(sign.start, '"**"', "a negative power of zero has no value")
         return _Operand(node, _bounded(base.value**exponent.numerator, sign))
@@ -330,6 +335,7 @@ class _Parser:
             arguments.append(self._sum())
         self._close(parenthesis)
         _check_arguments(name, arguments)
+        # Where all arguments are known numbers, min, max, clip and abs of them are, too.
         node = tree.Node("call", tuple(argument.node for argument in arguments), name.text)
         return _Operand(node, _fold(name.text, [argument.value for argument in arguments]))
 
@@ -366,7 +372,7 @@ class _Parser:
 
 def _number(token: Token) -> Fraction:
     mantissa, mark, exponent = token.text.lower().partition("e")
-    if mantissa.startswith("."):
+    if mantissa.startswith("."):  # numbers of files have a digit there
         mantissa = "0" + mantissa
     try:
         return parse_number(mantissa.removesuffix(".") + mark + exponent, key="number")

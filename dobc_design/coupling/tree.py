@@ -157,10 +157,11 @@ def _step(node: Node, algebra: Algebra[T]) -> Step[T]:
         case "constant":
             value = algebra.constant(node.own)
             return lambda: value, 0
-        case "power":
+        case "power":  # the exponent is no operand: it is a number of the tree itself
             return lambda base: algebra.power(base, node.own), 1
         case "call":
             return lambda *operands: algebra.call(node.own, operands), len(node.operands)
+    # The others are called as the operations of an algebra are.
     return getattr(algebra, node.kind), len(node.operands)
 
 
@@ -295,7 +296,7 @@ class GradientAlgebra:
         return Jet(factor * jet.value, partials, curvature)
 
     def divide(self, left: Jet, right: Jet) -> Jet:
-        y = right.value
+        y = right.value  # division by an interval with 0 inside raises
         quotient = left.value / y
         partials = tuple(
             ZERO if u is v is ZERO else (u - _times(v, quotient)) / y
@@ -331,7 +332,7 @@ class GradientAlgebra:
         x = argument.value
         value = row.interval(x)
         slope, curvature = row.slope, row.curvature
-        if slope is None or curvature is None:  # abs
+        if slope is None or curvature is None:  # abs(y) is max(y, -y), with both slopes at 0
             found = self._extreme("max", argument, self.negate(argument))
             return Jet(value, found.partials, found.curvature)
         return self._chain(

@@ -82,8 +82,9 @@ def test_slopes_are_enclosed_as_tightly_as_requested_where_the_curvature_changes
     truth = 1 / (2 * math.sqrt(2))
     for tolerance in (Fraction(1, 10), Fraction(1, 10**3), Fraction(1, 10**8)):
         found = value_range(curve("y/(2 + y**2)"), TWO, tolerance=tolerance)
-        assert truth <= found.hi <= truth + 1.01 * float(tolerance)
-        assert -truth - 1.01 * float(tolerance) <= found.lo <= -truth
+        room = 1.01 * float(tolerance)
+        assert truth <= found.hi <= truth + room
+        assert -truth - room <= found.lo <= -truth
 
 
 def test_the_secant_gain_at_zero_is_the_slope_and_a_kink_at_the_end_counts_for_the_slope_alone():
@@ -111,9 +112,8 @@ def test_the_secant_gain_at_zero_is_the_slope_and_a_kink_at_the_end_counts_for_t
 def test_a_function_that_is_not_defined_is_refused_by_name_and_interval(
     text: str, function: str, ranged
 ):
-    with pytest.raises(
-        UndefinedError, match=rf"cannot be enclosed on \[-2, 2\]: near y = .*{function}"
-    ):
+    message = rf"cannot be enclosed on \[-2, 2\]: near y = .*{function}"
+    with pytest.raises(UndefinedError, match=message):
         ranged(curve(text), TWO)
 
 
@@ -146,17 +146,19 @@ def test_derivatives_of_the_secant_gain_bound_its_differences(turn: int):
         slope = secant(curve(text), Y).slope
         if slope is None:
             continue
-        places = sorted(
-            {Y.lo + Y.width * Fraction(r.randint(0, 1000), 1000) for _ in range(6)} - {Fraction(0)}
-        )
-        gains = [true_values(text, y)[2] for y in places]
-        for (y, g), (z, f) in pairwise(zip(places, gains, strict=True)):
-            assert holds(slope, (f - g) / (z - y))
+        parts = [Fraction(r.randint(0, 1000), 1000) for _ in range(6)]
+        places = {Y.lo + Y.width * part for part in parts}
+        places.discard(Fraction(0))  # where the gain is no quotient
+        for y, z in pairwise(sorted(places)):
+            _, _, gain = true_values(text, y)
+            _, _, other = true_values(text, z)
+            assert holds(slope, (other - gain) / (z - y))
 
 
 def jet_of(text: str, Y: Interval, *, restricted: bool = False) -> Jet:
     algebra = GradientAlgebra(1, second=True, restricted=restricted)
-    return evaluate(parse_expression(text).node, algebra.variables((Y,)), algebra)
+    variables = algebra.variables((Y,))
+    return evaluate(parse_expression(text).node, variables, algebra)
 
 
 COMPOSED = "sin(2*y) + y**2"
@@ -177,9 +179,8 @@ def test_jets_at_points_are_value_slope_and_curvature(pattern: str, inner: str):
             second = mpmath.diff(slope, at)
             wanted = [exact(mpmath.mpf(x)) for x in (h(at), slope(at), second)]
         assert found.curvature is not None
-        for enclosure, value in zip(
-            (found.value, found.slope, found.curvature), wanted, strict=True
-        ):
+        enclosures = (found.value, found.slope, found.curvature)
+        for enclosure, value in zip(enclosures, wanted, strict=True):
             slack = Fraction(1, 10**25) * (1 + abs(value))
             assert enclosure.lo - slack <= value <= enclosure.hi + slack
             assert enclosure.width <= slack
@@ -222,9 +223,11 @@ def test_sin_turns_at_odd_multiples_of_half_pi():
     +-1 inside."""
     found = profile_of("sin(y)", "5")
     assert not found.is_nondecreasing
-    for cells, value, places in ((found.tops, 1, (-1.5, 0.5)), (found.bottoms, -1, (-0.5, 1.5))):
+    turns = (found.tops, 1, [-1.5, 0.5]), (found.bottoms, -1, [-0.5, 1.5])
+    for cells, value, expected in turns:
         turning = [cell for cell in cells if cell.values.contains(value)]
-        assert [round(float(cell.place.midpoint) / math.pi, 5) for cell in turning] == list(places)
+        places = [float(cell.place.midpoint) / math.pi for cell in turning]
+        assert [round(place, 5) for place in places] == expected
         assert all(cell.values.width < 1e-9 for cell in turning)
     assert profile_of("sin(y)", "1.5707963").is_nondecreasing
     assert not profile_of("sin(y)", "1.5708").is_nondecreasing
@@ -232,12 +235,9 @@ def test_sin_turns_at_odd_multiples_of_half_pi():
 
 def test_a_corner_is_a_top_and_what_is_not_defined_so_far_out_is_refused():
     """min(y, 1 - y) turns at 1/2; its kink may be met exactly or enclosed."""
+    half = Fraction(1, 2)
     found = profile_of("min(y, 1 - y)", "2")
-    assert any(
-        cell.place.contains(Fraction(1, 2)) and cell.values.contains(Fraction(1, 2))
-        for cell in found.tops
-    )
-    with pytest.raises(
-        UndefinedError, match=r'h = "log\(1 \+ y\)" cannot be enclosed on \[-1, 1\]: log'
-    ):
+    assert any(cell.place.contains(half) and cell.values.contains(half) for cell in found.tops)
+    message = r'h = "log\(1 \+ y\)" cannot be enclosed on \[-1, 1\]: log'
+    with pytest.raises(UndefinedError, match=message):
         profile_of("log(1 + y)", "1")

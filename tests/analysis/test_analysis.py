@@ -15,11 +15,9 @@ from dobc_design.exact.observability import decide_observable
 from dobc_design.model.model import build_model
 from dobc_design.problem.integrators import as_integrators
 
-PAPER_A, PAPER_C, PAPER_W = (
-    matrix([[0, 2], [-2, 0]]),
-    matrix([[1, 0]]),
-    matrix([["16/5"], ["12/5"]]),
-)
+PAPER_A = matrix([[0, 2], [-2, 0]])
+PAPER_C = matrix([[1, 0]])
+PAPER_W = matrix([["16/5"], ["12/5"]])
 
 
 def test_without_a_gain_the_error_does_not_decay():
@@ -27,25 +25,25 @@ def test_without_a_gain_the_error_does_not_decay():
     assert result.rate == pytest.approx(0)
     assert "does not decay" in str(result)
     # python-control drops states without effect unless told not to.
-    result = diag.check_spectrum(matrix([[0, 0], [0, 0]]), matrix([[0, 0]]), matrix([[0], [0]]))
+    nothing = matrix([[0], [0]])
+    result = diag.check_spectrum(matrix([[0, 0], [0, 0]]), matrix([[0, 0]]), nothing)
     assert result.eigenvalues == (0, 0)
 
 
 def test_random_spectra_agree_with_numpy():
     rng = np.random.default_rng(1)
     for _ in range(20):
-        q, m = rng.integers(1, 6), rng.integers(1, 4)
-        A, C, W = (
-            rng.integers(-3, 4, (q, q)),
-            rng.integers(-3, 4, (m, q)),
-            rng.integers(-3, 4, (q, m)),
-        )
-        result = diag.check_spectrum(matrix(A.tolist()), matrix(C.tolist()), matrix(W.tolist()))
+        q = rng.integers(1, 6)
+        m = rng.integers(1, 4)
+        A = rng.integers(-3, 4, (q, q))
+        C = rng.integers(-3, 4, (m, q))
+        W = rng.integers(-3, 4, (q, m))
+        given = [matrix(each.tolist()) for each in (A, C, W)]
+        result = diag.check_spectrum(*given)
         wanted = np.linalg.eigvals(A - W @ C)
         assert result.rate == pytest.approx(-wanted.real.max(), abs=1e-6)
-        assert [s.real for s in result.eigenvalues] == sorted(
-            (s.real for s in result.eigenvalues), reverse=True
-        )
+        found = [s.real for s in result.eigenvalues]
+        assert found == sorted(found, reverse=True)
         np.testing.assert_allclose(sum(result.eigenvalues), wanted.sum(), atol=1e-9)
 
 
@@ -75,11 +73,12 @@ def test_the_margins_of_the_papers_pair_are_those_found_by_hand():
     """At +-2i, G = M* M of M = [A - 2i I; C] is [[9, 8i], [-8i, 8]], so the margin squared is (17 -
     sqrt(257))/2."""
     result = diag.check_observability(PAPER_A, PAPER_C)
-    assert [mode.margin for mode in result.modes] == pytest.approx(
-        [math.sqrt((17 - math.sqrt(257)) / 2)] * 2
-    )
-    assert result.margin == min(mode.margin for mode in result.modes)
-    assert sorted(mode.eigenvalue.imag for mode in result.modes) == pytest.approx([-2, 2])
+    wanted = math.sqrt((17 - math.sqrt(257)) / 2)
+    margins = [mode.margin for mode in result.modes]
+    assert margins == pytest.approx([wanted, wanted])
+    assert result.margin == min(margins)
+    frequencies = sorted(mode.eigenvalue.imag for mode in result.modes)
+    assert frequencies == pytest.approx([-2, 2])
 
 
 def test_what_is_not_seen_has_margin_zero_and_a_rank_that_overflows_is_unknown():
@@ -91,9 +90,8 @@ def test_what_is_not_seen_has_margin_zero_and_a_rank_that_overflows_is_unknown()
     result = diag.check_observability(A, matrix([[1, 0, 1, 0]]))
     assert result.rank == 2
     assert result.margin < 1e-12
-    result = diag.check_observability(
-        matrix([["1e200", 0, 0], [0, 1, 0], [0, 0, 2]]), matrix([[1, 1, 1]])
-    )
+    large = matrix([["1e200", 0, 0], [0, 1, 0], [0, 0, 2]])
+    result = diag.check_observability(large, matrix([[1, 1, 1]]))
     assert result.rank is None
     assert result.singular_values == ()
     assert "rank unknown of 3" in str(result)
@@ -102,11 +100,10 @@ def test_what_is_not_seen_has_margin_zero_and_a_rank_that_overflows_is_unknown()
 def test_the_rank_agrees_with_exact_arithmetic_on_small_integers():
     rng = np.random.default_rng(0)
     for _ in range(60):
-        q, m = rng.integers(1, 5), rng.integers(1, 3)
-        A, C = (
-            matrix(rng.integers(-1, 2, size=(q, q)).tolist()),
-            matrix(rng.integers(-1, 2, size=(m, q)).tolist()),
-        )
+        q = rng.integers(1, 5)
+        m = rng.integers(1, 3)
+        A = matrix(rng.integers(-1, 2, size=(q, q)).tolist())
+        C = matrix(rng.integers(-1, 2, size=(m, q)).tolist())
         assert diag.check_observability(A, C).rank == decide_observable(A, C).rank
 
 
@@ -121,19 +118,24 @@ def listening(arcs, *, agents=None, gains=None) -> Problem:
     return Problem(network=network, coupling="y", gains=gains)
 
 
+def is_balanced(arcs) -> bool:
+    return diag.graph_facts(listening(arcs), "G").balanced
+
+
 def test_degrees_count_whom_an_agent_hears_and_balance_is_exact():
     facts = diag.graph_facts(listening([[1, 2], [1, 3], [2, 3]]), "G")
     assert facts.heard == (2, 1, 0)
     assert facts.hearing == (0, 1, 2)
     assert facts.arcs == 3
     # 0.1 + 0.2 is 0.3 here.
-    assert diag.graph_facts(
-        listening([[1, 2, 0.1], [1, 3, 0.2], [2, 1, 0.1], [3, 1, "1/5"]]), "G"
-    ).balanced
-    assert diag.graph_facts(
-        listening([[1, 2, 0.3], [2, 3, 0.1], [2, 4, 0.2], [3, 1, 0.1], [4, 1, 0.2]]), "G"
-    ).balanced
-    assert not diag.graph_facts(listening([[1, 2], [2, 1, 2]]), "G").balanced
+    assert is_balanced([[1, 2, 0.1], [1, 3, 0.2], [2, 1, 0.1], [3, 1, "1/5"]])
+    assert is_balanced([[1, 2, 0.3], [2, 3, 0.1], [2, 4, 0.2], [3, 1, 0.1], [4, 1, 0.2]])
+    assert not is_balanced([[1, 2], [2, 1, 2]])
+
+
+def names(agents) -> tuple[str, ...]:
+    """The labels of the agents for which this is true."""
+    return tuple(str(i) for i in np.flatnonzero(agents))
 
 
 def test_random_graphs_agree_with_the_transitive_closure():
@@ -142,29 +144,22 @@ def test_random_graphs_agree_with_the_transitive_closure():
         n = int(rng.integers(2, 8))
         hears = (rng.random((n, n)) < 0.25) & ~np.eye(n, dtype=bool)
         pinned = rng.random(n) < 0.3
-        arcs = [[int(i), int(j)] for i, j in np.argwhere(hears)]
-        problem = listening(arcs, agents=[*range(n)], gains={i: 1 for i in range(n) if pinned[i]})
-        facts = diag.graph_facts(problem, "G")
+        arcs = np.argwhere(hears).tolist()
+        gains = dict.fromkeys(np.flatnonzero(pinned).tolist(), 1)
+        facts = diag.graph_facts(listening(arcs, agents=[*range(n)], gains=gains), "G")
         # closure[i, j]: i is j, or hears it, if need be through others
         closure = np.linalg.matrix_power(np.eye(n, dtype=int) + hears, n) > 0
-        assert facts.unreached == tuple(str(i) for i in range(n) if not closure[i][pinned].any())
+        assert facts.unreached == names(~closure[:, pinned].any(axis=1))
         mutual = closure & closure.T
-        assert set(facts.components) == {
-            tuple(map(str, np.flatnonzero(row).tolist())) for row in mutual
-        }
-        closed = {
-            tuple(map(str, np.flatnonzero(mutual[i]).tolist()))
-            for i in range(n)
-            if (closure[i] == mutual[i]).all()
-        }
-        assert set(facts.sources) == closed
+        assert set(facts.components) == {names(row) for row in mutual}
+        closed = (closure == mutual).all(axis=1)
+        assert set(facts.sources) == {names(row) for row in mutual[closed]}
         assert facts.is_strongly_connected is bool(closure.all())
 
 
 def cycle(gains) -> Problem:
-    network = Network.from_arcs(
-        [[i + 1, (i + 1) % 10 + 1] for i in range(10)], arrow="listens_to", agents=10
-    )
+    arcs = [[i + 1, (i + 1) % 10 + 1] for i in range(10)]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
     return Problem(network=network, coupling="exp(y) - 1 + y", gains=gains)
 
 
@@ -180,15 +175,14 @@ def test_the_linearised_loop_is_that_of_the_symbolic_model():
     spectrum = diag.mode_spectrum(problem, "G")
     error_dynamics = build_model(problem).error_dynamics
     step = 1e-6
-    columns = [
-        (error_dynamics(step * unit, [])[0] - error_dynamics(-step * unit, [])[0]).full().ravel()
-        / (2 * step)
-        for unit in np.eye(6)
-    ]
+    columns = []
+    for unit in np.eye(6):
+        ahead, _ = error_dynamics(step * unit, [])
+        back, _ = error_dynamics(-step * unit, [])
+        columns.append((ahead - back).full().ravel() / (2 * step))
     loop = np.column_stack(columns)
-    np.testing.assert_allclose(
-        spectrum.lambda_eigenvalues, np.linalg.eigvalsh(loop + loop.T), atol=1e-8
-    )
+    symmetric = np.linalg.eigvalsh(loop + loop.T)
+    np.testing.assert_allclose(spectrum.lambda_eigenvalues, symmetric, atol=1e-8)
     np.testing.assert_allclose(sum(spectrum.loop_eigenvalues), np.trace(loop), atol=1e-8)
     assert spectrum.decay_rate == pytest.approx(-np.linalg.eigvals(loop).real.max(), abs=1e-7)
 
@@ -200,9 +194,8 @@ def test_large_problems_and_kinks_at_zero_get_no_eigenvalues():
     assert spectrum.lambda_max is spectrum.decay_rate is None
     assert "not computed" in str(spectrum)
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
-    assert (
-        diag.mode_spectrum(Problem(network=network, coupling="y + abs(y)"), "G").lambda_max is None
-    )
+    bent = Problem(network=network, coupling="y + abs(y)")
+    assert diag.mode_spectrum(bent, "G").lambda_max is None
 
 
 @pytest.mark.parametrize(
@@ -213,21 +206,20 @@ def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(
     monkeypatch, pins, weight, needed
 ):
     """Theory, section 13, the directed 10-cycle; at a hundredth more or less than needed."""
-    network = Network.from_arcs([[i, i % 10 + 1, weight] for i in range(1, 11)], arrow="listens_to")
+    arcs = [[i, i % 10 + 1, weight] for i in range(1, 11)]
+    network = Network.from_arcs(arcs, arrow="listens_to")
+    agents = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
     for factor in (0.99, 1.01):
         beta = Fraction(math.sqrt(factor * needed)).limit_denominator(10**6)
-        agents = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
         gains = {agent: [[k, k * beta]] for agent, k in pins.items()}
-        problem = Problem(
-            network=network, dynamics=agents, coupling=f"y1 + ({beta})*y2", gains=gains
-        )
+        coupling = f"y1 + ({beta})*y2"
+        problem = Problem(network=network, dynamics=agents, coupling=coupling, gains=gains)
         found = diag.analyse(problem).modes[0]
         assert found.second_order == pytest.approx((factor * needed, needed), rel=1e-6)
         assert (found.decay_rate > 0) is (factor > 1)
         whole = diag.mode_spectrum(as_integrators(problem), "G").loop_eigenvalues
-        np.testing.assert_allclose(
-            np.poly(found.loop_eigenvalues), np.poly(whole), rtol=1e-7, atol=1e-7
-        )
+        polynomials = np.poly(found.loop_eigenvalues), np.poly(whole)
+        np.testing.assert_allclose(*polynomials, rtol=1e-7, atol=1e-7)
     monkeypatch.setattr(diag, "MAX_DENSE", 10)  # as many agents, but twice the rows
     large = diag.analyse(problem).modes[0]
     assert large.lambda_max is None and large.loop_eigenvalues == found.loop_eigenvalues
@@ -239,8 +231,9 @@ def test_without_an_exosystem_or_a_gain_there_is_no_spectrum_and_a_gain_can_be_h
     assert analysis.observability is analysis.spectrum is None
     problem = load_problem("clock-sync")
     assert diag.analyse(problem).spectrum is None
-    assert diag.analyse(problem, gain=[[2]]).spectrum.rate == pytest.approx(2)
-    assert diag.analyse(problem, gain=[[2]]).observability.rank == 1
+    analysis = diag.analyse(problem, gain=[[2]])
+    assert analysis.spectrum.rate == pytest.approx(2)
+    assert analysis.observability.rank == 1
     with pytest.raises(ShapeError, match="gain must have shape"):
         diag.analyse(problem, gain=[[1, 2]])
 

@@ -4,12 +4,13 @@ import json
 import re
 import subprocess
 import warnings
+from itertools import combinations
 
 import numpy as np
 import pytest
 from chromium import CHROMIUM, alone
 from loops import ring
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 import dobc_design as dd
@@ -77,25 +78,28 @@ def test_the_band_spans_every_stretch_in_the_colour_of_its_mode(switched):
         for path in collection.get_paths():
             spans[float(path.vertices[:, 0].min())] = (float(path.vertices[:, 0].max()), colour)
     assert sorted(spans) == pytest.approx(switched.switches.times.tolist())
-    ends = np.append(switched.switches.times[1:], 4.0)
-    assert [spans[start][0] for start in sorted(spans)] == pytest.approx(ends.tolist())
+    wanted = np.append(switched.switches.times[1:], 4.0)
+    ends, colours = zip(*(spans[start] for start in sorted(spans)), strict=True)
+    assert ends == pytest.approx(wanted.tolist())
     modes = switched.switches.modes.tolist()
-    colours = [spans[start][1] for start in sorted(spans)]
-    assert len(set(colours)) == len(set(modes)) == len(set(zip(modes, colours, strict=True)))
+    count = len(set(modes))
+    assert len(set(colours)) == count
+    assert len(set(zip(modes, colours, strict=True))) == count
+
+
+def certified(sheet):
+    """The lines of certified bounds."""
+    lines = by_label(sheet, "errors")[0].get_lines()
+    return [line for line in lines if line.get_label().startswith("certified")]
 
 
 def test_the_certified_envelope_is_drawn_where_it_was_given(switched):
     points = [[0, 5.0], [2, 3.0], [4, 1.0]]
-    errors = by_label(switched.plot(envelope=points), "errors")[0]
-    drawn = [line for line in errors.get_lines() if line.get_label().startswith("certified")]
+    drawn = certified(switched.plot(envelope=points))
     assert len(drawn) == 1
     assert drawn[0].get_xydata().tolist() == points
-    assert not [
-        x
-        for x in by_label(switched.plot(), "errors")[0].get_lines()
-        if x.get_label().startswith("certified")
-    ]
-    again = by_label(switched.plot(envelope=lambda t: 5 - t), "errors")[0].get_lines()[-1]
+    assert not certified(switched.plot())
+    (again,) = certified(switched.plot(envelope=lambda t: 5 - t))
     assert again.get_xdata().tolist() == switched.times.tolist()
     np.testing.assert_array_equal(again.get_ydata(), 5 - switched.times)
     for wrong in ([1, 2], [[0, 1, 2]], [[0, 1]]):
@@ -118,21 +122,23 @@ def test_an_axis_of_errors_has_ticks_that_can_be_read_whatever_it_spans(
     plot_errors(ax, np.array([0.0, 1.0]), {"|e|∞": np.array([high, low])})
     ax.figure.canvas.draw()
     bottom, top = ax.get_ylim()
-    inside = [
-        tick.get_text() for tick in ax.get_yticklabels() if bottom <= tick.get_position()[1] <= top
-    ]
+    inside = []
+    for tick in ax.get_yticklabels():
+        _, height = tick.get_position()
+        if bottom <= height <= top:
+            inside.append(tick.get_text())
     assert set(wanted) <= set(inside)
     assert 2 <= len(inside) <= 9
 
 
 def test_a_run_that_ended_at_its_start_is_dots_and_says_so():
     network = dd.Network.from_arcs([[1, 2]], arrow="listens_to")
-    run = dd.simulate(
-        dd.Problem(network=network, coupling="exp(y) - 1 + y"), start=[[0], [1e300]], t_final=1
-    )
+    problem = dd.Problem(network=network, coupling="exp(y) - 1 + y")
+    run = dd.simulate(problem, start=[[0], [1e300]], t_final=1)
     sheet = run.plot()
     assert len(run) == 1
-    assert all(line.get_marker() == "." for line in by_label(sheet, "xᵢ")[0].get_lines()[:2])
+    states = by_label(sheet, "xᵢ")[0].get_lines()[:2]
+    assert [line.get_marker() for line in states] == [".", "."]
     assert by_label(sheet, "errors")[0].get_title("left") == "ended early, at t = 0 s"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -144,7 +150,8 @@ def test_an_ensemble_shows_the_quantiles_of_its_runs():
     sheet = runs.plot(envelope=[[0, 5], [3, 1]])
     states, top, below = sheet.figure.axes
     assert len(states.get_lines()) == 5 * 10 + 1  # agents of the first runs, and their goal
-    np.testing.assert_array_equal(states.get_lines()[13].get_ydata(), runs.states[1, :, 3, 0])
+    second = states.get_lines()[13].get_ydata()
+    np.testing.assert_array_equal(second, runs.states[1, :, 3, 0])
     median = next(line for line in top.get_lines() if line.get_label() == "median")
     np.testing.assert_array_equal(median.get_ydata(), runs.quantiles([0.5])[0])
     outer = top.collections[0].get_paths()[0].vertices
@@ -169,7 +176,8 @@ def test_runs_at_the_edge_are_drawn_without_a_warning(name: str):
     given = {"t_final": 2, "tolerance": 1e-6}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        run, many = dd.simulate(EDGES[name], **given), dd.simulate(EDGES[name], runs=2, **given)
+        run = dd.simulate(EDGES[name], **given)
+        many = dd.simulate(EDGES[name], runs=2, **given)
         assert run.plot().file("png").startswith(b"\x89PNG")
         assert many.plot().file("png").startswith(b"\x89PNG")
         assert len(page_data(animation_page(run))["times"]) == len(run.times)
@@ -200,18 +208,17 @@ def test_the_series_colours_differ_for_every_eye(kind: str):
     matrix = np.eye(3) if kind == "normal" else np.array(BLIND[kind])
     seen = []
     for colour in look.SERIES[:4]:
-        srgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
-        seen.append(
-            matrix @ np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-        )
-    apart = min(np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i])
-    assert apart > 0.08
+        srgb = np.array(to_rgb(colour))
+        bright = ((srgb + 0.055) / 1.055) ** 2.4
+        linear = np.where(srgb <= 0.04045, srgb / 12.92, bright)
+        seen.append(matrix @ linear)
+    apart = [np.linalg.norm(a - b) for a, b in combinations(seen, 2)]
+    assert min(apart) > 0.08
 
 
 def page_data(page: str):
-    return json.loads(
-        re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL)[1]
-    )
+    script = r'<script id="data" type="application/json">(.*?)</script>'
+    return json.loads(re.search(script, page, re.DOTALL)[1])
 
 
 def test_the_animation_holds_the_run_and_loads_nothing(swarm):
@@ -221,7 +228,8 @@ def test_the_animation_holds_the_run_and_loads_nothing(swarm):
     assert data["times"] == swarm.times.tolist()
     assert data["mode"] == swarm.mode_index.tolist()
     for pairs, graph in zip(data["links"], swarm.switches.graphs, strict=True):
-        assert {tuple(pair) for pair in pairs} == {tuple(sorted(pair)) for pair in graph.T.tolist()}
+        wanted = {tuple(sorted(pair)) for pair in graph.T.tolist()}
+        assert {tuple(pair) for pair in pairs} == wanted
     assert data["title"] == "swarm </script><b>&"
     assert page.count("</script>") == 2
     assert not re.search(r"https?:|//[a-z]|@import|src=|url\(|fetch|XMLHttp|WebSocket", page)
@@ -230,8 +238,9 @@ def test_the_animation_holds_the_run_and_loads_nothing(swarm):
 
 def test_one_component_moves_along_its_axis_and_arcs_can_be_given(switched):
     data = page_data(animation_page(switched, arcs={"Ga": [(0, 1), (1, 0), (4, 2)]}))
-    np.testing.assert_allclose(np.array(data["places"])[:, :, 0], switched.x[:, :, 0], atol=1e-4)
-    assert np.array(data["places"])[0, :, 1].tolist() == list(range(1, 11))
+    places = np.array(data["places"])
+    np.testing.assert_allclose(places[:, :, 0], switched.x[:, :, 0], atol=1e-4)
+    assert places[0, :, 1].tolist() == list(range(1, 11))
     names = switched.switches.names
     assert data["links"][names.index("Ga")] == [[0, 1], [2, 4]]
     assert data["links"][names.index("Gb")] == []
@@ -247,10 +256,7 @@ def test_an_animation_is_a_page_and_other_endings_are_refused(swarm, tmp_path):
 
 def test_a_network_too_large_to_be_seen_is_refused():
     n = 600
-    network = dd.Network.from_arcs(
-        [[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n
-    )
-    run = dd.simulate(dd.Problem(network=network, coupling="y"), t_final=0.1, samples=2)
+    run = dd.simulate(ring("y", n), t_final=0.1, samples=2)
     with pytest.raises(SpecError, match="at most 500 agents"):
         animation_page(run)
     assert len(trajectory_sheet(run).figure.axes[0].get_lines()) <= 31

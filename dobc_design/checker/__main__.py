@@ -13,9 +13,11 @@ Exit code 0: every claim holds. 1: one does not, or could not be confirmed. 2: a
 read.
 
 To read in this order: reading (how files are read, and ``need``, which every check calls),
-matrices; intervals and expressions (couplings); files (what the problem and the certificate hold);
-examine (what is asked in which order, and the overall verdict); then one topic after the other:
-consensus, separable, quadratic, schedule; last factors.
+matrices; intervals and expressions (couplings); files (what the problem states), guarantee and loop
+(what is proved about it); claims (what a certificate holds); examine (what is asked in which
+order) and verdict; then one topic after the other: slopes and consensus (the target), curves and
+separable, quadratic, coordinates, cycles, schedule, graphs, peaks and accuracy, margins; last
+factors.
 """
 
 import sys
@@ -34,32 +36,39 @@ if not __package__:
 from dobc_design.checker.examine import MAX_BYTES, Refused, examine
 from dobc_design.checker.reading import need
 
+LAST = ("Every claim holds.", "NOT CONFIRMED: the certificate proves nothing.")  # by exit code
+
 
 def main(arguments: list[str]) -> int:
     """Run as a program; the result is the exit code."""
-    lines, code = ["usage: python -I -S checker certificate.json problem.json"], 2
-    try:
-        if len(arguments) == 2:
-            need(
-                all(Path(name).is_file() or not Path(name).exists() for name in arguments),
-                "it is no regular file",
-            )
-            with open(arguments[0], "rb") as certificate, open(arguments[1], "rb") as problem:
-                findings = examine(certificate.read(MAX_BYTES + 1), problem.read(MAX_BYTES + 1))
-            lines, code = (
-                [("holds  " if holds else "FAILS  ") + what for holds, what in findings],
-                0,
-            )
-            if not all(holds for holds, _ in findings):
-                lines, code = [*lines, "NOT CONFIRMED: the certificate proves nothing."], 1
-    except (Refused, OSError) as error:
-        lines = [f"unreadable: {error}"]
+    code = 2
+    lines = ["usage: python -I -S checker certificate.json problem.json"]
+    if len(arguments) == 2:
+        try:
+            findings = examined(*arguments)
+        except (Refused, OSError) as error:
+            lines = [f"unreadable: {error}"]
+        else:
+            lines = [("holds  " if holds else "FAILS  ") + what for holds, what in findings]
+            code = 0 if all(holds for holds, _ in findings) else 1
+            lines.append(LAST[code])
 
-    for line in [*lines, "Every claim holds."] if code == 0 else lines:
+    for line in lines:
         # nothing that could steer a terminal
         shown = "".join(c if c.isprintable() else "?" for c in line)
         sys.stdout.write(shown.encode("ascii", "backslashreplace").decode() + "\n")
     return code
+
+
+def examined(*names: str) -> list[tuple[bool, str]]:
+    """The findings about two files, read no further than they may be long."""
+    for name in names:
+        # a pipe would make it wait for ever
+        regular = Path(name).is_file() or not Path(name).exists()
+        need(regular, "it is no regular file")
+    certificate, problem = names
+    with open(certificate, "rb") as claims, open(problem, "rb") as stated:
+        return examine(claims.read(MAX_BYTES + 1), stated.read(MAX_BYTES + 1))
 
 
 if __name__ == "__main__":

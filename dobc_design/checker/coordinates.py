@@ -7,17 +7,29 @@ components.
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from operator import mul
-from typing import Any
+from typing import Any, NamedTuple
 
+from .claims import Certificate, need_rate
 from .expressions import Coupling
-from .files import Certificate, Problem
-from .matrices import ZERO, Matrix, diagonal, echelon, identity, integers, product
-from .quadratic import Ranges, read_ranges
-from .reading import MATRIX_BITS, integer, matrix, maybe, need, rational, read, short, weights
+from .loop import Loop
+from .matrices import (
+    ZERO,
+    Matrix,
+    Vector,
+    combined,
+    diagonal,
+    echelon,
+    identity,
+    integers,
+    paired,
+    product,
+)
+from .quadratic import Ranges, gains_shape, read_ranges
+from .reading import matrix, maybe, need, rational, read, short_matrix, weights
 from .separable import composite, holds_box, max_separable, observed, starts
 
 MOST = 6  # components of an agent; gains of a coupling that vary
@@ -25,49 +37,45 @@ MOST = 6  # components of an agent; gains of a coupling that vary
 
 def boxes(case: Certificate, check: Any) -> None:
     """A claim of max-separable, in coordinates or without."""
-    p, own = case.problem, check.exact is not None and "T" in check.exact
-    need(
-        own or (not p.nodes and all(h.single for h in p.couplings)),
-        "a coupling is a list, or nodes are curved",
-    )
-    (in_coordinates if own else max_separable)(case, check)
+    if check.exact is not None and "T" in check.exact:
+        in_coordinates(case, check)
+        return
+    need(case.loop.single, "a coupling is a list, or nodes are curved")
+    max_separable(case, check)
 
 
 def in_coordinates(case: Certificate, check: Any) -> None:
     """V decreases in the region, at the rate of the check."""
-    p, m = case.problem, case.problem.m
+    loop = case.loop
     shape = {
-        "T": matrix(m, m),
-        "v": partial(weights, p.n * m),
+        "T": matrix(loop.m, loop.m),
+        "v": partial(weights, loop.size),
         "alpha": rational,
         "rho": maybe(rational),
+        "ranges": gains_shape(loop.m),
     }
-    claim = read(check.exact, shape | {"ranges": gains(m)} | observed(p))
+    claim = read(check.exact, shape | observed(loop))
     S = inverse(claim.T)
 
-    need(p.q == 0 or claim.kappa > 0, "kappa is not positive")
-    second = claim.beta - 1 / (claim.kappa * min(claim.v)) if p.q else claim.alpha
-    need(
-        check.rate is not None and 0 < check.rate <= min(claim.alpha, second),
-        "the rate does not follow",
-    )
-    composite(case, claim, outputs(p, claim.T))
+    most = claim.alpha
+    if loop.q:
+        need(claim.kappa > 0, "kappa is not positive")
+        most = min(most, claim.beta - 1 / (claim.kappa * min(claim.v)))
+    need_rate(check, most, "the rate does not follow")
+    composite(case, claim, outputs(loop, claim.T))
+    domain = check.domain
     if claim.rho is None:
-        need(check.domain == "global" == p.domain, "it has no rho and is not global")
+        need(domain == "global" == loop.domain, "it has no rho and is not global")
     else:
-        starts(case, check.domain, "box")
-        holds_box(claim, check.domain, claim.rho, spread(claim.T, claim.v))
+        starts(case, domain, "box")
+        widest = spread(claim.T, claim.v)
+        holds_box(claim, domain.radius, domain.disturbance, claim.rho, widest)
     shown(case, claim, S)
 
 
-def gains(m: int) -> Any:
-    """The shape of the ranges of a claim."""
-    return [{"coupling": integer, "gains": (((rational, rational),) * m,) * m}]
-
-
-def outputs(p: Problem, T: Matrix) -> Matrix:
+def outputs(loop: Loop, T: Matrix) -> Matrix:
     """T C of every group."""
-    return product(diagonal([T] * len(p.groups)), p.C) if p.q else p.C
+    return product(diagonal([T] * len(loop.residuals)), loop.C)
 
 
 def spread(T: Matrix, v: Sequence[Fraction]) -> Fraction:
@@ -75,111 +83,144 @@ def spread(T: Matrix, v: Sequence[Fraction]) -> Fraction:
     return max(Fraction(sum(map(abs, row))) / min(v[c :: len(T)]) for c, row in enumerate(T))
 
 
-def sizes(S: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
+def sizes(S: Matrix, v: Sequence[Fraction]) -> Iterator[Vector]:
     """The largest |e_ic| of every agent where N <= 1."""
     for k in range(0, len(v), len(S)):
-        yield [
-            sum((abs(s) * x for s, x in zip(row, v[k : k + len(S)], strict=True)), ZERO)
-            for row in S
-        ]
+        own = v[k : k + len(S)]
+        yield [sum((abs(s) * x for s, x in paired(row, own)), ZERO) for row in S]
 
 
-def far(case: Certificate, S: Matrix, claim: Any) -> dict[Coupling, Any]:
+def far(loop: Loop, S: Matrix, claim: Any) -> dict[Coupling, Any]:
     """How far the arguments of every coupling go where N <= rho, by component."""
-    p, m = case.problem, case.problem.m
+    if claim.rho is None:
+        return dict.fromkeys(loop.functions)
     reach = list(sizes(S, claim.v))
-    found = {h: [ZERO] * m for h in p.couplings}
-    for arc in (arc for arcs in p.modes.values() for arc in arcs):
-        both = (x + y for x, y in zip(reach[arc.i], reach[arc.j], strict=True))
+    found = {h: [ZERO] * loop.m for h in loop.functions}
+    for arc in loop.arcs:
+        both = combined(reach[arc.i], 1, reach[arc.j])
         found[arc.coupling] = list(map(max, found[arc.coupling], both))
-    for nodes in p.couplings[len(p.couplings) - p.nodes :]:
-        found[nodes] = [max(column) for column in zip(*reach, strict=True)]
-    return {
-        h: None if claim.rho is None else [claim.rho * x for x in each] for h, each in found.items()
-    }
+    if loop.own is not None:
+        found[loop.own] = [max(column) for column in zip(*reach, strict=True)]
+    return {h: [claim.rho * x for x in each] for h, each in found.items()}
 
 
 def inverse(T: Matrix) -> Matrix:
     """T^-1, of few bits and not too large."""
     m = len(T)
     need(m <= MOST, f"there are more than {MOST} components")
-    short((x for row in T for x in row), MATRIX_BITS)
-    rows, pivots = echelon([[*own, *unit] for own, unit in zip(T, identity(m), strict=True)])
+    short_matrix(T)
+    rows, pivots = echelon([[*own, *unit] for own, unit in paired(T, identity(m))])
+    # else N does not bound e
     need(pivots == [*range(m)], "T is singular")
     return [row[m:] for row in rows]
 
 
-def shown(case: Certificate, claim: Any, S: Matrix, load: Sequence[Fraction] = ()) -> None:
+def shown(case: Certificate, claim: Any, S: Matrix, load: Vector | None = None) -> None:
     """The gains are those of the couplings, and the rows hold at the rate alpha with ``load`` (n
     m,) added."""
+    loop = case.loop
     outward = [claim.alpha * x for x in claim.v]
-    added = [x + y for x, y in zip(outward, load, strict=True)] if load else outward
-    judge(case, claim, S, read_ranges(case.problem, claim, far(case, S, claim)))(
-        claim.v, added, case.problem.modes
-    )
+    if load:
+        outward = combined(outward, 1, load)
+    rows = RowsOfCoordinates(loop, claim.T, S, read_ranges(loop, claim, far(loop, S, claim)))
+    rows.hold(claim.v, outward, loop.modes)
 
 
-def judge(
-    case: Certificate, claim: Any, S: Matrix, ranges: Ranges
-) -> Callable[[Any, Any, Iterable[str]], None]:
-    """What shows, for weights v, a load (n m,) and modes: for every row c of G = T J S, all x with
-    x_c = v_ic and |x_d| = v_id, in every one of the modes: sum of w (|G| v_j - G x) + T (F - B K) S
-    x + load_ic <= 0."""
-    p, m = case.problem, case.problem.m
-    beside = (ranges[h] for h in p.couplings[len(p.couplings) - p.nodes :])  # A, which gains hold
-    F = [
-        [(lo - a, hi - a) for (lo, hi), a in zip(*rows, strict=True)]
-        for h in beside
-        for rows in zip(h, p.drift, strict=True)
-    ]
-    H = [product(product(claim.T, p.gains.get(i, identity(m, 0))), S) for i in range(p.n)]
+class Corners(NamedTuple):
+    """A row of G = T J S for every corner J of the gains, in units of 1 / ``unit``."""
 
-    @cache
-    def corners(h: Coupling) -> list[tuple[list[list[int]], int]]:
-        ends = [sorted(set(pair)) for row in ranges[h] for pair in row]
-        need(sum(len(each) > 1 for each in ends) <= MOST, "too many gains of a coupling vary")
-        matrices = (
-            [list(J[k : k + m]) for k in range(0, m * m, m)] for J in itertools.product(*ends)
-        )
-        every = [product(product(claim.T, J), S) for J in matrices]
-        flat = [integers([x for G in every for x in G[c]]) for c in range(m)]
-        return [([g[k : k + m] for k in range(0, len(g), m)], unit) for g, unit in flat]
+    rows: list[list[int]]
+    unit: int
 
-    def hold(weights: Any, load: Any, modes: Iterable[str]) -> None:
+
+class RowsOfCoordinates:
+    """What shows rows in coordinates, for gains that hold."""
+
+    def __init__(self, loop: Loop, T: Matrix, S: Matrix, ranges: Ranges) -> None:
+        self.loop = loop
+        self.T = T
+        self.S = S
+        self.ranges = ranges
+        self.corners = cache(self.find_corners)
+        #: T (pin less A) S of every node.
+        self.hold_z = [product(product(T, loop.gain(i)), S) for i in loop.nodes]
+
+    @cached_property
+    def beside(self) -> list[list[Any]]:
+        """F: the gains of f less A, which pins less A hold; none where f is linear."""
+        loop = self.loop
+        if loop.own is None:
+            return []
+        found = []
+        for gains, drift in paired(self.ranges[loop.own], loop.drift):
+            found.append([(lo - a, hi - a) for (lo, hi), a in paired(gains, drift)])
+        return found
+
+    def find_corners(self, h: Coupling) -> list[Corners]:
+        """For every row c of G = T J S those of all corners J of the gains."""
+        m = self.loop.m
+        ends = [sorted(set(pair)) for row in self.ranges[h] for pair in row]
+        vary = sum(len(each) > 1 for each in ends)
+        need(vary <= MOST, "too many gains of a coupling vary")
+        every = []
+        for entries in itertools.product(*ends):
+            J = [list(entries[k : k + m]) for k in range(0, m * m, m)]
+            every.append(product(product(self.T, J), self.S))
+        found = []
+        for c in range(m):
+            flat, unit = integers([x for G in every for x in G[c]])
+            found.append(Corners([flat[k : k + m] for k in range(0, len(flat), m)], unit))
+        return found
+
+    def hold(self, weights: Any, load: Sequence[Fraction], modes: Iterable[str]) -> None:
+        """For weights v, a load (n m,) and every one of the modes: for every row c of G = T J S,
+        all x with x_c = v_ic and |x_d| = v_id: sum of w (|G| v_j - G x) + T (F - B K) S x + load_ic
+        <= 0."""
+        loop = self.loop
+        m = loop.m
         v, bottom = integers(weights)
+        own = [v[k : k + m] for k in range(0, len(v), m)]
 
         @cache
         def pull(h: Coupling, c: int, j: int) -> list[int]:
-            return [
-                sum(abs(g) * y for g, y in zip(G, v[j * m : j * m + m], strict=True))
-                for G in corners(h)[c][0]
-            ]
+            """|G| v_j at every corner."""
+            return [sum(map(mul, map(abs, G), own[j])) for G in self.corners(h)[c].rows]
 
-        def heard(h: Coupling, c: int, j: int, x: list[int], loose: bool) -> Fraction:
-            rows, unit = corners(h)[c]
-            worst = max(y - sum(map(mul, G, x)) for y, G in zip(pull(h, c, j), rows, strict=True))
-            return Fraction(max(0, worst) if loose else worst, unit)
+        def heard(arc: Any, c: int, x: list[int]) -> Fraction:
+            """The worst of |G| v_j - G x; an arc that may be away adds 0 at least."""
+            rows, unit = self.corners(arc.coupling)[c]
+            pairs = paired(pull(arc.coupling, c, arc.j), rows)
+            worst = max(y - sum(map(mul, G, x)) for y, G in pairs)
+            if arc.loose:
+                worst = max(0, worst)
+            return Fraction(worst, unit)
 
-        for i in range(p.n):
-            for c, x in faces(v[i * m : i * m + m]):
-                e = [sum(map(mul, row, x)) for row in S]
-                alone = load[i * m + c] * bottom - sum(map(mul, H[i][c], x))
-                for t, row in zip(claim.T[c] if F else (), F, strict=True):
-                    alone += sum(
-                        max(t * y * lo, t * y * hi) for y, (lo, hi) in zip(e, row, strict=True)
-                    )
-                for arcs in (p.heard[mode][i] for mode in modes):
-                    others = sum(
-                        (arc.w * heard(arc.coupling, c, arc.j, x, arc.loose) for arc in arcs), alone
-                    )
-                    need(others <= 0, f"the row of agent {p.labels[i]} is not shown")
+        for i in loop.nodes:
+            for c, x in faces(own[i]):
+                alone = load[i * m + c] * bottom + self.by_itself(i, c, x)
+                for mode in modes:
+                    left = alone
+                    for arc in loop.heard[mode][i]:
+                        left += arc.w * heard(arc, c, x)
+                    need(left <= 0, f"the row of agent {loop.labels[i]} is not shown")
 
-    return hold
+    def by_itself(self, i: int, c: int, x: list[int]) -> Fraction:
+        """The largest (T (F - hold) S x)_c."""
+        found = -sum(map(mul, self.hold_z[i][c], x), ZERO)
+        if not self.beside:
+            return found
+        e = [sum(map(mul, row, x)) for row in self.S]
+        for t, row in paired(self.T[c], self.beside):
+            for y, (lo, hi) in paired(e, row):
+                # F is somewhere between its ends: the worse one counts, entry by entry
+                found += max(t * y * lo, t * y * hi)
+        return found
 
 
 def faces(v: list[int]) -> Iterator[tuple[int, list[int]]]:
     """The corners of the box |x| <= v on its faces x_c = v_c, with c."""
     for c in range(len(v)):
         for signs in itertools.product((1, -1), repeat=len(v)):
+            # the face x_c = -v_c is the mirror image: rows are linear in x, and gains the same
             if signs[c] > 0:
-                yield c, [sign * x for sign, x in zip(signs, v, strict=True)]
+                yield c, [sign * x for sign, x in paired(signs, v)]

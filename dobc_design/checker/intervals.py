@@ -21,9 +21,12 @@ Real = TypeVar("Real", Fraction, float)
 Interval = tuple[Real, Real]
 Exact = tuple[Fraction, Fraction]
 Floats = tuple[float, float]
-NOTHING, ONE = (0.0, 0.0), (1.0, 1.0)
+Span = TypeVar("Span", Exact, Floats)  # an interval of one of the two kinds
+NOTHING = (0.0, 0.0)
+ONE = (1.0, 1.0)
 
-EXACT_BITS, PRECISION = 1536, 256  # a longer rational is enclosed; bits of an enclosure
+EXACT_BITS = 1536  # a longer rational is enclosed
+PRECISION = 256  # bits of an enclosure
 LARGEST = 1e300  # of the floating-point numbers followed here
 WAYS = decimal.ROUND_FLOOR, decimal.ROUND_CEILING
 CONTEXTS = {
@@ -38,7 +41,6 @@ OUT_OF_RANGE = "a coupling leaves the range of numbers followed here"
 
 
 # --- Arithmetic
-# --------------------------------------------------------------------------------------------------
 def outward(lo: Real, hi: Real) -> Interval[Real]:
     """Room for rounding: the next floating-point numbers outside (a result of IEEE arithmetic is at
     most half as far away), or rationals of PRECISION bits."""
@@ -47,7 +49,9 @@ def outward(lo: Real, hi: Real) -> Interval[Real]:
         need(-LARGEST < lo <= hi < LARGEST, OUT_OF_RANGE)
         return lo, hi
 
+    # Fractions of any size would be exact, and take for ever
     need(all(x == 0 or abs(magnitude(x)) < 2**15 for x in (lo, hi)), OUT_OF_RANGE)
+    # single numbers stay exact as long as the format page asks it
     longest = EXACT_BITS if lo == hi else PRECISION
     return shortened(lo, math.floor, longest), shortened(hi, math.ceil, longest)
 
@@ -55,7 +59,8 @@ def outward(lo: Real, hi: Real) -> Interval[Real]:
 def shortened(x: Fraction, rounding: Callable[[Fraction], int], longest: int) -> Fraction:
     """The rational, or with more than ``longest`` bits the one of PRECISION bits on the side of
     ``rounding``."""
-    if max(x.numerator.bit_length(), x.denominator.bit_length()) <= longest:
+    bits = max(x.numerator.bit_length(), x.denominator.bit_length())
+    if bits <= longest:
         return x
     unit = Fraction(2) ** (magnitude(x) - PRECISION)
     return rounding(x / unit) * unit
@@ -71,21 +76,28 @@ def magnitude(x: Fraction | float) -> int:
 def enclosed(x: Fraction) -> Floats:
     """A rational between floating-point numbers; Python rounds a quotient of integers correctly."""
     if x.denominator == 1 and abs(x.numerator) < 2**53:
-        return float(x), float(x)
+        return float(x), float(x)  # exactly
     need(abs(x) < LARGEST, "a number leaves the range of numbers followed here")
     return outward(float(x), float(x))
 
 
-def like(x: Interval[Real], number: Fraction | float) -> Interval[Real]:
+def like(x: Span, number: Fraction | float) -> Span:
     """A number in the arithmetic of x."""
-    return type(x[0])(number), type(x[0])(number)
+    end = type(x[0])(number)
+    return end, end
 
 
-def added(x: Interval[Real], y: Interval[Real]) -> Interval[Real]:
+def added(x: Span, y: Span) -> Span:
     """x + y; exact where one of the two ends is 0, or their sum."""
-    lo, hi = x[0] + y[0], x[1] + y[1]
+    lo = x[0] + y[0]
+    hi = x[1] + y[1]
     low, high = outward(lo, hi)
-    return low if lo and x[0] and y[0] else lo, high if hi and x[1] and y[1] else hi
+    # IEEE sums are 0 only where the numbers cancel exactly
+    if lo and x[0] and y[0]:
+        lo = low
+    if hi and x[1] and y[1]:
+        hi = high
+    return lo, hi
 
 
 def total(parts: Iterable[Floats]) -> Floats:
@@ -93,12 +105,12 @@ def total(parts: Iterable[Floats]) -> Floats:
     return reduce(added, parts, (0.0, 0.0))
 
 
-def negative(x: Interval[Real]) -> Interval[Real]:
+def negative(x: Span) -> Span:
     """-x."""
     return -x[1], -x[0]
 
 
-def times(x: Interval[Real], y: Interval[Real]) -> Interval[Real]:
+def times(x: Span, y: Span) -> Span:
     """x y; a product of signs that are known keeps its sign."""
     if x[0] == 0 == x[1] or y == (1, 1):
         return x
@@ -107,8 +119,12 @@ def times(x: Interval[Real], y: Interval[Real]) -> Interval[Real]:
     if x == (-1, -1):
         return negative(y)
 
-    same, cross = (x[0] * y[0], x[1] * y[1]), (x[0] * y[1], x[1] * y[0])
-    lo, hi = outward(*(same if x[0] >= 0 <= y[0] else (min(*same, *cross), max(*same, *cross))))
+    if x[0] >= 0 <= y[0]:
+        lo, hi = outward(x[0] * y[0], x[1] * y[1])
+    else:
+        corners = [a * b for a in x for b in y]
+        lo, hi = outward(min(corners), max(corners))
+    # what outward steps over 0 comes back
     if (x[0] >= 0 and y[0] >= 0) or (x[1] <= 0 and y[1] <= 0):
         lo = max(lo, lo * 0)
     elif (x[0] >= 0 and y[1] <= 0) or (x[1] <= 0 and y[0] >= 0):
@@ -121,35 +137,40 @@ def dot(x: Iterable[Floats], y: Iterable[Floats]) -> Floats:
     return total(map(times, x, y))
 
 
-def divided(x: Interval[Real], y: Interval[Real]) -> Interval[Real]:
+def divided(x: Span, y: Span) -> Span:
     """x / y."""
     need(y[0] > 0 or y[1] < 0, "a coupling divides by something that may be 0")
     return times(x, outward(1 / y[1], 1 / y[0]))
 
 
-def power(x: Interval[Real], n: int) -> Interval[Real]:
+def power(x: Span, n: int) -> Span:
     """x^n from products, in the order of the binary digits of n."""
     if n < 0:
         return divided(like(x, 1), power(x, -n))
-    if n % 2 == 0 and x[0] < 0 < x[1]:
+    if n % 2 == 0 and x[0] < 0 < x[1]:  # it is 0 in between
         top = max(-x[0], x[1])
         return top * 0, power((top, top), n)[1]
     if x[0] < x[1]:
         return hull(power((x[0], x[0]), n), power((x[1], x[1]), n))
 
-    result, square = like(x, 1), x
+    # of a single number, or between equal ends
+    result = like(x, 1)
+    square = x
     while n:
-        result = times(result, square) if n % 2 else result
-        n, square = n // 2, times(square, square) if n > 1 else square
+        if n % 2:
+            result = times(result, square)
+        if n > 1:
+            square = times(square, square)
+        n //= 2
     return result
 
 
-def hull(*parts: Interval[Real]) -> Interval[Real]:
+def hull(*parts: Span) -> Span:
     """The least interval that holds all parts."""
     return min(part[0] for part in parts), max(part[1] for part in parts)
 
 
-def absolute(x: Interval[Real]) -> Interval[Real]:
+def absolute(x: Span) -> Span:
     """|x|."""
     return max(x[0], -x[1], x[0] * 0), max(-x[0], x[1])
 
@@ -162,31 +183,45 @@ def odd(at: Callable[[Real], Interval[Real]]) -> Callable[[Real], Interval[Real]
 def growing(at: Callable[[Real], Interval[Real]], x: Interval[Real]) -> Interval[Real]:
     """A nondecreasing function on x, from its values at points."""
     low = at(x[0])
-    return low if x[0] == x[1] else (low[0], at(x[1])[1])
+    if x[0] == x[1]:
+        return low
+    return low[0], at(x[1])[1]
 
 
-# --- exp, ln and sqrt: the decimal module rounds them correctly, so that one unit further out is
-# outside --------------
-def by_decimal(name: str, x: Interval[Real]) -> Interval[Real]:
+# --- exp, ln and sqrt: the decimal module rounds them correctly, so one unit further is outside
+def by_decimal(name: str, x: Span) -> Span:
     """exp, ln or sqrt, all of which are nondecreasing. Rational by the rules of the format page are
     exp 0, ln 1, and roots of squares."""
-    (lo, hi), kind = x, type(x[0])
-    top, bottom = lo.as_integer_ratio()
-    root = Fraction(math.isqrt(max(0, top)), math.isqrt(bottom)) if name == "sqrt" else Fraction(0)
-    where, value = {"exp": (0, Fraction(1)), "ln": (1, Fraction(0)), "sqrt": (root**2, root)}[name]
-    if lo == hi == where:
-        return like(x, value)
+    lo, hi = x
+    exact = rational_value(name, lo)
+    if lo == hi and exact is not None:
+        return like(x, exact)
 
     known = {"exp": hi < FAR, "ln": lo > 0, "sqrt": lo >= 0}
+    # beyond them the decimal module would return infinity, NaN, or take for ever
     need(known[name], f"a coupling leaves the numbers for which {name} is known")
+    kind = type(lo)
     down, up = CONTEXTS[kind]
+    # the quotient is rounded in the same direction, since all three grow
     low = down.next_minus(getattr(down, name)(down.divide(*lo.as_integer_ratio())))
     high = up.next_plus(getattr(up, name)(up.divide(*hi.as_integer_ratio())))
     least, most = outward(kind(low), kind(high))
-    return least if name == "ln" else max(least, kind(0)), most
+    if name != "ln":
+        least = max(least, kind(0))
+    return least, most
 
 
-def hyperbolic_tangent(x: Interval[Real]) -> Interval[Real]:
+def rational_value(name: str, x: Fraction | float) -> Fraction | None:
+    """exp, ln or sqrt of x where it is rational by these rules, else none."""
+    if name == "sqrt":
+        top, bottom = x.as_integer_ratio()
+        root = Fraction(math.isqrt(max(0, top)), math.isqrt(bottom))
+        return root if x == root**2 else None
+    where, value = (0, 1) if name == "exp" else (1, 0)
+    return Fraction(value) if x == where else None
+
+
+def hyperbolic_tangent(x: Span) -> Span:
     """tanh, from t = exp(-2 |x|)."""
 
     def at(z: Real) -> Interval[Real]:
@@ -196,31 +231,32 @@ def hyperbolic_tangent(x: Interval[Real]) -> Interval[Real]:
     return growing(odd(at), x)
 
 
-def inverse_sine(x: Interval[Real]) -> Interval[Real]:
+def inverse_sine(x: Span) -> Span:
     """asinh, log(z + sqrt(1 + z^2)) for z >= 0."""
-    return growing(
-        odd(
-            lambda z: by_decimal(
-                "ln",
-                added((z, z), by_decimal("sqrt", added(like((z, z), 1), times((z, z), (z, z))))),
-            )
-        ),
-        x,
-    )
+
+    def at(z: Real) -> Interval[Real]:
+        point = (z, z)
+        square = times(point, point)
+        root = by_decimal("sqrt", added(like(point, 1), square))
+        return by_decimal("ln", added(point, root))
+
+    return growing(odd(at), x)
 
 
-def hyperbolic(x: Interval[Real], cosine: bool) -> Interval[Real]:
+def hyperbolic(x: Span, cosine: bool) -> Span:
     """cosh or sinh; cosh grows with |x|."""
 
     def at(z: Real) -> Interval[Real]:
-        rising, falling = by_decimal("exp", (z, z)), by_decimal("exp", (-z, -z))
-        return times(like(rising, 0.5), added(rising, falling if cosine else negative(falling)))
+        rising = by_decimal("exp", (z, z))
+        falling = by_decimal("exp", (-z, -z))
+        if not cosine:
+            falling = negative(falling)
+        return times(like(rising, 0.5), added(rising, falling))
 
     return growing(at, absolute(x) if cosine else x)
 
 
 # --- sin, cos, tan and atan: series in integers, in units of 2^-bits
-# --------------------------------------------------
 def whole(x: Fraction | float, bits: int) -> int:
     """x in units of 2^-bits, within one unit."""
     top, bottom = x.as_integer_ratio()
@@ -229,8 +265,9 @@ def whole(x: Fraction | float, bits: int) -> int:
 
 def between(low: int, high: int, bits: int, kind: type[Real]) -> Interval[Real]:
     """From low to high units of 2^-bits."""
+    unit = 1 << bits
     # by a power of 2: rounded once
-    return outward(kind(low) / (1 << bits), kind(high) / (1 << bits))
+    return outward(kind(low) / unit, kind(high) / unit)
 
 
 def arctangent_of(z: int, bits: int) -> int:
@@ -239,22 +276,27 @@ def arctangent_of(z: int, bits: int) -> int:
     unit = 1 << bits
     for _ in range(3):
         z = z * unit // (unit + math.isqrt(unit * unit + z * z))
-    total, term, n = z, z, 1
+    square = z * z >> bits
+    total = z
+    term = z
+    n = 1
     while term:
-        n, term = n + 2, term * (z * z >> bits) >> bits
+        n += 2
+        term = term * square >> bits
         total += term // n if n % 4 == 1 else -term // n
     return 8 * total
 
 
-def arctangent(x: Interval[Real]) -> Interval[Real]:
+def arctangent(x: Span) -> Span:
     """atan."""
 
     def at(z: Real) -> Interval[Real]:
-        kind, bits, slack = type(z), PLACES[type(z)], 1 << SLACK
         if z == 0:
             return z, z
+        kind = type(z)
+        bits = PLACES[kind]
         value = arctangent_of(whole(z, bits), bits)
-        return between(value - slack, value + slack, bits, kind)
+        return between(value - (1 << SLACK), value + (1 << SLACK), bits, kind)
 
     return growing(odd(at), x)
 
@@ -265,20 +307,22 @@ def half_turn(bits: int) -> int:
     return 4 * arctangent_of(1 << bits, bits)
 
 
-PI: Exact = between(
-    half_turn(PLACES[Fraction]) - 2**SLACK,
-    half_turn(PLACES[Fraction]) + 2**SLACK,
-    PLACES[Fraction],
-    Fraction,
-)
+_PLACES = PLACES[Fraction]
+_PI = half_turn(_PLACES)
+PI: Exact = between(_PI - 2**SLACK, _PI + 2**SLACK, _PLACES, Fraction)
 
 
 def sine_of(z: int, bits: int) -> int:
     """The Taylor series, once whole turns are taken off."""
     half = half_turn(bits)
-    z -= (z + half) // (2 * half) * 2 * half
-    sign, z = -1 if z < 0 else 1, abs(z)
-    term, total, n, square = z, z, 1, z * z >> bits
+    turns = (z + half) // (2 * half)
+    z -= turns * 2 * half
+    sign = -1 if z < 0 else 1
+    z = abs(z)
+    square = z * z >> bits
+    term = z
+    total = z
+    n = 1
     while term:
         n += 2
         term = (term * square >> bits) // (n * (n - 1))
@@ -286,28 +330,42 @@ def sine_of(z: int, bits: int) -> int:
     return sign * total
 
 
-def wave(x: Interval[Real], quarter: int) -> Interval[Real]:
+def wave(x: Span, quarter: int) -> Span:
     """Sine (quarter 0) or cosine (quarter 1): the values at the ends, and 1 or -1 where it turns
     between them. For |x| up to 2^more there are 2^more turns, whose error is made up for by as many
     more places."""
     if x[0] == 0 == x[1]:
         return like(x, quarter)
-    kind, more = type(x[0]), max(1, 1 + magnitude(x[0]), 1 + magnitude(x[1]))
+    kind = type(x[0])
+    more = max(1, 1 + magnitude(x[0]), 1 + magnitude(x[1]))
+    # pi needs a place more for every doubling of x
     need(more < 500, "a coupling takes the sine of something too large")
-    bits, slack = PLACES[kind] + more, 1 << SLACK + more
+    bits = PLACES[kind] + more
+    slack = 1 << SLACK + more
     half = half_turn(bits)
+    # cos x = sin (x + pi/2)
     low, high = (whole(end, bits) + quarter * half // 2 for end in x)
+    parts = []
+    for end in {low, high}:
+        value = sine_of(end, bits)
+        parts.append(between(value - slack, value + slack, bits, kind))
     # it turns at (k + 1/2) pi; wider by slack is no harm
     first = -((half // 2 - low + slack) // half)
     last = (high + slack - half // 2) // half
-    turns = [like(x, (1, -1)[k % 2]) for k in range(first, last + 1)[:2]]
-    ends = [sine_of(end, bits) for end in {low, high}]
-    lo, hi = hull(*(between(end - slack, end + slack, bits, kind) for end in ends), *turns)
+    for k in range(first, last + 1)[:2]:  # two of them have both values
+        parts.append(like(x, -1 if k % 2 else 1))
+    lo, hi = hull(*parts)
+    # no sine is beyond 1, whatever rounding says
     return max(lo, kind(-1)), min(hi, kind(1))
 
 
-def tangent(x: Interval[Real]) -> Interval[Real]:
+def tangent(x: Span) -> Span:
     """tan, where the cosine has no zero."""
     lo, hi = wave(x, 1)
+    # between two zeros of the cosine the tangent grows
     need(lo > 0 or hi < 0, "a coupling takes a tangent where there may be none")
-    return growing(lambda z: divided(wave((z, z), 0), wave((z, z), 1)), x)
+
+    def at(z: Real) -> Interval[Real]:
+        return divided(wave((z, z), 0), wave((z, z), 1))
+
+    return growing(at, x)

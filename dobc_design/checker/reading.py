@@ -20,11 +20,12 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
-MAX_BYTES, MAX_DIGITS = 16 * 2**20, 10_000  # of a file; characters of one number
-# of the common denominator of a vector; of P, and of a designed W
-VECTOR_BITS, MATRIX_BITS = 2**16, 2**14
+Object = dict[str, Any]  # of JSON, or its shape
+MAX_BYTES = 16 * 2**20  # of a file
+MAX_DIGITS = 10_000  # characters of one number
+VECTOR_BITS = 2**16  # of the common denominator of a vector
+MATRIX_BITS = 2**14  # of that of P, and of a designed W
 UNSIGNED = r"[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?0*(?:[0-3]?[0-9]{1,2}|400))?"  # exponents up to 400
-
 RATIONAL = rf"([+-]?{UNSIGNED})|([+-]?[0-9]+)/([+-]?0*[1-9][0-9]*)"
 
 
@@ -53,10 +54,13 @@ def need(condition: bool, message: str) -> None:
         raise Refused(message)
 
 
-def document(data: bytes, kind: str) -> dict[str, Any]:
+# --- A file as a whole
+def document(data: bytes, kind: str) -> Object:
     """The JSON object of a file."""
+    # before anything is read: JSON of any size would be read for minutes
     need(len(data) <= MAX_BYTES, f"the file is larger than {MAX_BYTES} bytes")
     try:
+        # decimals are kept as they are written; a double would be another number
         value = json.loads(
             data.decode(),
             object_pairs_hook=once,
@@ -66,14 +70,8 @@ def document(data: bytes, kind: str) -> dict[str, Any]:
     except (ValueError, ArithmeticError, RecursionError):
         raise Refused("the file is no JSON in UTF-8, or nested too deeply") from None
     need(type(value) is dict and value.get("format") == kind, f"the file is no {kind}")
-    known = 2 if kind == "dobc-problem" and "dynamics" in value else 1
-    modes = value.get("modes") if kind == "dobc-problem" else None
-    known = (
-        3
-        if type(modes) is list and any(type(x) is dict and "optional" in x for x in modes)
-        else known
-    )
-    known = 4 if kind == "dobc-problem" and leaves_agents(value) else known
+    known = version_of(value) if kind == "dobc-problem" else 1
+    # True == 1, so that the type is asked as well
     need(
         type(value.get("version")) is int and value["version"] == known,
         f"the version is not {known}",
@@ -81,9 +79,21 @@ def document(data: bytes, kind: str) -> dict[str, Any]:
     return dict(value)
 
 
-def leaves_agents(problem: dict[str, Any]) -> bool:
+def version_of(problem: Object) -> int:
+    """The version that a problem file has to have: one that an older checker refuses, where this
+    would take it for a problem without the new key."""
+    if leaves_agents(problem):
+        return 4
+    modes = problem.get("modes")
+    if type(modes) is list and any(type(mode) is dict and "optional" in mode for mode in modes):
+        return 3
+    return 2 if "dynamics" in problem else 1
+
+
+def leaves_agents(problem: Object) -> bool:
     """Whether there are groups of agents with exosystems, and agents in none of them."""
-    exosystem, labels = problem.get("exosystem"), problem.get("labels")
+    exosystem = problem.get("exosystem")
+    labels = problem.get("labels")
     groups = exosystem.get("groups") if type(exosystem) is dict else None
     if type(groups) is not list or type(labels) is not list:
         return False
@@ -91,58 +101,71 @@ def leaves_agents(problem: dict[str, Any]) -> bool:
     return sum(len(agents) for agents in lists if type(agents) is list) < len(labels)
 
 
-def as_hashed(source: dict[str, Any]) -> bytes:
+def as_hashed(source: Object) -> bytes:
     """The form of problem.json whose hash a certificate names: sorted keys, no blanks, and a line
     end."""
 
     def no_decimal(number: Any) -> Any:
         raise Refused(f"{number} is no text")  # rationals are texts there
 
+    # nothing is written anew: a number that is spelled in another way has another hash
     text = json.dumps(
         source, sort_keys=True, ensure_ascii=False, separators=(",", ":"), default=no_decimal
     )
     return text.encode("utf-8", "surrogatepass") + b"\n"
 
 
-def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def once(pairs: list[tuple[str, Any]]) -> Object:
     """An object, whose keys must differ."""
     need(len(dict(pairs)) == len(pairs), "a key stands there twice")
     return dict(pairs)
 
 
+# --- Its parts, by their shapes
 def read(value: Any, shape: Any) -> Any:
     """The value, if it has the shape, with Fractions for rationals and attributes for keys."""
     if isinstance(shape, dict):
-        known = {key.rstrip("?"): part for key, part in shape.items()}
-        need(type(value) is dict, "there is something else than an object")
-        need(set(value) <= set(known), f"there are other keys than {', '.join(known)}")
-        need(
-            all(key in value for key in shape if key[-1] != "?"),
-            f"one of the keys {', '.join(known)} is missing",
-        )
-        return SimpleNamespace(
-            **{key: read(value[key], part) if key in value else None for key, part in known.items()}
-        )
-
-    if isinstance(shape, list | tuple):
+        return read_object(value, shape)
+    if isinstance(shape, list):
         need(type(value) is list, "there is something else than a list")
-        shapes = shape if isinstance(shape, tuple) else shape * len(value)
-        need(
-            len(value) == len(shapes),
-            f"there are {len(value)} things where {len(shapes)} were expected",
-        )
-        return [read(item, part) for item, part in zip(value, shapes, strict=True)]
-
+        return [read(item, shape[0]) for item in value]
+    if isinstance(shape, tuple):
+        return read_items(value, shape)
     return value if shape is None else shape(value)
+
+
+def read_object(value: Any, shape: Object) -> Any:
+    """An object with the keys of the shape, and no other."""
+    known = {key.rstrip("?"): part for key, part in shape.items()}
+    names = ", ".join(known)
+    need(type(value) is dict, "there is something else than an object")
+    need(set(value) <= set(known), f"there are other keys than {names}")
+    need(
+        all(key in value for key in shape if key[-1] != "?"), f"one of the keys {names} is missing"
+    )
+    found = SimpleNamespace(**dict.fromkeys(known))
+    for key, part in known.items():
+        if key in value:
+            setattr(found, key, read(value[key], part))
+    return found
+
+
+def read_items(value: Any, shapes: tuple[Any, ...]) -> list[Any]:
+    """A list with as many items as there are shapes."""
+    need(type(value) is list, "there is something else than a list")
+    count = f"there are {len(value)} things where {len(shapes)} were expected"
+    need(len(value) == len(shapes), count)
+    return [read(item, part) for item, part in zip(value, shapes, strict=True)]
 
 
 def one_of(types: tuple[type, ...], value: Any) -> Any:
     """What has one of these types (and is no boolean)."""
-    need(
-        type(value) in types,
-        f"there is something else than {' or '.join(kind.__name__ for kind in types)}",
-    )
+    names = " or ".join(kind.__name__ for kind in types)
+    need(type(value) in types, f"there is something else than {names}")
     return value
+
+
+text, an_object, integer = (partial(one_of, (kind,)) for kind in (str, dict, int))
 
 
 def maybe(part: Any) -> Callable[[Any], Any]:
@@ -166,15 +189,13 @@ def rational(text: Any) -> Fraction:
     )
     need(re.fullmatch(RATIONAL, text) is not None, "a number is not written as it should")
     top, _, bottom = text.partition("/")
+    # Decimal reads the digits as they are; the bottom is not 0, as the pattern says
     return Fraction(decimal.Decimal(top)) / Fraction(decimal.Decimal(bottom or "1"))
 
 
 def json_number(value: Any) -> Fraction:
     """A decimal as the files write it: a number of JSON, which means the text that is written."""
     return rational(str(one_of((int, decimal.Decimal), value)))
-
-
-text, an_object, integer = (partial(one_of, (kind,)) for kind in (str, dict, int))
 
 
 def matrix(rows: int, columns: int) -> tuple[tuple[Any, ...], ...]:
@@ -184,6 +205,7 @@ def matrix(rows: int, columns: int) -> tuple[tuple[Any, ...], ...]:
 
 def short(numbers: Iterable[Fraction], limit: int) -> None:
     """Refuse numbers whose common denominator is too long to go on with."""
+    # exact sums over a long common denominator would take for ever
     common = 1
     for x in numbers:
         common = math.lcm(common, x.denominator)
@@ -191,6 +213,11 @@ def short(numbers: Iterable[Fraction], limit: int) -> None:
             common.bit_length() <= limit,
             f"numbers have a common denominator of more than {limit} bits",
         )
+
+
+def short_matrix(X: Iterable[Iterable[Fraction]]) -> None:
+    """The same for the entries of a matrix."""
+    short((x for row in X for x in row), MATRIX_BITS)
 
 
 def direction(size: int, value: Any) -> list[Fraction]:
@@ -204,32 +231,36 @@ def direction(size: int, value: Any) -> list[Fraction]:
 def weights(size: int, value: Any) -> list[Fraction]:
     """Positive numbers: rationals, or doubles in base64."""
     if type(value) is dict:
-        data = read(value, {"float64": text}).float64
-        try:
-            doubles = struct.unpack(f"<{size}d", base64.b64decode(data, validate=True))
-        except (binascii.Error, ValueError, struct.error):
-            raise Refused(f"a block of doubles does not hold {size} of them in base64") from None
-        need(all(0 < x < math.inf for x in doubles), "an entry of v is no positive number")
-        return list(map(Fraction, doubles))
-
+        return doubles(size, value)
     v = direction(size, value)
     need(min(v) > 0, "an entry of v is not positive")
     return v
+
+
+def doubles(size: int, value: Any) -> list[Fraction]:
+    """Positive doubles in base64, each with its exact binary value."""
+    data = read(value, {"float64": text}).float64
+    try:
+        numbers = struct.unpack(f"<{size}d", base64.b64decode(data, validate=True))
+    except (binascii.Error, ValueError, struct.error):
+        raise Refused(f"a block of doubles does not hold {size} of them in base64") from None
+    # nan is not less than inf either
+    need(all(0 < x < math.inf for x in numbers), "an entry of v is no positive number")
+    return list(map(Fraction, numbers))
 
 
 def same(value: Any, expected: Any) -> bool:
     """True if a part of the certificate says what it has to: rationals as numbers, the rest as it
     is."""
     if isinstance(expected, dict):
-        return (
-            type(value) is dict
-            and set(value) == set(expected)
-            and all(same(value[k], expected[k]) for k in value)
-        )
+        if type(value) is not dict or set(value) != set(expected):
+            return False
+        return all(same(part, expected[key]) for key, part in value.items())
     if isinstance(expected, list):
-        return (
-            type(value) is list and len(value) == len(expected) and all(map(same, value, expected))
-        )
-    return (
-        rational(value) == expected if isinstance(expected, Fraction) else bool(value == expected)
-    )
+        if type(value) is not list or len(value) != len(expected):
+            return False
+        return all(map(same, value, expected))
+    # "2/4" and "0.50" are 1/2
+    if isinstance(expected, Fraction):
+        return rational(value) == expected
+    return bool(value == expected)

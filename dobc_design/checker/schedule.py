@@ -8,172 +8,199 @@ lure, is at most level exp(-pace (t - end)), and |e|_inf at most height W.
 from fractions import Fraction
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
-from .cycles import (
-    HALVINGS,
-    TIMES,
-    Face,
-    ends_of,
-    fading,
-    keeps,
-    read_cycles,
-    shown,
-    timed,
-    turn_at,
-)
-from .files import Certificate
+from .claims import Certificate
+from .curves import both_faces
+from .cycles import TIMES, MovingRow, fading, keeps, read_cycles, segment
 from .intervals import enclosed
-from .matrices import ZERO, identity, nonnegative, plus, root
+from .loop import Loop
+from .matrices import ONE, ZERO, Vector, identity, nonnegative, paired, plus, root
 from .quadratic import contained, inside, read_quadratic
-from .reading import an_object, need, rational, read, text, weights
-from .separable import Curve, composite, pace, read_separable, rows, starts
-
-ONE = Fraction(1)
+from .reading import Object, an_object, need, rational, read, text, weights
+from .separable import composite, pace, read_separable, rows, starts
 
 
 def settling(case: Certificate, check: Any) -> None:
     """The tube holds all starts and its rows hold; its last box lies in the level of what takes
     over, in time."""
-    p = case.problem
+    loop = case.loop
     need(check.rate is None, "it has no rate to claim")
     starts(case, check.domain, "box")
-    tube: dict[str, Any] = {
-        "times": [rational],
-        "upper": [partial(weights, p.n)],
-        "lower": [partial(weights, p.n)],
-    }
-    tube |= {"P": ((rational,) * p.q,) * p.q, "beta": rational, "size": rational} if p.q else {}
-    last = dict.fromkeys(("level", "height", "stretch"), rational) | {
-        "kind": text,
-        "certificate": an_object,
-    }
-    exact = read(check.exact, {"tolerance": rational, "time": rational, "tube": tube, "last": last})
+    boxes = [partial(weights, loop.n)]
+    tube: Object = {"times": [rational], "upper": boxes, "lower": boxes}
+    if loop.q:
+        tube |= {"P": ((rational,) * loop.q,) * loop.q, "beta": rational, "size": rational}
+    last = dict.fromkeys(("level", "height", "stretch"), rational)
+    last |= {"kind": text, "certificate": an_object}
+    shape = {"tolerance": rational, "time": rational, "tube": tube, "last": last}
+    exact = read(check.exact, shape)
     moves(case, exact.tube, check.domain)
 
-    elapsed, after = exact.time - exact.tube.times[-1], exact.last
+    elapsed = exact.time - exact.tube.times[-1]
+    after = exact.last
     need(elapsed >= 0, "the time is before the end of the tube")
-    speed, wait = takes_over(case, exact.tube, after, check.domain)
-    most = after.height * after.level * fading(speed * max(ZERO, elapsed - wait))
+    decay = takes_over(case, exact.tube, after, check.domain)
+    fall = fading(decay.speed * max(ZERO, elapsed - decay.wait))
+    most = after.height * after.level * fall
     need(most <= exact.tolerance, "the tolerance is not reached by then")
 
 
+# --- The tube
 def noise(case: Certificate, tube: Any, box: Any, time: Fraction) -> Fraction:
     """An upper bound of |C eps_i| from a time on, and of root(eps_i'P eps_i)."""
-    return root(tube.size) * box.disturbance * fading(tube.beta * time) if case.problem.q else ZERO
+    if case.loop.q == 0:
+        return ZERO
+    start: Fraction = root(tube.size) * box.disturbance
+    return start * fading(tube.beta * time)
 
 
 def moves(case: Certificate, tube: Any, box: Any) -> None:
     """The first box holds all starts, and no run leaves the boxes that follow."""
-    p, count = case.problem, len(tube.times)
-    need(1 <= count <= TIMES and tube.times[0] == 0, "times do not begin at 0, or are too many")
-    need(all(a < b for a, b in pairwise(tube.times)), "times do not rise")
+    loop = case.loop
+    times = tube.times
+    count = len(times)
+    need(1 <= count <= TIMES and times[0] == 0, "times do not begin at 0, or are too many")
+    need(all(a < b for a, b in pairwise(times)), "times do not rise")
     need(len(tube.upper) == len(tube.lower) == count, "there is not one box for each time")
     composite(case, tube)
-    need(p.q == 0 or tube.beta > 0, "beta is not positive")
-    need(min(tube.upper[0] + tube.lower[0]) >= box.radius, "the first box does not hold all starts")
-    mixed = any(
-        x
-        for gain in p.gains.values()
-        for c, row in enumerate(gain)
-        for d, x in enumerate(row)
-        if c != d
-    )
-    need(not mixed or tube.upper == tube.lower, "gains mix components, and the faces are not alike")
+    need(loop.q == 0 or tube.beta > 0, "beta is not positive")
+    least = min(tube.upper[0] + tube.lower[0])
+    need(least >= box.radius, "the first box does not hold all starts")
+    # an entry of a gain beside the diagonal has any sign: it needs the faces alike
+    alike = tube.upper == tube.lower
+    need(not mixes(loop) or alike, "gains mix components, and the faces are not alike")
     if count == 1:
         return
 
-    reach = enclosed(2 * max(x for face in (tube.upper, tube.lower) for x in map(max, face)))[1]
-    couplings = {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}
-    curves = {
-        (h, mirrored): Curve(h, mirrored, -reach, reach)
-        for h in couplings
-        for mirrored in (False, True)
-    }
-    turns = timed(p)
-    ends = ends_of(turns)
-    loads = [noise(case, tube, box, time) for time in tube.times]
-    for k in range(count - 1):
-        length, on = tube.times[k + 1] - tube.times[k], list(p.modes)
-        if turns:
-            place, _, end = turn_at(ends, tube.times[k])
-            need(tube.times[k + 1] <= end, "the mode changes between two times")
-            on = [turns[place].mode]
-        for own, other, mirrored in (
-            (tube.upper, tube.lower, False),
-            (tube.lower, tube.upper, True),
-        ):
-            speed = [(b - a) / length for a, b in zip(own[k], own[k + 1], strict=True)]
-            face = Face((own[k], own[k + 1]), (other[k], other[k + 1]), speed)
-            open_rows = [(p.heard[mode][i], i) for mode in on for i in range(p.n)]
-            for arcs, i in open_rows:
-                held = shown(p, arcs, i, face, (loads[k], loads[k + 1]), curves, mirrored, HALVINGS)
-                need(
-                    held,
-                    f"the row of agent {p.labels[i]} is not shown from {float(tube.times[k])} s on",
-                )
+    width = enclosed(2 * max(max(face) for face in tube.upper + tube.lower))[1]
+    couplings = {arc.coupling for arc in loop.arcs}
+    curves = both_faces(couplings, -width, width)
+    loads = [noise(case, tube, box, time) for time in times]
+    sides = ((tube.upper, tube.lower, False), (tube.lower, tube.upper, True))
+    for k, (a, b) in enumerate(pairwise(times)):
+        on = modes_on(loop, a, b)
+        for own, other, mirrored in sides:
+            across = (other[k], other[k + 1])
+            face = segment(own[k], own[k + 1], across, b - a, (loads[k], loads[k + 1]))
+            for mode in on:
+                for i in loop.nodes:
+                    row = MovingRow(loop, mode, i, curves, mirrored)
+                    said = f"the row of agent {loop.labels[i]} is not shown from {float(a)} s on"
+                    need(row.holds(face), said)
 
 
-def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> tuple[Fraction, Fraction]:
-    """The certificate at the end of the tube holds, and the last box lies in its level; its rate,
-    and for how long it may not decay yet."""
-    p, quadratic = case.problem, last.kind == "quadratic"
+def mixes(loop: Loop) -> bool:
+    """Whether a gain has an entry beside its diagonal."""
+    for gain in loop.hold.values():
+        for c, row in enumerate(gain):
+            if any(x for d, x in enumerate(row) if d != c):
+                return True
+    return False
+
+
+def modes_on(loop: Loop, start: Fraction, end: Fraction) -> list[str]:
+    """The modes that may be on between two times: the one of the phase, if it is said which."""
+    if not loop.guarantee.timed:
+        return list(loop.modes)
+    turn = loop.guarantee.turn_at(start)
+    # one mode for the whole segment, or its rows are not those of the loop
+    need(end <= turn.end, "the mode changes between two times")
+    return [loop.guarantee.timed[turn.place].mode]
+
+
+# --- What takes over
+class Decay(NamedTuple):
+    """W falls at ``speed``, but for up to ``wait`` not yet."""
+
+    speed: Fraction
+    wait: Fraction = ZERO
+
+
+class Maximum(NamedTuple):
+    """A function V = max |e_i| / v_i + kappa E that takes over, and how it decays."""
+
+    claim: Any
+    v: Vector
+    highest: Fraction  # the largest weight at any time
+    decay: Decay
+
+
+def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> Decay:
+    """The certificate at the end of the tube holds, and the last box lies in its level; how it
+    decays from there."""
     need(last.kind in ("max-separable", "quadratic", "schedule"), "the kind is not known")
     need(last.level > 0 and last.height > 0 and last.stretch > 0, "a size is not positive")
     widths = list(map(max, tube.upper[-1], tube.lower[-1]))
     left = noise(case, tube, box, tube.times[-1])
-    if not quadratic:
-        if last.kind == "schedule":
-            claim = read_cycles(case, last.certificate)
-            keeps(case, claim)
-            highest, v = (
-                max((x for each in claim.phases for y in each.v for x in y), default=ONE),
-                [ONE] * p.n,
-            )
-            speed, wait = (
-                claim.rate or ZERO,
-                max((each.times[-1] for each in claim.phases), default=ZERO),
-            )
-            if claim.phases:
-                turns = timed(p)
-                need(bool(turns), "it is not said which phase is on when the tube ends")
-                place, begun, _ = turn_at(ends_of(turns), tube.times[-1])
-                need(begun == tube.times[-1], "weights that move take over where a phase begins")
-                v = claim.phases[place].v[0]
-        else:
-            claim = read_separable(case, last.certificate)
-            need(
-                claim.rho is not None or p.domain == "global",
-                "it has no rho, and the couplings are not all linear",
-            )
-            composite(case, claim)
-            rows(case, claim, claim.alpha, Fraction(1))
-            highest, v, speed, wait = max(claim.v), claim.v, pace(case, claim), ZERO
-            need(speed > 0, "it does not decrease")
-        alike = p.q == 0 or (claim.P, claim.beta, claim.size) == (tube.P, tube.beta, tube.size)
-        need(alike and last.stretch == 1, "P, beta and size are not those of the tube")
-        need(last.height >= highest, "the height is too small")
-        need(claim.rho is None or last.level <= claim.rho, "the level leaves the region")
-        size = max(b / v for b, v in zip(widths, v, strict=True)) + (
-            claim.kappa * left if p.q else ZERO
-        )
-        need(last.level >= size, "the last box leaves the level")
+    if last.kind == "quadratic":
+        return form_takes_over(case, tube, last, widths, left)
+    if last.kind == "schedule":
+        found = moving_weights(case, last, tube.times[-1])
     else:
-        claim = read_quadratic(case, last.certificate)
-        high = all(inside(claim.P_e, z, Fraction(1), last.height) for z in identity(p.n * p.m))
-        need(high, "the height is too small")
-        contained(p, claim.P_e, last.level**2, claim.radius)
-        if p.q:
-            gap = plus(plus(identity(p.q, 0), last.stretch**2, tube.P), -1, claim.P)
-            need(nonnegative(gap), "P' <= stretch^2 P is not shown")
-        wide = [x for x in widths for _ in range(p.m)]
-        square = sum(
-            abs(x) * wide[a] * wide[b] for a, row in enumerate(claim.P_e) for b, x in enumerate(row)
-        )
-        need(
-            last.level**2 >= square + p.n * (last.stretch * left) ** 2,
-            "the last box leaves the level",
-        )
-        speed, wait = claim.rate, ZERO
-        need(speed > 0, "it does not decrease")
-    return Fraction(speed), wait
+        found = fixed_weights(case, last)
+    claim = found.claim
+    own = (claim.P, claim.beta, claim.size) if case.loop.q else ()
+    alike = not own or own == (tube.P, tube.beta, tube.size)
+    need(alike and last.stretch == 1, "P, beta and size are not those of the tube")
+    need(last.height >= found.highest, "the height is too small")
+    need(claim.rho is None or last.level <= claim.rho, "the level leaves the region")
+    size = max(b / v for b, v in paired(widths, found.v))
+    if case.loop.q:
+        size += claim.kappa * left
+    need(last.level >= size, "the last box leaves the level")
+    return found.decay
+
+
+def fixed_weights(case: Certificate, last: Any) -> Maximum:
+    """A max-separable."""
+    claim = read_separable(case, last.certificate)
+    need(
+        claim.rho is not None or case.loop.domain == "global",
+        "it has no rho, and the couplings are not all linear",
+    )
+    composite(case, claim)
+    rows(case, claim, claim.alpha)
+    speed = pace(case, claim)
+    # the tolerance is reached by decay
+    need(speed > 0, "it does not decrease")
+    return Maximum(claim, claim.v, max(claim.v), Decay(speed))
+
+
+def moving_weights(case: Certificate, last: Any, end: Fraction) -> Maximum:
+    """A schedule: without phases all weights are 1, and V never rises."""
+    claim = read_cycles(case, last.certificate)
+    keeps(case, claim)
+    guarantee = case.loop.guarantee
+    if not claim.phases:
+        return Maximum(claim, [ONE] * case.loop.n, ONE, Decay(claim.rate or ZERO))
+    need(bool(guarantee.timed), "it is not said which phase is on when the tube ends")
+    turn = guarantee.turn_at(end)
+    # elsewhere V is another function, which the last box is not compared with
+    need(turn.begun == end, "weights that move take over where a phase begins")
+    highest = max(x for each in claim.phases for v in each.v for x in v)
+    # V falls by the end of a phase, not within it
+    wait = max(each.times[-1] for each in claim.phases)
+    return Maximum(claim, claim.phases[turn.place].v[0], highest, Decay(claim.rate or ZERO, wait))
+
+
+def form_takes_over(
+    case: Certificate, tube: Any, last: Any, widths: Vector, left: Fraction
+) -> Decay:
+    """A quadratic certificate, W = sqrt(V)."""
+    loop = case.loop
+    claim = read_quadratic(case, last.certificate)
+    P_e = claim.P_e
+    units = identity(len(P_e))
+    need(all(inside(P_e, z, Fraction(1), last.height) for z in units), "the height is too small")
+    contained(loop, P_e, last.level**2, claim.radius)
+    if loop.q:
+        gap = [[last.stretch**2 * x for x in row] for row in tube.P]
+        need(nonnegative(plus(gap, -1, claim.P)), "P' <= stretch^2 P is not shown")
+    wide = [x for x in widths for _ in range(loop.m)]
+    square = loop.n * (last.stretch * left) ** 2
+    for a, row in enumerate(P_e):
+        square += sum(abs(x) * wide[a] * wide[b] for b, x in enumerate(row))
+    need(last.level**2 >= square, "the last box leaves the level")
+    need(claim.rate > 0, "it does not decrease")
+    return Decay(claim.rate)

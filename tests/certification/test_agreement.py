@@ -6,6 +6,7 @@ import random
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
+from types import SimpleNamespace
 
 import pytest
 from certified import certified, consensus_claims
@@ -16,8 +17,8 @@ from dobc_design import Exosystem, Verdict, certify, verify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.equilibria import equilibrium_check
 from dobc_design.certification.overall import decide_overall
-from dobc_design.checker import files
 from dobc_design.checker.examine import Refused, examine
+from dobc_design.checker.verdict import leaves_free
 from dobc_design.conditions.check import Values, Witness
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import find_in_nullspace
@@ -100,15 +101,15 @@ def test_one_sided_couplings_get_no_advice_that_cannot_help():
 # --- the linear program of verdict 2(a)
 # -------------------------------------------------------------------------------
 def free_shift_by_checker(M, sides) -> bool:
-    problem = object.__new__(files.Problem)
-    problem.m, problem.gains, problem.goals = (
-        len(sides),
-        {0: [list(row) for row in M]},
-        [[Fraction(0)] * len(sides)],
+    zero = Fraction(0)
+    loop = SimpleNamespace(
+        m=len(sides),
+        hold={0: [list(row) for row in M]},
+        goals=[[zero] * len(sides)],
+        region=SimpleNamespace(initial_states=sides),
+        leads=[(zero, zero)] * len(sides),
     )
-    problem.region = type("Region", (), {"initial_states": sides})
-    problem.leads = [(Fraction(0), Fraction(0))] * problem.m
-    return problem.leaves_free({0})
+    return leaves_free(loop, {0})
 
 
 def is_met_for_scipy(M, sides) -> bool:

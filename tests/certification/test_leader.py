@@ -10,6 +10,7 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from checker_cases import second_loop
 from scipy.integrate import solve_ivp
 
 from dobc_design import (
@@ -31,7 +32,7 @@ from dobc_design import (
     what_breaks_first,
 )
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.checker.files import Problem as Second
+from dobc_design.checker.loop import leader_box
 from dobc_design.checker.reading import Refused
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.quadratic.sectors import slopes_of_node
@@ -191,9 +192,9 @@ def test_a_box_is_invariant_where_f_points_inwards_on_its_faces(box: Any, left: 
     low, high = np.array(box, dtype=float).T
     outside = any((end < low - 1e-12).any() or (end > high + 1e-12).any() for end in ends)
     assert outside is bool(left)
-    second = Second(canonical_bytes(spiking(leader={"initial": [0, 0], "stays_in": box})))
+    second = second_loop(spiking(leader={"initial": [0, 0], "stays_in": box}))
     with pytest.raises(Refused, match="point inwards") if left else nullcontext():
-        second.encloses()
+        leader_box(second)
 
 
 def test_a_box_is_found_in_which_solutions_stay():

@@ -13,8 +13,8 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import agreed
 from dobc_design.checker import examine as checker
-from dobc_design.checker.files import points
-from dobc_design.checker.separable import throughout
+from dobc_design.checker.curves import throughout
+from dobc_design.checker.loop import points
 from dobc_design.conditions.check import cut_check
 from dobc_design.exact.work import last_call, seconds_left, until
 from dobc_design.problem.canonical import canonical_bytes

@@ -73,29 +73,29 @@ def test_the_package_says_the_same(
 
 #: Of the other files a few: the evidence tries them all.
 FEW = (
-    ("accuracy", "turned or (p.B is None and all((h.single for h in p.couplings)))"),
-    ("accuracy", "p.B is None"),
-    ("accuracy", "all((h.single for h in p.couplings))"),
+    ("accuracy", "loop.B is None and all((h.single for h in loop.functions))"),
+    ("accuracy", "loop.B is None"),
+    ("accuracy", "all((h.single for h in loop.functions))"),
     ("accuracy", "plant.measurement == 0"),
     ("accuracy", "plant.measurement == plant.weights == plant.gains == 0"),
     ("accuracy", "not linear or check.domain == 'global'"),
-    ("accuracy", "p.domain == 'global'"),
-    ("accuracy", "not p.switches"),
-    ("accuracy", "all((x >= y for x, y in zip(bounds, ends, strict=True)))"),
+    ("accuracy", "loop.domain == 'global'"),
+    ("accuracy", "not loop.switches"),
+    ("accuracy", "all((x >= y for x, y in paired(bounds, ends)))"),
     ("accuracy", "b > 0"),
-    ("accuracy", "left[0] < 1"),
+    ("peaks", "left[0] < 1"),
     ("accuracy", "(each.rho is not None) == curved"),
-    ("files", "self.nodes"),
-    ("files", "self.drift is None or self.nodes or stable(self.drift)"),
-    ("examine", "not p.nodes"),
+    ("loop", "self.own is None"),
+    ("verdict", "loop.own is not None"),
+    ("verdict", "loop.drift is None or loop.own is not None or stable(loop.drift)"),
     ("consensus", "product(P, W) == Q"),
     ("consensus", "semidefinite(RG)"),
-    ("files", "len(echelon(file.B)[0]) == columns"),
-    ("examine", "claims.problem_sha256 == p.sha256"),
-    ("consensus", "not case.problem.kinked"),
+    ("files", "len(echelon(dynamics.B)[0]) == columns"),
+    ("examine", "claims.problem_sha256 == case.problem.sha256"),
+    ("consensus", "not case.loop.kinked"),
     ("separable", "left >= 0"),
     ("separable", "exact.delay >= 0"),
-    ("quadratic", "claim.level > 0 and claim.radius > 0"),
+    ("quadratic", "claim.level > 0"),
 )
 REMOVED = [
     *(
@@ -117,9 +117,9 @@ def test_the_removal_of_a_check_is_noticed(removal: Removal):
 
 #: Slips that accept what is false.
 SLIPS = (
-    ("margins", "square[k][k] == -w", "square[k][k] == w", margins_cases),
-    ("accuracy", "bottom) + wider)[1]", "bottom) - wider)[1]", accuracy_cases),
-    ("accuracy", "v[i] + v[arc.j], noise)", "v[i] - v[arc.j], noise)", accuracy_cases),
+    ("margins", "z[k] == -w", "z[k] == w", margins_cases),
+    ("accuracy", "bottom) + self.noise)[1]", "bottom) - self.noise)[1]", accuracy_cases),
+    ("accuracy", "coupling, self.v[i] + self", "coupling, self.v[i] - self", accuracy_cases),
 )
 
 

@@ -12,6 +12,7 @@ from known_functions import KNOWN, OF_SEVERAL
 
 from dobc_design import Network, Problem
 from dobc_design.checker import intervals
+from dobc_design.checker.curves import Curve
 from dobc_design.checker.expressions import (
     FUNCTIONS,
     SMOOTH,
@@ -22,7 +23,6 @@ from dobc_design.checker.expressions import (
 )
 from dobc_design.checker.intervals import ONE, Exact
 from dobc_design.checker.reading import Refused
-from dobc_design.checker.separable import Curve
 
 RATIONALS = st.builds(Fraction, st.integers(-4000, 4000), st.integers(1, 500))
 

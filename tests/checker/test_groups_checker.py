@@ -6,7 +6,7 @@ from fractions import Fraction
 import pytest
 from campaigns import mutant_campaign, recheck_campaign
 from certified import certify_once
-from checker_cases import HOLDS, alone, outcome
+from checker_cases import HOLDS, alone, outcome, second_loop
 from groups_cases import document, problems
 from groups_oracle import GroupsOracle, random_grouped_problem
 from regions import without_region
@@ -50,9 +50,9 @@ def test_a_plain_problem_whose_texts_speak_of_groups_has_none():
 
 def test_an_agent_has_the_block_of_its_own_group():
     """Two components: S of two groups has four rows."""
-    read = checker.Problem(canonical_bytes(problems()["plane"]))
+    loop = second_loop(problems()["plane"])
     S = [[Fraction(10 * i + j) for j in range(4)] for i in range(4)]
-    assert [read.block(S, i) for i in (0, 1)] == [[[0, 1], [10, 11]], [[22, 23], [32, 33]]]
+    assert [loop.block(S, i) for i in (0, 1)] == [[[0, 1], [10, 11]], [[22, 23], [32, 33]]]
 
 
 QUICK = (3, 5)  # seeds of a problem that is proved, in three components, and of one that is refuted

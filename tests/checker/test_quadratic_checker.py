@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from checker_cases import accepted_by
+from checker_cases import accepted_by, second_loop
 from lure_cases import HARMONIC, PAPER_GAIN
 from mutants import mutate
 from region_cases import CUBIC, certificate, problems
@@ -14,42 +14,39 @@ from region_cases import CUBIC, certificate, problems
 from dobc_design import Network, Observer, Problem, Region, certify
 from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.checker import examine as checker
 from dobc_design.checker import quadratic
+from dobc_design.checker.loop import Loop
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.quadratic.stage import quadratic_stage
-from dobc_design.problem.canonical import canonical_bytes
 
 
 def test_a_list_with_a_clipped_expression_needs_the_radius():
     """clip(y1, -1, 1) is not linear although two of its three arguments are constants; y2 is."""
     arcs = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     problem = Problem(network=arcs, coupling=["clip(y1, -1, 1)", "y2"], gains=1, target=[0, 0])
-    assert quadratic.relied(checker.Problem(canonical_bytes(problem))) == {(2, 0)}
+    assert quadratic.relied(second_loop(problem)) == {(2, 0)}
 
 
-def reader(h: Any) -> tuple[checker.Problem, str]:
+def reader(h: Any) -> tuple[Loop, str]:
     """Agent 2 of three hears agent 3 with weight 2; two components."""
     arcs = Network.from_arcs([[2, 3, 2]], arrow="listens_to", agents=3)
-    read = checker.Problem(
-        canonical_bytes(Problem(network=arcs, coupling=h, gains=1, target=[0, 0]))
-    )
-    return read, *read.modes
+    loop = second_loop(Problem(network=arcs, coupling=h, gains=1, target=[0, 0]))
+    return loop, *loop.modes
 
 
 def test_channels_of_several_components_lead_from_the_differences_to_the_rows():
-    read, mode = reader(["y1 + y2", "y2"])
+    loop, mode = reader(["y1 + y2", "y2"])
     gains = [
         [(Fraction(lo), Fraction(hi)) for lo, hi in row]
         for row in (((1, 3), (0, 0)), ((1, 1), (0, 4)))
     ]
-    found = quadratic.channels(read, mode, {read.couplings[0]: gains})
+    found = quadratic.channels(loop, mode, {loop.functions[0]: gains})
     assert found == [(2, 2, 4, 4, 2), (3, 2, 4, 2, 0), (3, 3, 5, 4, 4)]
 
 
 def test_agents_meet_their_own_costs():
-    agents = SimpleNamespace(q=0, m=1, n=3, block=lambda S, i: [[Fraction(i)]])
-    costs = quadratic.noise(SimpleNamespace(problem=agents), None)
+    agents = SimpleNamespace(q=0, m=1, nodes=range(3), block=lambda S, i: [[Fraction(i)]])
+    costs = quadratic.noise(SimpleNamespace(loop=agents), None)
     assert [row[i] for i, row in enumerate(costs)] == [0, 1, 2]
 
 

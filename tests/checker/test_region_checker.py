@@ -7,12 +7,11 @@ import random
 import time
 from collections.abc import Callable
 from fractions import Fraction
-from types import SimpleNamespace
 
 import mpmath
 import pytest
 from certified import certified, certify_once, consensus_claims
-from checker_cases import FAILS, HOLDS, outcome
+from checker_cases import FAILS, HOLDS, outcome, second_loop
 from exact_oracle import Oracle
 from known_regions import equilibrium_campaign, linear_campaign
 from region_campaigns import (
@@ -26,11 +25,12 @@ from region_cases import BENT, PAIR, SINE, certificate, changed, claim, doubles,
 from dobc_design import Network, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
-from dobc_design.checker import examine as checker
-from dobc_design.checker import files, separable
+from dobc_design.checker import separable
+from dobc_design.checker.curves import Curve, supremum
 from dobc_design.checker.expressions import read_coupling
 from dobc_design.checker.intervals import added
-from dobc_design.checker.separable import Curve, mean_slope, supremum
+from dobc_design.checker.separable import mean_slope
+from dobc_design.checker.slopes import lower_form
 from dobc_design.problem.canonical import canonical_bytes
 
 
@@ -127,8 +127,8 @@ def test_forces_and_their_slopes_hold_random_points():
         gains={1: [[2, 1], [-1, 3]], 3: [[1, 0], [0, 5]]},
         target=[0, 0],
     )
-    read = checker.Problem(canonical_bytes(problem))
-    (mode,) = read.modes
+    loop = second_loop(problem)
+    (mode,) = loop.modes
 
     def h(a: int, b: int) -> mpmath.mpf:
         return [mpmath.sin(a), 2 * mpmath.sin(b)]
@@ -146,7 +146,7 @@ def test_forces_and_their_slopes_hold_random_points():
     for _ in range(10):
         ends = [sorted((r.uniform(-2, 2), r.uniform(-2, 2))) for _ in range(6)]
         values, slopes = separable.forces(
-            read, mode, [[Fraction(lo), Fraction(hi)] for lo, hi in ends]
+            loop, mode, [[Fraction(lo), Fraction(hi)] for lo, hi in ends]
         )
         with mpmath.workprec(100):
             e = [mpmath.mpf(r.uniform(lo, hi)) for lo, hi in ends]
@@ -165,8 +165,8 @@ def test_forces_and_their_slopes_hold_random_points():
 def test_a_force_at_a_point_that_no_float_is_lies_between_its_bounds():
     """e_2 - e_1 = 1/3, and -1/3 for the other agent."""
     arcs = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
-    read = checker.Problem(canonical_bytes(Problem(network=arcs, coupling="y", gains={})))
-    values, _ = separable.forces(read, *read.modes, [[Fraction(0)] * 2, [Fraction(1, 3)] * 2])
+    loop = second_loop(Problem(network=arcs, coupling="y", gains={}))
+    values, _ = separable.forces(loop, *loop.modes, [[Fraction(0)] * 2, [Fraction(1, 3)] * 2])
     for (lo, hi), truth in zip(values, (Fraction(1, 3), Fraction(-1, 3)), strict=True):
         assert Fraction(lo) <= truth <= Fraction(hi)
 
@@ -183,10 +183,10 @@ def test_the_exact_ends_of_a_sum_lie_between_its_bounds(x, y, sign: int):
 
 def test_a_lower_bound_of_the_form_takes_the_lower_slope_for_every_positive_weight():
     """v'Lambda v = 2 v_a (v_b - v_c) g with g from 1 to 2: weights 1/2 and -1/2."""
-    terms = SimpleNamespace(terms=lambda mode: [(0, 1, 2, (Fraction(1), Fraction(2)))])
+    terms = [(0, 1, 2, (Fraction(1), Fraction(2)))]
     v = [Fraction(1, 2), Fraction(1, 2), Fraction(0)]
-    assert files.Problem.low(terms, "G", v) == Fraction(1, 2)
-    assert files.Problem.low(terms, "G", [-v[0], *v[1:]]) == -1
+    assert lower_form(terms, v) == Fraction(1, 2)
+    assert lower_form(terms, [-v[0], *v[1:]]) == -1
 
 
 # --- Hostile claims

@@ -27,6 +27,8 @@ from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
+from dobc_design.checker.files import Problem as Stated
+from dobc_design.checker.loop import Loop
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 
@@ -46,6 +48,11 @@ OPEN: Document = {"verdict": "undecided", "rate": None, "factor": None, "covered
 LEFT_OPEN = ("", OPEN)
 OPTIONAL = ("theorem1-weighted", "tolerance")
 NO_PAIR, NO_GAIN = {"P": None, "Q": None}, ("observer", dict.fromkeys(("W", "source", "P", "Q")))
+
+
+def second_loop(problem: Problem) -> Loop:
+    """The loop of a problem, as the second program makes it of its file."""
+    return Loop(Stated(canonical_bytes(problem)))
 
 
 @dataclass(frozen=True)

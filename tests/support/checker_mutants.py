@@ -2,7 +2,8 @@
 value.
 
 A check is the condition of ``need``, each part of it that ``and`` joins, the condition of an ``if``
-that returns False, and each part of a returned conjunction.
+that returns False, and each part of a returned conjunction.  The parts of a condition that has a
+name are those of the ``and`` that the name was given.
 """
 
 import ast
@@ -14,6 +15,7 @@ from functools import cache, partial
 from operator import setitem
 from pathlib import Path
 from types import CodeType, ModuleType
+from typing import TypeGuard
 
 from dobc_design.checker import examine
 
@@ -25,16 +27,23 @@ FILES = (
     "expressions",
     "matrices",
     "files",
+    "guarantee",
+    "loop",
+    "claims",
+    "slopes",
     "consensus",
+    "curves",
     "separable",
     "quadratic",
     "coordinates",
     "cycles",
     "schedule",
     "graphs",
+    "peaks",
     "accuracy",
     "factors",
     "margins",
+    "verdict",
     "examine",
 )
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}
@@ -157,17 +166,34 @@ def _examiner(package: str, changed: dict[str, CodeType], **names: object) -> Mo
 
 def _conditions(tree: ast.Module) -> Iterator[Condition]:
     for node in ast.walk(tree):
-        if (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Name)
-            and node.func.id == "need"
-        ):
+        if _is_need(node):
             yield node.args[0], True, partial(setitem, node.args, 0)
             yield from _parts(node.args[0])
         elif isinstance(node, ast.If) and _returns_false(node.body):
             yield node.test, False, partial(setattr, node, "test")
         elif isinstance(node, ast.Return) and isinstance(node.value, ast.BoolOp):
             yield from _parts(node.value)
+        elif isinstance(node, ast.FunctionDef):
+            yield from _named_parts(node)
+
+
+def _named_parts(function: ast.FunctionDef) -> Iterator[Condition]:
+    """Of the conjunctions with a name that the function needs."""
+    needed = {
+        name.id
+        for node in ast.walk(function)
+        if _is_need(node)
+        for name in ast.walk(node.args[0])
+        if isinstance(name, ast.Name)
+    }
+    for node in ast.walk(function):
+        target = node.targets[0] if isinstance(node, ast.Assign) else None
+        if isinstance(target, ast.Name) and target.id in needed:
+            yield from _parts(node.value)
+
+
+def _is_need(node: ast.AST) -> TypeGuard[ast.Call]:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "need"
 
 
 def _parts(condition: ast.expr) -> Iterator[Condition]:

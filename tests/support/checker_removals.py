@@ -32,25 +32,28 @@ EVERY = (
 #: The cases to try first.
 FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {
     "files": (dynamics_cases,),
+    "loop": (dynamics_cases,),
+    "guarantee": (cycles_cases, graphs_cases),
     "consensus": (dynamics_cases, cases),
     "separable": (region_cases,),
     "margins": (margins_cases, dynamics_cases),
     "accuracy": (accuracy_cases,),
+    "peaks": (accuracy_cases,),
     "quadratic": (quadratic_cases,),
     "schedule": (tube_cases, cycles_cases),
     "cycles": (cycles_cases,),
     "graphs": (graphs_cases,),
     "coordinates": (dynamics_cases, region_cases),
+    "verdict": (dynamics_cases, cases),
     "examine": (dynamics_cases, cases),
 }
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT = {
-    "min(whole) > 0": "conjugate gradients stop at the first direction of "
+    "not min(whole) > 0": "conjugate gradients stop at the first direction of "
     "curvature <= 0; as long as they "
     "run, M is"
     " positive on all they have seen, so that a v with M v > 0 comes out positive but for "
     "rounding errors.",
-    "len(M) > 20": "it chooses which proof is tried first; by_vector is one for every size.",
     "math.isfinite(found)": "every operation on intervals refuses a result that "
     "is not below LARGEST, so that no "
     "slope"
@@ -61,21 +64,20 @@ EQUIVALENT = {
     "size <= EQUATIONS": "it bounds the work; what is shown beyond it is true.",
     "size <= ROWS": "it bounds the work.",
     "len(X) <= 20": "it bounds the work.",
-    "p.n <= AGENTS": "it bounds the work.",
+    "loop.n <= AGENTS": "it bounds the work.",
     "m <= MOST": "it bounds the work.",
     "pivots == [*range(m)]": "the rows of a singular T are dependent, so that no "
     "T X S dominates on its diagonal.",
-    "0 < len(turns) <= ROUND and p.n * p.m <= ROWS": "it bounds the work.",
-    "p.n * p.m <= ROWS": "it bounds the work.",
-    "reach <= GROWTH": "it bounds the work.",
+    "0 < len(turns) <= ROUND and size <= ROWS": "it bounds the work.",
+    "grown <= GROWTH": "it bounds the work.",
     "len(G) <= MODES": "it bounds the work.",
-    "not halvings": "it ends the search: without it a part that is not shown is halved for ever.",
-    "halvings > 0": "it ends the search: without it a box that is not shown is cut for ever.",
+    "not halvings": "it ends the search: without it a part, or a box, that is not shown is halved "
+    "for ever.",
     "rate * each.times[-1] <= LONGEST": (
         "it bounds the work: the weights would have to fall as far."
     ),
-    "len(free) <= 12": "it bounds the work.",
-    "value[0] == value[1]": "f less an end of an interval is not shown to vanish "
+    "len(free) <= VERTICES": "it bounds the work.",
+    "low == high": "f less an end of an interval is not shown to vanish "
     "at the target, which the reader "
     "asks.",
 }

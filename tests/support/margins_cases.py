@@ -200,6 +200,8 @@ def margins_cases() -> list[Case]:
         bent(near, "tolerance", weights="1/20"),
         bent(near, "tolerance", gains="1/20"),
         bent(near, "tolerance", weights="2"),
+        bent(one(region=REGION), "tolerance", gains="-1/10"),
+        bent(near, "tolerance", rate=None),
         bent(near, "tolerance", eta="0"),
         bent(near, "tolerance", v=["1"], alpha="2", rate=1, domain="consensus", code=HOLDS),
         bent(near, "tolerance", v=["0"], alpha="2", rate=1, domain="consensus"),

@@ -6,20 +6,19 @@ from typing import Any
 import networkx as nx
 import numpy as np
 import pytest
+from checker_cases import second_loop
 from linked import loop_by_hand
 from searches import only
 
 from dobc_design import Exosystem, Network, Problem, Switching, Verdict, certify, simulate
 from dobc_design.certification.recheck import verify_twice
-from dobc_design.checker import files as checker_files
-from dobc_design.checker import graphs as checker_graphs
+from dobc_design.checker import guarantee as checker_guarantee
 from dobc_design.checker.reading import read
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.graphs.decide import closed_classes, why_not
 from dobc_design.conditions.graphs.stage import markov_stage, mean_claim, square_claim
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
-from dobc_design.problem.canonical import canonical_bytes
 
 PAPER = "exp(y) - 1 + y"
 CHAIN = {"A": [[3, 2]], "B": [[2, 1]]}
@@ -339,9 +338,10 @@ def test_modes_that_are_never_left_and_hold_agents_apart_refute_consensus(
 
 def test_the_second_program_reads_the_generator_once(monkeypatch):
     """And not once for every mode whose Lemma 1 is refuted."""
-    file, asked = checker_files.Problem(canonical_bytes(problem())), []
+    guarantee = second_loop(problem()).guarantee
+    asked = []
     monkeypatch.setattr(
-        checker_graphs, "read", lambda value, shape: asked.append(shape) or read(value, shape)
+        checker_guarantee, "read", lambda value, shape: asked.append(shape) or read(value, shape)
     )
-    assert not any(checker_graphs.may_stay(file, mode) for mode in file.modes for _ in range(3))
+    assert not any(guarantee.may_stay(mode) for mode in guarantee.modes for _ in range(3))
     assert len(asked) == 1

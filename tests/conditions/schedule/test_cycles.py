@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from checker_cases import accepted_by
+from checker_cases import accepted_by, second_loop
 from scipy.linalg import expm
 from searches import HALF_AS_FAST, coarse_tables, few_chords, few_coordinates, only
 
@@ -15,7 +15,6 @@ from dobc_design import Network, Problem, Switching, Verdict, certify, certify_s
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck, verify_twice
 from dobc_design.checker import cycles as checker_cycles
-from dobc_design.checker import files as checker_files
 from dobc_design.conditions.schedule import propose_cycles
 from dobc_design.conditions.schedule.cycles import (
     Cycles,
@@ -34,7 +33,6 @@ from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
 from dobc_design.exact import work
 from dobc_design.exact.work import at_most
-from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
 
 HALF, ONE, TWO = Fraction(1, 2), Fraction(1), Fraction(2)
@@ -152,7 +150,7 @@ def test_a_sequence_that_repeats_a_shorter_one_has_its_phases():
         assert lengths(own) == lengths(
             problem(guarantee="sequence", sequence=["A", "B"], dwell=once)
         )
-        found = checker_cycles.phases(checker_files.Problem(canonical_bytes(own)))
+        found = second_loop(own).guarantee.phases
         assert [(each.mode, each.shortest) for each in found] == [
             (each.mode, each.shortest) for each in phases_of(own)
         ]

@@ -1,0 +1,418 @@
+"""The loop that every claim is about, made of what problem.json states.
+
+Nodes are the agents; e_i is the error of node i, its state less its goal. Of every node
+
+    e_i' = sum over its arcs of w h(e_j - e_i) - pin_i e_i + A e_i + own(e_i) + C eps_i
+
+where a pin is an arc to a fixed node of error 0, A e + own(e) is what a node does by itself, and
+eps_i, the error of its observer, obeys eps_i' = (A - W C) eps_i with the A, C and W of its
+residual. Integrators have A = 0 and own = 0. With `dynamics` B turns inputs into states: couplings
+are B h, pins B K, C is B C, and W is W B+ (the format page, "Dynamics"); with a leader errors are
+those to its solution. Without exosystem q = 0.
+"""
+
+import re
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
+from fractions import Fraction
+from itertools import chain
+from typing import Any, NamedTuple
+
+from .expressions import LONGEST, LONGEST_MADE, Coupling, Expression, read_coupling
+from .files import Problem
+from .guarantee import Guarantee
+from .intervals import Exact, Floats, enclosed
+from .matrices import (
+    ZERO,
+    Matrix,
+    Vector,
+    combined,
+    diagonal,
+    echelon,
+    identity,
+    norm,
+    paired,
+    plus,
+    product,
+    transpose,
+)
+from .reading import Refused, need
+
+PIECES = 4096  # of a face of a leader's box
+
+
+class Arc(NamedTuple):
+    """Node i listens to node j."""
+
+    i: int
+    j: int
+    w: Fraction
+    coupling: Coupling
+    loose: bool = False  # it comes and goes: w times any number from 0 to 1
+
+
+class Node(NamedTuple):
+    """What every node does by itself, x' = A x + B (its inputs), or f(x) in place of A x."""
+
+    A: Any  # (m, m), with f its slopes at the target; none for integrators
+    B: Any  # (m, p); none for integrators
+    left: Matrix  # B+ = (B'B)^-1 B'; 1 for integrators
+    flow: list[Expression]  # f(target + e), where the file has f
+    own: Coupling | None  # f(target + e) - f(target), unless f is linear
+
+
+class Residual(NamedTuple):
+    """The observers of the nodes of one exosystem: eps' = (A - W C) eps, and C eps acts on the
+    states."""
+
+    agents: list[int]
+    A: Matrix
+    C: Matrix  # (m, q)
+    W: Matrix | None  # (q, m), where the problem has one
+    P: Matrix | None
+    name: str | None  # by which checks name it; none if it is that of all nodes
+
+
+class Loop:
+    """Nodes, arcs, pins and residuals, with the region and the plant that are asked for."""
+
+    def __init__(self, problem: Problem) -> None:
+        stated = problem.stated
+        self.labels = problem.labels
+        self.n = problem.n
+        self.m = problem.m
+        self.nodes = range(self.n)
+        self.size = self.n * self.m  # of e
+        offsets = dict(stated.offsets)
+        none = [ZERO] * self.m
+        #: Where each node shall be, from the target or the leader.
+        self.goals = [combined(stated.target, 1, offsets.get(i, none)) for i in self.nodes]
+        self.node = node_of(problem, self.goals)
+        self.drift = self.node.A
+        self.B = self.node.B
+        self.own = self.node.own
+        self.leader = stated.leader
+        #: Where the leader may start, by component.
+        self.leads = [[ZERO, ZERO]] * self.m if self.leader is None else self.leader.initial
+        self.region = stated.region
+        self.uncertainty = stated.uncertainty
+        self.actuators = stated.actuators
+        self.xi0 = stated.simulation.get("xi0")  # the starts of the disturbance, not read yet
+        # a pin acts on e_i as an arc to a node whose error is 0
+        self.pins = pins_of(problem, self.node)
+        #: Pin less A of every node: what pulls e_i back; absent: 0.
+        self.hold = held(self.pins, self.node, self.n)
+        self.connect(stated)
+        self.guarantee = Guarantee(stated.switching, list(self.modes))
+        self.observe(problem)
+
+    def connect(self, stated: Any) -> None:
+        """The arcs of every mode, with their functions."""
+        m = self.m
+        h = through(self.node, stated.coupling.h, m)
+        exceptions = {}
+        for each in stated.coupling.exceptions:
+            exceptions[tuple(each.arc)] = through(self.node, each.h, m)
+        known = {each: read_coupling(each, m, LONGEST_MADE) for each in (h, *exceptions.values())}
+        #: All different: h, the exceptions, and last what a node does beside A.
+        self.functions = list(known.values())
+        if self.own is not None:
+            self.functions.append(self.own)
+        self.modes: dict[str, list[Arc]] = {}
+        self.heard: dict[str, list[list[Arc]]] = {}  # in a mode and by a node
+        for mode in stated.modes:
+            arcs = []
+            for loose, listed in ((False, mode.arcs), (True, mode.optional or [])):
+                for i, j, w in listed:
+                    arcs.append(Arc(i, j, w, known[exceptions.get((i, j), h)], loose))
+            self.modes[mode.name] = arcs
+            self.heard[mode.name] = [[] for _ in self.nodes]
+            for arc in arcs:
+                self.heard[mode.name][arc.i].append(arc)
+        #: Whether there is more than one graph.
+        self.switches = len(self.modes) > 1 or any(arc.loose for arc in self.arcs)
+        linear = all(each.straight for each in self.functions)
+        self.domain = "global" if linear else "consensus"  # the local domain
+        #: Whether the theorems, which are about slopes at one point, do not apply: there are none
+        #: at a kink, nor where a leader takes them along.
+        moved_along = self.own is not None and self.leader is not None
+        self.kinked = moved_along or any(each.kinked for each in self.functions)
+
+    def observe(self, problem: Problem) -> None:
+        """The residuals, each alone and all together."""
+        self.residuals = residuals_of(problem, self.node)
+        self.names = [residual.name for residual in self.residuals]
+        #: Which of the residuals is that of a node.
+        self.place = {i: k for k, residual in enumerate(self.residuals) for i in residual.agents}
+        #: Of all together, block diagonal.
+        self.A = diagonal([residual.A for residual in self.residuals])
+        self.C = diagonal([residual.C for residual in self.residuals]) or [[]] * self.m
+        self.W = joint([residual.W for residual in self.residuals])
+        self.P = joint([residual.P for residual in self.residuals])
+        self.q = len(self.A)
+
+    # --- arcs
+    @property
+    def arcs(self) -> Iterator[Arc]:
+        """Those of all modes."""
+        return chain.from_iterable(self.modes.values())
+
+    @property
+    def rows(self) -> Iterator[tuple[int, list[Arc]]]:
+        """Every node in every mode, with the arcs by which it hears others there."""
+        for heard in self.heard.values():
+            yield from enumerate(heard)
+
+    @property
+    def single(self) -> bool:
+        """Whether all arcs act by component, and nodes do nothing beside A."""
+        return self.own is None and all(h.single for h in self.functions)
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether `uncertainty` has a disturbance, noise or a drift that acts."""
+        plant = self.uncertainty
+        if plant is None:
+            return False
+        return bool(plant.disturbance or plant.measurement or (plant.drift and self.q))
+
+    # --- pins
+    @property
+    def pinned(self) -> list[int]:
+        """The nodes with a pin."""
+        return [i for i, k in self.pins.items() if any(map(any, k))]
+
+    def least_gain(self, i: int, error: Fraction = ZERO) -> Fraction:
+        """The least of k_cc - sum over d != c of |k_cd|, 0 without a pin; for all relative errors
+        of the entries."""
+        found = []
+        for c, row in enumerate(self.gain(i)):
+            others = sum(map(abs, row[:c] + row[c + 1 :]))
+            found.append((1 - error) * row[c] - (1 + error) * others)
+        return min(found)
+
+    def largest_gain(self, i: int) -> Fraction:
+        """The largest k_cc, 0 without a pin."""
+        return max(row[c] for c, row in enumerate(self.gain(i)))
+
+    def gain_size(self, i: int) -> Fraction:
+        """The largest sum of absolute values in a row of k, 0 without a pin."""
+        return Fraction(norm(self.gain(i)))
+
+    def gain(self, i: int) -> Matrix:
+        """k of a node, 0 without a pin."""
+        return self.hold.get(i) or identity(self.m, 0)
+
+    # --- residuals
+    def block(self, S: Matrix, i: int) -> Matrix:
+        """The block of S = C X C' that belongs to the residual of node i; 0 without a
+        disturbance."""
+        if self.residuals and i not in self.place:
+            return identity(self.m, 0)
+        first = self.place.get(i, 0) * self.m
+        return [row[first : first + self.m] for row in S[first : first + self.m]]
+
+    # --- who hears whom
+    def edges(self, modes: Iterable[str], hears: bool, loose: bool = False) -> list[list[int]]:
+        """Whom every node listens to, or who listens to it, by arcs that are always there, or by
+        all (``loose``)."""
+        found: list[list[int]] = [[] for _ in self.labels]
+        for mode in modes:
+            for arc in self.modes[mode]:
+                if arc.loose and not loose:
+                    continue
+                if hears:
+                    found[arc.i].append(arc.j)
+                else:
+                    found[arc.j].append(arc.i)
+        return found
+
+
+def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
+    """Everybody who is reached along the edges."""
+    found = set(starts)
+    stack = list(starts)
+    while stack:
+        fresh = set(edges[stack.pop()]) - found
+        found |= fresh
+        stack += fresh
+    return found
+
+
+# --- From problem.json
+def through(node: Node, h: tuple[str, ...], m: int) -> tuple[str, ...]:
+    """B h, what the states feel of a coupling h of the inputs."""
+    B = node.B
+    if B is None:
+        return h
+    # B = b I: every component is multiplied alike
+    first = B[0][0]
+    if len(h) == 1 and identity(m, first) == B:  # still by component
+        return h if first == 1 else (f"({first})*({h[0]})",)
+    inputs = len(node.left)
+    if len(h) == 1 < inputs:
+        need(inputs == m, "there is not one expression for each input")
+        h = tuple(re.sub(r"\by\b", f"y{c + 1}", h[0]) for c in range(m))
+    sums = []
+    for row in B:
+        parts = [f"({b})*({each})" for b, each in paired(row, h) if b]
+        sums.append(" + ".join(parts) or "0")
+    return tuple(sums)
+
+
+def pins_of(problem: Problem, node: Node) -> dict[int, Matrix]:
+    """What the gains of the file do to the states, B K."""
+    gains = dict(problem.stated.gains)
+    if node.B is None:
+        return gains
+    return {i: product(node.B, k) for i, k in gains.items() if any(map(any, k))}
+
+
+def held(pins: dict[int, Matrix], node: Node, n: int) -> dict[int, Matrix]:
+    """Pin less A of every node where that is not 0."""
+    if node.A is None:
+        return pins
+    found = {}
+    none = identity(len(node.A), 0)
+    for i in range(n):
+        hold = plus(pins.get(i, none), -1, node.A)
+        # a node whose pin is just A has none in what follows: nothing pulls its error
+        if any(map(any, hold)):
+            found[i] = hold
+    return found
+
+
+def residuals_of(problem: Problem, node: Node) -> list[Residual]:
+    """The groups of the file, with C and W acting on the states."""
+    groups = problem.groups
+    alone = len(groups) == 1 and len(groups[0].agents) == problem.n
+    found = []
+    for group in groups:
+        C = group.C if node.B is None else product(node.B, group.C)
+        W = group.W
+        if W is not None and len(W[0]) != problem.m:
+            W = product(W, node.left)
+        name = None if alone else problem.labels[group.agents[0]]
+        found.append(Residual(group.agents, group.A, C, W, group.P, name))
+    return found
+
+
+def joint(blocks: list[Matrix | None]) -> Matrix | None:
+    """One block diagonal matrix; none if a block is missing, or there is none at all."""
+    if not blocks or None in blocks:
+        return None
+    return diagonal(blocks)
+
+
+# --- What a node does by itself
+def node_of(problem: Problem, goals: Matrix) -> Node:
+    """A or f about the target or the leader; every goal is an equilibrium for some constant
+    input, which the format page asks a checker to test."""
+    dynamics = problem.dynamics
+    m = problem.m
+    if dynamics is None:
+        return Node(None, None, identity(m), [], None)
+    B = dynamics.B
+    left = left_inverse(B)
+    if dynamics.A is not None:
+        targets = transpose([problem.stated.target, *goals])
+        rests(B, left, product(dynamics.A, targets))
+        return Node(dynamics.A, B, left, [], None)
+
+    flow, values = moved(problem)
+    falls = tuple(f"({f.source}) - ({x})" for f, x in paired(flow, values))
+    whole = read_coupling(falls, m, LONGEST_MADE)
+    slopes = [[whole.slope(c, d) for d in range(m)] for c in range(m)]
+    exact = not whole.kinked and all(lo == hi for row in slopes for lo, hi in row)
+    # A is taken from them, and A is exact
+    need(exact, "f has no exact slopes")
+    if problem.stated.leader is None:  # else the leader itself moves by f
+        rests(B, left, [[x] for x in values])
+    A = [[lo for lo, _ in row] for row in slopes]
+    return Node(A, B, left, flow, None if whole.straight else whole)
+
+
+def left_inverse(B: Matrix) -> Matrix:
+    """(B'B)^-1 B', by elimination."""
+    turned = transpose(B)
+    square = product(turned, B)
+    rows = [[*own, *right] for own, right in paired(square, turned)]
+    return [row[len(square) :] for row in echelon(rows)[0]]
+
+
+def rests(B: Matrix, left: Matrix, pulled: Matrix) -> None:
+    """What pulls at the goals lies in the range of B."""
+    need(
+        product(B, product(left, pulled)) == pulled, "a goal is no equilibrium for a constant input"
+    )
+
+
+def moved(problem: Problem) -> tuple[list[Expression], Vector]:
+    """f(target + e), in y for e, and f(target)."""
+    m = problem.m
+    f = problem.dynamics.f
+    formed = any(any(offset) for _, offset in problem.stated.offsets)
+    need(not formed, "a formation goes with A, not with f")
+    names = ["y"] if m == 1 else [f"y{d + 1}" for d in range(m)]
+    states = {name.replace("y", "x") for name in names}
+    need(
+        all(set(re.findall(r"\b[xy][0-9]*\b", each)) <= states for each in f),
+        "f is written in x1 to xm",
+    )
+    need(all(len(each) <= LONGEST for each in f), "an expression is too long")
+
+    def shifted(state: re.Match[str]) -> str:
+        d = int(state[1] or 1) - 1
+        x = problem.stated.target[d]
+        return f"({x} + {names[d]})" if x else names[d]
+
+    texts = [re.sub(r"\bx([0-9]*)\b", shifted, each) for each in f]
+    flow = [Expression(each, names, LONGEST_MADE) for each in texts]
+    return flow, [at_target(each) for each in flow]
+
+
+def at_target(f: Expression) -> Fraction:
+    """The exact value of an expression where its variables are 0."""
+    (low, high), _ = f.run(f.steps, [((ZERO, ZERO), ()) for _ in f.names])
+    need(low == high, "f is not rational at the target")
+    return Fraction(low)
+
+
+# --- A leader with f
+def leader_box(loop: Loop) -> list[Floats]:
+    """The box of the leader: it starts there, and on no face f points outwards, so that it
+    stays (Nagumo)."""
+    need(loop.leader.stays_in is not None, "the leader's solution is not enclosed")
+    box = [(lo, hi) for lo, hi in loop.leader.stays_in]
+    for (lo, hi), (a, b) in paired(loop.leads, box):
+        need(a <= lo and hi <= b, "it starts outside")
+    # f >= 0 on each lower face, f <= 0 on each upper one
+    for c, f in enumerate(loop.node.flow):
+        for sign, end in paired((1, -1), box[c]):
+            face = [*box[:c], (end, end), *box[c + 1 :]]
+            inwards = points(f, sign, face)
+            need(inwards, "f is not shown to point inwards on a face of the leader's box")
+    # outward: slopes on more than the box are bounds on the box
+    return [(enclosed(lo)[0], enclosed(hi)[1]) for lo, hi in box]
+
+
+def points(f: Expression, sign: int, face: list[Exact], pieces: int = PIECES) -> bool:
+    """sign f >= 0 on a face, shown on its parts; exactly, since f may be 0 there."""
+    parts = [face]
+    while parts:
+        if not pieces:
+            return False
+        part = parts.pop()
+        pieces -= 1
+        with suppress(Refused):  # it may be defined on the halves
+            (least, most), _ = f.at(*((side, ()) for side in part))
+            if (least if sign > 0 else -most) >= 0:
+                continue
+        side = max(part, key=lambda each: each[1] - each[0])
+        lo, hi = side
+        if lo == hi:  # a single point has no halves
+            return False
+        k = part.index(side)
+        middle = (lo + hi) / 2
+        parts += [[*part[:k], half, *part[k + 1 :]] for half in ((lo, middle), (middle, hi))]
+    return True

@@ -1,0 +1,255 @@
+"""The overall verdict: what follows from the claims of a certificate, once all are confirmed."""
+
+import math
+from collections.abc import Collection, Iterator
+from fractions import Fraction
+from typing import Any
+
+from .claims import Certificate
+from .consensus import closed, observable, takes_long
+from .factors import time_to_one_percent
+from .graphs import MODES, absorbing
+from .intervals import Exact
+from .loop import Loop, reach
+from .matrices import ZERO, echelon, meets, paired, product, stable
+from .reading import need, rational
+
+
+def overall(case: Certificate) -> None:
+    """The verdict, the rate with its factor and what covers it follow from the checks."""
+    best = covering(case)
+    failed = best is None and refuted(case)
+    if best is not None:
+        best = answered(case, best)
+    verdict = "proved" if best else "refuted" if failed else "undecided"
+    claims = case.claims
+    need(claims.verdict == verdict, f"the verdict that follows is {verdict}")
+    need(claims.rate == (best and best.rate), "the rate is another one")
+    need(claims.factor == (best and best.factor), "the factor is another one")
+    need(claims.covered_by == (best and best.id), "it is covered by another check")
+
+
+# --- proved
+def covering(case: Certificate) -> Any:
+    """The check that proves the verdict, the one with the least time to one percent; none if no
+    check does."""
+    proofs = [check for check in case.checks if check.verdict == "proved" and covers(case, check)]
+    lemmas = [check for check in proofs if check.id == "lemma1"]
+    slowest = None
+    # Lemma 1 is about one mode: the slowest stands for all, if all have one
+    if len(lemmas) == len(case.loop.modes):
+        slowest = min(lemmas, key=lambda check: check.rate or ZERO)
+    counted = [check for check in proofs if check.id != "lemma1" or check is slowest]
+    # the checks of tables are about the graphs of the modes, not about every graph
+    if tables(case.loop):
+        counted = [check for check in counted if check.id != "safety"]
+    # what holds for every signal comes before what needs a guarantee
+    always = [check for check in counted if check.id not in ("schedule", "markov")]
+
+    def order(check: Any) -> tuple[float, Fraction]:
+        return time_to_one_percent(check), -(check.rate or ZERO)
+
+    return min(always or counted, key=order, default=None)
+
+
+def tables(loop: Loop) -> list[str]:
+    """The checks that have to be proved because of `actuators` and `uncertainty`; the last one
+    carries the verdict, unless it is about limits alone."""
+    plant = loop.uncertainty
+    found = []
+    if loop.actuators is not None and loop.actuators.limit:
+        found.append("actuators")
+    if plant is None:
+        return found
+    if loop.disturbed:
+        found.append("accuracy")
+    elif plant.weights or plant.gains:
+        found.append("tolerance")
+    return found
+
+
+def answered(case: Certificate, best: Any) -> Any:
+    """The check that carries the verdict about the plant with its tables, beside ``best``; None if
+    one is open."""
+    asked = tables(case.loop)
+    for id in asked:
+        check = case.proved(id)
+        if check is None or not asked_for(case.loop, check.domain):
+            return None
+        if id != "actuators":
+            best = check
+    # separate checks prove nothing together: errors at the target, and inputs in a box of others
+    if asked == ["actuators", "tolerance"] and "v" in best.exact:
+        own_box = "v" in case.proved("actuators").exact
+        return best if own_box else None
+    return best
+
+
+def asked_for(loop: Loop, domain: Any) -> bool:
+    """True if a domain of these checks holds the starts that are asked for."""
+    if domain == "global":
+        return True
+    if loop.region is not None:
+        return holds_region(loop, domain)
+    return type(domain) is str or is_open(loop, domain)
+
+
+def is_open(loop: Loop, domain: Any) -> bool:
+    """Whether a box or ball holds all starts near the target."""
+    return bool(domain.radius > 0 and (not loop.q or domain.disturbance > 0))
+
+
+def covers(case: Certificate, check: Any) -> bool:
+    """True if what is proved holds from all starts that are asked for (lemma1: in its mode)."""
+    loop = case.loop
+    domain = check.domain
+    local = (case.theorem, case.theorem + "-printed") if loop.q else ("lemma1",)
+    if check.id in (*local, case.theorem + "-weighted", "linearisation"):
+        return loop.region is None or loop.domain == "global"
+    safe = check.id == "safety" and check.rate is not None
+    if not safe and check.id not in ("max-separable", "lure", "schedule", "markov"):
+        return False
+    if type(domain) is str:
+        return bool(domain == "global")
+    if loop.region is not None:
+        return holds_region(loop, domain)
+    # a box around the target answers the local question: several modes, dynamics, leaders
+    several = loop.switches or loop.B is not None
+    box = several and check.id in ("max-separable", "schedule", "markov")
+    ball = check.id == "lure" and loop.own is not None and loop.leader is not None
+    return (safe or box or ball) and is_open(loop, domain)
+
+
+def holds_region(loop: Loop, domain: Any) -> bool:
+    """True if a box or ball holds the region."""
+    region = loop.region
+    if region is None or type(domain) is str:
+        return False
+    farthest = []
+    for c, (side, leads) in enumerate(paired(region.initial_states, loop.leads)):
+        ends = [end - start for end in side for start in leads]
+        farthest.append(max(abs(end - goal[c]) for goal in loop.goals for end in ends))
+    if domain.kind == "box":
+        square = max(farthest) ** 2
+    else:
+        square = loop.n * sum(side**2 for side in farthest)
+    disturbance = region.initial_disturbance or 0
+    return bool(domain.radius**2 >= square and domain.disturbance >= disturbance)
+
+
+# --- refuted
+def refuted(case: Certificate) -> bool:
+    """True if a closed set of nodes, an equilibrium, a residual's own W or an unstable mode shows
+    that it fails."""
+    loop = case.loop
+    found = [check for check in case.checks if check.verdict == "refuted"]
+    if stays_apart(loop):
+        return True
+    # without a region it is about every neighbourhood of the target, where the equilibrium is not
+    if loop.region is not None and any(check.id == "equilibrium" for check in found):
+        return True
+    if not all(map(stable, watched_parts(loop))):
+        return True
+    # instability at the target is about starts near it
+    if not starts_around_goals(loop):
+        return False
+    if any(check.id == "schedule" for check in found) or drifts(loop):
+        return True
+    unstable = [check for check in found if check.id in ("lemma1", "linearisation")]
+    for check in unstable:
+        stays = loop.guarantee.may_stay(check.mode or next(iter(loop.modes)))
+        if stays and rational(check.exact["unstable_roots"]) > 0:
+            return True
+    return False
+
+
+def watched_parts(loop: Loop) -> Iterator[list[Any]]:
+    """What is seen of A - W C with a W of the problem: it has to decay. T (A - W C) = F T, and F
+    is the columns of T (A - W C) in which the rows of T begin."""
+    if loop.region is not None and not loop.region.initial_disturbance:
+        return  # estimates are exact from the start
+    for residual in loop.residuals:
+        if residual.W is not None and not takes_long(residual):
+            T, columns = observable(residual)
+            rows = product(T, closed(residual, residual.W))
+            yield [[row[k] for k in columns] for row in rows]
+
+
+def starts_around_goals(loop: Loop) -> bool:
+    """Whether the region, if there is one, holds starts on all sides of the goals, for some start
+    of the leader: then instability at the target is seen."""
+    if loop.region is None:
+        return True
+    sides = paired(loop.region.initial_states, loop.leads)
+    for c, ((lo, hi), (first, last)) in enumerate(sides):
+        low = max(lo - goal[c] for goal in loop.goals)
+        high = min(hi - goal[c] for goal in loop.goals)
+        if not (low < high and low < last and first < high):
+            return False
+    return True
+
+
+def stays_apart(loop: Loop) -> bool:
+    """Whether a closed set of nodes can stay away from the target: in all modes together,
+    whatever arcs are there, or in modes that may be on over and over."""
+    last = absorbing(loop) if len(loop.modes) <= MODES else []
+    all_modes, *cycles = loop.guarantee.allowed()
+    if escapes(loop, all_modes, True):
+        return True
+    return any(escapes(loop, cycle, False) for cycle in [*cycles, *last])
+
+
+def escapes(loop: Loop, modes: Collection[str], loose: bool) -> bool:
+    """A closed set of nodes (they listen to nobody outside; ``loose``: not even by arcs that
+    come and go) can stay away from the target in these modes, inside the region. The smallest
+    closed set around a node has the fewest gains; a nonsingular gain in it holds it."""
+    if loop.own is not None:  # it may pull where neither gains nor slopes do
+        return False
+    nonsingular = [i for i, k in loop.hold.items() if len(echelon(k)[0]) == loop.m]
+    hears = loop.edges(modes, True, loose)
+    held = reach(nonsingular, loop.edges(modes, False, loose))
+    apart = (i for i in loop.nodes if i not in held)
+    return any(leaves_free(loop, reach([i], hears)) for i in apart)
+
+
+def drifts(loop: Loop) -> bool:
+    """A closed set of nodes without a pin, whose common error follows e' = A e, does not come
+    to rest."""
+    if loop.drift is None or loop.own is not None or stable(loop.drift):
+        return False
+    return len(reach(loop.pinned, loop.edges(loop.modes, False, True))) < loop.n
+
+
+def leaves_free(loop: Loop, group: set[int]) -> bool:
+    """No gain of the group acts on some shift c other than 0, and the region holds such a
+    shift."""
+    # the shift c has to be 0 for all gains of the group
+    rows, pivots = echelon([row for i in group for row in loop.hold.get(i, [])])
+    if len(pivots) == loop.m:
+        return False
+    if loop.region is None:
+        return True
+
+    box: list[Exact] = []
+    for c, (lo, hi) in enumerate(loop.region.initial_states):
+        low = lo - min(loop.goals[i][c] for i in group)
+        high = hi - max(loop.goals[i][c] for i in group)
+        if low > high:
+            return False
+        first, last = loop.leads[c]
+        box.append((low - last, high - first))
+    return any(meets(rows, pivots, each) for each in shifts(box))
+
+
+def shifts(box: list[Exact]) -> Iterator[list[Any]]:
+    """Boxes, one of which holds a shift c with some rows c = 0 iff the given box holds one that
+    is not 0."""
+    if not all(lo <= 0 <= hi for lo, hi in box):
+        yield box
+        return
+    # around 0 size does not matter: some entry may be 1 or -1
+    cone = [(lo and -math.inf, hi and math.inf) for lo, hi in box]
+    for k, (lo, hi) in enumerate(cone):
+        for x in (Fraction(-1), Fraction(1)):
+            if lo <= x <= hi:
+                yield [*cone[:k], (x, x), *cone[k + 1 :]]

@@ -11,23 +11,88 @@ from typing import Annotated, Any
 import typer
 
 from dobc_design.cli import output
+from dobc_design.cli.options import in_groups
 from dobc_design.errors import SpecError
 
 TARGETS = "--c DIR, --fmu FILE, --sdpa FILE, --python-control FILE or --rocq FILE"
+#: Which targets have a use for which option.
+BELONGS = {
+    "period": ("--c", "--fmu"),
+    "precision": ("--c",),
+    "agent": ("--c", "--fmu"),
+    "certificate": ("--c",),
+    "problem": ("--rocq",),
+    "rate": ("--rocq",),
+    "theorem": ("--rocq",),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Asked:
+class Targets:
+    """What is written, and where to; exactly one of them."""
+
+    c: Annotated[
+        Path | None, typer.Option("--c", help="Write C99 of the sampled agents into this folder.")
+    ] = None
+    fmu: Annotated[
+        Path | None, typer.Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")
+    ] = None
+    sdpa: Annotated[
+        Path | None, typer.Option("--sdpa", help="Write the LMI for any SDP solver (.dat-s).")
+    ] = None
+    python_control: Annotated[
+        Path | None,
+        typer.Option(
+            "--python-control", help="Write the loop as a Python file for python-control."
+        ),
+    ] = None
+    rocq: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write what is proved as a Rocq (Coq) file here: of all motions, or of a matrix."
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
     """The options beside the target."""
 
-    period: str | None
-    precision: str | None
-    agent: str | None
-    certificate: Path | None
-    problem: str | None
-    rate: bool
-    theorem: bool
-    force: bool
+    period: Annotated[
+        str | None, typer.Option(help="With --c, --fmu: seconds from sample to sample.")
+    ] = None
+    precision: Annotated[str | None, typer.Option(help="With --c: double (default) or float.")] = (
+        None
+    )
+    agent: Annotated[
+        str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")
+    ] = None
+    certificate: Annotated[
+        Path | None, typer.Option(help="With --c: say whether this certificate proves the period.")
+    ] = None
+    problem: Annotated[
+        str | None, typer.Option(help="With --rocq: problem; default problem.json beside it.")
+    ] = None
+    rate: Annotated[
+        bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")
+    ] = False
+    theorem: Annotated[
+        bool,
+        typer.Option(
+            "--theorem",
+            help="With --rocq: Theorem 1, 2 or Lemma 1, not the motions in the box of starts.",
+        ),
+    ] = False
+    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False
+
+    def require_for(self, target: str) -> None:
+        """Refuse options that the target has no use for: they would be a misunderstanding."""
+        for name, targets in BELONGS.items():
+            value = getattr(self, name)
+            # A flag that is not set and an option that is not given mean nothing.
+            if value not in (None, False) and target not in targets:
+                key, cure = f"--{name}", f"It is for {' and '.join(targets)}."
+                raise SpecError(f"{key} has no meaning with {target}.", key=key, cure=cure)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,88 +106,35 @@ class _Exported:
 Stage = Callable[[str], None]
 
 
+@in_groups
 def export(
     file: Annotated[
         str, typer.Argument(help="For --rocq a certificate.json or its folder, else a problem.")
     ],
-    c: Annotated[
-        Path | None, typer.Option("--c", help="Write C99 of the sampled agents into this folder.")
-    ] = None,
-    fmu: Annotated[
-        Path | None, typer.Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")
-    ] = None,
-    sdpa: Annotated[
-        Path | None, typer.Option("--sdpa", help="Write the LMI for any SDP solver (.dat-s).")
-    ] = None,
-    python_control: Annotated[
-        Path | None,
-        typer.Option(
-            "--python-control", help="Write the loop as a Python file for python-control."
-        ),
-    ] = None,
-    rocq: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write what is proved as a Rocq (Coq) file here: of all motions, or of a matrix."
-        ),
-    ] = None,
-    period: Annotated[
-        str | None, typer.Option(help="With --c, --fmu: seconds from sample to sample.")
-    ] = None,
-    precision: Annotated[
-        str | None, typer.Option(help="With --c: double (default) or float.")
-    ] = None,
-    agent: Annotated[
-        str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")
-    ] = None,
-    certificate: Annotated[
-        Path | None, typer.Option(help="With --c: say whether this certificate proves the period.")
-    ] = None,
-    problem: Annotated[
-        str | None, typer.Option(help="With --rocq: problem; default problem.json beside it.")
-    ] = None,
-    rate: Annotated[
-        bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")
-    ] = False,
-    theorem: Annotated[
-        bool,
-        typer.Option(
-            "--theorem",
-            help="With --rocq: Theorem 1, 2 or Lemma 1, not the motions in the box of starts.",
-        ),
-    ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
+    targets: Targets,
+    asked: Asked,
     as_json: output.Json = False,
 ) -> None:
     """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq
     (Coq 8.16)."""
-    asked = _Asked(
-        period=period,
-        precision=precision,
-        agent=agent,
-        certificate=certificate,
-        problem=problem,
-        rate=rate,
-        theorem=theorem,
-        force=force,
+    writers = (
+        ("--c", targets.c, _c),
+        ("--fmu", targets.fmu, _fmu),
+        ("--sdpa", targets.sdpa, _sdpa),
+        ("--python-control", targets.python_control, _python),
+        ("--rocq", targets.rocq, _rocq),
     )
-    targets = (
-        ("--c", c, _c),
-        ("--fmu", fmu, _fmu),
-        ("--sdpa", sdpa, _sdpa),
-        ("--python-control", python_control, _python),
-        ("--rocq", rocq, _rocq),
-    )
-    chosen = [(key, path, write) for key, path, write in targets if path is not None]
+    chosen = [(key, path, write) for key, path, write in writers if path is not None]
     with output.Progress() as progress:
         if len(chosen) != 1:
             raise SpecError("exactly one target must be named.", key="export", cure=f"{TARGETS}.")
         key, path, write = chosen[0]
-        _check_options(asked, key)
+        asked.require_for(key)
+        # C code is a folder, which has its own rule of what may be replaced.
         if key == "--c":
             output.refuse_option(path, key=key)
         else:
-            output.check_target(path, force=force, key=key)
+            output.check_target(path, force=asked.force, key=key)
         found = write(file, path, asked, progress)
     if as_json:
         output.print_json(found.document)
@@ -130,24 +142,7 @@ def export(
         output.say(found.words)
 
 
-def _check_options(asked: _Asked, target: str) -> None:
-    """Refuse options that the target has no use for: they would be a misunderstanding."""
-    belongs = {
-        "--period": (asked.period, ("--c", "--fmu")),
-        "--precision": (asked.precision, ("--c",)),
-        "--agent": (asked.agent, ("--c", "--fmu")),
-        "--certificate": (asked.certificate, ("--c",)),
-        "--problem": (asked.problem, ("--rocq",)),
-        "--rate": (asked.rate or None, ("--rocq",)),
-        "--theorem": (asked.theorem or None, ("--rocq",)),
-    }
-    for key, (value, targets) in belongs.items():
-        if value is not None and target not in targets:
-            cure = f"It is for {' and '.join(targets)}."
-            raise SpecError(f"{key} has no meaning with {target}.", key=key, cure=cure)
-
-
-def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> _Exported:
+def _c(file: str, folder: Path, asked: Asked, progress: Stage) -> _Exported:
     from dobc_design.export import to_c
     from dobc_design.export.c_folder import COMPILE, check_free
     from dobc_design.problem.load import load_problem
@@ -182,7 +177,7 @@ def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> _Exported:
     return _Exported(document=document, words="\n".join(lines))
 
 
-def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
+def _fmu(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
     from dobc_design.export import to_fmu
     from dobc_design.problem.load import load_problem
 
@@ -197,7 +192,7 @@ def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
     return _Exported(document=document, words=f"wrote {target}, {what}")
 
 
-def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
+def _sdpa(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
     from dobc_design.export import to_sdpa
     from dobc_design.problem.load import load_problem
 
@@ -209,14 +204,14 @@ def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
     return _Exported(document={"sdpa": str(target)}, words=words)
 
 
-def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
+def _python(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
     from dobc_design.export import python_script
 
     output.write_file(target, python_script(file).encode("utf-8"), key="--python-control")
     return _Exported(document={"python_control": str(target)}, words=f"wrote {target}")
 
 
-def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> _Exported:
+def _rocq(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.export.rocq.matrices import rocq_proof
     from dobc_design.export.rocq.motions import motions_proof, proved_in_states

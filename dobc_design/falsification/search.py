@@ -9,7 +9,7 @@ refutes, and only a region.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
@@ -85,6 +85,19 @@ class Question:
     certified: Certified | None = None
     t_final: float | None = None
 
+    def checked(self) -> Question:
+        """The same in plain numbers.  Raises: SpecError for a wrong argument."""
+        runs = whole(self.runs, "runs", least=1)
+        seed = None if self.seed is None else whole(self.seed, "seed", least=0)
+        bounded = self.radius is not None or self.disturbance is not None
+        if self.certified is not None and bounded:
+            message = "says where to start; radius and disturbance must be left out with it."
+            raise wrong("certified", message, "Leave one of them out.")
+        radius = self.radius
+        if radius is not None:
+            radius = positive(radius, "radius", example="2")
+        return replace(self, runs=runs, seed=seed, radius=radius)
+
 
 def search_starts(
     problem: Problem,
@@ -96,17 +109,10 @@ def search_starts(
     """Search with ``gain`` (q, m) in place of observer.W; modes are constant or switch at random.
     Raises: SpecError for a wrong argument."""
     problem.require_no_leader("the search for starts that fail")
-    whole(question.runs, "runs", least=1)
-    seed = problem.simulation.seed
-    if question.seed is not None:
-        seed = whole(question.seed, "seed", least=0)
-    bounded = question.radius is not None or question.disturbance is not None
-    if question.certified is not None and bounded:
-        message = "says where to start; radius and disturbance must be left out with it."
-        raise wrong("certified", message, "Leave one of them out.")
-    radius = None
-    if question.radius is not None:
-        radius = positive(question.radius, "radius", example="2")
+    question = question.checked()
+    seed = question.seed
+    if seed is None:
+        seed = problem.simulation.seed
     if question.t_final is None:
         horizon = settling_horizon(problem)
     else:
@@ -117,7 +123,9 @@ def search_starts(
         level = None
         starts: StartSet
         if question.certified is None:
-            starts = asked_box(problem, loop, radius=radius, disturbance=question.disturbance)
+            starts = asked_box(
+                problem, loop, radius=question.radius, disturbance=question.disturbance
+            )
         else:
             W = chosen_gain(problem, gain)
             level = level_of(problem, question.certified, W)

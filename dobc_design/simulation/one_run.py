@@ -37,6 +37,11 @@ def run_once(
             outcome = _full(setting, start, seed, modes, progress)
         else:
             outcome = _calm(setting, start, modes, progress)
+    return _trajectory(setting, seed, modes, outcome)
+
+
+def _trajectory(setting: Setting, seed: int, modes: Modes, outcome: Outcome) -> Trajectory:
+    """The run as it is shown."""
     run = outcome.run
     seen = outcome.samples
     switches = modes.switches

@@ -171,20 +171,10 @@ def run_starts(
     # |F| times the horizon is too large for a table
     if closed is None or states is None:
         starts = Batch(e=starts.e, eps=np.zeros_like(starts.eps), switches=starts.switches)
-    count = len(starts)
-    times = np.linspace(0.0, effort.horizon, effort.samples)
-    trials = Trials(
-        times=times,
-        error=np.full((len(times), count), np.nan),
-        values=np.full((len(times), count), np.nan),
-        ends=np.full_like(starts.e, np.nan),
-        states=np.zeros(count, dtype=np.int64),
-        starts=starts,
-    )
-    # exp(F t), which takes eps from the start to every sample
-    transition = None if states is None else np.moveaxis(states.many(times), 2, 0)
-    for begin in range(0, count, arena.chunk):
-        chosen = np.arange(begin, min(count, begin + arena.chunk))
+    trials = _no_trials(starts, np.linspace(0.0, effort.horizon, effort.samples))
+    transition = None if states is None else np.moveaxis(states.many(trials.times), 2, 0)
+    for begin in range(0, len(starts), arena.chunk):
+        chosen = np.arange(begin, min(len(starts), begin + arena.chunk))
         part = starts.of(chosen)
         columns = CalmColumns(
             loop=loop,
@@ -194,23 +184,47 @@ def run_starts(
             eps=part.eps,
             switches=part.switches,
         )
-
-        def visit(
-            sample: IndexArray, run: IndexArray, e: Array, chosen: IndexArray = chosen
-        ) -> None:
-            run = chosen[run]
-            trials.error[sample, run] = np.abs(e).max(axis=0)
-            if value is not None:
-                eps = starts.eps[:, :, run]
-                if transition is not None:
-                    eps = np.einsum("kab,nbk->nak", transition[sample], eps)
-                trials.values[sample, run] = value(e, eps)
-            last = sample == len(times) - 1
-            trials.ends[:, run[last]] = e[:, last]
-
+        watch = _Watch(trials=trials, chosen=chosen, transition=transition, value=value)
         with np.errstate(all="ignore"):
             ends = columns.integrate(
-                times, tolerance=effort.tolerance, visit=visit, most=effort.most
+                trials.times, tolerance=effort.tolerance, visit=watch.visit, most=effort.most
             )
         trials.states[chosen] = ends.states
     return trials
+
+
+def _no_trials(starts: Batch, times: Array) -> Trials:
+    """Of these starts, at these times, before anything is known."""
+    shape = (len(times), len(starts))
+    return Trials(
+        times=times,
+        error=np.full(shape, np.nan),
+        values=np.full(shape, np.nan),
+        ends=np.full_like(starts.e, np.nan),
+        states=np.zeros(len(starts), dtype=np.int64),
+        starts=starts,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Watch:
+    """Puts down what is seen of the ``chosen`` runs; ``transition``: exp(F t), which takes eps from
+    the start to every sample."""
+
+    trials: Trials
+    chosen: IndexArray
+    transition: Array | None
+    value: Value | None
+
+    def visit(self, sample: IndexArray, run: IndexArray, e: Array) -> None:
+        """Errors e (n m, k) of runs at their samples."""
+        trials = self.trials
+        run = self.chosen[run]
+        trials.error[sample, run] = np.abs(e).max(axis=0)
+        if self.value is not None:
+            eps = trials.starts.eps[:, :, run]
+            if self.transition is not None:
+                eps = np.einsum("kab,nbk->nak", self.transition[sample], eps)
+            trials.values[sample, run] = self.value(e, eps)
+        last = sample == len(trials.times) - 1
+        trials.ends[:, run[last]] = e[:, last]

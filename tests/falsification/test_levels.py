@@ -1,0 +1,126 @@
+"""Certified sets: V against its definition, and starts on their boundaries."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from lure_cases import cycle, identity
+
+from dobc_design import Exosystem, Group, Network, Observer, Problem
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.separable.claim import ErrorBound, Separable
+from dobc_design.errors import SpecError
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.falsification.levels import Boundary, level_of
+from dobc_design.simulation.boxes import CORNERS, EDGES, RANDOM, asked_box
+from dobc_design.simulation.field import make_loop
+
+F = Fraction
+P = ((F(2), F(1, 2)), (F(1, 2), F(1)))
+SEPARABLE = Separable(
+    v=(F(1), F(2), F(3)),
+    alpha=F(1),
+    rho=F(4),
+    error=ErrorBound(P=P, beta=F(3), kappa=F(1, 2), size=F(3)),
+)
+FULL = SparseSymmetric(3, {(0, 0): F(2), (0, 1): F(1, 2), (1, 1): F(1), (2, 2): F(3)})
+LURE = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5), rate=F(1, 4), P=P, Q=((F(1),), (F(1),)))
+
+
+def problem(q: int = 2) -> Problem:
+    network = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
+    exosystem = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]) if q else None
+    observer = Observer(W=[[1], [0]]) if q else None
+    return Problem(
+        network=network, coupling="tanh(y)", gains={1: 1}, exosystem=exosystem, observer=observer
+    )
+
+
+def separable_value(e: np.ndarray, eps: np.ndarray) -> float:
+    """(N + kappa E) / rho, from the definition."""
+    weight = np.array(P, dtype=float)
+    N = max(abs(e[i]) / (i + 1) for i in range(3))
+    E = max(float(row @ weight @ row) ** 0.5 for row in eps)
+    return (N + E / 2) / 4
+
+
+def lure_value(e: np.ndarray, eps: np.ndarray) -> float:
+    """Root of V / level."""
+    M = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
+    weight = np.array(P, dtype=float)
+    of_observers = sum(row @ weight @ row for row in eps)
+    return float((e @ M @ e + of_observers) / 5) ** 0.5
+
+
+@pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
+def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim, truth):
+    level = level_of(problem(), claim)
+    rng = np.random.default_rng(0)
+    e = rng.normal(size=(3, 20))
+    eps = rng.normal(size=(3, 2, 20))
+    values = level.value(e, eps)
+    for run in range(20):
+        assert values[run] == pytest.approx(truth(e[:, run], eps[:, :, run]), rel=1e-12)
+        along, along_eps = level.gradient(e[:, run], eps[:, :, run])
+        step = 1e-7 * rng.normal(size=3)
+        other = 1e-7 * rng.normal(size=(3, 2))
+        above = truth(e[:, run] + step, eps[:, :, run] + other)
+        below = truth(e[:, run] - step, eps[:, :, run] - other)
+        slope = along @ step + np.sum(along_eps * other)
+        assert 2 * slope == pytest.approx(above - below, rel=1e-4, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
+@pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
+def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, truth, kind: str):
+    starts = Boundary(level=level_of(problem(), claim), loop=make_loop(problem(), None))
+    e, eps = starts.draw(np.random.default_rng(1), 60, kind)
+    for run in range(60):
+        assert truth(e[:, run], eps[:, :, run]) == pytest.approx(1.0, rel=1e-12)
+    without = np.all(eps == 0, axis=(0, 1)).sum()
+    assert 5 < without < 50
+    back, back_eps = starts.project(3 * e, 3 * eps)
+    assert back == pytest.approx(e, rel=1e-12)
+    assert back_eps == pytest.approx(eps, rel=1e-12)
+
+
+def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem():
+    claim = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5))
+    starts = Boundary(level=level_of(problem(), claim), loop=make_loop(problem(), None))
+    assert not np.any(starts.draw(np.random.default_rng(1), 10, RANDOM)[1])
+    everywhere = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=None)
+    known = np.zeros((3, 0, 1))
+    first = np.array([[1.0], [0.0], [0.0]])
+    assert level_of(problem(0), everywhere).value(first, known) == [1.0]
+    linear = Lure(P_e=identity(3), ranges=(), radius=None, level=None)
+    last = np.array([[0.0], [0.0], [1.0]])
+    assert level_of(problem(0), linear).value(last, known) == [1.0]
+    with pytest.raises(SpecError, match="weights v for this problem"):
+        level_of(cycle(5, 3), SEPARABLE)
+    with pytest.raises(SpecError, match="P_e of 5 rows"):
+        level_of(cycle(5, 3), LURE)
+
+
+def test_starts_keep_to_the_states_of_the_own_group():
+    """Agents 1 and 3 have places 0 and 1, agent 2 has place 2."""
+    own = np.array([[1, 1, 0], [0, 0, 1], [1, 1, 0]], dtype=bool)
+    sine = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])
+    constant = Exosystem(A=[[0]], C=[[1]])
+    groups = [
+        Group(agents=[1, 3], exosystem=sine, observer=Observer(W=[[1], [0]])),
+        Group(agents=[2], exosystem=constant, observer=Observer(W=[[1]])),
+    ]
+    given = Problem(network=problem().network, coupling="tanh(y)", gains={1: 1}, groups=groups)
+    P = np.diag([F(2), F(1), F(3)]).tolist()
+    claim = replace(SEPARABLE, error=ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3)))
+    level = level_of(given, claim)
+    loop = make_loop(given, None)
+    box = asked_box(given, loop, radius=2.0, disturbance=0.5)
+    edge = Boundary(level=level, loop=loop)
+    for starts in (box, edge):
+        e, eps = starts.draw(np.random.default_rng(2), 30, RANDOM)
+        for kept in (eps, starts.project(2 * e, np.ones_like(eps))[1]):
+            assert np.all(kept[~own] == 0)
+            assert np.any(kept[own] != 0)
+        assert np.all(starts.reach[1][~own] == 0)

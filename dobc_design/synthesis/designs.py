@@ -22,7 +22,8 @@ from dobc_design.synthesis.joint.claim import (
     TradeOff,
     read_design_request,
 )
-from dobc_design.synthesis.joint.search import search_agents, search_design, trade_off_of
+from dobc_design.synthesis.joint.search import search_agents, search_design
+from dobc_design.synthesis.joint.trade_off import trade_off_of
 from dobc_design.synthesis.observer.claim import (
     NoiseLimit,
     ObserverDesign,

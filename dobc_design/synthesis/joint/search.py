@@ -1,47 +1,40 @@
 """The joint design: W, pins and gains for one request, rounded and certified; the nearest possible
-one; trade-offs.
+one.
 
 The order is that of the cost: facts of exosystem and graph, rates that no gains reach, the
-observer, then pins, gains for the region asked for, or near the consensus.  Every group that
-listens to nobody outside gets a pin; further pins go where the region allows the largest rate, as
-the slowest direction of J + J' says of many and the rows of the region of the best few.  What is
+observer, then pins (``pins``), gains for the region asked for, or near the consensus.  What is
 given up first is what the refutation names; how far is read off a design without that limit.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import cache
 from itertools import islice, product
 from typing import Any
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
+from dobc_design.conditions.consensus.pinning import network_blocks
 from dobc_design.conditions.coverage import Progress, asked_radius, covers
 from dobc_design.conditions.numbers import bisected, claimed, shorten
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
-from dobc_design.errors import SpecError
-from dobc_design.exact.reading import counted, shown
+from dobc_design.exact.reading import counted
 from dobc_design.problem.changes import changed_problem, gain_changes, typed_number
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.integrators import as_integrators, observed
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint import agents
 from dobc_design.synthesis.joint.claim import (
-    AXES,
     Design,
     DesignRequest,
     Grounds,
     RegionPrices,
-    TradeOff,
-    TradePoint,
 )
+from dobc_design.synthesis.joint.pins import DECISIVE, PinSets
 from dobc_design.synthesis.observer.claim import ObserverDesign, ObserverRequest
 from dobc_design.synthesis.observer.decide import Reduction, reduced_exosystem
 from dobc_design.synthesis.observer.search import search_groups
@@ -64,8 +57,6 @@ NEARLY = 0.98  # of the rate that is aimed at: a proof with less is looked for a
 # of the fastest rate, where the one asked for cannot be had; more takes very large gains
 NEAREST = Fraction(9, 10)
 MOST_TRIES, MOST_QUICK = 4, 15  # proposals that are certified: over a region, near the consensus
-SLOWEST, QUICKEST = 0.25, 4.0  # rates of a curve, of the design's own or of its observer's
-FASTEST = 1.9  # of a design that aims at half of the fastest rate
 SPEEDS = (2, 4)  # of further observers, in units of the slowest that is worth trying
 MARGIN = 3  # how much faster than the rate asked the observer is to be
 # faster than asked, tried in turn
@@ -79,12 +70,6 @@ HALF = Fraction(1, 2)  # of the fastest rate: what is aimed at where none is ask
 # of the fastest rate with any observer: slower ones are left out; where more is aimed at
 ENOUGH, ALMOST = 0.6, 0.95
 SMALL = Fraction(1, 10**4)  # the radius of a region that is one point
-# agents compared quickly in one step, by the size of the network
-LOOKED_AT = ((60, 60), (400, 12), (10**9, 3))
-CLOSER = 4  # of these compared by the rows of the region
-EXCHANGES = 120  # quick comparisons spent on exchanges of the first set
-ONE_BY_ONE = 4  # pins more than needed that are tried one by one; then twice as many each time
-DECISIVE = 1.02  # rates that are closer than this do not decide
 BUYS = 3  # agents in the sentence on what a further pin buys
 NO_OBSERVER = (
     "no observer gain was found that does what was asked, and no proof that there is none."
@@ -201,12 +186,12 @@ def search_design(problem: Problem, request: DesignRequest, progress: Progress) 
     """Decide a request; one that is refuted or undecided comes with the nearest one that was proved
     possible."""
     slower = list[Design]()
-    found = _attempt(problem, request, progress, slower=slower)
+    found = attempt(problem, request, progress, slower=slower)
     if found.verdict is Verdict.PROVED:
         return found
     for weaker, part in _weaker(problem, request, found):
         progress("looking for the nearest possible request")
-        nearest = _attempt(problem, weaker, progress, part=part)
+        nearest = attempt(problem, weaker, progress, part=part)
         if nearest.verdict is Verdict.PROVED:
             slower.append(nearest)
             break
@@ -218,7 +203,7 @@ def search_design(problem: Problem, request: DesignRequest, progress: Progress) 
     return replace(found, nearest=_tightened(request, fastest))
 
 
-def _attempt(
+def attempt(
     problem: Problem,
     request: DesignRequest,
     progress: Progress,
@@ -735,217 +720,3 @@ def _fastest_near(ground: Ground, pinned: Sequence[int], high: Fraction) -> Frac
         close=lambda low, high: low > 0 and high - low <= low / 20,
     )
     return fastest
-
-
-class PinSets:
-    """Growing sets of allowed agents, each with the one before it, so that the region allows fast
-    rates: every group has a pin, then further agents."""
-
-    def __init__(
-        self, *, structure: Structure, request: DesignRequest, search: RegionSearch
-    ) -> None:
-        self.structure = structure
-        self.allowed = request.allowed
-        self.caps = request.caps
-        self.search = search
-        self.blocks = network_blocks(search.problem)
-        # Exchanges and further agents ask for the same sets.
-        self.quick = cache(self._quick)
-
-    def growing(self, most: int, *, one_by_one: bool = False) -> Iterator[tuple[int, ...]]:
-        """Sets of at most ``most`` agents; ``one_by_one``: one agent more."""
-        most = min(most, len(self.allowed))
-        chosen = self._first()
-        yield tuple(sorted(chosen))
-        few = len(self.structure.agents) + ONE_BY_ONE
-        wanted = len(chosen)
-        step = 1
-        while len(chosen) < most:
-            step = 1 if one_by_one or wanted < few else 2 * step
-            wanted = min(wanted + step, most)
-            while len(chosen) < wanted:
-                chosen.append(self._next(chosen))
-            yield tuple(sorted(chosen))
-
-    def _quick(self, agents: frozenset[int]) -> float:
-        """The fastest rate near the consensus, by the slowest direction."""
-        if self.blocks is None:
-            return 0.0
-        return round(fastest_rate(self.blocks, agents), 9)
-
-    def _first(self) -> list[int]:
-        """One agent of each group, each replaced by the best that meets the same groups."""
-        chosen = list(self.structure.agents)
-        work = 0
-        for place, agent in enumerate(chosen):
-            rest = chosen[:place] + chosen[place + 1 :]
-            missed = [group for group in self.structure.groups if not set(group) & set(rest)]
-            others = list[int]()
-            for i in self.allowed:
-                if i not in rest and all(i in group for group in missed):
-                    others.append(i)
-            # a choice of one is none; work bounds the time in large networks
-            if len(others) > 1 and work + len(others) <= EXCHANGES:
-                work += len(others)
-                chosen[place] = self._best(rest, others, agent)
-        return chosen
-
-    def _next(self, chosen: Sequence[int]) -> int:
-        """A further agent: whoever is held least has the largest v."""
-        left = [i for i in self.allowed if i not in chosen]
-        v = self.search.holds(chosen, self.caps, 0.0, coarse=True)
-        if v is not None:
-            held = v.tolist()
-            left.sort(key=lambda i: (-held[i], i))
-        looked_at = next(count for size, count in LOOKED_AT if self.search.problem.n <= size)
-        return self._best(chosen, left[:looked_at], left[0])
-
-    def _best(self, rest: Sequence[int], others: Sequence[int], first: int) -> int:
-        """Of ``others`` the one that allows the fastest rate over the region, besides ``rest``;
-        ``first`` in doubt."""
-        order = sorted(others, key=lambda i: (-self.quick(frozenset([*rest, i])), i))
-        close = order[:CLOSER]
-        if first not in close:
-            close = sorted([first, *order[: CLOSER - 1]], key=order.index)
-        found = first
-        rate = 0.0
-        for agent in close:
-            reached = self.search.fastest([*rest, agent], self.caps, coarse=True)
-            # Rates are approximate: a little more decides nothing.
-            if reached > rate * DECISIVE:
-                found = agent
-                rate = reached
-        return found
-
-
-def trade_off_of(
-    problem: Problem,
-    request: DesignRequest,
-    curve: str,
-    *,
-    design: Design | None,
-    points: object,
-    progress: Progress,
-) -> TradeOff:
-    """The curve of that name.  Raises: SpecError for another name or number of points, and where
-    there is no curve."""
-    count = _read_curve(problem, curve, points)
-    bare = changed_problem(problem, {"pinning.gains": None})
-    own = design
-    if design is None and curve == "gain":
-        own = _attempt(bare, request, progress)
-    observer = None if own is None else own.observer
-    # Rows over a region, and the curve of noise, need a W in any case.
-    if observer is None and bare.groups:
-        observer = observer_at(bare, request, None)
-    ground = Curve(problem=bare, request=request, count=count, progress=progress)
-    if curve == "gain" and own is not None:
-        found = ground.gains(own)
-    elif curve == "pins":
-        found = ground.pins(observer)
-    else:
-        found = ground.noise(observer)
-    return TradeOff(
-        name=problem.name,
-        curve=curve,
-        points=tuple(found),
-        chosen=None if design is None else _chosen(curve, design, observer),
-        design=own,
-    )
-
-
-def _read_curve(problem: Problem, curve: str, points: object) -> int:
-    """How many points a curve gets.  Raises: SpecError where there is no such curve."""
-    if curve not in AXES:
-        text = f"curve must be one of {', '.join(AXES)}; got {shown(curve)}."
-        raise SpecError(text, key="curve", cure='"gain" is the sum of the gains against the rate.')
-    # True and False are integers of Python.
-    if isinstance(points, bool) or not isinstance(points, int) or not 2 <= points <= 200:
-        text = f"points must be an integer from 2 to 200; got {shown(points)}."
-        raise SpecError(text, key="points", cure="Ten are a good choice.")
-    if curve == "noise" and not problem.groups:
-        text = "the noise curve needs an exosystem: without one there is no observer."
-        raise SpecError(text, key="curve", cure='Ask for "gain" or "pins".')
-    return points
-
-
-def _chosen(curve: str, design: Design, observer: ObserverDesign | None) -> TradePoint | None:
-    """Where a design lies on the curve."""
-    if curve == "noise" and observer is not None:
-        return next(iter(_noise_point(observer)), None)
-    if not design.rate or design.cost is None:
-        return None
-    pinned = tuple(design.gains)
-    if curve == "gain":
-        return TradePoint(x=design.rate, y=float(design.cost), pinned=pinned, proved=True)
-    return TradePoint(x=float(len(pinned)), y=design.rate, pinned=pinned, proved=True)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Curve:
-    """What the points of a curve share: a problem without gains, the limits, about how many."""
-
-    problem: Problem
-    request: DesignRequest
-    count: int
-    progress: Progress
-
-    def gains(self, own: Design) -> list[TradePoint]:
-        """Designs for many rates, all with the pins of one."""
-        index = self.problem.network.index
-        pinned = tuple(sorted(index[label] for label in own.gains)) or self.request.allowed
-        found = list[TradePoint]()
-        for rate in _spread(own.rate or 0.0, FASTEST, self.count):
-            asked = replace(self.request, rate=rate, allowed=pinned)
-            each = _attempt(self.problem, asked, self.progress)
-            if each.verdict is Verdict.PROVED and each.cost is not None:
-                cost = float(each.cost)
-                point = TradePoint(x=float(rate), y=cost, pinned=tuple(each.gains), proved=True)
-                found.append(point)
-        return found
-
-    def pins(self, observer: ObserverDesign | None) -> list[TradePoint]:
-        """The rate that gains approach on growing sets of agents, as floating point sees it."""
-        request = self.request
-        labels = self.problem.network.labels
-        structure = structure_of(self.problem, request.allowed)
-        if structure.unmet is not None:
-            text = "allowed must leave every group that listens to nobody outside an agent to pin."
-            cure = "dobc_design.design says which agents are missing."
-            raise SpecError(text, key="allowed", cure=cure)
-        search = region_search(self.problem, observer)
-        most = len(request.allowed) if request.pins is None else request.pins
-        most = min(most, len(structure.agents) + self.count - 1)
-        sets = PinSets(structure=structure, request=request, search=search)
-        found = list[TradePoint]()
-        for pinned in sets.growing(most, one_by_one=True):
-            self.progress(f"{len(pinned)} pinned agents")
-            rate = search.fastest(pinned, request.caps)
-            if 0 < rate < math.inf:
-                names = tuple(labels[i] for i in pinned)
-                found.append(TradePoint(x=float(len(pinned)), y=rate, pinned=names))
-        return found
-
-    def noise(self, observer: ObserverDesign | None) -> list[TradePoint]:
-        """Observers for many rates: how they pass on noise."""
-        pace = 1.0 if observer is None else observer.measures.get("rate", 1.0)
-        found = list[TradePoint]()
-        for rate in _spread(pace, QUICKEST, self.count):
-            found += _noise_point(observer_at(self.problem, self.request, rate))
-        return sorted(found, key=lambda point: point.x)
-
-
-def _noise_point(observer: ObserverDesign) -> list[TradePoint]:
-    pace = observer.measures.get("rate")
-    noise = observer.measures.get("hinf measurement")
-    if noise is None or pace is None:
-        return []
-    return [TradePoint(x=pace, y=noise, proved=True)]
-
-
-def _spread(middle: float, last: float, count: int) -> list[Fraction]:
-    """Rates (1/s) of four digits around one; none around 0."""
-    if middle <= 0:
-        return []
-    parts = (SLOWEST + (last - SLOWEST) * k / (count - 1) for k in range(count))
-    return [claimed(float(f"{middle * part:.4g}")) for part in parts]

@@ -1,0 +1,104 @@
+"""Which agents to pin in a whole design: growing sets, so that the region allows fast rates.
+
+Every group that listens to nobody outside gets a pin; further pins go where the region allows the
+largest rate, as the slowest direction of J + J' says of many and the rows of the region of the best
+few.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+
+from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
+from dobc_design.synthesis.joint.claim import DesignRequest
+from dobc_design.synthesis.pinning.claim import Structure
+from dobc_design.synthesis.pinning.propose_regions import RegionSearch
+
+# agents compared quickly in one step, by the size of the network
+LOOKED_AT = ((60, 60), (400, 12), (10**9, 3))
+CLOSER = 4  # of these compared by the rows of the region
+EXCHANGES = 120  # quick comparisons spent on exchanges of the first set
+ONE_BY_ONE = 4  # pins more than needed that are tried one by one; then twice as many each time
+DECISIVE = 1.02  # rates that are closer than this do not decide
+
+
+class PinSets:
+    """Growing sets of allowed agents, each with the one before it, so that the region allows fast
+    rates: every group has a pin, then further agents."""
+
+    def __init__(
+        self, *, structure: Structure, request: DesignRequest, search: RegionSearch
+    ) -> None:
+        self.structure = structure
+        self.allowed = request.allowed
+        self.caps = request.caps
+        self.search = search
+        self.blocks = network_blocks(search.problem)
+        # Exchanges and further agents ask for the same sets.
+        self.quick = cache(self._quick)
+
+    def growing(self, most: int, *, one_by_one: bool = False) -> Iterator[tuple[int, ...]]:
+        """Sets of at most ``most`` agents; ``one_by_one``: one agent more."""
+        most = min(most, len(self.allowed))
+        chosen = self._first()
+        yield tuple(sorted(chosen))
+        few = len(self.structure.agents) + ONE_BY_ONE
+        wanted = len(chosen)
+        step = 1
+        while len(chosen) < most:
+            step = 1 if one_by_one or wanted < few else 2 * step
+            wanted = min(wanted + step, most)
+            while len(chosen) < wanted:
+                chosen.append(self._next(chosen))
+            yield tuple(sorted(chosen))
+
+    def _quick(self, agents: frozenset[int]) -> float:
+        """The fastest rate near the consensus, by the slowest direction."""
+        if self.blocks is None:
+            return 0.0
+        return round(fastest_rate(self.blocks, agents), 9)
+
+    def _first(self) -> list[int]:
+        """One agent of each group, each replaced by the best that meets the same groups."""
+        chosen = list(self.structure.agents)
+        work = 0
+        for place, agent in enumerate(chosen):
+            rest = chosen[:place] + chosen[place + 1 :]
+            missed = [group for group in self.structure.groups if not set(group) & set(rest)]
+            others = list[int]()
+            for i in self.allowed:
+                if i not in rest and all(i in group for group in missed):
+                    others.append(i)
+            # a choice of one is none; work bounds the time in large networks
+            if len(others) > 1 and work + len(others) <= EXCHANGES:
+                work += len(others)
+                chosen[place] = self._best(rest, others, agent)
+        return chosen
+
+    def _next(self, chosen: Sequence[int]) -> int:
+        """A further agent: whoever is held least has the largest v."""
+        left = [i for i in self.allowed if i not in chosen]
+        v = self.search.holds(chosen, self.caps, 0.0, coarse=True)
+        if v is not None:
+            held = v.tolist()
+            left.sort(key=lambda i: (-held[i], i))
+        looked_at = next(count for size, count in LOOKED_AT if self.search.problem.n <= size)
+        return self._best(chosen, left[:looked_at], left[0])
+
+    def _best(self, rest: Sequence[int], others: Sequence[int], first: int) -> int:
+        """Of ``others`` the one that allows the fastest rate over the region, besides ``rest``;
+        ``first`` in doubt."""
+        order = sorted(others, key=lambda i: (-self.quick(frozenset([*rest, i])), i))
+        close = order[:CLOSER]
+        if first not in close:
+            close = sorted([first, *order[: CLOSER - 1]], key=order.index)
+        found = first
+        rate = 0.0
+        for agent in close:
+            reached = self.search.fastest([*rest, agent], self.caps, coarse=True)
+            # Rates are approximate: a little more decides nothing.
+            if reached > rate * DECISIVE:
+                found = agent
+                rate = reached
+        return found

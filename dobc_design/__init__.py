@@ -26,6 +26,7 @@ _NAMES = {
     "conditions.check": "Check",
     "conditions.schedule.decide": "Settling",
     "coupling.coupling": "Coupling",
+    "description.description": "describe",
     "designer.widget": "Designer",
     "exact": "exact",
     "export": "analyse build_model export",

@@ -12,6 +12,7 @@ from dobc_design.certification.certify import verify as verify
 from dobc_design.conditions.check import Check as Check
 from dobc_design.conditions.schedule.decide import Settling as Settling
 from dobc_design.coupling.coupling import Coupling as Coupling
+from dobc_design.description.description import describe as describe
 from dobc_design.export import analyse as analyse
 from dobc_design.export import build_model as build_model
 from dobc_design.falsification.falsify import falsify as falsify

@@ -34,11 +34,13 @@ THIRD_PARTY = {
     "cli": {"packaging", "rich", "typer"},
     "conditions": NUMBERS,
     "coupling": {"numpy"},
+    "description": NUMBERS,
     "designer": {"anywidget", "numpy", "traitlets"},
     "exact": {"flint", *NUMBERS},
     "export": {"control", "jinja2", "sympy", *NUMBERS},  # what is exported to
     "falsification": NUMBERS,
     "importing": NUMBERS,
+    "loop": NUMBERS,
     "model": {"casadi", "sympy", *NUMBERS},
     "plotting": PLOTS,
     "problem": {"pydantic", "tomlkit", *NUMBERS},
@@ -52,7 +54,7 @@ THIRD_PARTY = {
 ONLY_IN = {"pydantic": ("problem.load", "problem.schema"), "typst": ("report.pdf",)}
 
 # What a proof rests on, by name: these rooms, and in every topic these files.
-TRUSTED_ROOMS = ("exact", "coupling", "problem", "certificate")
+TRUSTED_ROOMS = ("exact", "coupling", "problem", "loop", "certificate")
 TRUSTED_FILES = (
     "claim",
     "coordinates",

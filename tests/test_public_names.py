@@ -19,8 +19,8 @@ import dobc_design
 _NAMES = """
 Certificate Check Coupling Design Dynamics Ensemble Exosystem Failure Group Network Observer
 Problem Region Stress
-Switching Trajectory Verdict __version__ analyse build_model certify certify_settling design
-design_observer
+Switching Trajectory Verdict __version__ analyse build_model certify certify_settling
+describe design design_observer
 design_pinning exact exosystems export falsify from_pandapower load_problem load_trajectory poles
 problem_from_file
 signals simulate sweep trade_off verify what_breaks_first write_comparison

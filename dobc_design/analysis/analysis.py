@@ -22,15 +22,10 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.weighted.network import Network as Alike
 from dobc_design.conditions.weighted.network import network_of
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
-from dobc_design.problem.arrays import (
-    Gain,
-    chosen_gain,
-    closed_groups,
-    consensus_jacobian,
-    pinning_matrix,
-    split_by,
-    unreached,
-)
+from dobc_design.loop.arcs import closed_groups, split_by, unreached
+from dobc_design.loop.arrays import Gain, chosen_gain, pinning_matrix
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 
@@ -164,7 +159,8 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
     hearing = sparse.csr_array((np.ones(len(arcs)), (arcs.speakers, arcs.listeners)), shape=(n, n))
     _, numbers = connected_components(hearing, directed=True, connection="strong")
     components = sorted(part.tolist() for _, part in split_by(numbers.astype(np.int64)))
-    closed = set(closed_groups(problem, [arcs]))
+    loop = loop_of(problem)
+    closed = set(closed_groups(loop, [arcs]))
     surplus: dict[int, Fraction] = defaultdict(Fraction)  # weight heard less weight sent
     for listener, speaker, weight in arcs:
         surplus[listener] += weight
@@ -176,7 +172,7 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
     return GraphFacts(
         mode=mode,
         arcs=len(arcs),
-        unreached=named(unreached(problem, [arcs])),
+        unreached=named(unreached(loop, [arcs], pins=loop.pins)),
         components=tuple(map(named, components)),
         sources=tuple(named(part) for part in components if tuple(part) in closed),
         balanced=not any(surplus.values()),
@@ -276,7 +272,7 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
     # Where they feel their neighbours alike, the eigenvalues of the network alone are enough.
     alike = None
     if problem.origin is not None and problem.n <= MAX_DENSE:
-        alike = network_of(state_theorems(problem))
+        alike = network_of(state_theorems(loop_of(problem)))
     modes = tuple(problem.network.modes)
     return Analysis(
         name=problem.name,
@@ -293,7 +289,7 @@ def mode_spectrum(problem: Problem, mode: str, alike: Alike | str | None = None)
     network alone."""
     ascending = found = second_order = None
     if problem.n * problem.m <= MAX_DENSE:
-        jacobian = consensus_jacobian(problem, mode)
+        jacobian = consensus_jacobian(loop_of(problem), mode)
         if jacobian is not None:
             loop = (jacobian - pinning_matrix(problem)).toarray()
             ascending = tuple(np.linalg.eigvalsh(loop + loop.T).tolist())
@@ -314,11 +310,11 @@ def mode_spectrum(problem: Problem, mode: str, alike: Alike | str | None = None)
 
 def _of_network(alike: Alike, mode: str) -> NDArray[np.complex128] | None:
     """The eigenvalues of L + K of the network alone; None where its couplings have a kink."""
-    alone = alike.statements.problem
+    alone = alike.statements.loop
     jacobian = consensus_jacobian(alone, mode)
     if jacobian is None:
         return None
-    return np.linalg.eigvals((pinning_matrix(alone) - jacobian).toarray())
+    return np.linalg.eigvals((pull_matrix(alone) - jacobian).toarray())
 
 
 def _second_order(

@@ -30,7 +30,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Descent
-from dobc_design.conditions.schedule.cycles import Cycles, phases_of, shortest_period
+from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
@@ -41,6 +41,9 @@ from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import Number, float_above, float_below, parse_number, root_above
 from dobc_design.exact.symmetric import SparseSymmetric, largest, least
+from dobc_design.loop.guarantee import shortest_period
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -125,12 +128,12 @@ class CertifiedBound(Shown):
         return np.asarray(np.minimum.reduce(bounds))
 
 
-def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[Envelope]:
+def envelopes_of(loop: Loop, claims: Claims, starts: Starts) -> Iterator[Envelope]:
     """Bounds that hold for all of ``starts``, from every proved check whose domain holds them."""
     for check in claims.checks:
         bounds = check.kind.is_consensus or check.kind.role == "safety"
         if check.verdict is Verdict.PROVED and bounds and is_inside(check.domain, starts):
-            found = envelope_of(problem, check, claim_of(check, problem, claims.W), starts)
+            found = envelope_of(loop, check, claim_of(check, loop, claims.W), starts)
             if found is not None:
                 yield found
     lemmas = [check for check in claims.checks if check.id == "lemma1"]
@@ -139,21 +142,21 @@ def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[E
         if check.verdict is Verdict.PROVED and check.domain == "global" and check.rate is not None:
             rates.append(check.rate)
     # e'e falls under every signal where Lemma 1 holds in every mode.
-    if not problem.groups and lemmas and len(rates) == len(lemmas):
+    if not loop.groups and lemmas and len(rates) == len(lemmas):
         yield Envelope(id="lemma1", height=starts.ball, rate=claimed(min(rates)))
 
 
-def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
+def certified_settling(loop: Loop, claims: Claims) -> Settling | None:
     """The settling time that ``claims`` prove, with its envelope; None without one.  Raises:
     CertificateError."""
     with reading_claims():
         found = next((check for check in claims.checks if check.id == "settling"), None)
         if found is None or found.verdict is not Verdict.PROVED:
             return None
-        descent = claim_of(found, problem, claims.W)
+        descent = claim_of(found, loop, claims.W)
         if not isinstance(descent, Descent):
             return None
-        return settling_of(problem, descent, found.reason)
+        return settling_of(loop, descent, found.reason)
 
 
 def is_inside(domain: object, starts: Starts) -> bool:
@@ -168,9 +171,7 @@ def is_inside(domain: object, starts: Starts) -> bool:
     return starts.disturbance <= claimed(domain["disturbance"]) * room
 
 
-def envelope_of(
-    problem: Problem, check: Check, claim: Claim | None, starts: Starts
-) -> Envelope | None:
+def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -> Envelope | None:
     """The bound of one check; None for one that gives none by itself."""
     domain = check.domain
     disturbance = starts.disturbance
@@ -182,9 +183,9 @@ def envelope_of(
         first = radius * claim.spread + error_share(claim, disturbance, unit=10**18)
         return Envelope(id=check.id, height=first * claim.reach, rate=composite_rate(claim))
     if isinstance(claim, Cycles) and claim.rate is not None:
-        return _bound_of_weights(problem, claim, radius, disturbance)
+        return _bound_of_weights(loop, claim, radius, disturbance)
     if isinstance(claim, Lure):
-        first = eigenvalue_bound(claim.P_e) * radius**2 + _errors(problem, claim.P, disturbance)
+        first = eigenvalue_bound(claim.P_e) * radius**2 + _errors(loop, claim.P, disturbance)
         if claim.level is not None and isinstance(domain, Mapping):  # the level is a bound as well
             first = min(first, claim.level)
         return Envelope(id=check.id, height=_root(first * tallest(claim.P_e)), rate=claim.rate)
@@ -195,19 +196,19 @@ def envelope_of(
         return Envelope(id=check.id, height=height, rate=claim.rate)
     if check.rate is None:
         return None
-    square = _square_of_forms(problem, claim, radius, disturbance)
+    square = _square_of_forms(loop, claim, radius, disturbance)
     if square is None:
         return None
     return Envelope(id=check.id, height=_root(square), rate=claimed(check.rate))
 
 
 def _square_of_forms(
-    problem: Problem, claim: Claim | None, radius: Fraction, disturbance: Fraction
+    loop: Loop, claim: Claim | None, radius: Fraction, disturbance: Fraction
 ) -> Fraction | None:
     """A bound of |e|_inf^2 where V = e'De + ... or e'(D (x) R)e + ... is at most what it is for
     these starts; None for other claims."""
     if isinstance(claim, Weighted):
-        first = largest(claim.D) * radius**2 + _errors(problem, claim.P, disturbance)
+        first = largest(claim.D) * radius**2 + _errors(loop, claim.P, disturbance)
         return first / least(claim.D)
     if isinstance(claim, Alike) and not disturbance:
         form = SparseSymmetric.from_dense(claim.R)
@@ -215,7 +216,7 @@ def _square_of_forms(
         return first * tallest(form) / least(claim.weights.D)
     # V = e'e + sum eps_i'P eps_i of Theorems 1 and 2
     if isinstance(claim, PairFacts):
-        return radius**2 + _errors(problem, claim.pair.P, disturbance)
+        return radius**2 + _errors(loop, claim.pair.P, disturbance)
     return None
 
 
@@ -229,20 +230,20 @@ def error_share(claim: Separable | Cycles, disturbance: Fraction, *, unit: int) 
 
 
 def _bound_of_weights(
-    problem: Problem, claim: Cycles, radius: Fraction, disturbance: Fraction
+    loop: Loop, claim: Cycles, radius: Fraction, disturbance: Fraction
 ) -> Envelope:
     """V falls at the rate from the beginning of one phase to the next, and never rises; |e_i| <=
     v_i V in between."""
     rate = claim.rate or Fraction(0)
-    first = radius * claim.spread(problem) + error_share(claim, disturbance, unit=10**18)
+    first = radius * claim.spread(loop) + error_share(claim, disturbance, unit=10**18)
     return Envelope(id="schedule", height=first * claim.height, rate=rate)
 
 
-def _errors(problem: Problem, P: Matrix | None, disturbance: Fraction) -> Fraction:
+def _errors(loop: Loop, P: Matrix | None, disturbance: Fraction) -> Fraction:
     """What |eps_i| <= disturbance add to a quadratic V at most."""
     if P is None:
         return Fraction(0)
-    return problem.n * eigenvalue_bound(SparseSymmetric.from_dense(P)) * disturbance**2
+    return loop.n * eigenvalue_bound(SparseSymmetric.from_dense(P)) * disturbance**2
 
 
 def tallest(P_e: SparseSymmetric) -> Fraction:
@@ -259,14 +260,14 @@ def tallest(P_e: SparseSymmetric) -> Fraction:
     return 1 / least
 
 
-def starts_of(problem: Problem, radius: Number | None, disturbance: Number | None) -> Starts:
+def starts_of(loop: Loop, radius: Number | None, disturbance: Number | None) -> Starts:
     """Every start with |e|_inf <= radius and |eps_i| <= disturbance; what is None comes from the
     [region].
 
     Raises: SpecError for a number that is wrong or missing.
     """
-    region = problem.region
-    if region is None and (radius is None or (disturbance is None and problem.groups)):
+    region = loop.starts
+    if region is None and (radius is None or (disturbance is None and loop.groups)):
         what = "must be given, because the problem has no [region] that says where it starts."
         key = "radius" if radius is None else "disturbance"
         cure = (
@@ -275,43 +276,41 @@ def starts_of(problem: Problem, radius: Number | None, disturbance: Number | Non
         )
         raise wrong(key, what, cure)
     # Without a radius the whole region counts, the largest side of each component.
-    if radius is None:
-        sides = asked_radius(problem)
-    else:
-        sides = (parse_number(radius, key="radius"),) * problem.m
+    given = None if radius is None else parse_number(radius, key="radius")
+    sides = asked_radius(loop) if given is None else (given,) * loop.m
     error = Fraction(0)
     if disturbance is not None:
         error = parse_number(disturbance, key="disturbance")
     elif region is not None:
-        error = region.initial_disturbance or error
-    if min(sides) < 0 or error < 0 or (error and not problem.groups):
+        error = region.disturbance or error
+    if min(sides) < 0 or error < 0 or (error and not loop.groups):
         key = "radius" if min(sides) < 0 else "disturbance"
         what = "must be >= 0, and without an [exosystem] there is no disturbance."
         raise wrong(key, what, "Give another number.")
     square = sum((side * side for side in sides), Fraction(0))
-    return Starts(box=max(sides), ball=_root(problem.n * square), disturbance=error)
+    return Starts(box=max(sides), ball=_root(loop.n * square), disturbance=error)
 
 
-def bound_from(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBound:
+def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
     """What ``claims``, which are about ``problem``, prove about |e(t)|_inf from all of these
     starts."""
-    settling = certified_settling(problem, claims)
+    settling = certified_settling(loop, claims)
     if settling is not None:  # it is about its own box of starts
         room = 1 + ROUNDING
         outside = starts.box > settling.radius * room
         if outside or starts.disturbance > settling.disturbance * room:
             settling = None
     with reading_claims():
-        found = tuple(envelopes_of(problem, claims, starts))
+        found = tuple(envelopes_of(loop, claims, starts))
     bound = CertifiedBound(envelopes=found, settling=settling)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
 
 
-def bound_of_plant(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBound:
+def bound_of_plant(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
     """The same for the plant that the file states: where weights or gains may be off, what
     ``tolerance`` proves; with a limit from starts where ``actuators`` proves that no input exceeds
     it."""
-    stated = stated_in(problem)
+    stated = stated_in(loop)
     if stated.absolute:  # a bound that goes to 0 would be false
         reason = (
             "what [uncertainty] says acts on the plant for ever; the check accuracy has the "
@@ -323,12 +322,12 @@ def bound_of_plant(problem: Problem, claims: Claims, starts: Starts) -> Certifie
     tolerance = proved.get(TOLERANCE)
     if stated.limit and (limit is None or not is_inside(limit.domain, starts)):
         reason = "from these starts it is not proved that inputs keep "
-        return CertifiedBound(reason=reason + table_words(problem, LIMIT))
+        return CertifiedBound(reason=reason + table_words(loop, LIMIT))
     if not stated.relative:
-        return bound_from(problem, claims, starts)
+        return bound_from(loop, claims, starts)
     if tolerance is not None and tolerance.rate and is_inside(tolerance.domain, starts):
         with reading_claims():
-            height = _height_of(problem, claims, tolerance, starts)
+            height = _height_of(loop, claims, tolerance, starts)
             # Without weights of its own a claim is about the box of max-separable; the limit has
             # to be proved in the box in which errors are tolerated.
             apart = limit is not None and "v" not in (limit.exact or {})
@@ -336,22 +335,20 @@ def bound_of_plant(problem: Problem, claims: Claims, starts: Starts) -> Certifie
         if height is not None and not other_box:
             found = Envelope(id=TOLERANCE, height=height, rate=claimed(tolerance.rate))
             return CertifiedBound(envelopes=(found,))
-    reason = f"from these starts no rate is proved with {table_words(problem, TOLERANCE)}"
+    reason = f"from these starts no rate is proved with {table_words(loop, TOLERANCE)}"
     return CertifiedBound(reason=reason)
 
 
-def _height_of(
-    problem: Problem, claims: Claims, tolerance: Check, starts: Starts
-) -> Fraction | None:
+def _height_of(loop: Loop, claims: Claims, tolerance: Check, starts: Starts) -> Fraction | None:
     """Of |e|_inf under errors of weights and gains: V of the max-separable beside falls, or N of
     weights of its own."""
-    claim = claim_of(tolerance, problem, claims.W)
+    claim = claim_of(tolerance, loop, claims.W)
     if isinstance(claim, Tolerance) and claim.v is not None:
         if starts.disturbance:
             return None
         return starts.box * largest(claim.v) / least(claim.v)
     beside = next((check for check in claims.checks if check.id == "max-separable"), None)
-    base = None if beside is None else claim_of(beside, problem, claims.W)
+    base = None if beside is None else claim_of(beside, loop, claims.W)
     if not isinstance(base, Separable):
         return None
     room = 1 + ROUNDING
@@ -387,20 +384,21 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     reason = _other_loop(run)
     if reason:
         return CertifiedBound(reason=reason)
-    other = (run.name, run.labels) != (problem.name, problem.network.labels)
+    loop = loop_of(problem)
+    other = (run.name, run.labels) != (loop.name, loop.labels)
     if other or run.loop_sha256 != loop_sha256(problem, claims.W):
         own = repr(run.name) if other else "another problem of that name, or with another gain W"
         what = (
-            f"the run must be one of {problem.name!r}, which the certificate is about; it is "
+            f"the run must be one of {loop.name!r}, which the certificate is about; it is "
             f"one of {own}."
         )
         cure = "Certify the problem that was simulated, or simulate this one."
         raise SpecError(what, key="certificate", cure=cure)
     box, ball, disturbance = map(Fraction, run.start_size())
     starts = Starts(box=box, ball=ball, disturbance=disturbance)
-    bound = bound_from(problem, claims, starts)
+    bound = bound_from(loop, claims, starts)
     # What rests on a guarantee says nothing about a signal that does not keep it.
-    if not keeps_guarantee(problem, json.loads(run.signal or "{}")):
+    if not keeps_guarantee(loop, json.loads(run.signal or "{}")):
         found = tuple(each for each in bound.envelopes if each.id != "schedule")
         settling = bound.settling
         if settling is not None and settling.guarantee is not None:
@@ -409,19 +407,18 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
 
 
-def keeps_guarantee(problem: Problem, signal: Mapping[str, Any]) -> bool:
+def keeps_guarantee(loop: Loop, signal: Mapping[str, Any]) -> bool:
     """Whether a signal of simulations, as JSON, is one that a proof by the guarantee of [switching]
     is about."""
-    phases = phases_of(problem)
-    own = problem.switching
-    if own is None or not phases:
+    phases = loop.guarantee.phases
+    if not phases:
         return True
     kind = signal.get("signal")
-    order = list(signal.get("order") or problem.network.modes)
+    order = list(signal.get("order") or loop.modes)
     lasting = np.atleast_1d(signal.get("dwell") or 0.0)
     shortest = float(phases[0].shortest)
     longest = float(phases[0].longest or np.inf)
-    if own.guarantee == "sequence":
+    if loop.guarantee.kind == "sequence":
         each_lasts = np.broadcast_to(lasting, len(order)).tolist()
         turns = list(zip(order, each_lasts, strict=True))
         once = turns[: shortest_period(turns)]

@@ -25,11 +25,13 @@ from dobc_design.certificate.files import make_folder, require_own, write_togeth
 from dobc_design.certificate.regions import Regions, certified_regions
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.schedule.cycles import Cycles, Phase, Weights, phases_of
+from dobc_design.conditions.schedule.cycles import Cycles, Weights
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.loop.guarantee import Phase
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -52,9 +54,9 @@ class Certificate(Headed):
     claims: Claims
 
     @property
-    def _loop(self) -> Problem:
-        """The problem that the checks are about."""
-        return as_integrators(self.problem)
+    def _loop(self) -> Loop:
+        """What the checks are about."""
+        return loop_of(self.problem)
 
     @property
     def verdict(self) -> Verdict:
@@ -130,7 +132,7 @@ class Certificate(Headed):
                     continue
                 claim = claim_of(check, self._loop, self.claims.W)
                 if isinstance(claim, Cycles) and claim.phases and claim.T is None:
-                    return tuple(zip(phases_of(self.problem), claim.phases, strict=True))
+                    return tuple(zip(self._loop.guarantee.phases, claim.phases, strict=True))
         return ()
 
     def bound(
@@ -164,7 +166,7 @@ class Certificate(Headed):
         there is none. ``trajectory.plot(certificate=certificate)`` draws it.  Raises: SpecError for
         a run of another problem.
         """
-        return certified_bound(self._loop, self.claims, run)
+        return certified_bound(self.problem, self.claims, run)
 
     def plot(self, ax: Any = None) -> Any:
         """The certified regions: how far each method reaches, from where each agent may start; and

@@ -28,7 +28,7 @@ from dobc_design.conditions.separable.claim import SamplingBound
 from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 
@@ -68,7 +68,7 @@ class Claims:
 
 
 #: How each topic reads what a check of it claims.
-READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]]] = {
+READERS: Final[dict[str, Callable[[Check, Loop, Matrix | None], Claim | None]]] = {
     "consensus": consensus.read_claim,
     "separable": separable.read_claim,
     "margins": margins.read_claim,
@@ -81,7 +81,7 @@ READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]
 }
 
 
-def claim_of(check: Check, problem: Problem, W: Matrix | None) -> Claim | None:
+def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     """What a check claims about ``problem`` with the gain W (q, m), as the noun of its topic; None
     if nothing.
 
@@ -90,7 +90,7 @@ def claim_of(check: Check, problem: Problem, W: Matrix | None) -> Claim | None:
     """
     read = READERS.get(check.kind.topic)
     return (
-        read(check, problem, W)
+        read(check, loop, W)
         if isinstance(check.claim, Values) and read is not None
         else check.claim
     )
@@ -109,7 +109,7 @@ def reading_claims() -> Iterator[None]:
         raise CertificateError(what, key="checks", cure="dobc verify says which.") from error
 
 
-def certified_period(problem: Problem, claims: Claims) -> Fraction | None:
+def certified_period(loop: Loop, claims: Claims) -> Fraction | None:
     """The sampling period (s) that a proved check of ``claims``, which are about ``problem``,
     states; None without one.
 
@@ -117,7 +117,7 @@ def certified_period(problem: Problem, claims: Claims) -> Fraction | None:
     """
     with reading_claims():
         for check in claims.checks:
-            bound = claim_of(check, problem, claims.W)
+            bound = claim_of(check, loop, claims.W)
             if check.verdict is Verdict.PROVED and isinstance(bound, SamplingBound):
                 return bound.period
     return None

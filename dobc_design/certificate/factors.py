@@ -28,7 +28,7 @@ from dobc_design.conditions.weighted.network import Alike
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, largest, least
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 ONE = Fraction(1)
@@ -40,31 +40,31 @@ OF_THE_PAPER = ("lemma1", "theorem1", "theorem2", "theorem1-printed", "theorem2-
 _root = partial(root_above, unit=10**12)
 
 
-def with_factors(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> tuple[Check, ...]:
+def with_factors(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> tuple[Check, ...]:
     """The same checks of the loop with the gain W (q, m); proved ones that have a rate with its
     factor, rounded up."""
     found: list[Check] = []
     for check in checks:
-        factor = factor_of(check, checks, problem, W)
+        factor = factor_of(check, checks, loop, W)
         found.append(replace(check, factor=_rounded(factor)))
     return tuple(found)
 
 
 def factor_obstacle(
-    check: Check, checks: Sequence[Check], problem: Problem, W: Matrix | None
+    check: Check, checks: Sequence[Check], loop: Loop, W: Matrix | None
 ) -> str | None:
     """None if the factor of a confirmed check follows from what it claims, or it has none; else
     what is wrong."""
     if check.factor is None:
         return None
-    own = factor_of(check, checks, problem, W)
+    own = factor_of(check, checks, loop, W)
     if own is None:
         return "it claims a factor, and no bound follows from it"
     return None if own <= claimed(check.factor) else f"the factor {check.factor} does not follow"
 
 
 def factor_of(
-    check: Check, checks: Sequence[Check], problem: Problem, W: Matrix | None
+    check: Check, checks: Sequence[Check], loop: Loop, W: Matrix | None
 ) -> Fraction | None:
     """The factor of a check among ``checks``; None for one without a rate, and where no bound
     follows from it."""
@@ -72,19 +72,19 @@ def factor_of(
         return None
     if check.id in OF_THE_PAPER:
         return ONE
-    claim = claim_of(check, problem, W)
+    claim = claim_of(check, loop, W)
     if isinstance(claim, DelayBound) or (isinstance(claim, Tolerance) and claim.v is None):
-        return _of_proof_beside(claim, checks, problem, W)
-    return _of_claim(claim, problem)
+        return _of_proof_beside(claim, checks, loop, W)
+    return _of_claim(claim, loop)
 
 
-def _of_claim(claim: Claim | None, problem: Problem) -> Fraction | None:
+def _of_claim(claim: Claim | None, loop: Loop) -> Fraction | None:
     if isinstance(claim, Separable):
         return claim.factor
     if isinstance(claim, Tolerance) and claim.v is not None:
         return _ratio(claim.v)
     if isinstance(claim, Cycles):
-        return claim.factor(problem) * (1 + IN_HAND)
+        return claim.factor(loop) * (1 + IN_HAND)
     if isinstance(claim, Weighted):
         return _root(_ratio(claim.D))
     if isinstance(claim, Alike):
@@ -99,7 +99,7 @@ def _of_claim(claim: Claim | None, problem: Problem) -> Fraction | None:
 
 
 def _of_proof_beside(
-    claim: DelayBound | Tolerance, checks: Sequence[Check], problem: Problem, W: Matrix | None
+    claim: DelayBound | Tolerance, checks: Sequence[Check], loop: Loop, W: Matrix | None
 ) -> Fraction | None:
     """That of the max-separable certificate on which the claim rests.  With an observer a delayed
     loop keeps every rate below that of the claim, and a bound follows only at rates below beta."""
@@ -107,7 +107,7 @@ def _of_proof_beside(
         (each for each in checks if each.id == "max-separable" and each.verdict is Verdict.PROVED),
         None,
     )
-    base = None if proof is None else claim_of(proof, problem, W)
+    base = None if proof is None else claim_of(proof, loop, W)
     if not isinstance(base, Separable):
         return None
     if isinstance(claim, DelayBound) and base.error is not None and claim.rate >= base.error.beta:

@@ -28,7 +28,7 @@ from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import root_above, root_below
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 
@@ -185,29 +185,29 @@ MOST_AGENTS: Final = 2000
 _DIGITS, _UNIT = 6, 10**9
 
 
-def certified_regions(problem: Problem, claims: Claims) -> Regions:
+def certified_regions(loop: Loop, claims: Claims) -> Regions:
     """Gather what ``claims``, which are about ``problem``, say about starts, taken as they are.
 
     Raises: CertificateError for claims that cannot be read, as in a file that somebody else wrote.
     """
-    asked = _asked(problem)
+    asked = _asked(loop)
     beside = {check.id: check for check in claims.checks if check.id in BESIDE}
     with reading_claims():
         known: list[Check] = []
         for check in claims.checks:
-            known.append(replace(check, claim=claim_of(check, problem, claims.W)))
+            known.append(replace(check, claim=claim_of(check, loop, claims.W)))
         tolerance = _tolerance(known, asked)
-        gatherer = _Gatherer(problem, known, asked, tolerance)
-        chosen = list(_chosen(problem, known))
+        gatherer = _Gatherer(loop, known, asked, tolerance)
+        chosen = list(_chosen(loop, known))
         separable = [check for check in chosen if isinstance(check.claim, Separable)]
         return Regions(
-            name=problem.name,
+            name=loop.name,
             verdict=claims.verdict,
             reason=claims.reason,
             asked=asked,
             tolerance=tolerance,
             claims=tuple(map(gatherer.claim, chosen)),
-            agents=_agents(problem, separable[0]) if separable else (),
+            agents=_agents(loop, separable[0]) if separable else (),
             settling=beside.get("settling"),
             delay=beside.get("delay"),
             sampling=beside.get("sampling"),
@@ -230,7 +230,7 @@ def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
     return _down(size * SETTLED) if size else None
 
 
-def _chosen(problem: Problem, checks: Sequence[Check]) -> Iterator[Check]:
+def _chosen(loop: Loop, checks: Sequence[Check]) -> Iterator[Check]:
     """The checks of Lemma 1 (once for all modes, only without disturbance), of the theorems and of
     regions."""
     lemmas = [check for check in checks if check.id == "lemma1"]
@@ -241,33 +241,33 @@ def _chosen(problem: Problem, checks: Sequence[Check]) -> Iterator[Check]:
     elif lemmas:
         speaker = min(lemmas, key=lambda check: check.rate or 0.0)
     for check in checks:
-        if check.id == "lemma1" and (problem.groups or check is not speaker):
+        if check.id == "lemma1" and (loop.groups or check is not speaker):
             continue
         if check.kind.role in ("paper", "region"):
             yield check
 
 
-def _asked(problem: Problem) -> Asked | None:
-    if problem.region is None:
+def _asked(loop: Loop) -> Asked | None:
+    if loop.starts is None:
         return None
-    reach = asked_radius(problem)
+    reach = asked_radius(loop)
     square = sum((r * r for r in reach), Fraction(0))
-    length = root_above(problem.n * square, unit=_UNIT)
+    length = root_above(loop.n * square, unit=_UNIT)
     interval: tuple[float, float] | None = None
-    if problem.m == 1 and not problem.leader:
-        low, high = problem.region.initial_states[0]
+    if loop.m == 1 and not loop.goals.moves:
+        low, high = loop.starts.states[0]
         interval = _nearest(low), _nearest(high)
     return Asked(
         box=_up(max(reach)),
         ball=_up(length, digits=9),
-        disturbance=_up(problem.region.initial_disturbance or Fraction(0)),
+        disturbance=_up(loop.starts.disturbance or Fraction(0)),
         interval=interval,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _Gatherer:
-    problem: Problem
+    loop: Loop
     checks: Sequence[Check]
     asked: Asked | None
     tolerance: float | None
@@ -285,11 +285,11 @@ class _Gatherer:
                 disturbance = float(domain["disturbance"])
                 box = ball = float(domain["radius"])
                 if kind == "ball":  # the corners of a box are the farthest from its middle
-                    states = self.problem.n * self.problem.m
+                    states = self.loop.n * self.loop.m
                     box = _down(root_below(claimed(ball) ** 2 / states, unit=_UNIT))
         covering = False
         if kind != "none" and self.asked is not None:
-            covering = covers(self.problem, check, self.checks)
+            covering = covers(self.loop, check, self.checks)
         return RegionClaim(
             id=check.id,
             variant=_variant(check),
@@ -321,7 +321,7 @@ class _Gatherer:
         # In floating point, and a little more: a time that is shown has to be late enough.
         bound = None
         with suppress(ValueError):  # too close to a singular matrix
-            bound = envelope_of(self.problem, check, check.claim, starts)
+            bound = envelope_of(self.loop, check, check.claim, starts)
         if bound is None or not bound.rate:
             return None
         steps = math.log(bound.height / claimed(self.tolerance)) / float(bound.rate)
@@ -343,9 +343,9 @@ class _Gatherer:
         claim = check.claim
         if not isinstance(claim, Separable) or claim.T is not None or claim.rho is None:
             return ""
-        reaches = largest_reach(self.problem, claim.v)
+        reaches = largest_reach(self.loop, claim.v)
         # Only where both agents of an arc stand at opposite faces is the difference that large.
-        for coupling, reach in zip(self.problem.couplings, reaches, strict=True):
+        for coupling, reach in zip(self.loop.functions, reaches, strict=True):
             if not reach or not coupling.by_component:
                 continue
             try:
@@ -371,21 +371,21 @@ def _variant(check: Check) -> str:
     return f"{method}P_e {shape}"
 
 
-def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
+def _agents(loop: Loop, check: Check) -> tuple[AgentBound, ...]:
     claim = check.claim
     domain = check.domain
     if not isinstance(domain, Mapping) or not isinstance(claim, Separable):
         return ()
-    if claim.T or claim.rho is None or problem.n > MOST_AGENTS:
+    if claim.T or claim.rho is None or loop.n > MOST_AGENTS:
         return ()
     # What estimation errors may take of V is not there for |e_i| <= room v_i.
     room = claim.rho - error_share(claim, claimed(domain["disturbance"]), unit=_UNIT)
     radius = float(domain["radius"])
-    pinned = set(problem.pinning.agents)
-    has_goals = problem.m == 1 and problem.leader is None
+    pinned = set(loop.pulls.nodes)
+    has_goals = loop.m == 1 and not loop.goals.moves
     found: list[AgentBound] = []
-    for agent, (label, weight) in enumerate(zip(problem.network.labels, claim.v, strict=True)):
-        goal = _nearest(problem.goal_of(agent)[0]) if has_goals else None
+    for agent, (label, weight) in enumerate(zip(loop.labels, claim.v, strict=True)):
+        goal = _nearest(loop.goals.of(agent)[0]) if has_goals else None
         bound = max(radius, _down(room * weight))  # rounding may not take back the domain
         found.append(AgentBound(label=label, bound=bound, pinned=agent in pinned, goal=goal))
     return tuple(found)

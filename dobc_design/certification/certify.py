@@ -51,7 +51,6 @@ from dobc_design.conditions.observer.propose import (
     propose_pairs,
 )
 from dobc_design.conditions.quadratic.stage import SMALL_ROWS, quadratic_stage
-from dobc_design.conditions.schedule.cycles import phases_of
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.stage import (
     asked_of,
@@ -68,10 +67,11 @@ from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import Number, number_text, parse_number
 from dobc_design.exact.reading import counted
 from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit, until
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, join, name_some
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -117,97 +117,152 @@ def certify(
         >>> certificate.verdict.value, certificate.covered_by
         ('proved', 'theorem1-weighted')
     """
-    given = load_problem(problem)
-    problem = as_integrators(given)
-    report = report_to(progress)
-    tolerance = None if settling is None else read_tolerance(settling)
-    seconds = None if time_limit is None else read_time_limit(time_limit)
-    options = ["--all"] if everything else []
-    options += [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
-    wanted = None if rate is None else _read_rate(rate)
-    options += [] if wanted is None else [f"--rate {number_text(wanted)}"]
-    options += [] if seconds is None else [f"--time-limit {number_text(seconds)}"]
-    least = 0.0 if wanted is None else float(wanted)
-    with until(None if seconds is None else float(seconds)):
-        found = decide(problem, report, rate=least)
-        P = None if found.pair is None else found.pair.P
-        findings = Findings(statements=found.statements, directions=found.directions, P=P)
-        checks, W, pair, domain = found.checks, found.W, found.pair, found.statements.domain
-        regions = partial(
-            region_checks,
-            problem,
-            W,
-            domain=domain,
-            everything=everything,
-            report=report,
-            rate=least,
+    stated = load_problem(problem)
+    options = _Options(
+        everything=everything,
+        settling=None if settling is None else read_tolerance(settling),
+        rate=None if rate is None else _read_rate(rate),
+        time_limit=None if time_limit is None else read_time_limit(time_limit),
+    )
+    seconds = None if options.time_limit is None else float(options.time_limit)
+    with until(seconds):
+        return _Certification(
+            problem=stated, loop=loop_of(stated), options=options, report=report_to(progress)
+        ).run()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Options:
+    """What ``certify`` was asked beside the problem; numbers as they were given."""
+
+    everything: bool
+    settling: Fraction | None
+    rate: Fraction | None
+    time_limit: Fraction | None
+
+    @property
+    def least_rate(self) -> float:
+        """The rate (1/s) that proofs have to have; 0 where none is asked for."""
+        return 0.0 if self.rate is None else float(self.rate)
+
+    @property
+    def as_typed(self) -> tuple[str, ...]:
+        """The options of `dobc certify` that ask the same."""
+        typed = ["--all"] if self.everything else []
+        numbers = (
+            ("--settling", self.settling),
+            ("--rate", self.rate),
+            ("--time-limit", self.time_limit),
         )
-        guaranteed = problem.switching is not None and problem.switching.is_guaranteed
-        own = tuple(regions(checks)) if guaranteed else ()  # it may need no cure of single modes
-        curable = given.dynamics is None and out_of_time() is None
-        if curable and not any(covers(problem, check, own) for check in own):
-            checks = with_cures(
-                problem,
-                checks,
-                findings,
-                progress=report,
-                decide=lambda x: decide(x, lambda stage: None).checks,
-            )
-        checks += own if guaranteed else tuple(regions(checks))
-        checks += tuple(
-            safety_stage(read_region(problem, W, domain=domain, everything=everything), report)
-        )
-        if tolerance is not None or (everything and problem.region is not None):
-            checks += (
-                settling_stage(
-                    problem, W, checks, tolerance=tolerance, domain=domain, report=report
-                ),
-            )
-        checks += tuple(
-            _ending(
-                "accuracy",
-                domain,
-                lambda: accuracy_stage(problem, W, checks, domain=domain, report=report),
-            )
-        )
-        asked = read_region(problem, W, domain=domain, everything=everything)
-        checks += tuple(_ending("actuators", domain, lambda: inputs_stage(asked, checks, report)))
-        checks += tuple(other_equilibria(problem, W, checks, report=report))
-        checks = with_factors(problem, tuple(writable(check, domain) for check in checks), W)
-        overall = decide_overall(problem, checks, W)
+        typed += [f"{name} {number_text(x)}" for name, x in numbers if x is not None]
+        return tuple(typed)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Certification:
+    """One run of ``certify``: the problem, its loop, and what was asked."""
+
+    problem: Problem
+    loop: Loop
+    options: _Options
+    report: Progress
+
+    def run(self) -> Certificate:
+        """All checks in their order, what follows from them, and what the second checker says."""
+        loop = self.loop
+        found = decide(loop, self.report, rate=self.options.least_rate)
+        checks = self._with_stages(found)
+        domain = found.statements.domain
+        checks = with_factors(loop, tuple(writable(check, domain) for check in checks), found.W)
+        overall = decide_overall(loop, checks, found.W)
+        source = None
+        if found.W is not None:
+            source = "designed" if any(found.designs) else "given"
         claims = Claims(
-            problem_name=problem.name,
-            problem_sha256=problem_sha256(problem),
+            problem_name=loop.name,
+            problem_sha256=problem_sha256(self.problem),
             verdict=overall.verdict,
             why=overall.why,
             rate=overall.rate,
             factor=overall.factor,
             covered_by=overall.covered_by,
             checks=checks,
-            W=W,
-            gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
-            P=P,
-            Q=None if pair is None else pair.Q,
+            W=found.W,
+            gain_source=source,
+            P=None if found.pair is None else found.pair.P,
+            Q=None if found.pair is None else found.pair.Q,
             notes=(
-                *notes_of(problem, found.designs, found.how),
-                *_asked_rate(problem, checks, overall, wanted),
+                *notes_of(self.problem, found.designs, found.how),
+                *_asked_rate(loop, checks, overall, self.options.rate),
             ),
             version=__version__,
-            options=tuple(options),
+            options=self.options.as_typed,
         )
-        report("asking the second checker")
-        return Certificate(problem=given, claims=agreed(claims, problem))
+        self.report("asking the second checker")
+        return Certificate(problem=self.problem, claims=agreed(claims, self.problem))
+
+    def _with_stages(self, found: Decided) -> tuple[Check, ...]:
+        """The checks that are ``found``, with cures, and those of every later stage in turn."""
+        loop, report, W, domain = self.loop, self.report, found.W, found.statements.domain
+        everything = self.options.everything
+        checks = self._with_cures_and_regions(found)
+        asked = read_region(loop, W, domain=domain, everything=everything)
+        checks += tuple(safety_stage(asked, report))
+        if self.options.settling is not None or (everything and loop.starts is not None):
+            settled = settling_stage(
+                loop, W, checks, tolerance=self.options.settling, domain=domain, report=report
+            )
+            checks += (settled,)
+        before = checks
+        final = _ending(
+            "accuracy",
+            domain,
+            lambda: accuracy_stage(loop, W, before, domain=domain, report=report),
+        )
+        checks += tuple(final)
+        known = checks
+        checks += tuple(_ending("actuators", domain, lambda: inputs_stage(asked, known, report)))
+        return checks + tuple(other_equilibria(self.problem, W, checks, report=report))
+
+    def _with_cures_and_regions(self, found: Decided) -> tuple[Check, ...]:
+        """Cures of what failed, then the region; under a guarantee the region first, because it may
+        need no cure of single modes."""
+        regions = partial(
+            region_checks,
+            self.loop,
+            found.W,
+            domain=found.statements.domain,
+            everything=self.options.everything,
+            report=self.report,
+            rate=self.options.least_rate,
+        )
+        checks = found.checks
+        first = self.loop.guarantee.is_given
+        own = tuple(regions(checks)) if first else ()
+        curable = self.loop.drift is None and out_of_time() is None
+        if curable and not any(covers(self.loop, check, own) for check in own):
+            P = None if found.pair is None else found.pair.P
+            findings = Findings(statements=found.statements, directions=found.directions, P=P)
+            checks = with_cures(
+                self.problem, checks, findings, progress=self.report, decide=_decide_quietly
+            )
+        return checks + (own if first else tuple(regions(checks)))
+
+
+def _decide_quietly(problem: Problem) -> tuple[Check, ...]:
+    """The checks of a cured problem."""
+    return decide(loop_of(problem), lambda stage: None).checks
 
 
 def _asked_rate(
-    problem: Problem, checks: Sequence[Check], overall: Overall, wanted: Fraction | None
+    loop: Loop, checks: Sequence[Check], overall: Overall, wanted: Fraction | None
 ) -> Iterator[str]:
     """What became of a rate that was asked for, where the verdict does not have it."""
     if wanted is None or claimed(overall.rate or 0.0) >= wanted:
         return
     asked = f"A rate of at least {float(wanted):.6g} 1/s was asked for"
     fast = [check for check in checks if check.rate is not None and claimed(check.rate) >= wanted]
-    having = next((check.title for check in fast if covers(problem, check, checks)), None)
+    having = next((check.title for check in fast if covers(loop, check, checks)), None)
     if having is None:
         yield f"{asked} and is not proved. `dobc design FILE --rate` looks for gains that have it."
     else:
@@ -239,7 +294,7 @@ def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Rechec
         True
     """
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
-    return verify_twice(claims, as_integrators(load_problem(problem)))
+    return verify_twice(claims, load_problem(problem))
 
 
 @shows_progress
@@ -267,13 +322,13 @@ def certify_settling(
         >>> settling.verdict.value, settling.envelope(settling.time) <= 0.1
         ('proved', True)
     """
-    problem = as_integrators(load_problem(problem))
-    asked = asked_of(problem, tolerance=tolerance, radius=radius, disturbance=disturbance)
-    return settle(problem, observer_gain(problem), asked, progress=report_to(progress))
+    loop = loop_of(load_problem(problem))
+    asked = asked_of(loop, tolerance=tolerance, radius=radius, disturbance=disturbance)
+    return settle(loop, observer_gain(loop), asked, progress=report_to(progress))
 
 
 def region_checks(
-    problem: Problem,
+    loop: Loop,
     W: Matrix | None,
     checks: Sequence[Check],
     *,
@@ -286,34 +341,32 @@ def region_checks(
     ``checks`` are for.  Nothing is examined where ``checks`` cover the region already, unless
     ``everything`` is wanted.  Of linear couplings the same holds from every start, which may decide
     a question without a region.  Last, what errors of weights and gains it leaves room for."""
-    known = any(covers(problem, check, checks) for check in checks)
-    if problem.region is None and not known:
-        known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
-        if problem.slopes_move:  # no check at one point speaks of close starts
-            asked = read_region(problem, W, domain=domain, everything=everything, rate=rate)
+    known = any(covers(loop, check, checks) for check in checks)
+    if loop.starts is None and not known:
+        known = decide_overall(loop, checks, W).verdict is not Verdict.UNDECIDED
+        if loop.slopes_move:  # no check at one point speaks of close starts
+            asked = read_region(loop, W, domain=domain, everything=everything, rate=rate)
             least = NEAR * (W is not None)
             near = replace(asked, disturbance=max(asked.disturbance, least))
             near = near if everything else replace(asked, radius=NEAR, ball=NEAR, disturbance=least)
             return quadratic_stage(near, report)
-        several = problem.network.switches or problem.origin is not None
+        several = loop.switches or loop.drift is not None
         if several and not (known or everything or domain == "global"):
-            asked = read_region(problem, W, domain=domain, everything=False, rate=rate)
+            asked = read_region(loop, W, domain=domain, everything=False, rate=rate)
             asked = replace(asked, radius=NEAR, disturbance=NEAR * (W is not None))
             found = separable_stage(asked, report)
-            if not any(covers(problem, check, found) for check in found):
+            if not any(covers(loop, check, found) for check in found):
                 found += schedule_stage(asked, report) + markov_stage(asked, report)
-            return found + (
-                margins_stage(asked, found, report) if stated_in(problem).relative else []
-            )
+            return found + (margins_stage(asked, found, report) if stated_in(loop).relative else [])
         known = known or domain != "global"
-    asked = read_region(problem, W, domain=domain, everything=everything, rate=rate)
+    asked = read_region(loop, W, domain=domain, everything=everything, rate=rate)
     found = []
     for stage in STAGES if everything or not known else STAGES[: is_asked(asked)]:
         found += stage(asked, report)
-        covering = [check for check in found if covers(problem, check, found)]
+        covering = [check for check in found if covers(loop, check, found)]
         # boxes in coordinates T x are found fast, but few decay as fast as a ball of a small
         # problem
-        small = stage is separable_stage and problem.n * problem.m <= SMALL_ROWS
+        small = stage is separable_stage and loop.n * loop.m <= SMALL_ROWS
         slow = small and all(getattr(check.claim, "T", None) for check in covering)
         if not everything and covering and not slow:
             break
@@ -333,12 +386,13 @@ def other_equilibria(
 ) -> Iterator[Check]:
     """The check that refutes a region with a second equilibrium, where nothing is proved or refuted
     so far."""
-    can = problem.region is not None and (W is not None or not problem.groups)
-    can = can and not any(covers(problem, check, checks) for check in checks)
+    loop = loop_of(problem)
+    can = loop.starts is not None and (W is not None or not loop.groups)
+    can = can and not any(covers(loop, check, checks) for check in checks)
     if (
         can
         and out_of_time() is None
-        and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED
+        and decide_overall(loop, checks, W).verdict is Verdict.UNDECIDED
     ):
         from dobc_design.certification.equilibria import equilibrium_check
 
@@ -362,33 +416,33 @@ class Decided:
     how: str = ""  # the pair came about, where not the usual way
 
 
-def decide(problem: Problem, report: Progress, *, rate: float = 0.0) -> Decided:
+def decide(loop: Loop, report: Progress, *, rate: float = 0.0) -> Decided:
     """Run every condition that applies; no cures.  ``rate``: as in ``certify``."""
     report("stating the theorems")
-    statements = state_theorems(problem)
+    statements = state_theorems(loop)
     tops: dict[str, Top] = {}
     with surviving("eigenvalue estimate failed"):
         tops = estimates.lambda_tops(statements)
     shows = {mode: top.shows for mode, top in tops.items() if top.shows is not None}
     statements = consensus.with_vectors(statements, shows)
-    run = _Run(problem=problem, statements=statements, tops=tops, found={})
+    run = _Run(loop=loop, statements=statements, tops=tops, found={})
     report("deciding network and Lemma 1")
     lemmas = run.lemmas()
-    checks = (*(reachability_check(problem, mode) for mode in problem.network.modes), *lemmas)
-    exosystem = problem.joint_exosystem
+    checks = (*(reachability_check(loop, mode) for mode in loop.modes), *lemmas)
+    exosystem = loop.joint_exosystem
     if exosystem is None:
         checks += tuple(weighted_stage(statements, None, rate=rate))
-        checks += tuple(linearisation_stage(problem, statements, checks, None))
+        checks += tuple(linearisation_stage(loop, statements, checks, None))
         return Decided(checks=checks, statements=statements, directions=run.found)
     report("deciding the observer")
-    designs = design_gains(problem)
-    gains = chosen_gains(problem, designs)
+    designs = design_gains(loop)
+    gains = chosen_gains(loop, designs)
     first = run.observer_checks(gains)
     report("deciding the theorem")
     theorems, pair, how = run.theorem_checks(exosystem, gains, lemmas, first)
     checks = (*first, *checks, *theorems, *weighted_stage(statements, join(gains), rate=rate))
     return Decided(
-        checks=(*checks, *linearisation_stage(problem, statements, checks, join(gains))),
+        checks=(*checks, *linearisation_stage(loop, statements, checks, join(gains))),
         statements=statements,
         directions=run.found,
         designs=designs,
@@ -403,7 +457,7 @@ class _Run:
     """One certification: the problem, its conditions, floating-point estimates to propose from.
     ``found``: directions of few agents, filled in for the modes where Lambda < 0 looks doubtful."""
 
-    problem: Problem
+    loop: Loop
     statements: Statements
     tops: dict[str, Top]
     found: dict[str, list[Sequence[float]]]
@@ -411,7 +465,7 @@ class _Run:
     def lemmas(self) -> list[Check]:
         """Lemma 1, mode by mode."""
         checks = []
-        for mode in self.problem.network.modes:
+        for mode in self.loop.modes:
             if (late := out_of_time()) is not None:
                 checks.append(cut_check("lemma1", self.statements.domain, late, mode=mode))
                 continue
@@ -420,7 +474,7 @@ class _Run:
                 self.found[mode] = []
                 with surviving("no small directions"):
                     if len(self.found) <= MOST_SEARCHED:
-                        self.found[mode] = estimates.witness_directions(self.problem, mode)
+                        self.found[mode] = estimates.witness_directions(self.loop, mode)
             vectors = [*self.found.get(mode, ()), *([] if top is None else [top.vector.tolist()])]
             proposal = Proposal(margin=0.0 if top is None else -top.value, vectors=vectors)
             checks.append(consensus.lemma1_check(self.statements, mode, proposal))
@@ -428,13 +482,11 @@ class _Run:
 
     def observer_checks(self, gains: Sequence[Matrix | None]) -> list[Check]:
         """Observability, detectability, Hurwitz, for every group of agents."""
-        if not self.problem.is_grouped:
-            return _checks_of(self.problem.groups[0], gains[0], self.problem)
-        lacking = next(
-            (g for g, W in zip(self.problem.groups, gains, strict=True) if W is None), None
-        )
+        if not self.loop.is_grouped:
+            return _checks_of(self.loop.groups[0], gains[0], self.loop)
+        lacking = next((g for g, W in zip(self.loop.groups, gains, strict=True) if W is None), None)
         checks = []
-        for group, W in zip(self.problem.groups, gains, strict=True):
+        for group, W in zip(self.loop.groups, gains, strict=True):
             own = _checks_of(group, None if lacking is not None else W, None)
             if W is not None and lacking is not None:  # a certificate holds all gains or none
                 reason = (
@@ -458,12 +510,12 @@ class _Run:
     ) -> tuple[list[Check], Pair | None, str]:
         """The printed P where there is one, then the theorem with a P of our own; how that came
         about."""
-        problem, checks = self.problem, []
-        name = "theorem2" if problem.network.switches else "theorem1"
+        loop, checks = self.loop, []
+        name = "theorem2" if loop.switches else "theorem1"
         check = partial(
             consensus.theorem_check, statements=self.statements, exosystem=exosystem, lemmas=lemmas
         )
-        own = problem.joint_observer
+        own = loop.joint_observer
         if own.P is not None and own.W is not None:
             given = Pair(P=own.P, Q=multiply(own.P, own.W))
             proposal = self.proposal(given, exosystem)
@@ -476,7 +528,7 @@ class _Run:
         blocked = obstacle is not None or any(c.verdict is not Verdict.PROVED for c in lemmas)
         known = [W for W in gains if W is not None]
         blocked = blocked or len(known) < len(gains)
-        large = next(filter(None, (too_large(group.exosystem) for group in problem.groups)), None)
+        large = next(filter(None, (too_large(group.exosystem) for group in loop.groups)), None)
         late = large or (None if blocked else out_of_time())
         pair, how = (None, "") if blocked or late is not None else self.find_pair(exosystem, known)
         proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
@@ -491,7 +543,7 @@ class _Run:
         """The first proposed pair for which Psi < 0 is proved, and a sentence if it did not come
         the usual way."""
         bound = max((top.value for top in self.tops.values()), default=math.nan)
-        for P, Q, how in _proposed_pairs(self.problem.groups, gains, bound=bound):
+        for P, Q, how in _proposed_pairs(self.loop.groups, gains, bound=bound):
             pair = Pair(P=P, Q=Q)
             S = consensus.schur_block(pair, exosystem)
             if (
@@ -521,7 +573,7 @@ class _Run:
         )
 
 
-def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[Check]:
+def _checks_of(group: Group, W: Matrix | None, loop: Loop | None) -> list[Check]:
     """The checks of one exosystem and its gain; ``problem`` where cures may change its keys."""
     exosystem = group.exosystem
     if (reason := too_large(exosystem)) is not None:
@@ -531,13 +583,11 @@ def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[
         ]
     source = "given" if group.observer.W is not None else "designed"
     estimate = 0.0 if W is None else decay_rate(exosystem, W)
-    key = "W of the group" if problem is None else "observer.W"
-    hurwitz = hurwitz_check(
-        exosystem, W, estimate=estimate, source=source, problem=problem, key=key
-    )
+    key = "W of the group" if loop is None else "observer.W"
+    hurwitz = hurwitz_check(exosystem, W, estimate=estimate, source=source, loop=loop, key=key)
     return [
-        observability_check(exosystem, problem),
-        detectability_check(exosystem, problem),
+        observability_check(exosystem, loop),
+        detectability_check(exosystem, loop),
         hurwitz,
     ]
 
@@ -567,10 +617,11 @@ def _proposed_pairs(
 def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -> Iterator[str]:
     """What was given, assumed and designed, in sentences; ``how`` the pair came about, if not the
     usual way."""
+    loop = loop_of(problem)
     yield from problem.notes
-    if not problem.groups:
+    if not loop.groups:
         yield "No exosystem was given: there is no disturbance and no observer."
-    if problem.is_grouped:
+    if loop.is_grouped:
         yield (
             "Agents differ in their exosystem: W, P and Q hold one block for each group, in "
             "this order."
@@ -581,44 +632,40 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
             "has" if len(problem.undisturbed) == 1 else "have",
         )
         yield f"{who[0].upper()}{who[1:]} {has} no disturbance and no observer."
-    for group, design in zip(problem.groups, designs, strict=True):
+    for group, design in zip(loop.groups, designs, strict=True):
         who = (
-            f"Group of agent {group.name} ({name_some(group.agents)}): "
-            if problem.is_grouped
-            else ""
+            f"Group of agent {group.name} ({name_some(group.agents)}): " if loop.is_grouped else ""
         )
         if design is None:
             yield f"{who}The observer gain W was given."
         else:
             yield f"{who}No W was given. {design.note[0].upper()}{design.note[1:]}"
-    own, linear = problem.joint_observer, problem.is_linear
+    own, linear = loop.joint_observer, loop.is_linear
     local = "the verdict is about the consensus itself, from close enough starts."
     for applies, note in (
         (how, how),
-        (not problem.pinning.agents, "No agent is pinned."),
+        (not loop.pulls.nodes, "No agent is pinned."),
         (
             own.W is not None and own.rate is not None,
             "observer.rate is not used, because W was given.",
         ),
-        (problem.region is None and not linear, f"No region was asked for: {local}"),
+        (loop.starts is None and not linear, f"No region was asked for: {local}"),
         (
-            len(problem.network.modes) > 1
-            and not phases_of(problem)
-            and generator_of(problem) is None,
+            len(loop.modes) > 1 and not loop.guarantee.phases and generator_of(loop) is None,
             "The modes may switch in any way, so one V has to serve them all.",
         ),
         (
-            loose := [name for name, arcs in problem.network.modes.items() if arcs.optional],
+            loose := [name for name, arcs in loop.modes.items() if arcs.optional],
             f"The optional arcs of mode {', '.join(loose)} may come and go at any time, "
             "also while the mode lasts.",
         ),
         (linear, "Every coupling is exactly linear: what holds near the target holds everywhere."),
         (
-            problem.exceptions,
-            f"{counted(len(problem.exceptions), 'arc')} with a coupling of their own.",
+            loop.exceptions,
+            f"{counted(len(loop.exceptions), 'arc')} with a coupling of their own.",
         ),
         (
-            problem.offsets,
+            loop.goals.offsets,
             "Agents go to the target plus their formation offset; couplings act on x - offset.",
         ),
     ):

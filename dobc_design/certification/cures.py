@@ -33,7 +33,8 @@ from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.matrix import Matrix, Vector, scale
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
-from dobc_design.problem.arrays import unreached
+from dobc_design.loop.arcs import unreached
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem, gain_table, typed_matrix, typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -141,7 +142,7 @@ def _weights_do(problem: Problem) -> bool:
     W = problem.joint_observer.W if problem.groups else None
     if problem.n <= LARGE or (problem.groups and W is None):
         return False
-    return _has_weights(weighted_stage(state_theorems(problem), W))
+    return _has_weights(weighted_stage(state_theorems(loop_of(problem)), W))
 
 
 def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
@@ -162,10 +163,10 @@ def _held_with_weights(problem: Problem, statements: Statements, *, rate: float 
     """Whether weights of V are proved to do for the network alone: then no pin and no gain is
     missing."""
     if why_not(statements) is not None or any(
-        unreached(problem, [arcs]) for arcs in problem.network.modes.values()
+        unreached(loop_of(problem), [arcs]) for arcs in problem.network.modes.values()
     ):
         return False
-    claim = network_claim(problem, rate)
+    claim = network_claim(loop_of(problem), rate)
     return claim is not None and network_holds(claim, statements, rate=claimed(rate))
 
 
@@ -188,7 +189,7 @@ def _model_parts(problem: Problem) -> list[Fix]:
     parts: list[Fix] = []
     if problem.is_grouped or problem.exosystem is None or too_large(problem.exosystem) is not None:
         return parts
-    reduction = detectability_check(problem.exosystem, problem).fix
+    reduction = detectability_check(problem.exosystem, loop_of(problem)).fix
     if reduction is not None:
         parts.append(reduction)
         problem = changed_problem(problem, reduction.set)
@@ -215,16 +216,16 @@ def _model_parts(problem: Problem) -> list[Fix]:
 def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fix | None:
     """The cheapest pins and gains proved to hold the network: with weights of V for one mode, else
     with Lambda < 0."""
-    present = list(_proved(problem, cures.on_present_pins(problem)))
+    present = list(_proved(problem, cures.on_present_pins(loop_of(problem))))
     if present:
         other = None
         if problem.n <= LARGEST_LOOK and len(problem.pinning.agents) < problem.n:
-            more = _proved(problem, cures.one_more(problem))
+            more = _proved(problem, cures.one_more(loop_of(problem)))
             other = next((each for each in more if not each.proposal.keeps), None)
         cheaper = other is not None and other.total < CHEAPER * present[0].total
         return _pin_fix(problem, present[0], faster=present[1:], other=other if cheaper else None)
     held_back = None
-    apart = {agent for group in cures.groups_without_pin(problem) for agent in group}
+    apart = {agent for group in cures.groups_without_pin(loop_of(problem)) for agent in group}
     if (
         problem.pinning.agents
         and apart
@@ -237,9 +238,9 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
         matrices = {
             mode: enclosed_lambda(findings.statements, mode) for mode in findings.statements.lambdas
         }
-        held_back = unpinned_witness(problem, matrices, findings.directions)
+        held_back = unpinned_witness(loop_of(problem), matrices, findings.directions)
     for search in (cures.one_more, cures.several_more):
-        proved = _proved(problem, search(problem, progress=progress))
+        proved = _proved(problem, search(loop_of(problem), progress=progress))
         accepted = next(proved, None)
         if accepted is not None:
             least = accepted.proposal
@@ -249,7 +250,7 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
                 least.keeps,
             )
             faster = [after] if after is not None and same and not after.proposal.smallest else []
-            groups = cures.groups_without_pin(problem) if len(least.added) > 1 else []
+            groups = cures.groups_without_pin(loop_of(problem)) if len(least.added) > 1 else []
             return _pin_fix(problem, accepted, faster=faster, held_back=held_back, groups=groups)
     return None
 
@@ -262,7 +263,7 @@ def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Acce
             spend(CURE)
             accepted = Accepted(proposal=proposal, gains=proposal.rounded(factor=factor))
             cured = changed_problem(problem, _gain_changes(problem, accepted))
-            statements = state_theorems(cured)
+            statements = state_theorems(loop_of(cured))
             # A rate is that of a V with weights, which Lambda < 0 says nothing about.
             plain = not proposal.rate and all(
                 is_negative(enclosed_lambda(statements, mode)) for mode in statements.lambdas
@@ -299,7 +300,7 @@ def _pin_fix(
     if held_back is not None:
         mode, vector = held_back
         who, pins = (
-            name_agents(carriers(problem, vector)),
+            name_agents(carriers(loop_of(problem), vector)),
             name_agents(_labels(problem, problem.pinning.agents)),
         )
         where = f" in mode {mode}" if several_modes else ""
@@ -420,7 +421,9 @@ def _printed(
         return {}
     progress("looking for a P")
     factor = (
-        cures.scale_needed(problem, check.claim.S) if isinstance(check.claim, PairFacts) else None
+        cures.scale_needed(loop_of(problem), check.claim.S)
+        if isinstance(check.claim, PairFacts)
+        else None
     )
     tries: list[tuple[Matrix, str]] = []
     for more in FACTORS if factor else ():

@@ -14,9 +14,11 @@ import numpy as np
 from dobc_design.conditions.check import Check, surviving
 from dobc_design.conditions.equilibrium.decide import LARGEST, Equilibrium, refuting_check
 from dobc_design.conditions.equilibrium.propose import distance_of, proved_equilibria
-from dobc_design.conditions.schedule.cycles import may_stay
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
-from dobc_design.problem.arrays import no_gain, unreached
+from dobc_design.loop.arcs import unreached
+from dobc_design.loop.arrays import no_gain
+from dobc_design.loop.make import loop_of
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.boxes import CORNERS, RANDOM, asked_box
 from dobc_design.simulation.trials import (
@@ -42,13 +44,14 @@ def equilibrium_check(problem: Problem) -> Check | None:
     """Look for a second equilibrium in the region asked for; the check that refutes, or None, which
     says nothing.  It takes the work of one stage: of very many modes only the first are looked
     at."""
+    problem = as_integrators(problem)
     known = problem.region is not None and problem.node is None and problem.leader is None
     if not known or problem.n * problem.m > LARGEST:
         return None
     best = None
     with surviving("the search for equilibria failed"), np.errstate(all="ignore"):
         best = _nearest(problem)
-    return None if best is None else refuting_check(problem, best)
+    return None if best is None else refuting_check(loop_of(problem), best)
 
 
 def _nearest(problem: Problem) -> Equilibrium | None:
@@ -75,7 +78,8 @@ def _in_modes(problem: Problem) -> Iterator[Equilibrium]:
     rng = np.random.default_rng(0)
     for number, mode in enumerate(arena.modes):
         # what rests in such a mode is moved by others: no refutation by the contract
-        if not may_stay(problem, mode) or unreached(problem, [problem.network.modes[mode]]):
+        loop = loop_of(problem)
+        if not loop.may_stay(mode) or unreached(loop, [loop.modes[mode]]):
             continue
         spend(RUNS_WORK)
         drawn = [box.draw(rng, count, kind)[0] for kind in (CORNERS, RANDOM)]

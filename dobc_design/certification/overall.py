@@ -13,6 +13,7 @@ from fractions import Fraction
 from dobc_design._show.text import significant_away_from_zero
 from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
@@ -20,7 +21,7 @@ from dobc_design.conditions.graphs.decide import absorbing, generator_of, signal
 from dobc_design.conditions.numbers import read_rational, rounded_up, text_below
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
 from dobc_design.conditions.reason import Reason
-from dobc_design.conditions.schedule.cycles import cycles_of, may_stay, phases_of
+from dobc_design.conditions.schedule.cycles import cycles_of
 from dobc_design.conditions.stated import (
     ACCURACY,
     LIMIT,
@@ -34,10 +35,8 @@ from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.exact.work import out_of_time, time_limit
-from dobc_design.problem.agreement import agreement_words
-from dobc_design.problem.arrays import closed_groups, unreached
-from dobc_design.problem.integrators import slopes_of_nodes
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.arcs import closed_groups, unreached
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 # which carry the verdict where nothing holds for arbitrary switching
@@ -76,29 +75,27 @@ def with_verdict(claims: Claims, overall: Overall) -> Claims:
     )
 
 
-def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> Overall:
+def decide_overall(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> Overall:
     """Combine checks decided for the gain W.  Of these only verdicts, domains, rates and proved
     instabilities enter, never a text; the rest is exact facts of ``problem``.  A designed W that
     fails says nothing against the problem."""
-    stated = stated_in(problem)
-    covering = [check for check in checks if covers(problem, check, checks)]
+    stated = stated_in(loop)
+    covering = [check for check in checks if covers(loop, check, checks)]
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
         covering = [check for check in covering if check.kind.role != "safety"]
     if covering:
         best = min(covering, key=_preference)
-        return _proved(problem, checks, best) if not stated else _with_tables(problem, checks, best)
-    refuted = (
-        _apart_reason(problem) or _adrift_reason(problem) or _refuted_reason(problem, checks, W)
-    )
+        return _proved(loop, checks, best) if not stated else _with_tables(loop, checks, best)
+    refuted = _apart_reason(loop) or _adrift_reason(loop) or _refuted_reason(loop, checks, W)
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, why=Reason(head=refuted))
-    why = _undecided_reason(problem, checks).followed_by(_moving_words(problem, checks, None))
+    why = _undecided_reason(loop, checks).followed_by(_moving_words(loop, checks, None))
     return Overall(verdict=Verdict.UNDECIDED, why=why)
 
 
-def _proved(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
+def _proved(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
     """The verdict that ``best`` carries for the model without tables."""
-    reason = _proved_reason(problem, best) + _moving_words(problem, checks, best)
+    reason = _proved_reason(loop, best) + _moving_words(loop, checks, best)
     return Overall(
         verdict=Verdict.PROVED,
         rate=best.rate,
@@ -108,13 +105,13 @@ def _proved(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
     )
 
 
-def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
+def _with_tables(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
     """The verdict about the plant that the file states, where ``best`` proves what is asked of the
     model alone."""
-    stated, open_tables = stated_in(problem), list(gaps(problem, checks))
+    stated, open_tables = stated_in(loop), list(gaps(loop, checks))
     if open_tables:
         without = " and ".join(_NAMES[id] for id in stated.wanted)
-        arrival = _arrival(problem, best, pace=best).replace("All", "all", 1)
+        arrival = _arrival(loop, best, pace=best).replace("All", "all", 1)
         told = f"without {without} {arrival}"
         reasons = dict.fromkeys(gap.reason for gap in open_tables)
         for reason in reasons:
@@ -126,18 +123,16 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
     carrier = best
     for id in (ACCURACY, TOLERANCE):
         if id in stated.wanted:
-            carrier = answer_of(problem, checks, id) or best
-    reason = _arrival(
-        problem, best, pace=carrier, final=carrier if carrier.id == ACCURACY else None
-    )
+            carrier = answer_of(loop, checks, id) or best
+    reason = _arrival(loop, best, pace=carrier, final=carrier if carrier.id == ACCURACY else None)
     if carrier is not best:
-        reason += f", with {table_words(problem, carrier.id)}"
+        reason += f", with {table_words(loop, carrier.id)}"
     if stated.limit:
         reason += (
-            f", and no {_limited(problem)} exceeds "
-            f"{table_words(problem, LIMIT)}{_limited_starts(problem, checks)}"
+            f", and no {_limited(loop)} exceeds "
+            f"{table_words(loop, LIMIT)}{_limited_starts(loop, checks)}"
         )
-    reason += f".{_local_words(carrier)}{_moving_words(problem, checks, best)}"
+    reason += f".{_local_words(carrier)}{_moving_words(loop, checks, best)}"
     return Overall(
         verdict=Verdict.PROVED,
         rate=carrier.rate,
@@ -147,24 +142,24 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
     )
 
 
-def _limited(problem: Problem) -> str:
+def _limited(loop: Loop) -> str:
     """Which inputs the limits are about."""
-    limits = None if problem.actuators is None else problem.actuators.limit
+    limits = None if loop.actuators is None else loop.actuators.limit
     return (
         "input"
-        if not isinstance(limits, Mapping) or len(limits) == problem.n
+        if not isinstance(limits, Mapping) or len(limits) == loop.n
         else "input of an agent with a limit"
     )
 
 
-def _limited_starts(problem: Problem, checks: Sequence[Check]) -> str:
+def _limited_starts(loop: Loop, checks: Sequence[Check]) -> str:
     """From where no limit is reached.  Without a region that is a box, whatever the domain of the
     consensus is."""
-    held = answer_of(problem, checks, LIMIT)
-    if problem.region is not None or held is None or not isinstance(held.domain, Mapping):
+    held = answer_of(loop, checks, LIMIT)
+    if loop.starts is not None or held is None or not isinstance(held.domain, Mapping):
         return ""
     starts = f"|e_i| <= {held.domain['radius']:.6g}"
-    if problem.groups:
+    if loop.groups:
         starts += f" and |eps_i| <= {held.domain['disturbance']:.6g}"
     return f" from starts with {starts}"
 
@@ -178,10 +173,10 @@ def _preference(check: Check) -> tuple[bool, float, float]:
     return check.id in OF_A_GUARANTEE, check.time_to_one_percent, -(check.rate or 0.0)
 
 
-def _moving_words(problem: Problem, checks: Sequence[Check], best: Check | None) -> str:
+def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> str:
     """What is proved of graphs that move, beside the proof that carries the verdict."""
-    own, words = problem.switching, ""
-    if own is None or own.signal != "mobile":
+    words = ""
+    if not loop.guarantee.moves:
         return words
     if best is not None and best.id != "safety":
         words = " This is about the graphs of the declared modes"
@@ -199,22 +194,22 @@ def _moving_words(problem: Problem, checks: Sequence[Check], best: Check | None)
     return words + "".join(f" {check.reason[:1].upper()}{check.reason[1:]}" for check in safe)
 
 
-def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> str | None:
-    region = problem.region
-    for group in problem.groups if region is None or (region.initial_disturbance or 0) > 0 else ():
-        own = group.observer.W if problem.is_grouped or group.observer.W == W else None
+def _refuted_reason(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> str | None:
+    region = loop.starts
+    for group in loop.groups if region is None or (region.disturbance or 0) > 0 else ():
+        own = group.observer.W if loop.is_grouped or group.observer.W == W else None
         if own is None or too_large(group.exosystem) is not None:
             continue
         if not observable_part_is_hurwitz(group.exosystem, own):
-            whose = f" of the group of agent {group.name}" if problem.is_grouped else ""
+            whose = f" of the group of agent {group.name}" if loop.is_grouped else ""
             told = (
                 f"Consensus fails: with this W{whose} the estimation error does not decay, and "
                 "it reaches the"
             )
             return told + " agents. Choose another W, or leave W out to have one designed."
     refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
-    for check in refuting if region is None or _target_is_interior(problem) else ():
-        stays = may_stay(problem, check.mode or next(iter(problem.network.modes)))
+    for check in refuting if region is None or _target_is_interior(loop) else ():
+        stays = loop.may_stay(check.mode or next(iter(loop.modes)))
         if isinstance(check.claim, Unstable) and check.claim.roots and stays:
             where = "" if check.mode is None else f"in mode {check.mode} "
             text = f"Consensus fails: {where}the linearisation at the target is unstable"
@@ -229,30 +224,30 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
     return resting[0] if resting else None
 
 
-def _apart_reason(problem: Problem) -> str | None:
+def _apart_reason(loop: Loop) -> str | None:
     """Agents that nothing pulls to the target, always, in a cycle of modes, or in modes that a
     Markov chain never leaves, if the region lets them start so."""
-    labels, phases = problem.network.labels, phases_of(problem)
+    labels, phases = loop.labels, loop.guarantee.phases
     # what no gain and no slope of f acts on, f itself may still pull: x' = -x**3
-    if problem.node is not None:
+    if loop.drift_place is not None:
         return None
     cycles = cycles_of(phases) if len(phases) <= MOST_PHASES else []
-    for cycle in ((), *cycles, *absorbing(problem)):
-        reason = _apart_in(problem, cycle, labels)
+    for cycle in ((), *cycles, *absorbing(loop)):
+        reason = _apart_in(loop, cycle, labels)
         if reason is not None:
             return reason
     return None
 
 
-def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> str | None:
+def _apart_in(loop: Loop, cycle: Sequence[str], labels: Sequence[str]) -> str | None:
     """The same for these modes, or for all with every arc there; what an allowed signal may leave
     out is left out."""
-    modes = problem.network.modes
+    modes = loop.modes
     arcs, whole = [modes[mode] for mode in cycle], len(cycle) in (0, len(modes))
     arcs = arcs or [each.present for each in modes.values()]
-    apart = unreached(problem, arcs)
-    for group, free in unheld_groups(problem, arcs):
-        c = _start_apart(problem, group, free)
+    apart = unreached(loop, arcs)
+    for group, free in unheld_groups(loop, arcs):
+        c = _start_apart(loop, group, free)
         if c is None:
             continue
         if set(group) <= set(apart):
@@ -269,22 +264,22 @@ def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> 
                     else f"modes {' and '.join(cycle)} are"
                 )
                 while_on = f"while {turns} on, as the guarantee allows"
-                if generator_of(problem) is not None:
+                if generator_of(loop) is not None:
                     on = f"mode {cycle[0]}" if len(cycle) == 1 else f"modes {', '.join(cycle)}"
                     while_on = f"once the Markov signal is in {on}, which it never leaves"
                 pins = f"{while_on}, {pins}, so nothing pulls {them}"
             else:
                 pins += f", in any mode, so nothing pulls {them}"
-            if not problem.pinning.agents:
+            if not loop.pulls.nodes:
                 text = (
                     f"The target is not reached: no agent is pinned, so nothing pulls {who} to it."
                 )
                 return " ".join(
-                    filter(None, (text, agreement_words(problem), cure_in_words(problem, arcs)))
+                    filter(None, (text, agreement_words(loop), cure_in_words(loop, arcs)))
                 )
-            return f"Consensus fails: {pins} to the target. {cure_in_words(problem, arcs)}"
+            return f"Consensus fails: {pins} to the target. {cure_in_words(loop, arcs)}"
         direction = ", ".join(number_text(x) for x in c)
-        own = "the gains" if problem.origin is None else "the gains and the dynamics"
+        own = "the gains" if loop.drift is None else "the gains and the dynamics"
         text = (
             f"Consensus fails: {own} of {name_agents(tuple(labels[i] for i in group))} leave "
             "the direction"
@@ -297,87 +292,82 @@ def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> 
     return None
 
 
-def _adrift_reason(problem: Problem) -> str | None:
+def _adrift_reason(loop: Loop) -> str | None:
     """Agents that no pin reaches, in any mode, have e' = A e if they start alike."""
-    A, origin = slopes_of_nodes(problem), problem.origin
-    if origin is None or not A or problem.node is not None or not _target_is_interior(problem):
+    A = loop.slopes
+    if not A or loop.drift_place is not None or not _target_is_interior(loop):
         return None
-    arcs, pinned = (
-        [each.present for each in problem.network.modes.values()],
-        set(origin.pinning.agents),
-    )
-    alone = [group for group in closed_groups(problem, arcs) if not pinned & set(group)]
+    arcs = [each.present for each in loop.modes.values()]
+    pinned = set(loop.pins.nodes)
+    alone = [group for group in closed_groups(loop, arcs) if not pinned & set(group)]
     if not alone or decide_hurwitz(A).verdict is not Verdict.REFUTED:
         return None
-    who = name_agents([problem.network.labels[i] for i in alone[0]])
+    who = name_agents([loop.labels[i] for i in alone[0]])
     text = (
         f"Consensus fails: no pinned agent reaches {who}, in any mode, and a common error "
         "there does not decay:"
     )
-    return f"{text} A is not Hurwitz. {cure_in_words(origin, arcs)}"
+    return f"{text} A is not Hurwitz. {cure_in_words(loop, arcs)}"
 
 
-def _start_apart(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> Vector | None:
+def _start_apart(loop: Loop, group: Sequence[int], free: Sequence[Vector]) -> Vector | None:
     """A c != 0 for which the region allows e_S = c and no gain of the group acts on c; None if
     there is none."""
-    if problem.region is None:
+    if loop.starts is None:
         return free[0]
-    box = _room(problem, group)
+    box = _room(loop, group)
     if any(lo > hi for lo, hi in box):
         return None
     box = [
-        (lo - last, hi - first) for (lo, hi), (first, last) in zip(box, problem.leads, strict=True)
+        (lo - last, hi - first)
+        for (lo, hi), (first, last) in zip(box, loop.goals.starts, strict=True)
     ]
-    return find_in_nullspace(
-        tuple(row for i in group for row in problem.pinning.gains.get(i, ())), box
-    )
+    return find_in_nullspace(tuple(row for i in group for row in loop.pulls.gains.get(i, ())), box)
 
 
-def _target_is_interior(problem: Problem) -> bool:
+def _target_is_interior(loop: Loop) -> bool:
     """Whether all agents may start beside their goals, in every direction; with a leader, for one
     of its starts."""
     # no room is asked for without a region
-    rooms = zip(_room(problem, range(problem.n)), problem.leads, strict=False)
+    rooms = zip(_room(loop, range(loop.n)), loop.goals.starts, strict=False)
     return all(lo < hi and lo < last and first < hi for (lo, hi), (first, last) in rooms)
 
 
-def _room(problem: Problem, group: Sequence[int]) -> list[tuple[Fraction, Fraction]]:
+def _room(loop: Loop, group: Sequence[int]) -> list[tuple[Fraction, Fraction]]:
     """By component, where x_i - goal_i may start for all agents of a group alike."""
-    pairs = problem.region.initial_states if problem.region is not None else ()
-    goals = {problem.goal_of(agent) for agent in group} if problem.offsets else {problem.target}
+    pairs = loop.starts.states if loop.starts is not None else ()
+    goals = {loop.goals.of(agent) for agent in group} if loop.goals.offsets else {loop.goals.target}
     return [
         (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals))
         for c, (lo, hi) in enumerate(pairs)
     ]
 
 
-def _proved_reason(problem: Problem, check: Check) -> str:
-    return f"{_arrival(problem, check, pace=check)}.{_local_words(check)}"
+def _proved_reason(loop: Loop, check: Check) -> str:
+    return f"{_arrival(loop, check, pace=check)}.{_local_words(check)}"
 
 
 def _local_words(check: Check) -> str:
     return " The proof is local: it states no radius." if check.domain == "consensus" else ""
 
 
-def _arrival(problem: Problem, check: Check, *, pace: Check, final: Check | None = None) -> str:
+def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = None) -> str:
     """Who arrives where, from which starts and how fast, without a full stop.  ``pace``: the check
     whose rate counts; ``final``: a proved ``accuracy``."""
-    switching = f" {signals_in_words(problem, check)}".rstrip()
+    switching = f" {signals_in_words(loop, check)}".rstrip()
     shown = check if final is None else final
-    elsewhere = (
-        " in the region" if problem.region is not None else f" with {_domain_in_words(shown)}"
-    )
+    elsewhere = " in the region" if loop.starts is not None else f" with {_domain_in_words(shown)}"
     which = {"global": "", "consensus": " close enough to it"}.get(str(shown.domain), elsewhere)
     if final is not None:
-        goal = "the target" if problem.leader is None else "the leader"
-        goal += " plus their offset" if problem.offsets else ""
-        goal += ", in every component," if problem.m > 1 else ""
+        goal = "the target" if not loop.goals.moves else "the leader"
+        goal += " plus their offset" if loop.goals.offsets else ""
+        goal += ", in every component," if loop.m > 1 else ""
         return (
             f"All agents end within {_final_bound(final)} of {goal} from every "
             f"start{which}{switching}"
         )
-    arrive = "reach the target" if problem.leader is None else "follow the leader"
-    return f"All agents {arrive} from every start{which}{switching}{_pace_in_words(problem, pace)}"
+    arrive = "reach the target" if not loop.goals.moves else "follow the leader"
+    return f"All agents {arrive} from every start{which}{switching}{_pace_in_words(loop, pace)}"
 
 
 def _final_bound(check: Check) -> str:
@@ -389,7 +379,7 @@ def _final_bound(check: Check) -> str:
     return f"{float(rounded_up(max(listed), digits=4)):.6g}"
 
 
-def _pace_in_words(problem: Problem, check: Check) -> str:
+def _pace_in_words(loop: Loop, check: Check) -> str:
     """The rate with its factor, and what they say together."""
     if not check.rate:
         return ""
@@ -398,21 +388,21 @@ def _pace_in_words(problem: Problem, check: Check) -> str:
         return pace
     factor = significant_away_from_zero(check.factor)
     time = significant_away_from_zero(check.time_to_one_percent, 3)
-    beside = ", up to what the estimation error adds" if problem.groups else ""
+    beside = ", up to what the estimation error adds" if loop.groups else ""
     return (
         f"{pace} with a factor of {factor}: {check.norm} falls to one percent within {time} "
         f"s{beside}"
     )
 
 
-def _reached(problem: Problem, checks: Sequence[Check]) -> Reason | None:
+def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
     """How far the regional proofs reach, and what would help; None if none was tried or applies."""
     tried = [check for check in checks if check.kind.role == "region" and check.applies]
     proved = [check for check in tried if check.verdict is Verdict.PROVED]
     if not tried:
         return None
     if tried[0].verdict is Verdict.REFUTED and not proved:
-        signals = " Consensus may still hold for some signals." if problem.network.switches else ""
+        signals = " Consensus may still hold for some signals." if loop.switches else ""
         head = f"{tried[0].reason}{signals} More pinned agents would help."
         return Reason(head=head, is_open=True)
     near = proved or any(
@@ -428,9 +418,9 @@ def _reached(problem: Problem, checks: Sequence[Check]) -> Reason | None:
         head = f"no proof reaches the region asked for: {tried[0].reason}"
         return Reason(head=head, advice=advice, is_open=True)
     reach = ", ".join(_domain_in_words(check) for check in proved)
-    asked = f"|e_i| <= {float(min(max(asked_radius(problem)), MOST)):.6g}"
-    if problem.region is not None and problem.region.initial_disturbance:
-        asked += f" and |eps_i| <= {float(min(problem.region.initial_disturbance, MOST)):.6g}"
+    asked = f"|e_i| <= {float(min(max(asked_radius(loop)), MOST)):.6g}"
+    if loop.starts is not None and loop.starts.disturbance:
+        asked += f" and |eps_i| <= {float(min(loop.starts.disturbance, MOST)):.6g}"
     head = f"consensus is proved from {reach}; the region asks for {asked}."
     return Reason(head=head, advice=advice, is_open=True)
 
@@ -480,7 +470,7 @@ def _cut_reason(checks: Sequence[Check]) -> Reason | None:
     return Reason(head=told, is_open=True)
 
 
-def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> Reason:
+def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
     cut = _cut_reason(checks)
     if cut is not None:
         return cut
@@ -490,15 +480,15 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> Reason:
     somewhere = any(
         check.kind.role == "region" and check.verdict is Verdict.PROVED for check in checks
     )
-    if unmet and problem.network.switches and not somewhere:
+    if unmet and loop.switches and not somewhere:
         text = f"in mode {unmet[0].mode} {unmet[0].reason}"
         rest = "Consensus may still hold for signals that leave that mode often enough."
-        if problem.network.modes[str(unmet[0].mode)].optional:
+        if loop.modes[str(unmet[0].mode)].optional:
             where = 'with a guarantee in [switching] on time (such as "dwell"), in another one'
             always = "An arc that is always there would help as well"
             rest = f"{always}: in this mode or, {where} that comes often enough."
         return Reason(head=f"{text} {rest}", is_open=True)
-    reached = None if problem.region is None else _reached(problem, checks)
+    reached = None if loop.starts is None else _reached(loop, checks)
     if reached is not None:
         return reached
     local = [
@@ -506,8 +496,8 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> Reason:
         for c in checks
         if c.kind.is_consensus and c.verdict is Verdict.PROVED and c.domain == "consensus"
     ]
-    complete = [c for c in local if c.id != "lemma1"] if problem.groups else local
-    if complete and problem.region is not None:
+    complete = [c for c in local if c.id != "lemma1"] if loop.groups else local
+    if complete and loop.starts is not None:
         near = "consensus is proved near the target only, and the region asked for is larger."
         return Reason(head=f"{near} {ALONE}", is_open=True)
     ids: tuple[str, ...] = (
@@ -518,7 +508,7 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> Reason:
         "theorem1",
         "lemma1",
     )
-    ids = ("lure", *ids) if problem.slopes_move else ids
+    ids = ("lure", *ids) if loop.slopes_move else ids
     unproved = [
         check for check in checks if check.id in ids and check.verdict is not Verdict.PROVED
     ]

@@ -34,9 +34,10 @@ from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
 from dobc_design.exact.work import last_call
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 from dobc_design.problem.groups import blocks_of
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -167,10 +168,11 @@ def _what_follows(*refusals: str) -> str:
 def agreed(claims: Claims, problem: Problem) -> Claims:
     """What both programs confirm of claims just made: what the lone checker refuses becomes
     undecided."""
-    arcs = sum(len(mode) for mode in problem.network.modes.values())
-    if arcs > PROMPT_ARCS or problem.n * problem.m > PROMPT_ARCS:
+    loop = loop_of(problem)
+    arcs = sum(len(mode) for mode in loop.modes.values())
+    if arcs > PROMPT_ARCS or loop.size > PROMPT_ARCS:
         return claims
-    document, domain = canonical_bytes(problem), state_theorems(problem).domain
+    document, domain = canonical_bytes(problem), state_theorems(loop).domain
     while True:  # what rests on a check that is withdrawn falls in the next round
         data, checks = certificate_bytes(claims), claims.checks
         if max(len(data), len(document)) > checker.MAX_BYTES:
@@ -199,7 +201,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
             else check
             for check, bad, (_, text) in zip(checks, refused, said, strict=True)
         )
-        overall, proofs = decide_overall(problem, checks, claims.W), ("theorem1", "theorem2")
+        overall, proofs = decide_overall(loop, checks, claims.W), ("theorem1", "theorem2")
         pair = any(check.id in proofs and check.verdict is Verdict.PROVED for check in checks)
         claims = replace(
             claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None
@@ -224,29 +226,29 @@ def _unasked_words(unasked: Sequence[Check]) -> str:
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
     """Confirm the claims one by one, then that the verdict follows from those confirmed.  Raises:
     CertificateError."""
-    problem = as_integrators(problem)
+    loop = loop_of(problem)
     claims = read_claims(certificate) if isinstance(certificate, bytes) else certificate
     failures: list[str] = []
     if claims.problem_sha256 != problem_sha256(problem):
         failures.append("problem: the certificate is about another problem (its hash differs)")
-    elif claims.problem_name != problem.name:
+    elif claims.problem_name != loop.name:
         failures.append("problem: its name is not what it says")
     if claims.notes[: len(problem.notes)] != problem.notes:
         failures.append("notes: those of the problem are missing or changed")
     found = [(check.id, check.mode, check.group) for check in claims.checks]
     if len(set(found)) != len(found):  # one that is expensive could stand there a thousand times
         failures.append("checks: a check stands there twice")
-    failures += _matrix_failures(claims, problem) if not failures else []
+    failures += _matrix_failures(claims, loop) if not failures else []
     confirmed: list[Check] = []
     if not failures:
-        trusted = trust(claims, problem)
+        trusted = trust(claims, loop)
         for check in claims.checks:
             try:
                 reason = confirm(check, trusted) or factor_obstacle(
-                    check, claims.checks, problem, claims.W
+                    check, claims.checks, loop, claims.W
                 )
                 read = (
-                    replace(check, claim=claim_of(check, problem, claims.W))
+                    replace(check, claim=claim_of(check, loop, claims.W))
                     if reason is None
                     else check
                 )
@@ -264,7 +266,7 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
                 confirmed.append(read)
             else:
                 failures.append(f"{check.title}: {reason}")
-        failures += _overall_failures(claims, problem, confirmed)
+        failures += _overall_failures(claims, loop, confirmed)
     return Recheck(
         verdict=claims.verdict,
         confirmed=tuple(check.title for check in confirmed),
@@ -277,7 +279,7 @@ class Trusted:
     """What claims are confirmed against; ``separable`` and ``accuracy``: the checks of these ids
     beside, on which others rest."""
 
-    problem: Problem
+    loop: Loop
     statements: Statements
     W: Matrix | None
     pair: Pair | None
@@ -285,7 +287,7 @@ class Trusted:
     accuracy: Check | None = None
 
 
-def trust(claims: Claims, problem: Problem) -> Trusted:
+def trust(claims: Claims, loop: Loop) -> Trusted:
     """What the claims are confirmed against, with the vectors v > 0 that proved checks of Lemma 1
     bring."""
     pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
@@ -293,7 +295,7 @@ def trust(claims: Claims, problem: Problem) -> Trusted:
         next((check for check in claims.checks if check.id == id), None)
         for id in ("max-separable", "accuracy")
     )
-    statements, vectors = state_theorems(problem), {}
+    statements, vectors = state_theorems(loop), {}
     for check in claims.checks:
         exact = check.exact if check.id == "lemma1" and check.verdict is Verdict.PROVED else None
         if exact is not None and set(exact) == {"v"}:
@@ -301,11 +303,11 @@ def trust(claims: Claims, problem: Problem) -> Trusted:
                 vector = doubles_from_json(exact["v"])
             except (TypeError, ValueError):
                 continue
-            if len(vector) == problem.n * problem.m and check.mode in statements.lambdas:
+            if len(vector) == loop.n * loop.m and check.mode in statements.lambdas:
                 vectors[str(check.mode)] = vector
     statements = consensus.with_vectors(statements, vectors)
     return Trusted(
-        problem=problem,
+        loop=loop,
         statements=statements,
         W=claims.W,
         pair=pair,
@@ -314,22 +316,20 @@ def trust(claims: Claims, problem: Problem) -> Trusted:
     )
 
 
-def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None], ...]:
+def expected_checks(loop: Loop) -> tuple[tuple[str, str | None, str | None], ...]:
     """The (id, mode, group) of the checks that every complete certificate holds; regional ones may
     stand beside."""
     modes, observer_ids = (
-        tuple(problem.network.modes),
+        tuple(loop.modes),
         ("observability", "detectability", "hurwitz"),
     )
-    theorem = "theorem2" if problem.network.switches else "theorem1"
-    theorems = (
-        [f"{theorem}-printed", theorem] if problem.joint_observer.P is not None else [theorem]
-    )
-    names = [group.name if problem.is_grouped else None for group in problem.groups]
+    theorem = "theorem2" if loop.switches else "theorem1"
+    theorems = [f"{theorem}-printed", theorem] if loop.joint_observer.P is not None else [theorem]
+    names = [group.name if loop.is_grouped else None for group in loop.groups]
     return (
         *((id, None, name) for name in names for id in observer_ids),
         *((id, mode, None) for id in ("reachability", "lemma1") for mode in modes),
-        *((id, None, None) for id in theorems if problem.groups),
+        *((id, None, None) for id in theorems if loop.groups),
     )
 
 
@@ -338,8 +338,8 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     claim raises. Nothing is believed: matrices are rebuilt, witnesses multiplied out, margins and
     rates proved as they are written. A proof may claim less than is true (a smaller margin or rate,
     "undecided"), never more."""
-    problem, W, domain = trusted.problem, trusted.W, trusted.statements.domain
-    expected = (check.id, check.mode, check.group) in expected_checks(problem)
+    loop, W, domain = trusted.loop, trusted.W, trusted.statements.domain
+    expected = (check.id, check.mode, check.group) in expected_checks(loop)
     if not expected and (check.group is not None or check.kind.topic in ("observer", "consensus")):
         return f"{check.title} does not belong to this problem"
     if not expected and (check.mode is not None or check.margin is not None):
@@ -356,19 +356,19 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
             else "an undecided check must claim nothing"
         )
     if check.kind.topic == "observer":
-        return observer.confirm(check, problem, W)
+        return observer.confirm(check, loop, W)
     if check.kind.topic == "linearisation":
         return linearisation.confirm(check, trusted.statements, W)
     if check.kind.topic == "weighted":
-        return weighted.confirm(check, problem, W, statements=trusted.statements)
+        return weighted.confirm(check, loop, W, statements=trusted.statements)
     if check.kind.topic == "separable":
-        return separable.confirm(check, problem, W, domain=domain, proof=trusted.separable)
+        return separable.confirm(check, loop, W, domain=domain, proof=trusted.separable)
     if check.kind.topic == "margins":
         return margins.confirm(
-            check, problem, W, domain=domain, proof=trusted.separable, final=trusted.accuracy
+            check, loop, W, domain=domain, proof=trusted.separable, final=trusted.accuracy
         )
     if check.kind.topic in REGIONAL:
-        return REGIONAL[check.kind.topic](check, problem, W, domain=domain)
+        return REGIONAL[check.kind.topic](check, loop, W, domain=domain)
     refutes = check.verdict is Verdict.REFUTED and check.id in ("theorem1", "theorem2")
     if refutes and (check.exact or {}).get("block") in ("detectability", "hurwitz"):
         return _confirm_obstacle(check, trusted)
@@ -383,7 +383,7 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
         return "a refuted check must claim no rate and no positive margin"
     exact = check.exact or {}
     block, group = exact["block"], exact.get("group")
-    exosystem, W = observer.group_of(group, trusted.problem, trusted.W)
+    exosystem, W = observer.group_of(group, trusted.loop, trusted.W)
     own = (
         observer.detectability_check(exosystem)
         if block == "detectability"
@@ -392,8 +392,7 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
     if own.verdict is not Verdict.REFUTED:
         return f"{block} is {own.verdict.value}"
     given = any(
-        group in (each.name, None) and each.observer.W is not None
-        for each in trusted.problem.groups
+        group in (each.name, None) and each.observer.W is not None for each in trusted.loop.groups
     )
     if block == "hurwitz" and not given:
         return "another W can be designed, so no pair is ruled out"
@@ -403,10 +402,10 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
     return None
 
 
-def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
+def _matrix_failures(claims: Claims, loop: Loop) -> list[str]:
     """W must be the problem's own where it has one, P symmetric, and Q = P W; of several groups,
     block diagonal."""
-    q, outputs = problem.q, problem.m * max(1, len(problem.groups))
+    q, outputs = loop.q, loop.m * max(1, len(loop.groups))
     shapes = {"W": (claims.W, (q, outputs)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, outputs))}
     failures = [
         f"{name}: expected shape {shape}"
@@ -415,7 +414,7 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     ]
     if failures:
         return failures
-    own = problem.joint_observer.W
+    own = loop.joint_observer.W
     for name, matrix in (("P", claims.P), ("W", claims.W if own is None else None)):
         if matrix is not None and not is_short(matrix):
             return [
@@ -423,7 +422,7 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
             ]
     if own not in (None, claims.W):
         failures.append("W: not the gain of the problem")
-    orders = [group.exosystem.order for group in problem.groups] if problem.is_grouped else []
+    orders = [group.exosystem.order for group in loop.groups] if loop.is_grouped else []
     if (
         orders
         and claims.P is not None
@@ -431,8 +430,8 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     ):
         failures.append("P: not block diagonal")
     if orders and claims.W is not None:
-        blocks = blocks_of(claims.W, [(each, problem.m) for each in orders])
-        given = [group.observer.W for group in problem.groups]
+        blocks = blocks_of(claims.W, [(each, loop.m) for each in orders])
+        given = [group.observer.W for group in loop.groups]
         if blocks is None:
             failures.append("W: not block diagonal")
         elif any(
@@ -452,9 +451,9 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     return failures
 
 
-def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Check]) -> list[str]:
+def _overall_failures(claims: Claims, loop: Loop, confirmed: Sequence[Check]) -> list[str]:
     found = [(check.id, check.mode, check.group) for check in claims.checks]
-    lacking = [each for each in expected_checks(problem) if each not in found]
+    lacking = [each for each in expected_checks(loop) if each not in found]
     missing = [
         f"{id} ({mode or f'group of {group}'})" if mode or group else id
         for id, mode, group in lacking
@@ -465,7 +464,7 @@ def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Chec
     proofs = [check for check in claims.checks if check.id in ("theorem1", "theorem2")]
     if claims.P is not None and not any(check.verdict is Verdict.PROVED for check in proofs):
         failures.append("P, Q: they belong to no proof")
-    overall = decide_overall(problem, confirmed, claims.W)
+    overall = decide_overall(loop, confirmed, claims.W)
     if overall.verdict is not claims.verdict:
         failures.append(
             f"verdict: {claims.verdict.value} does not follow from the confirmed checks "

@@ -340,8 +340,8 @@ def _certified(problem: Problem, wanted: _Wanted, progress: Callable[[str], None
 
 def _head(certificate: Certificate) -> dict[str, Any]:
     """What both documents begin with."""
-    from dobc_design.problem.contradictions import warnings
-    from dobc_design.problem.meaning import remarks
+    from dobc_design.description.contradictions import warnings
+    from dobc_design.description.meaning import remarks
 
     return {
         "verdict": certificate.verdict.value,

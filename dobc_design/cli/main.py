@@ -147,9 +147,9 @@ def check(
     as_json: output.Json = False,
 ) -> None:
     """Validate a problem and say in words what it means."""
+    from dobc_design.description.words import describe, facts
     from dobc_design.problem.canonical import canonical_bytes, problem_sha256
     from dobc_design.problem.load import load_problem
-    from dobc_design.problem.words import describe, facts
 
     if canonical is not None:
         output.check_target(canonical, force=force, key="--canonical")

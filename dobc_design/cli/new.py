@@ -67,8 +67,8 @@ def new(
             raise SpecError(what, key=option, cure="Leave it out.")
     problem, read = None, ""
     if source is not None:
+        from dobc_design.description.words import size_words
         from dobc_design.importing.files import problem_from_file
-        from dobc_design.problem.words import size_words
 
         problem = problem_from_file(source, arrow=arrow, merge=merge, drop_loops=drop_loops)
         read = f"read {source.name}: {size_words(problem.network)}\n"

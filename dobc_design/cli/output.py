@@ -235,7 +235,7 @@ def remark_lines(problem: Problem) -> Iterator[Text]:
     """What the problem means, and what looks like a slip in it, said before any verdict."""
     from rich.text import Text
 
-    from dobc_design.problem.words import meaning_lines
+    from dobc_design.description.words import meaning_lines
 
     for line in meaning_lines(problem):
         head, _, words = line.partition(": ")

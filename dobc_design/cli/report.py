@@ -11,6 +11,7 @@ import typer
 
 from dobc_design.cli import output
 from dobc_design.errors import CertificateError, SpecError
+from dobc_design.loop.make import loop_of
 
 if TYPE_CHECKING:
     from dobc_design.certificate.claims import Claims
@@ -259,11 +260,10 @@ def _with_own_sentence(claims: Claims, problem: Problem) -> Claims:
     """Claims that hold, with the sentence of a decided verdict made from them: no text in a
     certificate is judged."""
     from dobc_design.certification.overall import decide_overall
-    from dobc_design.problem.integrators import as_integrators
     from dobc_design.verdict import Verdict
 
     # An undecided one says what would help, which its claims do not hold.
     if claims.verdict is Verdict.UNDECIDED:
         return claims
-    decided = decide_overall(as_integrators(problem), claims.checks, claims.W)
+    decided = decide_overall(loop_of(problem), claims.checks, claims.W)
     return replace(claims, why=decided.why)

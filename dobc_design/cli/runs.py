@@ -15,6 +15,7 @@ import typer
 
 from dobc_design.cli import output
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
@@ -226,7 +227,7 @@ def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) ->
 
     progress("verifying the certificate")
     claims = output.read_claims(place, problem)
-    if claims.W is not None and observer_gain(problem) != claims.W:
+    if claims.W is not None and observer_gain(loop_of(problem)) != claims.W:
         message = (
             "the certificate is about another observer gain W than the one that is designed here."
         )

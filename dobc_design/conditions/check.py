@@ -22,7 +22,7 @@ from dobc_design._show.text import significant_away_from_zero, significant_towar
 from dobc_design.conditions.kinds import KINDS, Kind
 from dobc_design.conditions.numbers import claimed, read_rational, time_to_one_percent
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 logger = logging.getLogger("dobc_design")
@@ -285,7 +285,7 @@ def starts_in(kind: str, radius: float, disturbance: float) -> Domain:
     return {"kind": kind, "radius": radius, "disturbance": disturbance}
 
 
-def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fraction, Fraction]:
+def read_domain(domain: object, loop: Loop, *, kind: str) -> tuple[Fraction, Fraction]:
     """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".  Raises: ValueError or
     TypeError."""
     if (
@@ -297,7 +297,7 @@ def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fractio
     radius, disturbance = number_or_none(domain["radius"]), number_or_none(domain["disturbance"])
     if radius is None or radius <= 0 or disturbance is None or disturbance < 0:
         raise ValueError("the radius must be > 0 and the disturbance >= 0")
-    if disturbance and not problem.groups:
+    if disturbance and not loop.groups:
         raise ValueError("without an exosystem the disturbance must be 0")
     return claimed(radius), claimed(disturbance)
 

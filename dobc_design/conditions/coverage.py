@@ -13,21 +13,21 @@ from dobc_design.conditions.check import Check, Domain
 from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import root_above
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 
-def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
+def covers(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
     """Whether this check proves what the problem asks."""
     # without a rate it is no proof of consensus
     safe = check.kind.role == "safety" and check.rate is not None
     if check.verdict is not Verdict.PROVED or not (check.kind.is_consensus or safe):
         return False
     if check.id == "lemma1":
-        if problem.groups:
+        if loop.groups:
             return False
         lemmas = [other for other in checks if other.id == "lemma1"]
-        if {other.mode for other in lemmas} != set(problem.network.modes):
+        if {other.mode for other in lemmas} != set(loop.modes):
             return False
         # One V = e'e serves every mode, so all have to hold; the slowest speaks for them.
         if not all(other.verdict is Verdict.PROVED for other in lemmas):
@@ -35,70 +35,70 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
         if check is not min(lemmas, key=lambda other: other.rate or 0.0):
             return False
     # others are about some starts, and the question is about the consensus itself
-    if problem.region is None:
+    if loop.starts is None:
         return (
             check.kind.role not in ("region", "safety")
             or check.domain == "global"
-            or _is_near(problem, check)
+            or _is_near(loop, check)
         )
-    return holds_region(problem, check.domain)
+    return holds_region(loop, check.domain)
 
 
-def holds_region(problem: Problem, domain: Domain) -> bool:
+def holds_region(loop: Loop, domain: Domain) -> bool:
     """Whether a domain holds all starts of the [region]."""
-    region = problem.region
+    region = loop.starts
     if region is None or isinstance(domain, str):
         return domain == "global"
     radius, disturbance, reach = (
         domain.get("radius"),
         domain.get("disturbance"),
-        asked_radius(problem),
+        asked_radius(loop),
     )
     if not isinstance(radius, (int, float)):
         return False
     if domain.get("kind") == "box":
         inside = claimed(radius) >= max(reach)
     else:
-        square = problem.n * sum((r * r for r in reach), Fraction(0))
+        square = loop.n * sum((r * r for r in reach), Fraction(0))
         inside = domain.get("kind") == "ball" and radius >= 0 and claimed(radius) ** 2 >= square
-    if region.initial_disturbance is None:
+    if region.disturbance is None:
         return inside
     return (
         inside
         and isinstance(disturbance, (int, float))
-        and claimed(disturbance) >= region.initial_disturbance
+        and claimed(disturbance) >= region.disturbance
     )
 
 
-def is_box_near(problem: Problem, domain: Domain) -> bool:
+def is_box_near(loop: Loop, domain: Domain) -> bool:
     """Whether a domain is a box around the target, of errors and, with an exosystem, of estimation
     errors."""
     box = domain if isinstance(domain, Mapping) else {}
-    return box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
+    return box.get("radius", 0) > 0 and (not loop.groups or box.get("disturbance", 0) > 0)
 
 
-def _is_near(problem: Problem, check: Check) -> bool:
+def _is_near(loop: Loop, check: Check) -> bool:
     """Whether a box around the target is proved: under switching, and for agents with dynamics,
     that answers the local question, too; so does a ball where the slopes of f move with a
     leader."""
-    known = ("max-separable", "schedule", "markov", "safety", *("lure",) * problem.slopes_move)
-    several = problem.network.switches or check.id == "safety" or problem.origin is not None
-    return several and check.id in known and is_box_near(problem, check.domain)
+    known = ("max-separable", "schedule", "markov", "safety", *("lure",) * loop.slopes_move)
+    several = loop.switches or check.id == "safety" or loop.drift is not None
+    return several and check.id in known and is_box_near(loop, check.domain)
 
 
-def asked_radius(problem: Problem) -> tuple[Fraction, ...]:
+def asked_radius(loop: Loop) -> tuple[Fraction, ...]:
     """R_c, per component: the largest |e_ic(0)| that the region allows, wherever a leader
     starts."""
-    pairs = problem.region.initial_states if problem.region is not None else ()
+    pairs = loop.starts.states if loop.starts is not None else ()
     goals = (
-        {problem.goal_of(agent) for agent in range(problem.n)}
-        if problem.offsets
-        else {problem.target}
+        {loop.goals.of(agent) for agent in range(loop.n)}
+        if loop.goals.offsets
+        else {loop.goals.target}
     )
     return tuple(
         max(max(abs(lo - goal[c] - leads[1]), abs(hi - goal[c] - leads[0])) for goal in goals)
         # no pairs without a region
-        for c, ((lo, hi), leads) in enumerate(zip(pairs, problem.leads, strict=False))
+        for c, ((lo, hi), leads) in enumerate(zip(pairs, loop.goals.starts, strict=False))
     )
 
 
@@ -121,7 +121,7 @@ class Asked:
     those with at least this rate the proof with the least time to one percent is looked for.
     """
 
-    problem: Problem
+    loop: Loop
     W: Matrix | None
     radius: float
     ball: float
@@ -133,23 +133,23 @@ class Asked:
 
 
 def read_region(
-    problem: Problem, W: Matrix | None, *, domain: str, everything: bool, rate: float = 0.0
+    loop: Loop, W: Matrix | None, *, domain: str, everything: bool, rate: float = 0.0
 ) -> Asked:
     """Decimals that are not below what is asked; a point counts as a small region."""
-    region = problem.region
-    reach = (CAP,) * problem.m if region is None else asked_radius(problem)
+    region = loop.starts
+    reach = (CAP,) * loop.m if region is None else asked_radius(loop)
     if region is None:  # the largest |xi_i(0)| of the simulation, about, where xihat begins at 0
-        rows = problem.simulation.xi0 or ()
+        rows = loop.xi0 or ()
         largest = max((sum((x * x for x in row), Fraction(0)) for row in rows), default=Fraction(0))
         disturbance = root_above(largest, unit=10**6)
-        if problem.groups and not disturbance and (problem.actuators or problem.uncertainty):
+        if loop.groups and not disturbance and (loop.actuators or loop.uncertainty):
             # a box answers for a table if it holds errors of the estimates, too
             disturbance = claimed(NEAR)
     else:
-        disturbance = region.initial_disturbance or Fraction(0)
-    square = problem.n * sum((r * r for r in reach), Fraction(0))
+        disturbance = region.disturbance or Fraction(0)
+    square = loop.n * sum((r * r for r in reach), Fraction(0))
     return Asked(
-        problem=problem,
+        loop=loop,
         W=W,
         radius=decimal_above(max(reach)) or 1e-6,
         ball=decimal_above(root_above(square, unit=10**9)) or 1e-6,

@@ -17,7 +17,7 @@ from fractions import Fraction
 
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import holds_region, is_box_near
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
 from dobc_design.verdict import Verdict
 
@@ -58,44 +58,44 @@ class Gap:
     cure: str
 
 
-def stated_in(problem: Problem) -> Stated:
+def stated_in(loop: Loop) -> Stated:
     """What the two tables of the problem state."""
-    table, actuators = problem.uncertainty, problem.actuators
+    table, actuators = loop.uncertainty, loop.actuators
     acts = [] if table is None else [name for name in ABSOLUTE if getattr(table, name)]
     return Stated(
         limit=actuators is not None and bool(actuators.limit),
         relative=table is not None and any(getattr(table, name) for name in RELATIVE),
-        absolute=any(name != "drift" or problem.groups for name in acts),
+        absolute=any(name != "drift" or loop.groups for name in acts),
     )
 
 
-def answer_of(problem: Problem, checks: Sequence[Check], id: str) -> Check | None:
+def answer_of(loop: Loop, checks: Sequence[Check], id: str) -> Check | None:
     """The proved check ``id``, if it holds for all starts that are asked for."""
     for check in checks:
-        if check.id == id and check.verdict is Verdict.PROVED and _holds_asked(problem, check):
+        if check.id == id and check.verdict is Verdict.PROVED and _holds_asked(loop, check):
             return check
     return None
 
 
-def gaps(problem: Problem, checks: Sequence[Check]) -> Iterator[Gap]:
+def gaps(loop: Loop, checks: Sequence[Check]) -> Iterator[Gap]:
     """The tables that no proved check answers."""
-    stated = stated_in(problem)
+    stated = stated_in(loop)
     for id in stated.wanted:
-        if answer_of(problem, checks, id) is None:
+        if answer_of(loop, checks, id) is None:
             found = next((check for check in checks if check.id == id), None)
             yield Gap(
                 id=id,
-                table=table_words(problem, id),
-                reason=_why(problem, found),
-                cure=_cure(problem, checks, id),
+                table=table_words(loop, id),
+                reason=_why(loop, found),
+                cure=_cure(loop, checks, id),
             )
         elif id == LIMIT and stated.relative and not stated.absolute and _are_apart(checks):
             reason = "errors of weights and gains are counted at the target, and inputs in a box."
             yield Gap(
                 id=id,
-                table=table_words(problem, id),
+                table=table_words(loop, id),
                 reason=reason,
-                cure=_cure(problem, checks, id),
+                cure=_cure(loop, checks, id),
             )
 
 
@@ -123,7 +123,7 @@ _CURES_NEAR = {
 }
 
 
-def _cure(problem: Problem, checks: Sequence[Check], id: str) -> str:
+def _cure(loop: Loop, checks: Sequence[Check], id: str) -> str:
     """What would help; final bounds of linear couplings scale with the bounds of [uncertainty], and
     hold everywhere."""
     if any(check.id == "max-separable" and check.verdict is Verdict.REFUTED for check in checks):
@@ -131,22 +131,20 @@ def _cure(problem: Problem, checks: Sequence[Check], id: str) -> str:
     found = next((check for check in checks if check.id == id), None)
     if id == LIMIT and found is not None and found.reason.endswith(NO_ROOM):
         return "a larger limit"
-    if id == ACCURACY and problem.is_linear:
+    if id == ACCURACY and loop.is_linear:
         return "larger gains or more pinned agents"
-    return _CURES[id] if problem.region is not None else _CURES_NEAR[id]
+    return _CURES[id] if loop.starts is not None else _CURES_NEAR[id]
 
 
-def _holds_asked(problem: Problem, check: Check) -> bool:
-    if problem.region is not None:
-        return holds_region(problem, check.domain)
+def _holds_asked(loop: Loop, check: Check) -> bool:
+    if loop.starts is not None:
+        return holds_region(loop, check.domain)
     return (
-        check.domain == "global"
-        or is_box_near(problem, check.domain)
-        or check.domain == "consensus"
+        check.domain == "global" or is_box_near(loop, check.domain) or check.domain == "consensus"
     )
 
 
-def _why(problem: Problem, check: Check | None) -> str:
+def _why(loop: Loop, check: Check | None) -> str:
     if check is None:
         return "nothing is proved about it."
     if check.verdict is not Verdict.PROVED:
@@ -154,20 +152,20 @@ def _why(problem: Problem, check: Check | None) -> str:
     if not isinstance(check.domain, Mapping):
         return "this is proved near the target only, and a region is asked for."
     starts = f"|e_i| <= {check.domain['radius']:.6g}"
-    if problem.groups:
+    if loop.groups:
         starts += f" and |eps_i| <= {check.domain['disturbance']:.6g}"
-    if problem.region is None:
+    if loop.starts is None:
         return (
             f"this is proved only from {starts}, so not for all estimates close to the true values."
         )
     return f"this is proved only from {starts}, and the region is larger."
 
 
-def table_words(problem: Problem, id: str) -> str:
+def table_words(loop: Loop, id: str) -> str:
     """What the file states and the check ``id`` answers, with its numbers."""
     if id == LIMIT:
-        return _limit_words(problem)
-    table = problem.uncertainty
+        return _limit_words(loop)
+    table = loop.uncertainty
     if table is None:
         return ""
     relative = [
@@ -176,7 +174,7 @@ def table_words(problem: Problem, id: str) -> str:
         if (x := getattr(table, name))
     ]
     names = {"disturbance": "a disturbance", "drift": "a drift", "measurement": "measurement noise"}
-    given = ((name, getattr(table, name)) for name in names if name != "drift" or problem.groups)
+    given = ((name, getattr(table, name)) for name in names if name != "drift" or loop.groups)
     absolute = [f"{names[name]} of up to {_number(x)}" for name, x in given if x]
     parts = relative + absolute if id == ACCURACY else relative
     if relative and not table.known_to_agents:
@@ -184,8 +182,8 @@ def table_words(problem: Problem, id: str) -> str:
     return ", ".join(parts[:-1]) + (" and " if len(parts) > 1 else "") + parts[-1]
 
 
-def _limit_words(problem: Problem) -> str:
-    limit = None if problem.actuators is None else problem.actuators.limit
+def _limit_words(loop: Loop) -> str:
+    limit = None if loop.actuators is None else loop.actuators.limit
     if not isinstance(limit, Mapping):
         return f"the limit of {_number(limit or Fraction(0))}"
     ends = [min(limit.values()), max(limit.values())]

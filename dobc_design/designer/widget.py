@@ -29,6 +29,7 @@ from dobc_design.designer.source import python_source
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import is_scalar_matrix
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
@@ -290,7 +291,7 @@ def _lambda_max(problem: Problem) -> float | None:
     tops = []
     for mode in problem.network.modes:
         try:
-            tops.append(largest_eigenvalue(float_lambda(problem, mode)).value)
+            tops.append(largest_eigenvalue(float_lambda(loop_of(problem), mode)).value)
         except (ArithmeticError, DobcError):
             return None
     if not all(map(math.isfinite, tops)):
@@ -300,7 +301,7 @@ def _lambda_max(problem: Problem) -> float | None:
 
 def _reach(problem: Problem, radius: float, rate: float) -> float:
     # What cannot be proved that way need not be searched for.
-    if not acts_by_component(problem) or stuck_agents(problem):
+    if not acts_by_component(loop_of(problem)) or stuck_agents(loop_of(problem)):
         return 0.0
     if _shrinks(problem, radius, rate):
         return radius
@@ -317,7 +318,7 @@ def _reach(problem: Problem, radius: float, rate: float) -> float:
 
 def _shrinks(problem: Problem, radius: float, rate: float) -> bool:
     try:
-        field = field_of(problem, rho=radius)
+        field = field_of(loop_of(problem), rho=radius)
     except (ArithmeticError, DobcError):
         return False
     # enough for an estimate

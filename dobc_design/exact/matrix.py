@@ -127,6 +127,13 @@ def inverse(M: Matrix) -> Matrix:
         raise SpecError(f"the {size}x{size} matrix must be invertible; it is singular.") from None
 
 
+def left_inverse(B: Matrix) -> Matrix:
+    """(B'B)^-1 B', the (p, m) matrix with left_inverse(B) B = I of a B (m, p) with full column
+    rank."""
+    turned = transpose(B)
+    return multiply(inverse(multiply(turned, B)), turned)
+
+
 def row_echelon(M: Matrix) -> tuple[Matrix, tuple[int, ...]]:
     """Return the nonzero rows of the reduced row echelon form, and the pivot column of each."""
     if 0 in shape(M):

@@ -16,7 +16,8 @@ from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.export.c_text import template
-from dobc_design.problem import arrays
+from dobc_design.loop import arrays
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import load_problem
@@ -69,7 +70,7 @@ def to_c(
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
         message = "certificate must be one of this problem; it is about another one."
         raise SpecError(message, key="certificate", cure="Certify this problem.")
-    gain = observer_gain(problem) if claims is None else claims.W
+    gain = observer_gain(loop_of(problem)) if claims is None else claims.W
     recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=signal_of(problem)[0])
     controller = make_controller(
         problem,
@@ -101,7 +102,7 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     if agent is None:
         pinned = problem.pinning.agents
         agent = problem.network.labels[pinned[0] if pinned else 0]
-    gain = observer_gain(problem)
+    gain = observer_gain(loop_of(problem))
     recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=signal_of(problem)[0])
     controller = make_controller(
         problem,
@@ -132,7 +133,7 @@ def to_sdpa(problem: Source) -> str:
     problem = _loaded(problem)
     problem.require_one_exosystem()
     problem.require_integrators("the matrix inequality in SDPA's format")
-    found = decide(problem, lambda stage: None)
+    found = decide(loop_of(problem), lambda stage: None)
     wanted = ("theorem1", "theorem2") if problem.exosystem is not None else ("lemma1",)
     verdicts = [check.verdict for check in found.checks if check.id in wanted]
     pair = None if found.pair is None else (found.pair.P, found.pair.Q)
@@ -152,7 +153,7 @@ def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | Non
     from dobc_design.model.model import build_model
 
     problem = _loaded(problem)
-    model = build_model(problem, mode, gain=observer_gain(problem))
+    model = build_model(problem, mode, gain=observer_gain(loop_of(problem)))
     found = {each.name(): each for each in model.functions}
     if function not in found:
         message = f"function must be one of {', '.join(found)}; got {function[:60]!r}."
@@ -227,7 +228,7 @@ def analyse(problem: Source) -> Analysis:
     from dobc_design.analysis.analysis import analyse as run
 
     problem = arrays.require_floats(load_problem(problem))
-    return run(problem, gain=observer_gain(problem))
+    return run(problem, gain=observer_gain(loop_of(problem)))
 
 
 def build_model(problem: Source, *, mode: str | None = None) -> Model:
@@ -243,7 +244,7 @@ def build_model(problem: Source, *, mode: str | None = None) -> Model:
     from dobc_design.model.model import build_model as run
 
     problem = _loaded(problem)
-    return run(problem, mode, gain=observer_gain(problem))
+    return run(problem, mode, gain=observer_gain(loop_of(problem)))
 
 
 def to_control(
@@ -269,7 +270,7 @@ def to_control(
         cure = "Give a mode, or another signal."
         raise SpecError(f"{message}between calls.", key="signal", cure=cure)
     seed = problem.simulation.seed if seed is None else seed
-    return run(problem, mode=mode, signal=signal, seed=seed, gain=observer_gain(problem))
+    return run(problem, mode=mode, signal=signal, seed=seed, gain=observer_gain(loop_of(problem)))
 
 
 def python_script(problem: Source) -> str:
@@ -279,7 +280,7 @@ def python_script(problem: Source) -> str:
     for more than 20 000 arcs."""
     problem = _loaded(problem)
     problem.require_no_leader("the Python file")
-    gain = observer_gain(problem)
+    gain = observer_gain(loop_of(problem))
     arcs = sum(len(each) for each in problem.network.modes.values())
     if arcs > MOST_ARCS:
         message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."

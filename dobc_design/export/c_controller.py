@@ -47,7 +47,8 @@ from dobc_design.exact.polynomial import characteristic_polynomial, decide_image
 from dobc_design.exact.reading import named, shown
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import PRECISIONS, rounded
-from dobc_design.problem.arrays import Gain, chosen_gain
+from dobc_design.loop.arrays import Gain, chosen_gain
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
@@ -61,7 +62,7 @@ from dobc_design.verdict import Verdict
 def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> Statement:
     """State whether ``period`` (s) is within the one that the certificate proves: PROVED, or
     UNDECIDED."""
-    longest = certified_period(problem, claims)
+    longest = certified_period(loop_of(problem), claims)
     if longest is None:
         return undecided("certified-sampling", "the certificate has no proved check `sampling`.")
     domain = next(check.domain for check in claims.checks if check.id == "sampling")
@@ -142,7 +143,7 @@ def _network_verdict(
         return Verdict.UNDECIDED, text
     integrators = as_integrators(problem)
     try:
-        modes = jacobians_at_consensus(integrators).modes
+        modes = jacobians_at_consensus(loop_of(integrators)).modes
     except UndefinedError:
         return Verdict.UNDECIDED, "the coupling has no derivative at the consensus."
     found = {mode.name: _mode_verdict(integrators, mode, period, written) for mode in modes}
@@ -192,7 +193,7 @@ def _mode_verdict(
     if written is not None and size > MOST_ROWS:
         return Verdict.UNDECIDED
     # J - K at the consensus, as a dense matrix.
-    entries = linearisation(mode, problem.pinning, problem.m)
+    entries = linearisation(mode, loop_of(problem).pulls, problem.m)
     rows = range(size)
     loop = tuple(tuple(entries.get((i, j), Fraction(0)) for j in rows) for i in rows)
     F = add(identity(size), scale(period, loop))

@@ -32,7 +32,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.pencil import Pencil, Place, below, positive
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.integrators import as_integrators
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -68,7 +68,7 @@ def exact_matrices(
     several = len(problem.network.modes) > 1
     for mode, arcs in problem.network.modes.items():
         found[f"L_{mode}" if several else "L"] = _laplacian(n, arcs)
-    for mode, pencil in state_theorems(as_integrators(problem)).lambdas.items():
+    for mode, pencil in state_theorems(loop_of(problem)).lambdas.items():
         # Slopes that are not rational have no exact matrix: nothing stands for it.
         if isinstance(pencil.constant, SparseSymmetric) and not pencil.deviations:
             found[f"Lambda_{mode}" if several else "Lambda"] = pencil.constant.to_dense()
@@ -154,7 +154,7 @@ def sdpa_text(
     rows = problem.n * (problem.m + problem.q) * len(problem.network.modes)
     if rows > MOST_SDPA_ROWS:
         raise _too_large(rows, "rows")
-    statements = state_theorems(problem)
+    statements = state_theorems(loop_of(problem))
     if statements.inapplicable is not None:
         message = f"there is no linear matrix inequality to write: {statements.inapplicable}"
         cure = "The max-separable certificate has linear rows instead: see `dobc certify`."

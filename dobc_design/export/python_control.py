@@ -13,7 +13,8 @@ from typing import Any
 import control
 import numpy as np
 
-from dobc_design.problem.arrays import Array, Gain, arc_groups
+from dobc_design.loop.arrays import Gain, arc_groups
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import Loop, Network, applied, make_loop, network_of

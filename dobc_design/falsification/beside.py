@@ -19,6 +19,7 @@ from dobc_design.conditions.check import Check
 from dobc_design.falsification.levels import regional_check
 from dobc_design.falsification.search import RUNS, Question, search_starts
 from dobc_design.falsification.suspect import Falsification
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.verdict import Verdict
 
@@ -96,6 +97,6 @@ def _refuted(certificate: Certificate, refuting: Check) -> Certificate:
         return certificate
     checks = (*certificate.checks, refuting)
     problem = as_integrators(certificate.problem)
-    overall = decide_overall(problem, checks, certificate.claims.W)
+    overall = decide_overall(loop_of(problem), checks, certificate.claims.W)
     claims = with_verdict(replace(certificate.claims, checks=checks), overall)
     return replace(certificate, claims=claims)

@@ -19,7 +19,8 @@ from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.boxes import RANDOM, Box, Pair, sphere, unit_cube
 from dobc_design.simulation.field import Loop
@@ -185,7 +186,7 @@ def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | L
         message = f"must be a proved check of a region ({', '.join(known)}); got {got}."
         raise wrong("certified", message, "Ask for a [region], or give certify everything=True.")
     try:
-        claim = claim_of(check, problem, W)
+        claim = claim_of(check, loop_of(problem), W)
     except (KeyError, TypeError, ValueError) as error:
         message = f"certified: the check {check.title} does not fit this problem ({error})."
         raise SpecError(message, key="certified", cure=OTHER_PROBLEM) from error

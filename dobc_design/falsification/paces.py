@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dobc_design.conditions.graphs.decide import generator_of
-from dobc_design.conditions.schedule.cycles import Phase, phases_of
+from dobc_design.loop.guarantee import Phase
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.signals import Markov
 from dobc_design.simulation.switches import ModeTable, Switches, scheduled_switches, table_of
@@ -23,10 +24,10 @@ def drawn_signals(
     different paces.  Under a guarantee all keep it, for ``longer`` horizons: modes last as short or
     as long as they may, or as a chain draws."""
     lasting = longer * horizon
-    phases = phases_of(problem)
+    phases = loop_of(problem).guarantee.phases
     if phases:
         return table_of([_kept(rng, problem, phases, lasting) for _ in range(count)])
-    generator = generator_of(problem)
+    generator = generator_of(loop_of(problem))
     if generator is not None:
         rates = tuple(tuple(map(float, row)) for row in generator)
         return table_of([_chained(rng, problem, rates, lasting) for _ in range(count)])

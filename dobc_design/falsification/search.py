@@ -24,7 +24,6 @@ from dobc_design.conditions.equilibrium.propose import (
     point_of,
     proved_equilibria,
 )
-from dobc_design.conditions.schedule.cycles import may_stay
 from dobc_design.errors import wrong
 from dobc_design.falsification.ascent import ascend, final_error, final_level
 from dobc_design.falsification.levels import (
@@ -36,8 +35,10 @@ from dobc_design.falsification.levels import (
 )
 from dobc_design.falsification.paces import drawn_signals
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
+from dobc_design.loop.arrays import Gain, chosen_gain
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import Array
 from dobc_design.model.model import Flow, build_flow
-from dobc_design.problem.arrays import Array, Gain, chosen_gain
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
@@ -242,7 +243,7 @@ class _Search:
             eps.append(climbed[1])
         # where no mode may last for ever the climbed starts are tried with other signals
         switches = constant_signals(modes)
-        if not all(may_stay(self.problem, mode) for mode in self.arena.modes):
+        if not all(loop_of(self.problem).may_stay(mode) for mode in self.arena.modes):
             rng = np.random.default_rng(self.seed)
             switches = self.signals(rng, count)
         higher = Batch(e=np.stack(e, axis=1), eps=np.stack(eps, axis=2), switches=switches)
@@ -398,7 +399,7 @@ class _Search:
     def refuting(self, proved: list[Equilibrium]) -> Check | None:
         """The check of the first equilibrium that refutes the region asked for."""
         for claim in proved:
-            check = refuting_check(self.problem, claim)
+            check = refuting_check(loop_of(self.problem), claim)
             if check is not None:
                 return check
         return None

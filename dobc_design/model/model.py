@@ -24,7 +24,8 @@ from dobc_design.coupling.functions import FUNCTIONS, applied
 from dobc_design.coupling.tree import Operators, evaluate, variable_names
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.number import nearest
-from dobc_design.problem import arrays
+from dobc_design.loop import arrays
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.integrators import as_integrators, slopes_of_nodes
 from dobc_design.problem.problem import Problem
 
@@ -86,7 +87,7 @@ class Model(Headed):
 
     W (q, m) is the observer gain in use; n, m, q count agents, components and exosystem states.
     Where agents have different exosystems, W is block diagonal and q counts the states of all
-    groups (``problem.arrays.Disturbance``): those of other groups than an agent's own have to start
+    groups (``loop.arrays.Disturbance``): those of other groups than an agent's own have to start
     at 0, and stay there.  With [dynamics] x' = A x + B (h + u + d): h, u, which holds u0, and dhat
     have p components for each agent.  Of the integrators that stand for these h also holds what f
     has beside its slopes.
@@ -107,7 +108,7 @@ class Model(Headed):
     n: int
     m: int
     q: int
-    W: arrays.Array
+    W: Array
     h: Any
     jacobian: Any
     observer: Any
@@ -339,7 +340,7 @@ def _couplings(problem: Problem, mode: str) -> tuple[Any, Any]:
     return _function("h", {"e": e}, {"h": h}), sparse
 
 
-def _rows(size: int) -> list[arrays.Array]:
+def _rows(size: int) -> list[Array]:
     """The rows (1, size) of the identity."""
     return np.split(np.eye(size), size)
 
@@ -427,12 +428,12 @@ class Flow:
     end_function: Any
     pull_function: Any
 
-    def end(self, start: arrays.Array) -> arrays.Array:
+    def end(self, start: Array) -> Array:
         """The state at the horizon, (size,); not finite where the steps are too long for the
         loop."""
         return np.asarray(self.end_function(start)).ravel()
 
-    def pull(self, start: arrays.Array, weight: arrays.Array) -> tuple[arrays.Array, arrays.Array]:
+    def pull(self, start: Array, weight: Array) -> tuple[Array, Array]:
         """The state at the horizon and the gradient of weight'end by the start, both (size,)."""
         end, gradient = self.pull_function(start, weight)
         return np.asarray(end).ravel(), np.asarray(gradient).ravel()

@@ -22,14 +22,21 @@ from dobc_design.errors import SpecError, reason_of, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import named, shown
-from dobc_design.problem.arrays import distinct_weights
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.foreign_json import PROBLEM, not_a
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
 from dobc_design.problem.integrators import enclosed
 from dobc_design.problem.leader import Leader
-from dobc_design.problem.network import Arcs, Network, directed, joined, labels_of, parse_weights
+from dobc_design.problem.network import (
+    Arcs,
+    Network,
+    directed,
+    distinct_weights,
+    joined,
+    labels_of,
+    parse_weights,
+)
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region, Simulation, Switching
 

@@ -27,6 +27,7 @@ from dobc_design.exact.matrix import (
     add,
     identity,
     inverse,
+    left_inverse,
     multiply,
     nullspace,
     rank,
@@ -98,7 +99,7 @@ class Dynamics(Shown):
     @property
     def left_inverse(self) -> Matrix:
         """(B'B)^-1 B', (p, m): what the observer watches is this times x."""
-        return multiply(inverse(multiply(transpose(self.B), self.B)), transpose(self.B))
+        return left_inverse(self.B)
 
     def drift_at(self, goal: Vector) -> Vector | None:
         """A goal or f(goal), (m,); None where that is not rational."""

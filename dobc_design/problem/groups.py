@@ -317,6 +317,26 @@ def join(matrices: Sequence[Matrix | None]) -> Matrix | None:
     return block_diagonal(known) if known and len(known) == len(matrices) else None
 
 
+def joint_exosystem(groups: Sequence[Group]) -> Exosystem | None:
+    """The exosystems of all groups side by side, A (q, q) and C (G m, q) block diagonal; of one
+    group its own."""
+    systems = [group.exosystem for group in groups]
+    if len(systems) < 2:
+        return systems[0] if systems else None
+    A = block_diagonal([each.A for each in systems])
+    return Exosystem(A=A, C=block_diagonal([each.C for each in systems]))
+
+
+def joint_observer(groups: Sequence[Group]) -> Observer:
+    """W (q, G m) and P (q, q) of all groups, block diagonal, None where not every group has one; of
+    one group its own."""
+    own = [group.observer for group in groups]
+    if len(own) < 2:
+        return own[0] if own else Observer()
+    W, P = join([each.W for each in own]), join([each.P for each in own])
+    return Observer(W=W, P=P, rate=own[0].rate)
+
+
 def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix, ...] | None:
     """The blocks of these shapes of a block diagonal matrix; None if it is not block diagonal in
     them."""

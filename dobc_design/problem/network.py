@@ -647,3 +647,22 @@ def _modes(value: Any, several: bool) -> dict[str, Any]:
     if not several:
         return {"G": value}
     return {str(name): each for name, each in value.items()}
+
+
+def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fraction, ...]]:
+    """For every arc the place of its weight among the different ones, and these; arcs mostly share
+    few objects."""
+    ids = np.fromiter(map(id, weights), dtype=np.int64, count=len(weights))
+    if len(ids) and np.all(ids == ids[0]):
+        return np.zeros(len(ids), dtype=np.int64), (weights[0],)
+    _, first, object_of = np.unique(ids, return_index=True, return_inverse=True)
+    place, table, different = (
+        np.zeros(len(first), dtype=np.int64),
+        dict[str, int](),
+        list[Fraction](),
+    )
+    for k in np.argsort(first):  # in the order in which they are met
+        weight = weights[first[k]]
+        place[k] = table.setdefault(number_key(weight), len(table))
+        different += [weight] * (len(table) - len(different))
+    return place[object_of], tuple(different)

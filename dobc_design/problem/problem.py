@@ -32,8 +32,15 @@ from dobc_design.exact.reading import (
 )
 from dobc_design.problem import settings
 from dobc_design.problem.dynamics import Dynamics, check_goal
-from dobc_design.problem.exosystems import Exosystem, block_diagonal
-from dobc_design.problem.groups import Group, Observer, group_numbers, join, read_groups
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import (
+    Group,
+    Observer,
+    group_numbers,
+    joint_exosystem,
+    joint_observer,
+    read_groups,
+)
 from dobc_design.problem.leader import Leader, read_leader
 from dobc_design.problem.network import Network
 from dobc_design.problem.pinning import GainForm, Pinning, by_label, read_pinning
@@ -401,21 +408,13 @@ class Problem(Shown):
     def joint_exosystem(self) -> Exosystem | None:
         """The exosystems of all groups side by side, A (q, q) and C (G m, q) block diagonal; of one
         group its own."""
-        systems = [group.exosystem for group in self.groups]
-        if len(systems) < 2:
-            return systems[0] if systems else None
-        A = block_diagonal([each.A for each in systems])
-        return Exosystem(A=A, C=block_diagonal([each.C for each in systems]))
+        return joint_exosystem(self.groups)
 
     @property
     def joint_observer(self) -> Observer:
         """W (q, G m) and P (q, q) of all groups, block diagonal, None where not every group has
         one; of one group its own."""
-        own = [group.observer for group in self.groups]
-        if len(own) < 2:
-            return own[0] if own else Observer()
-        W = join([each.W for each in own])
-        return Observer(W=W, P=join([each.P for each in own]), rate=own[0].rate)
+        return joint_observer(self.groups)
 
     def require_integrators(self, what: str) -> None:
         """Refuse a problem with [dynamics], or optional arcs, where ``what`` does not know it.

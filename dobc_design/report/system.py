@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from dobc_design._show.text import latex_matrix, latex_number
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.description.words import caution_lines
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.words import caution_lines
 from dobc_design.report import document as doc
 from dobc_design.report import pictures, words
 from dobc_design.report.words import number

@@ -25,15 +25,16 @@ from dobc_design.conditions.check import Check, Domain
 from dobc_design.conditions.graphs.decide import signals_in_words
 from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational, time_to_one_percent
+from dobc_design.description.meaning import disturbance_words, time_words
+from dobc_design.description.words import leader_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix, some
-from dobc_design.problem.meaning import disturbance_words, time_words
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region
 from dobc_design.problem.tables import switching_words
-from dobc_design.problem.words import leader_words
 from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
@@ -271,7 +272,7 @@ def _proved(certificate: Certificate) -> list[str]:
             "disturbance start."
         )
     if certificate.covered_by in OF_SIGNALS:
-        signals = [signals_in_words(problem, each) for each in _covering(certificate)]
+        signals = [signals_in_words(loop_of(problem), each) for each in _covering(certificate)]
         says += [f"It holds {each}." for each in signals]
     elif len(problem.network.modes) > 1:
         says.append(

@@ -17,6 +17,7 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 
@@ -112,13 +113,12 @@ def _computed(certificate: Certificate, say: Callable[[str], None]) -> Findings:
 
 def _drawn_run(problem: Problem, gain: Matrix | None) -> Trajectory:
     """One run with the signal of the problem; without a guarantee in the first mode."""
-    from dobc_design.conditions.schedule.cycles import phases_of
     from dobc_design.simulation.one_run import run_once
     from dobc_design.simulation.runs import fingerprint
     from dobc_design.simulation.setting import make_setting
     from dobc_design.simulation.signals import signal_of
 
-    signal = signal_of(problem)[0] if phases_of(problem) else None
+    signal = signal_of(problem)[0] if loop_of(problem).guarantee.phases else None
     run = run_once(make_setting(problem, gain=gain, signal=signal))
     return replace(run, loop_sha256=fingerprint(problem, gain))
 
@@ -197,5 +197,5 @@ def _shown_lambdas(problem: Problem) -> dict[str, Matrix]:
     """Lambda at the target by mode, where it is small enough to be printed."""
     if problem.n * problem.m > SHOWN:
         return {}
-    lambdas = state_theorems(problem).lambdas
+    lambdas = state_theorems(loop_of(problem)).lambdas
     return {mode: pencil.constant.to_dense() for mode, pencil in lambdas.items()}

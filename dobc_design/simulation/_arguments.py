@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.errors import ShapeError, wrong
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 
 
 def positive(value: Any, name: str, *, what: str = "a number > 0", example: str = "0.5") -> float:

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dobc_design.problem.arrays import ArcGroup, Array
+from dobc_design.loop.arrays import ArcGroup
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.field import Links
 from dobc_design.simulation.mobile import Nearby

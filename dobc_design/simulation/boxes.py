@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from dobc_design.exact.matrix import to_float
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import Loop
 from dobc_design.simulation.starts import AWAY, TINY

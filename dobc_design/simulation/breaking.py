@@ -21,7 +21,9 @@ from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError, wrong
-from dobc_design.problem.arrays import Array, arc_groups
+from dobc_design.loop.arrays import arc_groups
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.simulation._arguments import positive
@@ -200,7 +202,7 @@ def what_breaks_first(
         signal, remark = signal_of(problem)
     setting = make_setting(
         problem,
-        gain=observer_gain(problem),
+        gain=observer_gain(loop_of(problem)),
         signal=signal,
         start=start,
         t_final=t_final,
@@ -253,7 +255,7 @@ def _certified(certificate: Certificate | None) -> float | None:
     """The certified sampling period in s, if there is one."""
     if certificate is None:
         return None
-    period = certified_period(certificate.problem, certificate.claims)
+    period = certified_period(loop_of(certificate.problem), certificate.claims)
     return None if period is None else float(period)
 
 

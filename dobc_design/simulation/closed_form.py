@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 
 TERMS = 11  # (1/8)^11 / 11! < 2^-57: anchors are at most 1/(8 |F|) away
 TERMS_OF_STEP = 20  # (1/4)^20 / 20! < 2^-100

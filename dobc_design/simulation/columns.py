@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.closed_form import ClosedForm
 from dobc_design.simulation.field import Loop, Network

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dobc_design._show.cards import Card
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation import measures
 from dobc_design.simulation.npz import ABOUT, arrays_bytes, save_arrays

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from dobc_design.coupling import tree
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import NumpyAlgebra
-from dobc_design.problem import arrays
-from dobc_design.problem.arrays import ArcGroup, Array, Gain, Plant
+from dobc_design.loop import arrays
+from dobc_design.loop.arrays import ArcGroup, Gain, Plant
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
@@ -240,7 +241,7 @@ class Links:
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
     """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in
-    ``problem.arrays.Disturbance``.
+    ``loop.arrays.Disturbance``.
     Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q
     may be 0.  Of agents with [dynamics] these are those of integrators with the same errors, and
     ``plant`` has their own; ``bend`` is f(goal + e) - f(goal) less its slopes at e = 0 for e (n, m,

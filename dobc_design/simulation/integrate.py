@@ -17,7 +17,8 @@ import scipy.sparse as sp
 from scipy.integrate import DOP853, Radau
 
 from dobc_design.errors import wrong
-from dobc_design.problem.arrays import ArcGroup, Array
+from dobc_design.loop.arrays import ArcGroup
+from dobc_design.loop.matrices import Array
 from dobc_design.simulation.closed_form import ClosedForm
 from dobc_design.simulation.field import Loop, Network, errors_pattern, network_of
 from dobc_design.simulation.mobile import LOOKS, Modes

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.errors import wrong
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation import setting as settings
 from dobc_design.simulation._arguments import whole

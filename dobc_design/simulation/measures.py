@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv
 
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 
 RESOLVED = 1e-6  # part of the largest error below which a decay is not read off: integration error
 SETTLED = 0.01  # part of the error at the start that counts as settled

@@ -15,7 +15,9 @@ from scipy.spatial import cKDTree
 
 from dobc_design.conditions.numbers import bisected
 from dobc_design.errors import ShapeError, SpecError, wrong
-from dobc_design.problem.arrays import ArcGroup, Array, places_at, split_by
+from dobc_design.loop.arcs import places_at, split_by
+from dobc_design.loop.arrays import ArcGroup
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.signals import Mobile, Waypoints
@@ -69,7 +71,7 @@ def _nearest(positions: Array, count: int, hysteresis: float, kept: IndexArray) 
 def groups_of(problem: Problem, codes: IndexArray) -> tuple[ArcGroup, ...]:
     """The links as arcs of weight 1, grouped by coupling."""
     found = []
-    for place, links in split_by(places_at(problem, codes)):
+    for place, links in split_by(places_at(problem.exception_places, codes, size=problem.n)):
         group = ArcGroup(
             coupling=problem.couplings[place],
             listeners=codes[links] // problem.n,

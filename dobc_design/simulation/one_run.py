@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.simulation import setting as settings
 from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.closed_form import evolve

@@ -16,6 +16,7 @@ from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.bounds import keeps_guarantee
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.exact.matrix import Matrix
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
@@ -100,7 +101,7 @@ def simulate(
         remarks.append("No W was given: it was designed.")
     if stress is None:
         remarks += _left_out(problem)
-    gain = None if observer == WITHOUT else observer_gain(problem)
+    gain = None if observer == WITHOUT else observer_gain(loop_of(problem))
     setting = make_setting(
         problem,
         gain=gain,
@@ -114,7 +115,7 @@ def simulate(
         tolerance=tolerance,
         stress=stress,
     )
-    if not keeps_guarantee(problem, json.loads(signal_to_json(setting.signal))):
+    if not keeps_guarantee(loop_of(problem), json.loads(signal_to_json(setting.signal))):
         remarks.append("The signal need not keep the guarantee of [switching].")
     setting = replace(setting, notes=(*remarks, *setting.notes))
     mark = fingerprint(problem, gain)

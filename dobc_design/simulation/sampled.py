@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from dobc_design.errors import ShapeError, wrong
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.agents import Agents, StressedRuns
 from dobc_design.simulation.columns import RightHandSide, Stretch

@@ -10,15 +10,8 @@ from typing import Any, Literal, TypedDict, Unpack
 import numpy as np
 
 from dobc_design.errors import SpecError, wrong
-from dobc_design.problem.arrays import (
-    ArcGroup,
-    Array,
-    Gain,
-    arc_groups,
-    mode_index,
-    no_gain,
-    require_floats,
-)
+from dobc_design.loop.arrays import ArcGroup, Gain, arc_groups, mode_index, no_gain, require_floats
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import finite_array, positive, seconds, whole

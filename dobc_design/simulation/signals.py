@@ -23,7 +23,7 @@ from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.number import nearest
 from dobc_design.exact.reading import counted, is_list
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
 from dobc_design.simulation._arguments import not_negative, positive, seconds, whole

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import finite_array

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.agents import Agents, StressedRuns
 from dobc_design.simulation.columns import DONE, MOST_STEPS, Ends, RightHandSide, Stretch

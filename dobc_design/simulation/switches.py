@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.reading import counted, is_list, shown
-from dobc_design.problem.arrays import ArcGroup, Array, mode_index
+from dobc_design.loop.arrays import ArcGroup, mode_index
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.signals import (

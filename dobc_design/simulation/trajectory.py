@@ -17,7 +17,7 @@ from dobc_design._show.cards import Card, Headed
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
-from dobc_design.problem.arrays import Array
+from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation import measures
 from dobc_design.simulation.npz import (

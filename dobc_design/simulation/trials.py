@@ -12,7 +12,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.problem.arrays import Array, Gain, arc_groups, consensus_jacobian, pinning_matrix
+from dobc_design.loop.arrays import Gain, arc_groups, pinning_matrix
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import Array, consensus_jacobian
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.closed_form import make_closed_form
@@ -146,7 +148,7 @@ def settling_horizon(problem: Problem) -> float:
         return horizon
     slowest = np.inf
     for mode in problem.network.modes:
-        jacobian = consensus_jacobian(problem, mode)
+        jacobian = consensus_jacobian(loop_of(problem), mode)
         if jacobian is not None:
             loop = jacobian.toarray() - pinning_matrix(problem).toarray()
             slowest = min(slowest, -float(np.linalg.eigvals(loop).real.max()))

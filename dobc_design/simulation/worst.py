@@ -11,9 +11,11 @@ from itertools import pairwise, product
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from dobc_design.conditions.schedule.cycles import Phase, phases_of
 from dobc_design.exact.number import nearest
-from dobc_design.problem.arrays import Array, consensus_jacobian, pinning_matrix
+from dobc_design.loop.arrays import pinning_matrix
+from dobc_design.loop.guarantee import Phase
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import Array, consensus_jacobian
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import Loop
@@ -59,7 +61,7 @@ def worst_signs(
     loop, linearised in the first mode."""
     length = horizon / STEPS
     values = np.ones((STEPS, loop.n, len(loop.output), len(seeds)))
-    slopes = consensus_jacobian(problem, next(iter(problem.network.modes)))
+    slopes = consensus_jacobian(loop_of(problem), next(iter(problem.network.modes)))
     q = loop.q if observed else 0
     size = loop.n * (loop.m + q)
     if slopes is None or size > LARGEST:
@@ -100,12 +102,12 @@ def worst_signal(problem: Problem) -> Periodic | None:
     longest: 1, 2 and 4 times the shortest, or a mode for ever), the one under which e, linearised,
     decays most slowly.  None without this guarantee, with too many agents or modes, and where a
     coupling has no slope at the target."""
-    phases = phases_of(problem)
+    phases = loop_of(problem).guarantee.phases
     own = problem.switching
     most = min(MOST_ROUNDS, MOST_WORK // (problem.n * problem.m) ** 3)
     if not phases or own is None or own.guarantee != "dwell" or (2 * len(phases)) ** 2 > most:
         return None
-    slopes = [consensus_jacobian(problem, phase.mode) for phase in phases]
+    slopes = [consensus_jacobian(loop_of(problem), phase.mode) for phase in phases]
     flows = [(each - pinning_matrix(problem)).toarray() for each in slopes if each is not None]
     if len(flows) < len(phases):
         return None

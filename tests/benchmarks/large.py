@@ -35,6 +35,7 @@ from dobc_design.conditions.consensus.propose import (
 )
 from dobc_design.conditions.separable import stage
 from dobc_design.exact.zmatrix import float_rows
+from dobc_design.loop.make import loop_of
 
 SIZE = 100_000
 MILLION = 1_000_000
@@ -273,11 +274,11 @@ def _lambda_row(kind: str, n: int) -> str:
     eigenvalue; then the times, in products, of making the exact matrix ready in floats and of
     checking the stored vector with it."""
     problem = large(kind, n)
-    table = float_lambda(problem, "G").tocsr()
+    table = float_lambda(loop_of(problem), "G").tocsr()
     found = dominating_vector(table)
     if found is None or not found.least > 0:
         raise RuntimeError(f"{kind}, n = {n}: no v is found")
-    matrix, v = enclosed_lambda(state_theorems(problem), "G"), found.vector
+    matrix, v = enclosed_lambda(state_theorems(loop_of(problem)), "G"), found.vector
     if not shown_bound(matrix, v) < 0:
         raise RuntimeError(f"{kind}, n = {n}: nothing is proved")
     product, _ = cpu(lambda: [table @ v for _ in range(20)], repeats=5)

@@ -19,6 +19,7 @@ from dobc_design.conditions.consensus.pinning import (
     solve_program,
     solve_shared,
 )
+from dobc_design.loop.make import loop_of
 
 RATE = 0.1
 LARGE = 100_000
@@ -49,7 +50,7 @@ def pinning_bars() -> Iterator[dict[str, Any]]:
     """The arguments of the bar: both from the blocks of a problem to the gains, every other agent
     allowed."""
     n = 100
-    blocks = for_rate(network_blocks(digraph(n)), RATE)
+    blocks = for_rate(network_blocks(loop_of(digraph(n))), RATE)
     allowed = list(range(0, n, 2))
 
     def by_program() -> float:
@@ -73,7 +74,7 @@ def _shared_bar() -> dict[str, Any]:
     """Four modes that share their gains: both from the blocks to the gains, two agents of three
     allowed."""
     n = 60
-    blocks, chosen = for_rate(network_blocks(digraphs(n)), RATE), np.arange(n) % 3 > 0
+    blocks, chosen = for_rate(network_blocks(loop_of(digraphs(n))), RATE), np.arange(n) % 3 > 0
     costs = np.ones(n)
 
     def by_program() -> float:
@@ -131,7 +132,7 @@ def large_design() -> str:
     problem = digraph(LARGE)
     allowed = range(0, LARGE, 2)
     before = time.process_time()
-    gains = smallest_gains(for_rate(network_blocks(problem), RATE), allowed)
+    gains = smallest_gains(for_rate(network_blocks(loop_of(problem)), RATE), allowed)
     middle = time.process_time()
     design = dd.design_pinning(
         problem, rate=str(RATE), allowed=[i + 1 for i in allowed], conservative=True

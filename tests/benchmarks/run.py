@@ -37,6 +37,7 @@ from dobc_design.conditions.consensus.claim import reduced, state_theorems
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.exact.zmatrix import search
+from dobc_design.loop.make import loop_of
 from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Program, Solution
 
@@ -114,7 +115,7 @@ def against_dense(what: str, given: Problem, *, bar: float) -> Bar:
     """Both from the problem object to the solver's answer."""
 
     def dense() -> Solution:
-        return solve_dense(Program(pencils=state_theorems(given).psi()))
+        return solve_dense(Program(pencils=state_theorems(loop_of(given)).psi()))
 
     def small() -> Solution:
         return solve_reduced(given)

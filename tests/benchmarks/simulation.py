@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from loops import simulate, simulate_many
 
 from dobc_design import Exosystem, Network, Observer, Problem, Stress, load_problem
-from dobc_design.problem.arrays import arc_groups
+from dobc_design.loop.arrays import arc_groups
 from dobc_design.simulation.field import make_loop, network_of
 from dobc_design.simulation.signals import RandomDwell
 

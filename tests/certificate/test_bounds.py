@@ -19,6 +19,7 @@ from dobc_design.certificate.claims import certified_period
 from dobc_design.certificate.text import read_claims
 from dobc_design.conditions.check import Check, Values
 from dobc_design.errors import CertificateError, SpecError
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.report.pictures import error_picture, svg_of
 
@@ -316,7 +317,7 @@ SEQUENCE = {"guarantee": "sequence", "longest": None}
 def test_a_run_under_another_signal_has_no_bound_by_the_guarantee(turns, signal, kept):
     problem = relay(turns=turns)
     run = dd.simulate(problem, signal=signal, t_final=1)
-    assert keeps_guarantee(problem, json.loads(run.signal)) is kept
+    assert keeps_guarantee(loop_of(problem), json.loads(run.signal)) is kept
     assert ("The signal need not keep the guarantee of [switching]." in run.notes) is not kept
 
 
@@ -394,10 +395,12 @@ def test_a_run_that_does_not_say_of_which_problem_it_is_has_no_bound(curved):
 def test_the_certified_period_is_that_of_a_proved_check(curved):
     problem, certificate = curved
     claims = certificate.claims
-    assert certified_period(problem, claims) == certificate.check("sampling").claim.period > 0
+    assert (
+        certified_period(loop_of(problem), claims) == certificate.check("sampling").claim.period > 0
+    )
     for verdict in (Verdict.UNDECIDED, Verdict.REFUTED):
         checks = tuple(
             replace(each, verdict=verdict) if each.id == "sampling" else each
             for each in claims.checks
         )
-        assert certified_period(problem, replace(claims, checks=checks)) is None
+        assert certified_period(loop_of(problem), replace(claims, checks=checks)) is None

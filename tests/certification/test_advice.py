@@ -10,13 +10,15 @@ from certified import certified
 
 from dobc_design import certify
 from dobc_design.coupling.coupling import make_coupling
+from dobc_design.description.meaning import remarks
+from dobc_design.description.words import describe
 from dobc_design.errors import SpecError
-from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.loop.arrays import pinning_matrix
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import consensus_jacobian
 from dobc_design.problem.load import read_problem_text
-from dobc_design.problem.meaning import remarks
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.signs import turned_text, two_sides
-from dobc_design.problem.words import describe
 from dobc_design.report.words import shown_notes
 from dobc_design.verdict import Verdict
 
@@ -33,7 +35,7 @@ def message_of(text: str) -> str:
 
 def closed_loop(problem: Problem) -> np.ndarray:
     (mode,) = problem.network.modes
-    return (consensus_jacobian(problem, mode) - pinning_matrix(problem)).toarray()
+    return (consensus_jacobian(loop_of(problem), mode) - pinning_matrix(problem)).toarray()
 
 
 SIGNED = """\
@@ -315,7 +317,7 @@ b = { 2 = "1/2" }
         + "[pinning]\ngains = { target = 1 }\n"
     )
     loops = [
-        (consensus_jacobian(cured, mode) - pinning_matrix(cured)).toarray()[:2, :2]
+        (consensus_jacobian(loop_of(cured), mode) - pinning_matrix(cured)).toarray()[:2, :2]
         for mode in ("a", "b")
     ]
     assert np.allclose(loops, [[[-3, 0], [2, -2]], [[-2, 2], [0, -0.5]]])

@@ -22,6 +22,7 @@ from dobc_design.checker.verdict import leaves_free
 from dobc_design.conditions.check import Values, Witness
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import find_in_nullspace
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -248,7 +249,7 @@ def stuck():
     claims, check = consensus_claims(problem), equilibrium_check(problem)
     assert check is not None
     checks = (*claims.checks, check)
-    overall = decide_overall(problem, checks, claims.W)
+    overall = decide_overall(loop_of(problem), checks, claims.W)
     return problem, replace(claims, checks=checks, verdict=overall.verdict, why=overall.why)
 
 

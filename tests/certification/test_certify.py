@@ -18,6 +18,7 @@ from dobc_design.conditions.consensus.propose import Top
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.exact.matrix import matrix, multiply, scale
 from dobc_design.exact.number import number_text
+from dobc_design.loop.make import loop_of
 
 
 @pytest.mark.slow
@@ -35,7 +36,7 @@ def test_a_missing_gain_is_designed_and_is_the_one_that_everything_is_about():
     certificate = certify(problem, progress=stages.append)
     assert len(stages) >= 3
     assert certificate.claims.gain_source == "designed"
-    assert observer_gain(problem) == certificate.claims.W
+    assert observer_gain(loop_of(problem)) == certificate.claims.W
     assert certificate.verdict is Verdict.PROVED
 
 

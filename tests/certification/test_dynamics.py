@@ -32,6 +32,7 @@ from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.margins.stage import margins_stage
 from dobc_design.conditions.separable.stage import separable_stage
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.integrators import as_integrators
 
@@ -191,11 +192,11 @@ def unheld() -> tuple[Problem, Claims]:
     region = {"initial_states": [-1, 1]}
     problem = chain(3, dynamics=Dynamics(A=[["1/2"]]), coupling="y", gains={1: 4}, region=region)
     claims = consensus_claims(problem)
-    asked = read_region(as_integrators(problem), claims.W, domain="global", everything=True)
+    asked = read_region(loop_of(problem), claims.W, domain="global", everything=True)
     found = separable_stage(asked, lambda stage: None)
     found += margins_stage(asked, found, lambda stage: None)
     checks = (*claims.checks, *found)
-    overall = decide_overall(as_integrators(problem), checks, claims.W)
+    overall = decide_overall(loop_of(problem), checks, claims.W)
     return problem, with_verdict(replace(claims, checks=checks), overall)
 
 

@@ -16,6 +16,7 @@ from dobc_design.conditions.equilibrium.propose import find_roots
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
+from dobc_design.loop.make import loop_of
 
 F = Fraction
 SADDLE = half_difference(3.3)
@@ -43,14 +44,14 @@ def test_nothing_is_certified_beyond_it():
     1.655."""
     problem = listening_pair()
     v = (F(1), F(1))
-    assert largest_rate(problem, v, rho=F("1.653")) is not None
-    assert largest_rate(problem, v, rho=F("1.655")) is None
+    assert largest_rate(loop_of(problem), v, rho=F("1.653")) is not None
+    assert largest_rate(loop_of(problem), v, rho=F("1.655")) is None
     tiny = Separable(v=v, alpha=F(1, 10**9), rho=F("1.655"))
-    assert verify_separable(problem, tiny).verdict is Verdict.REFUTED
+    assert verify_separable(loop_of(problem), tiny).verdict is Verdict.REFUTED
     for rho in ("1.66", "2", "3", "5"):
-        proposal = propose_separable(problem, rho=float(rho))
+        proposal = propose_separable(loop_of(problem), rho=float(rho))
         for other in () if proposal is None else rounded_vectors(proposal):
-            assert largest_rate(problem, other, rho=F(rho)) is None
+            assert largest_rate(loop_of(problem), other, rho=F(rho)) is None
 
 
 @pytest.mark.usefixtures("few_starts")

@@ -22,6 +22,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.exact.matrix import multiply, scale
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.groups import Group, Observer, block_diagonal
 from dobc_design.problem.load import read_problem_text
 
@@ -98,7 +99,7 @@ def test_psi_has_no_rows_for_an_agent_without_a_disturbance():
     problem = linked(
         [], 2, gains=1, groups=[Group(agents=[1], exosystem=OSCILLATOR, observer=PRINTED)]
     )
-    (psi,) = state_theorems(problem).psi()
+    (psi,) = state_theorems(loop_of(problem)).psi()
     assert psi.size == 2 + 2
 
 
@@ -126,7 +127,7 @@ def test_the_printed_p_of_every_group_has_to_suit_the_gains_of_its_own_agents(
 
 def test_psi_and_s_of_groups_are_those_of_the_whole_matrix():
     problem = two(1, 1, swapped=True)
-    (pencil,) = state_theorems(problem).psi(rate=Fraction(1, 3))
+    (pencil,) = state_theorems(loop_of(problem)).psi(rate=Fraction(1, 3))
     values = {
         "P[1]": HALF.P,
         "Q[1]": ((Fraction(1),),),
@@ -165,7 +166,7 @@ def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
     problem = linked([[1, 2], [2, 3], [3, 1]], gains={1: 1, 2: "1/3"}, groups=[outer, inner])
     P = block_diagonal([PRINTED.P, HALF.P])
     Q = block_diagonal([((Fraction(1),), (Fraction(0),)), ((Fraction(1),),)])
-    exosystem, statements, outcomes = problem.joint_exosystem, state_theorems(problem), []
+    exosystem, statements, outcomes = problem.joint_exosystem, state_theorems(loop_of(problem)), []
     for factor in (1, 2, 4, 8, 16, 64):
         pair = Pair(P=scale(Fraction(factor), P), Q=scale(Fraction(factor), Q))
         outcomes.append(negative_definite(whole_psi(problem, pair, rate=rate)))
@@ -181,10 +182,10 @@ def test_each_group_has_checks_of_its_own_and_the_slowest_gives_the_rate():
         (id, None, group) for group in "12" for id in ("observability", "detectability", "hurwitz")
     ]
     wanted += [("reachability", "G", None), ("lemma1", "G", None), ("theorem1-printed", None, None)]
-    assert set(expected_checks(problem)) == {*wanted, ("theorem1", None, None)}
+    assert set(expected_checks(loop_of(problem))) == {*wanted, ("theorem1", None, None)}
     more = {("theorem1-weighted", None, None), ("tolerance", None, None)}
     assert {(c.id, c.mode, c.group) for c in certificate.checks} == {
-        *expected_checks(problem),
+        *expected_checks(loop_of(problem)),
         *more,
     }
     rates = {check.group: check.rate for check in certificate.checks if check.id == "hurwitz"}
@@ -255,7 +256,7 @@ def test_a_quadratic_certificate_takes_s_of_every_agents_own_group():
             multiply(own, problem.joint_observer.W),
         )
         lure = Lure(P_e=one, ranges=(), radius=None, level=None, multipliers={"G": ()}, P=own, Q=Q)
-        assert verify_lure(problem, lure).verdict is verdict
+        assert verify_lure(loop_of(problem), lure).verdict is verdict
     certificate = certified(two(1, 1), everything=True)
     assert certificate.check("lure").verdict is Verdict.PROVED
     assert verify(certificate, two(1, 1)).holds

@@ -38,6 +38,7 @@ from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.quadratic.sectors import slopes_of_node
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.leader import Leader, enclosure, open_faces
@@ -156,7 +157,7 @@ def test_the_region_is_asked_for_wherever_the_leader_starts():
     """max |lo - s|, |hi - s| by hand: x in [-3, 5], s in [-1, 2]; x in [0, 1], s in [-2, -2]."""
     region = {"initial_states": [[-3, 5], [0, 1]]}
     led = oscillators(region=region, leader={"initial": [[-1, 2], -2]}, offsets={2: [1, 0]})
-    assert asked_radius(as_integrators(led)) == (6, 3)
+    assert asked_radius(loop_of(led)) == (6, 3)
 
 
 # --- the box that a leader never leaves
@@ -194,7 +195,7 @@ def test_a_box_is_invariant_where_f_points_inwards_on_its_faces(box: Any, left: 
     assert outside is bool(left)
     second = second_loop(spiking(leader={"initial": [0, 0], "stays_in": box}))
     with pytest.raises(Refused, match="point inwards") if left else nullcontext():
-        leader_box(second)
+        leader_box(loop_of(second))
 
 
 def test_a_box_is_found_in_which_solutions_stay():
@@ -216,7 +217,7 @@ def test_slopes_of_nodes_hold_those_between_leader_and_agents():
     2)^2, 1]."""
     own = Dynamics(f=["x - x**3"])
     problem = as_integrators(spiking(4, dynamics=own, leader={"initial": 0, "stays_in": [-1, 1]}))
-    ((found,),) = slopes_of_node(problem, (Interval(Fraction(-2), Fraction(2)),))
+    ((found,),) = slopes_of_node(loop_of(problem), (Interval(Fraction(-2), Fraction(2)),))
     s, e = np.random.default_rng(0).uniform([[-1], [-2]], [[1], [2]], (2, 500))
     means = 1 - 3 * s**2 - 3 * s * e - e**2
     assert float(found.lo) <= means.min() and means.max() <= float(found.hi)

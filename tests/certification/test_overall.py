@@ -13,6 +13,7 @@ from dobc_design import Certificate, Check, Exosystem, Observer, Verdict, certif
 from dobc_design.certification.overall import decide_overall
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.coverage import asked_radius, covers
+from dobc_design.loop.make import loop_of
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 PAIR = [[1, 2], [2, 1]]
@@ -121,18 +122,20 @@ def test_coverage_is_compared_exactly(domain, answer):
     """R_c = max |lo - xbar|, |hi - xbar| = 4; a ball needs R^2 >= n sum R_c^2."""
     asked = problem(h="tanh(y)", exosystem=CONSTANT, target=1, region=region(0, 5, 0.5))
     check = made_up(domain)
-    assert covers(asked, check, [check]) is answer
-    assert decide_overall(asked, [check], None).verdict is (PROVED if answer else UNDECIDED)
+    assert covers(loop_of(asked), check, [check]) is answer
+    assert decide_overall(loop_of(asked), [check], None).verdict is (
+        PROVED if answer else UNDECIDED
+    )
 
 
 def test_a_radius_that_is_a_decimal_is_read_as_its_text():
     """0.1 + 0.2 is 0.30000000000000004 as it is written, and 0.1 is 1/10."""
     asked = problem(h="tanh(y)", region=region(0, "1/10"))
-    assert covers(asked, made_up({"kind": "box", "radius": 0.1}), [])
-    assert not covers(asked, made_up({"kind": "box", "radius": 0.09999999999999999}), [])
+    assert covers(loop_of(asked), made_up({"kind": "box", "radius": 0.1}), [])
+    assert not covers(loop_of(asked), made_up({"kind": "box", "radius": 0.09999999999999999}), [])
     # formation offsets enlarge the radius that is asked for
     asked = problem(h="tanh(y)", target=1, offsets={2: -3}, region=region(0, 5))
-    assert asked_radius(asked) == (Fraction(7),)
+    assert asked_radius(loop_of(asked)) == (Fraction(7),)
 
 
 def test_agents_out_of_reach_in_all_modes_refute():
@@ -151,7 +154,7 @@ def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
     certificate = consensus(asked)
     assert certificate.verdict is UNDECIDED
     silent = [replace(check, reason="") for check in certificate.checks]  # texts never decide
-    assert decide_overall(asked, silent, None).verdict is UNDECIDED
+    assert decide_overall(loop_of(asked), silent, None).verdict is UNDECIDED
     assert (
         certificate.check("reachability", "a").verdict
         is certificate.check("reachability", "b").verdict
@@ -187,9 +190,12 @@ def test_a_given_gain_refutes_where_its_error_reaches_the_agents_and_a_designed_
     assert verdict(**bad, region=region(0, 5, "1/1000")) is REFUTED
     # Only the W of the problem refutes: another one can be designed.
     bad = ((Fraction(-1),),)
-    assert decide_overall(problem(h="abs(y)", exosystem=CONSTANT), [], bad).verdict is UNDECIDED
+    assert (
+        decide_overall(loop_of(problem(h="abs(y)", exosystem=CONSTANT)), [], bad).verdict
+        is UNDECIDED
+    )
     given = problem(h="abs(y)", exosystem=CONSTANT, observer=Observer(W=[[-1]]))
-    assert decide_overall(given, [], bad).verdict is REFUTED
+    assert decide_overall(loop_of(given), [], bad).verdict is REFUTED
 
 
 def test_an_unstable_linearisation_refutes_and_enough_pinning_cures_it():
@@ -229,7 +235,7 @@ def test_instability_is_believed_of_a_refuted_lemma_only(kind):
         replace(c, **bent) if c.id == "lemma1" else c
         for c in at_the_consensus(consensus(asked).checks)
     ]
-    assert decide_overall(asked, checks, None).verdict is UNDECIDED
+    assert decide_overall(loop_of(asked), checks, None).verdict is UNDECIDED
 
 
 def test_a_gain_that_leaves_a_direction_free_refutes_and_a_skew_one_does_not():

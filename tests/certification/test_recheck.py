@@ -19,6 +19,7 @@ from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.reason import Reason
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -121,7 +122,9 @@ def test_one_failing_pair_refutes_the_printed_check_only_and_a_designed_gain_rul
         claims = bent(certificate, "theorem1", claim=Values({"block": block}), **refuted)
         assert f"{block} is proved" in failures(claims, problem)
     problem, bad = pair(gains=1, exosystem=INTEGRATOR), ((Fraction(-1),),)
-    trusted = Trusted(problem=problem, statements=state_theorems(problem), W=bad, pair=None)
+    trusted = Trusted(
+        loop=loop_of(problem), statements=state_theorems(loop_of(problem)), W=bad, pair=None
+    )
     check = Check(
         id="theorem1",
         verdict=REFUTED,
@@ -155,11 +158,11 @@ def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
     ]
     # several modes: theorem2; without an exosystem Lemma 1 alone; a P given: the printed check as
     # well
-    switching = [id for id, *_ in expected_checks(load_problem("paper-switching"))]
+    switching = [id for id, *_ in expected_checks(loop_of(load_problem("paper-switching")))]
     assert switching.count("lemma1") == 4
     assert {"theorem2", "theorem2-printed"} <= set(switching)
     assert "theorem1" not in switching
-    assert expected_checks(pair()) == (("reachability", "G", None), ("lemma1", "G", None))
+    assert expected_checks(loop_of(pair())) == (("reachability", "G", None), ("lemma1", "G", None))
 
 
 @pytest.mark.slow

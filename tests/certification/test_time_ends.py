@@ -17,6 +17,7 @@ from dobc_design.checker.curves import throughout
 from dobc_design.checker.loop import points
 from dobc_design.conditions.check import cut_check
 from dobc_design.exact.work import last_call, seconds_left, until
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 
 ZERO, ONE = Fraction(0), Fraction(1)
@@ -95,7 +96,7 @@ def test_what_is_cut_for_its_work_is_named_first(tmp_path: Path):
         cut_check("lure", "consensus", "cut off."),
         cut_check("delay", "consensus", "cut off."),
     ]
-    found = decide_overall(problem, checks, None)
+    found = decide_overall(loop_of(problem), checks, None)
     assert found.reason.startswith(
         "Undecided: work ran out. lure would take too long for a problem of this size"
     )
@@ -106,7 +107,7 @@ def test_a_longer_search_is_named_where_there_is_one(tmp_path: Path):
     problem = dd.load_problem(written(tmp_path, turns(4)))
     for longer in (True, False):
         checks = [cut_check("lure", "consensus", "cut off.", longer=longer)]
-        told = decide_overall(problem, checks, None).reason
+        told = decide_overall(loop_of(problem), checks, None).reason
         assert told.endswith("`dobc certify --all` searches longer.") is longer
 
 

@@ -19,6 +19,7 @@ from dobc_design.checker import examine as checker
 from dobc_design.checker.__main__ import main
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes, canonical_document
 from dobc_design.problem.load import builtin_names, load_problem
 
@@ -52,7 +53,7 @@ def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path
         return
     assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "max-separable")
     covering = certificate.check("max-separable")
-    assert claimed(covering.domain["radius"]) >= max(asked_radius(problem))
+    assert claimed(covering.domain["radius"]) >= max(asked_radius(loop_of(problem)))
     assert claimed(covering.domain["disturbance"]) >= problem.region.initial_disturbance
     assert certificate.rate == covering.rate
     document = json.loads(json.dumps(certificate_document(certificate.claims)))

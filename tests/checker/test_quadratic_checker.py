@@ -18,13 +18,14 @@ from dobc_design.checker import quadratic
 from dobc_design.checker.loop import Loop
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.quadratic.stage import quadratic_stage
+from dobc_design.loop.make import loop_of
 
 
 def test_a_list_with_a_clipped_expression_needs_the_radius():
     """clip(y1, -1, 1) is not linear although two of its three arguments are constants; y2 is."""
     arcs = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     problem = Problem(network=arcs, coupling=["clip(y1, -1, 1)", "y2"], gains=1, target=[0, 0])
-    assert quadratic.relied(second_loop(problem)) == {(2, 0)}
+    assert quadratic.relied(loop_of(second_loop(problem))) == {(2, 0)}
 
 
 def reader(h: Any) -> tuple[Loop, str]:
@@ -95,9 +96,9 @@ def test_what_one_program_refuses_of_a_claim_by_hand_the_other_refuses():
 def test_what_one_program_refuses_the_other_refuses(s: Fraction | None, count: int):
     problem = ring(3, coupling="exp(y) - 1 + y", gains=3, s=s)
     document = json.loads(certificate_bytes(certify(problem).claims))
-    asked = read_region(problem, problem.observer.W, domain="consensus", everything=False)
+    asked = read_region(loop_of(problem), problem.observer.W, domain="consensus", everything=False)
     found = with_factors(
-        problem, tuple(quadratic_stage(asked, lambda _: None)[:1]), problem.observer.W
+        loop_of(problem), tuple(quadratic_stage(asked, lambda _: None)[:1]), problem.observer.W
     )
     check = json.loads(json.dumps(found[0].to_json()))
     regional = ("max-separable", "delay", "sampling", "lure", "tolerance")

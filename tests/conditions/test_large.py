@@ -16,6 +16,7 @@ from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.consensus import claim, propose
 from dobc_design.conditions.consensus.propose import float_lambda
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 
 
@@ -54,7 +55,7 @@ def test_the_vector_stands_in_the_certificate_and_both_programs_accept_it(as_lar
     problem = held(h=h)
     certificate = certified(problem)
     lemma, theorem = certificate.check("lemma1"), certificate.check("theorem1")
-    top = np.linalg.eigvalsh(float_lambda(problem, "G").toarray())[-1]
+    top = np.linalg.eigvalsh(float_lambda(loop_of(problem), "G").toarray())[-1]
     assert 0.97 * -top <= lemma.margin <= -top
     assert theorem.verdict is Verdict.PROVED
     assert len(b64decode(lemma.exact["v"]["float64"])) == 8 * problem.n

@@ -13,6 +13,7 @@ from random_problems import random_problem
 from dobc_design import Exosystem, Group, Network, Problem, certify, verify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.coverage import asked_radius
+from dobc_design.loop.make import loop_of
 
 SMOOTH = (
     "y",
@@ -133,7 +134,7 @@ def kinds(problem: Problem) -> Iterator[str]:
 
 def _defined(problem: Problem, times: int) -> bool:
     """Does every h have values at differences of ``times`` the largest between two agents?"""
-    largest = 2 * times * float(max(asked_radius(problem)))
+    largest = 2 * times * float(max(asked_radius(loop_of(problem))))
     y = np.linspace(-largest, largest, 401)[:, np.newaxis] * np.ones(problem.m)
     with np.errstate(all="ignore"):
         return all(np.isfinite(h.value(y)).all() for h in problem.couplings)

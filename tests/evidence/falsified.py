@@ -23,6 +23,7 @@ from dobc_design.conditions.separable.propose import (
     rounded_vectors,
 )
 from dobc_design.falsification.search import Question, search_starts
+from dobc_design.loop.make import loop_of
 
 PROBLEMS = 24  # at least 20 are wanted
 HORIZON = 15.0  # s
@@ -98,8 +99,8 @@ def _observed(seed: int) -> tuple[Problem, Separable | None]:
         exosystem=lure_cases.HARMONIC,
         observer=Observer(W=W),
     )
-    plan = design_separable(problem, radius=Fraction(1), disturbance=Fraction(1, 2), W=W)
-    return problem, None if plan is None else first_certificate(problem, W, plan)
+    plan = design_separable(loop_of(problem), radius=Fraction(1), disturbance=Fraction(1, 2), W=W)
+    return problem, None if plan is None else first_certificate(loop_of(problem), W, plan)
 
 
 def _quadratic(seed: int) -> tuple[Problem, Lure | None]:
@@ -108,21 +109,23 @@ def _quadratic(seed: int) -> tuple[Problem, Lure | None]:
         seed, coupling=r.choice(("tanh(y)", "sin(y)", PAPER)), modes=r.choice((1, 2))
     )
     lure = design_lure(
-        problem,
+        loop_of(problem),
         holds=lambda each: lure_cases.is_proved(problem, each),
         shape=r.choice(("diagonal", "full")),
         largest=Fraction(3),
     )
     if lure is None:
         return problem, None
-    faster = raise_rate(problem, lure, holds=lambda each: lure_cases.is_proved(problem, each))
+    faster = raise_rate(
+        loop_of(problem), lure, holds=lambda each: lure_cases.is_proved(problem, each)
+    )
     return problem, faster if faster.rate > 0 else None
 
 
 def _box(problem: Problem, rho: Fraction) -> Separable | None:
-    proposal = propose_separable(problem, rho=float(rho))
+    proposal = propose_separable(loop_of(problem), rho=float(rho))
     if proposal is None:
         return None
     v = list(rounded_vectors(proposal))[2]
-    alpha = largest_rate(problem, v, rho=rho)
+    alpha = largest_rate(loop_of(problem), v, rho=rho)
     return None if alpha is None else Separable(v=v, alpha=alpha, rho=rho)

@@ -13,6 +13,7 @@ from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.margins.stage import inputs_stage, margins_stage
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.separable.stage import separable_stage
+from dobc_design.loop.make import loop_of
 
 Array = NDArray[np.float64]
 COUPLINGS = {
@@ -70,7 +71,7 @@ def inputs(count: int, seed: int) -> Row:
     claim, base, W = (
         checks["actuators"].claim,
         checks["max-separable"].claim,
-        observer_gain(problem),
+        observer_gain(loop_of(problem)),
     )
     n, rng = problem.n, np.random.default_rng(seed)
     v, k = (
@@ -123,7 +124,9 @@ def inputs(count: int, seed: int) -> Row:
 
 
 def _checks(problem: Problem) -> dict[str, Check]:
-    asked = read_region(problem, observer_gain(problem), domain="consensus", everything=True)
+    asked = read_region(
+        loop_of(problem), observer_gain(loop_of(problem)), domain="consensus", everything=True
+    )
     checks = separable_stage(asked, lambda stage: None)
     checks += margins_stage(asked, checks, lambda stage: None)
     checks += inputs_stage(asked, checks, lambda stage: None)

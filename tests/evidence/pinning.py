@@ -9,6 +9,7 @@ from small_designs import digraph
 import dobc_design as dd
 from dobc_design import Problem, Verdict
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
+from dobc_design.loop.make import loop_of
 
 AGREE = 1e-6
 
@@ -37,7 +38,7 @@ def choices(count: int, seed: int) -> Row:
 
 
 def _best_of_all(problem: Problem, rate: float, pins: int) -> float | None:
-    blocks = for_rate(network_blocks(problem), rate)
+    blocks = for_rate(network_blocks(loop_of(problem)), rate)
     costs = [
         float(gains.sum())
         for chosen in combinations(range(problem.n), pins)

@@ -10,7 +10,9 @@ from loops import simulate, simulate_many
 from scipy.linalg import expm
 
 from dobc_design import Exosystem, Failure, Network, Observer, Problem, Stress, certify
-from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.loop.arrays import pinning_matrix
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import consensus_jacobian
 from dobc_design.simulation.runs import simulate as simulate_problem
 from dobc_design.simulation.signals import Periodic, RandomDwell
 
@@ -56,7 +58,7 @@ def start_of(problem: Problem, rng: np.random.Generator) -> dict[str, Any]:
 
 def matrices(problem: Problem, mode: str) -> tuple[Any, ...]:
     """J - K, A, C, W as floats."""
-    J = consensus_jacobian(problem, mode).toarray() - pinning_matrix(problem).toarray()
+    J = consensus_jacobian(loop_of(problem), mode).toarray() - pinning_matrix(problem).toarray()
     if problem.q == 0:
         return J, np.zeros((0, 0)), np.zeros((problem.m, 0)), np.zeros((0, problem.m))
     return J, *(

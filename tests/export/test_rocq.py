@@ -24,6 +24,7 @@ from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import scale
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.rocq.matrices import rocq_proof
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_sha256
 
 BUILTINS = ("paper-fixed", "paper-switching", "clock-sync", "microgrid-ieee14", "uav-swarm")
@@ -104,7 +105,7 @@ def multiplied_out(factors, size):
 
 def matrices(certificate, rate=Fraction(0)):
     """-(Psi + 2 rate V) of every mode from the theorems, dense."""
-    statements, claims = state_theorems(certificate.problem), certificate.claims
+    statements, claims = state_theorems(loop_of(certificate.problem)), certificate.claims
     if certificate.problem.exosystem is None:
         found = [pencil.constant.shifted(2 * rate) for pencil in statements.lambdas.values()]
     else:

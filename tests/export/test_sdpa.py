@@ -13,6 +13,7 @@ from dobc_design import Exosystem, Network, Problem, load_problem
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.export.matrices import normalisation, sdpa_text
+from dobc_design.loop.make import loop_of
 
 needs_csdp = pytest.mark.skipif(
     shutil.which("csdp") is None, reason="CSDP is not installed (Debian: apt install coinor-csdp)"
@@ -112,7 +113,9 @@ def test_the_file_states_the_same_program_as_the_dense_lmi():
     for problem in (pair_problem(), load_problem("paper-fixed")):
         text = sdpa_text(problem)
         program = Margin(
-            pencils=state_theorems(problem).psi(), ratio=Fraction(100), radius=Fraction(100)
+            pencils=state_theorems(loop_of(problem)).psi(),
+            ratio=Fraction(100),
+            radius=Fraction(100),
         )
         assert SdpaFile(text).solved() == pytest.approx(solve_dense(program).objective, abs=1e-5)
 

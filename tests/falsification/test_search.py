@@ -28,6 +28,7 @@ from dobc_design.falsification import search
 from dobc_design.falsification.ascent import ascend, final_error, final_level
 from dobc_design.falsification.levels import Boundary, level_of
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification
+from dobc_design.loop.make import loop_of
 from dobc_design.model.model import build_flow
 from dobc_design.problem.changes import changed_problem, gain_changes
 from dobc_design.simulation.boxes import asked_box
@@ -49,8 +50,8 @@ def end_of(problem: Problem, suspect, duration: float) -> np.ndarray:
 
 def certificate_of(problem: Problem, rho: F, *, digits: int = 2) -> Separable:
     """The max-separable certificate of a radius, proved."""
-    v = list(rounded_vectors(propose_separable(problem, rho=float(rho))))[digits]
-    return Separable(v=v, alpha=largest_rate(problem, v, rho=rho), rho=rho)
+    v = list(rounded_vectors(propose_separable(loop_of(problem), rho=float(rho))))[digits]
+    return Separable(v=v, alpha=largest_rate(loop_of(problem), v, rho=rho), rho=rho)
 
 
 @pytest.fixture
@@ -129,7 +130,7 @@ def test_a_certified_set_of_different_exosystems_is_not_contradicted_and_a_false
     found = dd.falsify(problem, runs=9, certified=certificate, t_final=8)
     assert found.suspects == ()
     assert found.observed_rate >= found.certified_rate * (1 - 1e-6)
-    claim = separable_from_json(certificate.check("max-separable").exact, problem)
+    claim = separable_from_json(certificate.check("max-separable").exact, loop_of(problem))
     false = replace(claim, error=replace(claim.error, P=scale(F(1, 100), claim.error.P)))
     given = changed_problem(problem, gain_changes(problem, certificate.claims.W))
     twin = dd.falsify(given, runs=9, certified=false, t_final=5)
@@ -150,7 +151,7 @@ def test_a_set_that_is_too_large_is_contradicted():
     """Two agents, sin: v = (1, 1) is proved up to 1.65387; at 1.7 starts leave."""
     problem = listening_pair(reach=None)
     v = (F(1), F(1))
-    inside = Separable(v=v, alpha=largest_rate(problem, v, rho=F("1.653")), rho=F("1.653"))
+    inside = Separable(v=v, alpha=largest_rate(loop_of(problem), v, rho=F("1.653")), rho=F("1.653"))
     assert dd.falsify(problem, runs=14, certified=inside, t_final=20).suspects == ()
     beyond = dd.falsify(problem, runs=14, certified=replace(inside, rho=F("1.7")), t_final=5)
     assert {LEAVES, RESTS} <= {suspect.kind for suspect in beyond.suspects}
@@ -162,8 +163,8 @@ def test_a_set_that_is_too_large_is_contradicted():
 def test_a_quadratic_certificate_is_never_contradicted_and_a_false_one_is(shape: str):
     """Two agents that hear each other, one pin; the twin asks for five times its rate."""
     problem = lure_cycle(2, {1: 3})
-    lure = design_lure(problem, holds=lambda each: is_proved(problem, each), shape=shape)
-    lure = raise_rate(problem, lure, holds=lambda each: is_proved(problem, each))
+    lure = design_lure(loop_of(problem), holds=lambda each: is_proved(problem, each), shape=shape)
+    lure = raise_rate(loop_of(problem), lure, holds=lambda each: is_proved(problem, each))
     found = dd.falsify(problem, runs=9, certified=lure, t_final=8)
     assert found.suspects == ()
     assert found.observed_rate >= float(lure.rate) > 0

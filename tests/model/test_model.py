@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dobc_design import Exosystem, Network, Observer, Problem, load_problem
+from dobc_design.loop.arrays import goals, pinning_matrix
 from dobc_design.model.model import build_model
-from dobc_design.problem.arrays import goals, pinning_matrix
 
 SCALAR = re.split(
     r";\s",

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from dobc_design import Exosystem, Network, Problem, exosystems
+from dobc_design.description.words import describe, facts
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import (
     canonical_bytes,
@@ -25,7 +26,6 @@ from dobc_design.problem.groups import (
     group_numbers,
 )
 from dobc_design.problem.load import read_problem_text
-from dobc_design.problem.words import describe, facts
 
 HEAD = """
 name = "four"

@@ -40,6 +40,7 @@ from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.designer.source import python_source
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical, problem_sha256
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import read_problem_text
@@ -214,7 +215,7 @@ def test_rows_have_the_rate_of_all_vertices(seed: int):
         Fraction(rng.randint(1, 20), 10),
     )
     own, every = (
-        largest_rate(make(arcs, optional, **given), v, rho=rho) for make in (loose, listed)
+        largest_rate(loop_of(make(arcs, optional, **given)), v, rho=rho) for make in (loose, listed)
     )
     assert own == every or (own and every and abs(own / every - 1) < Fraction(1, 10**4))
 
@@ -234,7 +235,7 @@ def test_twelve_arcs_take_one_certificate():
     problem = loose(arcs, optional, agents=8, gains={1: 3}, coupling="y")
     v = tuple(2 - Fraction(1, 20) ** i for i in range(8))
     begin = time.perf_counter()
-    rate = largest_rate(problem, v, rho=None)
+    rate = largest_rate(loop_of(problem), v, rho=None)
     assert time.perf_counter() - begin < 0.5
     pulls = [3 if i == 0 else 0 for i in range(8)]
     # by hand: of each agent the arcs that are always there, and the optional ones that push it
@@ -371,20 +372,27 @@ def with_check(problem: Problem, id: str) -> Claims:
     def report(stage: str) -> None:
         pass
 
-    claims, domain = consensus_claims(problem), state_theorems(problem).domain
+    claims, domain = consensus_claims(problem), state_theorems(loop_of(problem)).domain
     checks = claims.checks
     if id in STAGES:
-        asked = read_region(problem, claims.W, domain=domain, everything=problem.is_linear)
+        asked = read_region(loop_of(problem), claims.W, domain=domain, everything=problem.is_linear)
         checks += tuple(STAGES[id](asked, report))
     if id == "settling":
         tolerance = Fraction(1, 2)
         checks += (
             settling_stage(
-                problem, claims.W, checks, tolerance=tolerance, domain=domain, report=report
+                loop_of(problem),
+                claims.W,
+                checks,
+                tolerance=tolerance,
+                domain=domain,
+                report=report,
             ),
         )
     if id == "accuracy":
-        checks += tuple(accuracy_stage(problem, claims.W, checks, domain=domain, report=report))
+        checks += tuple(
+            accuracy_stage(loop_of(problem), claims.W, checks, domain=domain, report=report)
+        )
     return replace(claims, checks=checks)
 
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dobc_design import Network, Problem
+from dobc_design.description.words import describe, facts
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import (
     canonical_bytes,
@@ -20,7 +21,6 @@ from dobc_design.problem.canonical import (
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.settings import KEYS, SIGNALS, Switching
-from dobc_design.problem.words import describe, facts
 
 MODES = ("Ga", "Gb", 'a."b"')
 NETWORK = Network.from_arcs(

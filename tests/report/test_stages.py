@@ -14,6 +14,7 @@ from dobc_design.conditions.check import check_from_json
 from dobc_design.conditions.schedule.checks import read_claim, settling_of
 from dobc_design.conditions.schedule.claim import Tube
 from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.loop.make import loop_of
 from dobc_design.report.figures import plot_envelope
 from dobc_design.report.pictures import envelope_pictures
 from dobc_design.report.region_words import settling_section, settling_sentence, stages_table
@@ -27,7 +28,9 @@ def settling() -> Settling:
     4.6764 s on."""
     problem = problems()["observed, linear"]
     return settling_of(
-        problem, read_claim(check_from_json(STRETCHED), problem, problem.observer.W), ""
+        loop_of(problem),
+        read_claim(check_from_json(STRETCHED), loop_of(problem), problem.observer.W),
+        "",
     )
 
 
@@ -67,7 +70,7 @@ def test_the_curve_drawn_is_the_certified_bound_and_said_in_words():
 def test_without_a_moving_box_one_certificate_covers_the_whole_time():
     whole, claim = settling(), settling().claim
     at_once = replace(
-        claim, tube=Tube.start(problems()["observed, linear"], F(1), claim.tube.error)
+        claim, tube=Tube.start(loop_of(problems()["observed, linear"]), F(1), claim.tube.error)
     )
     only = replace(whole, claim=at_once)
     assert "by one certificate" in settling_sentence(only)

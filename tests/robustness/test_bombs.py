@@ -18,7 +18,7 @@ import dobc_design as dd
 from dobc_design.certification import certify as certification
 from dobc_design.errors import SpecError
 from dobc_design.importing.grids import merged, read_matpower
-from dobc_design.problem.arrays import require_floats
+from dobc_design.loop.arrays import require_floats
 from dobc_design.report.write import render_report
 from dobc_design.solvers.conic import Cone, solve_cones
 from dobc_design.sweeps.plan import Task, make_plan

@@ -9,7 +9,7 @@ import pytest
 
 from dobc_design import Exosystem, Network, Observer, Problem, build_model, load_problem
 from dobc_design.coupling.coupling import make_coupling
-from dobc_design.problem.arrays import arc_groups
+from dobc_design.loop.arrays import arc_groups
 from dobc_design.simulation import field as fields
 from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.setting import groups_for, make_setting, switches_for

@@ -14,7 +14,9 @@ from scipy.linalg import expm
 
 import dobc_design as dd
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.loop.arrays import pinning_matrix
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import consensus_jacobian
 from dobc_design.simulation import integrate
 from dobc_design.simulation import setting as module
 from dobc_design.simulation.signals import Periodic, Schedule
@@ -55,7 +57,7 @@ def error_system(problem: dd.Problem, mode: str):
     n = problem.n
     m = problem.m
     q = problem.q
-    J = consensus_jacobian(problem, mode).toarray() - pinning_matrix(problem).toarray()
+    J = consensus_jacobian(loop_of(problem), mode).toarray() - pinning_matrix(problem).toarray()
     return np.block(
         [[J, np.kron(np.eye(n), C)], [np.zeros((n * q, n * m)), np.kron(np.eye(n), A - W @ C)]]
     )
@@ -290,7 +292,7 @@ def test_the_implicit_method_agrees_with_the_matrix_exponential():
     assert trajectory.method == "Radau"
     assert "implicit" in trajectory.notes[-1]
     assert simulate(ring("y", gains={"1": 1}), t_final=2).method == "DOP853"
-    J = consensus_jacobian(problem, "G").toarray() - pinning_matrix(problem).toarray()
+    J = consensus_jacobian(loop_of(problem), "G").toarray() - pinning_matrix(problem).toarray()
     for k in (1, 10, 30):
         wanted = expm(J * trajectory.times[k]) @ trajectory.x[0].ravel()
         np.testing.assert_allclose(trajectory.x[k].ravel(), wanted, atol=1e-6)

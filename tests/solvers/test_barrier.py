@@ -8,10 +8,11 @@ from scipy import linalg
 from dobc_design.conditions.quadratic.propose_program import (
     centring,
     covering,
-    float_loop,
+    float_system,
     make_templates,
     sample_gains,
 )
+from dobc_design.loop.make import loop_of
 from dobc_design.solvers.barrier import Block, Inequalities, centre, make_basis, minimise
 
 SHAPES = ("identity", "diagonal", "full")
@@ -21,8 +22,10 @@ def programs(shape: str) -> list[tuple[Inequalities, np.ndarray]]:
     """The three kinds of program, with a point inside each: three agents, four arcs, an observer's
     border."""
     problem = random_problem(3, coupling="y + y**3/10")
-    gains = sample_gains(problem, 0.5)
-    loop = float_loop(make_templates(problem), gains, radius=0.5, S=np.array([[0.3]]), rate=0.01)
+    gains = sample_gains(loop_of(problem), 0.5)
+    loop = float_system(
+        make_templates(loop_of(problem)), gains, radius=0.5, S=np.array([[0.3]]), rate=0.01
+    )
     basis = make_basis(loop.size, shape)
     Y, t = 0.02 * np.eye(loop.size), [0.3] * loop.multipliers
     tails = {"centring": [0.02], "shifted": [0.02, 5.0], "covering": [0.02, 0.01, 0.001, 0.9]}
@@ -88,8 +91,8 @@ def test_hopeless_programs_are_left_early():
 def test_a_lyapunov_equation_lies_inside_without_channels():
     """Linear couplings: the program is A Y + Y A' < 0, which the Lyapunov equation solves."""
     problem = cycle(4, {1: 2}, coupling="2*y")
-    gains = sample_gains(problem, 1.0)
-    loop = float_loop(make_templates(problem), gains, radius=None, S=None, rate=0.0)
+    gains = sample_gains(loop_of(problem), 1.0)
+    loop = float_system(make_templates(loop_of(problem)), gains, radius=None, S=None, rate=0.0)
     program = centring(loop, make_basis(4, "full"))
     Y = linalg.solve_continuous_lyapunov(loop.modes[0].A, -np.eye(4))
     assert program.holds(program.join(Y / (2 * np.linalg.norm(Y, 2)), []))

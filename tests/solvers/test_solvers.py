@@ -15,6 +15,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import from_float, matrix
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.make import loop_of
 from dobc_design.solvers.conic import smat, solve_directly, svec, svec_exact, symmetric_basis
 from dobc_design.solvers.program import Program, Solution, round_matrix
 
@@ -76,7 +77,7 @@ def test_a_feasible_problem_can_have_a_positive_margin(harmonic):
 def test_the_reduced_form_has_the_optimum_of_the_block_lmi(separable, modes, m, seed):
     """Theory, Reduction: equal for m = 1 and for Lambda = Lambda_n (x) I_m."""
     problem = separable(seed, modes=modes, m=m)
-    dense = solve_dense(Program(pencils=state_theorems(problem).psi()))
+    dense = solve_dense(Program(pencils=state_theorems(loop_of(problem)).psi()))
     small = solve_reduced(problem)
     assert small.found == dense.found
     if small.found:
@@ -98,7 +99,7 @@ def test_in_general_the_reduced_form_is_the_stricter_one(cycle):
     problem = cycle(
         3, pins={1: [[2, 0], [0, 40]], 2: 3, 3: 3}, exosystem=exosystem, coupling=["y1", "9*y2"]
     )
-    dense = solve_dense(Program(pencils=state_theorems(problem).psi()))
+    dense = solve_dense(Program(pencils=state_theorems(loop_of(problem)).psi()))
     small = solve_reduced(problem)
     assert small.objective > dense.objective * 1.01
 
@@ -107,7 +108,7 @@ def test_in_general_the_reduced_form_is_the_stricter_one(cycle):
 def test_a_second_solver_agrees(cycle, n):
     """SCS, a first-order method that shares no code with Clarabel."""
     problem = cycle(n)
-    second = solve_dense(Program(pencils=state_theorems(problem).psi()), solver="SCS")
+    second = solve_dense(Program(pencils=state_theorems(loop_of(problem)).psi()), solver="SCS")
     assert second.status in ("optimal", "optimal_inaccurate")
     assert second.objective == pytest.approx(solve_reduced(problem).objective, rel=2e-2, abs=1e-3)
 

@@ -29,6 +29,7 @@ from dobc_design.conditions.consensus.decide import psi_is_negative
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.observability import decide_detectable
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 
 Document = dict[str, Any]
@@ -136,7 +137,11 @@ def reduction_campaign(seeds: Iterable[int]) -> Tally:
     tally = Tally()
     for seed in seeds:
         problem = _reducible(seed)
-        oracle, statements, exosystem = Oracle(problem), state_theorems(problem), problem.exosystem
+        oracle, statements, exosystem = (
+            Oracle(problem),
+            state_theorems(loop_of(problem)),
+            problem.exosystem,
+        )
         assert exosystem is not None
         pair = _near_boundary_pair(problem, Random(seed), oracle)
         P, Q = ([list(row) for row in M] for M in (pair.P, pair.Q))

@@ -6,6 +6,7 @@ from dobc_design.certification.recheck import Trusted, confirm
 from dobc_design.conditions.check import Check, check_from_json
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.exact.matrix import Matrix
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 
 
@@ -26,10 +27,10 @@ def confirmed(
     max-separable check."""
     read = through_json(check)
     statements = Statements(
-        problem=problem, domain=domain, jacobians=None, lambdas={}, inapplicable=None
+        loop=loop_of(problem), domain=domain, jacobians=None, lambdas={}, inapplicable=None
     )
     trusted = Trusted(
-        problem=problem, statements=statements, W=W, pair=None, separable=beside or read
+        loop=loop_of(problem), statements=statements, W=W, pair=None, separable=beside or read
     )
     try:
         return confirm(read, trusted)

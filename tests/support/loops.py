@@ -3,7 +3,7 @@
 from typing import Any
 
 from dobc_design import Ensemble, Exosystem, Network, Observer, Problem, Trajectory
-from dobc_design.problem.arrays import Gain
+from dobc_design.loop.arrays import Gain
 from dobc_design.simulation.many_runs import run_many
 from dobc_design.simulation.one_run import run_once
 from dobc_design.simulation.setting import make_setting

@@ -13,6 +13,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.make import loop_of
 
 PAPER = "exp(y) - 1 + y"
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -61,7 +62,7 @@ def identity(size: int) -> SparseSymmetric:
 
 
 def is_proved(problem: Problem, lure: Lure) -> bool:
-    return verify_lure(problem, lure).verdict is Verdict.PROVED
+    return verify_lure(loop_of(problem), lure).verdict is Verdict.PROVED
 
 
 def pins(problem: Problem) -> np.ndarray:

@@ -12,6 +12,7 @@ from fractions import Fraction
 from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Program, Solution
@@ -28,7 +29,8 @@ def reduced_program(problem: Problem) -> Program | None:
             "Psi of (18) needs an [exosystem].", key="exosystem", cure="Without one, use Lemma 1."
         )
     bound = max(
-        largest_eigenvalue(float_lambda(problem, mode)).value for mode in problem.network.modes
+        largest_eigenvalue(float_lambda(loop_of(problem), mode)).value
+        for mode in problem.network.modes
     )
     if not math.isfinite(bound):
         return None

@@ -78,10 +78,9 @@ from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multip
 from dobc_design.exact.number import number_text
 from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row, row_norm
 from dobc_design.exact.symmetric import Doubles, least
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import gains_of
-from dobc_design.problem.integrators import dynamics_of
-from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import Uncertainty
 from dobc_design.verdict import Verdict
 
@@ -204,22 +203,22 @@ class Accuracy:
         return values if self.error is None else values | self.error.to_json()
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Accuracy:
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     """What a proved check of this topic claims, for this problem."""
-    curved = bool(problem.groups) and not problem.is_linear
+    curved = bool(loop.groups) and not loop.is_linear
     given = check.exact or {}
     turned, linear = "T" in given, "response" in given
-    observed = ("peaks",) if problem.groups else ()
+    observed = ("peaks",) if loop.groups else ()
     if linear:
         values = read_object(check.exact, ("response", "bounds", *observed))
     else:
         names = ("stages", "bounds", *observed, *(OBSERVED if curved else ()))
         values = read_object(check.exact, (*names, "T") if turned else names)
-    bounds = read_object(values["bounds"], problem.network.labels)
-    entries = problem.m if turned or linear else None
-    read = {label: _read_bounds(bounds[label], entries) for label in problem.network.labels}
+    bounds = read_object(values["bounds"], loop.labels)
+    entries = loop.m if turned or linear else None
+    read = {label: _read_bounds(bounds[label], entries) for label in loop.labels}
     peaks = None
-    if problem.groups:
+    if loop.groups:
         peaks = Peaks(
             **_read_steps(values["peaks"], ("disturbance", "drift", "measurement", "step"))
         )
@@ -229,10 +228,10 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Accuracy:
     if not isinstance(values["stages"], list) or not 1 <= len(values["stages"]) <= MOST_STAGES:
         raise ValueError(f"it needs between 1 and {MOST_STAGES} stages")
     return Accuracy(
-        stages=tuple(_read_level(each, problem, turned) for each in values["stages"]),
+        stages=tuple(_read_level(each, loop, turned) for each in values["stages"]),
         bounds=read,
         peaks=peaks,
-        error=error_from_json(values, problem) if curved else None,
+        error=error_from_json(values, loop) if curved else None,
         T=form_from_json(values["T"]) if turned else None,
     )
 
@@ -254,13 +253,13 @@ def _read_bounds(data: Any, m: int | None) -> Fraction | Vector:
     return tuple(read_rational(x) for x in data)
 
 
-def _read_level(data: object, problem: Problem, turned: bool) -> Level:
+def _read_level(data: object, loop: Loop, turned: bool) -> Level:
     values = read_object(data, ("v", "alpha", "level", "rho", *(("ranges",) if turned else ())))
-    if (values["rho"] is None) != problem.is_linear:
+    if (values["rho"] is None) != loop.is_linear:
         raise ValueError("rho must be null exactly where every coupling is linear")
     rho = None if values["rho"] is None else read_rational(values["rho"])
-    v = vector_from_json(values["v"], problem.n * problem.m if turned else problem.n)
-    ranges = ranges_from_json(values["ranges"], problem, rho) if turned else ()
+    v = vector_from_json(values["v"], loop.n * loop.m if turned else loop.n)
+    ranges = ranges_from_json(values["ranges"], loop, rho) if turned else ()
     alpha, level = (read_rational(values[name]) for name in ("alpha", "level"))
     stage = Level(v=v, alpha=alpha, level=level, rho=rho, ranges=ranges)
     if min(stage.alpha, stage.level, least(v)) <= 0 or (rho is not None and rho < stage.level):
@@ -276,12 +275,12 @@ INPUTS: Final = ("disturbance", "drift", "measurement")
 _SHOWN: Final = 6  # bounds told in the reason
 
 
-def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str | None:
+def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | None:
     """Why no final bounds can be shown for the loop with the gain W (q, m); None if they may be.
     ``turned``: in coordinates."""
-    if problem.n > MOST_AGENTS:
+    if loop.n > MOST_AGENTS:
         return f"does not apply: final bounds are decided for at most {MOST_AGENTS} agents."
-    plant = problem.uncertainty
+    plant = loop.uncertainty
     if turned and plant is not None and plant.measurement:
         return (
             "does not apply: measurement noise is known for couplings that act by component only."
@@ -291,15 +290,15 @@ def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str
             "does not apply: with a disturbance, errors of weights and gains are known for "
             "couplings by component only."
         )
-    if not turned and problem.origin is not None:
+    if not turned and loop.drift is not None:
         return "does not apply: bounds for agents with [dynamics] are made in coordinates."
-    return not_applicable(problem, W, turned=turned)
+    return not_applicable(loop, W, turned=turned)
 
 
-def response_obstacle(problem: Problem) -> str | None:
+def response_obstacle(loop: Loop) -> str | None:
     """Why the response of the whole loop bounds nothing here; None if it may."""
-    plant, (mode, *others) = problem.uncertainty or Uncertainty(), problem.network.modes
-    if not problem.is_linear or others or problem.network.modes[mode].optional:
+    plant, (mode, *others) = loop.uncertainty or Uncertainty(), loop.modes
+    if not loop.is_linear or others or loop.modes[mode].optional:
         return (
             "the response of the whole loop is followed for linear couplings in one mode "
             "without optional arcs only."
@@ -309,56 +308,54 @@ def response_obstacle(problem: Problem) -> str | None:
             "noise and errors of weights and gains are not known where the response of the "
             "whole loop is followed."
         )
-    if problem.n * problem.m > MOST_ROWS:
+    if loop.n * loop.m > MOST_ROWS:
         return (
             f"the response of the whole loop is followed for at most {MOST_ROWS} states of agents."
         )
     return None
 
 
-def loop_matrix(problem: Problem) -> Matrix | None:
+def loop_matrix(loop: Loop) -> Matrix | None:
     """M = J - K of a linear loop in one mode; None where a slope is not rational."""
-    (jacobian,) = jacobians_at_consensus(problem).modes
+    (jacobian,) = jacobians_at_consensus(loop).modes
     if not jacobian.is_point:
         return None
     entries, size = (
-        linearisation(jacobian, problem.pinning, problem.m),
-        range(problem.n * problem.m),
+        linearisation(jacobian, loop.pulls, loop.m),
+        range(loop.n * loop.m),
     )
     return tuple(tuple(entries.get((a, b), Fraction(0)) for b in size) for a in size)
 
 
-def most_steps(problem: Problem) -> int:
+def most_steps(loop: Loop) -> int:
     """Steps in which a response may be followed."""
-    size, own = problem.n * problem.m, dynamics_of(problem)
-    columns = size + (0 if own is None else problem.n * own.inputs)
+    size, own = loop.n * loop.m, loop.drift
+    columns = size + (0 if own is None else loop.n * own.inputs)
     return min(MOST_STEPS, MOST_PRODUCTS // (size**2 * columns))
 
 
 def response_bounds(
-    problem: Problem, peaks: Peaks | None, response: Response
+    loop: Loop, peaks: Peaks | None, response: Response
 ) -> dict[str, Vector] | None:
     """Label -> what is left of every |e_ic|: b times the peak gains of a linear loop in one mode;
     None where they are not shown with these steps."""
-    M, own = loop_matrix(problem), dynamics_of(problem)
-    if M is None or response.steps > most_steps(problem):
+    M, own = loop_matrix(loop), loop.drift
+    if M is None or response.steps > most_steps(loop):
         return None
-    inputs = [] if own is None else [kronecker(identity(problem.n), own.B)]
+    inputs = [] if own is None else [kronecker(identity(loop.n), own.B)]
     found = peak_gains_by_row(M, identity(len(M)), inputs, step=response.step, steps=response.steps)
     if found is None:
         return None
-    b, m = input_of(problem, peaks), problem.m
+    b, m = input_of(loop, peaks), loop.m
     ends = [b * row[-1] for row in found]
-    return {
-        label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(problem.network.labels)
-    }
+    return {label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(loop.labels)}
 
 
-def observer_peaks(problem: Problem, W: Matrix, *, step: Fraction, steps: int) -> Peaks | None:
+def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peaks | None:
     """The peak gains, the worst of all groups, for the gain W (q, m); None where they are not
     shown."""
-    worst, own = dict.fromkeys(INPUTS, Fraction(0)), dynamics_of(problem)
-    for group, gain in zip(problem.groups, gains_of(problem.groups, W), strict=True):
+    worst, own = dict.fromkeys(INPUTS, Fraction(0)), loop.drift
+    for group, gain in zip(loop.groups, gains_of(loop.groups, W), strict=True):
         F, C, W_own = error_matrix(group.exosystem, gain), group.exosystem.C, gain
         if own is not None:  # w acts on the inputs, and what is asked is C eps in the inputs
             C, W_own = multiply(own.left_inverse, C), multiply(gain, own.B)
@@ -372,21 +369,20 @@ def observer_peaks(problem: Problem, W: Matrix, *, step: Fraction, steps: int) -
     return Peaks(**worst, step=step, steps=steps)
 
 
-def input_of(problem: Problem, peaks: Peaks | None) -> Fraction:
+def input_of(loop: Loop, peaks: Peaks | None) -> Fraction:
     """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in the
     end."""
-    plant = problem.uncertainty or Uncertainty()
+    plant = loop.uncertainty or Uncertainty()
     return plant.disturbance + (
         plant.disturbance * peaks.disturbance + plant.drift * peaks.drift if peaks else 0
     )
 
 
-def load_in_coordinates(problem: Problem, peaks: Peaks | None, T: Matrix) -> Vector:
+def load_in_coordinates(loop: Loop, peaks: Peaks | None, T: Matrix) -> Vector:
     """|T B| b by agent and component of z, (n m,): what acts on every agent."""
-    own, b = dynamics_of(problem), input_of(problem, peaks)
+    own, b = loop.drift, input_of(loop, peaks)
     return (
-        tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B)))
-        * problem.n
+        tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B))) * loop.n
     )
 
 
@@ -410,14 +406,14 @@ class Load:
 
 
 def loads(
-    problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)
+    loop: Loop, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)
 ) -> Iterator[Load]:
     """Every row of a stage with what acts besides, eta_i larger by the part ``room``.  What an
     observer passes on it has seen in any mode: there the largest over the modes counts.  Raises:
     UndefinedError where a slope has no bound as far out."""
-    plant = problem.uncertainty or Uncertainty()
-    errors, nubar = stated_errors(problem), plant.measurement
-    curves = coupling_profiles(problem, stage.v, rho=stage.rho)
+    plant = loop.uncertainty or Uncertainty()
+    errors, nubar = stated_errors(loop), plant.measurement
+    curves = coupling_profiles(loop, stage.v, rho=stage.rho)
     passed = Fraction(0) if peaks is None else peaks.disturbance
     unknown = Fraction(0) if plant.known_to_agents else errors.weights * passed * (1 + room)
 
@@ -443,7 +439,7 @@ def loads(
     @cache
     def heard(mode: str, agent: int) -> tuple[Term, ...]:
         """The arcs of an agent as the file states them."""
-        ((row, _),) = separable.rows(problem, stage.v, modes=[mode], agents=[agent])
+        ((row, _),) = separable.rows(loop, stage.v, modes=[mode], agents=[agent])
         return row.terms
 
     def slopes(mode: str, agent: int) -> Fraction:
@@ -459,36 +455,34 @@ def loads(
             Fraction(0),
         )
 
-    for agent in range(problem.n):
-        H = {mode: slopes(mode, agent) for mode in problem.network.modes}
-        eta = unknown * max(pull(mode, agent) for mode in problem.network.modes)
-        k = problem.pinning.gains.get(agent)
+    for agent in range(loop.n):
+        H = {mode: slopes(mode, agent) for mode in loop.modes}
+        eta = unknown * max(pull(mode, agent) for mode in loop.modes)
+        k = loop.pulls.gains.get(agent)
         b = plant.disturbance * passed
         if peaks is not None:
             b += plant.drift * peaks.drift + nubar * peaks.measurement
         pinned = Fraction(0) if k is None else (1 + errors.gains) * row_norm(k)
         b += nubar * pinned + 2 * nubar * (1 + errors.weights) * passed * max(H.values())
-        for mode in problem.network.modes:
-            ((row, _),) = separable.rows(
-                problem, stage.v, modes=[mode], agents=[agent], errors=errors
-            )
+        for mode in loop.modes:
+            ((row, _),) = separable.rows(loop, stage.v, modes=[mode], agents=[agent], errors=errors)
             own = b + plant.disturbance + 2 * nubar * (1 + errors.weights) * H[mode]
             yield Load(mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=b)
 
 
 def not_shrinking(
-    problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)
+    loop: Loop, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)
 ) -> str | None:
     """Which row of a stage is not proved for all s in [level, rho], in words; None if all are.
     ``room``: as in ``loads``."""
     try:
-        profiles = coupling_profiles(problem, stage.v, rho=stage.rho)
+        profiles = coupling_profiles(loop, stage.v, rho=stage.rho)
         holds = cache(partial(_row_holds, profiles=profiles, stage=stage))
-        for load in loads(problem, peaks, stage, room=room):
+        for load in loads(loop, peaks, stage, room=room):
             row = load.held
             face = next((face for face in FACES if not holds(row, load.constant, face)), None)
             if face is not None:
-                who = f"agent {problem.network.labels[load.agent]} in mode {load.mode}"
+                who = f"agent {loop.labels[load.agent]} in mode {load.mode}"
                 return (
                     f"the {FACES[face]} row of {who} is not shown for all s from "
                     f"{float(stage.level):.6g} on."
@@ -513,7 +507,7 @@ def _row_holds(
 
 
 def accuracy_check(
-    problem: Problem, W: Matrix | None, claim: Accuracy, *, domain: Domain, local: str
+    loop: Loop, W: Matrix | None, claim: Accuracy, *, domain: Domain, local: str
 ) -> Check:
     """Decide ``claim`` for the starts of ``domain``: PROVED or UNDECIDED; ``local`` is the domain
     of Lemma 1."""
@@ -522,13 +516,13 @@ def accuracy_check(
         verdict=Verdict.PROVED,
         domain=domain,
         claim=claim,
-        reason=_told(problem, claim, domain),
+        reason=_told(loop, claim, domain),
     )
-    wrong = confirm(check, problem, W, domain=local)
+    wrong = confirm(check, loop, W, domain=local)
     return check if wrong is None else undecided_check(ID, local, wrong)
 
 
-def _told(problem: Problem, claim: Accuracy, domain: Domain) -> str:
+def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
     """The final bounds in words, agents with the same bound together."""
     agents: dict[Vector, list[str]] = {}
     for label, bounds in claim.listed.items():
@@ -543,9 +537,9 @@ def _told(problem: Problem, claim: Accuracy, domain: Domain) -> str:
     starts = "every start"
     if not isinstance(domain, str):
         starts += f" with |e_i| <= {domain['radius']:.6g}"
-        starts += f" and |eps_i| <= {domain['disturbance']:.6g}" if problem.groups else ""
+        starts += f" and |eps_i| <= {domain['disturbance']:.6g}" if loop.groups else ""
     inputs = ", ".join(
-        f"{name} {float(x):.6g}" for name in INPUTS if (x := getattr(problem.uncertainty, name))
+        f"{name} {float(x):.6g}" for name in INPUTS if (x := getattr(loop.uncertainty, name))
     )
     listed = ", ".join(told).replace(", ..., ", " ... ")
     each = "|e_i|" if not claim.by_component else "the components of |e_i|"
@@ -555,20 +549,20 @@ def _told(problem: Problem, claim: Accuracy, domain: Domain) -> str:
     )
 
 
-def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
-    claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, problem, W)
-    if (reason := obstacle(problem, W, turned=claim.by_component)) is not None:
+    claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, loop, W)
+    if (reason := obstacle(loop, W, turned=claim.by_component)) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no witness and no rate"
-    if problem.uncertainty is None:
+    if loop.uncertainty is None:
         return "the problem has no [uncertainty]"
     if claim.response is None and not 1 <= len(claim.stages) <= MOST_STAGES:
         return f"it needs between 1 and {MOST_STAGES} stages"
     if claim.peaks is not None and W is not None:
-        own = observer_peaks(problem, W, step=claim.peaks.step, steps=claim.peaks.steps)
+        own = observer_peaks(loop, W, step=claim.peaks.step, steps=claim.peaks.steps)
         if own is None:
             return "the peak gains of the observer are not shown with these steps."
         for name in INPUTS:
@@ -578,8 +572,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
                     f"{float(getattr(claim.peaks, name)):.6g}."
                 )
     if claim.response is not None:
-        return _wrong_response(check, problem, claim, claim.response, domain)
-    if (wrong := _wrong_starts(check, problem, W, claim, domain)) is not None:
+        return _wrong_response(check, loop, claim, claim.response, domain)
+    if (wrong := _wrong_starts(check, loop, W, claim, domain)) is not None:
         return wrong
     for before, stage in zip(claim.stages, claim.stages[1:], strict=False):
         if stage.rho is None or any(
@@ -593,35 +587,34 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
         return "a bound is below that of the last stage."
     if claim.T is None:
         return next(
-            (why for stage in claim.stages if (why := not_shrinking(problem, claim.peaks, stage))),
+            (why for stage in claim.stages if (why := not_shrinking(loop, claim.peaks, stage))),
             None,
         )
     load, each = (
-        load_in_coordinates(problem, claim.peaks, claim.T),
+        load_in_coordinates(loop, claim.peaks, claim.T),
         ((x, claim.in_stage(x)) for x in claim.stages),
     )
     found = (
-        rows_obstacle(problem, own, load=tuple(b / stage.level for b in load))
-        for stage, own in each
+        rows_obstacle(loop, own, load=tuple(b / stage.level for b in load)) for stage, own in each
     )
     return next((why for why in found if why is not None), None)
 
 
 def _wrong_response(
-    check: Check, problem: Problem, claim: Accuracy, response: Response, domain: str
+    check: Check, loop: Loop, claim: Accuracy, response: Response, domain: str
 ) -> str | None:
     """None if a linear loop is shown to pass on no more than the bounds."""
     if claim.stages or claim.T is not None or claim.error is not None:
         return "beside a response there are no stages and no coordinates."
-    if problem.groups and claim.peaks is None:
+    if loop.groups and claim.peaks is None:
         return "with an [exosystem] it needs peaks."
     if not check.domain == "global" == domain:
         return "the bounds of a response are global."
-    if (reason := response_obstacle(problem)) is not None:
+    if (reason := response_obstacle(loop)) is not None:
         return reason
-    if not input_of(problem, claim.peaks) > 0:
+    if not input_of(loop, claim.peaks) > 0:
         return "nothing acts on the loop."
-    found = response_bounds(problem, claim.peaks, response)
+    found = response_bounds(loop, claim.peaks, response)
     if found is None:
         return "the response of the loop is not shown to decay in these steps."
     pairs = ((label, zip(claim.listed[label], ends, strict=True)) for label, ends in found.items())
@@ -634,7 +627,7 @@ def _wrong_response(
 
 
 def _wrong_starts(
-    check: Check, problem: Problem, W: Matrix | None, claim: Accuracy, domain: str
+    check: Check, loop: Loop, W: Matrix | None, claim: Accuracy, domain: str
 ) -> str | None:
     """Whether the first stage holds all starts of the domain until their estimates are right."""
     first, error = claim.stages[0], claim.error
@@ -642,10 +635,10 @@ def _wrong_starts(
         return (
             None if check.domain == "global" == domain else "without rho the domain must be global"
         )
-    radius, disturbance = read_domain(check.domain, problem, kind="box")
-    as_separable, exosystem = claim.in_stage(first), problem.joint_exosystem
+    radius, disturbance = read_domain(check.domain, loop, kind="box")
+    as_separable, exosystem = claim.in_stage(first), loop.joint_exosystem
     if claim.T is not None:
-        exosystem, W = seen_through(problem, claim.T, W)
+        exosystem, W = seen_through(loop, claim.T, W)
     if exosystem is not None:
         if error is None or W is None:
             return "with an [exosystem] it needs P, beta, kappa and size."

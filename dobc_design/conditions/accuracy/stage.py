@@ -72,9 +72,9 @@ from dobc_design.exact.matrix import Matrix, Vector, identity, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS, row_norm
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
-from dobc_design.problem.arrays import coupling_places
+from dobc_design.loop.arcs import coupling_places
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import gains_of
-from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
 
@@ -101,9 +101,9 @@ ROOM: Final = Fraction(1, 100)  # of eta, for a second program with wider enclos
 POINTS, SAMPLES, TIGHTER = 9, 500, 1 + 1e-6  # of s and of h, and what is left to rounding
 
 
-def propose_peaks(problem: Problem, W: Matrix) -> Peaks | None:
+def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     """Proved upper bounds of the peak gains, a little above; None where none are found."""
-    parts = zip(problem.groups, gains_of(problem.groups, W), strict=True)
+    parts = zip(loop.groups, gains_of(loop.groups, W), strict=True)
     matrices = [to_float(error_matrix(group.exosystem, gain)) for group, gain in parts]
     decay = min(float(-np.max(np.linalg.eigvals(F).real)) for F in matrices)
     size = max(float(np.max(np.sum(np.abs(F), axis=1))) for F in matrices)
@@ -112,7 +112,7 @@ def propose_peaks(problem: Problem, W: Matrix) -> Peaks | None:
     horizon = DECAYED / decay
     h = min(max(FINEST / size, horizon / MOST_STEPS), COARSEST / size)
     steps = min(MOST_STEPS, int(np.ceil(horizon / h)))
-    found = observer_peaks(problem, W, step=rounded_up(Fraction(h), digits=3), steps=steps)
+    found = observer_peaks(loop, W, step=rounded_up(Fraction(h), digits=3), steps=steps)
     if found is None:
         return None
     disturbance, drift, measurement = (
@@ -121,14 +121,14 @@ def propose_peaks(problem: Problem, W: Matrix) -> Peaks | None:
     return replace(found, disturbance=disturbance, drift=drift, measurement=measurement)
 
 
-def propose_stages(problem: Problem, peaks: Peaks | None, outer: Level) -> Iterator[Level]:
+def propose_stages(loop: Loop, peaks: Peaks | None, outer: Level) -> Iterator[Level]:
     """Stages from the box of ``outer`` inwards, each decided already; for linear couplings one
     does."""
-    last = None if outer.rho is None else _lowest(problem, peaks, outer)
+    last = None if outer.rho is None else _lowest(loop, peaks, outer)
     if last is not None:
         yield last
     while outer.rho is None or last is not None:
-        last = next(_inside(problem, peaks, outer if last is None else last), None)
+        last = next(_inside(loop, peaks, outer if last is None else last), None)
         if last is None:
             return
         yield last
@@ -136,30 +136,30 @@ def propose_stages(problem: Problem, peaks: Peaks | None, outer: Level) -> Itera
             return
 
 
-def near_target(problem: Problem, peaks: Peaks | None) -> Iterator[Level]:
+def near_target(loop: Loop, peaks: Peaks | None) -> Iterator[Level]:
     """Boxes |e_i| <= v_i around the target that shrink, larger ones first: v as the rows near the
     target want it."""
-    tiny = Level(v=(Fraction(1),) * problem.n, alpha=SLOW, level=SLOW, rho=Fraction(1, 1000))
-    for v in reversed(list(_vectors(problem, peaks, tiny, SPREADS))):
-        level = None if v is None else _lowest(problem, peaks, replace(tiny, v=v, rho=Fraction(1)))
+    tiny = Level(v=(Fraction(1),) * loop.n, alpha=SLOW, level=SLOW, rho=Fraction(1, 1000))
+    for v in reversed(list(_vectors(loop, peaks, tiny, SPREADS))):
+        level = None if v is None else _lowest(loop, peaks, replace(tiny, v=v, rho=Fraction(1)))
         if level is not None:
             yield level
 
 
-def _inside(problem: Problem, peaks: Peaks | None, before: Level) -> Iterator[Level]:
+def _inside(loop: Loop, peaks: Peaks | None, before: Level) -> Iterator[Level]:
     """Stages that take over where ``before`` ends, and leave less of its largest bound."""
     within = before if before.rho is None else replace(before, rho=before.level)
     spreads = SPREADS[:1] if before.rho is None else SPREADS
-    for spread, v in zip(spreads, _vectors(problem, peaks, within, spreads), strict=True):
+    for spread, v in zip(spreads, _vectors(loop, peaks, within, spreads), strict=True):
         if v is None:
             continue
         ratio = max(before.level * x / y for x, y in zip(before.v, v, strict=True))
         rho = None if before.rho is None else rounded_up(ratio * (1 + ABOVE), digits=9)
-        tight = _with_rate(problem, peaks, Level(v=v, alpha=SLOW, level=1 + ABOVE, rho=rho))
-        if spread == 1 and (rho is None or tight.level < rho) and _holds(problem, peaks, tight):
+        tight = _with_rate(loop, peaks, Level(v=v, alpha=SLOW, level=1 + ABOVE, rho=rho))
+        if spread == 1 and (rho is None or tight.level < rho) and _holds(loop, peaks, tight):
             found: Level | None = tight
         else:
-            found = None if rho is None else _lowest(problem, peaks, tight)
+            found = None if rho is None else _lowest(loop, peaks, tight)
         if found is None:
             continue
         if rho is None or found.level * max(found.v) <= WORTH * before.level * max(before.v):
@@ -167,14 +167,14 @@ def _inside(problem: Problem, peaks: Peaks | None, before: Level) -> Iterator[Le
 
 
 def _vectors(
-    problem: Problem, peaks: Peaks | None, within: Level, spreads: Sequence[float]
+    loop: Loop, peaks: Peaks | None, within: Level, spreads: Sequence[float]
 ) -> Iterator[Vector | None]:
     """v for the rows with b_i at s = 1, b_i as in the box ``within``, and with multiples, which
     reach further."""
-    b = _loads(problem, peaks, within)
+    b = _loads(loop, peaks, within)
     size = 1.0 if within.rho is None else float(max(within.v)) * float(within.rho)
-    field = field_of(problem, rho=size, errors=stated_errors(problem))
-    field = replace(field, grid=np.array([1.0]), extra=_pulls(problem, peaks, size))
+    field = field_of(loop, rho=size, errors=stated_errors(loop))
+    field = replace(field, grid=np.array([1.0]), extra=_pulls(loop, peaks, size))
     for spread in spreads:
         with np.errstate(all="ignore"):
             own = -field.rows(b * NEAR, alpha=0.0)[1].diagonal()
@@ -187,20 +187,20 @@ def _vectors(
         )
 
 
-def _pulls(problem: Problem, peaks: Peaks | None, reach: float) -> Any:
+def _pulls(loop: Loop, peaks: Peaks | None, reach: float) -> Any:
     """eta_i as a matrix (n, n) that acts on v, for |y| <= 2 reach; None where the observers know
     the weights."""
-    plant = problem.uncertainty
+    plant = loop.uncertainty
     if plant is None or plant.known_to_agents or not plant.weights or peaks is None:
         return None
     y = np.linspace(0, 2 * reach, SAMPLES)[1:]
-    functions = [numpy_function(each.components[0]) for each in problem.couplings]
+    functions = [numpy_function(each.components[0]) for each in loop.functions]
     steepest = np.array(
         [max(np.max(np.abs(h(y) / y)), np.max(np.abs(h(-y) / y))) for h in functions]
     )
-    total = sparse.csr_array((problem.n, problem.n))
-    for arcs in problem.network.modes.values():
-        w = np.array([float(x) for x in arcs.weights]) * steepest[coupling_places(problem, arcs)]
+    total = sparse.csr_array((loop.n, loop.n))
+    for arcs in loop.modes.values():
+        w = np.array([float(x) for x in arcs.weights]) * steepest[coupling_places(loop, arcs)]
         w *= float(plant.weights * peaks.disturbance * (1 + ROOM) * (1 + ABOVE))
         places = (
             np.concatenate([arcs.listeners] * 2),
@@ -212,7 +212,7 @@ def _pulls(problem: Problem, peaks: Peaks | None, reach: float) -> Any:
 
 
 def covering_boxes(
-    problem: Problem,
+    loop: Loop,
     peaks: Peaks | None,
     error: ErrorBound | None,
     starts: tuple[Fraction, Fraction],
@@ -229,18 +229,18 @@ def covering_boxes(
     # starts may be as near as that, with their errors of estimates beside
     inside = float(radius / rho)
     for part in sorted({min(part, inside) for part in FROM}, reverse=True):
-        v: Vector = (Fraction(1),) * problem.n
+        v: Vector = (Fraction(1),) * loop.n
         with surviving("no box that holds the starts", UndefinedError), np.errstate(all="ignore"):
             for _ in range(2):  # with noise, what acts depends on how far v reaches
-                b = _loads(problem, peaks, Level(v=v, alpha=SLOW, level=rho, rho=rho))
-                field = field_of(problem, rho=float(rho), errors=stated_errors(problem))
+                b = _loads(loop, peaks, Level(v=v, alpha=SLOW, level=rho, rho=rho))
+                field = field_of(loop, rho=float(rho), errors=stated_errors(loop))
                 grid = float(rho) * np.linspace(part, 1, POINTS)
-                extra = _pulls(problem, peaks, float(rho) * float(max(v)))
+                extra = _pulls(loop, peaks, float(rho) * float(max(v)))
                 field = replace(
                     field, grid=grid, load=b * TIGHTER / (part * float(rho)), extra=extra
                 )
                 rate = slowly * max(0.0, linear_rate(replace(field, load=0.0))) if slowly else 0.0
-                found = least_solution(field, alpha=rate, start=np.ones(problem.n))
+                found = least_solution(field, alpha=rate, start=np.ones(loop.n))
                 if found is None:
                     break
                 v = tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in found.tolist())
@@ -250,15 +250,15 @@ def covering_boxes(
                 yield Level(v=v, alpha=alpha, level=level, rho=rho), error
 
 
-def _loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Array:
+def _loads(loop: Loop, peaks: Peaks | None, stage: Level) -> Array:
     """The largest b_i of every agent."""
-    b = np.zeros(problem.n)
-    for load in loads(problem, peaks, stage):
+    b = np.zeros(loop.n)
+    for load in loads(loop, peaks, stage):
         b[load.agent] = max(b[load.agent], float(load.constant))
     return b
 
 
-def _lowest(problem: Problem, peaks: Peaks | None, stage: Level) -> Level | None:
+def _lowest(loop: Loop, peaks: Peaks | None, stage: Level) -> Level | None:
     """The stage with the lowest level for which its rows hold, about; None if they do not even hold
     near rho."""
     if stage.rho is None:
@@ -267,8 +267,8 @@ def _lowest(problem: Problem, peaks: Peaks | None, stage: Level) -> Level | None
 
     def at(place: float, _: object = None) -> Level | None:
         level = rounded_up(rho * Fraction(math.exp(place)), digits=6)
-        tried = _with_rate(problem, peaks, replace(stage, level=level))
-        return tried if _holds(problem, peaks, tried) else None
+        tried = _with_rate(loop, peaks, replace(stage, level=level))
+        return tried if _holds(loop, peaks, tried) else None
 
     high, low = math.log(HIGHEST), math.log(DEEPEST)
     first = at(high)
@@ -278,15 +278,15 @@ def _lowest(problem: Problem, peaks: Peaks | None, stage: Level) -> Level | None
     return replace(lowest, level=lowest.level * (1 + ABOVE))
 
 
-def _with_rate(problem: Problem, peaks: Peaks | None, stage: Level) -> Level:
+def _with_rate(loop: Loop, peaks: Peaks | None, stage: Level) -> Level:
     """The stage with a small rate, which makes its rows strict."""
-    b = _loads(problem, peaks, stage)
+    b = _loads(loop, peaks, stage)
     least = float(np.min(b / np.array([float(x) for x in stage.v]))) / float(stage.level)
     return replace(stage, alpha=rounded_down(Fraction(least) * SLOW, digits=2) or SLOW)
 
 
-def _holds(problem: Problem, peaks: Peaks | None, stage: Level) -> bool:
-    return not_shrinking(problem, peaks, stage, room=ROOM) is None
+def _holds(loop: Loop, peaks: Peaks | None, stage: Level) -> bool:
+    return not_shrinking(loop, peaks, stage, room=ROOM) is None
 
 
 #: Parts of the box that are tried one after the other: noise passes through a coupling that is
@@ -304,48 +304,46 @@ NEARLY = Fraction(100_001, 100_000)  # kappa beta min v, which has to exceed 1
 
 
 def accuracy_stage(
-    problem: Problem, W: Matrix | None, checks: Sequence[Check], *, domain: str, report: Progress
+    loop: Loop, W: Matrix | None, checks: Sequence[Check], *, domain: str, report: Progress
 ) -> list[Check]:
     """The check ``accuracy`` for the gain W (q, m), after ``checks``; none where [uncertainty] adds
     no input."""
-    plant = problem.uncertainty
+    plant = loop.uncertainty
     if plant is None or not (
-        plant.disturbance or plant.measurement or (plant.drift and problem.groups)
+        plant.disturbance or plant.measurement or (plant.drift and loop.groups)
     ):
         return []
     report("bounding the final error")
-    turned = problem.origin is not None or not acts_by_component(problem)
-    if (reason := obstacle(problem, W, turned=turned)) is not None:
+    turned = loop.drift is not None or not acts_by_component(loop)
+    if (reason := obstacle(loop, W, turned=turned)) is not None:
         return [undecided_check(ID, domain, reason, applies=False)]
-    if (apart := why_no_weights(problem)) is not None:
+    if (apart := why_no_weights(loop)) is not None:
         return [undecided_check(ID, domain, apart)]
     if (late := out_of_time()) is not None:
         return [undecided_check(ID, domain, late)]
     first = None
     with surviving("no final bounds"):
         with at_most(STAGE):
-            peaks = None if W is None or not problem.groups else propose_peaks(problem, W)
-        if problem.groups and peaks is None:
+            peaks = None if W is None or not loop.groups else propose_peaks(loop, W)
+        if loop.groups and peaks is None:
             reason = (
                 "the peak gains of the observer are not bounded: its error does not decay, or "
                 "too slowly."
             )
             return [undecided_check(ID, domain, reason)]
         claims = _turned if turned else _claims
-        found = chain(
-            claims(problem, W, peaks, checks, domain), _of_response(problem, W, peaks, domain)
-        )
+        found = chain(claims(loop, W, peaks, checks, domain), _of_response(loop, W, peaks, domain))
         first = next(found, None)
     if first is None:
-        return [undecided_check(ID, domain, _not_found(problem))]
+        return [undecided_check(ID, domain, _not_found(loop))]
     return [first]
 
 
-def _not_found(problem: Problem) -> str:
+def _not_found(loop: Loop) -> str:
     """What is said where the search found nothing: of linear couplings bounds scale with the
     inputs, so that these cannot be too large."""
     what = "no box is found that shrinks under the inputs of [uncertainty]"
-    if problem.is_linear:
+    if loop.is_linear:
         return (
             f"{what}: the search for its weights failed. The loop is linear, so that it is not "
             "their size."
@@ -354,19 +352,19 @@ def _not_found(problem: Problem) -> str:
 
 
 def _claims(
-    problem: Problem, W: Matrix | None, peaks: Peaks | None, checks: Sequence[Check], domain: str
+    loop: Loop, W: Matrix | None, peaks: Peaks | None, checks: Sequence[Check], domain: str
 ) -> Iterator[Check]:
     """Proved checks, for the largest box of starts first."""
     if domain == "global":
-        one = Level(v=(Fraction(1),) * problem.n, alpha=Fraction(1), level=Fraction(1), rho=None)
+        one = Level(v=(Fraction(1),) * loop.n, alpha=Fraction(1), level=Fraction(1), rho=None)
         yield from _proved(
-            problem,
+            loop,
             W,
-            Accuracy(stages=_stages(problem, peaks, one), bounds={}, peaks=peaks),
+            Accuracy(stages=_stages(loop, peaks, one), bounds={}, peaks=peaks),
             domain,
         )
         return
-    known, starts = _outer(problem, W, checks, domain)
+    known, starts = _outer(loop, W, checks, domain)
     error = None if known is None else known.error
     boxes: list[tuple[Level, ErrorBound | None, Domain]] = []
     if known is not None and known.rho is not None:
@@ -374,72 +372,70 @@ def _claims(
             radius, disturbance = (decimal_below(x * part) if x else 0.0 for x in starts)
             outer = Level(v=known.v, alpha=known.alpha, level=known.rho, rho=known.rho * part)
             boxes.append((outer, error, starts_in("box", radius, disturbance)))
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     if exosystem is not None and W is not None and error is None:
         error = propose_error_bound(exosystem, W)
-    near = () if exosystem is not None and error is None else near_target(problem, peaks)
+    near = () if exosystem is not None and error is None else near_target(loop, peaks)
     whole = starts_in("box", *(decimal_below(x) if x else 0.0 for x in starts))
-    held = covering_boxes(problem, peaks, error, starts) if boxes else ()
+    held = covering_boxes(loop, peaks, error, starts) if boxes else ()
     first = chain(boxes[:1], ((*each, whole) for each in held), boxes[1:])
     for outer, bound, box in chain(first, (_near_box(each, error, starts[1]) for each in near)):
-        claim = Accuracy(stages=_stages(problem, peaks, outer), bounds={}, peaks=peaks, error=bound)
-        yield from _proved(problem, W, claim, box, domain)
+        claim = Accuracy(stages=_stages(loop, peaks, outer), bounds={}, peaks=peaks, error=bound)
+        yield from _proved(loop, W, claim, box, domain)
 
 
 def _turned(
-    problem: Problem, W: Matrix | None, peaks: Peaks | None, checks: Sequence[Check], domain: str
+    loop: Loop, W: Matrix | None, peaks: Peaks | None, checks: Sequence[Check], domain: str
 ) -> Iterator[Check]:
     """The same in coordinates: of linear couplings those with the smallest bounds, else the boxes
     that max-separable proves in its own."""
-    if problem.is_linear:
-        near = _near(problem, peaks)[:MOST_COORDINATES]
-        for T, v in chain(near, _proved_weights(problem, W, checks, domain)):
-            stages = tuple(propose_turned(problem, peaks, T, v, None))[-1:]
+    if loop.is_linear:
+        near = _near(loop, peaks)[:MOST_COORDINATES]
+        for T, v in chain(near, _proved_weights(loop, W, checks, domain)):
+            stages = tuple(propose_turned(loop, peaks, T, v, None))[-1:]
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, T=T)
-            yield from _proved(problem, W, claim, "global", domain)
+            yield from _proved(loop, W, claim, "global", domain)
         return
-    known = _separable(problem, W, checks, domain)
+    known = _separable(loop, W, checks, domain)
     base = known.claim
     if not isinstance(base, Separable) or base.rho is None or isinstance(known.domain, str):
         return
-    T, v = _in_coordinates(base, problem.m)
+    T, v = _in_coordinates(base, loop.m)
     for part in PARTS:
         radius, disturbance = (
             decimal_below(claimed(known.domain[x]) * part) for x in ("radius", "disturbance")
         )
         with at_most(STAGE), surviving("no final bounds in coordinates", UndefinedError):
-            inwards = propose_turned(problem, peaks, T, v, base.rho * part)
+            inwards = propose_turned(loop, peaks, T, v, base.rho * part)
             stages = tuple(islice(inwards, MOST_STAGES))
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=base.error, T=T)
-            yield from _proved(problem, W, claim, starts_in("box", radius, disturbance), domain)
+            yield from _proved(loop, W, claim, starts_in("box", radius, disturbance), domain)
 
 
-def _of_response(
-    problem: Problem, W: Matrix | None, peaks: Peaks | None, domain: str
-) -> Iterator[Check]:
+def _of_response(loop: Loop, W: Matrix | None, peaks: Peaks | None, domain: str) -> Iterator[Check]:
     """The bounds of a linear loop in one mode by its peak gains, which need no coordinates, if they
     are proved."""
-    if response_obstacle(problem) is not None or out_of_time() is not None:
+    if response_obstacle(loop) is not None or out_of_time() is not None:
         return
-    response = _followed(problem)
-    ends = None if response is None else response_bounds(problem, peaks, response)
+    response = _followed(loop)
+    ends = None if response is None else response_bounds(loop, peaks, response)
     if ends is not None:
         bounds = {label: _raised(x * (1 + MORE) for x in each) for label, each in ends.items()}
         claim = Accuracy(stages=(), bounds=bounds, peaks=peaks, response=response)
         check = limited(
-            ID, domain, lambda: accuracy_check(problem, W, claim, domain="global", local=domain)
+            ID, domain, lambda: accuracy_check(loop, W, claim, domain="global", local=domain)
         )
         if check.verdict is Verdict.PROVED:
             yield check
 
 
-def _followed(problem: Problem) -> Response | None:
+def _followed(loop: Loop) -> Response | None:
     """Steps that follow a linear loop until little of its response is left; None where it does not
     decay, or slowly."""
-    M = loop_matrix(problem)
+    M = loop_matrix(loop)
     if M is None:
         return None
-    size, most = float(row_norm(M)), most_steps(problem)
+    size, most = float(row_norm(M)), most_steps(loop)
     horizon = _decayed(to_float(M), size) if 0 < size < math.inf else None
     if horizon is None:
         return None
@@ -468,15 +464,13 @@ def _raised(values: Iterable[Fraction]) -> Vector:
     return tuple(rounded_up(x, digits=DIGITS) for x in values)
 
 
-def _separable(problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str) -> Check:
+def _separable(loop: Loop, W: Matrix | None, checks: Sequence[Check], domain: str) -> Check:
     """The check max-separable: that of ``checks`` where it is proved, else what is found for every
     start."""
     known = next((check for check in checks if check.id == "max-separable"), None)
     if known is not None and known.verdict is Verdict.PROVED:
         return known
-    return separable_stage(read_region(problem, W, domain=domain, everything=True), lambda _: None)[
-        0
-    ]
+    return separable_stage(read_region(loop, W, domain=domain, everything=True), lambda _: None)[0]
 
 
 def _in_coordinates(base: Separable, m: int) -> tuple[Matrix, Vector]:
@@ -487,26 +481,26 @@ def _in_coordinates(base: Separable, m: int) -> tuple[Matrix, Vector]:
 
 
 def _proved_weights(
-    problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str
+    loop: Loop, W: Matrix | None, checks: Sequence[Check], domain: str
 ) -> Iterator[tuple[Matrix, Vector]]:
     """Coordinates and weights of a max-separable proof, whose rows hold strictly: some multiple of
     them does."""
-    base = _separable(problem, W, checks, domain).claim
+    base = _separable(loop, W, checks, domain).claim
     if isinstance(base, Separable):
-        yield _in_coordinates(base, problem.m)
+        yield _in_coordinates(base, loop.m)
 
 
-def _near(problem: Problem, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
+def _near(loop: Loop, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
     """Coordinates and weights for linear couplings: those with the smallest bounds (in the
     geometric mean) first."""
-    agents, found = Agents.of(problem, most=problem.n), dict[Matrix, tuple[float, Vector]]()
-    ones = np.ones((problem.n, problem.m))
-    gains = agents.gains_at(np.eye(problem.m), ones, 1.0)
+    agents, found = Agents.of(loop, most=loop.n), dict[Matrix, tuple[float, Vector]]()
+    ones = np.ones((loop.n, loop.m))
+    gains = agents.gains_at(np.eye(loop.m), ones, 1.0)
     if gains is None:
         return []
     for T in candidates(agents, gains):
         if T is not None and T not in found:
-            acts = np.array([float(x) for x in load_in_coordinates(problem, peaks, T)])
+            acts = np.array([float(x) for x in load_in_coordinates(loop, peaks, T)])
             v = _least_weights(agents, to_float(T), gains, acts + np.max(acts) * SLACK)
             if v is not None:
                 weights = tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
@@ -523,7 +517,7 @@ def _least_weights(agents: Agents, T: Array, gains: Gains, acts: Array) -> Array
     rows fall, as ones often do, and as the v with the best rate does where there is one.
     """
     starts = [
-        np.ones((agents.size, agents.problem.m)),
+        np.ones((agents.size, agents.loop.m)),
         *(v for _, v in agents.vectors(T, gains)[-1:]),
     ]
     for start in starts:
@@ -540,13 +534,13 @@ def _least_weights(agents: Agents, T: Array, gains: Gains, acts: Array) -> Array
 
 
 def propose_turned(
-    problem: Problem, peaks: Peaks | None, T: Matrix, v: Sequence[Fraction], rho: Fraction | None
+    loop: Loop, peaks: Peaks | None, T: Matrix, v: Sequence[Fraction], rho: Fraction | None
 ) -> Iterator[Level]:
     """Stages in coordinates from the box N <= rho inwards, for linear couplings (without rho)
     one."""
     load, agents, turned = (
-        load_in_coordinates(problem, peaks, T),
-        Agents.of(problem, most=problem.n),
+        load_in_coordinates(loop, peaks, T),
+        Agents.of(loop, most=loop.n),
         to_float(T),
     )
     acts, last = np.array([float(x) for x in load]), float("inf")
@@ -555,16 +549,16 @@ def propose_turned(
         weights: Sequence[Fraction], rho: Fraction | None
     ) -> tuple[Level | None, Array | None]:
         """The lowest level for these weights, and the weights that these gains ask for."""
-        ranges = enclosed_ranges(problem, T, weights, rho)
+        ranges = enclosed_ranges(loop, T, weights, rho)
         u = np.array([float(x) for x in weights])
-        best, M = agents.rows(turned, in_floats(ranges), u.reshape(-1, problem.m))
+        best, M = agents.rows(turned, in_floats(ranges), u.reshape(-1, loop.m))
         better = solved(M, acts + np.max(acts) * SLACK, np.ones(u.size, dtype=bool))
         if not np.all(best < 0):
             return None, better
         level = rounded_up(Fraction(float(np.max(acts / -best.ravel()))) * (1 + ABOVE), digits=9)
         if level <= 0 or (rho is not None and level > rho):
             return None, better
-        rate = slowest_row(problem, T, weights, ranges, load=tuple(x / level for x in load)).rate
+        rate = slowest_row(loop, T, weights, ranges, load=tuple(x / level for x in load)).rate
         if rate <= 0:
             return None, better
         return Level(
@@ -607,7 +601,7 @@ def _near_box(
 
 
 def _outer(
-    problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str
+    loop: Loop, W: Matrix | None, checks: Sequence[Check], domain: str
 ) -> tuple[Separable | None, tuple[Fraction, Fraction]]:
     """A box that shrinks without the inputs, and its starts: that of ``checks``, else the largest
     one that is found."""
@@ -618,7 +612,7 @@ def _outer(
         and isinstance(known.domain, Mapping)
     ):
         return known.claim, (claimed(known.domain["radius"]), claimed(known.domain["disturbance"]))
-    asked = read_region(problem, W, domain=domain, everything=True)
+    asked = read_region(loop, W, domain=domain, everything=True)
     found = None
     if known is None:
         with at_most(STAGE):
@@ -628,12 +622,12 @@ def _outer(
     return found.claim, (claimed(found.radius), claimed(asked.disturbance))
 
 
-def _stages(problem: Problem, peaks: Peaks | None, outer: Level) -> tuple[Level, ...]:
+def _stages(loop: Loop, peaks: Peaks | None, outer: Level) -> tuple[Level, ...]:
     """Stages as far as they are found within the work of one stage of ``certify``."""
     stages: list[Level] = []
     try:
         with at_most(STAGE):
-            for stage in propose_stages(problem, peaks, outer):
+            for stage in propose_stages(loop, peaks, outer):
                 stages.append(stage)
                 if len(stages) == MOST_STAGES:
                     break
@@ -643,11 +637,11 @@ def _stages(problem: Problem, peaks: Peaks | None, outer: Level) -> tuple[Level,
 
 
 def _proved(
-    problem: Problem, W: Matrix | None, claim: Accuracy, starts: Domain, local: str = "global"
+    loop: Loop, W: Matrix | None, claim: Accuracy, starts: Domain, local: str = "global"
 ) -> Iterator[Check]:
     """The check of a claim with its bounds, if it is proved."""
     if claim.stages:
-        labels = problem.network.labels
+        labels = loop.labels
         ends = zip(labels, claim.ends, strict=True)
         bounds = {label: _raised(each) for label, each in ends}
         whole = replace(
@@ -655,7 +649,7 @@ def _proved(
             bounds=bounds if claim.T is not None else {x: each[0] for x, each in bounds.items()},
         )
         check = limited(
-            ID, local, lambda: accuracy_check(problem, W, whole, domain=starts, local=local)
+            ID, local, lambda: accuracy_check(loop, W, whole, domain=starts, local=local)
         )
         if check.verdict is Verdict.PROVED:
             yield check

@@ -39,13 +39,12 @@ from dobc_design.exact.symmetric import (
     SparseSymmetric,
     as_integers,
 )
-from dobc_design.problem.arrays import arc_table
+from dobc_design.loop.arcs import arc_table
+from dobc_design.loop.loop import Loop, Pins
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs
-from dobc_design.problem.pinning import Pinning
-from dobc_design.problem.problem import Problem
 
 Gain = tuple[tuple[Interval, ...], ...]  # m x m
 Entries = dict[tuple[int, int], Fraction]
@@ -95,13 +94,13 @@ class Jacobians:
     modes: tuple[ModeJacobian, ...]
 
 
-def jacobians_at_consensus(problem: Problem) -> Jacobians:
+def jacobians_at_consensus(loop: Loop) -> Jacobians:
     """Enclose J(0) of every mode.  For linear couplings J does not depend on e, so the domain is
     "global". Raises: exact.interval.UndefinedError if a coupling has no derivative at 0."""
-    slopes = [coupling.jacobian_at_zero() for coupling in problem.couplings]
+    slopes = [coupling.jacobian_at_zero() for coupling in loop.functions]
     modes = []
-    for name, arcs in problem.network.modes.items():
-        table = arc_table(problem, name)
+    for name, arcs in loop.modes.items():
+        table = arc_table(loop, name)
         width = max(1, len(table.weights))
         places = (table.coupling * width + table.weight) * 2 + arcs.uncertain
         pairs, kinds = np.unique(places, return_inverse=True)
@@ -113,8 +112,8 @@ def jacobians_at_consensus(problem: Problem) -> Jacobians:
             gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
         kinds.setflags(write=False)
         modes.append(ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains)))
-    domain = "global" if problem.is_linear else "consensus"
-    return Jacobians(domain=domain, size=problem.n, dimension=problem.m, modes=tuple(modes))
+    domain = "global" if loop.is_linear else "consensus"
+    return Jacobians(domain=domain, size=loop.n, dimension=loop.m, modes=tuple(modes))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,14 +140,14 @@ class Deviations(Sequence[Deviation]):
 
 
 def lemma1_in_arrays(
-    jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int
+    jacobian: ModeJacobian, pulls: Pins, *, size: int, dimension: int
 ) -> Pencil | None:
     """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512
     bits."""
     # agents often share one matrix
     held = {
         id(k): [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)]
-        for k in pinning.gains.values()
+        for k in pulls.gains.values()
     }
     below = common_denominator(
         (x for rows in held.values() for row in rows for x in row), bits=sparse.DENOMINATOR_BITS
@@ -164,7 +163,7 @@ def lemma1_in_arrays(
     whole = (middles * common).reshape(-1, dimension, dimension)
     nothing = np.zeros(0, dtype=np.int64)
     parts = [
-        *_pin_triplets(pinning, held, common, dimension),
+        *_pin_triplets(pulls, held, common, dimension),
         *_arc_triplets(jacobian, whole, dimension),
     ]
     rows, columns, values = (
@@ -191,13 +190,13 @@ def _middle(entry: Interval, exact: bool) -> Fraction:
 
 
 def _pin_triplets(
-    pinning: Pinning, held: Mapping[int, Sequence[Sequence[Fraction]]], common: int, dimension: int
+    pulls: Pins, held: Mapping[int, Sequence[Sequence[Fraction]]], common: int, dimension: int
 ) -> Iterable[Triplets]:
     """-(K + K'), on and above the diagonal."""
-    agents = np.fromiter(pinning.gains, dtype=np.int64, count=len(pinning.gains)) * dimension
+    agents = np.fromiter(pulls.gains, dtype=np.int64, count=len(pulls.gains)) * dimension
     kinds = {key: kind for kind, key in enumerate(held)}
     kind = np.fromiter(
-        (kinds[id(k)] for k in pinning.gains.values()), dtype=np.int64, count=len(agents)
+        (kinds[id(k)] for k in pulls.gains.values()), dtype=np.int64, count=len(agents)
     )
     for c in range(dimension):
         for d in range(c, dimension):
@@ -245,7 +244,7 @@ def _deviations(
     )
 
 
-def linearisation(jacobian: ModeJacobian, pinning: Pinning, dimension: int) -> Entries:
+def linearisation(jacobian: ModeJacobian, pulls: Pins, dimension: int) -> Entries:
     """The entries of J - K of one mode, with the middle of a slope that is not rational."""
     entries: Entries = {}
 
@@ -260,22 +259,22 @@ def linearisation(jacobian: ModeJacobian, pinning: Pinning, dimension: int) -> E
                 if slope:
                     put(listener, speaker, c, d, slope)
                     put(listener, listener, c, d, -slope)
-    for agent, k in pinning.gains.items():
+    for agent, k in pulls.gains.items():
         for c, row in enumerate(k):
             for d, x in enumerate(row):
                 put(agent, agent, c, d, -x)
     return entries
 
 
-def lemma1(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil:
+def lemma1(jacobian: ModeJacobian, pulls: Pins, *, size: int, dimension: int) -> Pencil:
     """Lambda(J) = J + J' - (K + K') < 0: Lemma 1, eq. (10) without its factor 1/2.  Size: n m.  No
     unknowns."""
     if size * dimension > LARGE_ROWS or len(jacobian.arcs) * dimension**2 > LARGE_ENTRIES:
-        lean = lemma1_in_arrays(jacobian, pinning, size=size, dimension=dimension)
+        lean = lemma1_in_arrays(jacobian, pulls, size=size, dimension=dimension)
         if lean is not None:
             return lean
     entries: Entries = {}
-    for (i, j), value in linearisation(jacobian, pinning, dimension).items():
+    for (i, j), value in linearisation(jacobian, pulls, dimension).items():
         add_to(entries, i, j, 2 * value if i == j else value)
     deviations = tuple(
         Deviation(i * dimension + c, j * dimension + d, i * dimension + d, slope.width / 2)
@@ -455,7 +454,7 @@ class PairFacts:
         return values if self.mode is None else {**values, "mode": self.mode}
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None:
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     """What Lemma 1 or a theorem claims; problem and gain are not needed."""
     exact = check.exact or {}
     if "unstable_roots" in exact:
@@ -477,7 +476,7 @@ class Statements:
     the couplings are ``inapplicable``, not C1, for that reason.  ``shown``: what a vector has
     proved about Lambda of large networks."""
 
-    problem: Problem
+    loop: Loop
     domain: str
     jacobians: Jacobians | None
     lambdas: Mapping[str, Pencil]
@@ -487,25 +486,23 @@ class Statements:
     def psi(self, *, rate: Fraction = ZERO) -> tuple[Pencil, ...]:
         """Psi of every mode, (28), with shared unknowns.  Raises: SpecError without an
         exosystem."""
-        groups, labels = self.problem.groups, self.problem.network.labels
+        groups, labels = self.loop.groups, self.loop.labels
         if not groups:
             raise SpecError(
                 "Psi of (18) needs an [exosystem].",
                 key="exosystem",
                 cure="Without one, Lemma 1 is the condition.",
             )
-        systems = {
-            group.name if self.problem.is_grouped else "": group.exosystem for group in groups
-        }
+        systems = {group.name if self.loop.is_grouped else "": group.exosystem for group in groups}
         numbers = group_numbers(groups, labels)
         return tuple(theorem1(each, systems, numbers, rate=rate) for each in self.lambdas.values())
 
 
-def state_theorems(problem: Problem) -> Statements:
+def state_theorems(loop: Loop) -> Statements:
     """State Lemma 1, Theorem 1 and Theorem 2 for ``problem`` at the consensus."""
     reason, jacobians = None, None
-    kinked = next((coupling for coupling in problem.couplings if coupling.nonsmooth), None)
-    if problem.slopes_move:
+    kinked = next((coupling for coupling in loop.functions if coupling.nonsmooth), None)
+    if loop.slopes_move:
         reason = (
             "does not apply: the leader moves, and with it the slopes of f: those at one point "
             "prove nothing."
@@ -520,7 +517,7 @@ def state_theorems(problem: Problem) -> Statements:
         )
     else:
         try:
-            jacobians = jacobians_at_consensus(problem)
+            jacobians = jacobians_at_consensus(loop)
         except UndefinedError as error:
             reason = (
                 "does not apply: the coupling has no bounded derivative at the consensus "
@@ -528,14 +525,14 @@ def state_theorems(problem: Problem) -> Statements:
             )
     if jacobians is None:
         return Statements(
-            problem=problem, domain="consensus", jacobians=None, lambdas={}, inapplicable=reason
+            loop=loop, domain="consensus", jacobians=None, lambdas={}, inapplicable=reason
         )
     lambdas = {
-        mode.name: lemma1(mode, problem.pinning, size=problem.n, dimension=problem.m)
+        mode.name: lemma1(mode, loop.pulls, size=loop.n, dimension=loop.m)
         for mode in jacobians.modes
     }
     return Statements(
-        problem=problem,
+        loop=loop,
         domain=jacobians.domain,
         jacobians=jacobians,
         lambdas=lambdas,

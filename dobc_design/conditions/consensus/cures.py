@@ -31,8 +31,8 @@ from dobc_design.conditions.consensus.pinning import (
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
 from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.problem.arrays import closed_groups
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.arcs import closed_groups
+from dobc_design.loop.loop import Loop
 
 CANDIDATES = 200  # agents that are tried one by one, if a try is cheap
 FEWEST = 10  # if it is not
@@ -103,40 +103,36 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
 
 
 @lru_cache(maxsize=2)
-def _blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
+def _blocks(loop: Loop, *, pins: bool = False) -> Blocks | None:
     """For the true rate where one mode has rising couplings, else for V = e'e."""
-    weighted = (
-        network_blocks(problem, pins=pins, weighted=True)
-        if len(problem.network.modes) == 1
-        else None
-    )
-    return weighted if weighted is not None and weighted.z else network_blocks(problem, pins=pins)
+    weighted = network_blocks(loop, pins=pins, weighted=True) if len(loop.modes) == 1 else None
+    return weighted if weighted is not None and weighted.z else network_blocks(loop, pins=pins)
 
 
-def on_present_pins(problem: Problem) -> Iterator[PinProposal]:
+def on_present_pins(loop: Loop) -> Iterator[PinProposal]:
     """New gains on the present pins; nothing if there are none, or no gains on them can do."""
-    blocks = _blocks(problem)
-    if blocks is not None and problem.pinning.agents:
-        yield from gains_on(blocks, problem.pinning.agents, PinProposal(gains={}))
+    blocks = _blocks(loop)
+    if blocks is not None and loop.pulls.nodes:
+        yield from gains_on(blocks, loop.pulls.nodes, PinProposal(gains={}))
 
 
-def one_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[PinProposal]:
+def one_more(loop: Loop, *, progress: Progress | None = None) -> Iterator[PinProposal]:
     """The best agent to add: beside the present gains as they are, then with all gains chosen
     anew."""
-    for blocks, pins in _grounds(problem):
-        found = best_single(blocks, problem, pins=pins, progress=progress)
+    for blocks, pins in _grounds(loop):
+        found = best_single(blocks, loop, pins=pins, progress=progress)
         if found:
             proposal = PinProposal(gains={}, added=found[:1], rivals=found[1:], keeps=not pins)
             yield from gains_on(blocks, (*pins, found[0]), proposal)
 
 
-def several_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[PinProposal]:
+def several_more(loop: Loop, *, progress: Progress | None = None) -> Iterator[PinProposal]:
     """A small set to add, likewise; last, one gain on every agent, which always does."""
-    blocks = _blocks(problem)
+    blocks = _blocks(loop)
     if blocks is None:
         return
-    added = small_set(blocks, problem, progress=progress)
-    for ground, pins in _grounds(problem):
+    added = small_set(blocks, loop, progress=progress)
+    for ground, pins in _grounds(loop):
         yield from gains_on(
             ground, (*pins, *added), PinProposal(gains={}, added=added, keeps=not pins)
         )
@@ -147,40 +143,38 @@ def several_more(problem: Problem, *, progress: Progress | None = None) -> Itera
         rows = np.asarray(abs(table).sum(axis=1)).ravel() - np.abs(diagonal)
         enough = max(enough, float(np.max(rows - diagonal, initial=0.0)))
     gain = max(enough / 2, blocks.scale / 8) * 1.01 or 1.0
-    new = tuple(sorted(set(range(problem.n)) - set(problem.pinning.agents)))
-    yield PinProposal(gains=dict.fromkeys(range(problem.n), gain), added=new, smallest=False)
+    new = tuple(sorted(set(range(loop.n)) - set(loop.pulls.nodes)))
+    yield PinProposal(gains=dict.fromkeys(range(loop.n), gain), added=new, smallest=False)
 
 
-def _grounds(problem: Problem) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
+def _grounds(loop: Loop) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
     """What to add to: the present gains as they are; the present pins with gains still to be
     chosen."""
-    kept = _blocks(problem, pins=True)
+    kept = _blocks(loop, pins=True)
     if kept is not None:
         yield kept, ()
-    free = _blocks(problem)
-    if free is not None and problem.pinning.agents:
-        yield free, problem.pinning.agents
+    free = _blocks(loop)
+    if free is not None and loop.pulls.nodes:
+        yield free, loop.pulls.nodes
 
 
-def groups_without_pin(problem: Problem) -> list[tuple[int, ...]]:
+def groups_without_pin(loop: Loop) -> list[tuple[int, ...]]:
     """The smallest sets that listen to nobody outside in one of the modes and hold no pin, each
     once."""
-    pinned = set(problem.pinning.agents)
-    found = (
-        group for arcs in problem.network.modes.values() for group in closed_groups(problem, [arcs])
-    )
+    pinned = set(loop.pulls.nodes)
+    found = (group for arcs in loop.modes.values() for group in closed_groups(loop, [arcs]))
     return list(dict.fromkeys(group for group in found if not pinned & set(group)))
 
 
 def best_single(
-    blocks: Blocks, problem: Problem, *, pins: Sequence[int] = (), progress: Progress | None = None
+    blocks: Blocks, loop: Loop, *, pins: Sequence[int] = (), progress: Progress | None = None
 ) -> tuple[int, ...]:
     """Agents that, beside ``pins`` with new gains, need the smallest total gain (or hold best);
     empty: none can."""
     totals: dict[int, float] = {}
-    candidates = _candidates(blocks, problem)
+    candidates = _candidates(blocks, loop)
     for place, agent in enumerate(candidates):
-        if progress is not None and place % (1 if problem.n > LARGE else 10) == 0:
+        if progress is not None and place % (1 if loop.n > LARGE else 10) == 0:
             progress(f"looking for the best agent to pin ({place} of {len(candidates)} tried)")
         chosen = np.isin(np.arange(blocks.agents), (*pins, agent))
         # quick
@@ -204,17 +198,17 @@ def best_single(
     return tuple(sorted(agent for agent, total in totals.items() if total <= least * (1 + ALIKE)))
 
 
-def _candidates(blocks: Blocks, problem: Problem) -> list[int]:
+def _candidates(blocks: Blocks, loop: Loop) -> list[int]:
     """Agents in every closed group without a pin; of very many those that carry the slowest
     direction."""
-    pins = set(problem.pinning.agents)
-    common = set(range(problem.n)) - pins
-    for group in groups_without_pin(problem):
+    pins = set(loop.pulls.nodes)
+    common = set(range(loop.n)) - pins
+    for group in groups_without_pin(loop):
         common &= set(group)
-    most = _affordable(problem.n)
+    most = _affordable(loop.n)
     if len(common) <= most:
         return sorted(common)
-    free = np.array(sorted(set(range(problem.n)) - pins))
+    free = np.array(sorted(set(range(loop.n)) - pins))
     weights = pinning.slowest_on(blocks, free)
     order = free[
         np.argsort(-np.round(weights / np.max(weights, initial=1e-300), 6), kind="stable")
@@ -227,21 +221,19 @@ def _affordable(size: int, *, times: int = 1) -> int:
     return max(FEWEST, min(CANDIDATES, WORK // (times * max(1, size) ** 2)))
 
 
-def small_set(
-    blocks: Blocks, problem: Problem, *, progress: Progress | None = None
-) -> tuple[int, ...]:
+def small_set(blocks: Blocks, loop: Loop, *, progress: Progress | None = None) -> tuple[int, ...]:
     """Agents to add to the pins so that some gains can do: one of each closed group, then greedily,
     none in vain."""
-    pins = problem.pinning.agents
-    chosen = _one_of_each(blocks, groups_without_pin(problem))
+    pins = loop.pulls.nodes
+    chosen = _one_of_each(blocks, groups_without_pin(loop))
     needed = list(chosen)
     while rough_rate(blocks, (*pins, *chosen)) <= NEARLY_ZERO * blocks.scale:
-        free = np.setdiff1d(np.arange(problem.n), [*pins, *chosen])
+        free = np.setdiff1d(np.arange(loop.n), [*pins, *chosen])
         if not len(free):
             break
         if progress is not None:
             progress(f"choosing agents to pin ({len(chosen)} so far)")
-        most = max(1, min(LOOKED_AT, GREEDY_WORK // problem.n**2))
+        most = max(1, min(LOOKED_AT, GREEDY_WORK // loop.n**2))
         heavy = free[np.argsort(-pinning.slowest_on(blocks, free), kind="stable")][:most].tolist()
         chosen.append(max(heavy, key=lambda agent: fastest_rate(blocks, (*pins, *chosen, agent))))
     for agent in [a for a in chosen if a not in needed]:
@@ -289,20 +281,20 @@ def _is_enough(table: Any, border: Any, factor: float) -> bool:
     return found.value < 0
 
 
-def scale_needed(problem: Problem, S: Matrix) -> float | None:
+def scale_needed(loop: Loop, S: Matrix) -> float | None:
     """The factor a beyond which Lambda + I (x) S / a < 0 (theory, section 9), about; None if Lambda
     < 0 fails."""
     block = to_float(S)
     weight = float(np.max(np.linalg.eigvalsh(block), initial=0.0))
     worst = 0.0
-    for mode in problem.network.modes:
-        table = sparse.csr_array(float_lambda(problem, mode))
+    for mode in loop.modes:
+        table = sparse.csr_array(float_lambda(loop, mode))
         top = largest_eigenvalue(sparse.coo_array(table)).value
         if not top < 0 or not math.isfinite(weight):
             return None
         needed = weight / -top * (1 + 1e-12)  # with m = 1 and S = s I this is the answer
         if len(block) > 1:
-            border = sparse.kron(sparse.eye_array(problem.n), sparse.csr_array(block))
+            border = sparse.kron(sparse.eye_array(loop.n), sparse.csr_array(block))
             does = partial(_is_enough, table, border)
             needed, _ = bisected(does, needed, 0.0, steps=STEPS)
         worst = max(worst, needed)

@@ -48,7 +48,7 @@ from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose, zeros
 from dobc_design.exact.number import from_fmpq_mat, number_text, to_fmpq_mat
 from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.arrays import unreached
+from dobc_design.loop.arcs import unreached
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
 from dobc_design.verdict import Verdict
@@ -79,8 +79,8 @@ def unstable_roots(statements: Statements, mode: str) -> int:
     0 if not examined. With diagonal slopes >= 0 and scalar gains >= 0 there are none (rows weakly
     dominated by a diagonal <= 0)."""
     nonnegative = (each.is_nonnegative_diagonal for each in _modes(statements, mode))
-    pinning = statements.problem.pinning
-    if all(nonnegative) and pinning.is_scalar and all(k[0][0] >= 0 for k in pinning.gains.values()):
+    pulls = statements.loop.pulls
+    if all(nonnegative) and pulls.is_scalar and all(k[0][0] >= 0 for k in pulls.gains.values()):
         return 0
     matrix = linear_part(statements, mode)
     return 0 if matrix is None else count_right_half_plane(characteristic_polynomial(matrix))
@@ -103,21 +103,21 @@ def _is_symmetric(statements: Statements, mode: str) -> bool:
     (each,) = _modes(statements, mode)
     if not each.is_point:
         return False
-    entries = claim.linearisation(each, statements.problem.pinning, jacobians.dimension)
+    entries = claim.linearisation(each, statements.loop.pulls, jacobians.dimension)
     return all(value == entries.get((j, i), ZERO) for (i, j), value in entries.items())
 
 
 def linear_part(statements: Statements, mode: str) -> Matrix | None:
     """J - K of one mode (n m, n m); None for more than 60 rows, for slopes that are not rational or
     too long."""
-    jacobians, pinning = statements.jacobians, statements.problem.pinning
+    jacobians, pulls = statements.jacobians, statements.loop.pulls
     size = 0 if jacobians is None else jacobians.size * jacobians.dimension
     if jacobians is None or size > LARGEST_EXAMINED:
         return None
     (each,) = _modes(statements, mode)
     if not each.is_point:
         return None
-    entries = claim.linearisation(each, pinning, jacobians.dimension)
+    entries = claim.linearisation(each, pulls, jacobians.dimension)
     if not has_short_denominator(entries.values(), MOST_COUNTING // size**2):
         return None
     return tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
@@ -159,10 +159,10 @@ def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float6
 def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
     """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its
     own block of S, and 0 without a disturbance."""
-    problem = statements.problem
-    groups, m = problem.groups, problem.m
-    blocks, owners = group_blocks(S, len(groups)), group_numbers(groups, problem.network.labels)
-    if not problem.is_grouped:
+    loop = statements.loop
+    groups, m = loop.groups, loop.m
+    blocks, owners = group_blocks(S, len(groups)), group_numbers(groups, loop.labels)
+    if not loop.is_grouped:
         return enclosed_lambda(statements, mode).plus_blocks(blocks)
     nothing = [zeros(m, m)] if len(groups) in owners else []
     return enclosed_lambda(statements, mode).plus_blocks([*blocks, *nothing], owners)
@@ -185,18 +185,18 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
             claim=statements.shown.get(mode),
             reason=f"Lambda(J) < 0{most}: V = e'e decreases{_where(statements)}.",
         )
-    problem = statements.problem
-    arcs = problem.network.modes[mode]
-    vector = find_witness(matrix, [*network.group_directions(problem, arcs), *proposal.vectors])
+    loop = statements.loop
+    arcs = loop.modes[mode]
+    vector = find_witness(matrix, [*network.group_directions(loop, arcs), *proposal.vectors])
     if vector is None:
-        reason = f"lambda_max(Lambda) {network.why_undecided(problem, matrix)}"
+        reason = f"lambda_max(Lambda) {network.why_undecided(loop, matrix)}"
         return check(verdict=Verdict.UNDECIDED, reason=reason)
     value, roots = matrix.value(vector), unstable_roots(statements, mode)
     roots = max(roots, int(is_unstable_along(statements, mode, value)))
     return check(
         verdict=Verdict.REFUTED,
         margin=network.refuted_margin(matrix, vector),
-        reason=network.refutation(problem, vector, alone=unreached(problem, [arcs]), roots=roots),
+        reason=network.refutation(loop, vector, alone=unreached(loop, [arcs]), roots=roots),
         claim=Unstable(roots=roots, value=value.lo if value.is_point else None),
         witness=lambda_witness(statements, vector),
     )
@@ -294,7 +294,7 @@ def theorem_check(
     matrices = [enclosed_lambda(statements, mode) for mode in statements.lambdas]
     widest = max(matrices, key=lambda each: len(each.deviations))
     return undecided(
-        reason=f"lambda_max of Lambda + I (x) S {network.why_undecided(statements.problem, widest)}"
+        reason=f"lambda_max of Lambda + I (x) S {network.why_undecided(statements.loop, widest)}"
     )
 
 
@@ -338,7 +338,7 @@ def vector_witness(vector: Vector) -> Witness:
 
 def lambda_witness(statements: Statements, vector: Vector) -> Witness:
     """A direction of the network, with the labels of the agents that move in it."""
-    return replace(vector_witness(vector), labels=network.carriers(statements.problem, vector))
+    return replace(vector_witness(vector), labels=network.carriers(statements.loop, vector))
 
 
 def _refuted_for_every_pair(
@@ -384,15 +384,15 @@ def _where(statements: Statements) -> str:
 def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | None:
     """None if all that a check of this topic claims is confirmed; one refuted by the observer is
     not for here."""
-    problem = statements.problem
+    loop = statements.loop
     if check.id == "reachability":
         if check.margin is not None or check.rate is not None:
             return NO_NUMBER
-        return differs(check, network.reachability_check(problem, str(check.mode)))
+        return differs(check, network.reachability_check(loop, str(check.mode)))
     if statements.inapplicable is not None:
         return "the theorems do not apply to this coupling"
     if check.kind.role == "given":
-        own = problem.joint_observer
+        own = loop.joint_observer
         pair = None if own.P is None or own.W is None else Pair(P=own.P, Q=multiply(own.P, own.W))
     decide = _confirm_proved if check.verdict is Verdict.PROVED else _confirm_refuted
     return decide(check, statements, pair)
@@ -431,7 +431,7 @@ def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) ->
         return "a refuted check must claim no rate and no positive margin"
     exact = check.exact or {}
     if check.id == "lemma1":
-        mode, said = str(check.mode), claim.read_claim(check, statements.problem, None)
+        mode, said = str(check.mode), claim.read_claim(check, statements.loop, None)
         if not isinstance(said, Unstable):
             return OTHER_VALUES
         vector = _vector(check)
@@ -505,7 +505,7 @@ def _confirm_printed(
 
 
 def _exosystem(statements: Statements) -> Exosystem:
-    exosystem = statements.problem.joint_exosystem
+    exosystem = statements.loop.joint_exosystem
     if exosystem is None:
         raise ValueError("there is no exosystem")
     return exosystem

@@ -27,9 +27,9 @@ from dobc_design.exact.number import float_above
 from dobc_design.exact.pencil import Deviation
 from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric, Symmetric, in_integers
 from dobc_design.exact.zmatrix import row_bound
-from dobc_design.problem.arrays import closed_groups, unreached
+from dobc_design.loop.arcs import closed_groups, unreached
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import Arcs
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -159,9 +159,9 @@ def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
     return SparseSymmetric(matrix.size, rounded).shifted(-unit / 2 * max(lengths.values()))
 
 
-def why_undecided(problem: Problem, matrix: Enclosed) -> str:
+def why_undecided(loop: Loop, matrix: Enclosed) -> str:
     """What to say where neither M < 0 nor a witness against it was found."""
-    if problem.network.loose is not None:
+    if loop.loose is not None:
         return (
             "is not shown to be < 0 where the gain of every optional arc is any number from 0 "
             "to w h'(0)."
@@ -241,53 +241,48 @@ def rounded(candidate: Sequence[float], *, finest: Sequence[int] = ()) -> Iterab
                 yield vector
 
 
-def reachability_check(problem: Problem, mode: str) -> Check:
+def reachability_check(loop: Loop, mode: str) -> Check:
     """Decide for one mode whether every agent is reached from a pinned one."""
     check = partial(Check, id="reachability", mode=mode, domain="global")
-    own, problem = problem.origin is not None, problem.origin or problem
-    arcs = [problem.network.modes[mode]]
-    labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
+    arcs = [loop.modes[mode]]
+    labels = tuple(loop.named(unreached(loop, arcs, pins=loop.pins)))
     if not labels:
         return check(verdict=Verdict.PROVED, reason="every agent is reached from a pinned agent.")
-    pins = (
-        f"no pinned agent reaches {name_agents(labels)}"
-        if problem.pinning.agents
-        else "there is no pinned agent"
-    )
-    pins += " by arcs that are always there" if arcs[0].optional and problem.pinning.agents else ""
-    reason = (
-        f"{pins}{', so that agents there have only their own dynamics' if own else ''}. "
-        f"{cure_in_words(problem, arcs)}"
-    )
+    reason = "there is no pinned agent"
+    if loop.pins.nodes:
+        reason = f"no pinned agent reaches {name_agents(labels)}"
+        if arcs[0].optional:
+            reason += " by arcs that are always there"
+    if loop.drift is not None:
+        reason += ", so that agents there have only their own dynamics"
+    reason += f". {cure_in_words(loop, arcs)}"
     return check(
         verdict=Verdict.REFUTED, reason=reason, witness=Witness(kind="agents", labels=labels)
     )
 
 
 def unheld_groups(
-    problem: Problem, arcs: Iterable[Arcs] | None = None
+    loop: Loop, arcs: Iterable[Arcs] | None = None
 ) -> Iterator[tuple[tuple[int, ...], tuple[Vector, ...]]]:
     """Smallest sets S of agents that listen to nobody outside, in ``arcs`` (None: all modes
     together), with directions c != 0, k_i c = 0 on S: then e_S = c, eps = 0 is an equilibrium.
     With scalar gains: S has no pin, c is any."""
-    for group in closed_groups(problem, problem.network.modes.values() if arcs is None else arcs):
-        gains = [problem.pinning.gains[i] for i in group if i in problem.pinning.gains]
+    for group in closed_groups(loop, loop.modes.values() if arcs is None else arcs):
+        gains = [loop.pulls.gains[i] for i in group if i in loop.pulls.gains]
         free = (
-            nullspace(tuple(row for gain in gains for row in gain))
-            if gains
-            else identity(problem.m)
+            nullspace(tuple(row for gain in gains for row in gain)) if gains else identity(loop.m)
         )
         if free:
             yield group, free
 
 
-def cure_in_words(problem: Problem, arcs: Sequence[Arcs]) -> str:
+def cure_in_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
     """Which agents have to be pinned so that everybody is reached: one of each closed group without
     a pin."""
-    pinned = set(problem.pinning.agents)
-    groups = [group for group in closed_groups(problem, arcs) if not pinned & set(group)]
+    pinned = set(loop.pins.nodes)
+    groups = [group for group in closed_groups(loop, arcs) if not pinned & set(group)]
     named = [
-        " or ".join(problem.network.labels[i] for i in group[:3])
+        " or ".join(loop.labels[i] for i in group[:3])
         + (" or another of theirs" if len(group) > 3 else "")
         for group in groups[:SHOWN]
     ]
@@ -304,32 +299,32 @@ def name_agents(labels: Sequence[str]) -> str:
     return f"agents {', '.join(labels[:-1])} and {labels[-1]}"
 
 
-def group_directions(problem: Problem, arcs: Arcs) -> list[list[float]]:
+def group_directions(loop: Loop, arcs: Arcs) -> list[list[float]]:
     """For closed groups of one mode whose gains leave a direction c free, of few agents first: the
     group moved along c. The group listens to nobody outside and k_i c = 0 in it, so J e = 0 and e'K
     e = 0: the value is exactly 0.  A few are enough, some of them without pins."""
     groups, pinned = (
-        sorted(unheld_groups(problem, [arcs.present]), key=lambda x: len(x[0])),
-        set(problem.pinning.agents),
+        sorted(unheld_groups(loop, [arcs.present]), key=lambda x: len(x[0])),
+        set(loop.pulls.nodes),
     )
     loose, found = [each for each in groups if not pinned & set(each[0])], []
     for group, free in [*groups[:SHOWN], *loose[:SHOWN]]:
-        vector = np.zeros((problem.n, problem.m))
+        vector = np.zeros((loop.n, loop.m))
         vector[list(group)] = [float(x) for x in free[0]]
         found.append(vector.ravel().tolist())
     return found
 
 
 def unpinned_witness(
-    problem: Problem, matrices: Mapping[str, Enclosed], directions: Mapping[str, Directions]
+    loop: Loop, matrices: Mapping[str, Enclosed], directions: Mapping[str, Directions]
 ) -> tuple[str, Vector] | None:
     """A mode and v, v' Lambda v >= 0, that moves no pinned agent: the present pins cannot do.
     None: none is found."""
-    pinned = set(problem.pinning.agents)
-    rows = [row for row in range(problem.n * problem.m) if row // problem.m not in pinned]
+    pinned = set(loop.pulls.nodes)
+    rows = [row for row in range(loop.n * loop.m) if row // loop.m not in pinned]
     for mode, matrix in matrices.items():
         candidates = [
-            *group_directions(problem, problem.network.modes[mode]),
+            *group_directions(loop, loop.modes[mode]),
             *directions.get(mode, ()),
         ]
         found = find_witness(matrix, candidates, rows=rows if len(rows) <= LARGEST else [])
@@ -338,22 +333,20 @@ def unpinned_witness(
     return None
 
 
-def carriers(problem: Problem, vector: Sequence[Fraction]) -> tuple[str, ...]:
+def carriers(loop: Loop, vector: Sequence[Fraction]) -> tuple[str, ...]:
     """Labels of the agents that a direction moves."""
-    m = problem.m
-    return tuple(
-        label for i, label in enumerate(problem.network.labels) if any(vector[i * m : (i + 1) * m])
-    )
+    m = loop.m
+    return tuple(label for i, label in enumerate(loop.labels) if any(vector[i * m : (i + 1) * m]))
 
 
-def refutation(problem: Problem, vector: Vector, *, alone: Sequence[int], roots: int) -> str:
+def refutation(loop: Loop, vector: Vector, *, alone: Sequence[int], roots: int) -> str:
     """Why Lambda < 0 fails, in words; ``alone`` are the agents that hear no pinned one in this
     mode."""
-    moved = carriers(problem, vector)
-    labels = tuple(problem.network.labels[i] for i in alone)
+    moved = carriers(loop, vector)
+    labels = tuple(loop.labels[i] for i in alone)
     if labels and set(moved) <= set(labels):
         hears, them = ("hears", "it") if len(labels) == 1 else ("hear", "them")
-        pulls = "nothing" if problem.origin is None else "no gain"
+        pulls = "nothing" if loop.drift is None else "no gain"
         text = (
             f"{name_agents(labels)} {hears} no pinned agent, so {pulls} pulls {them} to the target:"
         )
@@ -370,7 +363,7 @@ def refutation(problem: Problem, vector: Vector, *, alone: Sequence[int], roots:
             f"for the error vector shown, which moves {name_agents(moved)}, V = e'e does not "
             "decrease."
         )
-        pinned = {problem.network.labels[i] for i in problem.pinning.agents}
+        pinned = {loop.labels[i] for i in loop.pulls.nodes}
         if pinned and not pinned & set(moved):
             text += " No gain on the pinned agents changes that."
     if roots:

@@ -33,7 +33,7 @@ from dobc_design.conditions.consensus.propose import (
     rows_of,
 )
 from dobc_design.conditions.numbers import bisected
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagonal
 from dobc_design.solvers.program import Array, factored
 
@@ -99,17 +99,13 @@ class Shared:
     bound: float = 0.0
 
 
-def network_blocks(
-    problem: Problem, *, pins: bool = False, weighted: bool = False
-) -> Blocks | None:
+def network_blocks(loop: Loop, *, pins: bool = False, weighted: bool = False) -> Blocks | None:
     """The blocks, beta = 0; None beyond the floats.  ``pins``: the present gains stay.
     ``weighted``: V has weights."""
-    n, m = problem.n, problem.m
+    n, m = loop.n, loop.m
     tables: dict[bytes, Any] = {}
     sources: dict[bytes, tuple[str, int]] = {}
-    lambdas = [
-        float_lambda(problem, mode, pins=pins, twice=weighted) for mode in problem.network.modes
-    ]
+    lambdas = [float_lambda(loop, mode, pins=pins, twice=weighted) for mode in loop.modes]
     found = [sparse.coo_array(-table) for table in lambdas]
     for table in found:
         table.sum_duplicates()
@@ -117,7 +113,7 @@ def network_blocks(
         return None
     apart = all(np.all((table.row % m == table.col % m) | (table.data == 0)) for table in found)
     width = 1 if apart else m
-    for mode, table in zip(problem.network.modes, found, strict=True):
+    for mode, table in zip(loop.modes, found, strict=True):
         for component in range(m if apart else 1):
             each = table.tocsr()[component :: m // width, component :: m // width]
             each.sum_duplicates()

@@ -23,18 +23,18 @@ from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import nearest
 from dobc_design.exact.work import out_of_time
-from dobc_design.problem.arrays import arc_table
+from dobc_design.loop.arcs import arc_table
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import GIVEN_UP, Array, factored
 
 
-def float_lambda(problem: Problem, mode: str, *, pins: bool = True, twice: bool = False) -> Any:
+def float_lambda(loop: Loop, mode: str, *, pins: bool = True, twice: bool = False) -> Any:
     """Lambda = J + J' - (K + K') of one mode, or ``twice`` J - K, as a SciPy array (n m, n m) in
     coordinate form, entries not yet summed; inf beyond the floats; ``pins`` False leaves K out.
     Raises: UndefinedError if a coupling has no derivative at 0."""
-    n, m, arcs = problem.n, problem.m, arc_table(problem, mode)
-    enclosed = [coupling.jacobian_at_zero() for coupling in problem.couplings]
+    n, m, arcs = loop.n, loop.m, arc_table(loop, mode)
+    enclosed = [coupling.jacobian_at_zero() for coupling in loop.functions]
     slopes = np.array(
         [[[nearest(entry.midpoint) for entry in row] for row in rows] for rows in enclosed]
     )
@@ -43,11 +43,11 @@ def float_lambda(problem: Problem, mode: str, *, pins: bool = True, twice: bool 
     with np.errstate(over="ignore", invalid="ignore"):
         gains = weights * slopes[arcs.coupling]
     held = (
-        [[[nearest(x) for x in row] for row in gain] for gain in problem.pinning.gains.values()]
+        [[[nearest(x) for x in row] for row in gain] for gain in loop.pulls.gains.values()]
         if pins
         else []
     )
-    agents = np.array(list(problem.pinning.gains) if pins else [], dtype=np.int64)
+    agents = np.array(list(loop.pulls.gains) if pins else [], dtype=np.int64)
     rows = np.concatenate([arcs.listeners, arcs.listeners, agents])[:, None, None] * m
     columns = np.concatenate([arcs.speakers, arcs.listeners, agents])[:, None, None] * m
     blocks = np.concatenate([gains, -gains, -np.array(held, dtype=np.float64).reshape(-1, m, m)])
@@ -286,7 +286,7 @@ def lambda_tops(statements: Statements) -> dict[str, Top]:
     for mode in statements.lambdas:
         if out_of_time() is not None:
             break
-        table = float_lambda(statements.problem, mode)
+        table = float_lambda(statements.loop, mode)
         found = dominating_vector(table) if table.shape[0] > LARGEST_DENSE else None
         # a vector v > 0 shows that the matrix is negative
         if found is not None and found.least > 0:
@@ -346,17 +346,17 @@ CALL = 200_000  # what a small one costs besides
 EDGE = 1e-9  # relative: an eigenvalue above minus this may be 0
 
 
-def witness_directions(problem: Problem, mode: str) -> list[Sequence[float]]:
+def witness_directions(loop: Loop, mode: str) -> list[Sequence[float]]:
     """Vectors (n m,) with v' Lambda v about >= 0 or more, fewest agents first, those without a pin
     among equals."""
-    table = sparse.csr_array(float_lambda(problem, mode))
+    table = sparse.csr_array(float_lambda(loop, mode))
     if table.shape[0] > LARGEST_SEARCHED or not np.all(np.isfinite(table.data)):
         return []
-    search = _Search(table=table, width=problem.m)
-    pinned = set(problem.pinning.agents)
-    free = [agent for agent in range(problem.n) if agent not in pinned]
+    search = _Search(table=table, width=loop.m)
+    pinned = set(loop.pulls.nodes)
+    free = [agent for agent in range(loop.n) if agent not in pinned]
     supports: dict[tuple[int, ...], None] = {}
-    for base in (free, list(range(problem.n))):
+    for base in (free, list(range(loop.n))):
         if base and not search.top(base)[0] < -search.edge:
             supports |= dict.fromkeys(search.supports_in(base))
     ordered = sorted(supports, key=lambda s: (len(s), bool(pinned & set(s)), s))

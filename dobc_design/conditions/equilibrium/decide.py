@@ -20,13 +20,12 @@ from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Witness, read_object
 from dobc_design.conditions.numbers import VECTOR_BITS, has_short_denominator, read_rational
-from dobc_design.conditions.schedule.cycles import may_stay
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, multiply, subtract
 from dobc_design.exact.number import nearest, number_text
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 Box = tuple[Interval, ...]
@@ -66,13 +65,13 @@ class Equilibrium:
         }
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Equilibrium:
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Equilibrium:
     """What a proved check of this topic claims, for this problem."""
     values = read_object(check.exact, ("mode", "box"))
     mode, rows = values["mode"], values["box"]
-    if mode not in list(problem.network.modes) or not isinstance(rows, (list, tuple)):
+    if mode not in list(loop.modes) or not isinstance(rows, (list, tuple)):
         raise ValueError("it needs a mode of this problem, and a list of intervals")
-    if problem.n * problem.m > LARGEST or len(rows) != problem.n * problem.m:
+    if loop.n * loop.m > LARGEST or len(rows) != loop.n * loop.m:
         raise ValueError(f"the box must have one interval per component of e, at most {LARGEST}")
     if not all(isinstance(row, (list, tuple)) and len(row) == 2 for row in rows):
         raise ValueError("the box is no list of intervals")
@@ -84,12 +83,12 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Equilibrium:
     return Equilibrium(mode=mode, box=tuple(Interval(lo, hi) for lo, hi in ends))
 
 
-def field_at(problem: Problem, mode: str, point: Vector) -> Box:
+def field_at(loop: Loop, mode: str, point: Vector) -> Box:
     """Enclose f(e) = h(e) - K e at one rational point, (n m,).  Raises: UndefinedError."""
-    m, algebra = problem.m, IntervalAlgebra()
-    total = [_ZERO] * (problem.n * m)
-    for listener, speaker, weight in problem.network.modes[mode]:
-        h = problem.coupling_of(listener, speaker)
+    m, algebra = loop.m, IntervalAlgebra()
+    total = [_ZERO] * (loop.n * m)
+    for listener, speaker, weight in loop.modes[mode]:
+        h = loop.function_of(listener, speaker)
         y = tuple(
             Interval.point(point[speaker * m + c] - point[listener * m + c]) for c in range(m)
         )
@@ -100,7 +99,7 @@ def field_at(problem: Problem, mode: str, point: Vector) -> Box:
                 else (h.components[c].node, y)
             )
             total[listener * m + c] += evaluate(node, variables, algebra) * weight
-    for agent, gain in problem.pinning.gains.items():
+    for agent, gain in loop.pulls.gains.items():
         for c, row in enumerate(gain):
             total[agent * m + c] -= sum(
                 (k * point[agent * m + d] for d, k in enumerate(row)), Fraction(0)
@@ -108,17 +107,17 @@ def field_at(problem: Problem, mode: str, point: Vector) -> Box:
     return tuple(total)
 
 
-def slopes_on(problem: Problem, mode: str, box: Box) -> Slopes:
+def slopes_on(loop: Loop, mode: str, box: Box) -> Slopes:
     """Enclose the entries of df/de on a box; those that are not there are 0.  Raises:
     UndefinedError."""
-    m = problem.m
+    m = loop.m
     found: dict[tuple[int, int], Interval] = {}
 
     def add(row: int, column: int, slope: Interval) -> None:
         found[row, column] = found.get((row, column), _ZERO) + slope
 
-    for listener, speaker, weight in problem.network.modes[mode]:
-        h = problem.coupling_of(listener, speaker)
+    for listener, speaker, weight in loop.modes[mode]:
+        h = loop.function_of(listener, speaker)
         y = tuple(box[speaker * m + c] - box[listener * m + c] for c in range(m))
         parts = (
             [((c,), h.components[0]) for c in range(m)]
@@ -133,7 +132,7 @@ def slopes_on(problem: Problem, mode: str, box: Box) -> Slopes:
             for d, slope in zip(places, partials, strict=True):
                 add(listener * m + c, speaker * m + d, slope * weight)
                 add(listener * m + c, listener * m + d, -(slope * weight))
-    for agent, gain in problem.pinning.gains.items():
+    for agent, gain in loop.pulls.gains.items():
         for c, row in enumerate(gain):
             for d, k in enumerate(row):
                 add(agent * m + c, agent * m + d, Interval.point(-k))
@@ -155,30 +154,29 @@ SHOWN: Final = 6  # components of an equilibrium that a sentence names
 ONE: Final = Fraction(1)
 
 
-def why_not(problem: Problem, claim: Equilibrium, *, part: Fraction = ONE) -> str | None:
+def why_not(loop: Loop, claim: Equilibrium, *, part: Fraction = ONE) -> str | None:
     """None if the box is proved, by Krawczyk's test on a ``part`` of each half width, to hold an
     equilibrium other than 0; else why that is not shown.  Raises: ShapeError; SpecError for an
     unknown mode."""
-    if len(claim.box) != problem.n * problem.m:
+    if len(claim.box) != loop.n * loop.m:
         many = (
-            f"box must have {problem.n * problem.m} sides, one per component of e; got "
-            f"{len(claim.box)}."
+            f"box must have {loop.n * loop.m} sides, one per component of e; got {len(claim.box)}."
         )
         raise ShapeError(many, key="box")
-    if claim.mode not in problem.network.modes:
+    if claim.mode not in loop.modes:
         raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
-    if not may_stay(problem, claim.mode):
+    if not loop.may_stay(claim.mode):
         return "the guarantee does not let that mode stay on."
     if len(claim.box) > LARGEST:
         return f"equilibria are proved for at most {LARGEST} rows n m."
     if all(side.contains(0) for side in claim.box):
         return "the box holds the target itself."
     try:
-        value = field_at(problem, claim.mode, claim.middle)
+        value = field_at(loop, claim.mode, claim.middle)
         if claim.is_point:
             exactly = all(each == Interval.point(0) for each in value)
             return None if exactly else "the point is not shown to be an equilibrium exactly."
-        slopes = slopes_on(problem, claim.mode, claim.box)
+        slopes = slopes_on(loop, claim.mode, claim.box)
     except UndefinedError as error:
         return f"the couplings are not bounded on the box: {error}"
     Y = _preconditioner(slopes, len(claim.box))
@@ -186,28 +184,24 @@ def why_not(problem: Problem, claim: Equilibrium, *, part: Fraction = ONE) -> st
     return None if shown else "Krawczyk's test does not show an equilibrium in the box."
 
 
-def lies_in_region(problem: Problem, claim: Equilibrium) -> bool:
+def lies_in_region(loop: Loop, claim: Equilibrium) -> bool:
     """Whether every x = e + goal in the box is a start that the region asks for; true without a
     region."""
-    if problem.region is None:
+    if loop.starts is None:
         return True
-    pairs = list(problem.region.initial_states) * problem.n
-    goals = [goal for agent in range(problem.n) for goal in problem.goal_of(agent)]
+    pairs = list(loop.starts.states) * loop.n
+    goals = [goal for agent in range(loop.n) for goal in loop.goals.of(agent)]
     sides = zip(pairs, goals, claim.box, strict=True)
     return all(lo <= side.lo + goal and side.hi + goal <= hi for (lo, hi), goal, side in sides)
 
 
 def enclose_equilibrium(
-    problem: Problem, mode: str, point: Sequence[float], *, within_region: bool = False
+    loop: Loop, mode: str, point: Sequence[float], *, within_region: bool = False
 ) -> Equilibrium | None:
     """A proved box, in the region asked for if ``within_region``, around an equilibrium that
     floating point sees at ``point`` (n m,), or one of short numbers near it; None if none is
     proved.  Half widths are powers of ten, about 1e-6 of |e|_inf first."""
-    if (
-        len(point) != problem.n * problem.m
-        or len(point) > LARGEST
-        or not all(map(math.isfinite, point))
-    ):
+    if len(point) != loop.n * loop.m or len(point) > LARGEST or not all(map(math.isfinite, point)):
         return None
     if max(map(abs, point)) < LEAST:
         return None
@@ -216,9 +210,9 @@ def enclose_equilibrium(
         half, unit = Fraction(10) ** (size - digits), Fraction(10) ** (digits + EXTRA_DIGITS - size)
         middle = [Fraction(round(Fraction(x) * unit)) / unit for x in point]
         claim = Equilibrium(mode=mode, box=tuple(Interval(c - half, c + half) for c in middle))
-        if within_region and not lies_in_region(problem, claim):
+        if within_region and not lies_in_region(loop, claim):
             continue
-        if why_not(problem, claim, part=IN_HAND) is None:
+        if why_not(loop, claim, part=IN_HAND) is None:
             return claim
     # one of many, as in a dead zone: some short numbers may be one, too
     largest = max(map(abs, map(Fraction, point)))
@@ -229,36 +223,36 @@ def enclose_equilibrium(
         claim = Equilibrium(
             mode=mode, box=tuple(Interval.point(round(Fraction(x) / unit) * unit) for x in point)
         )
-        inside = not within_region or lies_in_region(problem, claim)
-        if inside and why_not(problem, claim) is None:
+        inside = not within_region or lies_in_region(loop, claim)
+        if inside and why_not(loop, claim) is None:
             return claim
     return None
 
 
-def refuting_check(problem: Problem, claim: Equilibrium) -> Check | None:
+def refuting_check(loop: Loop, claim: Equilibrium) -> Check | None:
     """The check that consensus fails in the region; None unless the equilibrium is proved and lies
     there."""
-    inside = problem.region is not None and lies_in_region(problem, claim)
-    if not inside or why_not(problem, claim) is not None:
+    inside = loop.starts is not None and lies_in_region(loop, claim)
+    if not inside or why_not(loop, claim) is not None:
         return None
     return Check(
         id="equilibrium",
         verdict=Verdict.REFUTED,
-        domain="global" if problem.is_linear else "consensus",
-        reason=_reason(problem, claim),
+        domain="global" if loop.is_linear else "consensus",
+        reason=_reason(loop, claim),
         claim=claim,
         witness=Witness(kind="start", values=tuple(map(number_text, claim.middle))),
     )
 
 
-def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything that a refuted check of this topic claims is confirmed, else what is
     not."""
     if check.verdict is not Verdict.REFUTED or check.domain != domain:
         return f"an equilibrium can only refute, with the domain {domain!r}"
-    if problem.groups and W is None:
+    if loop.groups and W is None:
         return "without W there is no loop that could rest"
-    if problem.node is not None or problem.leader is not None:
+    if loop.drift_place is not None or loop.goals.moves:
         return (
             "it is not known for agents whose own dynamics are curved, nor with a leader, "
             "beside which nobody rests"
@@ -268,12 +262,12 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
     witness = check.witness
     if witness is None or witness.kind != "start" or witness.labels is not None:
         return "it needs a start"
-    claim = read_claim(check, problem, W)
+    claim = read_claim(check, loop, W)
     if tuple(map(read_rational, witness.values or ())) != claim.middle:
         return "the start is not the middle of the box"
-    if not lies_in_region(problem, claim):
+    if not lies_in_region(loop, claim):
         return "the box leaves the region asked for"
-    return why_not(problem, claim)
+    return why_not(loop, claim)
 
 
 def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:
@@ -316,11 +310,11 @@ def krawczyk_holds(
     return True
 
 
-def _reason(problem: Problem, claim: Equilibrium) -> str:
-    m, named = problem.m, []
+def _reason(loop: Loop, claim: Equilibrium) -> str:
+    m, named = loop.m, []
     for k, e in enumerate(claim.middle[:SHOWN]):
-        place = problem.network.labels[k // m] + ("" if m == 1 else f".{k % m + 1}")
-        named.append(f"{place}: {nearest(e + problem.goal_of(k // m)[k % m]):.6g}")
+        place = loop.labels[k // m] + ("" if m == 1 else f".{k % m + 1}")
+        named.append(f"{place}: {nearest(e + loop.goals.of(k // m)[k % m]):.6g}")
     more = ", ..." if len(claim.middle) > SHOWN else ""
     advice = "Ask for a smaller region, or raise the gains until it is gone."
     if claim.is_point:

@@ -14,8 +14,10 @@ from scipy import optimize
 
 from dobc_design.conditions.equilibrium.decide import Equilibrium, enclose_equilibrium
 from dobc_design.exact.work import spend
+from dobc_design.loop.arrays import no_gain, pinning_matrix
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import Array
 from dobc_design.model.model import build_model
-from dobc_design.problem.arrays import Array, no_gain, pinning_matrix
 from dobc_design.problem.problem import Problem
 
 Vectors = Callable[[Array], Array]
@@ -41,7 +43,7 @@ def proved_equilibria(
     true, the nearest to the target first."""
     roots = [root for root in find_roots(problem, mode, points) if holds(root)]
     roots.sort(key=largest)
-    enclose = partial(enclose_equilibrium, problem, mode, within_region=within_region)
+    enclose = partial(enclose_equilibrium, loop_of(problem), mode, within_region=within_region)
     found: list[Equilibrium] = []
     for root in roots[:MOST_PROVED]:
         claim = enclose(root.tolist())

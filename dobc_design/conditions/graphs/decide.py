@@ -35,13 +35,7 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.conditions.schedule.checks import cycles_from_json, not_as_claimed
-from dobc_design.conditions.schedule.cycles import (
-    Cycles,
-    first_unreached,
-    guarantee_in_words,
-    holds_observer,
-    rises,
-)
+from dobc_design.conditions.schedule.cycles import Cycles, first_unreached, holds_observer, rises
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains, observed_in
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite
@@ -49,9 +43,9 @@ from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
-from dobc_design.problem.arrays import unreached
+from dobc_design.loop.arcs import unreached
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.canonical import matrix_text
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 MOST_MODES: Final = 300  # of a chain, of which both programs say where it ends
@@ -89,7 +83,7 @@ class Kept:
         return values
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Kept | Values:
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Kept | Values:
     """What a check of this topic claims, for this problem; a refutation: modes that are never
     left."""
     exact = check.exact or {}
@@ -97,52 +91,50 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Kept | Value
         return Values(exact)
     kind = "" if check.id == "safety" else exact["kind"]
     if kind in ("", SURE):
-        values = read_object(exact, ("rho", "kind" if kind else "rate", *observed_in(problem)))
+        values = read_object(exact, ("rho", "kind" if kind else "rate", *observed_in(loop)))
         own = {name: value for name, value in values.items() if name != "kind"} | {
             "rate": None,
             "phases": [],
         }
         rate = values.get("rate")
-        box = cycles_from_json(own, problem)
+        box = cycles_from_json(own, loop)
         return Kept(kind=kind, rate=None if rate is None else read_rational(rate), box=box)
     name = {MEAN: "w", SQUARE: "P"}[kind]
     values = read_object(exact, ("kind", "rate", name))
-    each = read_object(values[name], problem.network.modes.keys())
+    each = read_object(values[name], loop.modes.keys())
     rate, ordered = (
         read_rational(values["rate"]),
-        {mode: each[mode] for mode in problem.network.modes},
+        {mode: each[mode] for mode in loop.modes},
     )
     if kind == MEAN:
         return Kept(
             kind=kind,
             rate=rate,
-            w={mode: vector_from_json(v, problem.n) for mode, v in ordered.items()},
+            w={mode: vector_from_json(v, loop.n) for mode, v in ordered.items()},
         )
     return Kept(kind=kind, rate=rate, P={mode: form_from_json(P) for mode, P in ordered.items()})
 
 
-def signals_in_words(problem: Problem, check: Check) -> str:
+def signals_in_words(loop: Loop, check: Check) -> str:
     """For which signals a proof holds, and in which sense: "for ..."; nothing where there is one
     graph."""
     if check.id == "schedule":
-        return f"for {guarantee_in_words(problem)}"
+        return f"for {loop.guarantee.in_words()}"
     if check.id == "markov":
         how = HOW.get(str((check.exact or {}).get("kind")), HOW[SURE])
         return f"{how} for the Markov signal, whatever its first mode"
     if check.id == "safety":
         return "for every graph and every motion"
-    return "under arbitrary switching of the modes" if problem.network.switches else ""
+    return "under arbitrary switching of the modes" if loop.switches else ""
 
 
 ZERO = Fraction(0)
 
 
-def generator_of(problem: Problem) -> Matrix | None:
+def generator_of(loop: Loop) -> Matrix | None:
     """The generator of the Markov chain that proofs may assume; None without one, and where one
     mode is always on."""
-    own = problem.switching
-    several = own is not None and own.guarantee == "markov" and len(problem.network.modes) > 1
-    return own.generator if own is not None and several else None
+    return loop.guarantee.generator
 
 
 def closed_classes(generator: Matrix) -> list[tuple[int, ...]]:
@@ -158,88 +150,86 @@ def closed_classes(generator: Matrix) -> list[tuple[int, ...]]:
     return sorted({tuple(np.flatnonzero(row).tolist()) for row in closed})
 
 
-def absorbing(problem: Problem) -> list[tuple[str, ...]]:
+def absorbing(loop: Loop) -> list[tuple[str, ...]]:
     """The modes of each such set, where proofs may assume a Markov chain; none where there are more
     than MOST_MODES."""
-    generator, names = generator_of(problem), list(problem.network.modes)
+    generator, names = generator_of(loop), list(loop.modes)
     if generator is None or len(names) > MOST_MODES:
         return []
     return [tuple(names[p] for p in each) for each in closed_classes(generator)]
 
 
-def why_not(problem: Problem, W: Matrix | None, claim: Kept) -> str | None:
+def why_not(loop: Loop, W: Matrix | None, claim: Kept) -> str | None:
     """None if the claim is proved for the gain W (q, m); else the first thing that is not."""
-    return next((words for holds, words in _needs(problem, W, claim) if not holds), None)
+    return next((words for holds, words in _needs(loop, W, claim) if not holds), None)
 
 
-def _needs(problem: Problem, W: Matrix | None, claim: Kept) -> Iterator[tuple[bool, str]]:
-    generator, exosystem = generator_of(problem), problem.joint_exosystem
+def _needs(loop: Loop, W: Matrix | None, claim: Kept) -> Iterator[tuple[bool, str]]:
+    generator, exosystem = generator_of(loop), loop.joint_exosystem
     if claim.kind:
         yield generator is not None, 'there is no guarantee = "markov", or only one mode.'
     yield (
-        acts_by_component(problem) or claim.P is not None,
+        acts_by_component(loop) or claim.P is not None,
         "couplings have to act on each component by itself.",
     )
     if claim.box is not None:
         yield not claim.box.phases and claim.box.rate is None, "it has no weights."
-        yield from holds_observer(problem, W, claim.box, claim.rate)
-        yield from rises(problem, claim.box.rho, strictly=claim.kind == SURE)
-        least = min(holding_gains(problem))
+        yield from holds_observer(loop, W, claim.box, claim.rate)
+        yield from rises(loop, claim.box.rho, strictly=claim.kind == SURE)
+        least = min(holding_gains(loop))
         yield (
             claim.rate is None or claim.rate <= least,
             "not every agent is pinned as much as its rate.",
         )
-        names = list(problem.network.modes)
+        names = list(loop.modes)
         for each in closed_classes(generator or ()) if claim.kind else ():
             modes = [names[p] for p in each]
-            missed = first_unreached(problem, modes)
+            missed = first_unreached(loop, modes)
             yield (
                 missed is None,
                 f"while modes {' and '.join(modes)} are on in turn, no pin reaches agent {missed}.",
             )
         return
-    yield problem.is_linear, "couplings have to be linear."
+    yield loop.is_linear, "couplings have to be linear."
     rate = claim.rate or ZERO
     if exosystem is not None:
         decays = W is not None and hurwitz_with_rate(error_matrix(exosystem, W), rate)
         yield decays, "the estimation error does not decay at this rate."
     if claim.w is not None:
-        yield from _mean(problem, claim, generator or (), rate)
+        yield from _mean(loop, claim, generator or (), rate)
     else:
-        yield from _square(problem, claim, generator or (), rate)
+        yield from _square(loop, claim, generator or (), rate)
 
 
-def _mean(
-    problem: Problem, claim: Kept, generator: Matrix, rate: Fraction
-) -> Iterator[tuple[bool, str]]:
+def _mean(loop: Loop, claim: Kept, generator: Matrix, rate: Fraction) -> Iterator[tuple[bool, str]]:
     """A_p'w_p + sum_q g_pq w_q <= -rate w_p, with slopes taken at their worse ends."""
     weights = {mode: tuple(v) for mode, v in (claim.w or {}).items()}
-    yield list(weights) == list(problem.network.modes), "there must be weights for every mode."
-    fits = (len(v) == problem.n and min(v) > 0 for v in weights.values())
+    yield list(weights) == list(loop.modes), "there must be weights for every mode."
+    fits = (len(v) == loop.n and min(v) > 0 for v in weights.values())
     yield all(fits), "weights must be > 0, one per agent."
-    slopes = [each.jacobian_at_zero()[0][0] for each in problem.couplings]
+    slopes = [each.jacobian_at_zero()[0][0] for each in loop.functions]
     yield min(slope.lo for slope in slopes) >= 0, "a coupling falls."
-    gains = holding_gains(problem)
+    gains = holding_gains(loop)
     for (mode, w), rates in zip(weights.items(), generator, strict=True):
-        spend(len(problem.network.modes[mode]) + problem.n * len(rates))
+        spend(len(loop.modes[mode]) + loop.n * len(rates))
         rows = [(rate - k) * x for k, x in zip(gains, w, strict=True)]
         for q, other in enumerate(weights.values()):
             if rates[q]:
                 rows = [row + rates[q] * x for row, x in zip(rows, other, strict=True)]
-        arcs = problem.network.modes[mode]
+        arcs = loop.modes[mode]
         for (i, j, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
-            slope = slopes[problem.coupling_place(i, j)]
+            slope = slopes[loop.place_of(i, j)]
             rows[j] += weight * slope.hi * w[i]
             rows[i] -= ZERO if loose else weight * slope.lo * w[i]
         yield max(rows) <= 0, f"a row does not hold in mode {mode}."
 
 
 def _square(
-    problem: Problem, claim: Kept, generator: Matrix, rate: Fraction
+    loop: Loop, claim: Kept, generator: Matrix, rate: Fraction
 ) -> Iterator[tuple[bool, str]]:
     """P_p > 0 and A_p'P_p + P_p A_p + sum_q g_pq P_q + 2 rate P_p < 0."""
-    forms, size, statements = claim.P or {}, problem.n * problem.m, state_theorems(problem)
-    yield list(forms) == list(problem.network.modes), "there must be a P for every mode."
+    forms, size, statements = claim.P or {}, loop.n * loop.m, state_theorems(loop)
+    yield list(forms) == list(loop.modes), "there must be a P for every mode."
     symmetric = (exact.shape(P) == (size, size) and exact.is_symmetric(P) for P in forms.values())
     yield all(symmetric), f"every P must be a symmetric {size}x{size} matrix."
     for (mode, P), rates in zip(forms.items(), generator, strict=True):
@@ -256,13 +246,13 @@ def _square(
         yield all(falls), f"P > 0 or its inequality fails in mode {mode}."
 
 
-def apart_check(problem: Problem, domain: str) -> Check | None:
+def apart_check(loop: Loop, domain: str) -> Check | None:
     """REFUTED, with the agents that hear no pin in modes that the chain never leaves; None if there
     are none."""
-    for each in absorbing(problem):
+    for each in absorbing(loop):
         modes = list(each)
-        arcs = [problem.network.modes[mode] for mode in modes]
-        labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
+        arcs = [loop.modes[mode] for mode in modes]
+        labels = tuple(loop.labels[i] for i in unreached(loop, arcs))
         if labels:
             reason = (
                 f"the Markov signal never leaves {', '.join(modes)}, and there no pinned agent "
@@ -280,15 +270,13 @@ def apart_check(problem: Problem, domain: str) -> Check | None:
     return None
 
 
-def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
     if check.verdict is Verdict.REFUTED:
-        own = apart_check(problem, domain) if check.id == "markov" and check.rate is None else None
+        own = apart_check(loop, domain) if check.id == "markov" and check.rate is None else None
         return "the chain leaves no agents apart" if own is None else differs(check, own)
-    claim = read_claim(check, problem, W)
+    claim = read_claim(check, loop, W)
     if not isinstance(claim, Kept) or check.witness is not None:
         return "a proof has no witness"
-    return not_as_claimed(check, problem, claim.rate, claim.box, domain) or why_not(
-        problem, W, claim
-    )
+    return not_as_claimed(check, loop, claim.rate, claim.box, domain) or why_not(loop, W, claim)

@@ -47,8 +47,8 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import Doubles
-from dobc_design.problem.arrays import arc_table
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.arcs import arc_table
+from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import factored, round_matrix
 from dobc_design.verdict import Verdict
 
@@ -61,19 +61,19 @@ MOST_UNKNOWNS: Final = 1000
 WEIGHT_DIGITS: Final = 15
 
 
-def mean_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | None:
+def mean_claim(loop: Loop, W: Matrix | None, generator: Matrix) -> Kept | None:
     """Weights of every mode and the rate that they give, about; None where the means do not
     decay."""
-    modes, n = problem.network.modes, problem.n
-    slopes = np.array([float(each.jacobian_at_zero()[0][0].midpoint) for each in problem.couplings])
+    modes, n = loop.modes, loop.n
+    slopes = np.array([float(each.jacobian_at_zero()[0][0].midpoint) for each in loop.functions])
     blocks = []
     for mode in modes:
-        table = arc_table(problem, mode)
+        table = arc_table(loop, mode)
         entries = to_float((table.weights,))[0][table.weight] * slopes[table.coupling]
         A = sparse.csr_array((entries, (table.listeners, table.speakers)), shape=(n, n))
         sure = np.where(modes[mode].uncertain, 0.0, entries)  # what an agent gives away for certain
         away = np.bincount(table.listeners, weights=sure, minlength=n)
-        blocks.append((A - sparse.diags_array(away + to_float((holding_gains(problem),))[0])).T)
+        blocks.append((A - sparse.diags_array(away + to_float((holding_gains(loop),))[0])).T)
     chain = sparse.kron(sparse.csr_array(to_float(generator)), sparse.eye_array(n))
     M = sparse.csr_array(-(sparse.block_diag(blocks) + chain))
     w = _weights(M, 0.0)
@@ -89,7 +89,7 @@ def mean_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | 
         steps=BISECTIONS,
         middle=lambda low, high: math.sqrt(max(low, SMALLEST) * high),
     )
-    rate = _observed(problem, W, float(np.min(M @ w / w)) * SAFE)
+    rate = _observed(loop, W, float(np.min(M @ w / w)) * SAFE)
     if rate <= SMALLEST:
         return None
     each: list[Vector | Doubles] = []
@@ -114,10 +114,10 @@ def _weights(M: Any, rate: float) -> Any:
     return w if np.all(w > 0) else None
 
 
-def square_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | None:
+def square_claim(loop: Loop, W: Matrix | None, generator: Matrix) -> Kept | None:
     """Matrices of every mode for nearly the best rate; None for larger networks, and where none are
     found."""
-    size, modes, statements = problem.n * problem.m, problem.network.modes, state_theorems(problem)
+    size, modes, statements = loop.n * loop.m, loop.modes, state_theorems(loop)
     if size > MOST_ROWS or len(modes) * size**2 > MOST_UNKNOWNS:
         return None
     parts = [linear_part(statements, mode) for mode in modes]
@@ -127,7 +127,7 @@ def square_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept 
     unit = np.eye(size)
     blocks = [np.kron(A.T, unit) + np.kron(unit, A.T) for A in known]
     T: Any = linalg.block_diag(*blocks) + np.kron(to_float(generator), np.eye(size**2))
-    rate = _observed(problem, W, -float(np.max(np.linalg.eigvals(T).real)) / 2 * STEADY)
+    rate = _observed(loop, W, -float(np.max(np.linalg.eigvals(T).real)) / 2 * STEADY)
     if rate <= SMALLEST:
         return None
     P = np.linalg.solve(T + 2 * rate * np.eye(len(T)), -np.tile(unit.ravel(), len(known))).reshape(
@@ -137,9 +137,9 @@ def square_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept 
     return Kept(kind=SQUARE, rate=rounded_down(rate), P=dict(zip(modes, forms, strict=True)))
 
 
-def _observed(problem: Problem, W: Matrix | None, rate: float) -> float:
+def _observed(loop: Loop, W: Matrix | None, rate: float) -> float:
     """The rate, below that of the estimation error."""
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     return rate if exosystem is None or W is None else min(rate, decay_rate(exosystem, W) * SAFE)
 
 
@@ -152,8 +152,7 @@ EXTRA: Final = Fraction(1, 10**9)
 
 def safety_stage(asked: Asked, report: Progress) -> list[Check]:
     """The check `safety`, where the graph moves; PROVED or UNDECIDED."""
-    own = asked.problem.switching
-    if own is None or own.signal != "mobile":
+    if not asked.loop.guarantee.moves:
         return []
     report("deciding whether the box is left")
     return [_limited("safety", asked, _safe)]
@@ -161,15 +160,15 @@ def safety_stage(asked: Asked, report: Progress) -> list[Check]:
 
 def markov_stage(asked: Asked, report: Progress) -> list[Check]:
     """The check `markov`, where proofs may assume a Markov chain."""
-    if generator_of(asked.problem) is None:
+    if generator_of(asked.loop) is None:
         return []
     report("deciding the Markov signal")
     return [_limited("markov", asked, _random)]
 
 
 def _limited(id: str, asked: Asked, decide: Callable[[Asked], Check]) -> Check:
-    reason = obstacle(asked.problem, asked.W)
-    if reason is not None and (id == "safety" or acts_by_component(asked.problem)):
+    reason = obstacle(asked.loop, asked.W)
+    if reason is not None and (id == "safety" or acts_by_component(asked.loop)):
         return undecided_check(id, asked.domain, reason, applies=False)
     try:
         return limited(id, asked.domain, partial(decide, asked))
@@ -182,7 +181,7 @@ def _limited(id: str, asked: Asked, decide: Callable[[Asked], Check]) -> Check:
 
 def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Asked, Kept]]:
     """Claims with v = 1 for the box of starts, or a smaller one."""
-    problem, W, exosystem = asked.problem, asked.W, asked.problem.joint_exosystem
+    loop, W, exosystem = asked.loop, asked.W, asked.loop.joint_exosystem
     error: ErrorBound | None = None
     if exosystem is not None and W is not None:
         if rate is not None:
@@ -191,11 +190,11 @@ def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Ask
         if error is None:
             return
         error = with_kappa(error, rate=rate or 0)
-    for k in range(1 if problem.is_linear else SMALLER + 1):
+    for k in range(1 if loop.is_linear else SMALLER + 1):
         sides = asked.radius, asked.disturbance
         radius, disturbance = (decimal_below(claimed(x) / 2**k) if x and k else x for x in sides)
         rho = None
-        if not problem.is_linear:
+        if not loop.is_linear:
             rho = claimed(radius)
             if error is not None and disturbance:
                 noise = error.kappa * claimed(disturbance)
@@ -211,13 +210,13 @@ def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Ask
 
 
 def _safe(asked: Asked) -> Check:
-    problem, gains = asked.problem, holding_gains(asked.problem)
-    loose = [label for label, gain in zip(problem.network.labels, gains, strict=True) if gain <= 0]
+    loop, gains = asked.loop, holding_gains(asked.loop)
+    loose = [label for label, gain in zip(loop.labels, gains, strict=True) if gain <= 0]
     wrong: str | None = "no bound of the estimation error is found."
     for smaller, claim in _boxes(asked, "", None if loose else min(gains)):
-        wrong = why_not(problem, asked.W, claim)
+        wrong = why_not(loop, asked.W, claim)
         if wrong is None:
-            size = "max |e(0)|" + (" and what the estimation error adds" if problem.groups else "")
+            size = "max |e(0)|" + (" and what the estimation error adds" if loop.groups else "")
             if claim.box is not None and claim.box.rho is not None:
                 size = text_above(claim.box.rho, digits=6)
             starts = (
@@ -225,7 +224,7 @@ def _safe(asked: Asked) -> Check:
                 if claim.box is None or claim.box.rho is None
                 else f"|e(0)| <= {smaller.radius:.6g}"
             )
-            if problem.groups and starts != "every start":
+            if loop.groups and starts != "every start":
                 starts += f" and |eps_i(0)| <= {smaller.disturbance:.6g}"
             reason = (
                 f"from {starts} no agent ever leaves the box |e| <= {size}, whatever the "
@@ -234,7 +233,7 @@ def _safe(asked: Asked) -> Check:
             reason += " the motion."
             if claim.rate is None:
                 who = f"not pinned, and may lose all neighbours: {name_agents(tuple(loose))}"
-                known = problem.switching is not None and problem.switching.is_guaranteed
+                known = loop.guarantee.is_given
                 helps = "" if known else '; a guarantee on time would help (guarantee = "dwell")'
                 reason += f" There is no rate ({who}){helps}."
             else:
@@ -248,26 +247,26 @@ def _safe(asked: Asked) -> Check:
 
 
 def _random(asked: Asked) -> Check:
-    problem, W, generator = asked.problem, asked.W, generator_of(asked.problem) or ()
+    loop, W, generator = asked.loop, asked.W, generator_of(asked.loop) or ()
     signal, wrong = "for the Markov signal, whatever its first mode, every error decays", ""
-    if problem.is_linear:
+    if loop.is_linear:
         for how in (square_claim, mean_claim):
             claim = (
                 None
-                if how is mean_claim and not acts_by_component(problem)
-                else how(problem, W, generator)
+                if how is mean_claim and not acts_by_component(loop)
+                else how(loop, W, generator)
             )
-            if claim is not None and why_not(problem, W, claim) is None:
+            if claim is not None and why_not(loop, W, claim) is None:
                 pace = f"at least like exp(-{text_below(claim.rate or Fraction(0))} t)"
                 return _check("markov", asked, claim, f"{signal} {HOW[claim.kind]}, {pace}.")
-    if (found := apart_check(problem, asked.domain)) is not None:
+    if (found := apart_check(loop, asked.domain)) is not None:
         return found
-    if not acts_by_component(problem):
+    if not acts_by_component(loop):
         return undecided_check(
             "markov", asked.domain, "no matrices P are found, and couplings mix components."
         )
     for smaller, claim in _boxes(asked, SURE, None):
-        wrong = why_not(problem, W, claim) or ""
+        wrong = why_not(loop, W, claim) or ""
         if not wrong:
             return _check("markov", smaller, claim, f"{signal} {HOW[SURE]}.")
     return undecided_check(
@@ -286,5 +285,5 @@ def _check(id: str, asked: Asked, claim: Kept, reason: str) -> Check:
         reason=reason,
         claim=claim,
     )
-    wrong = confirm(check, asked.problem, asked.W, domain=asked.domain)
+    wrong = confirm(check, asked.loop, asked.W, domain=asked.domain)
     return check if wrong is None else undecided_check(id, asked.domain, wrong)

@@ -34,11 +34,11 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
         )
         return undecided(reason=reason, applies=False)
     (mode,) = statements.lambdas
-    loop = linear_part(statements, mode)
-    if loop is None:
+    matrix = linear_part(statements, mode)
+    if matrix is None:
         reason = "does not apply: it is decided for rational slopes and up to 60 states n m."
         return undecided(reason=reason, applies=False)
-    parts = decaying_parts(statements, W, loop)
+    parts = decaying_parts(statements, W, matrix)
     if parts is None:
         return undecided(reason="there is no observer gain W.")
     rate = largest_proved(estimate, lambda b: all(hurwitz_with_rate(part, b) for part in parts))
@@ -64,12 +64,12 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
     )
 
 
-def decaying_parts(statements: Statements, W: Matrix | None, loop: Matrix) -> list[Matrix] | None:
+def decaying_parts(statements: Statements, W: Matrix | None, matrix: Matrix) -> list[Matrix] | None:
     """What has to be Hurwitz: J - K, and A - WC with an exosystem; None where that has no W."""
-    exosystem = statements.problem.joint_exosystem
+    exosystem = statements.loop.joint_exosystem
     if exosystem is None:
-        return [loop]
-    return None if W is None else [loop, error_matrix(exosystem, W)]
+        return [matrix]
+    return None if W is None else [matrix, error_matrix(exosystem, W)]
 
 
 def confirm(check: Check, statements: Statements, W: Matrix | None) -> str | None:
@@ -82,8 +82,8 @@ def confirm(check: Check, statements: Statements, W: Matrix | None) -> str | Non
     if check.verdict is not Verdict.PROVED:
         return "without a proof there is no rate"
     (mode,) = statements.lambdas
-    loop = linear_part(statements, mode)
-    parts = None if loop is None else decaying_parts(statements, W, loop)
+    matrix = linear_part(statements, mode)
+    parts = None if matrix is None else decaying_parts(statements, W, matrix)
     proved = parts is not None and all(
         hurwitz_with_rate(part, claimed(check.rate)) for part in parts
     )

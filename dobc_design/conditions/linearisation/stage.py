@@ -14,31 +14,25 @@ from dobc_design.conditions.coverage import covers
 from dobc_design.conditions.linearisation.decide import ID, decaying_parts, linearisation_check
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.problem.arrays import unreached
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.arcs import unreached
+from dobc_design.loop.loop import Loop
 
 
 def linearisation_stage(
-    problem: Problem, statements: Statements, checks: Sequence[Check], W: Matrix | None
+    loop: Loop, statements: Statements, checks: Sequence[Check], W: Matrix | None
 ) -> list[Check]:
     """The check, where the question is local and open: one mode, all agents reached, nothing proved
     so far."""
-    if problem.network.switches or any(
-        unreached(problem, [arcs]) for arcs in problem.network.modes.values()
-    ):
+    if loop.switches or any(unreached(loop, [arcs]) for arcs in loop.modes.values()):
         return []
-    if (problem.region is not None and not problem.is_linear) or any(
-        covers(problem, check, checks) for check in checks
+    if (loop.starts is not None and not loop.is_linear) or any(
+        covers(loop, check, checks) for check in checks
     ):
         return []
 
     def decided() -> Check:
-        loop = (
-            linear_part(statements, *problem.network.modes)
-            if statements.jacobians is not None
-            else None
-        )
-        parts = None if loop is None else decaying_parts(statements, W, loop)
+        matrix = linear_part(statements, *loop.modes) if statements.jacobians is not None else None
+        parts = None if matrix is None else decaying_parts(statements, W, matrix)
         slowest = 0.0
         with suppress(SpecError, np.linalg.LinAlgError):  # beyond the floats there is no estimate
             slowest = min(

@@ -56,9 +56,9 @@ from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
 from dobc_design.exact.number import number_text, root_above
 from dobc_design.exact.symmetric import Doubles, least
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 
@@ -109,38 +109,38 @@ class Inputs:
         return values if self.error is None else values | self.error.to_json()
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     if check.id == "actuators":
-        return _read_inputs(check, problem)
+        return _read_inputs(check, loop)
     optional = [name for name in ("eta", "v") if name in (check.exact or {})]
     values = read_object(check.exact, ("weights", "gains", "alpha", *optional))
     weights, gains, alpha = (read_rational(values[name]) for name in ("weights", "gains", "alpha"))
     if not (0 <= weights < 1 and 0 <= gains < 1 and alpha > 0):
         raise ValueError("errors must be >= 0 and < 1, alpha > 0")
     eta = read_rational(values["eta"]) if "eta" in optional else None
-    v = vector_from_json(values["v"], problem.n) if "v" in optional else None
+    v = vector_from_json(values["v"], loop.n) if "v" in optional else None
     return Tolerance(errors=Errors(weights, gains), alpha=alpha, eta=eta, v=v)
 
 
-def _read_inputs(check: Check, problem: Problem) -> Inputs:
+def _read_inputs(check: Check, loop: Loop) -> Inputs:
     """What a proved check of inputs claims."""
-    has_own_box = stated_in(problem).absolute or "v" in (check.exact or {})
-    own = ("v", "alpha", "level", *observed_in(problem)) if has_own_box else ()
+    has_own_box = stated_in(loop).absolute or "v" in (check.exact or {})
+    own = ("v", "alpha", "level", *observed_in(loop)) if has_own_box else ()
     values = read_object(check.exact, ("rho", "inputs", *own))
-    found = read_object(values["inputs"], problem.network.labels)
-    inputs = {label: read_rational(found[label]) for label in problem.network.labels}
+    found = read_object(values["inputs"], loop.labels)
+    inputs = {label: read_rational(found[label]) for label in loop.labels}
     rho = read_rational(values["rho"])
     if not has_own_box:
         return Inputs(rho=rho, inputs=inputs)
     v, alpha, level = (
-        vector_from_json(values["v"], problem.n),
+        vector_from_json(values["v"], loop.n),
         *map(read_rational, (values["alpha"], values["level"])),
     )
     if min(alpha, level, least(v)) <= 0 or rho < level:
         raise ValueError("v, alpha and level must be > 0, and rho at least level")
-    stage = Level(v=v, alpha=alpha, level=level, rho=None if problem.is_linear else rho)
-    return Inputs(rho=rho, inputs=inputs, stage=stage, error=error_from_json(values, problem))
+    stage = Level(v=v, alpha=alpha, level=level, rho=None if loop.is_linear else rho)
+    return Inputs(rho=rho, inputs=inputs, stage=stage, error=error_from_json(values, loop))
 
 
 ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
@@ -149,7 +149,7 @@ _ZERO, _ONE = Fraction(0), Fraction(1)
 
 def confirm(
     check: Check,
-    problem: Problem,
+    loop: Loop,
     W: Matrix | None,
     *,
     domain: str,
@@ -160,44 +160,44 @@ def confirm(
     checks max-separable and accuracy beside it."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
-    if problem.origin is not None:
+    if loop.drift is not None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
-    base, claim = None, read_claim(check, problem, W)
+    base, claim = None, read_claim(check, loop, W)
     if proof is not None and proof.verdict is Verdict.PROVED:
-        base = claims.separable_from_json(proof.exact, problem)
+        base = claims.separable_from_json(proof.exact, loop)
     if isinstance(claim, Inputs) and claim.stage is not None:
-        return _not_held(check, problem, W, claim, claim.stage, final)
+        return _not_held(check, loop, W, claim, claim.stage, final)
     if isinstance(claim, Inputs):
         return (
             "it needs a proved max-separable check"
             if base is None
-            else _not_inputs(check, problem, base, claim)
+            else _not_inputs(check, loop, base, claim)
         )
     if not isinstance(claim, Tolerance):
         return "it is not known here"
-    table, errors = problem.uncertainty, claim.errors
+    table, errors = loop.uncertainty, claim.errors
     if table is not None and (errors.weights < table.weights or errors.gains < table.gains):
         return "the errors of [uncertainty] are larger"
-    if (claim.eta is None) is not agents_know(problem):
+    if (claim.eta is None) is not agents_know(loop):
         return "eta belongs to observers that do not know the weights, and to no others"
     if claim.v is not None:
-        if check.domain != domain or (problem.groups and (W is None or check.rate is not None)):
+        if check.domain != domain or (loop.groups and (W is None or check.rate is not None)):
             return (
                 f"the domain must be {domain!r}; with an observer, which is needed, rows give "
                 "no rate of the loop"
             )
-        wrong = _not_local(problem, claim, claim.v)
+        wrong = _not_local(loop, claim, claim.v)
         return (
             wrong
-            if wrong or problem.groups or follows(check.rate, claim.alpha)
+            if wrong or loop.groups or follows(check.rate, claim.alpha)
             else "the rate does not follow"
         )
     if base is None or proof is None or proof.domain != check.domain:
         return "it needs a proved max-separable check with its domain"
-    answer = verify_separable(problem, replace(base, alpha=claim.alpha), errors=errors)
+    answer = verify_separable(loop, replace(base, alpha=claim.alpha), errors=errors)
     if answer.verdict is not Verdict.PROVED:
         return answer.reason
-    if claim.eta is not None and errors.weights * observer_pull(problem, W, base) > claim.eta:
+    if claim.eta is not None and errors.weights * observer_pull(loop, W, base) > claim.eta:
         return (
             "eta is not shown to bound what the errors of the weights add to the estimation error"
         )
@@ -208,9 +208,9 @@ def confirm(
     )
 
 
-def agents_know(problem: Problem) -> bool:
+def agents_know(loop: Loop) -> bool:
     """Whether the observers use the true weights."""
-    return problem.uncertainty is None or problem.uncertainty.known_to_agents
+    return loop.uncertainty is None or loop.uncertainty.known_to_agents
 
 
 def tolerated_rate(base: Separable, claim: Tolerance) -> Fraction:
@@ -220,7 +220,7 @@ def tolerated_rate(base: Separable, claim: Tolerance) -> Fraction:
     return min(claim.alpha - base.error.kappa * (claim.eta or _ZERO), composite_rate(base))
 
 
-def observer_pull(problem: Problem, W: Matrix | None, base: Separable) -> Fraction:
+def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
     """An upper bound of eta/delta for the gain W (q, m); 0 without an observer.  Raises:
     UndefinedError."""
     if base.error is None or W is None:
@@ -229,66 +229,66 @@ def observer_pull(problem: Problem, W: Matrix | None, base: Separable) -> Fracti
     squares = [multiply((c,), multiply(base.error.P, transpose((c,))))[0][0] for c in columns]
     roots, m, rho = (
         [root_above(square, unit=ROOTS) for square in squares],
-        problem.m,
+        loop.m,
         base.rho or _ONE,
     )
     norm = max(sum(roots[k : k + m], _ZERO) for k in range(0, len(roots), m))  # of every group
-    reaches = [rho * reach for reach in claims.largest_reach(problem, base.v)]
-    curves = [Curve(coupling.components[0]) for coupling in problem.couplings]
+    reaches = [rho * reach for reach in claims.largest_reach(loop, base.v)]
+    curves = [Curve(coupling.components[0]) for coupling in loop.functions]
     pairs = zip(curves, reaches, strict=True)
     steepest = [secant_range(curve, Interval(-y, y)).magnitude for curve, y in pairs]
     sums = (
         sum(x.weight * x.reach * steepest[x.coupling] for x in row.terms)
-        for row, _ in claims.rows(problem, base.v)
+        for row, _ in claims.rows(loop, base.v)
     )
     return norm * max(sums, default=_ZERO)
 
 
-def why_not_local(problem: Problem) -> str | None:
+def why_not_local(loop: Loop) -> str | None:
     """Why the rows at the target say nothing; None if they do."""
-    if not claims.acts_by_component(problem):
+    if not claims.acts_by_component(loop):
         return NOT_BY_COMPONENT
-    if any(coupling.nonsmooth for coupling in problem.couplings):
+    if any(coupling.nonsmooth for coupling in loop.functions):
         return "does not apply: a coupling may have a kink at the target."
     known = (
         "does not apply: observers that do not know the weights need a max-separable "
         "certificate ([region])."
     )
-    return None if agents_know(problem) else known
+    return None if agents_know(loop) else known
 
 
-def _not_local(problem: Problem, claim: Tolerance, v: Vector | Doubles) -> str | None:
+def _not_local(loop: Loop, claim: Tolerance, v: Vector | Doubles) -> str | None:
     """The rows for the slopes at the target: sum w h'(0) (v_j - v_i) <= (k_i - alpha) v_i."""
     if least(v) <= 0:
         return "v must be > 0"
-    reason, profiles = why_not_local(problem), coupling_profiles(problem, v, rho=None)
-    for row, place in claims.rows(problem, v, errors=claim.errors) if reason is None else ():
+    reason, profiles = why_not_local(loop), coupling_profiles(loop, v, rho=None)
+    for row, place in claims.rows(loop, v, errors=claim.errors) if reason is None else ():
         if linear_bound(row, 1, profiles) > (row.gain - claim.alpha) * row.own:
             return (
-                f"the row of agent {problem.network.labels[place.agent]} in mode {place.mode} "
+                f"the row of agent {loop.labels[place.agent]} in mode {place.mode} "
                 "fails at the target"
             )
     return reason
 
 
-def largest_disturbance(problem: Problem) -> tuple[Fraction, ...] | None:
+def largest_disturbance(loop: Loop) -> tuple[Fraction, ...] | None:
     """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor
     xi0 gives one, as where amplitudes drift."""
-    given, starts = problem.actuators and problem.actuators.amplitude, problem.simulation.xi0
-    if given is not None or not problem.groups:
-        return (given or _ZERO,) * problem.n
-    if problem.uncertainty is not None and problem.uncertainty.drift:
+    given, starts = loop.actuators and loop.actuators.amplitude, loop.xi0
+    if given is not None or not loop.groups:
+        return (given or _ZERO,) * loop.n
+    if loop.uncertainty is not None and loop.uncertainty.drift:
         return None
-    numbers = group_numbers(problem.groups, problem.network.labels)
+    numbers = group_numbers(loop.groups, loop.labels)
     pairs = (
-        list(zip(numbers, starts if len(starts) > 1 else starts * problem.n, strict=True))
+        list(zip(numbers, starts if len(starts) > 1 else starts * loop.n, strict=True))
         if starts
         else []
     )
     known = {
         pair: _ZERO
-        if pair[0] == len(problem.groups)
-        else _amplitude(problem.groups[pair[0]].exosystem, pair[1])
+        if pair[0] == len(loop.groups)
+        else _amplitude(loop.groups[pair[0]].exosystem, pair[1])
         for pair in dict.fromkeys(pairs)
     }
     found = [known[pair] for pair in pairs]
@@ -319,26 +319,23 @@ def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
     return max(sums)
 
 
-def blind(problem: Problem) -> bool:
+def blind(loop: Loop) -> bool:
     """Whether errors of the weights act on the estimates."""
-    plant = problem.uncertainty
-    return (
-        plant is not None and bool(problem.groups and plant.weights) and not plant.known_to_agents
-    )
+    plant = loop.uncertainty
+    return plant is not None and bool(loop.groups and plant.weights) and not plant.known_to_agents
 
 
-def pin_sizes(problem: Problem) -> tuple[Fraction, ...]:
+def pin_sizes(loop: Loop) -> tuple[Fraction, ...]:
     """|k_i|_1, the largest row sum of sizes, of each agent, with the errors of gains."""
-    more = 1 + (problem.uncertainty.gains if problem.uncertainty is not None else _ZERO)
+    more = 1 + (loop.uncertainty.gains if loop.uncertainty is not None else _ZERO)
     sizes = {
-        i: more * max(sum(map(abs, row), _ZERO) for row in k)
-        for i, k in problem.pinning.gains.items()
+        i: more * max(sum(map(abs, row), _ZERO) for row in k) for i, k in loop.pulls.gains.items()
     }
-    return tuple(sizes.get(i, _ZERO) for i in range(problem.n))
+    return tuple(sizes.get(i, _ZERO) for i in range(loop.n))
 
 
 def input_parts(
-    problem: Problem,
+    loop: Loop,
     v: Sequence[Fraction],
     error: ErrorBound | None,
     disturbance: Fraction,
@@ -347,17 +344,17 @@ def input_parts(
 ) -> tuple[tuple[Fraction, Fraction], ...]:
     """For each agent a and b with |u_i - d_i| <= a rho + b on {V <= rho}, from |eps_i| <=
     ``disturbance``."""
-    sizes = [k * x for k, x in zip(pin_sizes(problem), v, strict=True)]
+    sizes = [k * x for k, x in zip(pin_sizes(loop), v, strict=True)]
     if error is None:
         return tuple((size, _ZERO) for size in sizes)
-    if not own_box and not agents_know(problem):  # errors of the weights act on E
+    if not own_box and not agents_know(loop):  # errors of the weights act on E
         return tuple((max(size, 1 / error.kappa), _ZERO) for size in sizes)
     first = root_above(error.size * disturbance**2, unit=ROOTS)
     return tuple((size, max(_ZERO, 1 - error.kappa * size) * first) for size in sizes)
 
 
 def loaded_inputs(
-    problem: Problem,
+    loop: Loop,
     peaks: Peaks | None,
     stage: Level,
     error: ErrorBound | None,
@@ -369,34 +366,33 @@ def loaded_inputs(
     ``room``: as in ``loads``.
     Raises: UndefinedError."""
     added = {
-        load.agent: (load.growing, load.by_input)
-        for load in loads(problem, peaks, stage, room=room)
+        load.agent: (load.growing, load.by_input) for load in loads(loop, peaks, stage, room=room)
     }
-    parts = enumerate(input_parts(problem, stage.v, error, disturbance, own_box=True))
+    parts = enumerate(input_parts(loop, stage.v, error, disturbance, own_box=True))
     return tuple((a + added[agent][0], b + added[agent][1]) for agent, (a, b) in parts)
 
 
-def _not_inputs(check: Check, problem: Problem, base: Separable, claim: Inputs) -> str | None:
+def _not_inputs(check: Check, loop: Loop, base: Separable, claim: Inputs) -> str | None:
     """None if every input is bounded by ``claim``, below every limit."""
-    table, found = problem.actuators, largest_disturbance(problem)
+    table, found = loop.actuators, largest_disturbance(loop)
     if table is None or found is None or check.rate is not None:
         return "it needs [actuators], a bound of the disturbance, and no rate"
-    radius, noise = read_domain(check.domain, problem, kind="box")
+    radius, noise = read_domain(check.domain, loop, kind="box")
     inside = 0 < claim.rho <= (base.rho or claim.rho)
     if not inside or not covers(replace(base, rho=claim.rho), radius=radius, disturbance=noise):
         return "its box is not inside {V <= rho}, or rho is larger than that of the certificate"
-    return _too_small(problem, claim, input_parts(problem, tuple(base.v), base.error, noise), found)
+    return _too_small(loop, claim, input_parts(loop, tuple(base.v), base.error, noise), found)
 
 
 def _too_small(
-    problem: Problem,
+    loop: Loop,
     claim: Inputs,
     parts: Sequence[tuple[Fraction, Fraction]],
     found: Sequence[Fraction],
 ) -> str | None:
     """None if no input is larger than ``claim`` says, nor a bound above its limit."""
-    limits = problem.actuators
-    for label, (a, b), largest in zip(problem.network.labels, parts, found, strict=True):
+    limits = loop.actuators
+    for label, (a, b), largest in zip(loop.labels, parts, found, strict=True):
         limit = None if limits is None else limits.limit_of(label)
         most = claim.inputs[label]
         if not a * claim.rho + b + largest <= most <= (most if limit is None else limit):
@@ -406,7 +402,7 @@ def _too_small(
 
 def _not_held(
     check: Check,
-    problem: Problem,
+    loop: Loop,
     W: Matrix | None,
     claim: Inputs,
     stage: Level,
@@ -414,26 +410,26 @@ def _not_held(
 ) -> str | None:
     """None if, under everything that [uncertainty] states, no start leaves the box and no input
     exceeds its bound."""
-    found = largest_disturbance(problem)
-    if problem.actuators is None or found is None or check.rate is not None:
+    found = largest_disturbance(loop)
+    if loop.actuators is None or found is None or check.rate is not None:
         return (
             "it needs [actuators], a bound of the disturbance (with a drift: amplitude), and "
             "no rate"
         )
-    if (reason := not_final(problem, W)) is not None:
+    if (reason := not_final(loop, W)) is not None:
         return reason
     peaks = None
-    if stated_in(problem).absolute:
+    if stated_in(loop).absolute:
         if final is None or final.verdict is not Verdict.PROVED:
             return "it needs a proved check of accuracy"
         peaks = (
-            final.claim if isinstance(final.claim, Accuracy) else read_accuracy(final, problem, W)
+            final.claim if isinstance(final.claim, Accuracy) else read_accuracy(final, loop, W)
         ).peaks
-    elif blind(problem):
+    elif blind(loop):
         return "observers that do not know the weights need the box of max-separable"
-    radius, noise = read_domain(check.domain, problem, kind="box")
+    radius, noise = read_domain(check.domain, loop, kind="box")
     box = Separable(v=stage.v, alpha=stage.alpha, rho=claim.rho, error=claim.error)
-    if (exosystem := problem.joint_exosystem) is not None:
+    if (exosystem := loop.joint_exosystem) is not None:
         if W is None or claim.error is None:
             return "with an [exosystem] it needs P, beta, kappa and size"
         if (why := error_bound_obstacle(exosystem, W, claim.error)) is not None:
@@ -442,8 +438,6 @@ def _not_held(
             return "kappa must exceed 1/(beta min v), or the observer error can raise V"
     if not covers(box, radius=max(radius, stage.level * box.least), disturbance=noise):
         return "its box, or the level, is not inside {V <= rho}"
-    if (why := not_shrinking(problem, peaks, stage)) is not None:
+    if (why := not_shrinking(loop, peaks, stage)) is not None:
         return why
-    return _too_small(
-        problem, claim, loaded_inputs(problem, peaks, stage, claim.error, noise), found
-    )
+    return _too_small(loop, claim, loaded_inputs(loop, peaks, stage, claim.error, noise), found)

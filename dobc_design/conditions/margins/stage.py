@@ -40,8 +40,8 @@ from dobc_design.conditions.stated import NO_ROOM, stated_in
 from dobc_design.conditions.weighted.propose import rounded
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import root_above
-from dobc_design.problem.arrays import coupling_places
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.arcs import coupling_places
+from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array, factored
 from dobc_design.verdict import Verdict
 
@@ -49,20 +49,18 @@ ROUNDS, CLOSE = 100, 1e-9
 
 
 @np.errstate(all="ignore")
-def common_vector(problem: Problem, errors: Errors) -> Array | None:
+def common_vector(loop: Loop, errors: Errors) -> Array | None:
     """v > 0 (n,) with M v >= 1, M = L(w h'(0)) + K, in every mode and for all errors; None if none
     is seen.  Policy iteration: given v every agent takes the mode and the ends of its weights that
     pull it out most.
     Raises: OverflowError beyond the floats."""
-    n, spread, v = problem.n, float(errors.weights), np.ones(problem.n)
+    n, spread, v = loop.n, float(errors.weights), np.ones(loop.n)
     slopes = np.array(
-        [float(coupling.jacobian_at_zero()[0][0].midpoint) for coupling in problem.couplings]
+        [float(coupling.jacobian_at_zero()[0][0].midpoint) for coupling in loop.functions]
     )
-    gains, modes = np.array([float(k) for k in holding_gains(problem, error=errors.gains)]), []
-    for arcs in problem.network.modes.values():
-        weights = (
-            np.array([float(w) for w in arcs.weights]) * slopes[coupling_places(problem, arcs)]
-        )
+    gains, modes = np.array([float(k) for k in holding_gains(loop, error=errors.gains)]), []
+    for arcs in loop.modes.values():
+        weights = np.array([float(w) for w in arcs.weights]) * slopes[coupling_places(loop, arcs)]
         modes.append(sparse.csr_array((weights, (arcs.listeners, arcs.speakers)), shape=(n, n)))
     for _ in range(ROUNDS):
         tables = []
@@ -105,13 +103,13 @@ _ZERO = Fraction(0)
 
 def is_asked(asked: Asked) -> bool:
     """Whether the problem asks something that rests on a max-separable certificate."""
-    unknown = _given(asked) is not None and not decide.agents_know(asked.problem)
-    return asked.problem.actuators is not None or unknown
+    unknown = _given(asked) is not None and not decide.agents_know(asked.loop)
+    return asked.loop.actuators is not None or unknown
 
 
 def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:
     """The tolerance beside ``checks``, where there is one."""
-    if asked.problem.origin is not None:
+    if asked.loop.drift is not None:
         return []
     known = (
         check for check in checks if isinstance(check.claim, Separable) and check.claim.T is None
@@ -128,7 +126,7 @@ def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> li
 
 def _given(asked: Asked) -> Errors | None:
     """The errors of [uncertainty]; None without any."""
-    table = asked.problem.uncertainty
+    table = asked.loop.uncertainty
     return (
         Errors(table.weights, table.gains)
         if table is not None and (table.weights or table.gains)
@@ -137,14 +135,14 @@ def _given(asked: Asked) -> Errors | None:
 
 
 def _tolerance(asked: Asked, proof: Check | None) -> Check:
-    problem, given, why = asked.problem, _given(asked), decide.why_not_local(asked.problem)
-    large = sum(map(len, problem.network.modes.values())) > TIMED_ARCS
+    loop, given, why = asked.loop, _given(asked), decide.why_not_local(asked.loop)
+    large = sum(map(len, loop.modes.values())) > TIMED_ARCS
     if large and given is None:
         reason = f"left out: the network is large; tolerances are examined up to {TIMED_ARCS} arcs."
         return undecided_check("tolerance", asked.domain, reason)
-    if _given(asked) is not None and (apart := why_no_weights(problem)) is not None:
+    if _given(asked) is not None and (apart := why_no_weights(loop)) is not None:
         return undecided_check("tolerance", asked.domain, apart)
-    local = why is None and (not problem.groups or asked.W is not None)
+    local = why is None and (not loop.groups or asked.W is not None)
     if (not asked.wanted or proof is None) and local:
         # without a region the question is about the target, not about the box that was found
         proof = None
@@ -176,7 +174,7 @@ def _tolerance(asked: Asked, proof: Check | None) -> Check:
         f"{k}, each on its"
     )
     reason += " own, constant or varying" + (
-        ", while A - WC is Hurwitz." if base is None and problem.groups else "."
+        ", while A - WC is Hurwitz." if base is None and loop.groups else "."
     )
     reason += " These are about the largest common errors that it allows." if part else ""
     rate = claim.alpha if base is None else decide.tolerated_rate(base, claim)
@@ -184,7 +182,7 @@ def _tolerance(asked: Asked, proof: Check | None) -> Check:
         id="tolerance",
         verdict=Verdict.PROVED,
         domain=asked.domain if proof is None else proof.domain,
-        rate=None if base is None and problem.groups else decimal_below(rate),
+        rate=None if base is None and loop.groups else decimal_below(rate),
         claim=claim,
         reason=reason,
     )
@@ -192,7 +190,7 @@ def _tolerance(asked: Asked, proof: Check | None) -> Check:
 
 
 def _confirmed(asked: Asked, check: Check, proof: Check | None) -> Check:
-    wrong = decide.confirm(check, asked.problem, asked.W, domain=asked.domain, proof=proof)
+    wrong = decide.confirm(check, asked.loop, asked.W, domain=asked.domain, proof=proof)
     return check if wrong is None else undecided_check(check.id, asked.domain, wrong)
 
 
@@ -223,23 +221,23 @@ def _largest(find: Callable[[Fraction], Tolerance | None]) -> tuple[Fraction, To
 def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | None]:
     """The rows of ``base``: for the errors that are given at nearly the largest rate, else at a
     small part of its."""
-    problem, kappa = asked.problem, _ZERO if base.error is None else base.error.kappa
-    known = decide.agents_know(problem)
-    pull = _ZERO if known else decide.observer_pull(problem, asked.W, base)
+    loop, kappa = asked.loop, _ZERO if base.error is None else base.error.kappa
+    known = decide.agents_know(loop)
+    pull = _ZERO if known else decide.observer_pull(loop, asked.W, base)
 
     def find(errors: Errors) -> Tolerance | None:
         kept = base.alpha * (KEPT if _given(asked) is None else LEAST_KEPT)
         eta = None if known else rounded_up(errors.weights * pull * WIDER, digits=6)
         alpha = kappa * (eta or _ZERO) + kept
         if (
-            verify_separable(problem, replace(base, alpha=alpha), errors=errors).verdict
+            verify_separable(loop, replace(base, alpha=alpha), errors=errors).verdict
             is not Verdict.PROVED
         ):
             return None
         alpha -= kept / 2
         best = None
         if errors == _given(asked):
-            best = largest_rate(problem, base.v, rho=base.rho, errors=errors)
+            best = largest_rate(loop, base.v, rho=base.rho, errors=errors)
         best = best or _ZERO
         return Tolerance(errors=errors, alpha=max(alpha, best * (1 - IN_HAND)), eta=eta)
 
@@ -250,10 +248,10 @@ def _at_target(asked: Asked) -> Callable[[Errors], Tolerance | None]:
     """Rows at the target, with the v that the errors ask for."""
     usual = None
     with suppress(OverflowError):
-        usual = common_vector(asked.problem, Errors())
+        usual = common_vector(asked.loop, Errors())
 
     def find(errors: Errors) -> Tolerance | None:
-        v = None if usual is None else common_vector(asked.problem, errors)
+        v = None if usual is None else common_vector(asked.loop, errors)
         if v is None or usual is None or np.max(v) > FAR * np.max(usual):
             return None
         alpha = rounded_down(Fraction(1 / (2 * float(np.max(v)))), digits=4)
@@ -264,7 +262,7 @@ def _at_target(asked: Asked) -> Callable[[Errors], Tolerance | None]:
 
 def inputs_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:
     """The check ``actuators`` beside all others; none without [actuators]."""
-    if asked.problem.actuators is None or asked.problem.origin is not None:
+    if asked.loop.actuators is None or asked.loop.drift is not None:
         return []
     report("deciding the inputs")
     return [limited("actuators", asked.domain, lambda: _actuators(asked, checks))]
@@ -289,26 +287,26 @@ class _Plan:
 
 
 def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
-    problem, beside = (
-        asked.problem,
+    loop, beside = (
+        asked.loop,
         {check.id: check for check in checks if check.verdict is Verdict.PROVED},
     )
     found, proof, final = (
-        decide.largest_disturbance(problem),
+        decide.largest_disturbance(loop),
         beside.get("max-separable"),
         beside.get("accuracy"),
     )
     if found is None:
         why = "simulation.xi0 gives no sum of constants and sines"
-        if problem.uncertainty is not None and problem.uncertainty.drift:
+        if loop.uncertainty is not None and loop.uncertainty.drift:
             why = "with a drift of the amplitudes simulation.xi0 bounds nothing"
         reason = f"does not apply: {why}: give actuators.amplitude."
         return undecided_check("actuators", asked.domain, reason, applies=False)
-    if not acts_by_component(problem):
+    if not acts_by_component(loop):
         return undecided_check("actuators", asked.domain, NOT_BY_COMPONENT, applies=False)
-    if (apart := why_no_weights(problem)) is not None:
+    if (apart := why_no_weights(loop)) is not None:
         return undecided_check("actuators", asked.domain, apart)
-    stated, tolerated = stated_in(problem), beside.get("tolerance")
+    stated, tolerated = stated_in(loop), beside.get("tolerance")
     if stated.absolute and final is None:
         return undecided_check("actuators", asked.domain, NOT_FINAL)
     base = proof.claim if proof is not None and isinstance(proof.claim, Separable) else None
@@ -323,17 +321,15 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
         plans = _box_of_proof(asked, proof, base, found)
     plan: _Plan | None = None
     for each in chain(plans, _boxes_of_their_own(asked, base, final)):
-        if plan is None or _worst(problem, each.inputs(found)) < _worst(
-            problem, plan.inputs(found)
-        ):
+        if plan is None or _worst(loop, each.inputs(found)) < _worst(loop, plan.inputs(found)):
             plan = each
-        if _worst(problem, plan.inputs(found)) <= 1:
+        if _worst(loop, plan.inputs(found)) <= 1:
             break
     if plan is None:
         return undecided_check("actuators", asked.domain, NO_BOX)
-    if _worst(problem, plan.inputs(found)) > 1:
+    if _worst(loop, plan.inputs(found)) > 1:
         return undecided_check("actuators", asked.domain, _too_large(asked, plan, found))
-    labels = problem.network.labels
+    labels = loop.labels
     most = dict(zip(labels, plan.inputs(found), strict=True))
     worst = max(most, key=lambda label: most[label])
     reason = (
@@ -341,23 +337,21 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
         f"{worst})"
     )
     reason += (
-        "; no actuator with a limit saturates."
-        if problem.actuators and problem.actuators.limit
-        else "."
+        "; no actuator with a limit saturates." if loop.actuators and loop.actuators.limit else "."
     )
     claim = Inputs(
         rho=plan.rho, inputs=most, stage=plan.stage, error=plan.error if plan.stage else None
     )
     domain = starts_in("box", *plan.starts)
     check = Check(id="actuators", verdict=Verdict.PROVED, domain=domain, claim=claim, reason=reason)
-    wrong = decide.confirm(check, problem, asked.W, domain=asked.domain, proof=proof, final=final)
+    wrong = decide.confirm(check, loop, asked.W, domain=asked.domain, proof=proof, final=final)
     return check if wrong is None else undecided_check("actuators", asked.domain, wrong)
 
 
-def _worst(problem: Problem, inputs: Sequence[Fraction]) -> Fraction:
+def _worst(loop: Loop, inputs: Sequence[Fraction]) -> Fraction:
     """The largest input as a part of its limit; 0 without limits."""
-    limits = problem.actuators
-    each = zip(problem.network.labels, inputs, strict=True)
+    limits = loop.actuators
+    each = zip(loop.labels, inputs, strict=True)
     known = ((most, None if limits is None else limits.limit_of(label)) for label, most in each)
     return max((most / limit for most, limit in known if limit is not None), default=_ZERO)
 
@@ -393,25 +387,25 @@ def _box_of_proof(
 ) -> Iterator[_Plan]:
     """The box of max-separable that holds the starts; without a region a smaller one, where a limit
     asks for it."""
-    problem, v = asked.problem, tuple(base.v)
+    loop, v = asked.loop, tuple(base.v)
     starts = _starts(asked, proof.domain)
     for _ in range(2):
         rho = _level_of(v, base.error, starts, _ZERO)
         rho = rho if base.rho is None else min(rho, base.rho)
-        parts = decide.input_parts(problem, v, base.error, claimed(starts[1]))
+        parts = decide.input_parts(loop, v, base.error, claimed(starts[1]))
         plan = _Plan(starts=starts, rho=rho, parts=parts, v=v, error=base.error)
         yield plan
         if asked.wanted:
             return
-        starts = _smaller(problem, plan, starts, found)
+        starts = _smaller(loop, plan, starts, found)
 
 
 def _smaller(
-    problem: Problem, plan: _Plan, starts: tuple[float, float], found: Sequence[Fraction]
+    loop: Loop, plan: _Plan, starts: tuple[float, float], found: Sequence[Fraction]
 ) -> tuple[float, float]:
     """Starts so much smaller that no input exceeds its limit, if the disturbance leaves room."""
-    part, limits = Fraction(1), problem.actuators
-    for label, (a, b), d in zip(problem.network.labels, plan.parts, found, strict=True):
+    part, limits = Fraction(1), loop.actuators
+    for label, (a, b), d in zip(loop.labels, plan.parts, found, strict=True):
         limit = None if limits is None else limits.limit_of(label)
         if limit is not None and a * plan.rho + b > 0:
             part = min(part, (limit - d) / (a * plan.rho + b) / 2)
@@ -426,38 +420,38 @@ def _boxes_of_their_own(
 ) -> Iterator[_Plan]:
     """Boxes that hold the starts under all that [uncertainty] states: that of ``accuracy``, and
     those with the least weights, which want the least inputs."""
-    problem, peaks, error = asked.problem, None, None if base is None else base.error
+    loop, peaks, error = asked.loop, None, None if base is None else base.error
     levels: list[tuple[Level, ErrorBound | None]] = []
     domain: Domain = starts_in("box", asked.radius, asked.disturbance)
     if final is not None and isinstance(final.claim, Accuracy):
         peaks, error, domain = final.claim.peaks, final.claim.error or error, final.domain
         levels += [(stage, error) for stage in final.claim.stages[:1]]
-    elif decide.blind(problem):
+    elif decide.blind(loop):
         return
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     if error is None and exosystem is not None and asked.W is not None:
         error = propose_error_bound(exosystem, asked.W)
     if exosystem is not None and error is None:
         return
-    starts = _starts(asked, domain) if asked.wanted else (NEAR, NEAR * bool(problem.groups))
+    starts = _starts(asked, domain) if asked.wanted else (NEAR, NEAR * bool(loop.groups))
     for part in SLOWLY:
         held = covering_boxes(
-            problem, peaks, error, (claimed(starts[0]), claimed(starts[1])), slowly=part
+            loop, peaks, error, (claimed(starts[0]), claimed(starts[1])), slowly=part
         )
         for level, own in chain(levels, held):
             levels = []
-            yield from _plan_of(problem, peaks, level, own, starts)
+            yield from _plan_of(loop, peaks, level, own, starts)
 
 
 def _plan_of(
-    problem: Problem,
+    loop: Loop,
     peaks: Peaks | None,
     level: Level,
     error: ErrorBound | None,
     starts: tuple[float, float],
 ) -> Iterator[_Plan]:
     """The plan of a stage, if its rows hold in a box with these starts."""
-    v, linear = tuple(level.v), problem.is_linear
+    v, linear = tuple(level.v), loop.is_linear
     if error is not None and (linear or error.kappa * error.beta * min(v) <= 1):
         error = replace(error, kappa=_kappa(error, v))
     rho = _level_of(v, error, starts, level.level)
@@ -465,8 +459,8 @@ def _plan_of(
     if rho < level.level:
         return
     stage = replace(level, rho=None if linear else rho)
-    if not_shrinking(problem, peaks, stage, room=ROOM) is None:
-        parts = decide.loaded_inputs(problem, peaks, stage, error, claimed(starts[1]), room=ROOM)
+    if not_shrinking(loop, peaks, stage, room=ROOM) is None:
+        parts = decide.loaded_inputs(loop, peaks, stage, error, claimed(starts[1]), room=ROOM)
         yield _Plan(starts=starts, rho=rho, parts=parts, v=v, stage=stage, error=error)
 
 
@@ -477,10 +471,10 @@ def _kappa(error: ErrorBound, v: Sequence[Fraction]) -> Fraction:
 
 def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
     """Which input may exceed its limit, and what would keep it below."""
-    problem, limits = asked.problem, asked.problem.actuators
+    loop, limits = asked.loop, asked.loop.actuators
     over = list[tuple[Fraction, str, Fraction]]()
     for label, (a, b), d, most in zip(
-        problem.network.labels, plan.parts, found, plan.inputs(found), strict=True
+        loop.labels, plan.parts, found, plan.inputs(found), strict=True
     ):
         limit = None if limits is None else limits.limit_of(label)
         if limit is not None and most > limit:
@@ -489,7 +483,7 @@ def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
     least = _level_of(
         plan.v, plan.error, (0.0, plan.starts[1]), plan.stage.level if plan.stage else _ZERO
     )
-    place = problem.network.index[label]
+    place = loop.index[label]
     allowed = _ZERO if limits is None else limits.limit_of(label) or _ZERO
     most = plan.inputs(found)[place]
     reason = (
@@ -506,18 +500,18 @@ def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
             f"and noise {rest:.6g}."
         )
     if plan.stage is not None and lower < least:  # no smaller box is known to be kept
-        if not stated_in(problem).absolute:
+        if not stated_in(loop).absolute:
             return reason
         alone = float(plan.parts[place][0] * least + plan.parts[place][1] + found[place])
         reason += f" From starts at the target its bound is still {alone:.6g}:"
         return f"{reason} what [uncertainty] states brings it there."
     box = (lower - _level_of(plan.v, plan.error, (0.0, plan.starts[1]), _ZERO)) * min(plan.v)
     starts = f"from starts with |e_i| <= {_told(box)}" + (
-        " and the same |eps_i|" if problem.groups else ""
+        " and the same |eps_i|" if loop.groups else ""
     )
     late = f"once V of the check max-separable is at most {_told(lower)}"
     reason += f" It never saturates {starts if box > 0 else late}."
-    if plan.stage is None and asked.wanted and (pinned := decide.pin_sizes(problem)[place]):
+    if plan.stage is None and asked.wanted and (pinned := decide.pin_sizes(loop)[place]):
         reason += (
             " For the whole region it would need a gain of at most "
             f"{_told(pinned * lower / plan.rho)} and a new"

@@ -18,10 +18,10 @@ from dobc_design.exact.observability import (
     observable_reduction,
 )
 from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.changes import typed_matrix, typed_number
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import blocks_of
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 _check = partial(Check, domain="global")
@@ -48,7 +48,7 @@ def too_large(exosystem: Exosystem) -> str | None:
     )
 
 
-def observability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
+def observability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check:
     """Decide whether (A, C) is observable.  Here and below ``problem`` lets the cure project what
     it says of states."""
     found = decide_observable(exosystem.A, exosystem.C)
@@ -64,11 +64,11 @@ def observability_check(exosystem: Exosystem, problem: Problem | None = None) ->
         reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown do not "
         "appear in d.",
         witness=Witness(kind="vector", values=tuple(number_text(x) for x in found.unobservable[0])),
-        fix=_reduction(exosystem, problem),
+        fix=_reduction(exosystem, loop),
     )
 
 
-def detectability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
+def detectability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check:
     """Decide whether (A, C) is detectable: what C never sees has to die out by itself."""
     found = decide_detectable(exosystem.A, exosystem.C)
     polynomial = found.unobservable_text
@@ -89,7 +89,7 @@ def detectability_check(exosystem: Exosystem, problem: Problem | None = None) ->
         " not decay, so no gain W can estimate it. It does not act on the agents either: "
         "leave it out.",
         witness=Witness(kind="polynomial", values=(polynomial,)),
-        fix=_reduction(exosystem, problem),
+        fix=_reduction(exosystem, loop),
     )
 
 
@@ -99,7 +99,7 @@ def hurwitz_check(
     *,
     estimate: float = 0.0,
     source: str = "given",
-    problem: Problem | None = None,
+    loop: Loop | None = None,
     key: str = "observer.W",
 ) -> Check:
     """Decide whether A - WC is Hurwitz (Routh), with a rate near ``estimate`` (1/s).  ``key``:
@@ -117,7 +117,7 @@ def hurwitz_check(
             claim=Values({"routh": [number_text(x) for x in table.first_column]}),
         )
     exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
-    fix = None if exists else _reduction(exosystem, problem)
+    fix = None if exists else _reduction(exosystem, loop)
     if table is None:
         none = f"was found; give one as {key}." if exists else "exists for this exosystem."
         reason = f"there is no observer gain W to test: none was given, and none {none}"
@@ -128,7 +128,7 @@ def hurwitz_check(
         else "No W does: see detectability."
     )
     if fix is None:
-        given_p = problem is not None and problem.observer.P is not None
+        given_p = loop is not None and loop.observer.P is not None
         removal = {"observer.W": None} | ({"observer.P": None} if given_p else {})
         fix = Fix(
             kind="gain",
@@ -146,10 +146,10 @@ def hurwitz_check(
     )
 
 
-def confirm(check: Check, problem: Problem, W: Matrix | None) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
-    exosystem, own_gain = group_of(check.group, problem, W)
+    exosystem, own_gain = group_of(check.group, loop, W)
     own = {"observability": observability_check, "detectability": detectability_check}.get(check.id)
     wrong = differs(check, hurwitz_check(exosystem, own_gain) if own is None else own(exosystem))
     if wrong is not None:
@@ -164,11 +164,11 @@ def confirm(check: Check, problem: Problem, W: Matrix | None) -> str | None:
     return None if reached else f"the rate {check.rate} is not reached"
 
 
-def group_of(name: object, problem: Problem, W: Matrix | None) -> tuple[Exosystem, Matrix | None]:
+def group_of(name: object, loop: Loop, W: Matrix | None) -> tuple[Exosystem, Matrix | None]:
     """Exosystem and gain of the group (None: the only one).  Raises: ValueError if there is none,
     or W mixes groups."""
-    groups = problem.groups
-    if not problem.is_grouped:
+    groups = loop.groups
+    if not loop.is_grouped:
         if name is not None or not groups:
             raise ValueError("there are no groups" if groups else "there is no exosystem")
         return groups[0].exosystem, W
@@ -200,28 +200,28 @@ def observable_part_is_hurwitz(exosystem: Exosystem, W: Matrix) -> bool:
     return decide_hurwitz(subtract(A_o, multiply(multiply(T, W), C_o))).verdict is Verdict.PROVED
 
 
-def _reduction(exosystem: Exosystem, problem: Problem | None) -> Fix:
+def _reduction(exosystem: Exosystem, loop: Loop | None) -> Fix:
     """The observable part in place of the exosystem; what the problem says of the old states is
     projected along."""
     A_o, C_o, T = observable_reduction(exosystem.A, exosystem.C)
     change: dict[str, Any] = {}
     if not A_o:
         change["exosystem"] = None
-        if problem is not None:
-            observer, region = problem.observer, problem.region
+        if loop is not None:
+            observer, region = loop.observer, loop.starts
             if observer.W or observer.P or observer.rate:
                 change["observer"] = None
-            if problem.simulation.xi0 is not None:
+            if loop.xi0 is not None:
                 change["simulation.xi0"] = None
-            if region is not None and region.initial_disturbance is not None:
+            if region is not None and region.disturbance is not None:
                 change["region.initial_disturbance"] = None
-            if problem.m > 1:  # C no longer says how many components there are
-                change["target"] = [typed_number(x) for x in problem.target]
+            if loop.m > 1:  # C no longer says how many components there are
+                change["target"] = [typed_number(x) for x in loop.goals.target]
         text = "Remove [exosystem]: C sees nothing of it, so there is no disturbance."
         return Fix(kind="exosystem", set=change, text=text)
     change |= {"exosystem.A": typed_matrix(A_o), "exosystem.C": typed_matrix(C_o)}
-    if problem is not None:
-        observer, region, xi0 = problem.observer, problem.region, problem.simulation.xi0
+    if loop is not None:
+        observer, region, xi0 = loop.observer, loop.starts, loop.xi0
         if observer.W is not None:
             change["observer.W"] = typed_matrix(multiply(T, observer.W))
         if observer.P is not None:
@@ -229,11 +229,11 @@ def _reduction(exosystem: Exosystem, problem: Problem | None) -> Fix:
         if xi0 is not None:
             rows = typed_matrix(tuple(tuple(row) for row in multiply(xi0, transpose(T))))
             change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
-        if region is not None and region.initial_disturbance:
+        if region is not None and region.disturbance:
             # |T| to six decimals, rounded up
             squares = sum((x * x for row in T for x in row), Fraction(0))
             norm = root_above(squares, unit=10**6)
-            change["region.initial_disturbance"] = typed_number(region.initial_disturbance * norm)
+            change["region.initial_disturbance"] = typed_number(region.disturbance * norm)
     order = f"order {len(A_o)} instead of {exosystem.order}"
     text = (
         f"Use the observable part of the exosystem ({order}): it generates the same disturbances."

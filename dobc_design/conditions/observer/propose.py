@@ -37,10 +37,9 @@ from dobc_design.exact.matrix import (
     transpose,
     zeros,
 )
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
-from dobc_design.problem.integrators import as_integrators
-from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
@@ -400,24 +399,21 @@ def _short(rate: Fraction) -> str:
     return f"{float(rate):.4g}" if abs(exponent) < 300 else f"about 1e{exponent}"
 
 
-def design_gains(problem: Problem) -> tuple[GainDesign | None, ...]:
+def design_gains(loop: Loop) -> tuple[GainDesign | None, ...]:
     """A designed gain for every group of agents; None where W is given."""
-    pairs = [(group.exosystem, group.observer) for group in problem.groups]
+    pairs = [(group.exosystem, group.observer) for group in loop.groups]
     return tuple(
         None if own.W is not None else design_gain(system, rate=own.rate) for system, own in pairs
     )
 
 
-def chosen_gains(
-    problem: Problem, designs: Sequence[GainDesign | None]
-) -> tuple[Matrix | None, ...]:
+def chosen_gains(loop: Loop, designs: Sequence[GainDesign | None]) -> tuple[Matrix | None, ...]:
     """The W of every group of agents, given or designed; None where there is none."""
-    given = zip(problem.groups, designs, strict=True)
+    given = zip(loop.groups, designs, strict=True)
     return tuple(group.observer.W if design is None else design.W for group, design in given)
 
 
-def observer_gain(problem: Problem) -> Matrix | None:
+def observer_gain(loop: Loop) -> Matrix | None:
     """The W (q, m) that ``certify`` uses: the one given, else the designed one; None without
     either."""
-    problem = as_integrators(problem)
-    return join(chosen_gains(problem, design_gains(problem)))
+    return join(chosen_gains(loop, design_gains(loop)))

@@ -29,9 +29,9 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import agent_blocks
-from dobc_design.problem.problem import Problem
 
 Method = Literal["lure", "interval", "vertices"]
 Shape = Literal["identity", "diagonal", "full"]
@@ -117,7 +117,7 @@ def lure_matrix(
         many = f"{len(channels)} entries, one per channel; got {len(multipliers)}"
         raise ShapeError(f"mode {mode}: multipliers must have {many}.", key="multipliers")
     added: Entries = {}
-    inner = _observer_block(sectors.problem, S)
+    inner = _observer_block(sectors.loop, S)
     for channel, tau in zip(channels, multipliers, strict=True):
         if not channel.spread:
             continue
@@ -158,9 +158,7 @@ def interval_matrix(
             for row in {i, j}:
                 sums[row] += channel.spread * abs(value)
     bound = SparseSymmetric(sectors.size, {(i, i): value for i, value in enumerate(sums)})
-    return (
-        _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors.problem, S)) + bound
-    )
+    return _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors.loop, S)) + bound
 
 
 def vertex_matrices(
@@ -185,7 +183,7 @@ def vertex_matrices(
     fixed = _derivative(
         P_e, linear_part(sectors, mode, [channel.low for channel in channels]), rate
     )
-    fixed = fixed + _sandwich(P_e, _observer_block(sectors.problem, S))
+    fixed = fixed + _sandwich(P_e, _observer_block(sectors.loop, S))
     size = sectors.size
     steps = [
         SparseSymmetric(size, _rank_two(rows[c.target], c, size)).scaled(2 * c.spread) for c in free
@@ -199,10 +197,10 @@ def linear_part(
 ) -> dict[int, dict[int, Fraction]]:
     """-K + sum of g b c' as rows: row -> column -> entry."""
     m, rows = (
-        sectors.problem.m,
+        sectors.loop.m,
         dict[int, dict[int, Fraction]]((i, {}) for i in range(sectors.size)),
     )
-    for agent, gain in sectors.problem.pinning.gains.items():
+    for agent, gain in sectors.loop.pulls.gains.items():
         for c, own in enumerate(gain):
             rows[agent * m + c] = {agent * m + d: -entry for d, entry in enumerate(own) if entry}
     for channel, g in zip(sectors.modes[mode], gains, strict=True):
@@ -259,14 +257,14 @@ def _rank_two(row: Mapping[int, Fraction], channel: Channel, size: int) -> Entri
     return _without_target(entries, size)
 
 
-def _observer_block(problem: Problem, S: Matrix | None) -> Entries:
+def _observer_block(loop: Loop, S: Matrix | None) -> Entries:
     """I (x) S; where agents have different exosystems, the block of each agent's group."""
     if S is None:
         return {}
-    m = problem.m
+    m = loop.m
     return {
         (agent * m + i, agent * m + j): block[i][j]
-        for agent, block in enumerate(agent_blocks(S, problem.groups, problem.network.labels))
+        for agent, block in enumerate(agent_blocks(S, loop.groups, loop.labels))
         for i in range(m)
         for j in range(i, m)
         if block[i][j]

@@ -50,9 +50,8 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, multiply, to_float
 from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.arrays import unreached
-from dobc_design.problem.integrators import leaders_box
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.arcs import unreached
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -82,27 +81,23 @@ class LureDecision:
     reason: str
 
 
-def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
+def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
     """Decide whether the certificate proves what it claims, for every switching.  Raises:
     ShapeError or SpecError."""
-    if lure.P_e.size != problem.n * problem.m:
-        what = (
-            f"P_e must have {problem.n * problem.m} rows, one per component of e; got "
-            f"{lure.P_e.size}."
-        )
+    if lure.P_e.size != loop.n * loop.m:
+        what = f"P_e must have {loop.n * loop.m} rows, one per component of e; got {lure.P_e.size}."
         raise ShapeError(what, key="P_e")
-    sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
+    sectors = build_sectors(loop, lure.ranges, radius=lure.radius)
     unsettled = partial(LureDecision, verdict=Verdict.UNDECIDED, step="gains")
     if any(
-        each.radius is None and not problem.couplings[each.coupling].is_linear
-        for each in lure.ranges
+        each.radius is None and not loop.functions[each.coupling].is_linear for each in lure.ranges
     ):
         return unsettled(reason="a coupling is not linear, so its gains need a radius.")
     refuted = partial(LureDecision, verdict=Verdict.REFUTED)
     positive = decide_positive_definite(lure.P_e)
     if positive.verdict is not Verdict.PROVED:
         return refuted(step="P_e", reason="P_e is not positive definite.", witness=positive.witness)
-    S = border_of(problem, lure, lure.rate)
+    S = border_of(loop, lure, lure.rate)
     own = None if lure.P is None else decide_positive_definite(SparseSymmetric.from_dense(lure.P))
     if own is not None and (S is None or own.verdict is not Verdict.PROVED):
         return refuted(
@@ -127,7 +122,7 @@ def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
             step="region",
             reason="{V <= level} reaches beyond the radius on which the gains are bounded.",
         )
-    gains = _gains_left_open(problem, lure)  # last, since it takes longest
+    gains = _gains_left_open(loop, lure)  # last, since it takes longest
     if gains is not None:
         return unsettled(reason=gains)
     everywhere = "everywhere (all gains are bounded for every y)"
@@ -139,7 +134,7 @@ def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
 def region_holds(lure: Lure, sectors: Sectors) -> bool:
     """Whether {e'P_e e <= level} keeps every |e_j - e_i| within the radius: level c'P_e^-1 c <=
     radius^2.  P_e > 0 has to be known.  Without a level no range may need a radius."""
-    places = () if lure.radius is None else channels.relied_differences(sectors.problem)
+    places = () if lure.radius is None else channels.relied_differences(sectors.loop)
     if lure.level is None or lure.radius is None or not places:
         return not places
     return all(lure.level * width <= lure.radius**2 for width in differences(lure.P_e, places))
@@ -168,28 +163,28 @@ def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
     return [Y[i][i] for i in range(P_e.size)]
 
 
-def border_of(problem: Problem, lure: Lure, rate: Fraction) -> Matrix | None:
+def border_of(loop: Loop, lure: Lure, rate: Fraction) -> Matrix | None:
     """S of the observer's pair at a rate (1/s), exactly; None without a pair, or unless Omega0 + 2
     rate P < 0."""
     if lure.P is None or lure.Q is None:
         return None
-    if (exosystem := problem.joint_exosystem) is None:
+    if (exosystem := loop.joint_exosystem) is None:
         raise ShapeError("P and Q have no meaning without an [exosystem].", key="P")
     return schur_block(Pair(P=lure.P, Q=lure.Q), exosystem, rate=rate)
 
 
-def covers(problem: Problem, lure: Lure, *, radius: Fraction, disturbance: Fraction = ZERO) -> bool:
+def covers(loop: Loop, lure: Lure, *, radius: Fraction, disturbance: Fraction = ZERO) -> bool:
     """Whether all starts |e| <= radius, |eps_i| <= disturbance lie in {V <= level}: proved, or
     not.  lambda_max(P_e) radius^2 + n lambda_max(P) disturbance^2 <= level, with rational upper
     bounds of the eigenvalues."""
-    room = _room(problem, lure, disturbance)
+    room = _room(loop, lure, disturbance)
     return room is None or (room >= 0 and eigenvalue_bound(lure.P_e) * radius**2 <= room)
 
 
-def covered_radius(problem: Problem, lure: Lure, *, disturbance: Fraction = ZERO) -> float:
+def covered_radius(loop: Loop, lure: Lure, *, disturbance: Fraction = ZERO) -> float:
     """The largest R, rounded down, for which ``covers`` holds; inf for all of space, 0 if there is
     none."""
-    room = _room(problem, lure, disturbance)
+    room = _room(loop, lure, disturbance)
     if room is None:
         return math.inf
     if room <= 0:
@@ -197,7 +192,7 @@ def covered_radius(problem: Problem, lure: Lure, *, disturbance: Fraction = ZERO
     estimate = math.sqrt(float_below(room / eigenvalue_bound(lure.P_e)))
     for part in (0.0, 1e-12, 1e-9):
         radius = shorten(estimate * (1 - part))
-        if covers(problem, lure, radius=claimed(radius), disturbance=disturbance):
+        if covers(loop, lure, radius=claimed(radius), disturbance=disturbance):
             return radius
     return 0.0
 
@@ -233,11 +228,11 @@ def condition_bound(M: SparseSymmetric) -> Fraction | None:
     return None
 
 
-def _gains_left_open(problem: Problem, lure: Lure) -> str | None:
+def _gains_left_open(loop: Loop, lure: Lure) -> str | None:
     """Why the gains are not shown to lie in the ranges claimed; None if they are."""
     for each in lure.ranges:
         reason = left_open(
-            problem,
+            loop,
             each.coupling,
             each.entries,
             Fraction(1) if each.radius is None else each.radius,
@@ -247,7 +242,7 @@ def _gains_left_open(problem: Problem, lure: Lure) -> str | None:
     return None
 
 
-def _room(problem: Problem, lure: Lure, disturbance: Fraction) -> Fraction | None:
+def _room(loop: Loop, lure: Lure, disturbance: Fraction) -> Fraction | None:
     """What the observer errors leave of the level for e'P_e e; None: no limit.  Negative:
     nothing."""
     if disturbance and lure.P is None:
@@ -257,26 +252,25 @@ def _room(problem: Problem, lure: Lure, disturbance: Fraction) -> Fraction | Non
     if not disturbance or lure.P is None:
         return lure.level
     return (
-        lure.level
-        - problem.n * eigenvalue_bound(SparseSymmetric.from_dense(lure.P)) * disturbance**2
+        lure.level - loop.n * eigenvalue_bound(SparseSymmetric.from_dense(lure.P)) * disturbance**2
     )
 
 
-def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
+def quadratic_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     """Why no quadratic certificate applies to the loop with the gain W (q, m); None if one does."""
-    if problem.groups and W is None:
+    if loop.groups and W is None:
         return (
             "does not apply: there is no observer gain W, and without one the estimation error "
             "is not bounded."
         )
-    if problem.slopes_move:
+    if loop.slopes_move:
         try:
-            leaders_box(problem)
+            loop.goals.leaders_box()
         except UndefinedError as error:
             return f"does not apply: {error}"
-    for mode, arcs in problem.network.modes.items():
-        if alone := unreached(problem, [arcs]):
-            who = name_agents([problem.network.labels[i] for i in alone])
+    for mode, arcs in loop.modes.items():
+        if alone := unreached(loop, [arcs]):
+            who = name_agents([loop.labels[i] for i in alone])
             return (
                 f"does not apply: in mode {mode} no pin reaches {who}; a common error of "
                 "theirs does not decay."
@@ -284,15 +278,15 @@ def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
     return None
 
 
-def certified_ball(problem: Problem, lure: Lure, *, disturbance: float) -> float:
+def certified_ball(loop: Loop, lure: Lure, *, disturbance: float) -> float:
     """The largest |e| to be claimed for |eps_i| <= disturbance, a little in hand; inf for all of
     space, 0 for none."""
-    radius = covered_radius(problem, lure, disturbance=claimed(disturbance))
+    radius = covered_radius(loop, lure, disturbance=claimed(disturbance))
     return radius if math.isinf(radius) else shorten(radius * (1 - IN_HAND), digits=_DIGITS)
 
 
 def lure_check(
-    problem: Problem,
+    loop: Loop,
     W: Matrix | None,
     lure: Lure,
     *,
@@ -304,14 +298,14 @@ def lure_check(
     """Decide ``lure`` as a proof for every start with |e| <= radius and |eps_i| <= disturbance (all
     starts without a level): PROVED or UNDECIDED, with that ``domain``, because one claim that fails
     says nothing against the others."""
-    reason = quadratic_obstacle(problem, W)
+    reason = quadratic_obstacle(loop, W)
     if reason is not None:
         return undecided_check("lure", domain, reason, applies=False)
-    decision = verify_lure(problem, lure)
+    decision = verify_lure(loop, lure)
     if decision.verdict is not Verdict.PROVED:
         return undecided_check("lure", domain, decision.reason)
     if lure.level is not None and not covers(
-        problem, lure, radius=claimed(radius), disturbance=claimed(disturbance)
+        loop, lure, radius=claimed(radius), disturbance=claimed(disturbance)
     ):
         return undecided_check(
             "lure", domain, "the ball asked for is not inside the invariant set."
@@ -322,30 +316,30 @@ def lure_check(
         rate=rate_of(lure),
         domain="global" if lure.level is None else starts_in("ball", radius, disturbance),
         claim=lure,
-        reason=f"{decrease_in_words(problem, lure, radius, disturbance)}, for all gains that the "
+        reason=f"{decrease_in_words(loop, lure, radius, disturbance)}, for all gains that the "
         "couplings have there"
-        f" ({_DEVICES[lure.method]}, {IN_WORDS[lure.shape]}){in_every_mode(problem)}.{remark}",
+        f" ({_DEVICES[lure.method]}, {IN_WORDS[lure.shape]}){in_every_mode(loop)}.{remark}",
     )
 
 
-def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
-    reason = wrong_outside(check, problem, W)
+    reason = wrong_outside(check, loop, W)
     if reason is not None:
         return reason
-    lure = read_claim(check, problem, W)
+    lure = read_claim(check, loop, W)
     if lure.level is None:
         if check.domain != "global" or domain != "global":
             return "without a level the domain must be global, and every coupling linear"
-    elif not ball_is_inside(problem, lure, check.domain):
+    elif not ball_is_inside(loop, lure, check.domain):
         return "the ball is not inside the invariant set"
-    return not_shown(check, problem, lure, verify_lure(problem, lure))
+    return not_shown(check, loop, lure, verify_lure(loop, lure))
 
 
-def wrong_outside(check: Check, problem: Problem, W: Matrix | None) -> str | None:
+def wrong_outside(check: Check, loop: Loop, W: Matrix | None) -> str | None:
     """What is wrong before the exact values are looked at."""
-    reason = quadratic_obstacle(problem, W)
+    reason = quadratic_obstacle(loop, W)
     if reason is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None:
@@ -353,11 +347,11 @@ def wrong_outside(check: Check, problem: Problem, W: Matrix | None) -> str | Non
     return None
 
 
-def not_shown(check: Check, problem: Problem, lure: Lure, decision: LureDecision) -> str | None:
+def not_shown(check: Check, loop: Loop, lure: Lure, decision: LureDecision) -> str | None:
     """What ``decision`` leaves open of a claimed check; None if nothing."""
     if decision.verdict is not Verdict.PROVED:
         return decision.reason
-    modes = build_sectors(problem, lure.ranges, radius=lure.radius).modes
+    modes = build_sectors(loop, lure.ranges, radius=lure.radius).modes
     pairs = [
         pair
         for mode, taus in lure.multipliers.items()
@@ -370,11 +364,11 @@ def not_shown(check: Check, problem: Problem, lure: Lure, decision: LureDecision
     return None
 
 
-def ball_is_inside(problem: Problem, lure: Lure, domain: object) -> bool:
+def ball_is_inside(loop: Loop, lure: Lure, domain: object) -> bool:
     """Whether the domain is a ball of covered starts.  Raises: ValueError or TypeError if it is no
     ball."""
-    radius, disturbance = read_domain(domain, problem, kind="ball")
-    return covers(problem, lure, radius=radius, disturbance=disturbance)
+    radius, disturbance = read_domain(domain, loop, kind="ball")
+    return covers(loop, lure, radius=radius, disturbance=disturbance)
 
 
 def rate_of(lure: Lure) -> float | None:
@@ -382,27 +376,27 @@ def rate_of(lure: Lure) -> float | None:
     return numbers.decimal_below(lure.rate) or None if lure.rate else None
 
 
-def decrease_in_words(problem: Problem, lure: Lure, radius: float, disturbance: float) -> str:
+def decrease_in_words(loop: Loop, lure: Lure, radius: float, disturbance: float) -> str:
     """The covered starts, V and its decay as part of a sentence."""
-    errors = f" and |eps_i| <= {disturbance:.6g}" if problem.groups else ""
+    errors = f" and |eps_i| <= {disturbance:.6g}" if loop.groups else ""
     within = "" if lure.level is None else f" with |e| <= {radius:.6g}{errors}"
     V = "e'P_e e" + ("" if lure.P is None else " + sum eps_i'P eps_i")
     pace = f", at least like exp(-2 ({text_below(lure.rate)}) t)" if lure.rate else ""
     return f"from every start{within} V = {V} decreases{pace}"
 
 
-def in_every_mode(problem: Problem) -> str:
+def in_every_mode(loop: Loop) -> str:
     """What is added for several modes."""
-    return ", in every mode" if len(problem.network.modes) > 1 else ""
+    return ", in every mode" if len(loop.modes) > 1 else ""
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Lure:
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Lure:
     """What a proved check claims, for this problem and the gain W (q, m); raises as
     ``lure_from_json``."""
-    return lure_from_json(read_object(check.exact, names_of(problem)), problem, W)
+    return lure_from_json(read_object(check.exact, names_of(loop)), loop, W)
 
 
-def lure_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None) -> Lure:
+def lure_from_json(values: Mapping[str, Any], loop: Loop, W: Matrix | None) -> Lure:
     """Read them back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is
     no such claim."""
     radius, level = (
@@ -417,26 +411,26 @@ def lure_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None
     if method is None:
         raise ValueError(f"method must be one of {', '.join(METHODS)}")
     P = None
-    if problem.groups:
+    if loop.groups:
         P = numbers.form_from_json(values["P"])
-        if [len(row) for row in P] != [problem.q] * problem.q or not is_symmetric(P):
-            raise ValueError(f"P must be a symmetric matrix of {problem.q} rows")
+        if [len(row) for row in P] != [loop.q] * loop.q or not is_symmetric(P):
+            raise ValueError(f"P must be a symmetric matrix of {loop.q} rows")
     return Lure(
         method=method,
-        P_e=_sparse(values["P_e"], problem.n * problem.m),
+        P_e=_sparse(values["P_e"], loop.n * loop.m),
         level=level,
         radius=radius,
-        ranges=ranges_from_json(values["ranges"], problem, radius),
-        multipliers=_multipliers(values, problem),
+        ranges=ranges_from_json(values["ranges"], loop, radius),
+        multipliers=_multipliers(values, loop),
         rate=read_rational(values["rate"]),
         P=P,
         Q=None if P is None or W is None else multiply(P, W),
     )
 
 
-def names_of(problem: Problem) -> tuple[str, ...]:
+def names_of(loop: Loop) -> tuple[str, ...]:
     """The keys of ``exact``."""
-    return (*_LURE, "P") if problem.groups else _LURE
+    return (*_LURE, "P") if loop.groups else _LURE
 
 
 def _sparse(rows: object, size: int) -> SparseSymmetric:
@@ -456,8 +450,8 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
     return SparseSymmetric(size, entries)
 
 
-def _multipliers(values: Mapping[str, Any], problem: Problem) -> dict[str, tuple[Fraction, ...]]:
-    names = tuple(problem.network.modes) if values["method"] == "lure" else ()
+def _multipliers(values: Mapping[str, Any], loop: Loop) -> dict[str, tuple[Fraction, ...]]:
+    names = tuple(loop.modes) if values["method"] == "lure" else ()
     taus = read_object(values["multipliers"], names)
     found = {mode: tuple(map(read_rational, taus[mode])) for mode in names}
     if not all(has_short_denominator(each, numbers.VECTOR_BITS) for each in found.values()):

@@ -29,9 +29,9 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.quadratic import propose_program as programs
 from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
 from dobc_design.conditions.quadratic.propose_program import (
-    FloatLoop,
+    FloatSystem,
     Gains,
-    float_loop,
+    float_system,
     sample_gains,
 )
 from dobc_design.conditions.quadratic.sectors import (
@@ -44,8 +44,8 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
-from dobc_design.problem.problem import Problem
 from dobc_design.solvers.barrier import Basis, Inequalities, centre, make_basis, minimise
 from dobc_design.solvers.program import Array, round_matrix
 
@@ -75,7 +75,7 @@ _NOT_NEEDED: Final = 1e4
 
 @np.errstate(all="ignore")  # near the ends of the floats
 def design_lure(
-    problem: Problem,
+    loop: Loop,
     *,
     holds: Holds,
     shape: Shape = "full",
@@ -88,7 +88,7 @@ def design_lure(
     accepts, or None. A P_e of full ``shape`` has n m (n m + 1)/2 unknowns, which make a dense
     Newton system: for some 20 rows.  Without the gain ``W`` (q, m) eps = 0 is meant.  No |e_j -
     e_i| beyond ``largest`` is looked at.  Raises: SpecError."""
-    search = _begun(problem, W, shape=shape, rate=rate, observer=rate, disturbance=disturbance)
+    search = _begun(loop, W, shape=shape, rate=rate, observer=rate, disturbance=disturbance)
     tried: Lure | None = None
     for tried in () if search is None else search.candidates(float(largest)):
         if holds(tried):
@@ -100,7 +100,7 @@ def design_lure(
 
 
 def fast_lures(
-    problem: Problem,
+    loop: Loop,
     *,
     radius: float | None,
     W: Matrix | None,
@@ -111,14 +111,14 @@ def fast_lures(
     largest first. ``observer``: a rate at which there is a pair for W; no certificate has a larger
     one."""
     slowest = rounded_down(rates[0], digits=6)
-    search = _begun(problem, W, shape="full", rate=slowest, observer=observer, disturbance=ZERO)
+    search = _begun(loop, W, shape="full", rate=slowest, observer=observer, disturbance=ZERO)
     found = () if search is None else search.faster(radius, rates[1])
     for there, point in reversed(list(islice(found, MOST_CENTRES))[1:]):
         yield from there.roundings(point)
 
 
 def sooner_lures(
-    problem: Problem,
+    loop: Loop,
     lures: Sequence[Lure],
     *,
     holds: Holds,
@@ -138,7 +138,7 @@ def sooner_lures(
         exact = rounded_down(rate, digits=4)
         near = next((each for each in lures if each.rate >= exact), lures[-1])
         begun = _begun(
-            problem,
+            loop,
             W,
             shape=near.shape,
             rate=near.rate,
@@ -174,7 +174,7 @@ def condition_of(lure: Lure) -> float:
 
 
 def bound_lure(
-    problem: Problem,
+    loop: Loop,
     *,
     holds: Holds,
     method: Method,
@@ -186,7 +186,7 @@ def bound_lure(
     """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's
     pair (None: eps = 0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices"
     with too many arcs."""
-    size = problem.n * problem.m
+    size = loop.n * loop.m
     metric = (
         SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)}) if P_e is None else P_e
     )
@@ -194,10 +194,10 @@ def bound_lure(
     def at(radius: float, _: object = None) -> Lure | None:
         exact = rounded_down(radius, digits=6)
         try:
-            ranges = enclose_ranges(problem, radius=exact)
+            ranges = enclose_ranges(loop, radius=exact)
         except UndefinedError:
             return None
-        level = _level(metric, problem, exact)
+        level = _level(metric, loop, exact)
         lure = Lure(P_e=metric, ranges=ranges, radius=exact, level=level, P=P, Q=Q, method=method)
         return lure if holds(lure) else None
 
@@ -209,21 +209,21 @@ def bound_lure(
     return last_found(at, best, low, min(high, float(largest)), steps=HALVINGS)[1]
 
 
-def _level(P_e: SparseSymmetric, problem: Problem, radius: Fraction) -> Fraction:
+def _level(P_e: SparseSymmetric, loop: Loop, radius: Fraction) -> Fraction:
     """The largest level within the radius, about, from below; exact for P_e = I."""
     if all(i == j and value == 1 for (i, j), value in P_e.entries.items()):
         return radius * radius / 2
-    m, Y = problem.m, np.linalg.inv(to_float(P_e.to_dense()))
-    arcs = [arc for mode in problem.network.modes.values() for arc in mode]
+    m, Y = loop.m, np.linalg.inv(to_float(P_e.to_dense()))
+    arcs = [arc for mode in loop.modes.values() for arc in mode]
     pairs = [(listener * m + c, speaker * m + c) for listener, speaker, _ in arcs for c in range(m)]
     largest = max(Y[i, i] + Y[j, j] - 2 * Y[i, j] for i, j in pairs)
     return rounded_down(float(radius) ** 2 / float(largest) * (1 - _SHORTFALL), digits=10)
 
 
-def raise_rate(problem: Problem, lure: Lure, *, holds: Holds) -> Lure:
+def raise_rate(loop: Loop, lure: Lure, *, holds: Holds) -> Lure:
     """The same certificate with the largest rate that ``holds`` accepts, in steps below an
     estimate."""
-    estimate = rate_estimate(problem, lure)
+    estimate = rate_estimate(loop, lure)
     rates = [
         rounded_down(estimate * (1 - part), digits=6)
         for part in (1e-6, 1e-3, 0.01, 0.1, 0.5)
@@ -234,12 +234,12 @@ def raise_rate(problem: Problem, lure: Lure, *, holds: Holds) -> Lure:
     )
 
 
-def rate_estimate(problem: Problem, lure: Lure) -> float:
+def rate_estimate(loop: Loop, lure: Lure) -> float:
     """The largest beta for which the Lur'e inequalities hold with these unknowns, about (1/s); 0 if
     there is none."""
     if lure.method != "lure":
         return 0.0
-    sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
+    sectors = build_sectors(loop, lure.ranges, radius=lure.radius)
     P_e = to_float(lure.P_e.to_dense())
     exact = [lure_matrix(sectors, mode, lure.P_e, lure.multipliers[mode]) for mode in sectors.modes]
     fixed = [to_float(each.to_dense()) for each in exact]
@@ -247,7 +247,7 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
     def decreases(beta: float) -> bool:
         observer = np.zeros_like(P_e)
         if lure.P is not None and lure.Q is not None:
-            S = _border(problem, lure.P, lure.Q, rate=beta)
+            S = _border(loop, lure.P, lure.Q, rate=beta)
             if S is None:
                 return False
             observer = P_e @ S @ P_e
@@ -257,15 +257,15 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
     return bisected(decreases, 0.0, most, steps=50)[0]
 
 
-def linear_rate(problem: Problem, W: Matrix | None) -> float:
+def linear_rate(loop: Loop, W: Matrix | None) -> float:
     """The decay rate near the consensus (1/s), which no certificate can exceed, about; 0 where that
     does not decay."""
-    gains = sample_gains(problem, NEAR)
+    gains = sample_gains(loop, NEAR)
     if gains is None:
         return 0.0
-    loop = float_loop(programs.make_templates(problem), gains, radius=None, S=None, rate=0.0)
-    blocks = [mode.A for mode in loop.modes]
-    exosystem = problem.joint_exosystem
+    system = float_system(programs.make_templates(loop), gains, radius=None, S=None, rate=0.0)
+    blocks = [mode.A for mode in system.modes]
+    exosystem = loop.joint_exosystem
     if exosystem is not None and W is not None:
         blocks.append(to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C))
     return max(0.0, -max(float(np.max(np.linalg.eigvals(A).real)) for A in blocks))
@@ -283,11 +283,11 @@ class ScaledPair:
 
 
 def scaled_pair(
-    problem: Problem, W: Matrix, *, rate: Fraction, disturbance: Fraction
+    loop: Loop, W: Matrix, *, rate: Fraction, disturbance: Fraction
 ) -> ScaledPair | None:
     """P with Omega(rate) = -(C'C + a little), the smallest whose border S is at most I; None if A -
     WC is too slow."""
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     if exosystem is None:
         raise SpecError("W has no meaning without an [exosystem].", key="W", cure="Leave it out.")
     C = to_float(exosystem.C)
@@ -299,19 +299,17 @@ def scaled_pair(
     floats = linalg.solve_continuous_lyapunov(F.T, -right)
     for digits in (9, 15):
         P = round_matrix(floats, digits)
-        S = _border(problem, P, multiply(P, W), rate=float(rate))
+        S = _border(loop, P, multiply(P, W), rate=float(rate))
         if S is not None:
             largest = float(np.linalg.eigvalsh(to_float(P))[-1])
-            return ScaledPair(
-                P=P, W=W, S=S, disturbance=problem.n * largest * float(disturbance) ** 2
-            )
+            return ScaledPair(P=P, W=W, S=S, disturbance=loop.n * largest * float(disturbance) ** 2)
     return None
 
 
-def _border(problem: Problem, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
+def _border(loop: Loop, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
     """S = C (-Omega)^-1 C' of every agent along the diagonal (n m, n m), in floats; None unless
     Omega < 0."""
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     if exosystem is None:
         return None
     block = -to_float(omega(P, Q, exosystem, rate=Fraction(rate)).to_dense())
@@ -320,7 +318,7 @@ def _border(problem: Problem, P: Matrix, Q: Matrix, *, rate: float) -> Array | N
         S = C @ linalg.cho_solve(linalg.cho_factor(block), C.T)
     except (linalg.LinAlgError, ValueError):
         return None
-    whole = linalg.block_diag(*agent_blocks(S.tolist(), problem.groups, problem.network.labels))
+    whole = linalg.block_diag(*agent_blocks(S.tolist(), loop.groups, loop.labels))
     return np.asarray((whole + whole.T) / 2)
 
 
@@ -345,7 +343,7 @@ class _Search:
     """A design in progress: what stays the same over all radii.  ``sampled``: gains in floats, not
     enclosed."""
 
-    problem: Problem
+    loop: Loop
     templates: programs.Templates
     basis: Basis
     pair: ScaledPair | None
@@ -360,56 +358,58 @@ class _Search:
     def ranges(self, radius: Fraction | None) -> tuple[GainRange, ...] | None:
         """The enclosed gains at a radius; None where a coupling is not defined."""
         try:
-            return enclose_ranges(self.problem, radius=radius)
+            return enclose_ranges(self.loop, radius=radius)
         except UndefinedError:
             return None
 
-    def loop(self, radius: float | None) -> FloatLoop | None:
+    def system(self, radius: float | None) -> FloatSystem | None:
         """The numbers at a radius; None where the couplings have no bounded gains."""
         exact = None if radius is None else rounded_down(radius, digits=6)
         reach = None if exact is None else float(exact)
         gains: Gains | None = None
         if self.sampled:
-            gains = sample_gains(self.problem, 1.0 if reach is None else reach)
+            gains = sample_gains(self.loop, 1.0 if reach is None else reach)
         elif (ranges := self.ranges(exact)) is not None:
-            gains = programs.range_gains(ranges, len(self.problem.couplings), self.problem.m)
+            gains = programs.range_gains(ranges, len(self.loop.functions), self.loop.m)
         S = None if self.pair is None else self.pair.S
         return (
             None
             if gains is None
-            else float_loop(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
+            else float_system(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
         )
 
     def inside(self, point: _Point, radius: float | None) -> bool:
         """Whether the inequalities hold at another radius with the same unknowns."""
-        loop = self.loop(radius)
-        if loop is None or loop.multipliers != len(point.t):
+        system = self.system(radius)
+        if system is None or system.multipliers != len(point.t):
             return False
-        program = programs.centring(loop, self.basis)
+        program = programs.centring(system, self.basis)
         return program.holds(program.join(point.Y, point.scalars))
 
     def centred(self, radius: float | None, start: _Point | None) -> _Point | None:
         """The analytic centre at a radius, from a point inside; None if there is none, as far as
         can be seen."""
-        loop = self.loop(radius)
-        if loop is None:
+        system = self.system(radius)
+        if system is None:
             return None
-        program = programs.centring(loop, self.basis)
+        program = programs.centring(system, self.basis)
         guess = None if start is None else program.join(start.Y, start.scalars)
         if (
             guess is None
             or len(guess) != self.basis.size + program.count
             or not program.holds(guess)
         ):
-            guess = self._phase_one(loop)
+            guess = self._phase_one(system)
         return (
-            None if guess is None else _point(loop, radius, *program.split(centre(program, guess)))
+            None
+            if guess is None
+            else _point(system, radius, *program.split(centre(program, guess)))
         )
 
-    def _phase_one(self, loop: FloatLoop) -> Array | None:
+    def _phase_one(self, system: FloatSystem) -> Array | None:
         """Minimise theta in F + theta I > 0 until it is negative."""
-        program = programs.centring(loop, self.basis, shift=True)
-        start = program.join(np.eye(loop.size) / 2, [*[1.0] * (program.count - 1), 0.0])
+        program = programs.centring(system, self.basis, shift=True)
+        start = program.join(np.eye(system.size) / 2, [*[1.0] * (program.count - 1), 0.0])
         lowest = min(
             float(np.linalg.eigvalsh(block.value(*program.split(start)))[0])
             for block in program.blocks
@@ -432,19 +432,21 @@ class _Search:
     def covering(self, start: _Point) -> _Point | None:
         """The largest covered ball at the radius of ``start``, which is inside; None if nothing is
         covered."""
-        loop = self.loop(start.radius)
-        if loop is None:
+        system = self.system(start.radius)
+        if system is None:
             return None
-        size = 0.5 / max(float(np.max(loop.widths(start.Y) / loop.reach**2, initial=0.0)), 1e-12)
+        size = 0.5 / max(
+            float(np.max(system.widths(start.Y) / system.reach**2, initial=0.0)), 1e-12
+        )
         kappa = None if start.kappa is None else size * start.kappa
         inner = _Point(radius=start.radius, Y=size * start.Y, t=size * start.t, kappa=kappa)
         # How far the eigenvalues of Y may lie apart: enough for the point that it starts from.
         values = np.linalg.eigvalsh(start.Y)
         condition = max(CONDITION, 4 * float(values[-1] / values[0]))
-        cover = partial(programs.covering, loop, self.basis, condition=condition)
+        cover = partial(programs.covering, system, self.basis, condition=condition)
         disturbed = kappa is not None and self.disturbance > 0
         if disturbed:
-            found = self._room_for(loop, cover(disturbance=0.0), inner)
+            found = self._room_for(system, cover(disturbance=0.0), inner)
             if found is None or found.kappa is None:
                 return None
             inner = found
@@ -462,33 +464,35 @@ class _Search:
         cost[goal] = -1.0
         point = minimise(program, point, cost)
         value = float(point[goal]) if disturbed else math.sqrt(float(point[goal]))
-        return replace(_point(loop, start.radius, *program.split(point)), value=value)
+        return replace(_point(system, start.radius, *program.split(point)), value=value)
 
-    def _room_for(self, loop: FloatLoop, program: Inequalities, start: _Point) -> _Point | None:
+    def _room_for(self, system: FloatSystem, program: Inequalities, start: _Point) -> _Point | None:
         """Raise kappa, within the radii, until the disturbance leaves room for e; None if it never
         does."""
         needed = self.disturbance
         point = program.join(start.Y, [*start.scalars, 0.5 * float(np.linalg.eigvalsh(start.Y)[0])])
         if not program.holds(point):
             return None
-        kappa = self.basis.size + loop.multipliers
+        kappa = self.basis.size + system.multipliers
         cost = np.zeros(len(point))
         cost[kappa] = -1.0
         point = minimise(
             program, point, cost, stop=lambda p: bool(p[kappa] > 1.05 * needed), hopeless=-needed
         )
-        return None if point[kappa] <= needed else _point(loop, start.radius, *program.split(point))
+        return (
+            None if point[kappa] <= needed else _point(system, start.radius, *program.split(point))
+        )
 
     def point_of(self, lure: Lure) -> _Point | None:
         """The point from which ``roundings`` would make this certificate, about; None where it is
         of another search."""
         radius = None if lure.radius is None else float(lure.radius)
-        loop, unit = self.loop(radius), 1.0 if lure.level is None else float(lure.level)
-        if loop is None:
+        system, unit = self.system(radius), 1.0 if lure.level is None else float(lure.level)
+        if system is None:
             return None
-        sectors = build_sectors(self.problem, lure.ranges, radius=lure.radius)
+        sectors = build_sectors(self.loop, lure.ranges, radius=lure.radius)
         t: list[float] = []
-        for mode in loop.modes:
+        for mode in system.modes:
             taus = lure.multipliers[mode.name]
             known = {
                 (channel.target, channel.plus, channel.minus): float(tau)
@@ -507,8 +511,8 @@ class _Search:
     def flattest(self, start: _Point, ball: float) -> _Point | None:
         """The point with the least largest eigenvalue of Y that covers the ball; None if ``start``
         is not inside."""
-        loop = self.loop(start.radius)
-        if loop is None or loop.multipliers != len(start.t):
+        system = self.system(start.radius)
+        if system is None or system.multipliers != len(start.t):
             return None
         if start.radius is None:  # all scales are alike
             ball = 1.0
@@ -519,7 +523,7 @@ class _Search:
         kappa = None if start.kappa is None else size * start.kappa
         inner = _Point(radius=start.radius, Y=size * start.Y, t=size * start.t, kappa=kappa)
         program = programs.flattening(
-            loop,
+            system,
             self.basis,
             ball=ball * (1 + _INSIDE),
             disturbance=self.disturbance if disturbed else 0.0,
@@ -534,7 +538,7 @@ class _Search:
         cost = np.zeros(len(point))
         cost[-1] = 1.0
         return _point(
-            loop, start.radius, *program.split(minimise(program, point, cost, accuracy=_EVEN))
+            system, start.radius, *program.split(minimise(program, point, cost, accuracy=_EVEN))
         )
 
     def path(self, largest: float) -> list[_Point]:
@@ -613,7 +617,7 @@ class _Search:
 
     def candidates(self, largest: float) -> Iterator[Lure]:
         """Certificates worth trying, the best first."""
-        if self.problem.is_linear:
+        if self.loop.is_linear:
             points = [self.centred(None, None)]
         else:
             path = self.path(largest)
@@ -624,18 +628,18 @@ class _Search:
 
     def roundings(self, point: _Point) -> Iterator[Lure]:
         """Certificates near a point, the shortest numbers first, with lambda_max(P_e) about 1."""
-        problem, pair, loop = self.problem, self.pair, self.loop(point.radius)
+        loop, pair, system = self.loop, self.pair, self.system(point.radius)
         radius = None if point.radius is None else rounded_down(point.radius, digits=6)
         ranges = self.ranges(radius)
         # the samples have not met the place where it is not defined
-        if loop is None or ranges is None:
+        if system is None or ranges is None:
             return
-        sectors = build_sectors(problem, ranges, radius=radius)
+        sectors = build_sectors(loop, ranges, radius=radius)
         unit = float(np.linalg.eigvalsh(point.Y)[0])
         inverse = np.linalg.inv(point.Y)
         for digits in DIGITS:
             P_e = round_matrix(unit * (inverse + inverse.T) / 2, digits)
-            reach = _reach(to_float(P_e), loop)
+            reach = _reach(to_float(P_e), system)
             if not reach > 0:
                 continue
             if radius is not None:  # a level and a radius belong together
@@ -653,7 +657,7 @@ class _Search:
                 level=None
                 if math.isinf(reach)
                 else rounded_down(reach * (1 - _SHORTFALL), digits=10),
-                multipliers=_multipliers(sectors, loop, point, unit, digits),
+                multipliers=_multipliers(sectors, system, point, unit, digits),
                 rate=self.rate,
                 P=P,
                 Q=None if P is None or pair is None else multiply(P, pair.W),
@@ -661,7 +665,7 @@ class _Search:
 
 
 def _begun(
-    problem: Problem,
+    loop: Loop,
     W: Matrix | None,
     *,
     shape: Shape,
@@ -671,38 +675,36 @@ def _begun(
 ) -> _Search | None:
     """A search at a rate, with gains in floats; None if A - WC is too slow for the rate
     ``observer`` of its pair."""
-    pair = None if W is None else scaled_pair(problem, W, rate=observer, disturbance=disturbance)
+    pair = None if W is None else scaled_pair(loop, W, rate=observer, disturbance=disturbance)
     if W is not None and pair is None:
         return None
-    templates, basis = programs.make_templates(problem), make_basis(problem.n * problem.m, shape)
-    return _Search(
-        problem=problem, templates=templates, basis=basis, pair=pair, rate=rate, sampled=True
-    )
+    templates, basis = programs.make_templates(loop), make_basis(loop.n * loop.m, shape)
+    return _Search(loop=loop, templates=templates, basis=basis, pair=pair, rate=rate, sampled=True)
 
 
-def _point(loop: FloatLoop, radius: float | None, Y: Array, x: Array) -> _Point:
+def _point(system: FloatSystem, radius: float | None, Y: Array, x: Array) -> _Point:
     """A point of any of the programs: t come first, then kappa, if there is an observer."""
-    count = loop.multipliers
+    count = system.multipliers
     return _Point(
-        radius=radius, Y=Y, t=x[:count], kappa=None if loop.S is None else float(x[count])
+        radius=radius, Y=Y, t=x[:count], kappa=None if system.S is None else float(x[count])
     )
 
 
-def _reach(P_e: Array, loop: FloatLoop) -> float:
+def _reach(P_e: Array, system: FloatSystem) -> float:
     """The largest level within the radii, about; inf without radii, 0 if P_e is not positive
     definite."""
     if not float(np.linalg.eigvalsh(P_e)[0]) > 0:
         return 0.0
     Y = np.asarray(np.linalg.inv(P_e), dtype=np.float64)
-    return float(np.min(loop.reach**2 / np.maximum(loop.widths(Y), 1e-300), initial=math.inf))
+    return float(np.min(system.reach**2 / np.maximum(system.widths(Y), 1e-300), initial=math.inf))
 
 
 def _multipliers(
-    sectors: Sectors, loop: FloatLoop, point: _Point, unit: float, digits: int
+    sectors: Sectors, system: FloatSystem, point: _Point, unit: float, digits: int
 ) -> dict[str, Vector]:
     """Tau = unit / (2 d t) of every channel with a range, 0 elsewhere."""
     result, start = {}, 0
-    for mode in loop.modes:
+    for mode in system.modes:
         values = unit / (2 * mode.d * point.t[start : start + len(mode.d)])
         taus = dict(zip(map(tuple, mode.where.T.tolist()), values.tolist(), strict=True))
         result[mode.name] = tuple(

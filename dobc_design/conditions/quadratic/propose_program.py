@@ -25,8 +25,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
 from dobc_design.exact.number import nearest
 from dobc_design.exact.work import spend
-from dobc_design.problem.integrators import leaders_box, slopes_of_nodes
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
 from dobc_design.solvers.program import Array
 
@@ -76,7 +75,7 @@ class FloatMode:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FloatLoop:
+class FloatSystem:
     """All modes at one radius, the borders S (n m, n m) of the observers or None, and the rate
     beta.  ``ends`` (pairs, 2) and ``reach`` (pairs,): |e_i - e_j| <= reach, each pair once."""
 
@@ -99,23 +98,23 @@ class FloatLoop:
         return np.asarray(Y[i, i] + Y[j, j] - 2 * Y[i, j])
 
 
-def sample_gains(problem: Problem, radius: float) -> Gains | None:
+def sample_gains(loop: Loop, radius: float) -> Gains | None:
     """Lowest and highest gains of every coupling on |y_c| <= radius, about, of nodes for every
     state of a leader; None where one is not finite."""
-    known = problem.couplings[: problem.node if problem.slopes_move else None]
+    known = loop.functions[: loop.drift_place if loop.slopes_move else None]
     found = [_sampled(each, radius) for each in known]
-    if problem.slopes_move:
-        box = leaders_box(problem)
+    if loop.slopes_move:
+        box = loop.goals.leaders_box()
         half = np.array([nearest(side.width / 2) for side in box])
         found.append(
             _of_vectors(
-                problem.couplings[-1], radius + half, np.array([nearest(x.midpoint) for x in box])
+                loop.functions[-1], radius + half, np.array([nearest(x.midpoint) for x in box])
             )
         )
     low, high = (np.array(ends) for ends in zip(*found, strict=True))
     if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high))):
         return None
-    bent = np.array([not each.is_linear for each in problem.couplings])[:, None, None]
+    bent = np.array([not each.is_linear for each in loop.functions])[:, None, None]
     margin = WIDER * np.where(bent, np.maximum(np.abs(low), np.abs(high)), 0.0)
     return low - margin, high + margin
 
@@ -182,27 +181,27 @@ def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array 
     return np.where(flat, middle, low), np.where(flat, middle, high)
 
 
-def make_templates(problem: Problem) -> Templates:
+def make_templates(loop: Loop) -> Templates:
     """Lay out the channels of every mode once; ranges of the couplings are put in by
-    ``float_loop``."""
-    m, size = problem.m, problem.n * problem.m
+    ``float_system``."""
+    m, size = loop.m, loop.n * loop.m
     K = np.zeros((size, size))
-    for agent, gain in problem.pinning.gains.items():
+    for agent, gain in loop.pulls.gains.items():
         own = slice(agent * m, (agent + 1) * m)
         K[own, own] = [[nearest(x) for x in row] for row in gain]
-    entries = [_entries(coupling) for coupling in problem.couplings]
-    A = slopes_of_nodes(problem)
+    entries = [_entries(coupling) for coupling in loop.functions]
+    A = loop.slopes
     nodes = [
-        (problem.node, c, d, i * m + c, i * m + d, size, curved, 1.0, nearest(A[c][d]))
-        for i in range(problem.n if problem.node is not None else 0)
+        (loop.drift_place, c, d, i * m + c, i * m + d, size, curved, 1.0, nearest(A[c][d]))
+        for i in range(loop.n if loop.drift_place is not None else 0)
         for c, d, curved in entries[-1]
     ]
     modes = []
-    for name, arcs in problem.network.modes.items():
+    for name, arcs in loop.modes.items():
         table = [
             (kind, c, d, i * m + c, j * m + d, i * m + d, curved + 2 * loose, nearest(weight), 0.0)
             for (i, j, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True)
-            for kind in (problem.coupling_place(i, j),)
+            for kind in (loop.place_of(i, j),)
             for c, d, curved in entries[kind]
         ]
         columns = np.array(table + nodes, dtype=float).reshape(-1, 9).T
@@ -237,9 +236,9 @@ def _entries(coupling: Coupling) -> list[tuple[int, int, bool]]:
     return [(c, d, not slopes[c][d].is_point) for c, d in places]
 
 
-def float_loop(
+def float_system(
     templates: Templates, gains: Gains, *, radius: float | None, S: Array | None, rate: float
-) -> FloatLoop:
+) -> FloatSystem:
     """The numbers at one radius, from the gains of the couplings there."""
     low, high = gains
     modes = []
@@ -264,19 +263,19 @@ def float_loop(
         else np.zeros((0, 2), dtype=np.intp)
     )
     reach = np.full(len(ends), radius or 0.0)
-    return FloatLoop(
+    return FloatSystem(
         size=templates.size, modes=tuple(modes), S=S, rate=rate, ends=ends, reach=reach
     )
 
 
-def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
+def _decrease(system: FloatSystem, *, shift: int | None = None) -> list[Block]:
     """The inequality of every mode over Y, t, and kappa > 0 with an observer; ``shift``: theta with
     F + theta I > 0."""
-    blocks, n, start = [], loop.size, 0
-    for mode in loop.modes:
+    blocks, n, start = [], system.size, 0
+    for mode in system.modes:
         k, root, (target, plus, minus) = len(mode.d), np.sqrt(mode.d), mode.where
         left = np.pad(
-            np.vstack([mode.A + loop.rate * np.eye(n), np.zeros((k, n))]), ((0, 0), (0, 1))
+            np.vstack([mode.A + system.rate * np.eye(n), np.zeros((k, n))]), ((0, 0), (0, 1))
         )
         arcs = np.arange(k)
         left[n + arcs, plus] += root
@@ -286,9 +285,9 @@ def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
         columns[target, arcs] = root
         columns[n + arcs, k + arcs] = 1.0
         dense = {}
-        if loop.S is not None:
-            dense[loop.multipliers] = np.zeros((n + k, n + k))
-            dense[loop.multipliers][:n, :n] = -loop.S
+        if system.S is not None:
+            dense[system.multipliers] = np.zeros((n + k, n + k))
+            dense[system.multipliers][:n, :n] = -system.S
         if shift is not None:
             dense[shift] = np.eye(n + k)
         blocks.append(
@@ -307,32 +306,32 @@ def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
     return blocks
 
 
-def centring(loop: FloatLoop, basis: Basis, *, shift: bool = False) -> Inequalities:
+def centring(system: FloatSystem, basis: Basis, *, shift: bool = False) -> Inequalities:
     """Find Y, t, kappa with 0 < Y < I: the inequalities do not change when all are scaled.
     Scalars: t, with an observer kappa, and with ``shift`` theta."""
-    count = loop.multipliers + (loop.S is not None)
-    blocks = _decrease(loop, shift=count if shift else None)
-    blocks.append(Block(constant=np.eye(loop.size), plain=-1.0))
+    count = system.multipliers + (system.S is not None)
+    blocks = _decrease(system, shift=count if shift else None)
+    blocks.append(Block(constant=np.eye(system.size), plain=-1.0))
     if shift:
         # Elsewhere the main inequality keeps Y positive: at Y v = 0 it would fail.
-        blocks.append(Block(constant=np.zeros((loop.size, loop.size)), plain=1.0))
-    positive = np.arange(0 if shift else loop.multipliers, count)
+        blocks.append(Block(constant=np.zeros((system.size, system.size)), plain=1.0))
+    positive = np.arange(0 if shift else system.multipliers, count)
     return Inequalities(basis=basis, blocks=tuple(blocks), count=count + shift, positive=positive)
 
 
 def covering(
-    loop: FloatLoop, basis: Basis, *, disturbance: float, condition: float
+    system: FloatSystem, basis: Basis, *, disturbance: float, condition: float
 ) -> Inequalities:
     """Find Y, t, kappa, lambda with lambda I < Y < condition lambda I (what no radius limits stays
     tame) in the radii, and with a ``disturbance`` n lambda_max(P) s^2 at kappa = 1 a radius R and
     its share b, in this order."""
-    kappa = loop.multipliers
-    lambda_ = kappa + (loop.S is not None)
-    eye = np.eye(loop.size)
-    blocks = _decrease(loop)
+    kappa = system.multipliers
+    lambda_ = kappa + (system.S is not None)
+    eye = np.eye(system.size)
+    blocks = _decrease(system)
     for sign, factor in ((1.0, -1.0), (-1.0, condition)):
         blocks.append(Block(constant=np.zeros_like(eye), plain=sign, dense={lambda_: factor * eye}))
-    disturbed = loop.S is not None and disturbance > 0
+    disturbed = system.S is not None and disturbance > 0
     if disturbed:
         R, share = lambda_ + 1, lambda_ + 2
         corner, other, off = (
@@ -344,7 +343,7 @@ def covering(
         blocks.append(
             Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other})
         )
-    forms, limits = _radii(loop, basis)
+    forms, limits = _radii(system, basis)
     return Inequalities(
         basis=basis,
         blocks=tuple(blocks),
@@ -355,15 +354,17 @@ def covering(
     )
 
 
-def flattening(loop: FloatLoop, basis: Basis, *, ball: float, disturbance: float) -> Inequalities:
+def flattening(
+    system: FloatSystem, basis: Basis, *, ball: float, disturbance: float
+) -> Inequalities:
     """Find Y, t, kappa and mu with ball^2 I < Y < mu I in the radii, so that mu bounds the
     condition of Y.  With a ``disturbance`` n lambda_max(P) s^2 at kappa = 1: lambda I < Y and the
     share b of it, before mu."""
-    kappa = loop.multipliers
-    first = kappa + (loop.S is not None)
-    disturbed = loop.S is not None and disturbance > 0
-    mu, eye = first + 2 * disturbed, np.eye(loop.size)
-    blocks = [*_decrease(loop), Block(constant=np.zeros_like(eye), plain=-1.0, dense={mu: eye})]
+    kappa = system.multipliers
+    first = kappa + (system.S is not None)
+    disturbed = system.S is not None and disturbance > 0
+    mu, eye = first + 2 * disturbed, np.eye(system.size)
+    blocks = [*_decrease(system), Block(constant=np.zeros_like(eye), plain=-1.0, dense={mu: eye})]
     if disturbed:
         share = first + 1
         corner, other, off = (
@@ -378,7 +379,7 @@ def flattening(loop: FloatLoop, basis: Basis, *, ball: float, disturbance: float
         )
     else:
         blocks.append(Block(constant=-(ball**2) * eye, plain=1.0))
-    forms, limits = _radii(loop, basis)
+    forms, limits = _radii(system, basis)
     return Inequalities(
         basis=basis,
         blocks=tuple(blocks),
@@ -389,9 +390,9 @@ def flattening(loop: FloatLoop, basis: Basis, *, ball: float, disturbance: float
     )
 
 
-def _radii(loop: FloatLoop, basis: Basis) -> tuple[Array, Array]:
+def _radii(system: FloatSystem, basis: Basis) -> tuple[Array, Array]:
     """c'E c for every pair of ends and every unit matrix E, and the squares of the radii."""
-    c, pairs = np.zeros((loop.size + 1, len(loop.ends))), np.arange(len(loop.ends))
-    c[loop.ends[:, 0], pairs], c[loop.ends[:, 1], pairs] = 1.0, -1.0
+    c, pairs = np.zeros((system.size + 1, len(system.ends))), np.arange(len(system.ends))
+    c[system.ends[:, 0], pairs], c[system.ends[:, 1], pairs] = 1.0, -1.0
     c = c[:-1]
-    return basis.products(c, c).T, loop.reach**2
+    return basis.products(c, c).T, system.reach**2

@@ -33,8 +33,7 @@ from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.work import spend
-from dobc_design.problem.integrators import leaders_box, slopes_of_nodes
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 
 Entries = tuple[tuple[Interval, ...], ...]  # m x m
 Box = tuple[Interval, ...]
@@ -52,7 +51,7 @@ _ZERO: Final = Interval.point(0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainRange:
-    """A claim about one coupling (its place in problem.couplings): its gains on |y_c| <= radius lie
+    """A claim about one coupling (its place in loop.functions): its gains on |y_c| <= radius lie
     in ``entries``. ``radius`` None: for every y.  The weight of an arc is not included."""
 
     coupling: int
@@ -86,12 +85,12 @@ class Sectors:
     """The channels of every mode, for ``size`` = n m rows; the pins of ``problem`` complete the
     loop."""
 
-    problem: Problem
+    loop: Loop
     modes: Mapping[str, tuple[Channel, ...]]
 
     @property
     def size(self) -> int:
-        return self.problem.n * self.problem.m
+        return self.loop.n * self.loop.m
 
 
 def gains_on(
@@ -157,7 +156,7 @@ def is_sum_of_curves(node: Node) -> bool:
 
 
 def gains_at(
-    problem: Problem,
+    loop: Loop,
     place: int,
     radius: Fraction | Sequence[Fraction],
     *,
@@ -165,24 +164,24 @@ def gains_at(
 ) -> Entries:
     """The same by the place of the coupling; that of the nodes for every state of a leader.
     Raises: UndefinedError."""
-    if place == problem.node and problem.leader is not None:
-        radii = radius if isinstance(radius, Sequence) else [radius] * problem.m
-        return slopes_of_node(problem, tuple(Interval(-r, r) for r in radii))
-    return gains_on(problem.couplings[place], radius, tolerance=tolerance)
+    if place == loop.drift_place and loop.goals.moves:
+        radii = radius if isinstance(radius, Sequence) else [radius] * loop.m
+        return slopes_of_node(loop, tuple(Interval(-r, r) for r in radii))
+    return gains_on(loop.functions[place], radius, tolerance=tolerance)
 
 
-def slopes_of_node(problem: Problem, errors: Box) -> Entries:
+def slopes_of_node(loop: Loop, errors: Box) -> Entries:
     """Enclose the slopes of f at s + e for all e in a box of errors, (m, m), and all s in the box
     that a leader never leaves: f(s + e) - f(s) = F e with F in their hull, where the errors hold
     0.  Raises: UndefinedError."""
-    if problem.node is None:
-        A = slopes_of_nodes(problem)
+    if loop.drift_place is None:
+        A = loop.slopes
         return tuple(tuple(map(Interval.point, row)) for row in A)
-    box = tuple(s + e for s, e in zip(leaders_box(problem), errors, strict=True))
-    return _jacobian_hull(problem.couplings[problem.node], box)
+    box = tuple(s + e for s, e in zip(loop.goals.leaders_box(), errors, strict=True))
+    return _jacobian_hull(loop.functions[loop.drift_place], box)
 
 
-def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRange, ...]:
+def enclose_ranges(loop: Loop, *, radius: Fraction | None) -> tuple[GainRange, ...]:
     """Enclose every coupling that arcs use, widened by ROOM and to DIGITS digits where it is not
     linear.  Raises: SpecError for a radius that is not > 0, or None for a coupling that is not
     linear; UndefinedError."""
@@ -191,33 +190,33 @@ def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRa
             f"radius must be > 0; got {radius}.", key="radius", cure="Give a length, or None."
         )
     found = []
-    for place in used_couplings(problem):
-        coupling = problem.couplings[place]
+    for place in used_couplings(loop):
+        coupling = loop.functions[place]
         if radius is None and not coupling.is_linear:
             what = f'must be a number, because h = "{coupling.texts[0]}" is not linear; got None.'
             raise wrong("radius", what, "Give the largest |e_j - e_i| to be considered.")
-        entries = widened_gains(problem, place, radius or Fraction(1))
+        entries = widened_gains(loop, place, radius or Fraction(1))
         found.append(GainRange(coupling=place, radius=radius, entries=entries))
     return tuple(found)
 
 
-def widened_gains(problem: Problem, place: int, radius: Fraction | Sequence[Fraction]) -> Entries:
+def widened_gains(loop: Loop, place: int, radius: Fraction | Sequence[Fraction]) -> Entries:
     """The gains as they are claimed: widened by ROOM and to DIGITS digits where the coupling is not
     linear."""
     room, found = (
-        0 if problem.couplings[place].is_linear else ROOM,
-        gains_at(problem, place, radius),
+        0 if loop.functions[place].is_linear else ROOM,
+        gains_at(loop, place, radius),
     )
     return tuple(tuple(_widened(gain, room * gain.magnitude) for gain in row) for row in found)
 
 
 def left_open(
-    problem: Problem, place: int, claimed: Entries, radius: Fraction | Sequence[Fraction]
+    loop: Loop, place: int, claimed: Entries, radius: Fraction | Sequence[Fraction]
 ) -> str | None:
     """Why the gains on |y_c| <= radius are not shown to lie in those that are claimed; None if they
     are."""
     try:
-        found = gains_at(problem, place, radius)
+        found = gains_at(loop, place, radius)
     except UndefinedError as error:
         return f"the gains cannot be enclosed: {error}"
     pairs = zip(claimed, found, strict=True)
@@ -225,7 +224,7 @@ def left_open(
         mine.contains(gain) for row, own in pairs for mine, gain in zip(row, own, strict=True)
     ):
         return (
-            f'the gains of h = "{problem.couplings[place].texts[0]}" are not shown to lie in '
+            f'the gains of h = "{loop.functions[place].texts[0]}" are not shown to lie in '
             "the range claimed."
         )
     return None
@@ -242,9 +241,7 @@ def ranges_to_json(ranges: Sequence[GainRange]) -> list[dict[str, Any]]:
     ]
 
 
-def ranges_from_json(
-    data: object, problem: Problem, radius: Fraction | None
-) -> tuple[GainRange, ...]:
+def ranges_from_json(data: object, loop: Loop, radius: Fraction | None) -> tuple[GainRange, ...]:
     """Read them back.  Raises: KeyError, TypeError or ValueError for what are no ranges of this
     problem."""
     if not isinstance(data, list):
@@ -255,31 +252,29 @@ def ranges_from_json(
         if type(values["coupling"]) is not int:
             raise TypeError("coupling must be a whole number")
         rows = [[Interval(*map(read_rational, ends)) for ends in row] for row in values["gains"]]
-        if [len(row) for row in rows] != [problem.m] * problem.m:
+        if [len(row) for row in rows] != [loop.m] * loop.m:
             raise ValueError("gains must have one row and one column per state component")
         found.append(
             GainRange(coupling=values["coupling"], radius=radius, entries=tuple(map(tuple, rows)))
         )
-    if sorted(each.coupling for each in found) != sorted(used_couplings(problem)):
+    if sorted(each.coupling for each in found) != sorted(used_couplings(loop)):
         raise ValueError("ranges must name every coupling that an arc has, once")
     return tuple(found)
 
 
-def build_sectors(
-    problem: Problem, ranges: Sequence[GainRange], *, radius: Fraction | None
-) -> Sectors:
+def build_sectors(loop: Loop, ranges: Sequence[GainRange], *, radius: Fraction | None) -> Sectors:
     """Put claimed ranges at the arcs of every mode, weights multiplied in, exact zeros left out.
     Raises: SpecError."""
-    m, size = problem.m, problem.n * problem.m
+    m, size = loop.m, loop.n * loop.m
     table = {each.coupling: each.entries for each in ranges if each.radius == radius}
-    nodes = () if problem.node is None else table.get(problem.node, ())
-    if problem.node is not None and not nodes:
+    nodes = () if loop.drift_place is None else table.get(loop.drift_place, ())
+    if loop.drift_place is not None and not nodes:
         raise SpecError(
             f"f needs a range at the radius {radius}.",
             key="ranges",
             cure="Make them with enclose_ranges.",
         )
-    A = slopes_of_nodes(problem)  # which the gains of the problem hold already
+    A = loop.slopes  # which the gains of the problem hold already
     own = [
         Channel(
             target=i * m + c,
@@ -288,16 +283,16 @@ def build_sectors(
             low=gain.lo - A[c][d],
             high=gain.hi - A[c][d],
         )
-        for i in range(problem.n)
+        for i in range(loop.n)
         for c, row in enumerate(nodes)
         for d, gain in enumerate(row)
         if gain.lo != A[c][d] or gain.hi != A[c][d]
     ]
     modes: dict[str, tuple[Channel, ...]] = {}
-    for name, arcs in problem.network.modes.items():
+    for name, arcs in loop.modes.items():
         channels: list[Channel] = []
         for (listener, speaker, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
-            entries = table.get(problem.coupling_place(listener, speaker))
+            entries = table.get(loop.place_of(listener, speaker))
             if entries is None or [len(row) for row in entries] != [m] * m:
                 what = (
                     f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of "
@@ -321,24 +316,24 @@ def build_sectors(
                 if gain.lo or gain.hi
             ]
         modes[name] = (*channels, *own)
-    return Sectors(problem=problem, modes=modes)
+    return Sectors(loop=loop, modes=modes)
 
 
-def relied_differences(problem: Problem) -> tuple[tuple[int, int], ...]:
+def relied_differences(loop: Loop) -> tuple[tuple[int, int], ...]:
     """The differences |e[a] - e[b]|, a < b, that ranges with a radius rely on.  Those of every arc
     whose coupling is not linear, also where its gain is one number as far as the radius goes: a
     kink may lie beyond.  For b = n m, the target, it is |e[a]|."""
-    m = problem.m
-    used = {coupling: _curved_variables(coupling) for coupling in problem.couplings}
+    m = loop.m
+    used = {coupling: _curved_variables(coupling) for coupling in loop.functions}
     found = {
         (min(listener, speaker) * m + d, max(listener, speaker) * m + d): None
-        for arcs in problem.network.modes.values()
+        for arcs in loop.modes.values()
         for listener, speaker, _ in arcs
-        for d in used[problem.coupling_of(listener, speaker)]
+        for d in used[loop.function_of(listener, speaker)]
     }
-    if problem.node is not None:
-        own = _curved_variables(problem.couplings[problem.node])
-        found |= {(i * m + d, problem.n * m): None for i in range(problem.n) for d in own}
+    if loop.drift_place is not None:
+        own = _curved_variables(loop.functions[loop.drift_place])
+        found |= {(i * m + d, loop.n * m): None for i in range(loop.n) for d in own}
     return tuple(found)
 
 
@@ -354,11 +349,11 @@ def _curved_variables(coupling: Coupling) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-def used_couplings(problem: Problem) -> list[int]:
+def used_couplings(loop: Loop) -> list[int]:
     """The couplings that arcs use, by their places, each once, in order; then that of the nodes."""
-    modes = problem.network.modes.values()
-    found = list(dict.fromkeys(problem.coupling_place(i, j) for arcs in modes for i, j, _ in arcs))
-    return found if problem.node is None else [*found, problem.node]
+    modes = loop.modes.values()
+    found = list(dict.fromkeys(loop.place_of(i, j) for arcs in modes for i, j, _ in arcs))
+    return found if loop.drift_place is None else [*found, loop.drift_place]
 
 
 def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:

@@ -41,7 +41,7 @@ from dobc_design.conditions.quadratic.propose import (
     sooner_lures,
 )
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time, spend
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 #: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with
@@ -75,8 +75,8 @@ class Found:
 def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     """The quadratic certificate: the first that covers the ball asked for, else the one with the
     largest ball."""
-    problem, rows = asked.problem, asked.problem.n * asked.problem.m
-    reason = quadratic_obstacle(problem, asked.W)
+    loop, rows = asked.loop, asked.loop.n * asked.loop.m
+    reason = quadratic_obstacle(loop, asked.W)
     if reason is not None:
         return [undecided_check("lure", asked.domain, reason, applies=False)]
     if rows > MOST_ROWS:
@@ -85,7 +85,7 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
             f"{MOST_ROWS}."
         )
         return [undecided_check("lure", asked.domain, reason)]
-    if (modes := len(problem.network.modes)) > MOST_MODES:
+    if (modes := len(loop.modes)) > MOST_MODES:
         reason = (
             f"left out, because it takes long with {modes} modes; it is examined up to "
             f"{MOST_MODES}."
@@ -121,7 +121,7 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
         told + _remark(asked, best, found),
     )
     starts = {"radius": radius, "disturbance": asked.disturbance}
-    return [lure_check(problem, asked.W, best.lure, **starts, domain=asked.domain, remark=remark)]
+    return [lure_check(loop, asked.W, best.lure, **starts, domain=asked.domain, remark=remark)]
 
 
 def propose(
@@ -130,9 +130,7 @@ def propose(
     """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than
     ``accept``."""
     noise = claimed(asked.disturbance)
-    search = partial(
-        design_lure, asked.problem, shape=shape, W=asked.W, rate=rate, disturbance=noise
-    )
+    search = partial(design_lure, asked.loop, shape=shape, W=asked.W, rate=rate, disturbance=noise)
     return _found(asked, search, shape, IN_WORDS[shape], accept)
 
 
@@ -144,33 +142,31 @@ def _found(
     largest = max(2 * ball, min(10 * ball, _LARGEST))
     lure = None
     with surviving(f"no quadratic proposal ({what})", WorkLimitError):
-        spend(_steps(asked.problem))
-        lure = search(holds=partial(holds, asked.problem), largest=largest)
+        spend(_steps(asked.loop))
+        lure = search(holds=partial(holds, asked.loop), largest=largest)
     radius = (
-        0.0 if lure is None else certified_ball(asked.problem, lure, disturbance=asked.disturbance)
+        0.0 if lure is None else certified_ball(asked.loop, lure, disturbance=asked.disturbance)
     )
     return None if lure is None or not radius > accept else Found(name, lure, radius)
 
 
-def holds(problem: Problem, lure: Lure) -> bool:
+def holds(loop: Loop, lure: Lure) -> bool:
     """Whether a certificate is proved.  Raises: WorkLimitError."""
-    spend(_steps(problem))
-    return verify_lure(problem, lure).verdict is Verdict.PROVED
+    spend(_steps(loop))
+    return verify_lure(loop, lure).verdict is Verdict.PROVED
 
 
-def _steps(problem: Problem) -> int:
+def _steps(loop: Loop) -> int:
     """What an exact inverse of the order of the exosystems takes, 27 s for order 200, and a matrix
     for every mode."""
-    modes = MODE * len(problem.network.modes)
-    return (
-        modes if problem.joint_exosystem is None else modes + problem.joint_exosystem.order**3 // 8
-    )
+    modes = MODE * len(loop.modes)
+    return modes if loop.joint_exosystem is None else modes + loop.joint_exosystem.order**3 // 8
 
 
 def _ladder(asked: Asked, report: Progress) -> list[Found]:
     """What every shape of P_e covers, until the ball asked for is covered; all of them on
     request."""
-    rows = asked.problem.n * asked.problem.m
+    rows = asked.loop.n * asked.loop.m
     found: list[Found] = []
     shapes: tuple[Shape, ...] = ("identity", "diagonal", "full")
     for shape in shapes if rows <= FULL_ROWS else shapes[:2]:
@@ -180,7 +176,7 @@ def _ladder(asked: Asked, report: Progress) -> list[Found]:
             found.append(proposal)
         if proposal is not None and proposal.radius >= asked.ball and not asked.everything:
             return found
-    if found and not asked.problem.is_linear:
+    if found and not asked.loop.is_linear:
         found += _bounds(asked, found[-1].lure)
     return found
 
@@ -188,7 +184,7 @@ def _ladder(asked: Asked, report: Progress) -> list[Found]:
 def _bounds(asked: Asked, lure: Lure) -> list[Found]:
     """Without multipliers: the corners of all gains where those are few; on request, as a baseline,
     interval bounds."""
-    search = partial(bound_lure, asked.problem, P=lure.P, Q=lure.Q)
+    search = partial(bound_lure, asked.loop, P=lure.P, Q=lure.Q)
     found: list[Found | None] = []
     if max(sum(map(bool, taus)) for taus in lure.multipliers.values()) <= CORNER_CHANNELS:
         corners = partial(search, method="vertices", P_e=lure.P_e)
@@ -209,7 +205,7 @@ def _timed(asked: Asked, first: Found) -> tuple[Found, str]:
     best = min([*_flatter(asked, seen), *reversed(fast)], key=_time)
     with suppress(WorkLimitError):
         best = replace(
-            best, lure=raise_rate(asked.problem, best.lure, holds=partial(holds, asked.problem))
+            best, lure=raise_rate(asked.loop, best.lure, holds=partial(holds, asked.loop))
         )
     if best.lure.rate >= fastest.lure.rate:
         return best, ""
@@ -233,11 +229,11 @@ def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
     ):
         return []
     with surviving("no flatter quadratic proposal", WorkLimitError):
-        spend(_steps(asked.problem))
+        spend(_steps(asked.loop))
         sooner = sooner_lures(
-            asked.problem,
+            asked.loop,
             [each.lure for each in timed],
-            holds=partial(holds, asked.problem),
+            holds=partial(holds, asked.loop),
             W=asked.W,
             ball=claimed(asked.ball),
             disturbance=claimed(asked.disturbance),
@@ -245,7 +241,7 @@ def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
             least=asked.rate * (1 + KEPT),
         )
         for lure in sooner:
-            radius = certified_ball(asked.problem, lure, disturbance=asked.disturbance)
+            radius = certified_ball(asked.loop, lure, disturbance=asked.disturbance)
             if radius >= asked.ball:
                 return [Found(timed[-1].name, lure, radius)]
     return []
@@ -253,8 +249,8 @@ def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
 
 def _faster(asked: Asked, best: Found) -> list[Found]:
     """The same region at growing rates, as far as a short bisection finds them."""
-    top = linear_rate(asked.problem, asked.W)
-    steps = FEWER_STEPS if asked.problem.n * asked.problem.m >= MANY_ROWS else RATE_STEPS
+    top = linear_rate(asked.loop, asked.W)
+    steps = FEWER_STEPS if asked.loop.n * asked.loop.m >= MANY_ROWS else RATE_STEPS
     seen = [best]
 
     def covers_at(part: float) -> bool:

@@ -34,20 +34,20 @@ from dobc_design.conditions.schedule.claim import (
     Last,
     Tube,
 )
-from dobc_design.conditions.schedule.cycles import Cycles, Weights, guarantee_in_words, holds_starts
+from dobc_design.conditions.schedule.cycles import Cycles, Weights, holds_starts
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling, guarantee_of, proved_reason, why_not
 from dobc_design.conditions.schedule.rounds import confirm_growth
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import error_from_json, observed_in, separable_from_json
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 MOST_TIMES: Final = 2000
 
 
-def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, domain: str) -> Check:
+def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: str) -> Check:
     """Decide a settling time once more, for the decimals that its box domain shows: PROVED or
     UNDECIDED."""
     if settling.claim is None:
@@ -57,14 +57,14 @@ def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, do
         id="settling",
         verdict=Verdict.PROVED,
         domain=starts_in("box", radius, disturbance),
-        reason=proved_reason(problem, settling.claim),
+        reason=proved_reason(loop, settling.claim),
         claim=replace(settling.claim, radius=claimed(radius), disturbance=claimed(disturbance)),
     )
-    wrong = confirm(check, problem, W, domain=domain)
+    wrong = confirm(check, loop, W, domain=domain)
     return check if wrong is None else undecided_check("settling", domain, wrong)
 
 
-def cycles_check(problem: Problem, W: Matrix | None, claim: Cycles, asked: Region) -> Check:
+def cycles_check(loop: Loop, W: Matrix | None, claim: Cycles, asked: Region) -> Check:
     """The check of weights that move under a guarantee, decided once more as it is written."""
     pace = "" if claim.rate is None else f", at least like exp(-{float(claim.rate):.4g} t)"
     check = Check(
@@ -72,21 +72,21 @@ def cycles_check(problem: Problem, W: Matrix | None, claim: Cycles, asked: Regio
         verdict=Verdict.PROVED,
         domain="global" if claim.rho is None else starts_in("box", asked.radius, asked.disturbance),
         rate=None if claim.rate is None else decimal_below(claim.rate),
-        reason=f"for {guarantee_in_words(problem)}: every error decays{pace}.",
+        reason=f"for {loop.guarantee.in_words()}: every error decays{pace}.",
         claim=claim,
     )
-    wrong = confirm(check, problem, W, domain=asked.domain)
+    wrong = confirm(check, loop, W, domain=asked.domain)
     return check if wrong is None else undecided_check("schedule", asked.domain, wrong)
 
 
-def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
     if check.id == "schedule" and check.verdict is Verdict.REFUTED:
-        return confirm_growth(check, problem, domain)
-    claim = read_claim(check, problem, W)
+        return confirm_growth(check, loop, domain)
+    claim = read_claim(check, loop, W)
     if (
-        reason := obstacle(problem, W, turned=isinstance(claim, Cycles) and claim.T is not None)
+        reason := obstacle(loop, W, turned=isinstance(claim, Cycles) and claim.T is not None)
     ) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None:
@@ -94,14 +94,14 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
     if isinstance(claim, Values):
         return "a settling time is never refuted"
     if isinstance(claim, Cycles):
-        return not_as_claimed(check, problem, claim.rate, claim, domain) or why_not_cycles(
-            problem, W, claim
+        return not_as_claimed(check, loop, claim.rate, claim, domain) or why_not_cycles(
+            loop, W, claim
         )
-    return "a settling time has no rate" if check.rate is not None else why_not(problem, W, claim)
+    return "a settling time has no rate" if check.rate is not None else why_not(loop, W, claim)
 
 
 def not_as_claimed(
-    check: Check, problem: Problem, rate: Fraction | None, claim: Cycles | None, domain: str
+    check: Check, loop: Loop, rate: Fraction | None, claim: Cycles | None, domain: str
 ) -> str | None:
     """What rate and domain of a check say beyond a rate and a claim (None: about every start); None
     if nothing."""
@@ -113,34 +113,32 @@ def not_as_claimed(
         if check.domain != "global" or domain != "global":
             return "without rho its domain is global, and so are the couplings"
     else:
-        radius, disturbance = read_domain(check.domain, problem, kind="box")
-        if not holds_starts(problem, claim, radius=radius, disturbance=disturbance):
+        radius, disturbance = read_domain(check.domain, loop, kind="box")
+        if not holds_starts(loop, claim, radius=radius, disturbance=disturbance):
             return "the box of starts is not in its region"
     return None
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cycles | Values:
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Descent | Cycles | Values:
     """What a check of this topic claims, for this problem."""
     if check.verdict is Verdict.REFUTED:
         return Values(check.exact or {})
     if check.id == "schedule":
-        return cycles_from_json(check.exact, problem, turned="T" in (check.exact or ()))
-    radius, disturbance = read_domain(check.domain, problem, kind="box")
+        return cycles_from_json(check.exact, loop, turned="T" in (check.exact or ()))
+    radius, disturbance = read_domain(check.domain, loop, kind="box")
     values = read_object(check.exact, ("tolerance", "time", "tube", "last"))
     last = read_object(values["last"], ("kind", "level", "height", "stretch", "certificate"))
     if last["kind"] not in (SEPARABLE, QUADRATIC, SCHEDULE):
         raise ValueError(f"kind must be {SEPARABLE}, {QUADRATIC} or {SCHEDULE}")
     certificate: Last
     if last["kind"] == QUADRATIC:
-        certificate = lure_from_json(
-            read_object(last["certificate"], names_of(problem)), problem, W
-        )
+        certificate = lure_from_json(read_object(last["certificate"], names_of(loop)), loop, W)
     elif last["kind"] == SCHEDULE:
-        certificate = cycles_from_json(last["certificate"], problem)
+        certificate = cycles_from_json(last["certificate"], loop)
     else:
-        certificate = separable_from_json(last["certificate"], problem)
+        certificate = separable_from_json(last["certificate"], loop)
     return Descent(
-        tube=tube_from_json(values["tube"], problem),
+        tube=tube_from_json(values["tube"], loop),
         certificate=certificate,
         **{name: read_rational(last[name]) for name in ("level", "height", "stretch")},
         radius=radius,
@@ -150,29 +148,29 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cy
     )
 
 
-def tube_from_json(data: object, problem: Problem) -> Tube:
+def tube_from_json(data: object, loop: Loop) -> Tube:
     """Read ``Tube.to_json`` back for this problem; raises as ``read_claim``."""
-    observed = (name for name in observed_in(problem) if name != "kappa")
+    observed = (name for name in observed_in(loop) if name != "kappa")
     values = read_object(data, ("times", "upper", "lower", *observed))
     if not all(
         isinstance(values[name], list) and len(values[name]) <= MOST_TIMES
         for name in ("times", "upper", "lower")
     ):
         raise ValueError(f"times, upper and lower must be lists of at most {MOST_TIMES}")
-    error = error_from_json({**values, "kappa": "1"}, problem)
+    error = error_from_json({**values, "kappa": "1"}, loop)
     upper, lower = (
-        tuple(tuple(vector_from_json(box, problem.n)) for box in values[name])
+        tuple(tuple(vector_from_json(box, loop.n)) for box in values[name])
         for name in ("upper", "lower")
     )
     times = tuple(read_rational(x) for x in values["times"])
     return Tube(times=times, upper=upper, lower=lower, error=error)
 
 
-def cycles_from_json(data: object, problem: Problem, *, turned: bool = False) -> Cycles:
+def cycles_from_json(data: object, loop: Loop, *, turned: bool = False) -> Cycles:
     """Read ``Cycles.to_json`` back for this problem, ``turned`` with T; raises as
     ``read_claim``."""
     own = ("T", "ranges") if turned else ()
-    values = read_object(data, ("rate", "rho", "phases", *own, *observed_in(problem)))
+    values = read_object(data, ("rate", "rho", "phases", *own, *observed_in(loop)))
     phases = list[Weights]()
     for each in values["phases"]:
         one = read_object(each, ("times", "v"))
@@ -180,7 +178,7 @@ def cycles_from_json(data: object, problem: Problem, *, turned: bool = False) ->
             isinstance(one[name], list) and len(one[name]) <= MOST_TIMES for name in ("times", "v")
         ):
             raise ValueError(f"times and v must be lists of at most {MOST_TIMES}")
-        size = problem.n * (problem.m if turned else 1)
+        size = loop.n * (loop.m if turned else 1)
         v = tuple(tuple(vector_from_json(weights, size)) for weights in one["v"])
         phases.append(Weights(times=tuple(read_rational(x) for x in one["times"]), v=v))
     rate, rho = (
@@ -190,22 +188,22 @@ def cycles_from_json(data: object, problem: Problem, *, turned: bool = False) ->
         phases=tuple(phases),
         rate=rate,
         rho=rho,
-        error=error_from_json(values, problem),
+        error=error_from_json(values, loop),
         T=form_from_json(values["T"]) if turned else None,
-        ranges=ranges_from_json(values["ranges"], problem, rho) if turned else (),
+        ranges=ranges_from_json(values["ranges"], loop, rho) if turned else (),
     )
 
 
-def settling_of(problem: Problem, claim: Descent, reason: str) -> Settling:
+def settling_of(loop: Loop, claim: Descent, reason: str) -> Settling:
     """The settling time and the envelope of a proved claim, which is taken as it is; ``confirm``
     decides it."""
     return Settling(
         verdict=Verdict.PROVED,
         reason=reason,
-        problem_name=problem.name,
+        problem_name=loop.name,
         radius=claim.radius,
         disturbance=claim.disturbance,
         tolerance=claim.tolerance,
         claim=claim,
-        guarantee=guarantee_of(problem, claim),
+        guarantee=guarantee_of(loop, claim),
     )

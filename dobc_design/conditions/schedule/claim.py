@@ -28,7 +28,7 @@ from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import number_text
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 
 SEPARABLE, QUADRATIC, SCHEDULE = "max-separable", "quadratic", "schedule"
 ZERO, ONE = Fraction(0), Fraction(1)
@@ -64,9 +64,9 @@ class Tube(Shown):
             raise SpecError("boxes must have entries > 0.", key="upper")
 
     @classmethod
-    def start(cls, problem: Problem, radius: Fraction, error: ErrorBound | None) -> Tube:
+    def start(cls, loop: Loop, radius: Fraction, error: ErrorBound | None) -> Tube:
         """The box of all starts, from which a certificate takes over at once."""
-        box = (radius,) * problem.n
+        box = (radius,) * loop.n
         return cls(times=(ZERO,), upper=(box,), lower=(box,), error=error)
 
     @property

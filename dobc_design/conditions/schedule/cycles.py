@@ -19,12 +19,11 @@ ever; then every error decays.
 
 from __future__ import annotations
 
-import bisect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache, partial
-from itertools import accumulate, combinations, pairwise
+from functools import partial
+from itertools import combinations, pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -48,108 +47,12 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below, number_text
+from dobc_design.loop.guarantee import Phase
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.canonical import matrix_text
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
-from dobc_design.problem.tables import lasting
 
 ZERO, ONE = Fraction(0), Fraction(1)
 FARTHEST: Final = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Phase(Shown):
-    """A mode that is on for ``shortest`` to ``longest`` (s; None: as long as it likes); then one of
-    ``successors`` (places in the list of phases) follows.  ``first``: whether a signal may begin
-    with it."""
-
-    mode: str
-    shortest: Fraction
-    longest: Fraction | None
-    successors: tuple[int, ...]
-    first: bool
-
-
-def phases_of(problem: Problem) -> tuple[Phase, ...]:
-    """The phases of the guarantee of [switching]; empty without one, and where one mode is always
-    on.  A sequence that repeats a shorter one has the phases of the shorter one."""
-    own, modes = problem.switching, tuple(problem.network.modes)
-    if own is None or own.guarantee not in ("dwell", "sequence") or len(modes) == 1:
-        return ()  # the generator of a Markov chain is not hashed over and over
-    return _phases(own, modes)
-
-
-@lru_cache(maxsize=16)
-def _phases(own: Switching, modes: tuple[str, ...]) -> tuple[Phase, ...]:
-    if own.guarantee == "dwell":
-        every = range(len(modes))
-        return tuple(
-            Phase(
-                mode=mode,
-                shortest=own.dwell or ZERO,
-                longest=own.longest,
-                successors=tuple(q for q in every if q != p),
-                first=True,
-            )
-            for p, mode in enumerate(modes)
-        )
-    if own.schedule is not None:
-        begins = [*(time for time, _ in own.schedule), own.period or ZERO]
-        order, lengths = [mode for _, mode in own.schedule], [b - a for a, b in pairwise(begins)]
-        # the last mode of a round stays on until the first instant of the next
-        lengths[-1] += begins[0]
-    else:
-        order = list(own.sequence or modes)
-        lengths = [own.dwell if own.dwell is not None else (own.period or ZERO) / len(order)] * len(
-            order
-        )
-    turns = list(zip(order, lengths, strict=True))
-    turns = turns[: shortest_period(turns)]
-    return tuple(
-        Phase(
-            mode=mode, shortest=time, longest=time, successors=((p + 1) % len(turns),), first=p == 0
-        )
-        for p, (mode, time) in enumerate(turns)
-    )
-
-
-def shortest_period(turns: Sequence[object]) -> int:
-    """The least length of a beginning that, over and over, gives the whole."""
-    size = len(turns)
-    return next(k for k in range(1, size + 1) if size % k == 0 and turns[k:] == turns[:-k])
-
-
-@dataclass(frozen=True, slots=True)
-class Round:
-    """Phases that follow one another over and over, each of them as long as the guarantee says."""
-
-    phases: tuple[Phase, ...]
-    starts: tuple[Fraction, ...]  # of each phase, and of the next round
-
-    @classmethod
-    def of(cls, problem: Problem) -> Round | None:
-        """None where the guarantee does not say which mode is on at which time."""
-        phases = phases_of(problem)
-        if sum(phase.first for phase in phases) != 1:
-            return None
-        return cls(phases, tuple(accumulate((phase.shortest for phase in phases), initial=ZERO)))
-
-    def at(self, time: Fraction) -> tuple[int, Fraction, Fraction]:
-        """The place of the phase that is on from ``time`` (s) on, when it began and when it
-        ends."""
-        begun = time - time % self.starts[-1]
-        place = bisect.bisect_right(self.starts, time - begun) - 1
-        return place, begun + self.starts[place], begun + self.starts[place + 1]
-
-
-def modes_on(problem: Problem, times: Sequence[Fraction]) -> list[str | None]:
-    """The mode that is on from each time (s) to the next: "" where any may be, None where it
-    changes in between."""
-    turns = Round.of(problem)
-    if turns is None:
-        return [""] * (len(times) - 1)
-    on = [(turns.at(before), after) for before, after in pairwise(times)]
-    return [turns.phases[place].mode if after <= end else None for (place, _, end), after in on]
 
 
 def shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:
@@ -158,18 +61,6 @@ def shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:
     if power > FARTHEST:
         return Interval(ZERO, (exp(Interval.point(Fraction(-FARTHEST))) * value).hi)
     return exp(Interval.point(-power)) * value
-
-
-def guarantee_in_words(problem: Problem) -> str:
-    """Which signals a proof is about: "every signal that ..."."""
-    own = problem.switching
-    if own is None or own.guarantee == "dwell":
-        dwell, longest = (own.dwell, own.longest) if own is not None else (None, None)
-        return f"every signal whose modes last {lasting(dwell or ZERO, longest)}"
-    turns = ", ".join(
-        f"{phase.mode} for {float(phase.shortest):.6g} s" for phase in phases_of(problem)[:6]
-    )
-    return f"the signal {turns}{', ...' if len(phases_of(problem)) > 6 else ''}, over and over"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -220,9 +111,9 @@ class Cycles:
         """The largest weights of all phases and times, entry by entry."""
         return tuple(map(max, zip(*(v for each in self.phases for v in each.v), strict=True)))
 
-    def spread(self, problem: Problem) -> Fraction:
+    def spread(self, loop: Loop) -> Fraction:
         """The largest N of errors with |e|_inf <= 1, in any phase that may be first."""
-        begun = zip(phases_of(problem), self.phases, strict=bool(self.phases))
+        begun = zip(loop.guarantee.phases, self.phases, strict=bool(self.phases))
         return max((spread(self.T, each.v[0]) for phase, each in begun if phase.first), default=ONE)
 
     @property
@@ -238,9 +129,9 @@ class Cycles:
                 heights.append(reach(self.T, v) / shrunk(ONE, rate, later).lo)
         return max(heights[1:], default=ONE)
 
-    def factor(self, problem: Problem) -> Fraction:
+    def factor(self, loop: Loop) -> Fraction:
         """|e(t)|_inf <= factor |e(0)|_inf exp(-rate t) + what the estimation error adds."""
-        return self.spread(problem) * self.height
+        return self.spread(loop) * self.height
 
     @property
     def most(self) -> Fraction:
@@ -261,31 +152,29 @@ class Cycles:
         return values if self.error is None else values | self.error.to_json()
 
 
-def why_not(problem: Problem, W: Matrix | None, claim: Cycles) -> str | None:
+def why_not(loop: Loop, W: Matrix | None, claim: Cycles) -> str | None:
     """None if the claim is proved for the gain W (q, m); else the first thing that is not."""
-    return next((words for holds, words in _needs(problem, W, claim) if not holds), None)
+    return next((words for holds, words in _needs(loop, W, claim) if not holds), None)
 
 
-def holds_starts(
-    problem: Problem, claim: Cycles, *, radius: Fraction, disturbance: Fraction
-) -> bool:
+def holds_starts(loop: Loop, claim: Cycles, *, radius: Fraction, disturbance: Fraction) -> bool:
     """Whether every start |e|_inf <= radius, |eps_i| <= disturbance has V <= rho, in every phase
     that may be first."""
     if claim.rho is None:
         return True
-    room = claim.rho - radius * claim.spread(problem)
+    room = claim.rho - radius * claim.spread(loop)
     if claim.error is None:
         return room >= 0
     return room >= 0 and (claim.error.kappa * disturbance) ** 2 * claim.error.size <= room**2
 
 
-def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[bool, str]]:
-    phases = phases_of(problem)
+def _needs(loop: Loop, W: Matrix | None, claim: Cycles) -> Iterator[tuple[bool, str]]:
+    phases = loop.guarantee.phases
     yield bool(phases), "there is no guarantee, or only one mode."
-    turned, size = claim.T is not None, problem.n * len(claim.T or (1,))
-    yield not turned or len(claim.T or ()) == problem.m, "T needs one row per state component."
+    turned, size = claim.T is not None, loop.n * len(claim.T or (1,))
+    yield not turned or len(claim.T or ()) == loop.m, "T needs one row per state component."
     yield (
-        turned or acts_by_component(problem),
+        turned or acts_by_component(loop),
         "couplings have to act on each state component by itself.",
     )
     yield len(claim.phases) in (0, len(phases)), "there must be weights for every phase."
@@ -293,10 +182,10 @@ def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[
         all(len(v) == size for each in claim.phases for v in each.v),
         "weights must have an entry for each row.",
     )
-    yield from holds_observer(problem, W, claim, claim.rate)
+    yield from holds_observer(loop, W, claim, claim.rate)
     if not claim.phases or claim.rate is None:
-        yield from rises(problem, claim.rho)
-        missed = next(unreached_cycles(problem, phases), None)
+        yield from rises(loop, claim.rho)
+        missed = next(unreached_cycles(loop, phases), None)
         if missed is not None:
             yield (
                 False,
@@ -305,12 +194,12 @@ def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[
             )
         return
     if claim.T is not None:
-        wrong = gains_obstacle(problem, claim.T, claim.tallest, claim.rho, claim.ranges)
+        wrong = gains_obstacle(loop, claim.T, claim.tallest, claim.rho, claim.ranges)
         yield wrong is None, str(wrong)
     rows = dict.fromkeys(phase.mode for phase in phases)
     if claim.T is None:  # tables as wide as the widest phase needs, once for each mode
         reach = claim.most * (ONE if claim.rho is None else claim.rho)
-        rows = {mode: moving_rows(problem, reach, [mode]) for mode in rows}
+        rows = {mode: moving_rows(loop, reach, [mode]) for mode in rows}
     for p, (phase, each) in enumerate(zip(phases, claim.phases, strict=True)):
         where = f"phase {p + 1} (mode {phase.mode})"
         yield phase.shortest in each.times, f"{where}: its shortest time has to be among the times."
@@ -324,20 +213,20 @@ def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[
                 f"{where}: its weights do not fall far enough.",
             )
         yield (
-            not _open(problem, rows[phase.mode], phase, each, claim),
+            not _open(loop, rows[phase.mode], phase, each, claim),
             f"{where}: a row does not hold.",
         )
 
 
 def holds_observer(
-    problem: Problem, W: Matrix | None, claim: Cycles, rate: Fraction | None
+    loop: Loop, W: Matrix | None, claim: Cycles, rate: Fraction | None
 ) -> Iterator[tuple[bool, str]]:
     """Rho and the observer's part of a claim, at this rate: whether each condition holds, and what
     it is."""
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     if claim.T is not None:
-        exosystem, W = seen_through(problem, claim.T, W)
-    yield claim.rho is not None or problem.is_linear, "without rho couplings have to be linear."
+        exosystem, W = seen_through(loop, claim.T, W)
+    yield claim.rho is not None or loop.is_linear, "without rho couplings have to be linear."
     yield (
         (claim.error is not None) == (exosystem is not None),
         "P, beta, kappa and size belong to an [exosystem].",
@@ -350,14 +239,10 @@ def holds_observer(
         yield claim.error.kappa > 0 and room >= 1, "kappa (beta - rate) min v must be at least 1."
 
 
-def rises(
-    problem: Problem, rho: Fraction | None, *, strictly: bool = True
-) -> Iterator[tuple[bool, str]]:
+def rises(loop: Loop, rho: Fraction | None, *, strictly: bool = True) -> Iterator[tuple[bool, str]]:
     """Couplings rise as far out as 2 rho, ``strictly`` at the target; gains hold."""
     try:
-        profiles = [
-            profile(Curve(each.components[0]), 2 * (rho or ONE)) for each in problem.couplings
-        ]
+        profiles = [profile(Curve(each.components[0]), 2 * (rho or ONE)) for each in loop.functions]
         slopes = (
             [jet(each.curve, Interval.point(ZERO)).slope for each in profiles] if strictly else []
         )
@@ -368,7 +253,7 @@ def rises(
         rising = False
     strict = ", strictly at the target" if strictly else ""
     yield rising, f"a coupling is not shown to rise as far out as that{strict}."
-    yield min(holding_gains(problem)) >= 0, "a gain pushes outward."
+    yield min(holding_gains(loop)) >= 0, "a gain pushes outward."
 
 
 def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
@@ -382,44 +267,28 @@ def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
     return sorted(cycles)
 
 
-def unreached_cycles(
-    problem: Problem, phases: Sequence[Phase]
-) -> Iterator[tuple[tuple[str, ...], str]]:
+def unreached_cycles(loop: Loop, phases: Sequence[Phase]) -> Iterator[tuple[tuple[str, ...], str]]:
     """Modes of a cycle, or a mode that may stay on for ever, and the label of an agent that they do
     not reach."""
     for cycle in cycles_of(phases):
-        if (missed := first_unreached(problem, cycle)) is not None:
+        if (missed := first_unreached(loop, cycle)) is not None:
             yield cycle, missed
 
 
-def first_unreached(problem: Problem, modes: Sequence[str]) -> str | None:
+def first_unreached(loop: Loop, modes: Sequence[str]) -> str | None:
     """The label of an agent that no pin which holds reaches in these modes together, by arcs that
     are always there; None if there is none."""
     heard: dict[int, set[int]] = {}
-    for arcs in (problem.network.modes[mode].always for mode in modes):
+    for arcs in (loop.modes[mode].always for mode in modes):
         for i, j in zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True):
             heard.setdefault(j, set()).add(i)
-    waiting = [i for i, gain in enumerate(holding_gains(problem)) if gain > 0]
+    waiting = [i for i, gain in enumerate(holding_gains(loop)) if gain > 0]
     reached = set(waiting)
     while waiting:
         new = heard.get(waiting.pop(), set()) - reached
         reached |= new
         waiting += new
-    return (
-        None
-        if len(reached) == problem.n
-        else problem.network.labels[min(set(range(problem.n)) - reached)]
-    )
-
-
-def may_stay(problem: Problem, mode: str) -> bool:
-    """Whether a signal that keeps the guarantee may stay in this mode for ever."""
-    own, phases = problem.switching, phases_of(problem)
-    if own is not None and own.guarantee == "markov" and own.generator is not None:
-        place = list(problem.network.modes).index(mode)
-        return own.generator[place][place] == 0
-    lasting = {each.mode for each in phases if each.longest is None}
-    return not phases or mode in lasting or {each.mode for each in phases} == {mode}
+    return None if len(reached) == loop.n else loop.labels[min(set(range(loop.n)) - reached)]
 
 
 def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:
@@ -435,12 +304,10 @@ def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:
     return True
 
 
-def _open(
-    problem: Problem, rows: MovingRows | None, phase: Phase, each: Weights, claim: Cycles
-) -> bool:
+def _open(loop: Loop, rows: MovingRows | None, phase: Phase, each: Weights, claim: Cycles) -> bool:
     """Whether a row of the phase is not proved."""
     if claim.T is not None:
-        return _open_in_coordinates(problem, phase, each, claim, claim.T)
+        return _open_in_coordinates(loop, phase, each, claim, claim.T)
     if rows is None:
         return True
     boxes, none = Box.of(each.v, each.v), np.zeros(len(each.times))
@@ -454,9 +321,7 @@ def _open(
     return bool(rows.open_for(last, falls, np.zeros(2), low=low, high=high))
 
 
-def _open_in_coordinates(
-    problem: Problem, phase: Phase, each: Weights, claim: Cycles, T: Matrix
-) -> bool:
+def _open_in_coordinates(loop: Loop, phase: Phase, each: Weights, claim: Cycles, T: Matrix) -> bool:
     """The same for rows in coordinates, at both ends of every segment."""
     rests = (
         []
@@ -466,5 +331,5 @@ def _open_in_coordinates(
     for (a, b), (v, w) in zip(pairwise(each.times), pairwise(each.v), strict=True):
         slopes = tuple((y - x) / (b - a) for x, y in zip(v, w, strict=True))
         rests += [(v, slopes), (w, slopes)]
-    rows = partial(slowest_row, problem, T, ranges=claim.ranges, modes=[phase.mode])
+    rows = partial(slowest_row, loop, T, ranges=claim.ranges, modes=[phase.mode])
     return any(rows(v, load=tuple(-x for x in slopes)).rate < 0 for v, slopes in rests)

@@ -33,13 +33,7 @@ from dobc_design.conditions.schedule.claim import (
     Last,
     Tube,
 )
-from dobc_design.conditions.schedule.cycles import (
-    Cycles,
-    Round,
-    guarantee_in_words,
-    modes_on,
-    shrunk,
-)
+from dobc_design.conditions.schedule.cycles import Cycles, shrunk
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.rows import Box, MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import Separable
@@ -54,7 +48,7 @@ from dobc_design.exact.interval import Interval, sqrt
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.number import float_above
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 Array = NDArray[np.float64]
@@ -66,17 +60,17 @@ CALLED: Final = {
 }
 
 
-def why_not(problem: Problem, W: Matrix | None, claim: Descent) -> str | None:
+def why_not(loop: Loop, W: Matrix | None, claim: Descent) -> str | None:
     """None if the claim is proved for the gain W (q, m); else the first thing that is not."""
-    needs = _needs(problem, W, claim)
+    needs = _needs(loop, W, claim)
     return next((words for holds, words in needs if not holds), None)
 
 
-def open_segments(problem: Problem, tube: Tube, *, disturbance: Fraction) -> list[int] | None:
+def open_segments(loop: Loop, tube: Tube, *, disturbance: Fraction) -> list[int] | None:
     """The segments of a tube whose rows are not proved; None where rows cannot be decided."""
-    boxes, on = Box.of(tube.upper, tube.lower), modes_on(problem, tube.times)
+    boxes, on = Box.of(tube.upper, tube.lower), loop.guarantee.modes_on(tube.times)
     most = max(x for face in (tube.upper, tube.lower) for box in face for x in box)
-    rows = RowsBySize(problem, most)
+    rows = RowsBySize(loop, most)
     load = np.array([float_above(noise(tube, disturbance, time).hi) for time in tube.times])
     sizes = boxes.above.max(axis=(1, 2))
     groups: dict[tuple[str | None, int], list[int]] = {}
@@ -96,7 +90,7 @@ class RowsBySize:
     """Moving rows of a mode, or under "" of all modes, for boxes up to ``most``, in tables as wide
     as boxes need."""
 
-    problem: Problem
+    loop: Loop
     most: Fraction
     known: dict[tuple[str, int], MovingRows | None] = field(default_factory=dict)
 
@@ -108,7 +102,7 @@ class RowsBySize:
         """As ``moving_rows``."""
         if (mode, level) not in self.known:
             modes = [mode] if mode else None
-            self.known[mode, level] = moving_rows(self.problem, self._reach(level), modes)
+            self.known[mode, level] = moving_rows(self.loop, self._reach(level), modes)
         return self.known[mode, level]
 
     def _reach(self, level: int) -> Fraction:
@@ -122,28 +116,28 @@ def noise(tube: Tube, disturbance: Fraction, time: Fraction) -> Interval:
     return shrunk(disturbance, tube.error.beta, time) * sqrt(Interval.point(tube.error.size))
 
 
-def level_at_the_end(problem: Problem, claim: Descent) -> Interval:
+def level_at_the_end(loop: Loop, claim: Descent) -> Interval:
     """Enclose the largest size W that the certificate may have at the end of the tube; its square
     if quadratic."""
     tube, own = claim.tube, claim.certificate
     left, widths = noise(tube, claim.disturbance, tube.ends), tube.widths(-1)
     if not isinstance(own, Lure):
         size = Interval.point(
-            max(b / v for b, v in zip(widths, weights_then(problem, claim), strict=True))
+            max(b / v for b, v in zip(widths, weights_then(loop, claim), strict=True))
         )
         return size if own.error is None else size + left * own.error.kappa
-    b, P_e = [x for x in widths for _ in range(problem.m)], own.P_e.entries
+    b, P_e = [x for x in widths for _ in range(loop.m)], own.P_e.entries
     total = sum((abs(x) * b[i] * b[j] * (1 + (i != j)) for (i, j), x in P_e.items()), ZERO)
-    return (left * claim.stretch) ** 2 * problem.n + total
+    return (left * claim.stretch) ** 2 * loop.n + total
 
 
-def weights_then(problem: Problem, claim: Descent) -> Sequence[Fraction]:
+def weights_then(loop: Loop, claim: Descent) -> Sequence[Fraction]:
     """The weights v (n,) with which a certificate that is not quadratic takes over."""
-    own, turns = claim.certificate, Round.of(problem)
+    own, turns = claim.certificate, loop.guarantee.round
     if isinstance(own, Separable):
         return tuple(own.v)
     if isinstance(own, Lure) or turns is None or len(own.phases) != len(turns.phases):
-        return (ONE,) * problem.n
+        return (ONE,) * loop.n
     return own.phases[turns.at(claim.tube.ends)[0]].v[0]
 
 
@@ -173,10 +167,10 @@ def counted_from(claim: Descent) -> Fraction:
     return claim.tube.ends + max(waits, default=ZERO)
 
 
-def _needs(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple[bool, str]]:
+def _needs(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[tuple[bool, str]]:
     """What has to hold, in turn, and the words if it does not."""
-    tube, exosystem = claim.tube, problem.joint_exosystem
-    yield len(tube.upper[0]) == problem.n, f"a box must have {problem.n} entries, one per agent."
+    tube, exosystem = claim.tube, loop.joint_exosystem
+    yield len(tube.upper[0]) == loop.n, f"a box must have {loop.n} entries, one per agent."
     yield (
         (tube.error is not None) == (exosystem is not None),
         "P, beta and size belong to an [exosystem].",
@@ -197,7 +191,7 @@ def _needs(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple
     )
     mixing = any(
         x
-        for k in problem.pinning.gains.values()
+        for k in loop.pulls.gains.values()
         for c, row in enumerate(k)
         for d, x in enumerate(row)
         if c != d
@@ -207,7 +201,7 @@ def _needs(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple
         "with gains that mix components its faces have to be alike.",
     )
     if len(tube.times) > 1:
-        left = open_segments(problem, tube, disturbance=claim.disturbance)
+        left = open_segments(loop, tube, disturbance=claim.disturbance)
         yield (
             left is not None,
             "its rows cannot be decided: a coupling is not defined, or turns too often.",
@@ -218,27 +212,27 @@ def _needs(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple
                 f"a row does not hold between {float(tube.times[left[0]]):.6g} s and the "
                 "next time.",
             )
-    yield from _last(problem, W, claim)
+    yield from _last(loop, W, claim)
     yield (
         bound_after(claim, claim.time).hi <= claim.tolerance,
         "it does not bring |e|_inf down to the tolerance by the time claimed.",
     )
 
 
-def _last(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple[bool, str]]:
+def _last(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[tuple[bool, str]]:
     """The certificate that takes over, and that the last box lies in its level set."""
     own, error = claim.certificate, claim.tube.error
     if not isinstance(own, Lure):
         yield claim.stretch == 1, "stretch is 1 unless the certificate is quadratic."
         if isinstance(own, Separable):
-            answer = verify_composite(problem, W, own)
+            answer = verify_composite(loop, W, own)
             yield answer.verdict is Verdict.PROVED, answer.reason
             tallest = max(own.v)
         else:
-            reason = why_not_cycles(problem, W, own)
+            reason = why_not_cycles(loop, W, own)
             yield reason is None, f"the weights under the guarantee: {reason}"
             tallest = own.most
-            turns = Round.of(problem)
+            turns = loop.guarantee.round
             begun = turns is not None and turns.at(claim.tube.ends)[1] == claim.tube.ends
             yield not own.phases or begun, "weights that move take over only where a phase begins."
         if own.error is not None and error is not None:
@@ -256,7 +250,7 @@ def _last(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple[
         square = claim.level
     else:
         yield own.rate > 0, "its rate must be > 0."
-        decision = verify_lure(problem, own)
+        decision = verify_lure(loop, own)
         yield decision.verdict is Verdict.PROVED, decision.reason
         yield (
             (own.P is None) == (error is None),
@@ -277,26 +271,26 @@ def _last(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple[
             "height^2 must be at least every diagonal entry of P_e^-1.",
         )
         square = claim.level**2
-        places = () if own.radius is None else relied_differences(problem)
+        places = () if own.radius is None else relied_differences(loop)
         inside = all(
             square * width <= (own.radius or ZERO) ** 2 for width in differences(own.P_e, places)
         )
         yield inside, "its level set reaches beyond its radius."
     yield (
-        square >= level_at_the_end(problem, claim).hi,
+        square >= level_at_the_end(loop, claim).hi,
         "the last box of the tube does not lie in its level set.",
     )
 
 
-def guarantee_of(problem: Problem, claim: Descent) -> str | None:
+def guarantee_of(loop: Loop, claim: Descent) -> str | None:
     """Which signals a claim is about, in words; None for arbitrary switching."""
-    timed = Round.of(problem) is not None and len(claim.tube.times) > 1
-    return guarantee_in_words(problem) if timed or isinstance(claim.certificate, Cycles) else None
+    timed = loop.guarantee.round is not None and len(claim.tube.times) > 1
+    return loop.guarantee.in_words() if timed or isinstance(claim.certificate, Cycles) else None
 
 
-def proved_reason(problem: Problem, claim: Descent) -> str:
+def proved_reason(loop: Loop, claim: Descent) -> str:
     """What a proved claim says, in a sentence."""
-    signals = guarantee_of(problem, claim)
+    signals = guarantee_of(loop, claim)
     how = f"by {CALLED[claim.kind]}."
     if claim.tube.ends:
         how = f"by a box that moves until {float(claim.tube.ends):.6g} s and then {how[3:]}"

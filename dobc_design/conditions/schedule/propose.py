@@ -25,7 +25,7 @@ from dobc_design.conditions.quadratic.propose import fast_lures, linear_rate, ra
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.schedule import decide, propose_cycles
 from dobc_design.conditions.schedule.claim import Last, Tube
-from dobc_design.conditions.schedule.cycles import Cycles, Round, why_not
+from dobc_design.conditions.schedule.cycles import Cycles, why_not
 from dobc_design.conditions.schedule.propose_cycles import ACCURACY, Chords
 from dobc_design.conditions.schedule.rows import Box, MovingRows
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
@@ -35,8 +35,9 @@ from dobc_design.conditions.separable.propose import first_certificate, propose_
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, with_kappa
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import root_above
-from dobc_design.problem.arrays import unreached
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.arcs import unreached
+from dobc_design.loop.guarantee import Round
+from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
 
@@ -81,10 +82,10 @@ class Asked:
     tolerance: Fraction
 
 
-def observed(problem: Problem, W: Matrix | None, T: Matrix | None = None) -> ErrorBound | None:
+def observed(loop: Loop, W: Matrix | None, T: Matrix | None = None) -> ErrorBound | None:
     """P, beta, size of the observer, and a kappa for weights of at least 1 (of T e); None if none
     is found, or needed."""
-    exosystem, W = (problem.joint_exosystem, W) if T is None else seen_through(problem, T, W)
+    exosystem, W = (loop.joint_exosystem, W) if T is None else seen_through(loop, T, W)
     if exosystem is None or W is None:
         return None
     error = propose_error_bound(exosystem, W, rate=OBSERVER * decay_rate(exosystem, W))
@@ -92,27 +93,25 @@ def observed(problem: Problem, W: Matrix | None, T: Matrix | None = None) -> Err
 
 
 def approach(
-    problem: Problem, W: Matrix | None, asked: Asked, *, limit: float | None
+    loop: Loop, W: Matrix | None, asked: Asked, *, limit: float | None
 ) -> Iterator[tuple[Tube, Last]]:
     """Tubes from the box asked for, tightest first, with the certificate that settles first, before
     ``limit`` (s)."""
-    error = observed(problem, W)
-    if error is None and problem.groups:
+    error = observed(loop, W)
+    if error is None and loop.groups:
         return
-    turns = Round.of(problem)
-    apart = turns is not None and any(
-        unreached(problem, [arcs]) for arcs in problem.network.modes.values()
-    )
-    candidates = [] if apart else list[Last](_near(problem, W, asked, error))
+    turns = loop.guarantee.round
+    apart = turns is not None and any(unreached(loop, [arcs]) for arcs in loop.modes.values())
+    candidates = [] if apart else list[Last](_near(loop, W, asked, error))
     boxes = [each for each in candidates if isinstance(each, Separable)] or candidates
     fastest = max((float(decide.rate_near(each)) for each in boxes), default=0.0)
     if turns is not None:
-        candidates += _kept(problem, W, asked, error)
-        fastest = max(fastest, propose_cycles.late_rate(problem))
+        candidates += _kept(loop, W, asked, error)
+        fastest = max(fastest, propose_cycles.late_rate(loop))
     grown = asked.radius + (
         0 if error is None else asked.disturbance * root_above(error.size, unit=10**6) / error.beta
     )
-    rows = decide.RowsBySize(problem, grown * Fraction(WIDER))
+    rows = decide.RowsBySize(loop, grown * Fraction(WIDER))
     modes = {phase.mode for phase in turns.phases} if turns is not None else {""}
     if any(rows.get(mode) is None for mode in modes) or not candidates or not fastest > 0:
         return
@@ -135,9 +134,7 @@ def approach(
         )
         whole = path.follow(limit)
         choice = (
-            _choose(problem, path, candidates, asked)
-            if whole or (slack, bend) == TRIED[-1]
-            else None
+            _choose(loop, path, candidates, asked) if whole or (slack, bend) == TRIED[-1] else None
         )
         if choice is not None:
             yield path.tube(choice[0]), choice[1]
@@ -171,7 +168,7 @@ class _Path:
             LONGEST * math.log(max(radius / goal, 2.0)) / self.fastest if limit is None else limit
         )
         chords = Chords(bend=self.bend, pace=self.fastest, step=FIRST_STEP / self.fastest)
-        self.boxes = [np.full(2 * self.rows.problem.n, radius)]
+        self.boxes = [np.full(2 * self.rows.loop.n, radius)]
         while len(self.times) < MOST_TIMES and float(self.times[-1]) < longest:
             now, box = self.times[-1], self.boxes[-1]
             rests = goal - kappa * self.load(now)
@@ -229,7 +226,7 @@ class _Path:
 
 @np.errstate(all="ignore")
 def _choose(
-    problem: Problem, path: _Path, candidates: Sequence[Last], asked: Asked
+    loop: Loop, path: _Path, candidates: Sequence[Last], asked: Asked
 ) -> tuple[Fraction, Last] | None:
     """When which certificate takes over, for the earliest settling time."""
     times, boxes = (
@@ -261,16 +258,14 @@ def _choose(
             levels, height = (widths / v).max(axis=1) + kappa * loads, float(v.max())
             most = math.inf if each.rho is None else float(each.rho)
         else:
-            P_e, b = np.abs(to_float(each.P_e.to_dense())), np.repeat(widths, problem.m, axis=1)
+            P_e, b = np.abs(to_float(each.P_e.to_dense())), np.repeat(widths, loop.m, axis=1)
             stretch = 1.0
             if each.P is not None and path.error is not None:
                 stretch = math.sqrt(float(relative_bound(each.P, path.error.P)))
-            levels = np.sqrt(
-                np.einsum("ti,ij,tj->t", b, P_e, b) + problem.n * (stretch * loads) ** 2
-            )
+            levels = np.sqrt(np.einsum("ti,ij,tj->t", b, P_e, b) + loop.n * (stretch * loads) ** 2)
             height, most = math.sqrt(float(max(diagonal_of_inverse(each.P_e)))), math.inf
             if each.radius is not None:
-                wide = max(differences(each.P_e, relied_differences(problem)), default=Fraction(0))
+                wide = max(differences(each.P_e, relied_differences(loop)), default=Fraction(0))
                 most = float(each.radius) / math.sqrt(float(wide)) if wide else math.inf
         left = np.maximum(np.log(levels * height / float(asked.tolerance)), 0.0)
         total = times + np.where(left == 0, 0.0, wait + left / max(rate, SMALLEST))
@@ -284,73 +279,67 @@ def _choose(
 
 
 def _near(
-    problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | None
+    loop: Loop, W: Matrix | None, asked: Asked, error: ErrorBound | None
 ) -> Iterator[Separable | Lure]:
     """Certificates that may take over near the target."""
     slowest, levels = (
         0.0,
         [part for part in LEVELS if part * asked.radius >= asked.tolerance / 2] or [LEVELS[0]],
     )
-    for part in [1.0] if problem.is_linear else levels:
-        plan = propose_separable(problem, rho=Fraction(part) * asked.radius)
+    for part in [1.0] if loop.is_linear else levels:
+        plan = propose_separable(loop, rho=Fraction(part) * asked.radius)
         if plan is None:
             continue
         own = error
         if error is not None:
             rate = min(Fraction(plan.rate), SHARE * error.beta)
             own = with_kappa(error, rate=rate, least=Fraction(float(plan.v.min())))
-        found = first_certificate(
-            problem, W, replace(plan, error=own), everywhere=problem.is_linear
-        )
+        found = first_certificate(loop, W, replace(plan, error=own), everywhere=loop.is_linear)
         if found is not None and composite_rate(found) > 0:
             slowest = max(slowest, float(composite_rate(found)))
             yield found
-    yield from _quadratic(problem, W, [part * float(asked.radius) for part in RADII], slowest)
+    yield from _quadratic(loop, W, [part * float(asked.radius) for part in RADII], slowest)
 
 
-def _kept(
-    problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | None
-) -> Iterator[Cycles]:
+def _kept(loop: Loop, W: Matrix | None, asked: Asked, error: ErrorBound | None) -> Iterator[Cycles]:
     """Weights that move under the guarantee, and the tolerance itself as a box that is never
     left."""
     rests = Cycles(
-        phases=(), rate=None, rho=None if problem.is_linear else asked.tolerance, error=error
+        phases=(), rate=None, rho=None if loop.is_linear else asked.tolerance, error=error
     )
-    if why_not(problem, W, rests) is None:
+    if why_not(loop, W, rests) is None:
         yield rests
-    for part in [1.0] if problem.is_linear else LEVELS:
-        rho = None if problem.is_linear else Fraction(part) * asked.radius
-        found = next(propose_cycles.propose(problem, W, rho=rho, error=error), None)
+    for part in [1.0] if loop.is_linear else LEVELS:
+        rho = None if loop.is_linear else Fraction(part) * asked.radius
+        found = next(propose_cycles.propose(loop, W, rho=rho, error=error), None)
         if found is not None:
             yield found
             return
 
 
-def _quadratic(
-    problem: Problem, W: Matrix | None, radii: list[float], slowest: float
-) -> Iterator[Lure]:
+def _quadratic(loop: Loop, W: Matrix | None, radii: list[float], slowest: float) -> Iterator[Lure]:
     """Certificates at the given radii, one each, smallest first; those only whose rate (1/s)
     exceeds ``slowest``. Linear couplings need no radius and have one.  Nothing for networks beyond
     MOST_ROWS or MOST_BLOCK."""
-    size, arcs = problem.n * problem.m, max(len(each) for each in problem.network.modes.values())
-    if size > MOST_ROWS or size + arcs * problem.m > MOST_BLOCK:
+    size, arcs = loop.n * loop.m, max(len(each) for each in loop.modes.values())
+    if size > MOST_ROWS or size + arcs * loop.m > MOST_BLOCK:
         return
 
     def holds(lure: Lure) -> bool:
-        return verify_lure(problem, lure).verdict is Verdict.PROVED
+        return verify_lure(loop, lure).verdict is Verdict.PROVED
 
-    observer, fastest = Fraction(0), linear_rate(problem, W)
-    if (exosystem := problem.joint_exosystem) is not None:
+    observer, fastest = Fraction(0), linear_rate(loop, W)
+    if (exosystem := loop.joint_exosystem) is not None:
         observer = rounded_down(
             0.0 if W is None else max(0.0, PAIR * decay_rate(exosystem, W)), digits=6
         )
         fastest = min(fastest, float(observer))
-    for radius in [None] if problem.is_linear else sorted(radii):
-        lures = fast_lures(problem, radius=radius, W=W, observer=observer, rates=(slowest, fastest))
+    for radius in [None] if loop.is_linear else sorted(radii):
+        lures = fast_lures(loop, radius=radius, W=W, observer=observer, rates=(slowest, fastest))
         lure = next(filter(holds, lures), None)
         if lure is None:
             break  # larger radii are harder
-        yield raise_rate(problem, lure, holds=holds)
+        yield raise_rate(loop, lure, holds=holds)
 
 
 def relative_bound(new: Matrix, old: Matrix) -> Fraction:

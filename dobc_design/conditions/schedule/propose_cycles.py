@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from dobc_design.conditions.numbers import rounded_up
-from dobc_design.conditions.schedule.cycles import ZERO, Cycles, Phase, Weights, phases_of, why_not
+from dobc_design.conditions.schedule.cycles import ZERO, Cycles, Weights, why_not
 from dobc_design.conditions.schedule.rows import MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.conditions.separable.coordinates import enclosed_ranges
@@ -36,8 +36,9 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.work import spend
-from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.guarantee import Phase
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.solvers.program import Array
 
 ACCURACY: Final = 1e-7  # of a point, as a part of what it falls by
@@ -172,9 +173,9 @@ class _Turned:
     gains: Gains
 
     @classmethod
-    def of(cls, problem: Problem, T: Matrix, gains: Gains) -> dict[str, _Turned]:
-        agents = Agents.of(problem, most=problem.n)
-        each = zip(problem.network.modes, agents.modes, strict=True)
+    def of(cls, loop: Loop, T: Matrix, gains: Gains) -> dict[str, _Turned]:
+        agents = Agents.of(loop, most=loop.n)
+        each = zip(loop.modes, agents.modes, strict=True)
         return {
             mode: cls(agents=replace(agents, modes=(arcs,)), T=to_float(T), gains=gains)
             for mode, arcs in each
@@ -238,27 +239,27 @@ class _Flow:
 
 
 def propose(
-    problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: ErrorBound | None
+    loop: Loop, W: Matrix | None, *, rho: Fraction | None, error: ErrorBound | None
 ) -> Iterator[Cycles]:
     """Claims that are proved for weights whose least at the beginning of phases is 1, the fastest
     first."""
-    phases, reach = phases_of(problem), Fraction(1) if rho is None else rho
+    phases, reach = loop.guarantee.phases, Fraction(1) if rho is None else rho
     steepest = STEEPEST if rho is None else max(FAR, FAR / float(rho))
     modes = dict.fromkeys(phase.mode for phase in phases)
-    rows = {mode: moving_rows(problem, reach * Fraction(steepest), [mode]) for mode in modes}
+    rows = {mode: moving_rows(loop, reach * Fraction(steepest), [mode]) for mode in modes}
     known = {mode: found for mode, found in rows.items() if found is not None}
     if len(known) < len(rows):
         return
     sizes = (1.0,) if rho is None else tuple(part * float(rho) for part in SIZES)
-    linear = _Linear.at_the_target(problem, phases)
+    linear = _Linear.at_the_target(loop, phases)
     claims = (
         () if linear is None else _drafts(phases, known, linear, sizes=sizes, rho=rho, error=error)
     )
-    yield from islice((claim for claim in claims if why_not(problem, W, claim) is None), 1)
+    yield from islice((claim for claim in claims if why_not(loop, W, claim) is None), 1)
 
 
 def propose_in_coordinates(
-    problem: Problem,
+    loop: Loop,
     W: Matrix | None,
     *,
     box: tuple[Fraction, Fraction] | None,
@@ -266,41 +267,39 @@ def propose_in_coordinates(
 ) -> Iterator[Cycles]:
     """The same in coordinates z = T e, for starts |e|_inf, |eps_i| <= those of ``box``; None:
     linear couplings."""
-    phases, agents = phases_of(problem), Agents.of(problem, most=problem.n)
-    ones, found = np.ones((problem.n, problem.m)), dict[Matrix, float]()
-    near = agents.gains_at(np.eye(problem.m), ones, float(box[0] if box else 1))
+    phases, agents = loop.guarantee.phases, Agents.of(loop, most=loop.n)
+    ones, found = np.ones((loop.n, loop.m)), dict[Matrix, float]()
+    near = agents.gains_at(np.eye(loop.m), ones, float(box[0] if box else 1))
     if near is None:
         return
     for T in candidates(agents, near):
         if T is not None and T not in found:
-            found[T] = _Linear.of(phases, _Turned.of(problem, T, near)).estimate(
-                problem.n * problem.m
-            )
+            found[T] = _Linear.of(phases, _Turned.of(loop, T, near)).estimate(loop.n * loop.m)
     for T in sorted((T for T in found if found[T] > 0), key=lambda T: -found[T])[:MOST_COORDINATES]:
         error, size = observed(T), max(sum(map(abs, row), ZERO) for row in T)
-        if problem.groups and error is None:
+        if loop.groups and error is None:
             continue
         far = (
             None
             if box is None
             else rounded_up(size * box[0] + 2 * box[1] * _share(error), digits=6)
         )
-        tallest = np.ones(problem.n * problem.m)
+        tallest = np.ones(loop.n * loop.m)
         for _ in range(1 if box is None else ROUNDS):
             v = tuple(rounded_up(Fraction(x), digits=6) for x in tallest.tolist())
             try:
-                ranges = enclosed_ranges(problem, T, v, far)
+                ranges = enclosed_ranges(loop, T, v, far)
             except (UndefinedError, SpecError):
                 break
-            rows = _Turned.of(problem, T, in_floats(ranges))
+            rows = _Turned.of(loop, T, in_floats(ranges))
             drafts = _drafts(
                 phases, rows, _Linear.of(phases, rows), sizes=(1.0,), rho=far, error=error
             )
             draft = next(drafts, None)
             if draft is None:
                 break
-            claim = replace(draft, T=T, ranges=enclosed_ranges(problem, T, draft.tallest, far))
-            if why_not(problem, W, claim) is None:
+            claim = replace(draft, T=T, ranges=enclosed_ranges(loop, T, draft.tallest, far))
+            if why_not(loop, W, claim) is None:
                 yield claim
                 return
             tallest = np.maximum(tallest, WIDER * np.array([float(x) for x in draft.tallest]))
@@ -354,10 +353,10 @@ def _drafts(
             yield claim
 
 
-def late_rate(problem: Problem) -> float:
+def late_rate(loop: Loop) -> float:
     """About the largest rate (1/s) near the target; 0 where none is seen."""
-    linear = _Linear.at_the_target(problem, phases_of(problem))
-    return 0.0 if linear is None else linear.estimate(problem.n)
+    linear = _Linear.at_the_target(loop, loop.guarantee.phases)
+    return 0.0 if linear is None else linear.estimate(loop.n)
 
 
 def _ends(first: Fraction, last: Fraction) -> list[Fraction]:
@@ -393,10 +392,10 @@ class _Linear:
     ways: Sequence[tuple[Array, Array]]
 
     @classmethod
-    def at_the_target(cls, problem: Problem, phases: Sequence[Phase]) -> _Linear | None:
-        found, m, K = dict[str, Array](), problem.m, pinning_matrix(problem)
+    def at_the_target(cls, loop: Loop, phases: Sequence[Phase]) -> _Linear | None:
+        found, m, K = dict[str, Array](), loop.m, pull_matrix(loop)
         for mode in {phase.mode for phase in phases}:
-            jacobian = consensus_jacobian(problem, mode)
+            jacobian = consensus_jacobian(loop, mode)
             if jacobian is None:
                 return None
             found[mode] = np.asarray((jacobian - K).todense())[::m, ::m]

@@ -19,10 +19,10 @@ from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.numbers import read_rational
-from dobc_design.conditions.schedule.cycles import Phase, guarantee_in_words, phases_of
 from dobc_design.exact.exponential import expanding_product
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.guarantee import Phase
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 POWERS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # that are tried
@@ -32,13 +32,13 @@ MOST_PHASES: Final = 200
 MOST_GROWTH: Final = 1000  # the sum of |J_p - K| T_p over the phases, in the largest row sum
 
 
-def growth_check(problem: Problem, domain: str) -> Check | None:
+def growth_check(loop: Loop, domain: str) -> Check | None:
     """REFUTED, if errors grow from round to round and one of POWERS shows it; None if none does."""
     for power in POWERS:
-        if (factor := growth(problem, power)) is not None:
+        if (factor := growth(loop, power)) is not None:
             reason = (
                 f"errors grow by a factor of about {factor:.4g} in every round of "
-                f"{guarantee_in_words(problem)}"
+                f"{loop.guarantee.in_words()}"
             )
             reason += " (the spectral radius of the linear map of a round)."
             claim = Values({"power": str(power)})
@@ -48,34 +48,34 @@ def growth_check(problem: Problem, domain: str) -> Check | None:
     return None
 
 
-def growth(problem: Problem, power: int) -> float | None:
+def growth(loop: Loop, power: int) -> float | None:
     """About the spectral radius of M, where |tr M^power| > n m is proved; None elsewhere."""
-    phases = phases_of(problem)
-    parts = _parts(problem, phases)
+    phases = loop.guarantee.phases
+    parts = _parts(loop, phases)
     if parts is None or not 1 <= power <= MOST_POWER:
         return None
     whole = expanding_product(parts, power)
     return None if whole is None else float(np.abs(np.linalg.eigvals(np.array(whole))).max())
 
 
-def _parts(problem: Problem, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fraction]] | None:
+def _parts(loop: Loop, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fraction]] | None:
     """J_p - K and the length of every phase; None where the question is another one, or takes
     long."""
     one_end = all(
         phase.longest == phase.shortest and len(phase.successors) == 1 for phase in phases
     )
     if not (
-        problem.is_linear
+        loop.is_linear
         and one_end
         and 0 < len(phases) <= MOST_PHASES
-        and problem.n * problem.m <= MOST_ROWS
+        and loop.n * loop.m <= MOST_ROWS
     ):
         return None
     if sum(phase.first for phase in phases) != 1 or any(
-        each.optional for each in problem.network.modes.values()
+        each.optional for each in loop.modes.values()
     ):
         return None
-    statements = state_theorems(problem)
+    statements = state_theorems(loop)
     known = {mode: linear_part(statements, mode) for mode in {phase.mode for phase in phases}}
     parts = [(known[phase.mode], phase.shortest) for phase in phases]
     sure = [(A, time) for A, time in parts if A is not None]
@@ -87,7 +87,7 @@ def _parts(problem: Problem, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fr
     return sure if total <= MOST_GROWTH else None
 
 
-def confirm_growth(check: Check, problem: Problem, domain: str) -> str | None:
+def confirm_growth(check: Check, loop: Loop, domain: str) -> str | None:
     """None if a refuted check of the schedule is confirmed, else what is not."""
     exact = check.exact or {}
     if (
@@ -102,6 +102,6 @@ def confirm_growth(check: Check, problem: Problem, domain: str) -> str | None:
         return f"power must be a whole number from 1 to {MOST_POWER}"
     return (
         None
-        if growth(problem, int(power)) is not None
+        if growth(loop, int(power)) is not None
         else "the trace of that power does not show that errors grow"
     )

@@ -38,7 +38,7 @@ from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.work import spend
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 
 HALVINGS: Final = 11  # of a segment
 # Parts of each segment, and besides, that may be left to halve: more are left only where a claim is
@@ -254,21 +254,21 @@ class MovingRows:
 
 
 def moving_rows(
-    problem: Problem, most: Fraction, modes: Sequence[str] | None = None
+    loop: Loop, most: Fraction, modes: Sequence[str] | None = None
 ) -> MovingRows | None:
     """Rows for boxes with no number beyond ``most``; None where a coupling is not defined or turns
     too often."""
-    layout, radius = arc_layout(problem, modes=modes), 2 * most * (1 + MARGIN)
+    layout, radius = arc_layout(loop, modes=modes), 2 * most * (1 + MARGIN)
     try:
-        profiles = tuple(profile(Curve(each.components[0]), radius) for each in problem.couplings)
+        profiles = tuple(profile(Curve(each.components[0]), radius) for each in loop.functions)
         far = np.full(len(layout.rows), float_above(2 * most))
         arcs = ArcRows(layout.start, far, far, layout.weights, layout.kinds, (far[:0], far[:0]), ())
         kinds = float_kinds(
-            profiles, arcs, rho=1 + MARGIN / 2, cells=2 if problem.is_linear else CELLS
+            profiles, arcs, rho=1 + MARGIN / 2, cells=2 if loop.is_linear else CELLS
         )
     except UndefinedError:
         return None
     if kinds is None:
         return None
-    holds = np.array([float_below(x) for x in holding_gains(problem)])
-    return MovingRows(most, layout, kinds, problem.n, (len(layout.start) - 1) // problem.n, holds)
+    holds = np.array([float_below(x) for x in holding_gains(loop)])
+    return MovingRows(most, layout, kinds, loop.n, (len(layout.start) - 1) // loop.n, holds)

@@ -25,13 +25,7 @@ from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
 from dobc_design.conditions.schedule.checks import cycles_check, settling_check
 from dobc_design.conditions.schedule.claim import ONE, SETTLED, ZERO, Descent, Last, Tube
-from dobc_design.conditions.schedule.cycles import (
-    Cycles,
-    guarantee_in_words,
-    holds_starts,
-    phases_of,
-    unreached_cycles,
-)
+from dobc_design.conditions.schedule.cycles import Cycles, holds_starts, unreached_cycles
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.propose import Asked
@@ -48,7 +42,7 @@ from dobc_design.exact.interval import Interval, log, sqrt
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 logger = logging.getLogger("dobc_design")
@@ -63,14 +57,12 @@ SMALLEST: Final = Fraction(1, 10**300)
 TIMES: Final = 10**4  # settling times have four decimals
 
 
-def asked_of(
-    problem: Problem, *, tolerance: Any, radius: Any = None, disturbance: Any = None
-) -> Asked:
+def asked_of(loop: Loop, *, tolerance: Any, radius: Any = None, disturbance: Any = None) -> Asked:
     """Read the numbers; what is None comes from the [region].  Raises: SpecError for one that is
     wrong or missing."""
-    region = problem.region
+    region = loop.starts
     missing = ["radius"] * (radius is None) + ["disturbance"] * (
-        disturbance is None and bool(problem.groups)
+        disturbance is None and bool(loop.groups)
     )
     if missing and region is None:
         cure = (
@@ -82,12 +74,12 @@ def asked_of(
             "must be given, because the problem has no [region] that says where it starts.",
             cure,
         )
-    reach = max(asked_radius(problem)) if radius is None else parse_number(radius, key="radius")
-    error = ZERO if region is None else region.initial_disturbance or ZERO
+    reach = max(asked_radius(loop)) if radius is None else parse_number(radius, key="radius")
+    error = ZERO if region is None else region.disturbance or ZERO
     error = error if disturbance is None else parse_number(disturbance, key="disturbance")
     if reach <= 0:
         raise SpecError(f"radius must be > 0; got {float(reach):.6g}.", key="radius")
-    if error < 0 or (error and not problem.groups):
+    if error < 0 or (error and not loop.groups):
         why = "it is a length" if error < 0 else "without an [exosystem] there is no observer error"
         raise SpecError(
             f"disturbance must be {'>= 0' if error < 0 else '0'}, because {why}.", key="disturbance"
@@ -108,18 +100,16 @@ def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
     return limit
 
 
-def asked_beside(
-    problem: Problem, checks: Sequence[Check], *, tolerance: Fraction | None
-) -> Asked | str:
+def asked_beside(loop: Loop, checks: Sequence[Check], *, tolerance: Fraction | None) -> Asked | str:
     """The starts whose settling time a certificate with these ``checks`` shows, or why there are
     none.  They are the region asked for, or where a max-separable proof reaches less far, or no
     region is asked for, its box.  Without a ``tolerance`` it is a hundredth of the radius."""
     found, box = next((check for check in checks if check.id == "max-separable"), None), None
     if found is not None and found.verdict is Verdict.PROVED and isinstance(found.domain, Mapping):
         box = claimed(found.domain["radius"]), claimed(found.domain["disturbance"])
-    if problem.region is not None:
-        error = problem.region.initial_disturbance or ZERO
-        wanted = claimed(decimal_above(max(asked_radius(problem)))), claimed(decimal_above(error))
+    if loop.starts is not None:
+        error = loop.starts.disturbance or ZERO
+        wanted = claimed(decimal_above(max(asked_radius(loop)))), claimed(decimal_above(error))
         box = wanted if box is None else min(box, wanted)
     if box is None:
         return (
@@ -132,31 +122,29 @@ def asked_beside(
     return Asked(radius=radius, disturbance=disturbance, tolerance=tolerance or radius * SETTLED)
 
 
-def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progress) -> Settling:
+def settle(loop: Loop, W: Matrix | None, asked: Asked, *, progress: Progress) -> Settling:
     """Find and prove a settling time for the starts asked for, with the gain W (q, m); None without
     an exosystem."""
     best = single = None
     starts = (
         f"from |e|_inf <= {float(asked.radius):.6g} and |eps_i| <= {float(asked.disturbance):.6g}"
     )
-    if not acts_by_component(problem):
+    if not acts_by_component(loop):
         reason = "does not apply: boxes need couplings that act on each state component by itself."
     else:
         progress("looking for a certificate of the whole box")
-        plan = design_separable(problem, radius=asked.radius, disturbance=asked.disturbance, W=W)
-        plans = () if plan is None else chain((plan,), flatter_plans(problem, plan))
-        proofs = (first_certificate(problem, W, each) for each in plans)
+        plan = design_separable(loop, radius=asked.radius, disturbance=asked.disturbance, W=W)
+        plans = () if plan is None else chain((plan,), flatter_plans(loop, plan))
+        proofs = (first_certificate(loop, W, each) for each in plans)
         whole = next((found for found in proofs if found is not None), None)
         if whole is not None:
-            single = _proved(
-                problem, W, asked, Tube.start(problem, asked.radius, whole.error), whole
-            )
+            single = _proved(loop, W, asked, Tube.start(loop, asked.radius, whole.error), whole)
         progress("following the box of all starts")
         tubes = propose.approach(
-            problem, W, asked, limit=None if single is None else float(single.time)
+            loop, W, asked, limit=None if single is None else float(single.time)
         )
         best = next(
-            (found for tube, last in tubes if (found := _proved(problem, W, asked, tube, last))),
+            (found for tube, last in tubes if (found := _proved(loop, W, asked, tube, last))),
             None,
         )
         if best is None or (single is not None and single.time <= best.time):
@@ -166,19 +154,19 @@ def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progre
         )
     return Settling(
         verdict=Verdict.UNDECIDED if best is None else Verdict.PROVED,
-        reason=reason if best is None else f"{starts}, {decide.proved_reason(problem, best)}",
-        problem_name=problem.name,
+        reason=reason if best is None else f"{starts}, {decide.proved_reason(loop, best)}",
+        problem_name=loop.name,
         radius=asked.radius,
         disturbance=asked.disturbance,
         tolerance=asked.tolerance,
         claim=best,
         single=single,
-        guarantee=None if best is None else decide.guarantee_of(problem, best),
+        guarantee=None if best is None else decide.guarantee_of(loop, best),
     )
 
 
 def _proved(
-    problem: Problem, W: Matrix | None, asked: Asked, tube: Tube, certificate: Last
+    loop: Loop, W: Matrix | None, asked: Asked, tube: Tube, certificate: Last
 ) -> Descent | None:
     """The claim of a tube and the certificate that takes over, levels and times rounded up, if it
     is proved."""
@@ -202,14 +190,14 @@ def _proved(
         tolerance=asked.tolerance,
         time=tube.ends,
     )
-    found = decide.level_at_the_end(problem, draft)
+    found = decide.level_at_the_end(loop, draft)
     level = _up((sqrt(found) if isinstance(certificate, Lure) else found).hi)
     if not isinstance(certificate, Lure) and certificate.rho is not None:
         level = min(level, certificate.rho)  # the whole box may fill the level set exactly
     draft = replace(draft, level=level)
     when = _when(draft, asked.tolerance / height)
     claim = None if when is None else replace(draft, time=when)
-    return claim if claim is not None and decide.why_not(problem, W, claim) is None else None
+    return claim if claim is not None and decide.why_not(loop, W, claim) is None else None
 
 
 def _when(claim: Descent, size: Fraction) -> Fraction | None:
@@ -234,7 +222,7 @@ def _up(value: Fraction) -> Fraction:
 
 
 def settling_stage(
-    problem: Problem,
+    loop: Loop,
     W: Matrix | None,
     checks: Sequence[Check],
     *,
@@ -244,23 +232,23 @@ def settling_stage(
 ) -> Check:
     """The check `settling` beside ``checks`` for the gain W (q, m); ``tolerance`` None: a hundredth
     of the radius."""
-    if (reason := obstacle(problem, W)) is not None:
+    if (reason := obstacle(loop, W)) is not None:
         return undecided_check("settling", domain, reason)
-    rows = problem.n * problem.m
+    rows = loop.n * loop.m
     if rows > MOST_ROWS:
         reason = (
             f"left out, because it takes long with {rows} rows n m; it is examined up to "
             f"{MOST_ROWS}."
         )
         return undecided_check("settling", domain, reason)
-    asked = asked_beside(problem, checks, tolerance=tolerance)
+    asked = asked_beside(loop, checks, tolerance=tolerance)
     if isinstance(asked, str):
         return undecided_check("settling", domain, asked)
     report("deciding the settling time")
     try:
         with at_most(STAGE):
             spend(0)
-            found = settle(problem, W, asked, progress=report)
+            found = settle(loop, W, asked, progress=report)
     except WorkLimitError as limit:
         return cut_check("settling", domain, str(limit))
     except (ArithmeticError, RuntimeError, ValueError) as error:
@@ -268,23 +256,23 @@ def settling_stage(
         return undecided_check(
             "settling", domain, "no settling time is found: a numerical library broke down."
         )
-    return settling_check(problem, W, found, domain=domain)
+    return settling_check(loop, W, found, domain=domain)
 
 
 def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     """The check `schedule`, where [switching] has a guarantee; PROVED or UNDECIDED."""
-    problem, W = asked.problem, asked.W
-    if not phases_of(problem):
+    loop, W = asked.loop, asked.W
+    if not loop.guarantee.phases:
         return []
     undecided = partial(undecided_check, "schedule", asked.domain)
-    if (grows := growth_check(problem, asked.domain)) is not None:
+    if (grows := growth_check(loop, asked.domain)) is not None:
         return [grows]
-    turned = not acts_by_component(problem)
-    if (reason := obstacle(problem, W, turned=turned)) is not None:
+    turned = not acts_by_component(loop)
+    if (reason := obstacle(loop, W, turned=turned)) is not None:
         return [undecided(reason)]
     report("following the weights from mode to mode")
-    own = (_turned_cycles,) if problem.origin is not None else ()  # where A couples components
-    phases, cut = len(phases_of(problem)), None
+    own = (_turned_cycles,) if loop.drift is not None else ()  # where A couples components
+    phases, cut = len(loop.guarantee.phases), None
     searches = (_turned_cycles,) if turned else (_weighted_cycles, *own, _bare_cycles)
     if phases > MOST_PHASES:
         searches = () if turned else (_bare_cycles,)
@@ -292,15 +280,15 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
         try:
             with at_most(WORK * STAGE), surviving("no weights under the guarantee"):
                 spend(0)
-                claim = search(problem, W, asked)
+                claim = search(loop, W, asked)
                 if claim is not None:
-                    return [cycles_check(problem, W, claim, asked)]
+                    return [cycles_check(loop, W, claim, asked)]
         except WorkLimitError as limit:
             cut = str(limit)
     if cut is not None:
         return [cut_check("schedule", asked.domain, cut)]
-    missed = None if turned or own else next(unreached_cycles(problem, phases_of(problem)), None)
-    reason = f"no weights are found that fall for {guarantee_in_words(problem)}."
+    missed = None if turned or own else next(unreached_cycles(loop, loop.guarantee.phases), None)
+    reason = f"no weights are found that fall for {loop.guarantee.in_words()}."
     if missed is not None:
         reason = (
             f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent "
@@ -324,37 +312,37 @@ def _reach(asked: Region, error: ErrorBound | None, times: int) -> Fraction:
     return claimed(asked.radius) + times * noise
 
 
-def _weighted_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:
+def _weighted_cycles(loop: Loop, W: Matrix | None, asked: Region) -> Cycles | None:
     """A claim with weights and a rate that is proved and holds the starts asked for."""
-    error, box = propose.observed(problem, W), (claimed(asked.radius), claimed(asked.disturbance))
-    if problem.n * problem.m > MOST_ROWS or (problem.groups and error is None):
+    error, box = propose.observed(loop, W), (claimed(asked.radius), claimed(asked.disturbance))
+    if loop.n * loop.m > MOST_ROWS or (loop.groups and error is None):
         return None
-    rho = None if problem.is_linear else _reach(asked, error, 2)
-    claims = propose_cycles.propose(problem, W, rho=rho, error=error)
+    rho = None if loop.is_linear else _reach(asked, error, 2)
+    claims = propose_cycles.propose(loop, W, rho=rho, error=error)
     return next(
-        (each for each in claims if holds_starts(problem, each, radius=box[0], disturbance=box[1])),
+        (each for each in claims if holds_starts(loop, each, radius=box[0], disturbance=box[1])),
         None,
     )
 
 
-def _turned_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:
+def _turned_cycles(loop: Loop, W: Matrix | None, asked: Region) -> Cycles | None:
     """The same in coordinates."""
     box = claimed(asked.radius), claimed(asked.disturbance)
-    if problem.n * problem.m > MOST_ROWS:
+    if loop.n * loop.m > MOST_ROWS:
         return None
-    seen = partial(propose.observed, problem, W)
+    seen = partial(propose.observed, loop, W)
     claims = propose_cycles.propose_in_coordinates(
-        problem, W, box=None if problem.is_linear else box, observed=seen
+        loop, W, box=None if loop.is_linear else box, observed=seen
     )
     return next(
-        (each for each in claims if holds_starts(problem, each, radius=box[0], disturbance=box[1])),
+        (each for each in claims if holds_starts(loop, each, radius=box[0], disturbance=box[1])),
         None,
     )
 
 
-def _bare_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:
+def _bare_cycles(loop: Loop, W: Matrix | None, asked: Region) -> Cycles | None:
     """The same by the graphs alone, without a rate."""
-    error = propose.observed(problem, W)
-    rho = None if problem.is_linear else _up(_reach(asked, error, 1))
+    error = propose.observed(loop, W)
+    rho = None if loop.is_linear else _up(_reach(asked, error, 1))
     claim = Cycles(phases=(), rate=None, rho=rho, error=error)
-    return claim if why_not_cycles(problem, W, claim) is None else None
+    return claim if why_not_cycles(loop, W, claim) is None else None

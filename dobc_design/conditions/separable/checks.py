@@ -30,7 +30,7 @@ from dobc_design.conditions.separable.decide import (
 )
 from dobc_design.conditions.separable.timing import largest_period, verify_delay, verify_sampling
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 SHORTEST: Final = Fraction(1, 10**30)  # sampling periods below are no use to anybody (s)
@@ -39,12 +39,12 @@ IN_HAND: Final = Fraction(1, 1000)
 _SHOWN: Final = 6  # stuck agents that a sentence tells with the mode that blocks them
 
 
-def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str | None:
+def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | None:
     """Why the max-separable certificate (``turned``: in coordinates) does not apply to the loop
     with the gain W (q, m); None if it does."""
-    if not turned and not claims.acts_by_component(problem):
+    if not turned and not claims.acts_by_component(loop):
         return NOT_BY_COMPONENT
-    if problem.groups and W is None:
+    if loop.groups and W is None:
         return (
             "does not apply: there is no observer gain W, and without one the estimation error "
             "is not bounded."
@@ -53,7 +53,7 @@ def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str
 
 
 def max_separable_check(
-    problem: Problem,
+    loop: Loop,
     W: Matrix | None,
     claim: Separable,
     *,
@@ -66,9 +66,9 @@ def max_separable_check(
     disturbance.  ``domain``: that of Lemma 1, for a claim that is not proved.  A claim without rho
     is about all starts.  ``remark`` is added to the reason. Returns: a Check, PROVED or UNDECIDED;
     that one claim fails says nothing against the others."""
-    if (reason := obstacle(problem, W, turned=claim.T is not None)) is not None:
+    if (reason := obstacle(loop, W, turned=claim.T is not None)) is not None:
         return undecided_check("max-separable", domain, reason, applies=False)
-    answer = verify_composite(problem, W, claim)
+    answer = verify_composite(loop, W, claim)
     if answer.verdict is not Verdict.PROVED:
         return undecided_check("max-separable", domain, answer.reason)
     if not covers(claim, radius=claimed(radius), disturbance=claimed(disturbance)):
@@ -81,11 +81,11 @@ def max_separable_check(
             "max-separable", domain, "the rate of the whole loop is not shown to be positive."
         )
     starts = "every start" if claim.rho is None else f"every start with |e_i| <= {radius:.6g}"
-    if problem.groups and claim.rho is not None:
+    if loop.groups and claim.rho is not None:
         starts += f" and |eps_i| <= {disturbance:.6g}"
     measure = "max_i |e_i|/v_i" if claim.T is None else "max_ic |(T e_i)_c|/v_ic"
     measure += "" if claim.error is None else f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P"
-    everywhere = ", in every mode" if len(problem.network.modes) > 1 else ""
+    everywhere = ", in every mode" if len(loop.modes) > 1 else ""
     return Check(
         id="max-separable",
         verdict=Verdict.PROVED,
@@ -98,29 +98,29 @@ def max_separable_check(
     )
 
 
-def why_no_weights(problem: Problem) -> str | None:
+def why_no_weights(loop: Loop) -> str | None:
     """Why no weights v exist whatever the couplings, the gains and the errors are; None if nothing
     speaks against them."""
-    if not claims.acts_by_component(problem) or not claims.stuck_agents(problem):
+    if not claims.acts_by_component(loop) or not claims.stuck_agents(loop):
         return None
-    if len(problem.network.modes) == 1:
+    if len(loop.modes) == 1:
         return "no weights v exist, because no pinned agent reaches every other one."
     return "this is decided for arbitrary switching, where no common weights v exist."
 
 
-def stuck_check(problem: Problem, W: Matrix | None, *, domain: str) -> Check | None:
+def stuck_check(loop: Loop, W: Matrix | None, *, domain: str) -> Check | None:
     """REFUTED, with the agents that no common v can hold, if there are such agents; else None."""
-    stuck = claims.stuck_agents(problem)
-    if obstacle(problem, W) is not None or not stuck:
+    stuck = claims.stuck_agents(loop)
+    if obstacle(loop, W) is not None or not stuck:
         return None
-    labels = tuple(problem.network.labels[agent] for agent in stuck)
-    held = "pinned" if problem.m == 1 else "held by a pin in every component"
+    labels = tuple(loop.labels[agent] for agent in stuck)
+    held = "pinned" if loop.m == 1 else "held by a pin in every component"
     reason = (
         f"no weights v exist because of {name_agents(labels)}: each agent named has a mode in "
         "which it is not"
     )
     reason += f" {held} and hears nobody outside this group."
-    if len(problem.network.modes) > 1 and len(labels) <= _SHOWN:
+    if len(loop.modes) > 1 and len(labels) <= _SHOWN:
         told = ", ".join(
             f"{label} in {mode}" for label, mode in zip(labels, stuck.values(), strict=True)
         )
@@ -135,11 +135,11 @@ def stuck_check(problem: Problem, W: Matrix | None, *, domain: str) -> Check | N
 
 
 def delay_check(
-    problem: Problem, claim: Separable, bound: DelayBound, beside: Check, *, domain: str
+    loop: Loop, claim: Separable, bound: DelayBound, beside: Check, *, domain: str
 ) -> Check:
     """Decide what ``claim``, proved by the check ``beside``, says about delays up to
     ``bound.delay`` (s)."""
-    answer = verify_delay(problem, claim, bound)
+    answer = verify_delay(loop, claim, bound)
     rate = decimal_below(bound.rate)
     if answer.verdict is not Verdict.PROVED or not rate:
         return undecided_check("delay", domain, answer.reason)
@@ -159,7 +159,7 @@ def delay_check(
 
 
 def sampling_check(
-    problem: Problem,
+    loop: Loop,
     claim: Separable,
     beside: Check,
     *,
@@ -169,10 +169,10 @@ def sampling_check(
 ) -> Check:
     """Decide how long couplings and pinning may be held, for the ``claim`` of ``beside``, or its
     ``own`` for other v."""
-    if own is not None and _not_proved(own, beside, problem, W, domain) is not None:
+    if own is not None and _not_proved(own, beside, loop, W, domain) is not None:
         own = None
     claim = own or claim
-    longest = largest_period(problem, claim)
+    longest = largest_period(loop, claim)
     if longest is None or longest.period < SHORTEST:
         reason = "the slopes of the coupling are too steep in the box for a sampling period."
         return undecided_check("sampling", domain, reason)
@@ -182,7 +182,7 @@ def sampling_check(
     fall = shorten(100 * (1 - bound.factor), digits=4)
     held, left = (
         ("; dhat acts continuously", ", up to what the estimation error adds")
-        if problem.groups
+        if loop.groups
         else ("", "")
     )
     reason = (
@@ -198,17 +198,17 @@ def sampling_check(
 
 
 def confirm(
-    check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None
+    check: Check, loop: Loop, W: Matrix | None, *, domain: str, proof: Check | None
 ) -> str | None:
     """None if everything that a proved or refuted check claims is confirmed, else what is not.
     ``W`` (q, m): the gain of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable
     check of the same certificate.  Rows, observer and box are decided again from the problem.
     Raises what a malformed claim raises."""
     turned = check.id == "max-separable" and "T" in (check.exact or ())
-    if (reason := obstacle(problem, W, turned=turned)) is not None:
+    if (reason := obstacle(loop, W, turned=turned)) is not None:
         return reason
     if check.id != "max-separable":
-        return _not_timed(check, problem, W, domain, proof)
+        return _not_timed(check, loop, W, domain, proof)
     witness = check.witness
     if check.verdict is Verdict.REFUTED:  # some agents that no common v can hold
         if check.rate is not None or check.exact is not None:
@@ -220,16 +220,16 @@ def confirm(
             or not witness.labels
         ):
             return "it needs agents as its witness"
-        places = problem.network.index
+        places = loop.index
         agents = [places[label] for label in witness.labels if label in places]
         if len(agents) != len(witness.labels) or len(set(agents)) != len(agents):
             return "the witness must name different agents of the problem"
-        stuck = claims.is_stuck(problem, agents)
+        stuck = claims.is_stuck(loop, agents)
         return None if stuck else "one of the agents is pinned or hears another agent in every mode"
-    claim = claims.separable_from_json(check.exact, problem, turned=turned)
+    claim = claims.separable_from_json(check.exact, loop, turned=turned)
     if witness is not None:
         return "a proof has no witness"
-    if (wrong := _not_proved(claim, check, problem, W, domain)) is not None:
+    if (wrong := _not_proved(claim, check, loop, W, domain)) is not None:
         return wrong
     return (
         None
@@ -239,7 +239,7 @@ def confirm(
 
 
 def _not_proved(
-    claim: Separable, check: Check, problem: Problem, W: Matrix | None, domain: str
+    claim: Separable, check: Check, loop: Loop, W: Matrix | None, domain: str
 ) -> str | None:
     """None if the claim is proved and holds all starts of the domain of the check, else what is
     wrong."""
@@ -247,15 +247,15 @@ def _not_proved(
         if check.domain != "global" or domain != "global":
             return "without rho the domain must be global, and every coupling linear"
     else:
-        radius, disturbance = read_domain(check.domain, problem, kind="box")
+        radius, disturbance = read_domain(check.domain, loop, kind="box")
         if not covers(claim, radius=radius, disturbance=disturbance):
             return "the box is not inside the invariant set"
-    answer = verify_composite(problem, W, claim)
+    answer = verify_composite(loop, W, claim)
     return None if answer.verdict is Verdict.PROVED else answer.reason
 
 
 def _not_timed(
-    check: Check, problem: Problem, W: Matrix | None, domain: str, proof: Check | None
+    check: Check, loop: Loop, W: Matrix | None, domain: str, proof: Check | None
 ) -> str | None:
     """Delays and sampling, beside the proof that they rest on."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
@@ -263,22 +263,22 @@ def _not_timed(
     if proof is None or proof.verdict is not Verdict.PROVED or proof.domain != check.domain:
         return "it needs a proved max-separable check with its domain"
     if check.domain != "global":
-        read_domain(check.domain, problem, kind="box")  # true equals 1 and is no number
+        read_domain(check.domain, loop, kind="box")  # true equals 1 and is no number
     claim, bound = (
-        claims.separable_from_json(proof.exact, problem),
-        claims.read_claim(check, problem, W),
+        claims.separable_from_json(proof.exact, loop),
+        claims.read_claim(check, loop, W),
     )
     if isinstance(bound, DelayBound):
-        answer = verify_delay(problem, claim, bound)
+        answer = verify_delay(loop, claim, bound)
         if answer.verdict is Verdict.PROVED and not follows(check.rate, bound.rate):
             return f"the rate {check.rate} does not follow"
     elif isinstance(bound, SamplingBound):
         if check.rate is not None:
             return "it claims a number that this check does not have"
-        wrong = None if bound.own is None else _not_proved(bound.own, check, problem, W, domain)
+        wrong = None if bound.own is None else _not_proved(bound.own, check, loop, W, domain)
         if wrong is not None:
             return f"its own certificate: {wrong}"
-        answer = verify_sampling(problem, bound.own or claim, bound)
+        answer = verify_sampling(loop, bound.own or claim, bound)
     else:
         return "it is not known here"
     return None if answer.verdict is Verdict.PROVED else answer.reason

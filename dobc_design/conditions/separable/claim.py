@@ -35,9 +35,9 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.symmetric import Doubles, largest, least
-from dobc_design.problem.arrays import coupling_places
+from dobc_design.loop.arcs import coupling_places
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.canonical import matrix_text
-from dobc_design.problem.problem import Problem
 
 FACES = {1: "upper", -1: "lower"}
 OBSERVED: Final = ("P", "beta", "kappa", "size")
@@ -64,14 +64,14 @@ class ErrorBound:
         }
 
 
-def observed_in(problem: Problem) -> tuple[str, ...]:
+def observed_in(loop: Loop) -> tuple[str, ...]:
     """The keys of the observer's part of a claim."""
-    return OBSERVED if problem.groups else ()
+    return OBSERVED if loop.groups else ()
 
 
-def error_from_json(values: Mapping[str, Any], problem: Problem) -> ErrorBound | None:
+def error_from_json(values: Mapping[str, Any], loop: Loop) -> ErrorBound | None:
     """Read ``ErrorBound.to_json`` back; None without an exosystem.  Raises as ``read_claim``."""
-    if not problem.groups:
+    if not loop.groups:
         return None
     beta, kappa, size = (read_rational(values[name]) for name in OBSERVED[1:])
     if min(beta, kappa, size) <= 0:
@@ -196,7 +196,7 @@ class SamplingBound:
         return {"period": number_text(self.period), "factor": number_text(self.factor), **own}
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     exact = check.exact
     if check.id == "delay":
@@ -205,27 +205,27 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
     if check.id == "sampling":
         own = None
         if exact is not None and OWN in exact:
-            own = separable_from_json(exact.pop(OWN), problem)
+            own = separable_from_json(exact.pop(OWN), loop)
         values = read_object(exact, ("period", "factor"))
         return SamplingBound(
             period=read_rational(values["period"]), factor=read_rational(values["factor"]), own=own
         )
-    return separable_from_json(exact, problem, turned="T" in (exact or ()))
+    return separable_from_json(exact, loop, turned="T" in (exact or ()))
 
 
-def separable_from_json(exact: object, problem: Problem, *, turned: bool = False) -> Separable:
+def separable_from_json(exact: object, loop: Loop, *, turned: bool = False) -> Separable:
     """Read the values of ``Separable.to_json`` back for this problem, ``turned`` with T; raises as
     ``read_claim``."""
-    own, m = ("T", "ranges") if turned else (), problem.m if turned else 1
-    values = read_object(exact, ("v", "alpha", "rho", *own, *observed_in(problem)))
+    own, m = ("T", "ranges") if turned else (), loop.m if turned else 1
+    values = read_object(exact, ("v", "alpha", "rho", *own, *observed_in(loop)))
     rho = None if values["rho"] is None else read_rational(values["rho"])
     found = Separable(
-        v=vector_from_json(values["v"], problem.n * m),
+        v=vector_from_json(values["v"], loop.n * m),
         alpha=read_rational(values["alpha"]),
         rho=rho,
-        error=error_from_json(values, problem),
+        error=error_from_json(values, loop),
         T=form_from_json(values["T"]) if turned else None,
-        ranges=ranges_from_json(values["ranges"], problem, rho) if turned else (),
+        ranges=ranges_from_json(values["ranges"], loop, rho) if turned else (),
     )
     if len(found.T or (1,)) != m:
         raise ValueError("T needs one row and one column per state component")
@@ -243,16 +243,16 @@ class Errors(NamedTuple):
 EXACT: Final = Errors()
 
 
-def stated_errors(problem: Problem) -> Errors:
+def stated_errors(loop: Loop) -> Errors:
     """The errors that the problem states in [uncertainty]."""
-    table = problem.uncertainty
+    table = loop.uncertainty
     return EXACT if table is None else Errors(table.weights, table.gains)
 
 
 @dataclass(frozen=True, slots=True)
 class Term:
     """``weight`` times the largest h(y) on -s reach <= y <= s step; ``coupling`` is its place in
-    problem.couplings."""
+    loop.functions."""
 
     coupling: int
     weight: Fraction
@@ -278,12 +278,12 @@ class Place:
     count: int
 
 
-def holding_gains(problem: Problem, *, error: Fraction | int = 0) -> tuple[Fraction, ...]:
+def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> tuple[Fraction, ...]:
     """What each pin is worth in a row: the least k_cc - sum_{d != c} |k_cd|; ``error``: relative,
     of every entry."""
-    gains = [Fraction(0)] * problem.n
+    gains = [Fraction(0)] * loop.n
     known: dict[int, Fraction] = {}  # agents often share one matrix
-    for agent, k in problem.pinning.gains.items():
+    for agent, k in loop.pulls.gains.items():
         if id(k) not in known:
             least, most = 1 - Fraction(error), 1 + Fraction(error)
             known[id(k)] = min(
@@ -294,38 +294,38 @@ def holding_gains(problem: Problem, *, error: Fraction | int = 0) -> tuple[Fract
     return tuple(gains)
 
 
-def acts_by_component(problem: Problem) -> bool:
+def acts_by_component(loop: Loop) -> bool:
     """Whether the certificate applies: every coupling acts by component, and nodes have no dynamics
     that are curved."""
-    return problem.node is None and all(coupling.by_component for coupling in problem.couplings)
+    return loop.drift_place is None and all(coupling.by_component for coupling in loop.functions)
 
 
 def largest_reach(
-    problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1
+    loop: Loop, v: Sequence[Fraction], *, stretch: Fraction | int = 1
 ) -> tuple[Fraction, ...]:
     """A bound of v_i + stretch v_j over the arcs of each coupling, with room for rounding up.
     Raises: ShapeError."""
-    require_one_per_agent(problem, v)
+    require_one_per_agent(loop, v)
     above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
     factor = float_above(Fraction(stretch))
-    found = np.zeros(len(problem.couplings))
-    for arcs in problem.network.modes.values():
+    found = np.zeros(len(loop.functions))
+    for arcs in loop.modes.values():
         np.maximum.at(
             found,
-            coupling_places(problem, arcs),
+            coupling_places(loop, arcs),
             above[arcs.listeners] + factor * above[arcs.speakers],
         )
     return tuple(Fraction(most) * (1 + Fraction(1, 2**45)) for most in found.tolist())
 
 
-def require_one_per_agent(problem: Problem, v: Sequence[Fraction]) -> None:
+def require_one_per_agent(loop: Loop, v: Sequence[Fraction]) -> None:
     """Raise ShapeError unless v has one entry per agent."""
-    if len(v) != problem.n:
-        raise ShapeError(f"v must have {problem.n} entries, one per agent; got {len(v)}.", key="v")
+    if len(v) != loop.n:
+        raise ShapeError(f"v must have {loop.n} entries, one per agent; got {len(v)}.", key="v")
 
 
 def rows(
-    problem: Problem,
+    loop: Loop,
     v: Sequence[Fraction],
     *,
     modes: Sequence[str] | None = None,
@@ -342,13 +342,13 @@ def rows(
     is unsure counts with the largest h on -s reach <= y <= 0.  ``loose``: so does an optional arc
     where it would pull inward, since it may be absent; False: all arcs are there.
     Raises: ShapeError unless v has one entry per agent."""
-    require_one_per_agent(problem, v)
-    gains = holding_gains(problem, error=errors.gains) if gains is None else gains
+    require_one_per_agent(loop, v)
+    gains = holding_gains(loop, error=errors.gains) if gains is None else gains
     found: dict[Row, Place] = {}
-    for mode in problem.network.modes if modes is None else modes:
-        chosen: Collection[int] = range(problem.n) if agents is None else agents
+    for mode in loop.modes if modes is None else modes:
+        chosen: Collection[int] = range(loop.n) if agents is None else agents
         terms: dict[int, dict[tuple[int, Fraction, bool], Fraction]] = {i: {} for i in chosen}
-        arcs = problem.network.modes[mode]
+        arcs = loop.modes[mode]
         sure = len(arcs) - arcs.optional if loose else len(arcs)
         heard_by = (
             np.arange(len(arcs))
@@ -357,7 +357,7 @@ def rows(
         )
         ends = zip(arcs.listeners[heard_by].tolist(), arcs.speakers[heard_by].tolist(), strict=True)
         for arc, (i, j) in zip(heard_by.tolist(), ends, strict=True):
-            key = (problem.coupling_place(i, j), v[j], arc >= sure)
+            key = (loop.place_of(i, j), v[j], arc >= sure)
             terms[i][key] = terms[i].get(key, Fraction(0)) + arcs.weights[arc]
         for i, heard in terms.items():
             parts: list[Term] = []
@@ -384,7 +384,7 @@ def rows(
     yield from found.items()
 
 
-def stuck_agents(problem: Problem) -> dict[int, str]:
+def stuck_agents(loop: Loop) -> dict[int, str]:
     """The agents (indices) that no common v can hold, each with a mode in which its pin does not
     hold it and it hears nobody outside of them by an arc that is always there; empty if there are
     none.
@@ -394,15 +394,15 @@ def stuck_agents(problem: Problem) -> dict[int, str]:
     one in every mode; for couplings that are nondecreasing, with a secant gain bounded away from 0
     on bounded sets, a common v exists for every radius then. "Pinned" means that the pin holds the
     agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c."""
-    names = list(problem.network.modes)
+    names = list(loop.modes)
     # Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]].
     listeners = []
-    for arcs in (each.always for each in problem.network.modes.values()):
+    for arcs in (each.always for each in loop.modes.values()):
         order = np.argsort(arcs.speakers, kind="stable")
-        start = np.searchsorted(arcs.speakers[order], np.arange(problem.n + 1))
+        start = np.searchsorted(arcs.speakers[order], np.arange(loop.n + 1))
         listeners.append((start.tolist(), arcs.listeners[order].tolist()))
     # Modes in which nobody earlier is heard yet.
-    waiting = [0 if gain > 0 else len(names) for gain in holding_gains(problem)]
+    waiting = [0 if gain > 0 else len(names) for gain in holding_gains(loop)]
     heard: list[set[int]] = [set() for _ in names]
     ordered = [agent for agent, count in enumerate(waiting) if not count]
     for agent in ordered:  # which grows meanwhile
@@ -413,18 +413,18 @@ def stuck_agents(problem: Problem) -> dict[int, str]:
                     waiting[other] -= 1
                     if not waiting[other]:
                         ordered.append(other)
-    stuck = sorted(set(range(problem.n)) - set(ordered))
+    stuck = sorted(set(range(loop.n)) - set(ordered))
     return {
         agent: next(name for name, known in zip(names, heard, strict=True) if agent not in known)
         for agent in stuck
     }
 
 
-def is_stuck(problem: Problem, agents: Sequence[int]) -> bool:
+def is_stuck(loop: Loop, agents: Sequence[int]) -> bool:
     """Whether every one of these agents has a mode in which it is not pinned and hears nobody
     outside them."""
-    group, gains, free = set(agents), holding_gains(problem), set[int]()
-    for arcs in problem.network.modes.values():
+    group, gains, free = set(agents), holding_gains(loop), set[int]()
+    for arcs in loop.modes.values():
         free |= {agent for agent in group if gains[agent] <= 0} - {
             i for i, j, _ in arcs.always if j not in group
         }

@@ -35,10 +35,9 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, kronecker, multiply, zeros
 from dobc_design.exact.number import common_denominator
 from dobc_design.exact.work import spend
-from dobc_design.problem.arrays import coupling_places
+from dobc_design.loop.arcs import coupling_places
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.integrators import slopes_of_nodes
-from dobc_design.problem.problem import Problem
 
 MOST_FREE: Final = 6  # gains of one coupling that are no single numbers: 2^6 corners
 _DIGITS: Final = 6  # of the differences up to which gains are enclosed
@@ -54,70 +53,66 @@ class Slowest(NamedTuple):
     mode: str
 
 
-def seen_through(
-    problem: Problem, T: Matrix, W: Matrix | None
-) -> tuple[Exosystem | None, Matrix | None]:
+def seen_through(loop: Loop, T: Matrix, W: Matrix | None) -> tuple[Exosystem | None, Matrix | None]:
     """The joint exosystem with the output T C of every group, and the gain W S, so that A - W C is
     the same."""
-    exosystem, every = problem.joint_exosystem, identity(max(1, len(problem.groups)))
+    exosystem, every = loop.joint_exosystem, identity(max(1, len(loop.groups)))
     if exosystem is None or W is None:
         return exosystem, W
     turned = Exosystem(A=exosystem.A, C=multiply(kronecker(every, T), exosystem.C))
     return turned, multiply(W, kronecker(every, inverse(T)))
 
 
-def reaches(problem: Problem, T: Matrix, v: Sequence[Fraction], rho: Fraction) -> dict[int, Vector]:
+def reaches(loop: Loop, T: Matrix, v: Sequence[Fraction], rho: Fraction) -> dict[int, Vector]:
     """For every coupling (its place) the largest |e_jc - e_ic| over its arcs where N <= rho, and
     |e_ic| for that of the nodes, rounded up."""
-    sizes, m = list(error_sizes(T, v)), range(problem.m)
+    sizes, m = list(error_sizes(T, v)), range(loop.m)
     found: dict[int, list[Fraction]] = {
-        place: [Fraction(0)] * problem.m for place in used_couplings(problem)
+        place: [Fraction(0)] * loop.m for place in used_couplings(loop)
     }
-    for arcs in problem.network.modes.values():
+    for arcs in loop.modes.values():
         ends = (
             arcs.listeners.tolist(),
             arcs.speakers.tolist(),
-            coupling_places(problem, arcs).tolist(),
+            coupling_places(loop, arcs).tolist(),
         )
         for i, j, place in zip(*ends, strict=True):
             known, own, other = found[place], sizes[i], sizes[j]
             for c in m:
                 known[c] = max(known[c], own[c] + other[c])
-    if problem.node is not None:
-        found[problem.node] = [max(column) for column in zip(*sizes, strict=True)]
+    if loop.drift_place is not None:
+        found[loop.drift_place] = [max(column) for column in zip(*sizes, strict=True)]
     return {
         k: tuple(rounded_up(rho * x, digits=_DIGITS) for x in each) for k, each in found.items()
     }
 
 
 def enclosed_ranges(
-    problem: Problem, T: Matrix, v: Sequence[Fraction], rho: Fraction | None
+    loop: Loop, T: Matrix, v: Sequence[Fraction], rho: Fraction | None
 ) -> tuple[GainRange, ...]:
     """The gains that a claim with these numbers may state.  Raises: UndefinedError; SpecError
     without rho for couplings that are not linear."""
-    if rho is None and not problem.is_linear:
+    if rho is None and not loop.is_linear:
         raise SpecError("rho must be a number, because a coupling is not linear.", key="rho")
-    far = reaches(problem, T, v, Fraction(1) if rho is None else rho)
-    gains = {place: widened_gains(problem, place, each) for place, each in far.items()}
+    far = reaches(loop, T, v, Fraction(1) if rho is None else rho)
+    gains = {place: widened_gains(loop, place, each) for place, each in far.items()}
     return tuple(
         GainRange(coupling=place, radius=rho, entries=each) for place, each in gains.items()
     )
 
 
-def rows_obstacle(problem: Problem, claim: Separable, *, load: Vector = ()) -> str | None:
+def rows_obstacle(loop: Loop, claim: Separable, *, load: Vector = ()) -> str | None:
     """Why the rows of a claim with T, ``load`` (n m,) added, do not hold; None if they are proved.
     Raises: ShapeError unless v and T fit."""
-    if claim.T is None or len(claim.T) != problem.m or len(claim.v) != problem.n * problem.m:
-        raise ShapeError(
-            f"v must have {problem.n * problem.m} entries, T {problem.m} rows.", key="v"
-        )
-    if claim.rho is None and not problem.is_linear:
+    if claim.T is None or len(claim.T) != loop.m or len(claim.v) != loop.n * loop.m:
+        raise ShapeError(f"v must have {loop.n * loop.m} entries, T {loop.m} rows.", key="v")
+    if claim.rho is None and not loop.is_linear:
         return "without rho every coupling has to be linear."
-    if (reason := gains_obstacle(problem, claim.T, claim.v, claim.rho, claim.ranges)) is not None:
+    if (reason := gains_obstacle(loop, claim.T, claim.v, claim.rho, claim.ranges)) is not None:
         return reason
-    slowest = slowest_row(problem, claim.T, claim.v, claim.ranges, load=load)
+    slowest = slowest_row(loop, claim.T, claim.v, claim.ranges, load=load)
     where = (
-        f"agent {problem.network.labels[slowest.agent]}, component {slowest.component + 1}, in "
+        f"agent {loop.labels[slowest.agent]}, component {slowest.component + 1}, in "
         f"mode {slowest.mode}"
     )
     return (
@@ -128,7 +123,7 @@ def rows_obstacle(problem: Problem, claim: Separable, *, load: Vector = ()) -> s
 
 
 def gains_obstacle(
-    problem: Problem,
+    loop: Loop,
     T: Matrix,
     v: Sequence[Fraction],
     rho: Fraction | None,
@@ -136,22 +131,22 @@ def gains_obstacle(
 ) -> str | None:
     """Why couplings and nodes are not shown to keep to ``ranges`` where N <= rho; None if they
     are."""
-    far = reaches(problem, T, v, Fraction(1) if rho is None else rho)
+    far = reaches(loop, T, v, Fraction(1) if rho is None else rho)
     if far.keys() - {each.coupling for each in ranges}:
         return "the gains of a coupling are missing."
     for place, _, entries in ((each.coupling, each.radius, each.entries) for each in ranges):
         if (
-            place != problem.node
+            place != loop.drift_place
             and sum(not x.is_point for row in entries for x in row) > MOST_FREE
         ):
             return f"more than {MOST_FREE} gains of a coupling vary."
-        if (reason := left_open(problem, place, entries, far[place])) is not None:
+        if (reason := left_open(loop, place, entries, far[place])) is not None:
             return reason
     return None
 
 
 def slowest_row(
-    problem: Problem,
+    loop: Loop,
     T: Matrix,
     v: Sequence[Fraction],
     ranges: Sequence[GainRange],
@@ -162,7 +157,7 @@ def slowest_row(
     """The least rate that a row of these modes (default: all) allows, ``load`` (n m,) added,
     exactly, in integers where denominators are short."""
     m, table, (weights, bottom) = (
-        problem.m,
+        loop.m,
         {each.coupling: each.entries for each in ranges},
         _integers(v),
     )
@@ -170,7 +165,7 @@ def slowest_row(
     own = [weights[first : first + m] for first in range(0, len(weights), m)]
     signs = [[sign for sign in product((1, -1), repeat=m) if sign[c] > 0] for c in range(m)]
     corners = {
-        place: _corners(T, entries) for place, entries in table.items() if place != problem.node
+        place: _corners(T, entries) for place, entries in table.items() if place != loop.drift_place
     }
     every = (x for rows in corners.values() for row in rows for corner in row for x in corner)
     unit = common_denominator(every, bits=VECTOR_BITS) or 1
@@ -200,9 +195,9 @@ def slowest_row(
             for c, row in scaled[place].items()
         ]
 
-    alone, found = _rows_alone(problem, T, own, signs, table), list[Slowest]()
-    for mode in problem.network.modes if modes is None else modes:
-        arcs = problem.network.modes[mode]
+    alone, found = _rows_alone(loop, T, own, signs, table), list[Slowest]()
+    for mode in loop.modes if modes is None else modes:
+        arcs = loop.modes[mode]
         spend(
             len(arcs)
             * m
@@ -212,7 +207,7 @@ def slowest_row(
         )
         factors, over = _integers(arcs.weights)
         totals = [[[0] * len(each) for each in signs] for _ in own]
-        places, sure = coupling_places(problem, arcs).tolist(), len(arcs) - arcs.optional
+        places, sure = coupling_places(loop, arcs).tolist(), len(arcs) - arcs.optional
         ends = zip(arcs.listeners.tolist(), arcs.speakers.tolist(), places, factors, strict=True)
         for number, (i, j, place, w) in enumerate(ends):
             total = totals[i]
@@ -242,26 +237,26 @@ def _corners(T: Matrix, entries: Entries) -> list[list[Vector]]:
 
 
 def _rows_alone(
-    problem: Problem, T: Matrix, own: Sequence[Any], signs: Sequence[Any], table: dict[int, Entries]
+    loop: Loop, T: Matrix, own: Sequence[Any], signs: Sequence[Any], table: dict[int, Entries]
 ) -> list[list[list[Fraction]]]:
     """For every agent what gains and nodes add to its rows, by component and signs."""
-    m, S, A, none = problem.m, inverse(T), slopes_of_nodes(problem), zeros(problem.m, problem.m)
+    m, S, A, none = loop.m, inverse(T), loop.slopes, zeros(loop.m, loop.m)
     # agents often share one matrix
-    different = {id(k): k for k in (none, *problem.pinning.gains.values())}
+    different = {id(k): k for k in (none, *loop.pulls.gains.values())}
     known = {key: multiply(multiply(T, k), S) for key, k in different.items()}
-    nodes = () if problem.node is None else table[problem.node]
+    nodes = () if loop.drift_place is None else table[loop.drift_place]
     F = [[x - A[a][b] for b, x in enumerate(row)] for a, row in enumerate(nodes)]
 
     def rows(i: int, c: int) -> Iterator[Fraction]:
         for sign in signs[c]:
             x = [a * y for a, y in zip(sign, own[i], strict=True)]
-            found = -sum(map(mul, known[id(problem.pinning.gains.get(i, none))][c], x), Fraction(0))
+            found = -sum(map(mul, known[id(loop.pulls.gains.get(i, none))][c], x), Fraction(0))
             e = [sum(map(mul, row, x)) for row in S] if F else []
             for t, row in zip(T[c] if F else (), F, strict=True):
                 found += sum(max(t * y * z.lo, t * y * z.hi) for z, y in zip(row, e, strict=True))
             yield found
 
-    return [[list(rows(i, c)) for c in range(m)] for i in range(problem.n)]
+    return [[list(rows(i, c)) for c in range(m)] for i in range(loop.n)]
 
 
 def _integers(values: Sequence[Fraction]) -> tuple[list[Any], int]:

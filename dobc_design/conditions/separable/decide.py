@@ -52,8 +52,8 @@ from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 # how far below the largest rate ``largest_rate`` may stop, as a part of it
@@ -89,7 +89,7 @@ class _Question:
     """Rows to be decided: the problem, v, rho (None: linear couplings), the stretch of v_j, the
     errors of weights."""
 
-    problem: Problem
+    loop: Loop
     v: Vector | Doubles
     rho: Fraction | None
     stretch: Fraction | int
@@ -102,13 +102,13 @@ BATCH: Final = 20  # for the rows of a mode
 
 
 def verify_separable(
-    problem: Problem, claim: Separable, *, stretch: Fraction | int = 1, errors: Errors = EXACT
+    loop: Loop, claim: Separable, *, stretch: Fraction | int = 1, errors: Errors = EXACT
 ) -> SeparableAnswer:
     """Decide the rows of ``claim`` in every mode.  REFUTED says that these numbers fail at the
     place shown, not that consensus fails.  ``stretch`` >= 1: the v_j of those who are listened to
     are multiplied by it (``timing``). ``errors``: for all weights and gains that are off by as
     much.  Raises: ShapeError, as ``rows``."""
-    question = _ask(problem, claim.v, claim.rho, stretch, errors)
+    question = _ask(loop, claim.v, claim.rho, stretch, errors)
     if isinstance(question, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
     large = _large(question)
@@ -127,11 +127,11 @@ def verify_separable(
 
 
 def largest_rate(
-    problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, errors: Errors = EXACT
+    loop: Loop, v: Vector | Doubles, *, rho: Fraction | None, errors: Errors = EXACT
 ) -> Fraction | None:
     """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho];
     None if none > 0."""
-    question = _ask(problem, v, rho, 1, errors)
+    question = _ask(loop, v, rho, 1, errors)
     if isinstance(question, str):
         return None
     large = _large(question)
@@ -141,7 +141,7 @@ def largest_rate(
 
         def holds(alpha: Fraction) -> bool:
             left = open_rows(*large, alpha=alpha, rho=radius)
-            if len(left) > MOST_LEFT * len(problem.network.modes):
+            if len(left) > MOST_LEFT * len(loop.modes):
                 return False
             return _first_failure(question, Separable(v=v, alpha=alpha, rho=rho), left) is None
 
@@ -150,8 +150,8 @@ def largest_rate(
         candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
         return next((alpha for alpha in candidates if holds(alpha)), None)
     # the agent with the least v has no more than its gain
-    rate = max(claims.holding_gains(problem))
-    for row, _ in claims.rows(problem, v, errors=errors):
+    rate = max(claims.holding_gains(loop))
+    for row, _ in claims.rows(loop, v, errors=errors):
         for face in FACES:
             if rho is None:
                 found = row.gain - linear_bound(row, face, question.profiles) / row.own
@@ -164,53 +164,49 @@ def largest_rate(
 
 
 def coupling_profiles(
-    problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, stretch: Fraction | int = 1
+    loop: Loop, v: Vector | Doubles, *, rho: Fraction | None, stretch: Fraction | int = 1
 ) -> tuple[Profile, ...]:
     """Where each coupling rises and falls, as far out as the rows look.  Raises: UndefinedError
     naming the interval."""
-    reach = claims.largest_reach(problem, v, stretch=stretch)
+    reach = claims.largest_reach(loop, v, stretch=stretch)
     return tuple(
         profile(Curve(coupling.components[0]), _ZERO if rho is None else rho * most)
-        for coupling, most in zip(problem.couplings, reach, strict=True)
+        for coupling, most in zip(loop.functions, reach, strict=True)
     )
 
 
 def _ask(
-    problem: Problem,
+    loop: Loop,
     v: Vector | Doubles,
     rho: Fraction | None,
     stretch: Fraction | int,
     errors: Errors = EXACT,
 ) -> _Question | str:
     """The question, or why the certificate does not apply."""
-    if not claims.acts_by_component(problem):
+    if not claims.acts_by_component(loop):
         return NOT_BY_COMPONENT
-    if rho is None and not problem.is_linear:
+    if rho is None and not loop.is_linear:
         return (
             "does not apply: without a radius rho the rows are decided for linear couplings only."
         )
     try:
-        profiles = coupling_profiles(problem, v, rho=rho, stretch=stretch)
+        profiles = coupling_profiles(loop, v, rho=rho, stretch=stretch)
     except UndefinedError as error:
         return f"does not apply: {error}"
-    return _Question(
-        problem=problem, v=v, rho=rho, stretch=stretch, profiles=profiles, errors=errors
-    )
+    return _Question(loop=loop, v=v, rho=rho, stretch=stretch, profiles=profiles, errors=errors)
 
 
 def _large(question: _Question) -> tuple[ArcRows, Kinds] | None:
     """Arrays and tables where there are many arcs; None for few, and for couplings that turn
     often."""
     modes, rising = (
-        question.problem.network.modes,
+        question.loop.modes,
         all(kind.is_nondecreasing for kind in question.profiles),
     )
     arcs = sum(map(len, modes.values()))
     if arcs < (MANY_ARCS if rising else MANY_FALLING) or (question.rho is None and not rising):
         return None
-    arrays = arc_rows(
-        question.problem, question.v, stretch=question.stretch, errors=question.errors
-    )
+    arrays = arc_rows(question.loop, question.v, stretch=question.stretch, errors=question.errors)
     try:  # for linear couplings every radius says the same
         kinds = float_kinds(question.profiles, arrays, rho=question.rho or _ONE)
     except UndefinedError:  # rows one by one may do
@@ -222,7 +218,7 @@ def _first_failure(
     question: _Question, claim: Separable, left: list[tuple[int, int]] | None
 ) -> SeparableAnswer | None:
     """Decide rows exactly: all, or the (row, face) that floats left; None if they are proved."""
-    n, modes = question.problem.n, tuple(question.problem.network.modes)
+    n, modes = question.loop.n, tuple(question.loop.modes)
     batches: Iterable[tuple[str, tuple[int, ...], list[int] | None]] = (
         (mode, tuple(FACES), None) for mode in modes
     )
@@ -239,7 +235,7 @@ def _first_failure(
         spend(BATCH)
         stretch, errors = question.stretch, question.errors
         found = claims.rows(
-            question.problem,
+            question.loop,
             question.v,
             modes=[mode],
             stretch=stretch,
@@ -263,7 +259,7 @@ def _decide(
             return None
         slopes = (
             slope
-            for c in question.problem.couplings
+            for c in question.loop.functions
             for each in c.jacobian_at_zero()
             for slope in each
         )
@@ -281,7 +277,7 @@ def _decide(
         else "is too close to failing for the enclosures to decide"
     )
     at = "" if s is None else f" at s = {float(s):.6g}"
-    who = question.problem.network.labels[place.agent]
+    who = question.loop.labels[place.agent]
     who += f" (and {place.count - 1} more alike)" if place.count > 1 else ""
     reason = (
         f"the {FACES[face]} row of agent {who} in mode {place.mode} {what}{at}: try a smaller "
@@ -546,13 +542,13 @@ def _overlap(left: Interval, right: Interval) -> bool:
     return left.lo <= right.hi and right.lo <= left.hi
 
 
-def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> SeparableAnswer:
+def verify_composite(loop: Loop, W: Matrix | None, claim: Separable) -> SeparableAnswer:
     """Decide a whole certificate: its rows and, with an exosystem, the observer's part for the gain
     W (q, m).  PROVED: V = N + kappa E (V = N without an exosystem) decays at least at
     ``composite_rate`` from every start with V <= rho, for arbitrary switching."""
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     if claim.T is not None:
-        exosystem, W = seen_through(problem, claim.T, W)
+        exosystem, W = seen_through(loop, claim.T, W)
     if exosystem is not None:
         if W is None or claim.error is None:
             reason = (
@@ -568,8 +564,8 @@ def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> Se
         if obstacle is not None:
             return SeparableAnswer(verdict=Verdict.REFUTED, reason=obstacle)
     if claim.T is None:
-        return verify_separable(problem, claim)
-    wrong = rows_obstacle(problem, claim)
+        return verify_separable(loop, claim)
+    wrong = rows_obstacle(loop, claim)
     told = wrong or "every set |(T e_i)_c| <= s v_ic is invariant and shrinks."
     return SeparableAnswer(verdict=Verdict.UNDECIDED if wrong else Verdict.PROVED, reason=told)
 

@@ -25,9 +25,9 @@ from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles
-from dobc_design.problem.arrays import coupling_places
+from dobc_design.loop.arcs import coupling_places
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import ONE
-from dobc_design.problem.problem import Problem
 
 Array = NDArray[np.float64]
 
@@ -339,14 +339,12 @@ class Layout:
     floor: Array
 
 
-def arc_layout(
-    problem: Problem, *, modes: Sequence[str] | None = None, errors: Errors = EXACT
-) -> Layout:
+def arc_layout(loop: Loop, *, modes: Sequence[str] | None = None, errors: Errors = EXACT) -> Layout:
     """Order the arcs of the given modes (default: all) by row."""
-    chosen = problem.network.modes if modes is None else modes
-    graphs = tuple(problem.network.modes[mode] for mode in chosen)
+    chosen = loop.modes if modes is None else modes
+    graphs = tuple(loop.modes[mode] for mode in chosen)
     listeners = _stacked(
-        [arcs.listeners + k * problem.n if k else arcs.listeners for k, arcs in enumerate(graphs)]
+        [arcs.listeners + k * loop.n if k else arcs.listeners for k, arcs in enumerate(graphs)]
     )
     in_order = bool(np.all(np.diff(listeners) >= 0))
     order = slice(None) if in_order else np.argsort(listeners, kind="stable")
@@ -361,15 +359,15 @@ def arc_layout(
     return Layout(
         rows=listeners,
         speakers=_stacked([arcs.speakers for arcs in graphs])[order],
-        start=np.searchsorted(listeners, np.arange(problem.n * len(graphs) + 1)),
-        kinds=_stacked([coupling_places(problem, arcs) for arcs in graphs])[order],
+        start=np.searchsorted(listeners, np.arange(loop.n * len(graphs) + 1)),
+        kinds=_stacked([coupling_places(loop, arcs) for arcs in graphs])[order],
         weights=weights,
         floor=np.where(_stacked([arcs.uncertain for arcs in graphs]), 0.0, -np.inf)[order],
     )
 
 
 def arc_rows(
-    problem: Problem,
+    loop: Loop,
     v: Sequence[Fraction],
     *,
     stretch: Fraction | int = 1,
@@ -378,7 +376,7 @@ def arc_rows(
 ) -> ArcRows:
     """Bring all modes into arrays, rounded so that rows only become harder to satisfy.  ``loose``
     as in ``rows``."""
-    modes, layout = len(problem.network.modes), arc_layout(problem, errors=errors)
+    modes, layout = len(loop.modes), arc_layout(loop, errors=errors)
     listeners, speakers = layout.rows, layout.speakers
     low, high = _floats(v)
     heard = high if stretch == 1 else _floats([stretch * x for x in v])[1]
@@ -395,7 +393,7 @@ def arc_rows(
         weights=layout.weights,
         kinds=layout.kinds,
         own=(low, high),
-        gains=holding_gains(problem, error=errors.gains) * modes,
+        gains=holding_gains(loop, error=errors.gains) * modes,
     )
 
 

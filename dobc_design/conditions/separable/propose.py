@@ -40,8 +40,8 @@ from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
-from dobc_design.problem.arrays import coupling_places, split_by
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.arcs import coupling_places, split_by
+from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array, factored
 from dobc_design.verdict import Verdict
 
@@ -155,29 +155,29 @@ class Field:
         return sparse.csr_array(sparse.coo_array(entries, shape=(self.size, self.size)))
 
 
-def field_of(problem: Problem, *, rho: float, errors: Errors = EXACT) -> Field:
+def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
     """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 8 rho.
     ``errors``: weights and gains take their worse ends."""
-    functions = [numpy_function(each.components[0]) for each in problem.couplings]
+    functions = [numpy_function(each.components[0]) for each in loop.functions]
     shapes = [(h, *_extremes(h, radius=8.0 * rho)) for h in functions]
     modes = []
-    for arcs in problem.network.modes.values():
+    for arcs in loop.modes.values():
         i, j, w = (
             arcs.listeners,
             arcs.speakers,
             np.array([float(weight) for weight in arcs.weights]),
         )
-        parts = split_by(2 * coupling_places(problem, arcs) + arcs.uncertain)
+        parts = split_by(2 * coupling_places(loop, arcs) + arcs.uncertain)
         groups = (
             Group(i[own], j[own], w[own], *shapes[kind // 2], loose=kind % 2 > 0)
             for kind, own in parts
         )
         modes.append(tuple(groups))
-    total = 1 + sum(map(len, problem.network.modes.values()))
+    total = 1 + sum(map(len, loop.modes.values()))
     count = int(np.clip(WORK // total, COARSEST, FINEST))
     return Field(
-        size=problem.n,
-        gains=np.array([float(k) for k in holding_gains(problem, error=errors.gains)]),
+        size=loop.n,
+        gains=np.array([float(k) for k in holding_gains(loop, error=errors.gains)]),
         modes=tuple(modes),
         off=float(errors.weights),
         grid=rho * np.concatenate([[NEAREST], np.linspace(0, 1, count)[1:]]),
@@ -444,24 +444,24 @@ class SeparablePlan:
 
 
 def propose_separable(
-    problem: Problem, *, rho: Fraction | float, near: float | None = None, errors: Errors = EXACT
+    loop: Loop, *, rho: Fraction | float, near: float | None = None, errors: Errors = EXACT
 ) -> SeparablePlan | None:
     """v with min v = 1 and the largest rate for all s in (0, rho], about; None if none > 0.
     ``near``: a rate expected (1/s).  ``errors``: weights and gains take their worse ends."""
-    if stuck_agents(problem) or not 0 < rho <= LARGEST_RADIUS:
+    if stuck_agents(loop) or not 0 < rho <= LARGEST_RADIUS:
         return None
     # far out couplings overflow or end; what is not finite is no proposal
     with np.errstate(all="ignore"):
         try:
-            field = field_of(problem, rho=float(rho), errors=errors)
+            field = field_of(loop, rho=float(rho), errors=errors)
         except ArithmeticError as error:
             logger.info("no proposal for rho = %g: %s", rho, error)
             return None
-        best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
+        best = least_solution(field, alpha=0.0, start=np.ones(loop.n))
         high = float(np.max(field.gains, initial=0.0))
         if best is None or high <= 0:
             return None
-        if problem.n > FEW_AGENTS:
+        if loop.n > FEW_AGENTS:
             first = linear_rate(field) / FIRST if near is None else near * (1 - CLOSE_LARGE)
             found = rough_rates(field, first=first)
             if not found:
@@ -472,7 +472,7 @@ def propose_separable(
             rate, best = high, whole
         else:
             rate, best = _fastest(
-                field, best, close=next(part for size, part in CLOSE if problem.n <= size)
+                field, best, close=next(part for size, part in CLOSE if loop.n <= size)
             )
     return SeparablePlan(v=best, rate=rate, rho=Fraction(rho)) if rate else None
 
@@ -529,27 +529,23 @@ def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
     return last_found(find, best, 0.0, top, middle=quickly_down(8), close=enough)
 
 
-def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> Iterator[Array]:
+def propose_vectors(loop: Loop, *, rho: float, parts: Sequence[float]) -> Iterator[Array]:
     """Least v with min v = 1 for ``parts`` of the largest rate; quicker and coarser than
     ``propose_separable``."""
-    field = field_of(problem, rho=rho)
+    field = field_of(loop, rho=rho)
     field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
-    best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
+    best = least_solution(field, alpha=0.0, start=np.ones(loop.n))
     if best is None or float(np.max(field.gains, initial=0.0)) <= 0:
         return
     rate, best = _fastest(field, best, close=CLOSE_ENOUGH)
     for part in parts if rate else ():
-        v = (
-            best
-            if part == 1.0
-            else least_solution(field, alpha=part * rate, start=np.ones(problem.n))
-        )
+        v = best if part == 1.0 else least_solution(field, alpha=part * rate, start=np.ones(loop.n))
         if v is not None:
             yield v
 
 
 def design_separable(
-    problem: Problem,
+    loop: Loop,
     *,
     radius: Fraction,
     disturbance: Fraction = Fraction(0),
@@ -559,9 +555,9 @@ def design_separable(
     """Plan a certificate for every start with |e|_inf <= radius and |eps_i| <= disturbance; None if
     none is found. With an exosystem the observer's part is chosen for the gain W (q, m), so that V
     = N + kappa E is about as fast as N.  ``errors``: as in ``propose_separable``."""
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     if exosystem is None:
-        return propose_separable(problem, rho=radius, errors=errors)
+        return propose_separable(loop, rho=radius, errors=errors)
     if W is None:
         return None
 
@@ -572,17 +568,17 @@ def design_separable(
         if error is None:
             return None
         rho = radius_needed(radius, error, disturbance)
-        proposal = propose_separable(problem, rho=rho, near=near, errors=errors)
+        proposal = propose_separable(loop, rho=rho, near=near, errors=errors)
         return None if proposal is None else replace(proposal, error=error)
 
     # One v for many agents takes long, so that the first one is for a kappa that is seldom too
     # small.
-    first = 0.0 if problem.n <= FEW_AGENTS else SHARE * decay_rate(exosystem, W)
+    first = 0.0 if loop.n <= FEW_AGENTS else SHARE * decay_rate(exosystem, W)
     best = planned(first)
     if best is None or best.rate <= first:
         return best
     gained, low, high = first, 0.0, 2 * best.rate * ABOVE
-    for _ in range(ROUNDS if problem.n <= FEW_AGENTS else 1):
+    for _ in range(ROUNDS if loop.n <= FEW_AGENTS else 1):
         rate = (low + high) / 2
         plan = planned(rate, near=best.rate)
         reached = 0.0 if plan is None else min(rate, plan.rate)
@@ -595,7 +591,7 @@ def design_separable(
 
 
 def sooner_plan(
-    problem: Problem,
+    loop: Loop,
     plan: SeparablePlan,
     *,
     radius: Fraction,
@@ -615,17 +611,17 @@ def sooner_plan(
     shortest = max(longest * math.log(100) / math.log(100 * plan.factor), least * (1 + KEPT))
     if plan.factor < FLAT or longest <= shortest:
         return plan
-    if problem.n > FEW_AGENTS:  # another v takes long
+    if loop.n > FEW_AGENTS:  # another v takes long
         met = (replace(plan, v=v, rate=rate) for rate, v in plan.slower if rate >= shortest)
         best = min(met, key=lambda each: each.time, default=plan)
         return best if best.time <= plan.time * EARLIER else plan
     best = plan
     with np.errstate(all="ignore"):
-        field = field_of(problem, rho=float(plan.rho), errors=errors)
+        field = field_of(loop, rho=float(plan.rho), errors=errors)
 
         def at(rate: float) -> float:
             nonlocal best
-            v = least_solution(field, alpha=rate, start=np.ones(problem.n))
+            v = least_solution(field, alpha=rate, start=np.ones(loop.n))
             if v is None:
                 return math.inf
             found = replace(plan, v=v, rate=rate)
@@ -635,15 +631,15 @@ def sooner_plan(
         golden_section(at, shortest, longest, steps=SOONER)
         if best.time > plan.time * EARLIER:
             return plan
-        if best.error is None or problem.joint_exosystem is None or W is None:
+        if best.error is None or loop.joint_exosystem is None or W is None:
             return best
         # A slower V leaves kappa less to do, and then rho is smaller.
-        error = propose_error_bound(problem.joint_exosystem, W, rate=best.whole_rate)
+        error = propose_error_bound(loop.joint_exosystem, W, rate=best.whole_rate)
         if error is None:
             return best
         rho = radius_needed(radius, error, disturbance)
-        field = field_of(problem, rho=float(rho), errors=errors)
-        v = least_solution(field, alpha=best.whole_rate, start=np.ones(problem.n))
+        field = field_of(loop, rho=float(rho), errors=errors)
+        v = least_solution(field, alpha=best.whole_rate, start=np.ones(loop.n))
     if v is None:
         return best
     nearer = SeparablePlan(v=v, rate=best.whole_rate, rho=rho, error=error)
@@ -651,33 +647,32 @@ def sooner_plan(
 
 
 def flat_separable(
-    problem: Problem, *, radius: Fraction, disturbance: Fraction, W: Matrix | None, rate: float
+    loop: Loop, *, radius: Fraction, disturbance: Fraction, W: Matrix | None, rate: float
 ) -> SeparablePlan | None:
     """A plan like that of ``design_separable`` with the flattest v for about ``rate`` (1/s); None
     if there is none."""
-    exosystem, error = problem.joint_exosystem, None
+    exosystem, error = loop.joint_exosystem, None
     if exosystem is not None:
         error = None if W is None else propose_error_bound(exosystem, W, rate=rate)
         if error is None:
             return None
     rho = radius_needed(radius, error, disturbance)
     with np.errstate(all="ignore"):  # as in propose_separable
-        v = least_solution(field_of(problem, rho=float(rho)), alpha=rate, start=np.ones(problem.n))
+        v = least_solution(field_of(loop, rho=float(rho)), alpha=rate, start=np.ones(loop.n))
     return None if v is None else SeparablePlan(v=v, rate=rate, rho=rho, error=error)
 
 
-def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePlan]:
+def flatter_plans(loop: Loop, plan: SeparablePlan) -> Iterator[SeparablePlan]:
     """Flatter v with smaller rates for a plan too steep to be proved (chains of agents have such);
     none for a flat one."""
     far = 2 * float(plan.rho) * float(plan.v.max())
     with np.errstate(all="ignore"):
         ends = [
-            each.numpy_function()([[y] * problem.m for y in (-far, far)])
-            for each in problem.couplings
+            each.numpy_function()([[y] * loop.m for y in (-far, far)]) for each in loop.functions
         ]
     if (float(plan.v.max()) <= STEEP and np.isfinite(ends).all()) or len(plan.v) > FEW_AGENTS:
         return
-    found = propose_vectors(problem, rho=float(plan.rho), parts=FLATTER)
+    found = propose_vectors(loop, rho=float(plan.rho), parts=FLATTER)
     for part, each in zip(FLATTER, found, strict=False):
         yield replace(plan, v=each, rate=part * plan.rate)
 
@@ -695,18 +690,18 @@ def rounded_vectors(plan: SeparablePlan) -> Iterator[Vector | Doubles]:
 
 
 def first_certificate(
-    problem: Problem, W: Matrix | None, plan: SeparablePlan, *, everywhere: bool = False
+    loop: Loop, W: Matrix | None, plan: SeparablePlan, *, everywhere: bool = False
 ) -> Separable | None:
     """The first rounding of v proved at nearly the planned rate, else the best.  ``everywhere``:
     for all radii."""
     best: Separable | None = None
     rho = None if everywhere else plan.rho
     for v in rounded_vectors(plan):
-        alpha = largest_rate(problem, v, rho=rho)
+        alpha = largest_rate(loop, v, rho=rho)
         if alpha is None or (best is not None and alpha <= best.alpha):
             continue
         claim = Separable(v=v, alpha=alpha, rho=rho, error=plan.error)
-        if verify_composite(problem, W, claim).verdict is Verdict.PROVED:
+        if verify_composite(loop, W, claim).verdict is Verdict.PROVED:
             best = claim
             if alpha >= plan.rate * NEARLY:
                 break

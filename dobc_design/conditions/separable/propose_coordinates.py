@@ -49,9 +49,8 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, rank, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.work import spend
-from dobc_design.problem.arrays import coupling_places, split_by
-from dobc_design.problem.integrators import slopes_of_nodes
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.arcs import coupling_places, split_by
+from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array
 
 Gains = Mapping[int, Array]  # by the place of a coupling: the ends, (2, m, m)
@@ -77,38 +76,43 @@ class Agents:
     there.  The speaker number ``size`` is at the target: of large networks a part is enough to
     choose T."""
 
-    problem: Problem
+    loop: Loop
     size: int
     gains: Array
     slopes: Array
     modes: tuple[tuple[tuple[int, Any, Any, Array, Any], ...], ...]
 
     @classmethod
-    def of(cls, problem: Problem, *, most: int) -> Agents:
-        size, m = min(problem.n, most), problem.m
+    def of(cls, loop: Loop, *, most: int) -> Agents:
+        size, m = min(loop.n, most), loop.m
         gains, known = np.zeros((size, m, m)), dict[int, Array]()
-        for i, k in problem.pinning.gains.items():
+        for i, k in loop.pulls.gains.items():
             if i < size:
                 gains[i] = known[id(k)] if id(k) in known else known.setdefault(id(k), to_float(k))
         modes = []
-        for arcs in problem.network.modes.values():
-            w, places = np.array([float(x) for x in arcs.weights]), coupling_places(problem, arcs)
+        for arcs in loop.modes.values():
+            w, places = np.array([float(x) for x in arcs.weights]), coupling_places(loop, arcs)
             here = np.flatnonzero(arcs.listeners < size)
             parts = [(place, here[own]) for place, own in split_by(places[here])]
             hears, heard, sure = arcs.listeners, np.minimum(arcs.speakers, size), ~arcs.uncertain
             modes.append(
                 tuple((place, hears[own], heard[own], w[own], sure[own]) for place, own in parts)
             )
-        slopes = slopes_of_nodes(problem)
+        slopes = loop.slopes
         return cls(
-            problem, size, gains, to_float(slopes) if slopes else np.zeros((m, m)), tuple(modes)
+            loop, size, gains, to_float(slopes) if slopes else np.zeros((m, m)), tuple(modes)
         )
 
     def rows(self, T: Array, gains: Gains, v: Array) -> tuple[Array, Any]:
         """The largest row of every component at v (n, m), and the sparse matrix whose product with
         v it is."""
         (n, m), S, agents = v.shape, np.asarray(np.linalg.inv(T), dtype=float), np.arange(self.size)
-        node, everybody, best, chosen = self.problem.node, np.vstack([v, np.zeros((1, m))]), [], []
+        node, everybody, best, chosen = (
+            self.loop.drift_place,
+            np.vstack([v, np.zeros((1, m))]),
+            [],
+            [],
+        )
         H, corners = (
             T @ self.gains @ S,
             {k: _corners(T, S, ends) for k, ends in gains.items() if k != node},
@@ -150,7 +154,7 @@ class Agents:
         S, found, node, m = (
             np.asarray(np.linalg.inv(T), dtype=float),
             np.empty_like(v),
-            self.problem.node,
+            self.loop.drift_place,
             len(T),
         )
         H, corners = (
@@ -184,7 +188,7 @@ class Agents:
 
     def vectors(self, T: Array, gains: Gains) -> list[tuple[float, Array]]:
         """Rates > 0 with their v (n, m), min v = 1: the flattest v first, the fastest last."""
-        v, found = np.ones((self.size, self.problem.m)), list[tuple[float, Array]]()
+        v, found = np.ones((self.size, self.loop.m)), list[tuple[float, Array]]()
         best, M = self.rows(T, gains, v)
         for _ in range(STEPS):
             if (rate := float(np.min(-best / v))) > 0 and (not found or rate > found[-1][0]):
@@ -203,16 +207,16 @@ class Agents:
         far, found = dict[int, Array](), list[GainRange]()
         for place, i, j, _, _ in (group for groups in self.modes for group in groups):
             far[place] = np.maximum(far.get(place, 0.0), np.max(sizes[i] + sizes[j], axis=0))
-        if self.problem.node is not None:
-            far[self.problem.node] = np.max(sizes, axis=0)
+        if self.loop.drift_place is not None:
+            far[self.loop.drift_place] = np.max(sizes, axis=0)
         for place, radii in far.items():
             try:
                 sides = [rounded_up(Fraction(x), digits=3) for x in radii.tolist()]
-                entries = gains_at(self.problem, place, sides, tolerance=ROUGHLY)
+                entries = gains_at(self.loop, place, sides, tolerance=ROUGHLY)
             except UndefinedError:
                 return None
             if (
-                place != self.problem.node
+                place != self.loop.drift_place
                 and sum(not x.is_point for row in entries for x in row) > MOST_FREE
             ):
                 return None
@@ -271,7 +275,7 @@ def _corners(T: Array, S: Array, ends: Array) -> Array:
 
 def candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
     """T worth trying; None where rows are dependent."""
-    m, A, pull = agents.problem.m, -agents.gains.mean(axis=0), np.zeros((agents.problem.m,) * 2)
+    m, A, pull = agents.loop.m, -agents.gains.mean(axis=0), np.zeros((agents.loop.m,) * 2)
     for place, _, _, w, _ in agents.modes[0]:
         pull = pull + w.sum() / agents.size * gains[place].mean(axis=0)
     yield _rounded(np.eye(m))
@@ -281,7 +285,7 @@ def candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
             [x.imag if z.imag < 0 else x.real for z, x in zip(values, vectors.T, strict=True)]
         ).T
         yield _rounded(np.linalg.inv(modal)) if np.linalg.cond(modal) < LARGEST else None
-    seen = [each.mean(axis=0) for place, each in gains.items() if place != agents.problem.node]
+    seen = [each.mean(axis=0) for place, each in gains.items() if place != agents.loop.drift_place]
     outputs = linalg.orth(np.vstack(seen).T).T if seen else np.eye(m)
     first, size = (
         np.eye(m)[: max(1, len(outputs))],
@@ -314,7 +318,7 @@ def _rounded(T: Array) -> Matrix | None:
 
 
 def propose_coordinates(
-    problem: Problem,
+    loop: Loop,
     W: Matrix | None,
     radius: Fraction,
     disturbance: Fraction,
@@ -324,10 +328,10 @@ def propose_coordinates(
 ) -> Separable | None:
     """A claim of every start with |e|_inf <= radius and |eps_i| <= disturbance, or ``everywhere``,
     whose rows hold; or None.  ``least``: the rate (1/s) that it should have."""
-    if problem.m > MOST_COMPONENTS:
+    if loop.m > MOST_COMPONENTS:
         return None
-    agents, part = Agents.of(problem, most=problem.n), Agents.of(problem, most=LARGE)
-    gains = part.gains_at(np.eye(problem.m), np.ones((part.size, problem.m)), float(radius))
+    agents, part = Agents.of(loop, most=loop.n), Agents.of(loop, most=LARGE)
+    gains = part.gains_at(np.eye(loop.m), np.ones((part.size, loop.m)), float(radius))
     found = dict[Matrix, tuple[float, float]]()  # time to one percent and rate
     for T in candidates(part, gains) if gains is not None else ():
         if T is not None and T not in found:
@@ -356,8 +360,8 @@ class Search:
 
     def claims(self, rate: float) -> Iterator[Separable]:
         """Claims whose rows hold, the fastest first; ``rate``: what is expected."""
-        problem = self.agents.problem
-        exosystem, gain = seen_through(problem, self.T, self.W)
+        loop = self.agents.loop
+        exosystem, gain = seen_through(loop, self.T, self.W)
         for share in SHARES if exosystem is not None else (0.0,):
             error = None
             if exosystem is not None and gain is not None:
@@ -366,7 +370,7 @@ class Search:
                 )
                 if error is None or error_bound_obstacle(exosystem, gain, error) is not None:
                     continue
-            for enough in (1.0,) if problem.is_linear else PATIENCE:
+            for enough in (1.0,) if loop.is_linear else PATIENCE:
                 seen, v = self.weights(error, enough)
                 if v is not None:
                     planned = (self.sooner(v, seen, error), v)
@@ -400,7 +404,7 @@ class Search:
         holds."""
         vectors = rounded_vectors(SeparablePlan(v=v.ravel(), rate=rate, rho=self.radius))
         claims = (self.claim(each, error) for each in vectors)
-        some = islice(claims, 1 if self.agents.problem.n > LARGE else 3)
+        some = islice(claims, 1 if self.agents.loop.n > LARGE else 3)
         return max(
             (claim for claim in some if claim is not None),
             key=lambda claim: claim.alpha,
@@ -445,8 +449,8 @@ class Search:
         """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the
         flattest v that keeps ``enough`` of the best rate."""
         agents, T, rate, best = self.agents, to_float(self.T), 0.0, None
-        v: Array = np.ones((agents.size, agents.problem.m))
-        for _ in range(1 if agents.problem.is_linear else ROUNDS):
+        v: Array = np.ones((agents.size, agents.loop.m))
+        for _ in range(1 if agents.loop.is_linear else ROUNDS):
             rho = float(self.radius) * float(np.max(np.abs(T).sum(axis=1) / v)) + float(
                 self.offset(error)
             )
@@ -471,9 +475,9 @@ class Search:
     def claim(self, v: Any, error: ErrorBound | None) -> Separable | None:
         """The claim with these weights at the largest rate; None if its rows do not hold, or V does
         not fall."""
-        plain, problem = (
+        plain, loop = (
             Separable(T=self.T, v=v, alpha=Fraction(1), rho=None, error=error),
-            self.agents.problem,
+            self.agents.loop,
         )
         rho = (
             None
@@ -481,9 +485,9 @@ class Search:
             else rounded_up(self.radius * plain.spread + self.offset(error), digits=6)
         )
         try:
-            ranges = enclosed_ranges(problem, self.T, v, rho)
+            ranges = enclosed_ranges(loop, self.T, v, rho)
         except (UndefinedError, SpecError):
             return None
-        alpha = rounded_down(slowest_row(problem, self.T, v, ranges).rate)
+        alpha = rounded_down(slowest_row(loop, self.T, v, ranges).rate)
         claim = alpha and Separable(T=self.T, v=v, alpha=alpha, rho=rho, ranges=ranges, error=error)
         return claim if claim and composite_rate(claim) > 0 else None

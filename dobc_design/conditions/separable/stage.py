@@ -53,8 +53,8 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     """The max-separable certificate, and what it says about delays and sampling; in coordinates z =
     T x where these reach farther, for agents with dynamics and couplings of vectors."""
     found = _by_component(asked, report)
-    first, problem = found[0], asked.problem
-    apart = (problem.origin is None and first.applies) or (problem.groups and asked.W is None)
+    first, loop = found[0], asked.loop
+    apart = (loop.drift is None and first.applies) or (loop.groups and asked.W is None)
     if apart or _size(first) >= asked.radius:
         return found
     report("deciding the region (max-separable, in coordinates)")
@@ -69,7 +69,7 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
         return found if first.applies else [undecided_check("max-separable", asked.domain, reason)]
     radius, s = max(claims), asked.disturbance
     own = checks.max_separable_check(
-        problem, asked.W, claims[radius], radius=radius, disturbance=s, domain=asked.domain
+        loop, asked.W, claims[radius], radius=radius, disturbance=s, domain=asked.domain
     )
     return [own] if _size(own) > _size(first) else found
 
@@ -91,7 +91,7 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
         with surviving(f"no coordinates for radius {radius}", WorkLimitError):
             size, s = claimed(radius), claimed(asked.disturbance)
             claim = propose_coordinates(
-                asked.problem, asked.W, size, s, everywhere=everywhere, least=asked.rate
+                asked.loop, asked.W, size, s, everywhere=everywhere, least=asked.rate
             )
             if claim is not None:
                 claims[radius] = claim
@@ -103,7 +103,7 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
                 holds,
                 float(HALVINGS),
                 0.0,
-                steps=next(steps for n, steps in ROUGHLY if asked.problem.n <= n),
+                steps=next(steps for n, steps in ROUGHLY if asked.loop.n <= n),
             )
         cut = exhausted()
     return claims, cut
@@ -111,11 +111,11 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
 
 def _by_component(asked: Asked, report: Progress) -> list[Check]:
     """The certificate for couplings by component."""
-    problem, W, domain = asked.problem, asked.W, asked.domain
+    loop, W, domain = asked.loop, asked.W, asked.domain
     report("deciding the region (max-separable)")
-    if (reason := checks.obstacle(problem, W)) is not None:
+    if (reason := checks.obstacle(loop, W)) is not None:
         return [undecided_check("max-separable", domain, reason, applies=False)]
-    if (stuck := checks.stuck_check(problem, W, domain=domain)) is not None:
+    if (stuck := checks.stuck_check(loop, W, domain=domain)) is not None:
         return [stuck]
     with at_most(STAGE):
         found = largest_claim(asked)
@@ -141,7 +141,7 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
     if found.fastest is not None and found.fastest.whole_rate > NEARLY * composite_rate(claim):
         told = fastest_in_words(found.fastest.whole_rate, found.fastest.factor) + told
     check = checks.max_separable_check(
-        problem, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told
+        loop, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told
     )
     return (
         [check]
@@ -163,7 +163,7 @@ class Found:
 def largest_claim(asked: Asked) -> Found | None:
     """A proved claim for the box asked for, else for the largest box that is found.  Where the file
     states errors of weights and gains, one whose rows hold for all of them is looked for first."""
-    if any(errors := stated_errors(asked.problem)):
+    if any(errors := stated_errors(asked.loop)):
         found = _claim(asked, asked.radius, _plan(asked, asked.radius, errors), errors)
         slow = (
             None
@@ -172,7 +172,7 @@ def largest_claim(asked: Asked) -> Found | None:
         )
         if (
             slow is not None
-            and verify_separable(asked.problem, slow, errors=errors).verdict is Verdict.PROVED
+            and verify_separable(asked.loop, slow, errors=errors).verdict is Verdict.PROVED
         ):
             return found
     found = _claim(asked, asked.radius, _plan(asked, asked.radius))
@@ -190,7 +190,7 @@ def largest_claim(asked: Asked) -> Found | None:
             break
         high = radius
     plans = list[tuple[float, SeparablePlan]]()  # of boxes that floating point covers, increasing
-    close = next(part for size, part in CLOSE if asked.problem.n <= size)
+    close = next(part for size, part in CLOSE if asked.loop.n <= size)
     while high - low > close * high and low < (radius := _short((low + high) / 2)) < high:
         plan = _plan(asked, radius)
         if plan is None:
@@ -217,7 +217,7 @@ def _plan(asked: Asked, radius: float, errors: Errors = EXACT) -> SeparablePlan 
     plan = None
     with surviving(f"no max-separable proposal for radius {radius}", WorkLimitError):
         plan = propose.design_separable(
-            asked.problem, **_starts(asked, radius), W=asked.W, errors=errors
+            asked.loop, **_starts(asked, radius), W=asked.W, errors=errors
         )
     return plan
 
@@ -238,8 +238,7 @@ def _claim(
         if claim is None and asked.domain != "global":
             # A steep v compares agents so far apart that a coupling may leave every range there.
             flatter = (
-                _covering(asked, radius, each)
-                for each in propose.flatter_plans(asked.problem, plan)
+                _covering(asked, radius, each) for each in propose.flatter_plans(asked.loop, plan)
             )
             claim = next((each for each in flatter if each is not None), None)
     except WorkLimitError:  # the boxes proved so far remain
@@ -256,13 +255,13 @@ def _time(claim: Separable) -> float:
 def _sooner(asked: Asked, radius: float, plan: SeparablePlan, errors: Errors) -> SeparablePlan:
     """The plan for the same box that promises the least time to one percent."""
     # these take of the rate, of which little would be left
-    if any(stated_errors(asked.problem)) and not any(errors):
+    if any(stated_errors(asked.loop)) and not any(errors):
         return plan
     sooner = plan
     with surviving(f"no earlier max-separable proposal for radius {radius}", WorkLimitError):
         starts = _starts(asked, radius)
         sooner = propose.sooner_plan(
-            asked.problem,
+            asked.loop,
             plan,
             radius=starts["radius"],
             disturbance=starts["disturbance"],
@@ -276,7 +275,7 @@ def _sooner(asked: Asked, radius: float, plan: SeparablePlan, errors: Errors) ->
 def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | None:
     """A proved certificate with the v of the plan that covers the box; None if there is none."""
     claim = propose.first_certificate(
-        asked.problem, asked.W, plan, everywhere=asked.domain == "global"
+        asked.loop, asked.W, plan, everywhere=asked.domain == "global"
     )
     if claim is None or not covers(
         claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)
@@ -287,8 +286,8 @@ def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | N
 
 def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
     """Delays and sampling beside a proved max-separable check."""
-    problem = asked.problem
-    arcs = sum(map(len, problem.network.modes.values()))
+    loop = asked.loop
+    arcs = sum(map(len, loop.modes.values()))
     if arcs > TIMED_ARCS:
         reason = (
             f"left out: the network has {arcs} arcs; delays and sampling are examined up to "
@@ -299,21 +298,21 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
     fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
 
     def delay() -> Check:
-        if problem.leader is not None:
+        if loop.goals.moves:
             return undecided_check("delay", asked.domain, LEADER_GOES_ON, applies=False)
-        bound = longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4))
+        bound = longest_delay(loop, claim, rate=rounded_down(fastest * KEPT, digits=4))
         if bound is None:
             return undecided_check(
                 "delay", asked.domain, "no delay is found that leaves half the rate."
             )
         bound = replace(bound, rate=rounded_down(bound.rate * (1 - IN_HAND), digits=6))
-        return checks.delay_check(problem, claim, bound, check, domain=asked.domain)
+        return checks.delay_check(loop, claim, bound, check, domain=asked.domain)
 
     def sampling() -> Check:
         own = _flatter_claim(asked, claim, check)
-        return checks.sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)
+        return checks.sampling_check(loop, claim, check, domain=asked.domain, W=asked.W, own=own)
 
-    own = problem.origin is not None  # their dynamics are not held between samples
+    own = loop.drift is not None  # their dynamics are not held between samples
     return [
         limited("delay", asked.domain, delay),
         *([] if own else [limited("sampling", asked.domain, sampling)]),
@@ -335,9 +334,7 @@ def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | 
     R, s, slower = claimed(radius), claimed(disturbance), float(claim.alpha) * SLOWER
     plan = None
     with surviving("no flatter v for sampling"):
-        plan = propose.flat_separable(
-            asked.problem, radius=R, disturbance=s, W=asked.W, rate=slower
-        )
+        plan = propose.flat_separable(asked.loop, radius=R, disturbance=s, W=asked.W, rate=slower)
     return (
         None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan)
     )
@@ -346,7 +343,7 @@ def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | 
 def _steepness(asked: Asked, reach: float) -> float:
     """The largest slope of a coupling on |y| <= reach, about; where h is not a number, infinite."""
     worst = 0.0
-    for coupling in asked.problem.couplings:
+    for coupling in asked.loop.functions:
         h, step = coupling.numpy_function(), reach / SAMPLES
         values = [h([step * k] * coupling.dimension)[0] for k in range(-SAMPLES, SAMPLES + 1)]
         slopes = [(after - before) / step for before, after in pairwise(values)]
@@ -366,10 +363,10 @@ def _remark(asked: Asked, claim: Separable, radius: float) -> str:
         )
     wish = f"the region asks for {asked.radius:.6g}" if asked.wanted else "no region is asked for"
     wider = replace(claim, rho=claim.rho * min(claimed(asked.radius) / claimed(radius), WIDER))
-    who, answer = "", verify_separable(asked.problem, wider)
+    who, answer = "", verify_separable(asked.loop, wider)
     if answer.verdict is Verdict.REFUTED and answer.agent is not None:
-        label = asked.problem.network.labels[answer.agent]
-        where = f" in mode {answer.mode}" if len(asked.problem.network.modes) > 1 else ""
+        label = asked.loop.labels[answer.agent]
+        where = f" in mode {answer.mode}" if len(asked.loop.modes) > 1 else ""
         who = f", and with this v the row of agent {label} fails{where}"
     return f" The box reaches |e_i| <= {radius:.6g}, {wish}: beyond, no v is found{who}."
 

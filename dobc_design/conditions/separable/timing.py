@@ -35,7 +35,7 @@ from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, exp
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 _SHORTER = 60  # times that a delay is halved
@@ -51,7 +51,7 @@ LEADER_GOES_ON = (
 )
 
 
-def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> SeparableAnswer:
+def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAnswer:
     """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to
     ``bound.delay``.  With an observer every smaller rate holds, from the time on at which its error
     has become small, up to beta."""
@@ -62,15 +62,13 @@ def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> Separ
     if claim.error is not None and bound.rate > claim.error.beta:
         reason = "the rate exceeds beta, at which the observer error decays."
         return SeparableAnswer(verdict=Verdict.REFUTED, reason=reason)
-    if problem.leader is not None:
+    if loop.goals.moves:
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=LEADER_GOES_ON)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
-    return verify_separable(
-        problem, slower, stretch=exp(Interval.point(bound.rate * bound.delay)).hi
-    )
+    return verify_separable(loop, slower, stretch=exp(Interval.point(bound.rate * bound.delay)).hi)
 
 
-def longest_delay(problem: Problem, claim: Separable, *, rate: Fraction) -> DelayBound | None:
+def longest_delay(loop: Loop, claim: Separable, *, rate: Fraction) -> DelayBound | None:
     """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); None if
     there is none."""
     delays = [rounded_down(1 / rate, digits=1)]
@@ -80,17 +78,17 @@ def longest_delay(problem: Problem, claim: Separable, *, rate: Fraction) -> Dela
     first = bisect_left(
         bounds,
         True,
-        key=lambda bound: verify_delay(problem, claim, bound).verdict is Verdict.PROVED,
+        key=lambda bound: verify_delay(loop, claim, bound).verdict is Verdict.PROVED,
     )
     return bounds[first] if first < len(bounds) else None
 
 
-def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
+def largest_period(loop: Loop, claim: Separable) -> SamplingBound | None:
     """The largest sampling period, about, that is certified by ``claim`` (proved before).  The
     period is at most 1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a
     face. None where the certificate does not apply, or the slopes are not bounded."""
     found = _stiffest(
-        problem,
+        loop,
         claim,
         enough=lambda x: x > 0 and rounded_down(1 / x) == rounded_down((1 + _UNSURE) / x),
     )
@@ -98,7 +96,7 @@ def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
     return SamplingBound(period=period, factor=1 - period * claim.alpha) if period > 0 else None
 
 
-def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) -> SeparableAnswer:
+def verify_sampling(loop: Loop, claim: Separable, bound: SamplingBound) -> SeparableAnswer:
     """Decide whether ``claim`` (proved before) gives ``bound``: no face overshot, and 1 - T alpha
     <= factor < 1."""
     if bound.period <= 0:
@@ -107,7 +105,7 @@ def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) ->
         return SeparableAnswer(
             verdict=Verdict.REFUTED, reason="the factor must be < 1 and at least 1 - T alpha."
         )
-    stiffest = _stiffest(problem, claim, enough=lambda x: not 1 < bound.period * x <= 1 + _NEAR)
+    stiffest = _stiffest(loop, claim, enough=lambda x: not 1 < bound.period * x <= 1 + _NEAR)
     if isinstance(stiffest, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=stiffest)
     if bound.period * stiffest > 1:
@@ -121,28 +119,28 @@ def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) ->
 
 
 def _stiffest(
-    problem: Problem, claim: Separable, *, enough: Callable[[Fraction], bool]
+    loop: Loop, claim: Separable, *, enough: Callable[[Fraction], bool]
 ) -> Fraction | str:
     """The largest sum_j w L_ij + k_cc, or why there is none: from floats if that is ``enough``,
     else exactly."""
-    if problem.origin is not None:
+    if loop.drift is not None:
         return "does not apply: dynamics of the agents themselves are not held between samples."
-    if not claims.acts_by_component(problem) or (claim.rho is None and not problem.is_linear):
+    if not claims.acts_by_component(loop) or (claim.rho is None and not loop.is_linear):
         return (
             "does not apply: the rows of the max-separable certificate say nothing for this "
             "coupling."
         )
-    gains = [_ZERO] * problem.n
-    for agent, k in problem.pinning.gains.items():
+    gains = [_ZERO] * loop.n
+    for agent, k in loop.pulls.gains.items():
         gains[agent] = max(row[c] for c, row in enumerate(k))
     try:
-        profiles, rho = coupling_profiles(problem, claim.v, rho=claim.rho), claim.rho or _ZERO
-        modes = problem.network.modes.values()
+        profiles, rho = coupling_profiles(loop, claim.v, rho=claim.rho), claim.rho or _ZERO
+        modes = loop.modes.values()
         if rho and sum(map(len, modes)) > _MANY_ARCS:
             return stiffest_row(
-                arc_rows(problem, claim.v, loose=False), profiles, gains * len(modes), rho=rho
+                arc_rows(loop, claim.v, loose=False), profiles, gains * len(modes), rho=rho
             )
-        listed = claims.rows(problem, claim.v, gains=gains, loose=False)
+        listed = claims.rows(loop, claim.v, gains=gains, loose=False)
         rows = [(row, face) for row, _ in listed for face in FACES]
 
         def largest(around: Callable[[Interval], Interval]) -> Fraction:

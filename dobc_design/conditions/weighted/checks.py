@@ -18,21 +18,21 @@ from dobc_design.conditions.weighted import decide
 from dobc_design.conditions.weighted.decide import Weighted, why_not
 from dobc_design.conditions.weighted.network import Alike, alike_holds, network_of
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 
-def id_for(problem: Problem) -> str:
+def id_for(loop: Loop) -> str:
     """The id of the check: one mode, or several."""
-    return "theorem2-weighted" if problem.network.switches else "theorem1-weighted"
+    return "theorem2-weighted" if loop.switches else "theorem1-weighted"
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     alike = "R" in (check.exact or {})
-    names = ("D", "w", "c", "R") if alike else ("D", "w", "P") if problem.groups else ("D", "w")
-    values, size = read_object(check.exact, names), problem.n * (1 if alike else problem.m)
-    known = read_object(values["w"], problem.network.modes)
+    names = ("D", "w", "c", "R") if alike else ("D", "w", "P") if loop.groups else ("D", "w")
+    values, size = read_object(check.exact, names), loop.n * (1 if alike else loop.m)
+    known = read_object(values["w"], loop.modes)
     w = {mode: vector_from_json(vector, size) for mode, vector in known.items()}
     P = form_from_json(values["P"]) if "P" in names else None
     weights = Weighted(D=vector_from_json(values["D"], size), w=w, P=P)
@@ -81,7 +81,7 @@ def weighted_check(
         else " near the target"
     )
     pace = f", V' <= -2 ({text_below(rate)}) V" if rate else ""
-    observer = " + sum eps_i' P eps_i" if statements.problem.groups else ""
+    observer = " + sum eps_i' P eps_i" if statements.loop.groups else ""
     form = "e'(D (x) R)e" if isinstance(claim, Alike) else "e'De"
     return Check(
         id=id,
@@ -93,16 +93,14 @@ def weighted_check(
     )
 
 
-def confirm(
-    check: Check, problem: Problem, W: Matrix | None, *, statements: Statements
-) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, statements: Statements) -> str | None:
     """None if the claim of a proved check holds, else what does not.  Raises what a malformed claim
     raises."""
-    claim = read_claim(check, problem, W)
+    claim = read_claim(check, loop, W)
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "this check is proved or undecided, without a witness"
-    if check.id != id_for(problem):
-        return f"with these modes the theorem is {id_for(problem)}"
+    if check.id != id_for(loop):
+        return f"with these modes the theorem is {id_for(loop)}"
     if check.domain != statements.domain:
         return f"the domain must be {statements.domain!r}"
     if check.rate is not None and check.rate <= 0:

@@ -33,9 +33,9 @@ from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, least
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 
@@ -74,7 +74,7 @@ def why_not(statements: Statements) -> str | None:
         return statements.inapplicable
     if not all(mode.is_nonnegative_diagonal for mode in statements.jacobians.modes):
         return "does not apply: a coupling has a negative slope at the target, or mixes components."
-    pins = statements.problem.pinning.gains.values()
+    pins = statements.loop.pulls.gains.values()
     if any(x for k in pins for c, row in enumerate(k) for d, x in enumerate(row) if c != d):
         return "does not apply: a pinning gain mixes components."
     return None
@@ -83,7 +83,7 @@ def why_not(statements: Statements) -> str | None:
 def holds(claim: Weighted, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
     """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the
     observer."""
-    sigma = observer_bounds(statements.problem, claim.P, W, rate=rate)
+    sigma = observer_bounds(statements.loop, claim.P, W, rate=rate)
     return sigma is not None and network_holds(claim, statements, rate=rate, sigma=sigma)
 
 
@@ -95,34 +95,34 @@ def network_holds(
     sigma: Sequence[Fraction] | None = None,
 ) -> bool:
     """The same for sigma of every group; for the network alone (eps = 0) without."""
-    sigma = (ZERO,) * max(1, len(statements.problem.groups)) if sigma is None else sigma
+    sigma = (ZERO,) * max(1, len(statements.loop.groups)) if sigma is None else sigma
     if why_not(statements) is not None or statements.jacobians is None:
         return False
     return all(
-        rows_hold(mode, statements.problem, claim.D, claim.w[mode.name], rate=rate, sigma=sigma)
+        rows_hold(mode, statements.loop, claim.D, claim.w[mode.name], rate=rate, sigma=sigma)
         for mode in statements.jacobians.modes
     )
 
 
 def observer_bounds(
-    problem: Problem, P: Matrix | None, W: Matrix | None, *, rate: Fraction
+    loop: Loop, P: Matrix | None, W: Matrix | None, *, rate: Fraction
 ) -> tuple[Fraction, ...] | None:
     """Of each group a row-sum bound of lambda_max(S), 0 without an exosystem; None unless Omega0 +
     2 rate P < 0 < P."""
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     if exosystem is None:
         return (ZERO,)
     if P is None or W is None or not is_symmetric(P) or len(P) != exosystem.order:
         return None
     if decide_positive_definite(SparseSymmetric.from_dense(P)).verdict is not Verdict.PROVED:
         return None
-    orders = [(group.exosystem.order,) * 2 for group in problem.groups]
+    orders = [(group.exosystem.order,) * 2 for group in loop.groups]
     if blocks_of(P, orders) is None:
         return None
     S = schur_block(Pair(P=P, Q=multiply(P, W)), exosystem, rate=rate)
     if S is None:
         return None
-    blocks = group_blocks(S, len(problem.groups))
+    blocks = group_blocks(S, len(loop.groups))
     return tuple(max(sum((abs(x) for x in row), ZERO) for row in block) for block in blocks)
 
 
@@ -158,7 +158,7 @@ class _Sums:
 
 def rows_hold(
     mode: ModeJacobian,
-    problem: Problem,
+    loop: Loop,
     D: Vector | Doubles,
     w: Vector | Doubles,
     *,
@@ -166,17 +166,17 @@ def rows_hold(
     sigma: Sequence[Fraction],
 ) -> bool:
     """Whether N w > 0 holds in this mode for every gain in its enclosure."""
-    n, m = problem.n, problem.m
+    n, m = loop.n, loop.m
     exact = n * m <= MANY_AGENTS or not (isinstance(D, Doubles) and isinstance(w, Doubles))
     below, above = ((lambda x: x), (lambda x: x)) if exact else (float_below, float_above)
     d, v = (_entries(each, exact=exact) for each in (D, w))
-    owners = np.array(group_numbers(problem.groups, problem.network.labels), dtype=np.int64)
+    owners = np.array(group_numbers(loop.groups, loop.labels), dtype=np.int64)
     slow = np.array([above(2 * rate)], dtype=object if exact else np.float64)[0]
     of_groups = [*map(above, sigma), above(ZERO)]  # an agent without a disturbance has nothing
     weights = np.array(of_groups, dtype=object if exact else np.float64)[np.repeat(owners, m)]
-    pins = np.array([(i * m + c) for i in problem.pinning.gains for c in range(m)], dtype=np.int64)
+    pins = np.array([(i * m + c) for i in loop.pulls.gains for c in range(m)], dtype=np.int64)
     gains = np.array(
-        [below(2 * k[c][c]) for k in problem.pinning.gains.values() for c in range(m)],
+        [below(2 * k[c][c]) for k in loop.pulls.gains.values() for c in range(m)],
         dtype=d.dtype,
     )
     if not exact and not _keeps_digits(d, v, weights, gains, np.array([slow])):

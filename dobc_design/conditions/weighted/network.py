@@ -15,20 +15,22 @@ eps_i'P eps_i falls for a large enough.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.conditions.weighted.decide import Weighted, network_holds
+from dobc_design.coupling.coupling import make_coupling
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, add, is_symmetric, multiply, scale, subtract, transpose
 from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.guarantee import Guarantee
+from dobc_design.loop.loop import Loop, pins_of, zero_goals
 from dobc_design.problem.canonical import matrix_text
-from dobc_design.problem.integrators import slopes_of_nodes
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -59,32 +61,50 @@ class Network:
 
 def network_of(statements: Statements) -> Network | str:
     """The network of agents with dynamics, or why they do not feel their neighbours alike."""
-    problem = statements.problem
-    origin = problem.origin
-    if origin is None or origin.dynamics is None or statements.inapplicable is not None:
+    loop = statements.loop
+    drift = loop.drift
+    if drift is None or statements.inapplicable is not None:
         return statements.inapplicable or "does not apply: agents have no dynamics."
-    slopes = [coupling.jacobian_at_zero() for coupling in problem.couplings[: problem.node]]
+    slopes = [function.jacobian_at_zero() for function in loop.functions[: drift.place]]
     if not all(x.is_point for each in slopes for row in each for x in row):
         return "does not apply: a slope of a coupling at the target is not rational."
     blocks = [tuple(tuple(x.lo for x in row) for row in each) for each in slopes]
     G = next((each for each in blocks if any(map(any, each))), None)
     if G is None:
         return "does not apply: couplings have no slope at the target."
-    dynamics = origin.dynamics
     parts = [_part(each, G) for each in blocks]
-    gains = {i: _part(multiply(dynamics.B, k), G) for i, k in origin.pinning.gains.items()}
+    gains = {i: _part(K, G) for i, K in loop.pins.gains.items()}
     if any(part is None or part < 0 for part in (*parts, *gains.values())):
         return "does not apply: couplings and gains are not multiples of one matrix."
-    alone = Problem(
-        network=problem.network,
-        coupling=f"({number_text(parts[0] or ZERO)})*y",
-        exceptions={
-            arc: f"({number_text(parts[place] or ZERO)})*y"
-            for arc, place in problem.exception_places.items()
-        },
-        gains={problem.network.labels[i]: k for i, k in gains.items()},
+    alone = _scalar_loop(loop, parts, gains)
+    return Network(statements=state_theorems(alone), A=drift.A, G=G)
+
+
+def _scalar_loop(
+    loop: Loop, parts: Sequence[Fraction | None], gains: Mapping[int, Fraction | None]
+) -> Loop:
+    """The same network with one component and linear functions, place by place ``parts`` y."""
+    functions = [make_coupling(f"({number_text(part or ZERO)})*y", dimension=1) for part in parts]
+    # of equal functions the first, as in a problem
+    different = tuple(dict.fromkeys(functions))
+    places = [different.index(function) for function in functions]
+    pins = pins_of({i: ((part or ZERO,),) for i, part in gains.items()})
+    return replace(
+        loop,
+        m=1,
+        functions=different,
+        exceptions={arc: places[place] for arc, place in loop.exceptions.items()},
+        pins=pins,
+        pulls=pins,
+        drift=None,
+        groups=(),
+        goals=zero_goals(1),
+        starts=None,
+        guarantee=Guarantee(kind="arbitrary"),
+        uncertainty=None,
+        actuators=None,
+        xi0=None,
     )
-    return Network(statements=state_theorems(alone), A=slopes_of_nodes(problem), G=G)
 
 
 def _part(M: Matrix, G: Matrix) -> Fraction | None:
@@ -101,7 +121,7 @@ def alike_holds(claim: Alike, statements: Statements, W: Matrix | None, *, rate:
     network = network_of(statements)
     if isinstance(network, str):
         return False
-    exosystem = statements.problem.joint_exosystem
+    exosystem = statements.loop.joint_exosystem
     if exosystem is not None and (
         W is None or not hurwitz_with_rate(error_matrix(exosystem, W), rate)
     ):

@@ -35,10 +35,10 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.exact.work import spend
-from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
-from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, solve_cones, svec
 from dobc_design.solvers.program import Array, factored, round_matrix
 
@@ -74,9 +74,9 @@ def proposals(
 ) -> Iterator[tuple[Weighted, float]]:
     """Claims with their rates (1/s): if ``sooner``, of those with at least ``least`` the one with
     the least time to one percent; then the fastest first."""
-    problem = statements.problem
-    tables = {mode: stiffness(problem, mode) for mode in problem.network.modes}
-    if any(table is None for table in tables.values()) or (problem.groups and W is None):
+    loop = statements.loop
+    tables = {mode: stiffness(loop, mode) for mode in loop.modes}
+    if any(table is None for table in tables.values()) or (loop.groups and W is None):
         return
     pairs = dict[str, Perron | None]()
     with suppress(*GIVEN_UP):
@@ -84,10 +84,10 @@ def proposals(
     if not pairs or any(pair is None for pair in pairs.values()):
         return
     most = SAFE * min(pair.rate for pair in pairs.values() if pair is not None)
-    if W is not None and problem.groups:
+    if W is not None and loop.groups:
         most = min(
             most,
-            0.9995 * min(decay_rate(group.exosystem, gain) for group, gain in _gains(problem, W)),
+            0.9995 * min(decay_rate(group.exosystem, gain) for group, gain in _gains(loop, W)),
         )
     (first, *others) = pairs.values()
     if others:  # the largest rate that common weights can have, about
@@ -102,15 +102,15 @@ def proposals(
     planned = [] if best is None else [(best.rate, best.D)]
     for rate, D in [*planned, *((shorten(part * most, digits=6), None) for part in PARTS)]:
         with suppress(*GIVEN_UP):
-            P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
-            sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
+            P = _lyapunov(loop, W, rate) if loop.groups and W is not None else None
+            sigma = observer_bounds(loop, P, W, rate=Fraction(repr(rate)))
             own = (
                 (None,)
                 if others or D is not None
                 else _pairs(next(iter(tables.values())), first, rate)
             )
             for pair in own:
-                found = None if sigma is None else _scaled(problem, tables, rate, sigma, P, pair, D)
+                found = None if sigma is None else _scaled(loop, tables, rate, sigma, P, pair, D)
                 if found is not None:
                     yield found, rate
 
@@ -194,9 +194,9 @@ def _pairs(table: Any, first: Perron | None, rate: float) -> Iterator[Perron | N
         yield pair
 
 
-def disagreeing(problem: Problem) -> tuple[str, str] | None:
+def disagreeing(loop: Loop) -> tuple[str, str] | None:
     """Two modes that seem to have no weights in common; None if none of the first ones do."""
-    tables = {mode: stiffness(problem, mode) for mode in islice(problem.network.modes, COMPARED)}
+    tables = {mode: stiffness(loop, mode) for mode in islice(loop.modes, COMPARED)}
     with suppress(*GIVEN_UP):
         for pair in combinations(tables, 2):
             own = {mode: tables[mode] for mode in pair}
@@ -205,11 +205,11 @@ def disagreeing(problem: Problem) -> tuple[str, str] | None:
     return None
 
 
-def stiffness(problem: Problem, mode: str) -> Any:
+def stiffness(loop: Loop, mode: str) -> Any:
     """M = K - dh/de at the target, (n m, n m) sparse; None where it cannot be had."""
     with np.errstate(all="ignore"), suppress(SpecError):
-        jacobian = consensus_jacobian(problem, mode)
-        table = None if jacobian is None else sparse.csc_array(pinning_matrix(problem) - jacobian)
+        jacobian = consensus_jacobian(loop, mode)
+        table = None if jacobian is None else sparse.csc_array(pull_matrix(loop) - jacobian)
         return table if table is not None and np.all(np.isfinite(table.data)) else None
     return None
 
@@ -392,35 +392,31 @@ def _height(
     return None if z is None or not np.all(rise > 0) else (z / root, rise)
 
 
-def network_claim(problem: Problem, rate: float) -> Weighted | None:
+def network_claim(loop: Loop, rate: float) -> Weighted | None:
     """Weights of the network alone (eps = 0) for a rate (1/s), common to all modes; None if none
     are seen."""
-    tables = {mode: stiffness(problem, mode) for mode in problem.network.modes}
+    tables = {mode: stiffness(loop, mode) for mode in loop.modes}
     try:
-        sigma = (Fraction(0),) * max(1, len(problem.groups))
+        sigma = (Fraction(0),) * max(1, len(loop.groups))
         return (
             None
             if any(table is None for table in tables.values())
-            else _scaled(problem, tables, rate, sigma, None)
+            else _scaled(loop, tables, rate, sigma, None)
         )
     except GIVEN_UP:
         return None
 
 
-def weights_claim(
-    problem: Problem, tables: Mapping[str, Any], rate: float, D: Array
-) -> Weighted | None:
+def weights_claim(loop: Loop, tables: Mapping[str, Any], rate: float, D: Array) -> Weighted | None:
     """The same with these weights."""
     try:
-        return _scaled(
-            problem, tables, rate, (Fraction(0),) * max(1, len(problem.groups)), None, None, D
-        )
+        return _scaled(loop, tables, rate, (Fraction(0),) * max(1, len(loop.groups)), None, None, D)
     except GIVEN_UP:
         return None
 
 
 def _scaled(
-    problem: Problem,
+    loop: Loop,
     tables: Mapping[str, Any],
     rate: float,
     sigma: Sequence[Fraction],
@@ -430,7 +426,7 @@ def _scaled(
 ) -> Weighted | None:
     """The claim, its weights D small enough for the observer; of one mode perhaps those of its
     ``pair``."""
-    owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
+    owners = np.repeat(group_numbers(loop.groups, loop.labels), loop.m)
     weight = np.array([*map(float, sigma), 0.0])[owners]  # 0 for an agent without a disturbance
     if D is None:
         D = _weights(tables, rate) if pair is None else pair.u / pair.w
@@ -455,14 +451,14 @@ def rounded(x: Array) -> Vector | Doubles:
     return tuple(Fraction(f"{value:.8g}") for value in x.tolist())
 
 
-def _gains(problem: Problem, W: Matrix) -> Iterator[tuple[Any, Matrix]]:
-    return zip(problem.groups, gains_of(problem.groups, W), strict=True)
+def _gains(loop: Loop, W: Matrix) -> Iterator[tuple[Any, Matrix]]:
+    return zip(loop.groups, gains_of(loop.groups, W), strict=True)
 
 
-def _lyapunov(problem: Problem, W: Matrix, rate: float) -> Matrix | None:
+def _lyapunov(loop: Loop, W: Matrix, rate: float) -> Matrix | None:
     """P with (A - WC)'P + P(A - WC) + 2 rate P about -I, for each group."""
     blocks = []
-    for group, gain in _gains(problem, W):
+    for group, gain in _gains(loop, W):
         A, C = to_float(group.exosystem.A), to_float(group.exosystem.C)
         error = A - to_float(gain) @ C + rate * np.eye(len(A))
         P = linalg.solve_continuous_lyapunov(error.T, -np.eye(len(A)))

@@ -35,7 +35,7 @@ from dobc_design.exact.matrix import (
     zeros,
 )
 from dobc_design.exact.work import spend
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
 from dobc_design.solvers import conic
 from dobc_design.solvers.conic import Cone, solve_cones, svec
 from dobc_design.solvers.program import Array
@@ -53,12 +53,12 @@ DIGITS = 9
 
 
 def alike_proposals(
-    problem: Problem, network: Network, W: Matrix | None, *, least: float = 0.0
+    loop: Loop, network: Network, W: Matrix | None, *, least: float = 0.0
 ) -> Iterator[tuple[Alike, float]]:
     """Claims with their rates (1/s): of those with at least ``least`` the one with the least time
     to one percent, then the fastest first."""
     basis, slowest = symmetric_basis(network.G), float("inf")
-    exosystem = problem.joint_exosystem
+    exosystem = loop.joint_exosystem
     if exosystem is not None and W is not None:
         slowest = decay_rate(exosystem, W)
     if basis:
@@ -101,8 +101,8 @@ def _soonest(
 
     factor^2 = max D / min D times the condition of R: the weights are flatter for a smaller
     strength of the network, and R for a smaller rate."""
-    alone = network.statements.problem
-    tables = {mode: stiffness(alone, mode) for mode in alone.network.modes}
+    alone = network.statements.loop
+    tables = {mode: stiffness(alone, mode) for mode in alone.modes}
     if any(table is None or table.shape[0] > DENSE for table in tables.values()):
         return
     strongest = next(

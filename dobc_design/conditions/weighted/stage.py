@@ -20,7 +20,7 @@ from dobc_design.conditions.weighted.propose import disagreeing, promised_factor
 from dobc_design.conditions.weighted.propose_alike import MOST_STATES, alike_proposals
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
-from dobc_design.problem.arrays import unreached
+from dobc_design.loop.arcs import unreached
 from dobc_design.verdict import Verdict
 
 KEPT = 0.002  # how much faster than wanted, for digits that are cut
@@ -42,21 +42,21 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
     """The check of the weighted theorem for the gain W (q, m); none where it says no more than
     other checks.  ``rate`` (1/s): of the claims with at least this rate the one with the least time
     to one percent is looked for."""
-    problem = statements.problem
-    modes = problem.network.modes
-    id = id_for(problem)
+    loop = statements.loop
+    modes = loop.modes
+    id = id_for(loop)
     network = network_of(statements) if why_not(statements) is not None else None
     if isinstance(network, str):
         return []
-    alone = problem if network is None else network.statements.problem
+    alone = loop if network is None else network.statements.loop
     if any(unreached(alone, [arcs]) for arcs in modes.values()):
         return []
     if (late := out_of_time()) is not None:
         return [cut_check(id, statements.domain, late)]
-    reasons = [too_large(group.exosystem) for group in problem.groups]
-    if network is not None and problem.m > MOST_STATES:
+    reasons = [too_large(group.exosystem) for group in loop.groups]
+    if network is not None and loop.m > MOST_STATES:
         reasons.append(
-            f"left out, because it takes long with {problem.m} states per agent; it is "
+            f"left out, because it takes long with {loop.m} states per agent; it is "
             f"examined up to {MOST_STATES}."
         )
     if (reason := next(filter(None, reasons), None)) is not None:
@@ -65,7 +65,7 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
     def decided() -> Check:
         least = rate * (1 + KEPT)
         found = (
-            alike_proposals(problem, network, W, least=least)
+            alike_proposals(loop, network, W, least=least)
             if network
             else proposals(statements, W, least=least)
         )

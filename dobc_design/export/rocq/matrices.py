@@ -28,6 +28,7 @@ from dobc_design.exact.cholesky import Square, squares_of
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import template
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.verdict import Verdict
 
@@ -97,7 +98,7 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
     problem = certificate.problem
     id = _proved_id(certificate)
     title = KINDS[id].short
-    statements = state_theorems(problem)
+    statements = state_theorems(loop_of(problem))
     jacobians = _rational_jacobians(statements)
     # P, Q, and what they are about, enter as numbers; Coq builds Psi from them itself.
     matrices = _matrices(certificate)
@@ -238,8 +239,8 @@ def _proved_id(certificate: Certificate) -> str:
 
 
 def _rational_jacobians(statements: Statements) -> Jacobians:
-    problem, jacobians = statements.problem, statements.jacobians
-    size = problem.n * (problem.m + problem.q)
+    loop, jacobians = statements.loop, statements.jacobians
+    size = loop.n * (loop.m + loop.q)
     if size > LARGEST_SIZE:
         limit = f"at most {LARGEST_SIZE} rows, so that Coq ends within a quarter of an hour"
         raise _too_large(f"Psi must have {limit}; it has {size}.")
@@ -248,7 +249,7 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
         cure = "Check the certificate with `dobc verify`."
         raise SpecError(message, key="coupling.h", cure=cure)
     if not all(mode.is_point for mode in jacobians.modes):
-        bent = next(each for each in problem.couplings if not _has_rational_slopes(each))
+        bent = next(each for each in loop.functions if not _has_rational_slopes(each))
         message = f'coupling "{"; ".join(bent.texts)}": its slope h\'(0) must be a rational '
         message += "number, because Coq is given Psi in rationals; it is known as an interval only."
         cure = "Use a coupling with a rational slope at 0, or rely on `dobc verify`."

@@ -39,6 +39,7 @@ from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import template
 from dobc_design.export.rocq.matrices import comment, require_own
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -182,7 +183,7 @@ class Rows:
     def all(self) -> Iterator[Row]:
         """Every row, mode by mode, agent by agent.  Raises: SpecError if one has too little room,
         UndefinedError."""
-        gains = holding_gains(self.problem)
+        gains = holding_gains(loop_of(self.problem))
         modes = list(self.problem.network.modes)
         for face, mode, i in product((1, -1), range(len(modes)), range(self.problem.n)):
             room = (gains[i] - self.claim.alpha) * self.claim.v[i]
@@ -348,7 +349,7 @@ def proved_in_states(certificate: Certificate) -> tuple[Check, Separable] | None
         proved = check.verdict is Verdict.PROVED and check.rate is not None
         if check.id == "max-separable" and proved:
             with reading_claims():
-                claim = claim_of(check, problem, certificate.claims.W)
+                claim = claim_of(check, loop_of(problem), certificate.claims.W)
             if isinstance(claim, Separable) and claim.T is None:
                 return check, claim
     return None
@@ -407,7 +408,7 @@ def motions_proof(certificate: Certificate) -> str:
         laws=[_law(h) for h in problem.couplings],
         group=[group.get(label, len(groups)) for label in problem.network.labels],
         groups=groups,
-        k=holding_gains(problem),
+        k=holding_gains(loop_of(problem)),
         asked=_asked(problem, radius, off),
     )
 
@@ -436,7 +437,7 @@ def _asked(problem: Problem, radius: Fraction, off: Fraction) -> tuple[Fraction,
     """The interval of states that the problem asks for, where it is one for all components and the
     box holds it."""
     region = problem.region
-    if region is None or max(asked_radius(problem)) > radius:
+    if region is None or max(asked_radius(loop_of(problem))) > radius:
         return None
     intervals = set(region.initial_states)
     if (region.initial_disturbance or 0) > off or len(intervals) != 1:

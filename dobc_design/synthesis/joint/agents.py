@@ -22,7 +22,7 @@ import numpy as np
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.statement import Statement, refuted, undecided
-from dobc_design.conditions.weighted.network import network_of
+from dobc_design.conditions.weighted.network import Network, network_of
 from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals, stiffness
 from dobc_design.conditions.weighted.propose_alike import affine_cone, seems_to_do, symmetric_basis
 from dobc_design.coupling.coupling import make_coupling
@@ -34,9 +34,9 @@ from dobc_design.exact.polynomial import (
     routh,
     shifted,
 )
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import typed_matrix, typed_number
 from dobc_design.problem.dynamics import Dynamics
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers import conic
 from dobc_design.solvers.program import Array, round_matrix
@@ -75,7 +75,7 @@ def obstacle(problem: Problem, request: DesignRequest, structure: Structure) -> 
             return replace(found, verdict=Verdict.UNDECIDED)
         return found
     # Gains are looked for only as multiples of one matrix (theory, section 13).
-    network = network_of(state_theorems(as_integrators(problem)))
+    network = network_of(state_theorems(loop_of(problem)))
     if isinstance(network, str) and not request.coupling:
         why = network.removeprefix("does not apply: ").removesuffix(".")
         cure = "a coupling can be designed, too (coupling=True, --coupling)"
@@ -151,7 +151,7 @@ def _with_strengths(
     problem: Problem, dynamics: Dynamics, request: DesignRequest, networks: Networks
 ) -> Iterator[Scaled]:
     """Gains for the coupling of the problem, so that the network has the strength that it needs."""
-    network = network_of(state_theorems(as_integrators(problem)))
+    network = network_of(state_theorems(loop_of(problem)))
     if isinstance(network, str):
         return
     rate = float(request.rate or 0)
@@ -171,7 +171,7 @@ def _with_strengths(
     # K with B K = G, the gain of one
     slopes = multiply(dynamics.left_inverse, network.G)
     for strength in strengths:
-        for gains in networks(network.statements.problem, strength, ()):
+        for gains in networks(_alone(problem, network), strength, ()):
             changes = _typed(problem, gains, None if numbers else slopes)
             yield Scaled(gains=gains, changes=changes)
 
@@ -194,6 +194,17 @@ class _Held:
     gains: Gains = field(default_factory=dict)
 
 
+def _alone(problem: Problem, network: Network) -> Problem:
+    """The network of agents with one component as a problem, whose gains can be designed."""
+    loop = network.statements.loop
+    return Problem(
+        network=problem.network,
+        coupling=loop.functions[0],
+        exceptions={arc: loop.functions[place] for arc, place in loop.exceptions.items()},
+        gains={loop.labels[i]: gain for i, gain in loop.pins.gains.items()},
+    )
+
+
 def _network(alone: Problem, networks: Networks) -> _Held:
     """Gains with which h = y over the strength pulls little on every agent."""
     least = float("inf")
@@ -201,8 +212,8 @@ def _network(alone: Problem, networks: Networks) -> _Held:
     while gains := dict(next(networks(alone, STRONGER * best.strength or None, best.gains), {})):
         labels = alone.network.labels
         held = alone.replace(gains={labels[i]: k for i, k in gains.items()})
-        strength = next((c for _, c in proposals(state_theorems(held), None)), 0.0)
-        diagonals = [stiffness(held, mode).diagonal() for mode in held.network.modes]
+        strength = next((c for _, c in proposals(state_theorems(loop_of(held)), None)), 0.0)
+        diagonals = [stiffness(loop_of(held), mode).diagonal() for mode in held.network.modes]
         pull = max(float(diagonal.max()) for diagonal in diagonals)
         # The next network is asked for more strength on the same pins, until that costs more.
         if not strength or pull >= least * strength:
@@ -283,14 +294,14 @@ def _texts(slopes: Matrix) -> str | list[str]:
 def weaker(problem: Problem, rate: float) -> float | None:
     """So many times all couplings and gains would keep this rate (1/s), as the eigenvalues of the
     linearisation say; None where they are not computed."""
-    network = network_of(state_theorems(as_integrators(problem)))
+    network = network_of(state_theorems(loop_of(problem)))
     if isinstance(network, str) or problem.n > MOST_AGENTS:
         return None
     A = to_float(network.A)
     G = to_float(network.G)
     own = list[Any]()
     for mode in problem.network.modes:
-        table = stiffness(network.statements.problem, mode)
+        table = stiffness(network.statements.loop, mode)
         own.append(np.linalg.eigvals(table.toarray()))
     # Every eigenvalue of the network gives one loop of m states.
     pulls = np.concatenate(own)[:, None, None]

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 
 from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
+from dobc_design.loop.make import loop_of
 from dobc_design.synthesis.joint.claim import DesignRequest
 from dobc_design.synthesis.pinning.claim import Structure
 from dobc_design.synthesis.pinning.propose_regions import RegionSearch
@@ -34,7 +35,7 @@ class PinSets:
         self.allowed = request.allowed
         self.caps = request.caps
         self.search = search
-        self.blocks = network_blocks(search.problem)
+        self.blocks = network_blocks(loop_of(search.problem))
         # Exchanges and further agents ask for the same sets.
         self.quick = cache(self._quick)
 

@@ -23,6 +23,7 @@ from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.exact.reading import counted
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem, gain_changes, typed_number
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.integrators import as_integrators, observed
@@ -386,7 +387,7 @@ def _rate_of(proof: Certificate) -> float | None:
     if proof.rate is None:
         return None
     problem = as_integrators(proof.problem)
-    covering = [each for each in proof.checks if covers(problem, each, proof.checks)]
+    covering = [each for each in proof.checks if covers(loop_of(problem), each, proof.checks)]
     return max((each.rate for each in covering if each.rate is not None), default=proof.rate)
 
 
@@ -470,7 +471,7 @@ def _three_digits(rate: Fraction) -> Fraction:
 def region_search(problem: Problem, observer: ObserverDesign | None) -> RegionSearch:
     """The rows of the region asked for, or next to the consensus, of a problem without gains."""
     region = problem.region
-    radius = Fraction(0) if region is None else max(asked_radius(problem))
+    radius = Fraction(0) if region is None else max(asked_radius(loop_of(problem)))
     disturbance = Fraction(0) if region is None else region.initial_disturbance or Fraction(0)
     W = None if observer is None else observer.W
     return RegionSearch(problem, W, radius=radius or SMALL, disturbance=disturbance)
@@ -484,7 +485,7 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
     if problem.dynamics is not None:
         yield from of_agents(ground, problem.dynamics)
         return
-    if problem.region is None or not acts_by_component(problem):
+    if problem.region is None or not acts_by_component(loop_of(problem)):
         yield from of_consensus(ground)
         return
     searches = dict[int, RegionSearch]()
@@ -688,7 +689,7 @@ def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
     too much there."""
     problem = ground.problem
     request = ground.request
-    blocks = network_blocks(problem)
+    blocks = network_blocks(loop_of(problem))
     scale = Fraction(1)
     if blocks is not None and blocks.scale:
         scale = claimed(float(f"{blocks.scale:.1g}"))

@@ -47,6 +47,7 @@ from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction
 from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
 from dobc_design.exact.reading import shown_number
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import value_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
@@ -427,7 +428,7 @@ def reduced_exosystem(problem: Problem, *, reduce: bool) -> Reduction:
         return Reduction(obstacle=next(_undetectable_groups(problem, reduce=reduce), None))
     if problem.exosystem is None:
         return Reduction()
-    check = detectability_check(problem.exosystem, problem)
+    check = detectability_check(problem.exosystem, loop_of(problem))
     if check.verdict is Verdict.PROVED:
         return Reduction()
     # What C never sees does not act on the agents, so that it may be left out.

@@ -47,7 +47,8 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted
 from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
 from dobc_design.exact.zmatrix import proves
-from dobc_design.problem.arrays import closed_groups
+from dobc_design.loop.arcs import closed_groups
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.claim import (
@@ -304,7 +305,7 @@ def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
     """The groups of all modes and the least number of allowed agents that meet them."""
     found = set[tuple[int, ...]]()
     for arcs in problem.network.modes.values():
-        found |= set(closed_groups(problem, [arcs]))
+        found |= set(closed_groups(loop_of(problem), [arcs]))
     groups = tuple(sorted(found, key=lambda group: (len(group), group)))
     may = frozenset(allowed)
     left = [frozenset(group) & may for group in groups]
@@ -501,7 +502,7 @@ def too_fast(
     if any(coupling.nonsmooth for coupling in problem.couplings):
         return None
     try:
-        jacobians = jacobians_at_consensus(problem)
+        jacobians = jacobians_at_consensus(loop_of(problem))
     except UndefinedError:
         return None
 

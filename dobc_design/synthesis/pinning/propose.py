@@ -27,6 +27,7 @@ from scipy import sparse
 from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.conditions.consensus.propose import rows_of
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
@@ -264,7 +265,7 @@ def make_proposer(
 ) -> PinningProposer | None:
     """The proposer of one problem and request, for V with or without weights; None beyond the
     floats."""
-    blocks = pinning.network_blocks(problem, weighted=weighted)
+    blocks = pinning.network_blocks(loop_of(problem), weighted=weighted)
     if blocks is None:
         return None
     caps = np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)])

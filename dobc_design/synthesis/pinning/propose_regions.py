@@ -25,6 +25,7 @@ from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, field_of, least_above
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array, factored
 from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
@@ -88,7 +89,7 @@ def propose_for_box(
         return []
     try:
         with np.errstate(all="ignore"):
-            field = field_of(problem, rho=1.0 if rho is None else float(rho))
+            field = field_of(loop_of(problem), rho=1.0 if rho is None else float(rho))
             costs = np.array([float(c) for c in request.costs])
             best = cheapest(box_of(field, request.allowed, request.caps, rate=rate, costs=costs))
             if best is None:
@@ -302,7 +303,7 @@ class RegionSearch:
             return None
         size = float(rho)
         if size not in self._fields:
-            rows = field_of(self.problem, rho=size)
+            rows = field_of(loop_of(self.problem), rho=size)
             self._fields[size] = replace(rows, gains=np.zeros(self.problem.n))
         field = self._fields[size]
         if self.problem.is_linear:  # all s say the same

@@ -21,6 +21,7 @@ from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, shown_number
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning import decide
@@ -96,7 +97,7 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
     """Decide a request, with the nearest possible one.  Raises: SpecError for couplings without a
     derivative."""
     bare = changed_problem(problem, {"pinning.gains": None})
-    statements = state_theorems(bare)
+    statements = state_theorems(loop_of(bare))
     proposer = None
     if not statements.inapplicable:
         proposer = make_proposer(bare, request)
@@ -253,8 +254,8 @@ def _proved_by_weights(task: Task, gains: Gains) -> PinningDesign | None:
         return None
     request = task.request
     held = holding(task.ground.problem, gains)
-    claim = network_claim(held, task.rate)
-    if claim is None or not network_holds(claim, state_theorems(held), rate=request.rate):
+    claim = network_claim(loop_of(held), task.rate)
+    if claim is None or not network_holds(claim, state_theorems(loop_of(held)), rate=request.rate):
         return None
     rate = number_text(request.rate)
     decay = f"V' <= -2 ({rate}) V near the target in every mode, {AS_WRITTEN}"
@@ -273,7 +274,7 @@ def _too_fast(task: Task) -> Statement | None:
     if obstacle is None:
         return None
     labels = task.bare.network.labels
-    moved = carriers(task.bare, obstacle.v)
+    moved = carriers(loop_of(task.bare), obstacle.v)
     capped = {labels[i] for i in set(request.allowed) & set(request.caps)}
     if capped & set(moved):
         kind = "max_gain"

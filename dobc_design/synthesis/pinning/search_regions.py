@@ -21,6 +21,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, shown_number
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import read_positive
@@ -96,7 +97,7 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
     if problem.region is None:
         text = "region = True means the [region] of the problem, and there is none."
         raise SpecError(text, key="region", cure="Give a radius, or a [region].")
-    radius = max(*asked_radius(problem), SMALLEST)
+    radius = max(*asked_radius(loop_of(problem)), SMALLEST)
     disturbance = problem.region.initial_disturbance or Fraction(0)
     exosystem = problem.joint_exosystem
     if not disturbance or exosystem is None:
@@ -185,11 +186,11 @@ def _fewest(task: Task, pins: int) -> Statement:
 
 def _unordered(task: Task) -> Statement | None:
     """A proof that no v exists for any radius, whatever the gains: agents that no order serves."""
-    if not acts_by_component(task.bare):
+    if not acts_by_component(loop_of(task.bare)):
         return None
     # Which order serves depends on who has a gain, not on how large it is.
     held = holding(task.bare, dict.fromkeys(task.request.allowed, Fraction(1)))
-    stuck = stuck_agents(held)
+    stuck = stuck_agents(loop_of(held))
     if not stuck:
         return None
     labels = task.bare.network.labels
@@ -209,16 +210,16 @@ def _on(task: Task, agents: Sequence[int]) -> PinningDesign:
     bare = task.bare
     request = task.request
     rho = task.region.rho
-    if not acts_by_component(bare):
+    if not acts_by_component(loop_of(bare)):
         text = f"does not apply: {ONLY_BY_COMPONENT}"
         return task.fails(undecided("method", text))
     try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
-        separable.coupling_profiles(bare, (Fraction(1),) * bare.n, rho=rho)
+        separable.coupling_profiles(loop_of(bare), (Fraction(1),) * bare.n, rho=rho)
     except UndefinedError as error:
         return task.fails(undecided("method", f"does not apply: {error}"))
     for claim, gains in _proposed(task, agents):
         held = holding(bare, gains)
-        if gains and separable.verify_separable(held, claim).verdict is Verdict.PROVED:
+        if gains and separable.verify_separable(loop_of(held), claim).verdict is Verdict.PROVED:
             return _covered(task, gains, held, replace(claim, error=task.region.error))
     where = "" if rho is None else f" over |e_i| <= {shown_number(rho)}"
     none = f"no gains on the allowed agents were found with which {REACHES}"
@@ -246,7 +247,7 @@ def _covered(task: Task, gains: Gains, held: Problem, claim: Separable) -> Pinni
     region = task.region
     wrong = ""
     if region.error is not None:
-        decided = separable.verify_composite(held, region.W, claim)
+        decided = separable.verify_composite(loop_of(held), region.W, claim)
         if decided.verdict is not Verdict.PROVED:
             wrong = f": {decided.reason}"
     # The box of the rows has to hold the region together with the observer's part.

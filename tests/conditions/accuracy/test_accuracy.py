@@ -24,6 +24,7 @@ from dobc_design.conditions.accuracy.decide import Accuracy, confirm
 from dobc_design.conditions.check import Check, Values
 from dobc_design.exact.matrix import matrix, multiply
 from dobc_design.exact.peaks import peak_gains
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.integrators import as_integrators
@@ -342,11 +343,11 @@ def test_larger_inputs_are_not_covered():
     check = Check(id="accuracy", verdict=Verdict.PROVED, domain="global", reason="", claim=claim)
     assert claim is not None
     W = certify(LINEAR).claims.W
-    assert confirm(check, LINEAR, W, domain="global") is None
+    assert confirm(check, loop_of(LINEAR), W, domain="global") is None
     louder = LINEAR.replace(uncertainty={"disturbance": "0.1001"})
-    assert "row of agent" in str(confirm(check, louder, W, domain="global"))
+    assert "row of agent" in str(confirm(check, loop_of(louder), W, domain="global"))
     read = replace(check, claim=Values(claim.to_json()))
-    assert confirm(read, LINEAR, W, domain="global") is None
+    assert confirm(read, loop_of(LINEAR), W, domain="global") is None
 
 
 @pytest.mark.parametrize("seed", [0, 2, 25])
@@ -378,7 +379,9 @@ def test_boxes_inside_are_found_where_a_newton_step_overshoots():
 
 def shown_bounds(problem: Problem, *, steps: int, step: str = "1/200") -> np.ndarray:
     """What the response of a whole loop shows, by agent and component."""
-    found = decide.response_bounds(problem, None, decide.Response(step=Fraction(step), steps=steps))
+    found = decide.response_bounds(
+        loop_of(problem), None, decide.Response(step=Fraction(step), steps=steps)
+    )
     assert found is not None
     return np.array([[float(x) for x in found[label]] for label in problem.network.labels])
 
@@ -460,8 +463,10 @@ def test_where_no_coordinates_are_found_the_response_gives_bounds_that_are_reach
     ids=["optional arc", "two modes", "weights", "noise", "curved"],
 )
 def test_other_loops_than_linear_ones_in_one_mode_have_no_response(text: str):
-    assert decide.response_obstacle(read_problem_text(text.encode(), folder=None)) is not None
-    assert decide.response_obstacle(read_problem_text(MIXED.encode(), folder=None)) is None
+    assert (
+        decide.response_obstacle(loop_of(read_problem_text(text.encode(), folder=None))) is not None
+    )
+    assert decide.response_obstacle(loop_of(read_problem_text(MIXED.encode(), folder=None))) is None
 
 
 #: Of agents 2 and 3 one follows the other and is repelled by it in return: they swing, and no rows

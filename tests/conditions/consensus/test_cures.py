@@ -12,6 +12,7 @@ from linked import linked
 from dobc_design.conditions.consensus import cures
 from dobc_design.conditions.consensus.cures import best_single, rounded_up, scale_needed
 from dobc_design.conditions.consensus.pinning import network_blocks, smallest_gains
+from dobc_design.loop.make import loop_of
 
 
 def test_gains_are_rounded_up_to_two_digits_or_three_and_never_by_two_percent():
@@ -34,7 +35,7 @@ def test_the_last_proposal_pins_everybody_and_always_does(monkeypatch):
     monkeypatch.setattr(cures, "gains_on", nothing)
     for h in ("y", "-y", "y**3", ["y1 - 3*y2", "y2 + y1"]):
         problem = linked([[1, 2], [2, 3], [3, 1]], coupling=h)
-        last = list(cures.several_more(problem))[-1]
+        last = list(cures.several_more(loop_of(problem)))[-1]
         assert set(last.gains) == {0, 1, 2}
         matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
         held = np.repeat([last.gains[i] for i in range(3)], problem.m)
@@ -42,15 +43,17 @@ def test_the_last_proposal_pins_everybody_and_always_does(monkeypatch):
     # without pins there is nothing on the present ones
     monkeypatch.setattr(cures, "gains_on", before)
     problem = linked([[1, 2], [2, 1]])
-    assert list(cures.on_present_pins(problem)) == []
-    assert [proposal.added for proposal in cures.one_more(problem)] == [(0,)]
+    assert list(cures.on_present_pins(loop_of(problem))) == []
+    assert [proposal.added for proposal in cures.one_more(loop_of(problem))] == [(0,)]
 
 
 def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
     """A cycle held at one agent, slope 1: k = b + (1 - b)^-(n - 1) - 1 up to b = 1; 1/2 is halved
     until k <= 2."""
     for n, b in ((4, 0.25), (6, 0.125)):
-        blocks = network_blocks(linked([[i, i % n + 1] for i in range(1, n + 1)], n), weighted=True)
+        blocks = network_blocks(
+            loop_of(linked([[i, i % n + 1] for i in range(1, n + 1)], n)), weighted=True
+        )
         (found,) = cures.gains_on(blocks, [0], cures.PinProposal(gains={}))
         k, larger = (rate + (1 - rate) ** (1 - n) - 1 for rate in (b, 2 * b))
         assert k < blocks.scale == 2 < larger
@@ -60,7 +63,7 @@ def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
         (every,) = cures.gains_on(blocks, range(n), cures.PinProposal(gains={}))
         assert every.gains == pytest.approx(dict.fromkeys(range(n), 1 / 4))
     # repelling: without gains it is not even stable
-    blocks = network_blocks(linked([[1, 2], [2, 1]], coupling="-y"))
+    blocks = network_blocks(loop_of(linked([[1, 2], [2, 1]], coupling="-y")))
     least, faster = cures.gains_on(blocks, [0, 1], cures.PinProposal(gains={}))
     assert least.gains == pytest.approx({0: 2, 1: 2}) and least.smallest
     assert min(faster.gains.values()) > 2.1 and not faster.smallest
@@ -69,7 +72,7 @@ def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
 def test_without_couplings_near_the_target_gains_are_those_for_half_a_rate_that_any_gain_has():
     """Slope 0: each agent decays at its own k. There is no size of couplings to stay below."""
     for arcs, h in (([], "y"), ([[1, 2], [2, 1]], "y**3")):
-        blocks = network_blocks(linked(arcs, 2, coupling=h), weighted=True)
+        blocks = network_blocks(loop_of(linked(arcs, 2, coupling=h)), weighted=True)
         assert blocks.scale == 0
         (found,) = cures.gains_on(blocks, [0, 1], cures.PinProposal(gains={}))
         assert found.gains == pytest.approx({0: 1, 1: 1})
@@ -81,12 +84,12 @@ def test_without_couplings_near_the_target_gains_are_those_for_half_a_rate_that_
 def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular():
     problem = linked([[1, 2], [2, 1]], coupling=["y1 + y2", "y2"], gains=2)
     S = ((Fraction(2), Fraction(1)), (Fraction(1), Fraction(5)))
-    factor = scale_needed(problem, S)
+    factor = scale_needed(loop_of(problem), S)
     matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
     border = np.kron(np.eye(2), np.array(S, dtype=float))
     assert np.linalg.eigvalsh(matrix + border / (factor * 1.0001))[-1] < 0
     assert np.linalg.eigvalsh(matrix + border / (factor * 0.9999))[-1] > 0
-    assert scale_needed(linked([[1, 2], [2, 1]], target=[0, 0]), S) is None
+    assert scale_needed(loop_of(linked([[1, 2], [2, 1]], target=[0, 0])), S) is None
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -100,10 +103,10 @@ def test_the_best_single_agent_is_the_best_of_all_that_were_tried_by_hand(seed):
         if i != j and r.random() < 0.5
     ]
     problem = linked(arcs, n)
-    blocks = network_blocks(problem)
+    blocks = network_blocks(loop_of(problem))
     totals = {a: smallest_gains(blocks, [a]) for a in range(n)}
     able = {a: float(sum(k)) for a, k in totals.items() if k is not None}
-    found = best_single(blocks, problem)
+    found = best_single(blocks, loop_of(problem))
     assert bool(found) is bool(able)
     if found:
         assert able[found[0]] == pytest.approx(min(able.values()), rel=1e-5, abs=1e-8)

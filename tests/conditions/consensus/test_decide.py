@@ -25,6 +25,7 @@ from dobc_design.conditions.consensus.decide import (
     theorem_check,
     unstable_roots,
 )
+from dobc_design.loop.make import loop_of
 
 
 def test_the_reduction_agrees_with_the_whole_matrix():
@@ -161,7 +162,7 @@ def test_a_margin_of_zero_is_refuted():
 
 def test_a_lost_estimate_never_turns_a_proof_into_a_refutation():
     """Proposals of nonsense: the exact test decides, with margin 0."""
-    statements = state_theorems(path(3, {1: 1}))
+    statements = state_theorems(loop_of(path(3, {1: 1})))
     for bad in (float("nan"), float("inf"), -float("inf"), -1.0, 1e300):
         check = lemma1_check(
             statements, "G", Proposal(margin=bad, vectors=[[float("nan")] * 3, [0.0] * 3])
@@ -169,11 +170,11 @@ def test_a_lost_estimate_never_turns_a_proof_into_a_refutation():
         assert check.verdict is Verdict.PROVED
         assert check.margin == 0.0
     # A refutation needs no proposal: the elimination finds a witness of its own.
-    statements = state_theorems(path(3, {3: 1}))
+    statements = state_theorems(loop_of(path(3, {3: 1})))
     check = lemma1_check(statements, "G", Proposal())
     assert check.verdict is Verdict.REFUTED
     values = [Fraction(x) for x in check.witness.values]
-    Lambda = Oracle(statements.problem).lambda_("G")
+    Lambda = Oracle(statements.loop).lambda_("G")
     assert sum(Lambda[i][j] * values[i] * values[j] for i in range(3) for j in range(3)) >= 0
 
 
@@ -226,7 +227,7 @@ def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
     problem = path(
         1, 1, exosystem=Exosystem(A=[[1]], C=[[0]]), observer=Observer(W=[[0]], P=[[-1]])
     )
-    statements = state_theorems(problem)
+    statements = state_theorems(loop_of(problem))
     pair = Pair(P=((Fraction(-1),),), Q=((Fraction(0),),))
     whole = Oracle(problem).psi(
         "G", [[Fraction(-1)]], [[Fraction(0)]], margin=Fraction(0), rate=Fraction(0)
@@ -236,7 +237,7 @@ def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
     assert claimed(problem, "theorem1-printed").verdict is Verdict.REFUTED
     # Without a pair and without an obstacle the theorem is undecided.
     problem = path(1, 1, exosystem=Exosystem(A=[[0]], C=[[1]]))
-    statements = state_theorems(problem)
+    statements = state_theorems(loop_of(problem))
     lemmas = [lemma1_check(statements, "G", Proposal(margin=2.0))]
     check = theorem_check(
         "theorem1", statements, problem.exosystem, None, Proposal(), lemmas=lemmas, obstacle=None
@@ -256,11 +257,13 @@ def test_reasons_never_name_a_better_number_than_is_proved():
 def test_irrational_slopes_and_large_networks_are_not_examined():
     """0 is "not examined": h = -y e with a weak pin is unstable, and nothing is claimed."""
     for h, roots in (("-3*y", 1), ("-y*exp(1)", 0)):
-        statements = state_theorems(linked([[1, 2], [2, 1]], coupling=h, gains={1: "1/100"}))
+        statements = state_theorems(
+            loop_of(linked([[1, 2], [2, 1]], coupling=h, gains={1: "1/100"}))
+        )
         assert unstable_roots(statements, "G") == roots
     n = LARGEST_EXAMINED + 1
     large = linked([[i, i % n + 1] for i in range(1, n + 1)], coupling="-y", gains="1/10")
-    assert unstable_roots(state_theorems(large), "G") == 0
+    assert unstable_roots(state_theorems(loop_of(large)), "G") == 0
 
 
 @pytest.mark.parametrize(("slope", "verdict"), [("-1.01", "refuted"), ("-0.99", "proved")])
@@ -299,7 +302,7 @@ def test_diagonal_slopes_that_are_not_negative_with_scalar_gains_are_never_unsta
         ]
         gains = {i + 1: r.choice((0, 1, 3)) for i in range(n)}
         problem = linked(arcs, n, coupling=slopes, target=[0] * m, gains=gains)
-        statements = state_theorems(problem)
+        statements = state_theorems(loop_of(problem))
         assert statements.jacobians.modes[0].is_nonnegative_diagonal
         assert problem.pinning.is_scalar
         assert unstable_roots(statements, "G") == 0
@@ -316,7 +319,7 @@ def test_the_shortcut_needs_scalar_gains():
         problem = linked(
             [[2, 1], [1, 2]], coupling=["9*y1", "0*y2"], exceptions=special, gains={1: k1, 2: k2}
         )
-        statements = state_theorems(problem)
+        statements = state_theorems(loop_of(problem))
         assert statements.jacobians.modes[0].is_nonnegative_diagonal
         eigenvalues = np.linalg.eigvals(np.array(Oracle(problem).loop("G"), dtype=float))
         assert unstable_roots(statements, "G") == np.sum(eigenvalues.real > 1e-9)

@@ -23,6 +23,7 @@ from dobc_design.conditions.consensus.network import (
 from dobc_design.conditions.numbers import claimed
 from dobc_design.exact.pencil import Deviation
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.make import loop_of
 
 
 def random_enclosed(seed):
@@ -129,26 +130,28 @@ def test_of_unreached_agents_those_are_shown_that_suffice_and_all_are_named():
 
 def test_a_direction_that_gains_leave_free_is_that_of_the_group():
     problem = linked([[1, 2], [2, 1]], target=[0, 0], gains={1: [[0, 0], [0, 1]]})
-    (direction,) = network.group_directions(problem, problem.network.modes["G"])
+    (direction,) = network.group_directions(loop_of(problem), problem.network.modes["G"])
     assert direction == [1, 0, 1, 0]
     assert certify(problem).check("lemma1").witness.values == ("1", "0", "1", "0")
     assert (
-        network.group_directions(linked([[1, 2], [2, 1]], gains={1: 1}), problem.network.modes["G"])
+        network.group_directions(
+            loop_of(linked([[1, 2], [2, 1]], gains={1: 1})), problem.network.modes["G"]
+        )
         == []
     )
 
 
 def test_that_no_gains_on_the_present_pins_can_do_is_shown_by_agents_without_a_pin():
     problem = linked([[1, 2], [2, 3]], gains={1: 5})
-    matrices = {"G": enclosed_lambda(state_theorems(problem), "G")}
-    mode, vector = network.unpinned_witness(problem, matrices, {})
-    assert (mode, network.carriers(problem, vector)) == ("G", ("3",))
+    matrices = {"G": enclosed_lambda(state_theorems(loop_of(problem)), "G")}
+    mode, vector = network.unpinned_witness(loop_of(problem), matrices, {})
+    assert (mode, network.carriers(loop_of(problem), vector)) == ("G", ("3",))
     assert form(Oracle(problem).lambda_("G"), list(vector)) >= 0
     # 1 hears 2 with weight 3: Lambda = [[-6, 3], [3, -1]] fails, but k_2 > 3/4 does, so there is no
     # such witness
     problem = linked([[1, 2, 3]], gains={2: "1/2"})
-    matrices = {"G": enclosed_lambda(state_theorems(problem), "G")}
-    assert network.unpinned_witness(problem, matrices, {"G": [[1.0, 2.0]]}) is None
+    matrices = {"G": enclosed_lambda(state_theorems(loop_of(problem)), "G")}
+    assert network.unpinned_witness(loop_of(problem), matrices, {"G": [[1.0, 2.0]]}) is None
     assert certify(problem).check("lemma1").witness.labels == ("1", "2")
 
 

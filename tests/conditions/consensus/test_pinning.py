@@ -23,6 +23,7 @@ from dobc_design.conditions.consensus.pinning import (
     smallest_gains,
     solve_shared,
 )
+from dobc_design.loop.make import loop_of
 
 
 def reference(tables, allowed, costs, caps=None) -> float:
@@ -52,7 +53,7 @@ def compare_with_the_program(count: int, seed: int) -> int:
     """How many digraphs had an optimum; each is compared to 1e-6."""
     r, compared = Random(seed), 0
     for _ in range(count):
-        blocks = network_blocks(digraph(r, r.randint(3, 10)))
+        blocks = network_blocks(loop_of(digraph(r, r.randint(3, 10))))
         allowed = sorted(r.sample(range(blocks.agents), r.randint(1, blocks.agents)))
         costs = np.array([r.uniform(0.5, 2) for _ in range(blocks.agents)])
         fastest = fastest_rate(blocks, allowed)
@@ -79,7 +80,7 @@ def test_the_closed_form_is_the_optimum_of_the_semidefinite_program(count, least
 def test_one_pin_on_the_directed_ten_cycle_reaches_every_rate_below_a_bound_and_none_above(cycle):
     """lambda_max(Lambda) > 4 (cos(pi/10) - 1) = -0.195774 however large the gain (theory, known
     answers)."""
-    blocks = network_blocks(cycle(10, pins={}))
+    blocks = network_blocks(loop_of(cycle(10, pins={})))
     bound = 2 * (1 - math.cos(math.pi / 10))
     assert fastest_rate(blocks, [0]) == pytest.approx(bound, rel=1e-9)
     gains = [smallest_gains(for_rate(blocks, part * bound), [0])[0] for part in (0.5, 0.9, 0.999)]
@@ -92,7 +93,7 @@ def test_the_gain_of_one_pin_on_a_cycle_is_that_of_the_recursion(cycle, n):
     """S v = 0 off the pin on a path of equal steps: v_j = cos((j - n/2) t) / cos(n t/2), 2 - 2 cos
     t = 2 beta/s."""
     s = 2.0  # h'(0); S is 2 s (I - half the adjacency): 4 on the diagonal, -2 beside it
-    blocks = network_blocks(cycle(n, pins={}))
+    blocks = network_blocks(loop_of(cycle(n, pins={})))
     beta = 0.4 * fastest_rate(blocks, [0])
     t = math.acos(1 - beta / s)
     v = [math.cos((j - n / 2) * t) / math.cos(n * t / 2) for j in range(n + 1)]
@@ -103,12 +104,12 @@ def test_the_gain_of_one_pin_on_a_cycle_is_that_of_the_recursion(cycle, n):
 def test_an_agent_whose_gain_would_be_negative_is_set_free():
     """1 hears 2 alone, strongly: pinning both costs less with k_1 = 0 than the formula of the first
     round."""
-    blocks = network_blocks(linked([[1, 2, 5], [2, 3], [3, 2]]))
+    blocks = network_blocks(loop_of(linked([[1, 2, 5], [2, 3], [3, 2]])))
     gains = smallest_gains(blocks, [0, 1, 2])
     assert gains.min() == 0
     assert sum(gains) == pytest.approx(reference(blocks.tables, [0, 1, 2], np.ones(3)), rel=1e-6)
     # no gains can do where a closed group has no allowed agent
-    blocks = network_blocks(linked([[1, 2], [2, 1], [3, 4], [4, 3]]))
+    blocks = network_blocks(loop_of(linked([[1, 2], [2, 1], [3, 4], [4, 3]])))
     assert smallest_gains(blocks, [0]) is None
     assert looseness(blocks, [0]) == math.inf
     assert smallest_gains(blocks, [0, 2]) is not None
@@ -119,7 +120,7 @@ def test_couplings_that_are_no_z_matrix_go_to_the_program_and_a_panic_costs_the_
     monkeypatch,
 ):
     """h = -y on a pair: Lambda = [[2, -2], [-2, 2]] - 2 K needs k = 2 on both agents."""
-    blocks = network_blocks(linked([[1, 2], [2, 1]], coupling="-y"))
+    blocks = network_blocks(loop_of(linked([[1, 2], [2, 1]], coupling="-y")))
     assert not blocks.z
     assert smallest_gains(blocks, [0, 1]) == pytest.approx([2, 2], rel=1e-6)
     assert smallest_gains(blocks, [0]) is None
@@ -145,7 +146,7 @@ def digraphs(r: Random, n: int, modes: int) -> Problem:
 def case(seed: int, n: int, modes: int):
     """Blocks at a rate that the chosen agents reach, who they are, and costs."""
     r = Random(seed)
-    blocks = network_blocks(digraphs(r, n, modes))
+    blocks = network_blocks(loop_of(digraphs(r, n, modes)))
     allowed = r.sample(range(n), n // 2)
     while fastest_rate(blocks, allowed) <= 0.15:
         allowed.append(r.choice(sorted(set(range(n)) - set(allowed))))
@@ -182,7 +183,7 @@ def test_shared_gains_with_caps_are_those_of_the_semidefinite_program():
     # Agents that cannot hold all modes share none: in the second nobody is heard by 2 and 3 but
     # each other.
     problem = linked({"A": [[2, 1], [3, 2]], "B": [[2, 3], [3, 2]]}, 3)
-    blocks = for_rate(network_blocks(problem), 0.01)
+    blocks = for_rate(network_blocks(loop_of(problem)), 0.01)
     assert solve_shared(blocks.tables, np.array([True, False, False]), np.ones(3)) is None
 
 
@@ -191,7 +192,7 @@ def test_the_rate_of_a_large_network_is_estimated_from_below_and_closely(monkeyp
     eigenvalues."""
     pairs = [(i, i + 1) for i in range(1, 30)] + [(3, 20), (7, 25), (11, 16)]
     problem = linked([arc for i, j in pairs for arc in ([i, j], [j, i])], 30, coupling="y")
-    blocks, pins = network_blocks(problem), (0, 9, 17, 28)
+    blocks, pins = network_blocks(loop_of(problem)), (0, 9, 17, 28)
     exact = fastest_rate(blocks, pins)
     monkeypatch.setattr(pinning, "LARGE", 0)
     assert 0.95 * exact <= rough_rate(blocks, pins) <= exact * (1 + 1e-9)

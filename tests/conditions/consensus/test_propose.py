@@ -25,6 +25,7 @@ from dobc_design.conditions.consensus.propose import (
     witness_directions,
 )
 from dobc_design.exact.matrix import to_float
+from dobc_design.loop.make import loop_of
 
 PAPER_GAIN = ((Fraction(16, 5),), (Fraction(12, 5),))
 PAPER_P = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
@@ -50,9 +51,12 @@ def test_the_float_lambda_is_the_exact_one(seed):
     """theorems.conditions.lemma1 states it: weights, exceptions, matrix gains, vectors, irrational
     slopes."""
     problem = random_problem(seed)
-    for mode, pencil in state_theorems(problem).lambdas.items():
+    for mode, pencil in state_theorems(loop_of(problem)).lambdas.items():
         assert np.allclose(
-            float_lambda(problem, mode).toarray(), dense(pencil.constant), rtol=1e-14, atol=1e-14
+            float_lambda(loop_of(problem), mode).toarray(),
+            dense(pencil.constant),
+            rtol=1e-14,
+            atol=1e-14,
         )
 
 
@@ -60,7 +64,7 @@ def test_the_float_lambda_is_the_exact_one(seed):
     "n", [DENSE, *(pytest.param(DENSE + more, marks=pytest.mark.slow) for more in (-1, 1, 50))]
 )
 def test_both_sides_of_the_switch_agree_with_numpy(n):
-    table = float_lambda(ring(n), "G")
+    table = float_lambda(loop_of(ring(n)), "G")
     top = largest_eigenvalue(table)
     full = table.toarray()
     assert top.value == pytest.approx(np.linalg.eigvalsh(full)[-1], abs=1e-7)
@@ -71,9 +75,9 @@ def test_both_sides_of_the_switch_agree_with_numpy(n):
 def test_the_largest_eigenvalue_of_the_paper_cycle():
     """Theory, known answers: one pin k = 3 gives -0.153544, all pinned k gives -2 k."""
     for gains, value in (({1: 3}, -0.153544), (3, -6), (None, 0)):
-        assert largest_eigenvalue(float_lambda(ring(10, gains=gains), "G")).value == pytest.approx(
-            value, abs=5e-7
-        )
+        assert largest_eigenvalue(
+            float_lambda(loop_of(ring(10, gains=gains)), "G")
+        ).value == pytest.approx(value, abs=5e-7)
 
 
 def test_a_direction_without_the_symmetry_of_the_start_is_found():
@@ -109,7 +113,7 @@ def test_without_convergence_the_dense_solver_steps_in(monkeypatch):
         raise sparse.linalg.ArpackNoConvergence("no convergence", np.array([]), np.zeros((0, 0)))
 
     monkeypatch.setattr(sparse.linalg, "eigsh", fail)
-    table = float_lambda(ring(DENSE + 20), "G")
+    table = float_lambda(loop_of(ring(DENSE + 20)), "G")
     assert largest_eigenvalue(table).value == pytest.approx(
         np.linalg.eigvalsh(table.toarray())[-1], abs=1e-9
     )
@@ -121,12 +125,12 @@ def test_without_convergence_the_dense_solver_steps_in(monkeypatch):
     # nor does the dense solver
     for answer in (lambda *_, **__: fail(ncv=None, tol=None), lambda *_, **__: nothing):
         monkeypatch.setattr(propose.linalg, "eigh", answer)
-        assert np.isnan(largest_eigenvalue(float_lambda(ring(3), "G")).value)
+        assert np.isnan(largest_eigenvalue(float_lambda(loop_of(ring(3)), "G")).value)
 
 
 def full_psi(problem, P, Q, rate: float) -> np.ndarray:
     """Psi + 2 rate diag(I, I (x) P), assembled by Kronecker products."""
-    n, top = problem.n, dense(state_theorems(problem).lambdas["G"].constant)
+    n, top = problem.n, dense(state_theorems(loop_of(problem)).lambdas["G"].constant)
     A, C = to_float(problem.exosystem.A), to_float(problem.exosystem.C)
     omega = P @ A + A.T @ P - Q @ C - C.T @ Q.T
     border = np.kron(np.eye(n), C)
@@ -139,7 +143,7 @@ def test_margin_and_rate_of_a_pair_are_those_of_the_full_matrix(cycle, factor):
     problem = cycle(5, pins=3)
     P = factor * to_float(PAPER_P)
     Q = P @ to_float(PAPER_GAIN)
-    tops = lambda_tops(state_theorems(problem))
+    tops = lambda_tops(state_theorems(loop_of(problem)))
     margin, rate = (f(tops, P, Q, problem.exosystem) for f in (pair_margin, pair_rate))
     # theory, known answers: S = 9/8 for the printed pair
     assert margin == pytest.approx(6 - 9 / (8 * factor))
@@ -164,7 +168,7 @@ def test_weights_beyond_the_floats_give_no_warning_and_no_estimate(special):
     problem = linked(
         [[1, 2, "1e300"], [2, 1]], coupling="100000000000000000000*y", exceptions=special, gains=1
     )
-    assert not np.all(np.isfinite(float_lambda(problem, "G").toarray()))
+    assert not np.all(np.isfinite(float_lambda(loop_of(problem), "G").toarray()))
     # 4 (a + 1)(b + 1) < (a + b)^2
     assert certify(problem).check("lemma1", "G").verdict is Verdict.REFUTED
 
@@ -176,14 +180,14 @@ def moved(vector, m):
 def test_a_leader_without_a_pin_and_a_cycle_without_one_are_directions_and_what_is_held_has_none(
     cycle, monkeypatch
 ):
-    directions = witness_directions(linked([[1, 2], [2, 3]], gains={1: 5}), "G")
+    directions = witness_directions(loop_of(linked([[1, 2], [2, 3]], gains={1: 5})), "G")
     assert moved(directions[0], 1) == {2}
-    directions = witness_directions(cycle(8, pins={}), "G")
+    directions = witness_directions(loop_of(cycle(8, pins={})), "G")
     assert [moved(each, 1) for each in directions] == [set(range(8))]
     assert np.ptp(directions[0]) < 1e-9
-    assert witness_directions(cycle(5), "G") == []
+    assert witness_directions(loop_of(cycle(5)), "G") == []
     monkeypatch.setattr(propose, "LARGEST_SEARCHED", 3)  # too large to look at
-    assert witness_directions(cycle(5, pins={}), "G") == []
+    assert witness_directions(loop_of(cycle(5, pins={})), "G") == []
 
 
 @pytest.mark.parametrize("seed", [75, 253, 295])
@@ -192,13 +196,13 @@ def test_of_no_direction_an_agent_can_be_left_out(seed):
     one of them it is."""
     problem, several = random_problem(seed), 0
     for mode in problem.network.modes:
-        table = float_lambda(problem, mode).toarray()
+        table = float_lambda(loop_of(problem), mode).toarray()
 
         def top(agents, table=table, m=problem.m):
             rows = [agent * m + c for agent in agents for c in range(m)]
             return np.linalg.eigvalsh(table[np.ix_(rows, rows)])[-1]
 
-        for each in witness_directions(problem, mode):
+        for each in witness_directions(loop_of(problem), mode):
             agents = moved(each, problem.m)
             assert top(agents) > -1e-8
             assert all(top(agents - {agent}) < 0 for agent in agents if len(agents) > 1)
@@ -217,7 +221,7 @@ def wide_ring(n, *, step=10, arcs=None):
 @pytest.mark.parametrize("step", [1, 10, 300])
 def test_the_bound_is_close_to_the_least_eigenvalue_and_not_beyond(step):
     """-Lambda of a ring of 1200; the vector itself shows the bound."""
-    table = float_lambda(wide_ring(1200, step=step), "G").tocsr()
+    table = float_lambda(loop_of(wide_ring(1200, step=step)), "G").tocsr()
     found = dominating_vector(table)
     least = -sparse.linalg.eigsh(table.tocsc(), k=1, sigma=1e-3, return_eigenvectors=False)[0]
     assert 0.95 * least <= found.least <= least * (1 + 1e-9)
@@ -229,24 +233,24 @@ def test_the_bound_is_close_to_the_least_eigenvalue_and_not_beyond(step):
 def test_few_products_are_enough_and_one_pin_is_left_to_a_factorisation():
     """design.md: 250 for the first bound.  With one pin conjugate gradients would need half as many
     as agents."""
-    found = dominating_vector(float_lambda(wide_ring(4000), "G"))
+    found = dominating_vector(float_lambda(loop_of(wide_ring(4000)), "G"))
     assert found.first <= 250
     assert found.products <= MOST_PRODUCTS + 5
-    found = dominating_vector(float_lambda(wide_ring(8000, step=8000), "G"))
+    found = dominating_vector(float_lambda(loop_of(wide_ring(8000, step=8000)), "G"))
     assert 0 < found.least < 4 * np.pi**2 / 8000**2 * 4
     assert found.products < 1000
 
 
 def test_without_a_pin_there_is_a_direction_and_no_bound():
     """All agents moved together: v' Lambda v = 0."""
-    table = float_lambda(wide_ring(1200, step=0), "G").tocsr()
+    table = float_lambda(loop_of(wide_ring(1200, step=0)), "G").tocsr()
     found = dominating_vector(table)
     assert not found.least > 0
     v = found.vector
     assert v @ (table @ v) >= -1e-9 * (v @ v)
 
     arcs = [[i, i + 1] for i in range(1, 1000)]  # the last agent hears nobody
-    found = dominating_vector(float_lambda(wide_ring(1001, arcs=arcs, step=960), "G"))
+    found = dominating_vector(float_lambda(loop_of(wide_ring(1001, arcs=arcs, step=960)), "G"))
     assert not found.least > 0
     assert found.vector.any()
     # no floats

@@ -11,6 +11,7 @@ from lure_cases import field
 from dobc_design.conditions.equilibrium.decide import Equilibrium, field_at, slopes_on, why_not
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.loop.make import loop_of
 
 F = Fraction
 
@@ -24,7 +25,7 @@ def test_the_field_is_that_of_the_arcs_one_by_one(seed: int, m: int):
     for _ in range(5):
         point = tuple(F(r.randint(-3000, 3000), 1000) for _ in range(problem.n * m))
         truth = field(problem, "G", np.array(point, dtype=float))
-        found = field_at(problem, "G", point)
+        found = field_at(loop_of(problem), "G", point)
         assert [float(side.midpoint) for side in found] == pytest.approx(
             truth, rel=1e-12, abs=1e-12
         )
@@ -40,7 +41,7 @@ def test_the_slopes_hold_every_difference_on_the_box(seed: int, m: int):
     size = problem.n * m
     middle = [F(r.randint(-2000, 2000), 1000) for _ in range(size)]
     box = tuple(Interval(c - F(1, 5), c + F(1, 5)) for c in middle)
-    slopes = slopes_on(problem, "G", box)
+    slopes = slopes_on(loop_of(problem), "G", box)
     low, high = np.zeros((size, size)), np.zeros((size, size))
     for place, slope in slopes.items():
         low[place], high[place] = slope.floats()
@@ -56,7 +57,7 @@ def test_the_slopes_hold_every_difference_on_the_box(seed: int, m: int):
 def test_what_cannot_be_a_claim_is_refused_and_a_coupling_that_is_not_defined_on_the_box_raises():
     problem = listening_pair("log(1 + y)")
     with pytest.raises(UndefinedError, match="log"):
-        slopes_on(problem, "G", (Interval(F(1), F(2)), Interval(F(0), F(1))))
+        slopes_on(loop_of(problem), "G", (Interval(F(1), F(2)), Interval(F(0), F(1))))
 
     side = Interval(F(1), F(2))
     with pytest.raises(SpecError, match="longer than 0"):
@@ -64,6 +65,6 @@ def test_what_cannot_be_a_claim_is_refused_and_a_coupling_that_is_not_defined_on
     with pytest.raises(ShapeError, match="one interval per component"):
         Equilibrium(mode="G", box=())
     with pytest.raises(ShapeError, match="must have 2 sides"):
-        why_not(listening_pair(), Equilibrium(mode="G", box=(side,)))
+        why_not(loop_of(listening_pair()), Equilibrium(mode="G", box=(side,)))
     with pytest.raises(SpecError, match="mode must be one"):
-        why_not(listening_pair(), Equilibrium(mode="H", box=(side, side)))
+        why_not(loop_of(listening_pair()), Equilibrium(mode="H", box=(side, side)))

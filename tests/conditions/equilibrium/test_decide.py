@@ -26,6 +26,7 @@ from dobc_design.conditions.equilibrium.decide import (
     why_not,
 )
 from dobc_design.exact.interval import Interval
+from dobc_design.loop.make import loop_of
 
 F = Fraction
 SADDLE = half_difference(3.3)  # y = 3.3077
@@ -38,7 +39,7 @@ def boxed(*middle: F, half: F = SMALL, mode: str = "G") -> Equilibrium:
 
 
 def is_proved(problem: Problem, claim: Equilibrium) -> bool:
-    return why_not(problem, claim) is None
+    return why_not(loop_of(problem), claim) is None
 
 
 @pytest.mark.parametrize("half", [SADDLE, NODE, -SADDLE])
@@ -46,7 +47,7 @@ def test_the_false_equilibria_of_two_agents_are_proved_around_the_true_root(half
     """2 sin y + y/10 = 0 near y = 3.31 and 5.98: e = (-y/2, y/2); the root is mpmath's at 50
     digits."""
     problem = listening_pair()
-    claim = enclose_equilibrium(problem, "G", [float(-half), float(half)])
+    claim = enclose_equilibrium(loop_of(problem), "G", [float(-half), float(half)])
     assert claim.box[0].contains(-half)
     assert claim.box[1].contains(half)
     assert max(side.width for side in claim.box) < F(1, 10**4)
@@ -54,7 +55,7 @@ def test_the_false_equilibria_of_two_agents_are_proved_around_the_true_root(half
 
 def test_with_one_pin_the_false_equilibrium_is_at_pi():
     """The free agent rests where sin y = 0, and then the pinned one at its target: e = (0, pi)."""
-    claim = enclose_equilibrium(listening_pair(gains={1: "1/10"}), "G", [0.0, 3.14159])
+    claim = enclose_equilibrium(loop_of(listening_pair(gains={1: "1/10"})), "G", [0.0, 3.14159])
     with mpmath.workdps(50):
         assert claim.box[1].contains(exact(mpmath.pi))
     assert claim.box[0].contains(0)
@@ -69,16 +70,16 @@ def test_a_box_is_proved_until_the_root_leaves_it():
     assert not is_proved(problem, boxed(-SADDLE - half * F(11, 10), SADDLE))
     # At 0 the test holds as well, so a box that holds 0 is refused, and one that only touches it
     # holds nothing.
-    assert "target itself" in why_not(problem, boxed(F(0), F(0)))
-    assert "target itself" in why_not(problem, boxed(F(0), half))
-    assert "Krawczyk" in why_not(problem, boxed(F(0), half * F(1001, 1000)))
+    assert "target itself" in why_not(loop_of(problem), boxed(F(0), F(0)))
+    assert "target itself" in why_not(loop_of(problem), boxed(F(0), half))
+    assert "Krawczyk" in why_not(loop_of(problem), boxed(F(0), half * F(1001, 1000)))
     # Boxes made here leave room for coarser enclosures: at most nine tenths of each half width is
     # used.
-    claim = enclose_equilibrium(problem, "G", [float(-SADDLE), float(SADDLE)])
-    assert why_not(problem, claim, part=F(9, 10)) is None
+    claim = enclose_equilibrium(loop_of(problem), "G", [float(-SADDLE), float(SADDLE)])
+    assert why_not(loop_of(problem), claim, part=F(9, 10)) is None
     tight = boxed(-SADDLE, SADDLE + SMALL * F(95, 100))
     assert is_proved(problem, tight)
-    assert why_not(problem, tight, part=F(9, 10)) is not None
+    assert why_not(loop_of(problem), tight, part=F(9, 10)) is not None
 
 
 def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge_goals_taken_into_account():
@@ -87,29 +88,36 @@ def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge_goals_taken_into_a
     claim = boxed(-SADDLE, SADDLE)
     edge = claim.box[1].hi
     inside, outside = listening_pair(reach=edge), listening_pair(reach=edge - F(1, 10**9))
-    assert refuting_check(inside, claim).verdict is Verdict.REFUTED
-    assert lies_in_region(inside, claim)
-    assert not lies_in_region(outside, claim)
-    assert refuting_check(outside, claim) is None
+    assert refuting_check(loop_of(inside), claim).verdict is Verdict.REFUTED
+    assert lies_in_region(loop_of(inside), claim)
+    assert not lies_in_region(loop_of(outside), claim)
+    assert refuting_check(loop_of(outside), claim) is None
     # A smaller box around the same root still fits there, but none around a root on the edge.
     assert (
-        enclose_equilibrium(outside, "G", [float(-SADDLE), float(SADDLE)], within_region=True)
+        enclose_equilibrium(
+            loop_of(outside), "G", [float(-SADDLE), float(SADDLE)], within_region=True
+        )
         is not None
     )
     on_edge = listening_pair(reach=F(f"{float(SADDLE):.15f}"))
     assert (
-        enclose_equilibrium(on_edge, "G", [float(-SADDLE), float(SADDLE)], within_region=True)
+        enclose_equilibrium(
+            loop_of(on_edge), "G", [float(-SADDLE), float(SADDLE)], within_region=True
+        )
         is None
     )
     # Target 1 and an offset of 2 for agent 2: x = (1 - y/2, 3 + y/2).
     claim = boxed(-SADDLE, SADDLE)
     low, high = 1 - SADDLE - F(1, 1000), 3 + SADDLE + F(1, 1000)
     assert (
-        refuting_check(listening_pair(target=1, offsets={2: 2}, reach=[low, high]), claim)
+        refuting_check(loop_of(listening_pair(target=1, offsets={2: 2}, reach=[low, high])), claim)
         is not None
     )
     for other in ([low + F(1, 500), high], [low, high - F(1, 500)]):
-        assert refuting_check(listening_pair(target=1, offsets={2: 2}, reach=other), claim) is None
+        assert (
+            refuting_check(loop_of(listening_pair(target=1, offsets={2: 2}, reach=other)), claim)
+            is None
+        )
 
 
 def test_an_observer_does_not_matter():
@@ -117,7 +125,7 @@ def test_an_observer_does_not_matter():
     region = {"initial_states": [-5, 5], "initial_disturbance": 0}
     observer = {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
     problem = linked([[1, 2], [2, 1]], coupling="sin(y)", gains="1/10", region=region, **observer)
-    check = refuting_check(problem, boxed(-SADDLE, SADDLE))
+    check = refuting_check(loop_of(problem), boxed(-SADDLE, SADDLE))
     assert confirmed(check, problem, W=PAPER_GAIN) is None
     assert "without W" in confirmed(check, problem)
 
@@ -144,7 +152,7 @@ def test_couplings_of_vectors_are_decided_too():
         )
         root = (-exact(y[0]) / 2, -exact(y[1]) / 2, exact(y[0]) / 2, exact(y[1]) / 2)
     assert max(root) > 1
-    claim = enclose_equilibrium(problem, "G", [float(e) for e in root])
+    claim = enclose_equilibrium(loop_of(problem), "G", [float(e) for e in root])
     assert all(side.contains(e) for side, e in zip(claim.box, root, strict=True))
     assert is_proved(problem, boxed(*root))
     assert not is_proved(problem, boxed(*root[:3], root[3] + F(2, 10**4)))
@@ -170,7 +178,7 @@ def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(
                 or np.max(np.abs(field(problem, "G", root))) > 1e-9
             ):
                 continue
-            claim = enclose_equilibrium(problem, "G", root.tolist())
+            claim = enclose_equilibrium(loop_of(problem), "G", root.tolist())
             if claim is None:  # singular there, or on a kink
                 continue
             proved += 1
@@ -197,7 +205,7 @@ def test_boxes_in_which_the_field_does_not_vanish_are_never_proved(m: int):
             claim = boxed(
                 *[F(r.randint(-3000, 3000), 1000) for _ in range(problem.n * m)], half=half
             )
-            slopes = slopes_on(problem, "G", claim.box)
+            slopes = slopes_on(loop_of(problem), "G", claim.box)
             value = field(problem, "G", np.array(claim.middle, dtype=float))
             change = np.zeros(problem.n * m)
             for (row, _), slope in slopes.items():
@@ -224,20 +232,20 @@ def test_no_equilibrium_is_proved_where_there_is_none():
 def test_a_point_of_a_line_of_equilibria_is_proved_and_large_problems_are_left_alone():
     """Without pins every common shift is an equilibrium; the slopes are singular and nothing is
     isolated."""
-    found = enclose_equilibrium(listening_pair(gains=None), "G", [1.0, 1.0])
+    found = enclose_equilibrium(loop_of(listening_pair(gains=None)), "G", [1.0, 1.0])
     assert found == Equilibrium(mode="G", box=(Interval.point(1),) * 2)
-    assert enclose_equilibrium(listening_pair(gains=None), "G", [1.0, -1.0]) is None
+    assert enclose_equilibrium(loop_of(listening_pair(gains=None)), "G", [1.0, -1.0]) is None
     arcs = [[i, i % 61 + 1] for i in range(1, 62)]
     problem = linked(arcs, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
-    assert enclose_equilibrium(problem, "G", [1.0] * 61) is None
+    assert enclose_equilibrium(loop_of(problem), "G", [1.0] * 61) is None
     assert not is_proved(problem, boxed(*[F(1)] * 61))
-    assert enclose_equilibrium(listening_pair(), "G", [float("nan"), 1.0]) is None
+    assert enclose_equilibrium(loop_of(listening_pair()), "G", [float("nan"), 1.0]) is None
     assert not is_proved(listening_pair("exp(y) - 1"), boxed(F(0), F(10) ** 6))
 
 
 def test_a_check_is_confirmed_from_its_json_and_for_no_other_problem():
     problem, claim = listening_pair(), boxed(-SADDLE, SADDLE)
-    check = check_from_json(refuting_check(problem, claim).to_json())
+    check = check_from_json(refuting_check(loop_of(problem), claim).to_json())
     assert confirmed(check, problem) is None
     assert "-1.65387" in check.reason
     assert confirmed(check, listening_pair(gains="2/10")) is not None
@@ -245,13 +253,16 @@ def test_a_check_is_confirmed_from_its_json_and_for_no_other_problem():
     # without a region the question is about every neighbourhood of the target
     free = listening_pair(reach=None)
     assert is_proved(free, claim)
-    assert refuting_check(free, claim) is None
+    assert refuting_check(loop_of(free), claim) is None
 
 
 def test_a_y_that_is_not_invertible_and_a_field_that_is_hardly_known_prove_nothing():
     """Y = 0 maps every box into itself, not into its interior; f(c) in [-1, 1] may be anything."""
     problem, claim = listening_pair(), boxed(-SADDLE, SADDLE)
-    slopes, value = slopes_on(problem, "G", claim.box), field_at(problem, "G", claim.middle)
+    slopes, value = (
+        slopes_on(loop_of(problem), "G", claim.box),
+        field_at(loop_of(problem), "G", claim.middle),
+    )
     middle = [[float(slopes[i, j].midpoint) for j in range(2)] for i in range(2)]
     Y = tuple(tuple(map(F, row)) for row in np.linalg.inv(middle).tolist())
     assert krawczyk_holds(claim, value, slopes, Y, F(1))

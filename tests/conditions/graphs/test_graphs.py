@@ -19,6 +19,7 @@ from dobc_design.conditions.graphs.decide import closed_classes, why_not
 from dobc_design.conditions.graphs.stage import markov_stage, mean_claim, square_claim
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
 
 PAPER = "exp(y) - 1 + y"
 CHAIN = {"A": [[3, 2]], "B": [[2, 1]]}
@@ -99,17 +100,19 @@ def test_means_and_squares_agree_with_the_eigenvalues_of_the_moments(seed: int):
     linear = systems(own, sign)
     mean, square = rate_of(linear, generator), rate_of(squares(linear), generator) / 2
     G = own.switching.generator
-    squared = square_claim(own, None, G)
+    squared = square_claim(loop_of(own), None, G)
     if abs(square) > 1e-6:
-        assert (squared is not None and why_not(own, None, squared) is None) == (square > 0)
+        assert (squared is not None and why_not(loop_of(own), None, squared) is None) == (
+            square > 0
+        )
     if squared is not None:
         assert 0.9 * square <= float(squared.rate) <= square
-    found = mean_claim(own, None, G)
+    found = mean_claim(loop_of(own), None, G)
     if sign > 0 and abs(mean) > 1e-6:
-        assert (found is not None and why_not(own, None, found) is None) == (mean > 0)
+        assert (found is not None and why_not(loop_of(own), None, found) is None) == (mean > 0)
         assert found is None or 0.99 * mean <= float(found.rate) <= mean
     elif found is not None:
-        assert why_not(own, None, found) is not None
+        assert why_not(loop_of(own), None, found) is not None
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -137,7 +140,7 @@ def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
             [(tuple(f"M{p}" for p in each), tuple(str(i) for i in sorted(left)))] if left else []
         )
     (check,) = markov_stage(
-        read_region(own, None, domain="consensus", everything=False), lambda _: None
+        read_region(loop_of(own), None, domain="consensus", everything=False), lambda _: None
     )
     assert check.verdict is (Verdict.REFUTED if lost else Verdict.PROVED)
     if lost:

@@ -23,6 +23,7 @@ from dobc_design.conditions.margins.stage import margins_stage
 from dobc_design.conditions.separable.claim import Errors, Separable, rows
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
 from dobc_design.exact.number import number_text
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem, constant, harmonics, ramp, total
 
@@ -43,7 +44,7 @@ def found(problem: Problem, id: str) -> Check:
 
 def tolerance(problem: Problem, *, beside: Problem) -> Check:
     """What the stage says beside the boxes of a problem that differs in its errors only."""
-    asked = read_region(problem, problem.observer.W, domain="consensus", everything=False)
+    asked = read_region(loop_of(problem), problem.observer.W, domain="consensus", everything=False)
     found = margins_stage(asked, list(certified(beside).checks), str)
     return next(check for check in found if check.id == "tolerance")
 
@@ -78,15 +79,18 @@ def test_every_arc_takes_its_worse_end():
     """h = y, v = (1, 2), w = 1, k = 2: rows (1 + d) - 2 (1 - g) and -(1 - d) 1 <= -alpha v."""
     problem, claim = chain(), Separable(v=(F(1), F(2)), alpha=F(1, 10), rho=None)
     errors = Errors(F(1, 5), F(1, 10))
-    terms = {row.own: (row.terms, row.gain) for row, _ in rows(problem, claim.v, errors=errors)}
+    terms = {
+        row.own: (row.terms, row.gain) for row, _ in rows(loop_of(problem), claim.v, errors=errors)
+    }
     assert terms[1][1] == F(9, 5)
     assert [(term.weight, term.step) for term in terms[1][0]] == [(F(6, 5), 1)]
     assert [(term.weight, term.step) for term in terms[2][0]] == [(F(4, 5), -1), (F(2, 5), 0)]
     # min(9/5 - 6/5, 4/5 / 2)
-    assert largest_rate(problem, claim.v, rho=None, errors=errors) == F(2, 5)
+    assert largest_rate(loop_of(problem), claim.v, rho=None, errors=errors) == F(2, 5)
     for alpha, verdict in ((F("0.4"), Verdict.PROVED), (F("0.4001"), Verdict.REFUTED)):
         assert (
-            verify_separable(problem, replace(claim, alpha=alpha), errors=errors).verdict is verdict
+            verify_separable(loop_of(problem), replace(claim, alpha=alpha), errors=errors).verdict
+            is verdict
         )
 
 
@@ -97,7 +101,7 @@ def test_rows_with_errors_are_those_of_the_worst_corner(seed: int):
     h = (*TURNING, PAPER, "tanh(y)")[seed % 5]
     problem = listening([[2, 1], [2, 3, "1/2"], [3, 1]], h, n=3, gains={1: 4, 2: 1}, target=0)
     v, rho, errors = (F(1), F(6, 5), F(5, 4)), F(1 + seed % 3, 2), Errors(F(1, 5), F(1, 10))
-    rate = largest_rate(problem, v, rho=rho, errors=errors)
+    rate = largest_rate(loop_of(problem), v, rho=rho, errors=errors)
     corners = []
     for ends in product((F(4, 5), F(6, 5)), repeat=3):
         arcs = [
@@ -105,7 +109,7 @@ def test_rows_with_errors_are_those_of_the_worst_corner(seed: int):
             for (i, j, w), end in zip([(2, 1, 1), (2, 3, F(1, 2)), (3, 1, 1)], ends, strict=True)
         ]
         corner = listening(arcs, h, n=3, gains={1: F(18, 5), 2: F(9, 10)}, target=0)
-        corners.append(largest_rate(corner, v, rho=rho))
+        corners.append(largest_rate(loop_of(corner), v, rho=rho))
     if None in corners:
         assert rate is None
     else:
@@ -118,12 +122,14 @@ def test_large_networks_have_the_same_rows(size: int):
     problem = cycle(size, gains=5)
     v = tuple(F(10 + i % 2, 10) for i in range(size))
     errors = Errors(F(1, 10), F(1, 20))
-    rate = largest_rate(problem, v, rho=F(1), errors=errors)
+    rate = largest_rate(loop_of(problem), v, rho=F(1), errors=errors)
     expected = 5 * 0.95 - 1.1 * (np.exp(0.1) - 1 + 0.1)
     assert float(rate) == pytest.approx(expected, rel=1e-4)
     for part, proved in ((F(999, 1000), True), (F(1001, 1000), False)):
         claim = Separable(v=v, alpha=F(expected) * part, rho=F(1))
-        assert (verify_separable(problem, claim, errors=errors).verdict is Verdict.PROVED) is proved
+        assert (
+            verify_separable(loop_of(problem), claim, errors=errors).verdict is Verdict.PROVED
+        ) is proved
 
 
 def test_a_table_is_proved_and_a_larger_one_is_not():
@@ -146,7 +152,7 @@ def test_large_networks_are_asked_for_stated_errors_only(
     monkeypatch.setattr(stage, "TIMED_ARCS", 1)
     plain = TWO.replace(region=SMALL)
     problem = plain.replace(uncertainty={"weights": "0.01"}) if states else plain
-    asked = read_region(problem, problem.observer.W, domain="consensus", everything=False)
+    asked = read_region(loop_of(problem), problem.observer.W, domain="consensus", everything=False)
     told = margins_stage(asked, list(certified(plain).checks), str)
     assert [check.verdict for check in told] == ([Verdict.PROVED] if states else [])
 
@@ -249,4 +255,4 @@ def test_disturbances_without_a_bound_ask_for_the_amplitude():
     )
     check = found(problem, "actuators")
     assert "give actuators.amplitude" in check.reason
-    assert largest_disturbance(problem.replace(actuators={"amplitude": 2})) == (2,)
+    assert largest_disturbance(loop_of(problem.replace(actuators={"amplitude": 2}))) == (2,)

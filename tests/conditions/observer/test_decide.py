@@ -19,6 +19,7 @@ from dobc_design.conditions.observer.decide import (
     observability_check,
     observable_part_is_hurwitz,
 )
+from dobc_design.loop.make import loop_of
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 
@@ -80,7 +81,7 @@ def test_the_reduction_keeps_what_the_problem_says_of_states():
     for k in (0, 1):
         W = [[int(row == column == k) for column in range(2)] for row in range(3)]
         change = observability_check(
-            exosystem, linked([[1, 2]], observer=Observer(W=W), **given)
+            exosystem, loop_of(linked([[1, 2]], observer=Observer(W=W), **given))
         ).fix.set
         columns.append([Fraction(str(row[k])) for row in change["observer.W"]])
     # T does not see the third state
@@ -90,7 +91,7 @@ def test_the_reduction_keeps_what_the_problem_says_of_states():
     unseen = Exosystem(A=[[0]], C=[[0], [0]])
     for own in (given["region"], None):
         problem = linked([[1, 2]], **given | {"exosystem": unseen, "region": own})
-        change = observability_check(unseen, problem).fix.set
+        change = observability_check(unseen, loop_of(problem)).fix.set
         assert ("region.initial_disturbance" in change) is (own is not None)
 
 

@@ -26,6 +26,7 @@ from dobc_design.conditions.quadratic.propose import design_lure
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.make import loop_of
 
 PAIR = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
 SMALL = 1 + Fraction(1, 10**6)
@@ -56,7 +57,7 @@ def by_hand(problem: Problem, *, radius: str = "2", tau: str = "1/4", **changes:
     r = Fraction(radius)
     given = {
         "P_e": identity(problem.n * problem.m),
-        "ranges": enclose_ranges(problem, radius=r),
+        "ranges": enclose_ranges(loop_of(problem), radius=r),
         "radius": r,
         "level": r * r / 2,
         "rate": Fraction(1, 10),
@@ -78,7 +79,7 @@ def observed() -> tuple[Problem, Lure]:
 
 def check_of(problem: Problem, lure: Lure, radius: float, disturbance: float = 0.0) -> Check:
     return lure_check(
-        problem,
+        loop_of(problem),
         problem.observer.W,
         lure,
         radius=radius,
@@ -99,7 +100,7 @@ def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
     """P_e = I, level 2: the ball is sqrt 2."""
     problem = ring()
     lure = by_hand(problem)
-    assert verify_lure(problem, lure).verdict is Verdict.PROVED
+    assert verify_lure(loop_of(problem), lure).verdict is Verdict.PROVED
     check = check_of(problem, lure, 1.41421)
     assert (check.verdict, check.rate) == (Verdict.PROVED, 0.1)
     assert check.domain == {"kind": "ball", "radius": 1.41421, "disturbance": 0.0}
@@ -108,18 +109,20 @@ def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
     assert "not inside" in str(
         refusal(problem, replace(check, domain={**check.domain, "radius": 1.41422}))
     )
-    assert certified_ball(problem, lure, disturbance=0.0) == pytest.approx(math.sqrt(2), rel=1e-5)
+    assert certified_ball(loop_of(problem), lure, disturbance=0.0) == pytest.approx(
+        math.sqrt(2), rel=1e-5
+    )
     # A ball covers the region iff it holds its corners: side 1/2, three agents, R^2 >= 3/4.
     for radius, inside in ((0.8660254, False), (0.8660255, True)):
         check = check_of(problem, by_hand(problem), radius)
         assert check.verdict is Verdict.PROVED
-        assert covers(problem, check, [check]) is inside
+        assert covers(loop_of(problem), check, [check]) is inside
 
 
 def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
     """R^2 + 10 s^2 (5 + sqrt 10)/6 <= 9/2: s = 1/2 leaves R = 1.04754."""
     problem, lure = observed()
-    radius = certified_ball(problem, lure, disturbance=0.5)
+    radius = certified_ball(loop_of(problem), lure, disturbance=0.5)
     assert radius == pytest.approx(math.sqrt(4.5 - 2.5 * (5 + math.sqrt(10)) / 6), rel=1e-5)
     check = check_of(problem, lure, radius, 0.5)
     assert refusal(problem, check) is None
@@ -140,7 +143,7 @@ def test_without_a_level_every_coupling_has_to_be_linear():
     such domain."""
     linear = ring(coupling="2*y")
     everywhere = {
-        "ranges": enclose_ranges(linear, radius=None),
+        "ranges": enclose_ranges(loop_of(linear), radius=None),
         "multipliers": {"G": (Fraction(0),) * 3},
     }
     lure = replace(by_hand(linear, radius="1", **everywhere), radius=None, level=None)
@@ -160,10 +163,10 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
     """h = (y1 + tanh(y2)/5, y2): off-diagonal gains take part."""
     problem = ring(coupling=["y1 + tanh(y2)/5", "y2"])
     lure = design_lure(
-        problem, holds=partial(is_proved, problem), shape="identity", largest=Fraction(3)
+        loop_of(problem), holds=partial(is_proved, problem), shape="identity", largest=Fraction(3)
     )
     assert lure is not None
-    check = check_of(problem, lure, certified_ball(problem, lure, disturbance=0.0))
+    check = check_of(problem, lure, certified_ball(loop_of(problem), lure, disturbance=0.0))
     assert check.verdict is Verdict.PROVED
     assert refusal(problem, check) is None
     gains = [[["1", "1"], ["0.1", "0.2"]], [["0", "0"], ["1", "1"]]]
@@ -172,13 +175,19 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
 
 def test_a_claim_comes_back_from_json_as_it_went_in_and_without_a_gain_it_does_not_apply():
     problem, lure = observed()
-    check = lure_check(problem, None, lure, radius=1.0, disturbance=0.0, domain="consensus")
+    check = lure_check(
+        loop_of(problem), None, lure, radius=1.0, disturbance=0.0, domain="consensus"
+    )
     assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
     assert "does not apply" in str(confirmed(check_of(problem, lure, 1.0), problem))
-    assert lure_from_json(json.loads(json.dumps(lure.to_json())), problem, PAPER_GAIN) == lure
+    assert (
+        lure_from_json(json.loads(json.dumps(lure.to_json())), loop_of(problem), PAPER_GAIN) == lure
+    )
     full = replace(
         lure,
         P_e=SparseSymmetric(10, {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}),
         rate=Fraction(2, 9),
     )
-    assert lure_from_json(json.loads(json.dumps(full.to_json())), problem, PAPER_GAIN) == full
+    assert (
+        lure_from_json(json.loads(json.dumps(full.to_json())), loop_of(problem), PAPER_GAIN) == full
+    )

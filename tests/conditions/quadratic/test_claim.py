@@ -21,6 +21,7 @@ from dobc_design.conditions.quadratic.sectors import Sectors, build_sectors, enc
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import matrix, multiply, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 
 ONE = Fraction(1)
@@ -38,7 +39,9 @@ def random_metric(size: int, shape: str, seed: int) -> SparseSymmetric:
 
 
 def at_radius(problem: Problem, radius: Fraction = ONE) -> Sectors:
-    return build_sectors(problem, enclose_ranges(problem, radius=radius), radius=radius)
+    return build_sectors(
+        loop_of(problem), enclose_ranges(loop_of(problem), radius=radius), radius=radius
+    )
 
 
 def arrays(sectors: Sectors, mode: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -23,6 +23,7 @@ from dobc_design.errors import ShapeError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.make import loop_of
 
 MORE = Fraction(101, 100)
 
@@ -30,7 +31,7 @@ MORE = Fraction(101, 100)
 def certificate(problem: Problem, radius: Fraction, **changes) -> Lure:
     """P_e = I and the level that fits the radius exactly."""
     size = problem.n * problem.m
-    ranges = enclose_ranges(problem, radius=radius)
+    ranges = enclose_ranges(loop_of(problem), radius=radius)
     return Lure(
         **{"P_e": identity(size), "ranges": ranges, "radius": radius, "level": radius * radius / 2}
         | changes
@@ -52,9 +53,9 @@ def test_the_interval_bound_reaches_the_radius_of_the_theory_and_not_one_per_cen
     """Theory, section 9: 2.1022 and 1.4865, 0.0768 and 0.0543."""
     problem, r = cycle(n, gains), Fraction(radius)
     lure = certificate(problem, r, method="interval")
-    assert verify_lure(problem, lure).verdict is Verdict.PROVED
-    assert covered_radius(problem, lure) == pytest.approx(ball, rel=1e-3)
-    further = verify_lure(problem, certificate(problem, r * MORE, method="interval"))
+    assert verify_lure(loop_of(problem), lure).verdict is Verdict.PROVED
+    assert covered_radius(loop_of(problem), lure) == pytest.approx(ball, rel=1e-3)
+    further = verify_lure(loop_of(problem), certificate(problem, r * MORE, method="interval"))
     assert (further.verdict, further.step, further.mode) == (Verdict.REFUTED, "inequality", "G")
     assert further.witness is not None
 
@@ -66,7 +67,7 @@ def test_the_multipliers_reach_four_with_p_equal_to_i_and_fail_one_per_cent_furt
     problem, r = cycle(n, 3), Fraction("4.08")
     taus = [Fraction(k, 1000) for k in range(20, 200, 4)]
     lure = next(each for tau in taus if is_proved(problem, each := with_tau(problem, r, tau)))
-    assert covered_radius(problem, lure) == pytest.approx(4.08 / math.sqrt(2), rel=1e-6)
+    assert covered_radius(loop_of(problem), lure) == pytest.approx(4.08 / math.sqrt(2), rel=1e-6)
     assert not any(is_proved(problem, with_tau(problem, Fraction("4.135"), tau)) for tau in taus)
 
 
@@ -83,11 +84,14 @@ def test_the_region_is_refuted_as_soon_as_the_level_is_too_large():
     problem, r = cycle(3, 3), Fraction(1)
     assert is_proved(problem, with_tau(problem, r, Fraction(1, 2)))
     above = with_tau(problem, r, Fraction(1, 2), level=Fraction(1, 2) + Fraction(1, 10**9))
-    assert (verify_lure(problem, above).verdict, verify_lure(problem, above).step) == (
+    assert (
+        verify_lure(loop_of(problem), above).verdict,
+        verify_lure(loop_of(problem), above).step,
+    ) == (
         Verdict.REFUTED,
         "region",
     )
-    assert verify_lure(problem, replace(above, level=None)).step == "region"
+    assert verify_lure(loop_of(problem), replace(above, level=None)).step == "region"
 
 
 def test_the_region_is_refuted_where_the_level_set_leaves_the_radius_of_one_arc_only():
@@ -99,7 +103,7 @@ def test_the_region_is_refuted_where_the_level_set_leaves_the_radius_of_one_arc_
         problem, Fraction(1), P_e=metric, method="vertices", level=Fraction(100, 101)
     )
     assert is_proved(problem, exact)
-    assert verify_lure(problem, replace(exact, level=Fraction(1))).step == "region"
+    assert verify_lure(loop_of(problem), replace(exact, level=Fraction(1))).step == "region"
 
 
 # gain 1 as far as |y| <= 1, negative beyond; gain 0 there: no channel at all
@@ -116,7 +120,10 @@ def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_numb
     held = certificate(problem, Fraction(1), ranges=(exact,), multipliers={"G": taus})
     assert is_proved(problem, held)
     above = replace(held, level=held.level + Fraction(1, 10**9))
-    assert (verify_lure(problem, above).verdict, verify_lure(problem, above).step) == (
+    assert (
+        verify_lure(loop_of(problem), above).verdict,
+        verify_lure(loop_of(problem), above).step,
+    ) == (
         Verdict.REFUTED,
         "region",
     )
@@ -129,13 +136,18 @@ def test_the_region_of_a_full_p_is_decided_with_its_inverse():
     metric = SparseSymmetric(2, {(0, 0): Fraction(2), (0, 1): Fraction(1), (1, 1): Fraction(2)})
     exact = with_tau(problem, Fraction(1), Fraction(3), P_e=metric, level=Fraction(1, 2))
     assert is_proved(problem, exact)
-    assert verify_lure(problem, replace(exact, level=Fraction(500001, 10**6))).step == "region"
+    assert (
+        verify_lure(loop_of(problem), replace(exact, level=Fraction(500001, 10**6))).step
+        == "region"
+    )
 
     # All gains 3, couplings near linear: (e'e)' <= -6 e'e on balanced graphs, so beta is just below
     # 3.
     problem, r = cycle(4, 3, coupling="y + y**3"), Fraction(1, 100)
     assert is_proved(problem, with_tau(problem, r, Fraction(1000), rate=Fraction("2.99")))
-    faster = verify_lure(problem, with_tau(problem, r, Fraction(1000), rate=Fraction("3.02")))
+    faster = verify_lure(
+        loop_of(problem), with_tau(problem, r, Fraction(1000), rate=Fraction("3.02"))
+    )
     assert (faster.verdict, faster.step) == (Verdict.REFUTED, "inequality")
 
 
@@ -146,7 +158,7 @@ def test_gains_that_are_claimed_narrower_than_they_are_leave_the_certificate_und
     narrow = Interval(gain.lo, gain.hi - Fraction(1, 10**4))
     for entries in (((narrow,),), ((Interval.point(gain.midpoint),),)):
         claim = replace(lure, ranges=(GainRange(coupling=0, radius=Fraction(1), entries=entries),))
-        decision = verify_lure(problem, claim)
+        decision = verify_lure(loop_of(problem), claim)
         assert (decision.verdict, decision.step) == (Verdict.UNDECIDED, "gains")
     wide = Interval(gain.lo - Fraction(1, 100), gain.hi + Fraction(1, 100))
     assert is_proved(
@@ -160,32 +172,35 @@ def test_gains_without_a_radius_are_believed_for_linear_couplings_only():
     linear = cycle(3, 3, coupling="2*y")
     lure = Lure(
         P_e=identity(3),
-        ranges=enclose_ranges(linear, radius=None),
+        ranges=enclose_ranges(loop_of(linear), radius=None),
         multipliers={"G": (0,) * 3},
         **everywhere,
     )
     assert is_proved(linear, lure)
-    assert covered_radius(linear, lure) == math.inf
+    assert covered_radius(loop_of(linear), lure) == math.inf
     curved = cycle(3, 3, coupling="tanh(y)")
-    assert verify_lure(curved, lure).verdict is Verdict.UNDECIDED
+    assert verify_lure(loop_of(curved), lure).verdict is Verdict.UNDECIDED
     undefined = cycle(3, 3, coupling="log(1 + y)")
     claim = GainRange(coupling=0, radius=Fraction(2), entries=((Interval.point(Fraction(2)),),))
     inside = {"radius": Fraction(2), "level": Fraction(1, 100), "ranges": (claim,)}
-    decision = verify_lure(undefined, replace(lure, **inside))
+    decision = verify_lure(loop_of(undefined), replace(lure, **inside))
     assert (decision.verdict, "cannot be enclosed" in decision.reason) == (Verdict.UNDECIDED, True)
 
 
 def test_a_p_that_is_not_positive_definite_is_refuted_and_one_of_another_size_refused():
     problem = cycle(2, 3)
     metric = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})
-    decision = verify_lure(problem, with_tau(problem, Fraction(1), Fraction(1), P_e=metric))
+    decision = verify_lure(
+        loop_of(problem), with_tau(problem, Fraction(1), Fraction(1), P_e=metric)
+    )
     assert (decision.verdict, decision.step) == (Verdict.REFUTED, "P_e")
     assert decision.witness is not None
     assert metric.quadratic_form(decision.witness) <= 0
 
     with pytest.raises(ShapeError, match="P_e must have 3 rows, one per component of e; got 4"):
         verify_lure(
-            cycle(3, 3), replace(with_tau(cycle(3, 3), Fraction(1), Fraction(1)), P_e=identity(4))
+            loop_of(cycle(3, 3)),
+            replace(with_tau(cycle(3, 3), Fraction(1), Fraction(1)), P_e=identity(4)),
         )
 
 
@@ -194,7 +209,7 @@ def test_every_mode_has_to_hold():
     ring = [[i, i % 6 + 1] for i in range(1, 7)]
     star = [[i, 1] for i in range(2, 7)]
     problem = linked({"A": ring, "B": star}, coupling="tanh(y)", gains="1/10")
-    decision = verify_lure(problem, with_tau(problem, Fraction(1, 10), Fraction(50)))
+    decision = verify_lure(loop_of(problem), with_tau(problem, Fraction(1, 10), Fraction(50)))
     assert (decision.verdict, decision.mode) == (Verdict.REFUTED, "B")
     better = linked({"A": ring, "B": star}, coupling="tanh(y)", gains=2)
     assert is_proved(better, with_tau(better, Fraction(1, 10), Fraction(50)))
@@ -213,12 +228,13 @@ def observed(scale: Fraction, tau: Fraction = Fraction("0.12")) -> tuple[Problem
 def test_with_the_observer_the_pair_has_to_be_scaled_up():
     """S = 9/(8 a) for the printed pair times a (theory, section 9)."""
     problem, small = observed(Fraction(1, 4))
-    assert verify_lure(problem, small).step == "inequality"
+    assert verify_lure(loop_of(problem), small).step == "inequality"
     problem, large = observed(Fraction(2))
     assert is_proved(problem, large)
-    assert verify_lure(problem, replace(large, rate=Fraction(1))).step == "observer"
+    assert verify_lure(loop_of(problem), replace(large, rate=Fraction(1))).step == "observer"
     assert (
-        verify_lure(problem, replace(large, Q=((Fraction(-1),), (Fraction(0),)))).step == "observer"
+        verify_lure(loop_of(problem), replace(large, Q=((Fraction(-1),), (Fraction(0),)))).step
+        == "observer"
     )
 
 
@@ -228,7 +244,7 @@ def test_covered_starts_pay_for_the_observer_errors():
     problem, lure = observed(Fraction(2))
     largest = (5 + math.sqrt(10)) / 6
     for s in (Fraction(0), Fraction(1, 10), Fraction(1, 2)):
-        R = covered_radius(problem, lure, disturbance=s)
+        R = covered_radius(loop_of(problem), lure, disturbance=s)
         truth = (
             math.sqrt(4.5 - 10 * largest * float(s) ** 2)
             if 10 * largest * float(s) ** 2 < 4.5
@@ -236,17 +252,22 @@ def test_covered_starts_pay_for_the_observer_errors():
         )
         assert truth * (1 - 1e-6) <= R <= truth
         if R:
-            assert covers(problem, lure, radius=Fraction(str(R)), disturbance=s)
+            assert covers(loop_of(problem), lure, radius=Fraction(str(R)), disturbance=s)
             assert not covers(
-                problem, lure, radius=Fraction(str(R)) * (1 + Fraction(1, 10**6)), disturbance=s
+                loop_of(problem),
+                lure,
+                radius=Fraction(str(R)) * (1 + Fraction(1, 10**6)),
+                disturbance=s,
             )
     # without a pair nothing is covered but eps = 0
     problem = cycle(10, 3, exosystem=HARMONIC)
     lure = with_tau(problem, Fraction("4.08"), Fraction("0.084"))
     assert is_proved(problem, lure)
-    assert covers(problem, lure, radius=Fraction("2.88"))
-    assert not covers(problem, lure, radius=Fraction("2.88"), disturbance=Fraction(1, 10**6))
-    assert covered_radius(problem, lure, disturbance=Fraction(50)) == 0.0
+    assert covers(loop_of(problem), lure, radius=Fraction("2.88"))
+    assert not covers(
+        loop_of(problem), lure, radius=Fraction("2.88"), disturbance=Fraction(1, 10**6)
+    )
+    assert covered_radius(loop_of(problem), lure, disturbance=Fraction(50)) == 0.0
 
 
 @pytest.mark.parametrize("k", [Fraction(1, 10), Fraction(1), Fraction(3)])
@@ -292,5 +313,5 @@ def test_where_no_estimate_can_be_shown_the_bound_is_the_largest_row_sum(monkeyp
 
 def test_without_a_pair_not_even_a_point_is_covered_with_a_disturbance():
     lure = with_tau(cycle(3, 3), Fraction(1), Fraction(1, 2))
-    assert covers(cycle(3, 3), lure, radius=Fraction(0))
-    assert not covers(cycle(3, 3), lure, radius=Fraction(0), disturbance=Fraction(1))
+    assert covers(loop_of(cycle(3, 3)), lure, radius=Fraction(0))
+    assert not covers(loop_of(cycle(3, 3)), lure, radius=Fraction(0), disturbance=Fraction(1))

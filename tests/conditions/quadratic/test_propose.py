@@ -30,6 +30,7 @@ from dobc_design.conditions.quadratic.propose import (
 )
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 
 ALL, ONE = 3, {1: 3}
@@ -38,7 +39,7 @@ ALL, ONE = 3, {1: 3}
 @cache
 def found(problem: Problem, **options) -> Lure:
     """A certificate, which has to exist."""
-    lure = design_lure(problem, holds=partial(is_proved, problem), **options)
+    lure = design_lure(loop_of(problem), holds=partial(is_proved, problem), **options)
     assert lure is not None
     assert is_proved(problem, lure)
     return lure
@@ -47,7 +48,7 @@ def found(problem: Problem, **options) -> Lure:
 def enlarged(problem: Problem, lure: Lure, part: str) -> Lure:
     """The same certificate for a radius a little larger, with the level that belongs to it."""
     radius = lure.radius * Fraction(part)
-    ranges = enclose_ranges(problem, radius=radius)
+    ranges = enclose_ranges(loop_of(problem), radius=radius)
     return replace(lure, radius=radius, ranges=ranges, level=lure.level * Fraction(part) ** 2)
 
 
@@ -67,7 +68,7 @@ def test_directed_cycles_reach_the_known_radii_and_balls(n, gains, shape, radius
     problem = cycle(n, gains)
     lure = found(problem, shape=shape)
     assert 0.99 * radius < lure.radius < 1.01 * radius
-    assert 0.99 * ball < covered_radius(problem, lure) < 1.01 * ball
+    assert 0.99 * ball < covered_radius(loop_of(problem), lure) < 1.01 * ball
     assert not is_proved(problem, enlarged(problem, lure, "1.02"))
 
 
@@ -77,9 +78,9 @@ def test_directed_cycles_reach_the_known_radii_and_balls(n, gains, shape, radius
 def test_the_interval_bound_is_found_by_bisection(gains, radius, ball):
     """Theory, section 9."""
     problem = cycle(10, gains)
-    lure = bound_lure(problem, holds=partial(is_proved, problem), method="interval")
+    lure = bound_lure(loop_of(problem), holds=partial(is_proved, problem), method="interval")
     assert lure.radius == pytest.approx(radius, rel=2e-3)  # gains are claimed a little wider
-    assert covered_radius(problem, lure) == pytest.approx(ball, rel=2e-3)
+    assert covered_radius(loop_of(problem), lure) == pytest.approx(ball, rel=2e-3)
     assert not is_proved(problem, enlarged(problem, lure, "1.01"))
 
 
@@ -87,10 +88,12 @@ def test_corners_reach_at_least_as_far_as_multipliers_with_the_same_p():
     """With a given P_e the corners decide, multipliers are sufficient."""
     problem = cycle(2, ALL)
     lure = found(problem, shape="identity")
-    corners = bound_lure(problem, holds=partial(is_proved, problem), method="vertices")
+    corners = bound_lure(loop_of(problem), holds=partial(is_proved, problem), method="vertices")
     problem = cycle(3, ONE)
     full = found(problem)
-    same = bound_lure(problem, holds=partial(is_proved, problem), method="vertices", P_e=full.P_e)
+    same = bound_lure(
+        loop_of(problem), holds=partial(is_proved, problem), method="vertices", P_e=full.P_e
+    )
     assert corners.radius >= lure.radius * Fraction(999, 1000)
     assert same.radius >= full.radius * Fraction(999, 1000)
 
@@ -101,8 +104,8 @@ def test_more_freedom_in_p_never_costs_radius(seed):
     problem = random_problem(seed, coupling="y + y**3/5")
     balls = []
     for shape in ("identity", "diagonal", "full"):
-        lure = design_lure(problem, holds=partial(is_proved, problem), shape=shape)
-        balls.append(0.0 if lure is None else covered_radius(problem, lure))
+        lure = design_lure(loop_of(problem), holds=partial(is_proved, problem), shape=shape)
+        balls.append(0.0 if lure is None else covered_radius(loop_of(problem), lure))
     assert balls[2] >= 0.99 * balls[1] >= 0.98 * balls[0]
 
 
@@ -114,12 +117,12 @@ def test_linear_couplings_are_certified_iff_the_loop_is_stable(seed):
     J = np.column_stack([field(problem, "G0", e) for e in np.eye(problem.n)])
     abscissa = float(np.max(np.linalg.eigvals(J).real))
     assert abs(abscissa) > 1e-6 or abscissa > -1e-12
-    lure = design_lure(problem, holds=partial(is_proved, problem))
+    lure = design_lure(loop_of(problem), holds=partial(is_proved, problem))
     assert (lure is not None) is (abscissa < -1e-9)
     if lure is not None:
         assert lure.level is None
-        assert covered_radius(problem, lure) == math.inf
-        faster = raise_rate(problem, lure, holds=partial(is_proved, problem))
+        assert covered_radius(loop_of(problem), lure) == math.inf
+        faster = raise_rate(loop_of(problem), lure, holds=partial(is_proved, problem))
         assert 0 < faster.rate <= -abscissa
 
 
@@ -133,7 +136,7 @@ def test_two_agents_are_certified_up_to_their_other_equilibrium_and_never_beyond
     truth = math.sqrt((float(Fraction(k)) + 2) / 2)
     lure = found(problem)
     assert 0.75 * truth < lure.radius < truth
-    largest = covered_radius(problem, lure)
+    largest = covered_radius(loop_of(problem), lure)
     assert 0.75 * truth / math.sqrt(2) < largest < truth / math.sqrt(2)
 
 
@@ -141,10 +144,10 @@ def test_an_asked_rate_is_kept_and_can_be_raised_to_its_edge():
     problem = cycle(3, ONE)
     lure = found(problem, rate=Fraction(1, 50))
     assert lure.rate == Fraction(1, 50)
-    assert covered_radius(problem, lure) < covered_radius(problem, found(problem))
-    faster = raise_rate(problem, lure, holds=partial(is_proved, problem))
+    assert covered_radius(loop_of(problem), lure) < covered_radius(loop_of(problem), found(problem))
+    faster = raise_rate(loop_of(problem), lure, holds=partial(is_proved, problem))
     assert faster.rate >= lure.rate
-    edge = Fraction(str(rate_estimate(problem, lure)))
+    edge = Fraction(str(rate_estimate(loop_of(problem), lure)))
     assert not is_proved(problem, replace(lure, rate=edge * Fraction(101, 100)))
 
 
@@ -163,8 +166,8 @@ def test_one_certificate_serves_every_mode():
     )
     lure = found(problem, shape="diagonal")
     assert set(lure.multipliers) == set(steps)
-    assert covered_radius(problem, lure) < 1.01 * covered_radius(
-        alone, found(alone, shape="diagonal")
+    assert covered_radius(loop_of(problem), lure) < 1.01 * covered_radius(
+        loop_of(alone), found(alone, shape="diagonal")
     )
     assert not is_proved(problem, enlarged(problem, lure, "1.5"))
 
@@ -187,7 +190,7 @@ def test_radii_reach_as_far_as_h_is_defined_and_nowhere_if_an_agent_is_not_held(
         < 1
     )
     problem = linked([], 2, coupling="tanh(y)", gains={2: 1})
-    assert design_lure(problem, holds=partial(is_proved, problem)) is None
+    assert design_lure(loop_of(problem), holds=partial(is_proved, problem)) is None
 
 
 @pytest.mark.slow
@@ -195,10 +198,14 @@ def test_radii_reach_as_far_as_h_is_defined_and_nowhere_if_an_agent_is_not_held(
 def test_with_the_observer_starts_and_observer_errors_are_covered_together(s):
     problem = cycle(10, ALL, exosystem=HARMONIC)
     lure = found(problem, W=PAPER_GAIN, disturbance=s)
-    R = covered_radius(problem, lure, disturbance=s)
-    assert covers(problem, lure, radius=Fraction(289 if s == 0 else 265, 100), disturbance=s)
-    assert covers(problem, lure, radius=Fraction(str(R)), disturbance=s)
-    assert not covers(problem, lure, radius=Fraction(str(R)) * Fraction(1001, 1000), disturbance=s)
+    R = covered_radius(loop_of(problem), lure, disturbance=s)
+    assert covers(
+        loop_of(problem), lure, radius=Fraction(289 if s == 0 else 265, 100), disturbance=s
+    )
+    assert covers(loop_of(problem), lure, radius=Fraction(str(R)), disturbance=s)
+    assert not covers(
+        loop_of(problem), lure, radius=Fraction(str(R)) * Fraction(1001, 1000), disturbance=s
+    )
 
 
 def test_too_large_observer_errors_and_rates_faster_than_the_observer_are_not_certified():
@@ -206,9 +213,15 @@ def test_too_large_observer_errors_and_rates_faster_than_the_observer_are_not_ce
     sections 4, 9)."""
     problem = cycle(2, ALL, exosystem=HARMONIC)
     options = {"W": PAPER_GAIN, "shape": "identity", "holds": lambda each: is_proved(problem, each)}
-    assert design_lure(problem, disturbance=Fraction(50), largest=Fraction(5), **options) is None
-    assert design_lure(problem, rate=Fraction(3, 2), largest=Fraction(1), **options) is not None
-    assert design_lure(problem, rate=Fraction(17, 10), **options) is None
+    assert (
+        design_lure(loop_of(problem), disturbance=Fraction(50), largest=Fraction(5), **options)
+        is None
+    )
+    assert (
+        design_lure(loop_of(problem), rate=Fraction(3, 2), largest=Fraction(1), **options)
+        is not None
+    )
+    assert design_lure(loop_of(problem), rate=Fraction(17, 10), **options) is None
 
 
 SEEN = {
@@ -224,7 +237,7 @@ def test_no_start_on_the_boundary_leaves_and_v_decays_at_the_rate(n, gains, opti
     """50 random starts with V = level; SciPy integrates the equations of (22)."""
     problem = cycle(n, gains, exosystem=HARMONIC if "W" in options else None)
     lure = found(problem, **options, rate=Fraction(1, 50))
-    lure = raise_rate(problem, lure, holds=partial(is_proved, problem))
+    lure = raise_rate(loop_of(problem), lure, holds=partial(is_proved, problem))
     times = np.linspace(0, 4, 30)
     V = values_along(problem, lure, lure.level, times)
     assert np.allclose(V[:, 0], float(lure.level))
@@ -235,9 +248,12 @@ def test_no_start_on_the_boundary_leaves_and_v_decays_at_the_rate(n, gains, opti
 def test_a_gain_without_an_exosystem_is_refused_and_what_holds_does_not_accept_not_returned():
     problem = cycle(2, ALL, coupling="pi*y")
     with pytest.raises(SpecError, match="W has no meaning without"):
-        design_lure(problem, holds=lambda each: True, W=PAPER_GAIN)
-    assert design_lure(problem, holds=lambda each: False) is None
-    assert bound_lure(problem, holds=lambda each: False, method="interval", P_e=identity(2)) is None
+        design_lure(loop_of(problem), holds=lambda each: True, W=PAPER_GAIN)
+    assert design_lure(loop_of(problem), holds=lambda each: False) is None
+    assert (
+        bound_lure(loop_of(problem), holds=lambda each: False, method="interval", P_e=identity(2))
+        is None
+    )
 
 
 @pytest.mark.evidence
@@ -262,7 +278,9 @@ def test_what_holds_by_less_than_digits_can_say_has_no_certificate():
     """h = -y pi/2 both ways: stable iff k > pi."""
     for text, holds in (("3.14159265358979323846264338328", False), ("3.15", True)):
         problem = linked([[1, 2], [2, 1]], coupling="-y*pi/2", gains=text)
-        assert (design_lure(problem, holds=partial(is_proved, problem)) is not None) is holds
+        assert (
+            design_lure(loop_of(problem), holds=partial(is_proved, problem)) is not None
+        ) is holds
 
 
 def test_a_component_with_an_irrational_slope_beside_a_curved_one_has_a_radius_as_large_as_asked():
@@ -278,7 +296,9 @@ def test_the_linear_rate_is_that_of_the_slowest_eigenvalue(coupling, slope):
     """J - K of the directed 4-cycle with one pin, by NumPy."""
     J = slope * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - np.diag([3.0, 0, 0, 0])
     truth = -float(np.max(np.linalg.eigvals(J).real))
-    assert linear_rate(cycle(4, {1: 3}, coupling=coupling), None) == pytest.approx(truth, rel=1e-4)
+    assert linear_rate(loop_of(cycle(4, {1: 3}, coupling=coupling)), None) == pytest.approx(
+        truth, rel=1e-4
+    )
     with_observer = cycle(4, 9, coupling=coupling, exosystem=HARMONIC)
-    assert linear_rate(with_observer, PAPER_GAIN) == pytest.approx(1.6, rel=1e-6)
-    assert linear_rate(cycle(4, {1: 3}, coupling="-y"), None) == 0.0
+    assert linear_rate(loop_of(with_observer), PAPER_GAIN) == pytest.approx(1.6, rel=1e-6)
+    assert linear_rate(loop_of(cycle(4, {1: 3}, coupling="-y")), None) == 0.0

@@ -18,13 +18,14 @@ from dobc_design.conditions.quadratic.sectors import (
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.loop.make import loop_of
 
 TWO = Fraction(2)
 
 
 def test_the_secant_gain_of_the_paper_on_two_is_that_of_the_theory():
     """Theory, section 9: [1.432332, 4.194528], widened by 1e-5 of it and a digit."""
-    ((gain,),) = enclose_ranges(cycle(3, 1), radius=TWO)[0].entries
+    ((gain,),) = enclose_ranges(loop_of(cycle(3, 1)), radius=TWO)[0].entries
     assert 1.4322 < gain.lo <= Fraction((1 - np.exp(-2)) / 2 + 1) + Fraction(1, 10**12)
     assert Fraction((np.exp(2) - 1) / 2 + 1) - Fraction(1, 10**12) <= gain.hi < 4.19458
 
@@ -70,7 +71,9 @@ def test_channels_with_the_true_gains_give_h_back(seed):
     vector = seed % 2 == 1
     coupling = ["y1 + y2**2*y1/4", "y2/2 - y1"] if vector else "exp(y) - 1"
     problem = random_problem(seed, m=2, coupling=coupling)
-    sectors = build_sectors(problem, enclose_ranges(problem, radius=TWO), radius=TWO)
+    sectors = build_sectors(
+        loop_of(problem), enclose_ranges(loop_of(problem), radius=TWO), radius=TWO
+    )
     e = np.random.default_rng(seed).uniform(-0.9, 0.9, problem.n * 2)
     x = e.reshape(-1, 2)
     felt, wanted = np.zeros_like(e), np.zeros_like(x)
@@ -97,17 +100,17 @@ def test_channels_with_the_true_gains_give_h_back(seed):
 
 def test_a_linear_coupling_is_one_gain_for_every_radius_and_exceptions_have_their_own():
     problem = cycle(3, 1, coupling="2/3*y")
-    (found,) = enclose_ranges(problem, radius=None)
+    (found,) = enclose_ranges(loop_of(problem), radius=None)
     assert found.entries == ((Interval.point(Fraction(2, 3)),),)
-    channel = build_sectors(problem, (found,), radius=None).modes["G"][0]
+    channel = build_sectors(loop_of(problem), (found,), radius=None).modes["G"][0]
     assert channel.spread == 0
 
     problem = linked(
         [[1, 2, "1/2"], [2, 1], [2, 3]], coupling=PAPER, exceptions={(1, 0): "2*y"}, gains=1
     )
-    ranges = enclose_ranges(problem, radius=TWO)
+    ranges = enclose_ranges(loop_of(problem), radius=TWO)
     assert [(each.coupling, each.radius) for each in ranges] == [(0, 2), (1, 2)]
-    channels = build_sectors(problem, ranges, radius=TWO).modes["G"]
+    channels = build_sectors(loop_of(problem), ranges, radius=TWO).modes["G"]
     by_arc = {(channel.target, channel.plus): channel for channel in channels}
     assert by_arc[1, 0].low == by_arc[1, 0].high == 2
     assert by_arc[0, 1].high == ranges[0].entries[0][0].hi / 2
@@ -117,24 +120,30 @@ def test_a_linear_coupling_is_one_gain_for_every_radius_and_exceptions_have_thei
 def test_a_radius_has_to_be_positive_or_left_out_if_linear_and_ranges_have_to_fit():
     problem = cycle(3, 1)
     with pytest.raises(SpecError, match="radius must be > 0; got 0"):
-        enclose_ranges(problem, radius=Fraction(0))
+        enclose_ranges(loop_of(problem), radius=Fraction(0))
     with pytest.raises(SpecError, match="is not linear; got None"):
-        enclose_ranges(problem, radius=None)
+        enclose_ranges(loop_of(problem), radius=None)
     with pytest.raises(UndefinedError, match=r"\[-2, 2\]"):
-        enclose_ranges(cycle(3, 1, coupling="log(1 + y)"), radius=TWO)
+        enclose_ranges(loop_of(cycle(3, 1, coupling="log(1 + y)")), radius=TWO)
     with pytest.raises(SpecError, match=r"needs a range of shape \(1, 1\) at the radius 2"):
-        build_sectors(problem, enclose_ranges(problem, radius=Fraction(1)), radius=TWO)
+        build_sectors(
+            loop_of(problem), enclose_ranges(loop_of(problem), radius=Fraction(1)), radius=TWO
+        )
     wide = GainRange(coupling=0, radius=TWO, entries=((Interval.point(1),) * 2,) * 2)
     with pytest.raises(SpecError, match=r"needs a range of shape \(1, 1\)"):
-        build_sectors(problem, (wide,), radius=TWO)
+        build_sectors(loop_of(problem), (wide,), radius=TWO)
 
 
 def test_ranges_rely_on_the_differences_of_arcs_and_components_that_are_not_linear():
     """Both directions of an arc count once; what is linear alone needs no radius."""
     problem = linked([[1, 2], [2, 1], [2, 3]], coupling=PAPER, exceptions={(1, 2): "2*y"}, gains=1)
-    assert relied_differences(problem) == ((0, 1),)
-    assert relied_differences(linked([[1, 2]], coupling=["y1 + y1**3", "y2"], gains=1)) == ((0, 2),)
-    assert relied_differences(linked([[1, 2]], coupling=["y1 + y1*y2**2", "y2"], gains=1)) == (
+    assert relied_differences(loop_of(problem)) == ((0, 1),)
+    assert relied_differences(
+        loop_of(linked([[1, 2]], coupling=["y1 + y1**3", "y2"], gains=1))
+    ) == ((0, 2),)
+    assert relied_differences(
+        loop_of(linked([[1, 2]], coupling=["y1 + y1*y2**2", "y2"], gains=1))
+    ) == (
         (0, 2),
         (1, 3),
     )

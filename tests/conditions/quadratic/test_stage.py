@@ -18,6 +18,7 @@ from dobc_design.conditions.quadratic import stage as quadratic
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.sectors import enclose_ranges, gains_on
 from dobc_design.conditions.quadratic.stage import quadratic_stage
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.load import read_problem_text
 
 SHAPES = ["P_e = I)", "a diagonal P_e)", "a full P_e)"]
@@ -43,7 +44,7 @@ def ring(
 
 def asked(problem: Problem, *, everything: bool = False) -> Asked:
     domain = "global" if problem.is_linear else "consensus"
-    return read_region(problem, problem.observer.W, domain=domain, everything=everything)
+    return read_region(loop_of(problem), problem.observer.W, domain=domain, everything=everything)
 
 
 def stage(problem: Problem, *, everything: bool = False) -> tuple[Check, list[str]]:
@@ -139,7 +140,10 @@ def test_corners_are_tried_up_to_a_number_of_channels(monkeypatch):
     monkeypatch.setattr(quadratic, "CORNER_CHANNELS", 2)
     for n in (2, 3):
         problem = ring(n, 3)
-        ranges, taus = enclose_ranges(problem, radius=Fraction(1)), {"G": (Fraction(1, 2),) * n}
+        ranges, taus = (
+            enclose_ranges(loop_of(problem), radius=Fraction(1)),
+            {"G": (Fraction(1, 2),) * n},
+        )
         lure = Lure(
             P_e=identity(n),
             ranges=ranges,
@@ -196,7 +200,7 @@ def test_where_nothing_is_found_where_it_is_left_out_and_where_it_does_not_apply
     assert (
         "left out, because it takes long with 61 rows n m; it is examined up to 60." in check.reason
     )
-    asked_for = read_region(ring(3, 3, s="1"), None, domain="consensus", everything=False)
+    asked_for = read_region(loop_of(ring(3, 3, s="1")), None, domain="consensus", everything=False)
     (check,) = quadratic_stage(asked_for, lambda _: None)
     assert check.reason.startswith("does not apply:")
 
@@ -215,13 +219,13 @@ def test_gains_are_claimed_with_room_on_both_sides(text):
     problem = ring(2, 1, coupling=text)
     ((tight,),), ((wide,),) = (
         gains_on(problem.couplings[0], Fraction(2)),
-        enclose_ranges(problem, radius=Fraction(2))[0].entries,
+        enclose_ranges(loop_of(problem), radius=Fraction(2))[0].entries,
     )
     assert wide.lo < tight.lo
     assert tight.hi < wide.hi
     assert wide.width < tight.width + Fraction(1, 10_000) * (1 + tight.magnitude)
     linear = ring(2, 1, coupling="3*y/7")
-    assert enclose_ranges(linear, radius=Fraction(2))[0].entries == gains_on(
+    assert enclose_ranges(loop_of(linear), radius=Fraction(2))[0].entries == gains_on(
         linear.couplings[0], Fraction(2)
     )
 

@@ -19,6 +19,7 @@ from dobc_design.conditions.schedule.checks import (
     settling_check,
     settling_of,
 )
+from dobc_design.loop.make import loop_of
 from dobc_design.verdict import Verdict
 
 ALL = [*GOOD.items(), ("observed, linear", SEEN), ("observed, linear", STRETCHED)]
@@ -29,12 +30,12 @@ ALL = [*GOOD.items(), ("observed, linear", SEEN), ("observed, linear", STRETCHED
 def test_a_claim_is_read_decided_once_more_and_written_as_it_was(name: str, document: Document):
     problem = problems()[name]
     W = None if problem.observer is None else problem.observer.W
-    claim = read_claim(check_from_json(document), problem, W)
-    settling = settling_of(problem, claim, "")
-    check = settling_check(problem, W, settling, domain="consensus")
+    claim = read_claim(check_from_json(document), loop_of(problem), W)
+    settling = settling_of(loop_of(problem), claim, "")
+    check = settling_check(loop_of(problem), W, settling, domain="consensus")
     assert (check.verdict, dict(check.domain)) == (Verdict.PROVED, document["domain"])
-    assert read_claim(confirming.through_json(check), problem, W) == claim
-    assert confirm(check, problem, W, domain="consensus") is None
+    assert read_claim(confirming.through_json(check), loop_of(problem), W) == claim
+    assert confirm(check, loop_of(problem), W, domain="consensus") is None
 
 
 def test_the_tube_of_a_slower_observer_is_not_confirmed():
@@ -62,17 +63,17 @@ def test_the_tube_of_a_slower_observer_is_not_confirmed():
 )
 def test_what_cannot_be_such_a_claim_raises(changes: Document, words: str):
     with pytest.raises((KeyError, TypeError, ValueError), match=words):
-        read_claim(check_from_json(bent(LINE, **changes)), problems()["line"], None)
+        read_claim(check_from_json(bent(LINE, **changes)), loop_of(problems()["line"]), None)
 
 
 def test_an_undecided_settling_claims_nothing():
     problem = problems()["line"]
-    claim = read_claim(check_from_json(LINE), problem, None)
+    claim = read_claim(check_from_json(LINE), loop_of(problem), None)
     open_one = replace(
-        settling_of(problem, claim, ""),
+        settling_of(loop_of(problem), claim, ""),
         verdict=Verdict.UNDECIDED,
         reason="none was found.",
         claim=None,
     )
-    check = settling_check(problem, None, open_one, domain="consensus")
+    check = settling_check(loop_of(problem), None, open_one, domain="consensus")
     assert (check.verdict, check.domain, check.exact) == (Verdict.UNDECIDED, "consensus", None)

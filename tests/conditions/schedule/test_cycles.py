@@ -18,11 +18,8 @@ from dobc_design.checker import cycles as checker_cycles
 from dobc_design.conditions.schedule import propose_cycles
 from dobc_design.conditions.schedule.cycles import (
     Cycles,
-    Phase,
     Weights,
-    guarantee_in_words,
     holds_starts,
-    phases_of,
     unreached_cycles,
     why_not,
 )
@@ -33,7 +30,14 @@ from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
 from dobc_design.exact import work
 from dobc_design.exact.work import at_most
+from dobc_design.loop.guarantee import Phase
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.dynamics import Dynamics
+
+
+def phases_of(problem):
+    return loop_of(problem).guarantee.phases
+
 
 HALF, ONE, TWO = Fraction(1, 2), Fraction(1), Fraction(2)
 PAPER = "exp(y) - 1 + y"
@@ -120,7 +124,9 @@ def test_there_are_no_phases_without_a_guarantee_or_with_one_mode():
     assert phases_of(problem(guarantee="arbitrary", dwell=1)) == ()
     assert phases_of(problem({"A": [[2, 1]]}, guarantee="dwell", dwell=1)) == ()
     assert (
-        why_not(problem(signal="random", dwell=1), None, Cycles(phases=(), rate=None, rho=None))
+        why_not(
+            loop_of(problem(signal="random", dwell=1)), None, Cycles(phases=(), rate=None, rho=None)
+        )
         is not None
     )
 
@@ -175,7 +181,7 @@ def test_the_work_of_a_sequence_grows_like_its_phases():
         )
         assert len(phases_of(own)) == count
         with at_most(10**9):
-            claim = next(propose_cycles.propose(own, None, rho=None, error=None))
+            claim = next(propose_cycles.propose(loop_of(own), None, rho=None, error=None))
             account = work._ACCOUNT.get()
         assert claim.rate > 0 and account is not None
         return account.granted - account.left
@@ -208,7 +214,9 @@ def test_a_guarantee_in_words():
             "dwell": 1,
         },
     }
-    assert {guarantee_in_words(problem(**turns)) for turns in words.values()} == set(words)
+    assert {loop_of(problem(**turns)).guarantee.in_words() for turns in words.values()} == set(
+        words
+    )
 
 
 @pytest.mark.parametrize(
@@ -226,8 +234,10 @@ def test_a_guarantee_in_words():
 )
 @few_chords()
 def test_cycles_that_do_not_reach_every_agent(own: Problem, missed):
-    assert list(unreached_cycles(own, phases_of(own))) == missed
-    assert (why_not(own, None, Cycles(phases=(), rate=None, rho=None)) is None) == (not missed)
+    assert list(unreached_cycles(loop_of(own), phases_of(own))) == missed
+    assert (why_not(loop_of(own), None, Cycles(phases=(), rate=None, rho=None)) is None) == (
+        not missed
+    )
     certificate = certify(own)
     assert certificate.verdict is (Verdict.REFUTED if missed else Verdict.PROVED)
     assert recheck(certificate.claims, own).holds
@@ -277,11 +287,11 @@ def test_three_agents_that_are_never_connected(found):
 def test_half_a_ring_at_a_time_holds_by_the_graphs():
     own = ring({1: 5, 6: 5}, region={"initial_states": [-4, 4]})
     claim = Cycles(phases=(), rate=None, rho=Fraction(4))
-    assert why_not(own, None, claim) is None
-    assert holds_starts(own, claim, radius=Fraction(4), disturbance=Fraction(0))
-    assert not holds_starts(own, claim, radius=Fraction("4.001"), disturbance=Fraction(0))
-    assert why_not(own, None, Cycles(phases=(), rate=None, rho=None)) is not None
-    assert "no pin reaches agent 1" in str(why_not(ring({}), None, claim))
+    assert why_not(loop_of(own), None, claim) is None
+    assert holds_starts(loop_of(own), claim, radius=Fraction(4), disturbance=Fraction(0))
+    assert not holds_starts(loop_of(own), claim, radius=Fraction("4.001"), disturbance=Fraction(0))
+    assert why_not(loop_of(own), None, Cycles(phases=(), rate=None, rho=None)) is not None
+    assert "no pin reaches agent 1" in str(why_not(loop_of(ring({})), None, claim))
 
 
 @pytest.mark.slow
@@ -350,9 +360,15 @@ def test_starts_are_those_of_phases_that_may_be_first():
     high = Weights(times=(Fraction(0), ONE), v=((HALF,) * 3,) * 2)
     claim = Cycles(phases=(flat, high), rate=ONE, rho=ONE)
     zero = Fraction(0)
-    assert holds_starts(chain(guarantee="sequence", dwell=1), claim, radius=ONE, disturbance=zero)
-    assert not holds_starts(chain(guarantee="dwell", dwell=1), claim, radius=ONE, disturbance=zero)
-    assert holds_starts(chain(guarantee="dwell", dwell=1), claim, radius=HALF, disturbance=zero)
+    assert holds_starts(
+        loop_of(chain(guarantee="sequence", dwell=1)), claim, radius=ONE, disturbance=zero
+    )
+    assert not holds_starts(
+        loop_of(chain(guarantee="dwell", dwell=1)), claim, radius=ONE, disturbance=zero
+    )
+    assert holds_starts(
+        loop_of(chain(guarantee="dwell", dwell=1)), claim, radius=HALF, disturbance=zero
+    )
     assert Phase(mode="A", shortest=ONE, longest=None, successors=(1,), first=True) in phases_of(
         chain(guarantee="dwell", dwell=1)
     )
@@ -497,7 +513,7 @@ def test_errors_that_grow_from_round_to_round_refute_consensus_and_others_do_not
         A = expm(time * np.array([[1 - gain, -1], [0, -gain]]))
         B = expm(time * np.array([[-gain, 0], [-1, 1 - gain]]))
         radius = np.abs(np.linalg.eigvals(B @ A)).max()
-        found = growth_check(switched_pair(k, dwell), "global")
+        found = growth_check(loop_of(switched_pair(k, dwell)), "global")
         if radius < 1 + 1e-9:
             assert found is None
         elif radius > 1.1:
@@ -535,7 +551,7 @@ def test_a_false_claim_is_not_halved_all_along():
     own = problem(
         {"A": [[2, 1]], "B": [[3, 2]]}, guarantee="sequence", sequence=["A", "B"], dwell=1
     )
-    rows = moving_rows(own, ONE, ["A"])
+    rows = moving_rows(loop_of(own), ONE, ["A"])
     v = [
         tuple(Fraction(2000 - k, 2000) for _ in range(3)) for k in range(1001)
     ]  # all weights fall, agent 2 is held by 1

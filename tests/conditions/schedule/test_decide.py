@@ -25,6 +25,7 @@ from dobc_design.conditions.schedule.decide import open_segments, why_not
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
+from dobc_design.loop.make import loop_of
 
 F = Fraction
 HEARD = "observed, linear"
@@ -33,7 +34,7 @@ HEARD = "observed, linear"
 def answer(name: str, document: dict) -> str | None:
     problem = problems()[name]
     W = None if problem.observer is None else problem.observer.W
-    return why_not(problem, W, read_claim(check_from_json(document), problem, W))
+    return why_not(loop_of(problem), W, read_claim(check_from_json(document), loop_of(problem), W))
 
 
 @pytest.mark.parametrize(
@@ -76,7 +77,7 @@ def test_boxes_that_cannot_be_are_refused():
     "name", ["level", "height", "stretch", "radius", "tolerance", "disturbance", "time"]
 )
 def test_numbers_of_a_claim_that_cannot_be_are_refused(name: str):
-    claim = read_claim(check_from_json(LINE), problems()["line"], None)
+    claim = read_claim(check_from_json(LINE), loop_of(problems()["line"]), None)
     with pytest.raises(SpecError, match=f"{name} must"):
         replace(claim, **{name: F(-1)})
 
@@ -96,8 +97,11 @@ def test_the_tube_of_one_agent_is_as_close_to_its_run_as_its_steps_are_short_and
     problem, k = listening([], "y", n=1, gains={1: 3}, target=0), 3
     for steps, gap in ((50, 0.05), (200, 0.013)):
         tube = alone(k, steps=steps, room=1e-9)
-        assert open_segments(problem, tube, disturbance=F(0)) == []
-        assert open_segments(problem, alone(k, steps=steps, room=-1e-9), disturbance=F(0)) != []
+        assert open_segments(loop_of(problem), tube, disturbance=F(0)) == []
+        assert (
+            open_segments(loop_of(problem), alone(k, steps=steps, room=-1e-9), disturbance=F(0))
+            != []
+        )
         excess = [
             float(box[0]) * math.exp(k * t) - 1
             for t, box in zip(tube.times, tube.upper, strict=True)
@@ -121,9 +125,9 @@ def test_a_certificate_alone_settles_at_the_logarithm_of_closed_form():
     for shift in (1e-9, -1e-9):
         time = F(math.log(100) / 2 + shift)
         claim = Descent(
-            tube=Tube.start(problem, F(1), None), certificate=last, time=time, **numbers
+            tube=Tube.start(loop_of(problem), F(1), None), certificate=last, time=time, **numbers
         )
-        assert (why_not(problem, None, claim) is None) is (shift > 0)
+        assert (why_not(loop_of(problem), None, claim) is None) is (shift > 0)
 
 
 # --- Runs stay inside
@@ -194,7 +198,7 @@ def test_no_run_leaves_a_tube_that_is_proved_and_some_leave_one_that_is_refused(
             tube,
             upper=(tube.upper[0], *(tuple(x * F(9, 10) for x in box) for box in tube.upper[1:])),
         )
-        assert open_segments(problem, tight, disturbance=F(0)) != []
+        assert open_segments(loop_of(problem), tight, disturbance=F(0)) != []
     assert len(tube.times) > 2
     assert excess(problem, tube) <= 1e-7
     assert excess(problem, tight) > 1e-3
@@ -202,8 +206,8 @@ def test_no_run_leaves_a_tube_that_is_proved_and_some_leave_one_that_is_refused(
 
 def test_the_envelope_is_the_larger_face_and_then_the_certificate():
     """Between times on the chord; from the end on height level exp(-alpha t)."""
-    claim = read_claim(check_from_json(UNEVEN), problems()["bent"], None)
-    settling = settling_of(problems()["bent"], claim, "")
+    claim = read_claim(check_from_json(UNEVEN), loop_of(problems()["bent"]), None)
+    settling = settling_of(loop_of(problems()["bent"]), claim, "")
     times, bounds = settling.curve(until=2 * settling.time, samples=101)
     wanted = np.where(times < 0.1, 1 - 2.37 * times, 0.763 * np.exp(-2.9999 * (times - 0.1)))
     assert np.allclose(bounds, wanted, rtol=1e-12) and np.all(bounds >= wanted * (1 - 1e-15))

@@ -21,6 +21,7 @@ from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule.decide import why_not
 from dobc_design.conditions.schedule.stage import asked_beside, settling_stage
 from dobc_design.errors import CertificateError, SpecError
+from dobc_design.loop.make import loop_of
 from dobc_design.verdict import Verdict
 
 F = Fraction
@@ -93,18 +94,22 @@ def box(radius: float, verdict: Verdict = Verdict.PROVED, reason: str = "") -> C
 
 def test_starts_are_the_region_or_as_much_of_it_as_is_proved():
     problem, none = listening_pair(reach=2), listening_pair(reach=None)
-    assert asked_beside(problem, [box(2.0)], tolerance=F(1, 9)).radius == 2
-    assert asked_beside(problem, [box(1.5)], tolerance=None).tolerance == F(3, 200)
-    assert asked_beside(problem, [], tolerance=None).radius == 2
-    assert asked_beside(none, [box(1.5)], tolerance=None).radius == F(3, 2)
+    assert asked_beside(loop_of(problem), [box(2.0)], tolerance=F(1, 9)).radius == 2
+    assert asked_beside(loop_of(problem), [box(1.5)], tolerance=None).tolerance == F(3, 200)
+    assert asked_beside(loop_of(problem), [], tolerance=None).radius == 2
+    assert asked_beside(loop_of(none), [box(1.5)], tolerance=None).radius == F(3, 2)
 
 
 def test_without_starts_or_without_a_certificate_it_is_left_out():
     none = listening_pair(reach=None)
-    assert "nothing says where the agents start" in asked_beside(none, [], tolerance=None)
+    assert "nothing says where the agents start" in asked_beside(loop_of(none), [], tolerance=None)
     open_one = box(1.0, Verdict.UNDECIDED)
-    assert "nothing says where the agents start" in asked_beside(none, [open_one], tolerance=None)
-    assert "the target alone" in asked_beside(listening_pair(reach=[0, 0]), [], tolerance=None)
+    assert "nothing says where the agents start" in asked_beside(
+        loop_of(none), [open_one], tolerance=None
+    )
+    assert "the target alone" in asked_beside(
+        loop_of(listening_pair(reach=[0, 0])), [], tolerance=None
+    )
 
 
 def line(coupling: str | list[str], **more: object) -> dd.Problem:
@@ -118,7 +123,7 @@ def line(coupling: str | list[str], **more: object) -> dd.Problem:
 def test_couplings_that_do_not_act_by_component_leave_it_undecided():
     problem = line(["y1 + y2**3", "y2"], target=[0, 0])
     check = settling_stage(
-        problem, None, [], tolerance=F(1), domain="consensus", report=lambda stage: None
+        loop_of(problem), None, [], tolerance=F(1), domain="consensus", report=lambda stage: None
     )
     assert check.verdict is Verdict.UNDECIDED
     assert check.reason.startswith("does not apply")
@@ -187,14 +192,14 @@ def test_example_1_settles_hardly_later_than_its_slowest_run(fixed):
 @pytest.mark.slow
 def test_example_1_is_proved_again_and_fails_earlier_or_in_smaller_boxes(fixed):
     problem, claim = dd.load_problem("paper-fixed"), fixed.claim
-    W, tube = observer_gain(problem), claim.tube
-    assert why_not(problem, W, claim) is None
+    W, tube = observer_gain(loop_of(problem)), claim.tube
+    assert why_not(loop_of(problem), W, claim) is None
     early = replace(claim, time=tube.ends + (claim.time - tube.ends) * F(999, 1000))
-    assert "by the time claimed" in why_not(problem, W, early)
+    assert "by the time claimed" in why_not(loop_of(problem), W, early)
     for k in range(1, len(tube.times), len(tube.times) // 5):
         box = tuple(x * F(19, 20) for x in tube.upper[k])
         smaller = replace(tube, upper=(*tube.upper[:k], box, *tube.upper[k + 1 :]))
-        assert "a row does not hold" in why_not(problem, W, replace(claim, tube=smaller))
+        assert "a row does not hold" in why_not(loop_of(problem), W, replace(claim, tube=smaller))
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ from dobc_design.conditions.separable.claim import (
     separable_from_json,
     stuck_agents,
 )
+from dobc_design.loop.make import loop_of
 
 F = Fraction
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -40,7 +41,7 @@ BOX = {"kind": "box", "radius": 2.0, "disturbance": 0.0}
 
 def proved(claim=CLAIM, radius=2.0, problem=CUBIC, W=None, disturbance=0.0):
     return max_separable_check(
-        problem, W, claim, radius=radius, disturbance=disturbance, domain="consensus"
+        loop_of(problem), W, claim, radius=radius, disturbance=disturbance, domain="consensus"
     )
 
 
@@ -55,7 +56,7 @@ def bent(check, **changes):
 def test_a_true_claim_is_proved_and_confirmed():
     check = proved()
     assert (check.verdict, check.rate, check.domain) == (PROVED, 0.333333333, BOX)
-    assert separable_from_json(check.exact, CUBIC) == CLAIM
+    assert separable_from_json(check.exact, loop_of(CUBIC)) == CLAIM
     assert confirmed(check) is None
     assert confirmed(replace(check, rate=0.333333333333)) is None  # 1/3 is larger
     for rate in (0.333333334, 0.0, -1.0, None):
@@ -122,12 +123,12 @@ CROSSED = listening({"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}, "tanh(y)", n
 def test_agents_that_hear_only_each_other_in_turn_are_shown():
     """In mode A agent 3 hears 2, in mode B agent 2 hears 3: no order of the two serves both
     modes."""
-    check = stuck_check(CROSSED, None, domain="consensus")
+    check = stuck_check(loop_of(CROSSED), None, domain="consensus")
     assert (check.verdict, check.witness.labels) == (REFUTED, ("2", "3"))
     assert confirmed(check, CROSSED) is None
     assert "2 in B, 3 in A" in check.reason
-    assert stuck_check(CUBIC, None, domain="consensus") is None
-    assert not stuck_agents(CUBIC)
+    assert stuck_check(loop_of(CUBIC), None, domain="consensus") is None
+    assert not stuck_agents(loop_of(CUBIC))
     # One agent removed: it is then heard from outside.
     others = [
         replace(check.witness, labels=labels)
@@ -141,9 +142,9 @@ def test_couplings_between_components_are_neither_proved_nor_refuted():
     problem = Problem(
         network=CROSSED.network, coupling=["y1 + y2", "y2"], gains={1: 3}, target=[0, 0]
     )
-    assert stuck_check(problem, None, domain="global") is None
+    assert stuck_check(loop_of(problem), None, domain="global") is None
     assert proved(CLAIM, problem=problem).reason.startswith("does not apply:")
-    check = replace(stuck_check(CROSSED, None, domain="consensus"), domain="global")
+    check = replace(stuck_check(loop_of(CROSSED), None, domain="consensus"), domain="global")
     assert confirmed(check, problem, domain="global").startswith("does not apply")
 
 
@@ -156,8 +157,10 @@ def test_a_delay_is_proved_beside_its_proof_and_confirmed():
     problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
     proof = proved(claim, problem=problem)
     more, bound = (DelayBound(delay=F(T), rate=F(1, 5)) for T in ("0.9117", "0.9115"))
-    assert delay_check(problem, claim, more, proof, domain="consensus").verdict is UNDECIDED
-    check = delay_check(problem, claim, bound, proof, domain="consensus")
+    assert (
+        delay_check(loop_of(problem), claim, more, proof, domain="consensus").verdict is UNDECIDED
+    )
+    check = delay_check(loop_of(problem), claim, bound, proof, domain="consensus")
     assert (check.verdict, check.rate, check.domain) == (PROVED, 0.2, proof.domain)
     assert confirmed(check, problem, beside=proof) is None
     assert confirmed(bent(check, delay="0.9117"), problem, beside=proof) is not None
@@ -173,7 +176,10 @@ def test_with_an_observer_no_delayed_rate_exceeds_beta():
     assert proof.verdict is PROVED
     for rate, verdict in (("0.25", PROVED), ("0.2500001", UNDECIDED)):
         bound = DelayBound(delay=F(0), rate=F(rate))
-        assert delay_check(OBSERVED, slow, bound, proof, domain="consensus").verdict is verdict
+        assert (
+            delay_check(loop_of(OBSERVED), slow, bound, proof, domain="consensus").verdict
+            is verdict
+        )
 
 
 def test_a_sampling_period_is_the_inverse_of_the_stiffest_row():
@@ -181,7 +187,7 @@ def test_a_sampling_period_is_the_inverse_of_the_stiffest_row():
     hand."""
     problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
     proof = proved(claim, problem=problem)
-    check = sampling_check(problem, claim, proof, domain="consensus")
+    check = sampling_check(loop_of(problem), claim, proof, domain="consensus")
     assert check.exact == {"period": "999/5000", "factor": "4667/5000"}
     assert confirmed(check, problem, beside=proof) is None
     assert confirmed(bent(check, period="1/5", factor="14/15"), problem, beside=proof) is None
@@ -197,14 +203,14 @@ def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
     """k = 1, T = 1: with eps = 0 and dhat(t) the error is gone after a step; dhat held for d = sin
     2t leaves some."""
     proof = composite(COMPOSITE, radius=0.5, disturbance=0.1)
-    with_estimate = sampling_check(OBSERVED, COMPOSITE, proof, domain="consensus")
+    with_estimate = sampling_check(loop_of(OBSERVED), COMPOSITE, proof, domain="consensus")
     assert with_estimate.verdict is PROVED
     assert "dhat acts continuously" in with_estimate.reason
     claim = Separable(v=V, alpha=F(1, 3), rho=F(2))
     assert (
         "dhat"
         not in sampling_check(
-            pair("y"), claim, proved(claim, problem=pair("y")), domain="consensus"
+            loop_of(pair("y")), claim, proved(claim, problem=pair("y")), domain="consensus"
         ).reason
     )
     T, e, held = 1.0, 1.0, []

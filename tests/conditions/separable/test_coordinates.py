@@ -19,6 +19,7 @@ from dobc_design.conditions.separable.propose_coordinates import Agents, _rounde
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import to_float
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.integrators import as_integrators
 
 ONE = Fraction(1)
@@ -51,7 +52,7 @@ def pair(c: object = 3, h: str = "y1", k: object = 1, **given) -> Problem:
 def claim_of(problem: Problem, v: object, rho: object = None, alpha: object = "1/7") -> Separable:
     own, weights = as_integrators(problem), tuple(map(Fraction, v))
     far = None if rho is None else Fraction(rho)
-    ranges = enclosed_ranges(own, T, weights, far)
+    ranges = enclosed_ranges(loop_of(own), T, weights, far)
     return Separable(T=T, v=weights, alpha=Fraction(alpha), rho=far, ranges=ranges)
 
 
@@ -74,7 +75,10 @@ def claim_of(problem: Problem, v: object, rho: object = None, alpha: object = "1
 def test_the_slowest_rows_that_a_hand_finds(problem, v, rate):
     own = as_integrators(problem)
     found = slowest_row(
-        own, T, tuple(map(Fraction, v)), enclosed_ranges(own, T, tuple(map(Fraction, v)), None)
+        loop_of(own),
+        T,
+        tuple(map(Fraction, v)),
+        enclosed_ranges(loop_of(own), T, tuple(map(Fraction, v)), None),
     )
     assert found.rate == rate
 
@@ -102,7 +106,7 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
         for row in (4 * np.eye(m) + r.integers(-1, 2, (m, m))).tolist()
     )
     v = tuple(Fraction(int(x), 8) for x in r.integers(4, 20, 3 * m))
-    ranges = enclosed_ranges(own, turn, v, Fraction(1, 2))
+    ranges = enclosed_ranges(loop_of(own), turn, v, Fraction(1, 2))
     X, weights, worst = to_float(turn), np.array(v, dtype=float), np.inf
     S, (arcs,) = np.linalg.inv(X), own.network.modes.values()
     ends = {
@@ -125,7 +129,7 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
         metzler = np.where(np.eye(3 * m, dtype=bool), Z, np.abs(Z))
         worst = min(worst, np.min(-(metzler @ weights) / weights))
     # all gains are 1e-5 wider
-    assert worst - 1e-3 <= float(slowest_row(own, turn, v, ranges).rate) <= worst + 1e-9
+    assert worst - 1e-3 <= float(slowest_row(loop_of(own), turn, v, ranges).rate) <= worst + 1e-9
 
 
 def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
@@ -136,7 +140,7 @@ def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
         gains={1: [[1, 0]]},
         dynamics=Dynamics(f=PENDULUM, B=[[0], [1]]),
     )
-    known, r = Agents.of(as_integrators(problem), most=3), np.random.default_rng(1)
+    known, r = Agents.of(loop_of(problem), most=3), np.random.default_rng(1)
     T, v = r.normal(size=(2, 2)), r.uniform(0.5, 2, (5, 3, 2))
     gains = known.gains_at(T, v[0], 0.3)
     assert gains is not None
@@ -147,7 +151,7 @@ def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
 def test_differences_reach_as_far_as_the_weights_say():
     """S = [[1, 0], [-2, 2]]: |e_i| <= rho (v_1, 2 v_1 + 2 v_2), and differences as the sums."""
     own = as_integrators(pair(h="tanh(y1)"))
-    assert reaches(own, T, tuple(map(Fraction, (4, 3, 8, 7))), Fraction(1, 2)) == {
+    assert reaches(loop_of(own), T, tuple(map(Fraction, (4, 3, 8, 7))), Fraction(1, 2)) == {
         0: (6, Fraction(22))
     }
 
@@ -157,13 +161,15 @@ def test_a_claim_is_proved_for_what_it_says_and_not_for_a_little_more():
     then."""
     problem, v = pair(h="tanh(y1)"), (4, 3, 8, 7)
     own, claim = as_integrators(problem), claim_of(pair(h="tanh(y1)"), v, "1/12", "1/14")
-    assert verify_composite(own, None, claim).verdict is Verdict.PROVED
+    assert verify_composite(loop_of(own), None, claim).verdict is Verdict.PROVED
     more = [
         replace(claim, alpha=Fraction(1, 12)),
         replace(claim, rho=Fraction(1, 10)),
         replace(claim, rho=None),
     ]
-    assert all(verify_composite(own, None, each).verdict is not Verdict.PROVED for each in more)
+    assert all(
+        verify_composite(loop_of(own), None, each).verdict is not Verdict.PROVED for each in more
+    )
     assert claim.spread == Fraction(1, 2) and claim.reach == 30
     assert covers(claim, radius=Fraction(1, 6), disturbance=Fraction(0))
     assert not covers(claim, radius=Fraction(1001, 6000), disturbance=Fraction(0))
@@ -202,7 +208,7 @@ def test_overdamped_agents_are_proved_and_others_are_left_open(problem, verdict)
     3.46."""
     own = as_integrators(problem)
     asked = read_region(
-        own, None, domain="global" if own.is_linear else "consensus", everything=False
+        loop_of(own), None, domain="global" if own.is_linear else "consensus", everything=False
     )
     with few_coordinates() if verdict is Verdict.PROVED else nullcontext():
         (check,) = separable_stage(asked, str)
@@ -215,7 +221,9 @@ def test_overdamped_agents_are_proved_and_others_are_left_open(problem, verdict)
 def test_the_largest_box_is_found_where_the_region_is_too_wide():
     """sin(y)/y > 0 up to y = pi, where differences are twice the errors."""
     own = as_integrators(agents(h="sin(y1)", reach=10))
-    (check,) = separable_stage(read_region(own, None, domain="consensus", everything=False), str)
+    (check,) = separable_stage(
+        read_region(loop_of(own), None, domain="consensus", everything=False), str
+    )
     assert check.verdict is Verdict.PROVED and 0.5 < check.domain["radius"] < 1.58
 
 
@@ -273,7 +281,7 @@ def test_an_optional_arc_counts_only_where_it_pulls_outward(gain, rate):
     loose = Network.from_arcs([], optional=[[2, 1]], arrow="listens_to", agents=2)
     problem = agents(c=3, h="y1", network=loose, gains={1: [[1, 0]], 2: [[gain, 0]]}, reach=None)
     own, v = as_integrators(problem), tuple(map(Fraction, (4, 3, 8, 7)))
-    assert slowest_row(own, T, v, enclosed_ranges(own, T, v, None)).rate == rate
+    assert slowest_row(loop_of(own), T, v, enclosed_ranges(loop_of(own), T, v, None)).rate == rate
     certificate = certify(problem)
     assert verify(certificate, problem).holds
     assert (certificate.check("max-separable").verdict is Verdict.PROVED) is bool(gain)

@@ -56,6 +56,7 @@ from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval
+from dobc_design.loop.make import loop_of
 
 F = Fraction
 ONES = (F(1),) * 10
@@ -63,14 +64,14 @@ ONES = (F(1),) * 10
 
 def verdict(problem: Problem, v, alpha, rho) -> Verdict:
     rho = None if rho is None else F(rho)
-    return verify_separable(problem, Separable(v=v, alpha=F(alpha), rho=rho)).verdict
+    return verify_separable(loop_of(problem), Separable(v=v, alpha=F(alpha), rho=rho)).verdict
 
 
 @pytest.mark.parametrize("rho", [1, 10, 250])
 def test_all_pinned_with_five_has_rate_five_for_every_radius(rho: int):
     """Theory, known answers: v = 1, exactly 5 and nothing above."""
     problem = cycle(gains=5)
-    assert largest_rate(problem, ONES, rho=F(rho)) == 5
+    assert largest_rate(loop_of(problem), ONES, rho=F(rho)) == 5
     assert verdict(problem, ONES, 5, rho) is Verdict.PROVED
     assert verdict(problem, ONES, F(5) + F(1, 10**30), rho) is Verdict.REFUTED
 
@@ -92,11 +93,11 @@ def test_one_pin_has_the_rates_of_the_theory(rho: int, v, rate: float):
     """Theory, known answers, within 1 %; 1 % more, or a larger radius, is refuted at the face
     shown."""
     problem, v = cycle(), fractions(*v)
-    alpha = largest_rate(problem, v, rho=F(rho))
+    alpha = largest_rate(loop_of(problem), v, rho=F(rho))
     assert alpha == pytest.approx(rate, rel=0.01)
     assert verdict(problem, v, alpha, rho) is Verdict.PROVED
     assert verdict(problem, v, alpha * F(101, 100), rho) is Verdict.REFUTED
-    beyond = verify_separable(problem, Separable(v=v, alpha=alpha, rho=F(rho) * F(11, 10)))
+    beyond = verify_separable(loop_of(problem), Separable(v=v, alpha=alpha, rho=F(rho) * F(11, 10)))
     assert (beyond.verdict, beyond.face) == (Verdict.REFUTED, "upper")
     assert rho < beyond.s <= F(rho) * F(11, 10)
     assert verdict(problem, (*v[:4], v[4] * F(98, 100), *v[5:]), alpha, rho) is Verdict.REFUTED
@@ -110,12 +111,12 @@ def test_a_claim_is_never_above_what_samples_of_the_field_allow(seed: int):
     is at 1 % more."""
     problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=1 + seed % 2)
     rho = F(1 + seed % 3, 3)
-    proposal = propose_separable(problem, rho=float(rho))
+    proposal = propose_separable(loop_of(problem), rho=float(rho))
     if proposal is None:  # nobody holds some agent in one of the modes
-        assert stuck_agents(problem)
+        assert stuck_agents(loop_of(problem))
         return
     v = list(rounded_vectors(proposal))[3]
-    alpha = largest_rate(problem, v, rho=rho)
+    alpha = largest_rate(loop_of(problem), v, rho=rho)
     assert proposal.rate * 0.99 < alpha < proposal.rate * 1.001
     scales = [float(rho) * s for s in (1e-4, *np.linspace(0, 1, 17)[1:])]
     assert max(sampled_rows(problem, v, s=s, alpha=float(alpha)) for s in scales) <= 1e-9
@@ -129,25 +130,29 @@ def test_the_counterexample_of_the_theory_is_refused():
     """
     problem, v = pair("y*exp((1 - y**2)/2)"), fractions(1, 1.5)
     assert profile(Curve(problem.coupling.components[0]), F(99, 100)).is_nondecreasing
-    refused = verify_separable(problem, Separable(v=v, alpha=F(1, 100), rho=F(2)))
+    refused = verify_separable(loop_of(problem), Separable(v=v, alpha=F(1, 100), rho=F(2)))
     assert refused.verdict is Verdict.REFUTED
     assert (refused.agent, refused.mode) == (1, "G")
     assert "row of agent 2 in mode G fails at s = " in refused.reason
     # The twin: rho (v_1 + v_2) = 1.  h(-s/2)/s is weakest at the largest s: e^(1/2 - 1/50)/2 =
     # 0.808, divided by v_2.
-    assert float(largest_rate(problem, v, rho=F(2, 5))) == pytest.approx(np.exp(0.48) / 3, rel=1e-6)
+    assert float(largest_rate(loop_of(problem), v, rho=F(2, 5))) == pytest.approx(
+        np.exp(0.48) / 3, rel=1e-6
+    )
 
 
 def test_a_face_that_only_the_lower_row_sees():
     """h = exp(y) - 1 at y < 0 is flatter than at y > 0, so the two faces have different rates."""
     problem, v = pair("exp(y) - 1"), fractions(1, 2)
     # s = 1: upper h(-1) = -(1 - 1/e), so 0.316 with v_2 = 2; s -> 0 (lower): 1/2.
-    assert float(largest_rate(problem, v, rho=F(1))) == pytest.approx(
+    assert float(largest_rate(loop_of(problem), v, rho=F(1))) == pytest.approx(
         (1 - np.exp(-1)) / 2, rel=1e-6
     )
-    answer = verify_separable(problem, Separable(v=v, alpha=F("0.32"), rho=F(1)))
+    answer = verify_separable(loop_of(problem), Separable(v=v, alpha=F("0.32"), rho=F(1)))
     assert (answer.verdict, answer.face) == (Verdict.REFUTED, "upper")
-    mirrored = verify_separable(pair("1 - exp(-y)"), Separable(v=v, alpha=F("0.32"), rho=F(1)))
+    mirrored = verify_separable(
+        loop_of(pair("1 - exp(-y)")), Separable(v=v, alpha=F("0.32"), rho=F(1))
+    )
     assert (mirrored.verdict, mirrored.face) == (Verdict.REFUTED, "lower")
 
 
@@ -156,7 +161,9 @@ def test_the_face_that_floats_leave_open_is_the_one_that_is_decided_exactly(
     monkeypatch, h: str, face: str
 ):
     monkeypatch.setattr("dobc_design.conditions.separable.decide.MANY_ARCS", 0)
-    answer = verify_separable(pair(h), Separable(v=fractions(1, 2), alpha=F("0.32"), rho=F(1)))
+    answer = verify_separable(
+        loop_of(pair(h)), Separable(v=fractions(1, 2), alpha=F("0.32"), rho=F(1))
+    )
     assert (answer.verdict, answer.face) == (Verdict.REFUTED, face)
 
 
@@ -182,7 +189,7 @@ def test_a_maximum_inside_one_interval_counts_where_another_arc_is_worst(h: str)
     pi/2."""
     problem = listening([[3, 1], [3, 2]], h, n=3, gains={1: 9, 2: 9, 3: 2}, target=0)
     v, rho = fractions(1, "0.2", 1), F(4)
-    alpha = float(largest_rate(problem, v, rho=rho))
+    alpha = float(largest_rate(loop_of(problem), v, rho=rho))
     scales = np.linspace(0.01, 4, 160)
     assert max(sampled_rows(problem, v, s=s, alpha=alpha) for s in scales) <= 1e-9
     worst = max(scales, key=lambda s: sampled_rows(problem, v, s=s, alpha=alpha))
@@ -196,8 +203,8 @@ SINE = fractions(1, 1.0069, 1.0061, 1.0054, 1.0046, 1.0038, 1.0031, 1.0023, 1.00
 def test_sin_with_one_pin_reaches_beyond_its_monotone_range():
     """Monotone rows stop at rho = pi/4; the general rows go to almost pi/2, and never beyond it."""
     problem = cycle(h="sin(y)")
-    assert largest_rate(problem, SINE, rho=F("1.56")) > F("0.0006")
-    assert largest_rate(problem, SINE, rho=F("1.571")) is None
+    assert largest_rate(loop_of(problem), SINE, rho=F("1.56")) > F("0.0006")
+    assert largest_rate(loop_of(problem), SINE, rho=F("1.571")) is None
     assert verdict(problem, SINE, F("0.0006"), F("1.56")) is Verdict.PROVED
     assert verdict(problem, SINE, F("0.0006"), F("1.571")) is Verdict.REFUTED
 
@@ -205,7 +212,7 @@ def test_sin_with_one_pin_reaches_beyond_its_monotone_range():
 def test_a_coupling_that_turns_at_zero_is_decided_up_to_zero():
     """h = y^2, all pinned, v = 1: the largest h on [-2 s, 0] is 4 s^2, so the rate is 5 - 4 rho."""
     problem = cycle(gains=5, h="y**2")
-    alpha = largest_rate(problem, ONES, rho=F(1, 2))
+    alpha = largest_rate(loop_of(problem), ONES, rho=F(1, 2))
     assert 3 - F(1, 10**4) < alpha <= 3
     assert verdict(problem, ONES, alpha, F(1, 2)) is Verdict.PROVED
     assert verdict(problem, ONES, F(3) + F(1, 10**6), F(1, 2)) is Verdict.REFUTED
@@ -234,7 +241,7 @@ HALF = pair("y/2", weight=3)
     ],
 )
 def test_rates_of_linear_couplings_are_those_of_closed_forms(problem, v, rho, rate):
-    assert largest_rate(problem, fractions(*v), rho=rho) == F(rate)
+    assert largest_rate(loop_of(problem), fractions(*v), rho=rho) == F(rate)
     assert verdict(problem, fractions(*v), F(rate), rho) is Verdict.PROVED
     assert verdict(problem, fractions(*v), F(rate) + F(1, 10**8), rho) is Verdict.REFUTED
 
@@ -253,7 +260,9 @@ def test_every_mode_counts():
         ({"A": [[2, 1]], "B": []}, Verdict.REFUTED),
     ):
         problem = listening(modes, "y", n=2, gains={1: 1}, target=0)
-        answer = verify_separable(problem, Separable(v=fractions(1, 2), alpha=F(1, 2), rho=F(1)))
+        answer = verify_separable(
+            loop_of(problem), Separable(v=fractions(1, 2), alpha=F(1, 2), rho=F(1))
+        )
         assert answer.verdict is verdict
     assert (answer.mode, answer.agent) == ("B", 1)
 
@@ -275,10 +284,10 @@ VECTORS = Problem(network=pair("y").network, coupling=["y1 + y2", "y2"], gains=1
 )
 def test_where_the_rows_do_not_apply_nothing_is_decided(problem, rho, why):
     v = fractions(1, 1.5)
-    answer = verify_separable(problem, Separable(v=v, alpha=F(1, 9), rho=rho))
+    answer = verify_separable(loop_of(problem), Separable(v=v, alpha=F(1, 9), rho=rho))
     assert answer.verdict is Verdict.UNDECIDED
     assert answer.reason.startswith(why[:16]) and why[16:] in answer.reason
-    assert largest_rate(problem, v, rho=rho) is None
+    assert largest_rate(loop_of(problem), v, rho=rho) is None
     assert verdict(pair("log(1 + y)"), v, F(1, 9), F("0.39")) is Verdict.PROVED
 
 
@@ -289,7 +298,7 @@ def test_a_claim_has_to_be_positive(v, alpha, rho):
     with pytest.raises(SpecError, match="> 0"):
         Separable(v=fractions(*v), alpha=F(alpha), rho=F(rho))
     with pytest.raises(ShapeError, match="v must have 2 entries, one per agent; got 3"):
-        verify_separable(pair("y"), Separable(v=fractions(1, 1, 1), alpha=F(1), rho=F(1)))
+        verify_separable(loop_of(pair("y")), Separable(v=fractions(1, 1, 1), alpha=F(1), rho=F(1)))
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
@@ -300,12 +309,14 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
     unit = 2**20 if dyadic else 10**6
     v = tuple(F(round((1 + 0.1 * ((5 * i) % 7)) * unit), unit) for i in range(problem.n))
     rho = F(3, 2)
-    kinds = coupling_profiles(problem, v, rho=rho)
+    kinds = coupling_profiles(loop_of(problem), v, rho=rho)
     assert all(kind.is_nondecreasing for kind in kinds)
-    arrays = arc_rows(problem, v)
+    arrays = arc_rows(loop_of(problem), v)
     tables = float_kinds(kinds, arrays, rho=rho, cells=64)
     agents = [
-        (agent, row) for agent in range(problem.n) for row, _ in rows(problem, v, agents=[agent])
+        (agent, row)
+        for agent in range(problem.n)
+        for row, _ in rows(loop_of(problem), v, agents=[agent])
     ]
     for alpha in (F(1, 10), F(1)):
         answers = {
@@ -337,9 +348,9 @@ def test_rows_in_which_a_coupling_falls_are_decided_alike_by_floats(monkeypatch,
     """Far beyond the rising range: the same rate, and the same answer just above it, as by rows one
     by one."""
     problem, v = held_ring(9, h=h)
-    exact = largest_rate(problem, v, rho=F(rho))
+    exact = largest_rate(loop_of(problem), v, rho=F(rho))
     monkeypatch.setattr("dobc_design.conditions.separable.decide.MANY_FALLING", 0)
-    floats = largest_rate(problem, v, rho=F(rho))
+    floats = largest_rate(loop_of(problem), v, rho=F(rho))
     if exact is None:
         assert floats is None
         return
@@ -383,7 +394,7 @@ def test_rows_that_look_beyond_their_tables_are_not_proved():
     anything."""
     problem = pair("y - y**3/12")
     v, rho = (F(1), F(2)), F(1)
-    arcs = arc_rows(problem, v)
+    arcs = arc_rows(loop_of(problem), v)
     profiles = tuple(profile(Curve(each.components[0]), F(9)) for each in problem.couplings)
     near, wide = (float_kinds(profiles, arcs, rho=reach) for reach in (F(1, 8), rho))
     assert near is not None and wide is not None
@@ -397,7 +408,7 @@ def test_a_large_network_is_decided_by_floats_and_gives_the_rate_of_the_exact_ro
     (problem, v), rho = held_ring(1500, h="tanh(y)"), F(2)
     # Agents 2 and 3 of each three hear one at 1 and one at 5/4: tanh(s/4)/s, weakest at s = 2.
     truth = np.tanh(0.5) / 2 / 1.25
-    alpha = largest_rate(problem, v, rho=rho)
+    alpha = largest_rate(loop_of(problem), v, rho=rho)
     assert truth * 0.999 < alpha <= truth
     assert verdict(problem, v, F(truth) * F(1001, 1000), rho) is Verdict.REFUTED
 
@@ -429,9 +440,9 @@ def test_the_criterion_agrees_with_the_linear_program_on_100_random_graphs():
     found = []
     for seed in range(100):
         problem = problem_of(seed)
-        stuck = stuck_agents(problem)
+        stuck = stuck_agents(loop_of(problem))
         assert bool(stuck) != has_common_v(problem), seed
-        assert bool(stuck) == is_stuck(problem, list(stuck)), seed
+        assert bool(stuck) == is_stuck(loop_of(problem), list(stuck)), seed
         found.append(not stuck)
     assert 20 < sum(found) < 80
 
@@ -444,18 +455,18 @@ def test_orders_of_modes_that_alternate_of_a_cycle_and_of_matrix_gains():
     """Theory, section 5: 3 hears 2 in mode A, 2 hears the pinned 1 in mode B; the twin has both
     arcs in each."""
     problem = of_modes({"A": [[3, 2]], "B": [[2, 1]]})
-    assert stuck_agents(problem) == {1: "A", 2: "A"}
-    assert is_stuck(problem, (1, 2))
-    assert not is_stuck(problem, (0, 1, 2))
-    assert not stuck_agents(of_modes({"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]}))
+    assert stuck_agents(loop_of(problem)) == {1: "A", 2: "A"}
+    assert is_stuck(loop_of(problem), (1, 2))
+    assert not is_stuck(loop_of(problem), (0, 1, 2))
+    assert not stuck_agents(loop_of(of_modes({"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]})))
     # Component c is worth k_cc - sum |k_cd|.
-    assert not stuck_agents(cycle(5))
-    assert list(stuck_agents(cycle(5, gains={}))) == [0, 1, 2, 3, 4]
+    assert not stuck_agents(loop_of(cycle(5)))
+    assert list(stuck_agents(loop_of(cycle(5, gains={})))) == [0, 1, 2, 3, 4]
     network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     for corner, stuck in ((1, ()), (2, (0, 1))):
         gain = [[2, corner], [-corner, 2]]
         problem = Problem(network=network, coupling="y", gains={1: gain}, target=[0, 0])
-        assert tuple(stuck_agents(problem)) == stuck
+        assert tuple(stuck_agents(loop_of(problem))) == stuck
 
 
 SWITCHING = load_problem("paper-switching")
@@ -474,7 +485,7 @@ CLAIM = Separable(v=V, alpha=F("0.0301"), rho=F("4.41"), error=BOUND)
 def test_the_papers_own_starts_are_covered_for_arbitrary_switching():
     """Theory, known answers: rho = 4.41, alpha = 0.0301 for all four modes, [0, 5] about 1, |eps|
     <= 1/2."""
-    assert verify_composite(SWITCHING, W, CLAIM).verdict is Verdict.PROVED
+    assert verify_composite(loop_of(SWITCHING), W, CLAIM).verdict is Verdict.PROVED
     assert covers(CLAIM, radius=F(4), disturbance=F(1, 2))
     assert float(BOUND.kappa) * 0.5 * np.sqrt(float(BOUND.size)) == pytest.approx(0.406, rel=0.01)
 
@@ -487,7 +498,10 @@ def test_a_little_more_of_anything_is_refuted():
         {"v": (*V[:2], V[2] * F(99, 100), *V[3:])},
     )
     for change in changes:
-        assert verify_composite(SWITCHING, W, replace(CLAIM, **change)).verdict is Verdict.REFUTED
+        assert (
+            verify_composite(loop_of(SWITCHING), W, replace(CLAIM, **change)).verdict
+            is Verdict.REFUTED
+        )
     assert not covers(CLAIM, radius=F("4.01"), disturbance=F(1, 2))
     assert not covers(CLAIM, radius=F(4), disturbance=F("0.52"))
 
@@ -517,7 +531,7 @@ def test_kappa_has_to_exceed_one_over_beta_min_v():
     edge = 1 / (BOUND.beta * CLAIM.least)
     for kappa, verdict in ((edge, Verdict.REFUTED), (edge * F(1001, 1000), Verdict.PROVED)):
         claim = replace(CLAIM, error=replace(BOUND, kappa=kappa))
-        assert verify_composite(SWITCHING, W, claim).verdict is verdict
+        assert verify_composite(loop_of(SWITCHING), W, claim).verdict is verdict
     assert composite_rate(replace(CLAIM, error=replace(BOUND, kappa=2 * edge))) == CLAIM.alpha
     assert (
         0
@@ -528,18 +542,18 @@ def test_kappa_has_to_exceed_one_over_beta_min_v():
 
 def test_without_an_exosystem_v_is_n():
     claim = Separable(v=(F(1),) * 10, alpha=F(5), rho=F(4))
-    assert verify_composite(cycle(gains=5), None, claim).verdict is Verdict.PROVED
+    assert verify_composite(loop_of(cycle(gains=5)), None, claim).verdict is Verdict.PROVED
     assert composite_rate(claim) == 5
     assert covers(claim, radius=F(4), disturbance=F(0))
     assert not covers(claim, radius=F(4) + F(1, 10**20), disturbance=F(0))
     claim = replace(claim, rho=None)  # without a radius everything is covered
-    assert verify_composite(cycle(gains=5, h="2*y"), None, claim).verdict is Verdict.PROVED
+    assert verify_composite(loop_of(cycle(gains=5, h="2*y")), None, claim).verdict is Verdict.PROVED
     assert covers(claim, radius=F(10**9), disturbance=F(0))
 
 
 def test_with_an_exosystem_the_observers_part_is_required():
     for gain, claim in ((None, CLAIM), (W, replace(CLAIM, error=None))):
-        assert verify_composite(SWITCHING, gain, claim).verdict is Verdict.UNDECIDED
+        assert verify_composite(loop_of(SWITCHING), gain, claim).verdict is Verdict.UNDECIDED
     with pytest.raises(SpecError, match="must be >= 0"):
         covers(CLAIM, radius=F(-1), disturbance=F(0))
 
@@ -548,5 +562,5 @@ def test_an_observer_that_diverges_is_refuted():
     problem = cycle(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[-1]]), gains=5)
     bound = ErrorBound(P=((F(1),),), beta=F(1, 10), kappa=F(11), size=F(1))
     claim = Separable(v=(F(1),) * 10, alpha=F(1), rho=F(1), error=bound)
-    assert verify_composite(problem, problem.observer.W, claim).verdict is Verdict.REFUTED
-    assert verify_composite(problem, ((F(1),),), claim).verdict is Verdict.PROVED
+    assert verify_composite(loop_of(problem), problem.observer.W, claim).verdict is Verdict.REFUTED
+    assert verify_composite(loop_of(problem), ((F(1),),), claim).verdict is Verdict.PROVED

@@ -35,6 +35,7 @@ from dobc_design.conditions.separable.propose import (
     rounded_vectors,
 )
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
+from dobc_design.loop.make import loop_of
 
 F = Fraction
 SWITCHING = load_problem("paper-switching")
@@ -43,12 +44,12 @@ W = SWITCHING.observer.W
 
 def proved_rate(problem: Problem, rho: str, *, share: float = 0.995) -> float:
     """The rate of the first rounding that keeps ``share`` of what floating point sees."""
-    return rate_of(problem, propose_separable(problem, rho=F(rho)), rho, share=share)
+    return rate_of(problem, propose_separable(loop_of(problem), rho=F(rho)), rho, share=share)
 
 
 def rate_of(problem: Problem, plan: SeparablePlan, rho: str, *, share: float = 0.995) -> float:
     """The same for a plan at hand."""
-    rates = (largest_rate(problem, v, rho=F(rho)) for v in rounded_vectors(plan))
+    rates = (largest_rate(loop_of(problem), v, rho=F(rho)) for v in rounded_vectors(plan))
     return float(next(alpha for alpha in rates if alpha is not None and alpha >= share * plan.rate))
 
 
@@ -83,7 +84,7 @@ def test_a_single_linear_mode_has_the_spectral_abscissa_as_rate(seed: int):
     network = random_network(r, n=n, modes=1, density=0.5, weights=(1, "1/2", 3))
     problem = Problem(network=network, coupling="y", gains={1: 5, 2: 1}, target=0)
     truth = -float(np.max(np.linalg.eigvals(loop_by_hand(problem)).real))
-    proposal = propose_separable(problem, rho=1.0)
+    proposal = propose_separable(loop_of(problem), rho=1.0)
     if proposal is None:
         assert truth < 1e-5
         return
@@ -94,9 +95,9 @@ def test_a_single_linear_mode_has_the_spectral_abscissa_as_rate(seed: int):
 
 
 def test_nothing_is_proposed_where_an_agent_is_not_held():
-    assert propose_separable(cycle(gains={}), rho=1.0) is None
-    assert design_separable(cycle(gains={}), radius=F(1)) is None
-    assert propose_separable(pair("-y", k=5), rho=1.0) is None
+    assert propose_separable(loop_of(cycle(gains={})), rho=1.0) is None
+    assert design_separable(loop_of(cycle(gains={})), radius=F(1)) is None
+    assert propose_separable(loop_of(pair("-y", k=5)), rho=1.0) is None
 
 
 def test_the_observers_part_is_that_of_the_theory_or_better():
@@ -135,7 +136,7 @@ def test_a_badly_conditioned_p_keeps_enough_room_for_its_rounding(rate):
 
 def holds_starts_of_the_paper(problem: Problem, claim: Separable) -> bool:
     """[0, 5] about 1 and |eps| <= 1/2; the rate of V is alpha."""
-    proved = verify_composite(problem, W, claim).verdict is Verdict.PROVED
+    proved = verify_composite(loop_of(problem), W, claim).verdict is Verdict.PROVED
     return (
         proved
         and covers(claim, radius=F(4), disturbance=F(1, 2))
@@ -152,17 +153,20 @@ def test_example_2_is_proved_from_the_papers_own_starts():
 def test_a_claim_has_the_rate_that_is_planned():
     """The whole way: P, beta, kappa, rho, v, alpha; for two agents that hear each other."""
     problem = cycle(2, exosystem=SWITCHING.exosystem)
-    plan = design_separable(problem, radius=F(4), disturbance=F(1, 2), W=W)
-    claim = first_certificate(problem, W, plan)
+    plan = design_separable(loop_of(problem), radius=F(4), disturbance=F(1, 2), W=W)
+    claim = first_certificate(loop_of(problem), W, plan)
     assert holds_starts_of_the_paper(problem, claim)
     assert 0.997 * plan.rate <= claim.alpha <= plan.rate * 1.0001
 
 
 def test_no_certificate_comes_out_of_vectors_that_do_not_hold():
     for v in (np.ones(10), np.arange(1.0, 11.0)):
-        assert first_certificate(cycle(), None, SeparablePlan(v=v, rate=0.1, rho=F(4))) is None
+        assert (
+            first_certificate(loop_of(cycle()), None, SeparablePlan(v=v, rate=0.1, rho=F(4)))
+            is None
+        )
     # An exosystem without a gain has no plan.
-    assert design_separable(SWITCHING, radius=F(4), disturbance=F(1, 2)) is None
+    assert design_separable(loop_of(SWITCHING), radius=F(4), disturbance=F(1, 2)) is None
 
 
 @pytest.mark.parametrize("h", [pytest.param(PAPER, marks=pytest.mark.slow), "sin(y)"])
@@ -178,14 +182,14 @@ def test_the_search_for_many_agents_comes_near_that_for_few(monkeypatch, h: str)
     ]
     arcs = [[6 * a + b + 1, 6 * c + d + 1] for a, b, c, d in steps if c in side and d in side]
     problem = listening(arcs, h, n=36, gains=dict.fromkeys(range(1, 37, 5), 3), target=0)
-    few = propose_separable(problem, rho=1.2)
+    few = propose_separable(loop_of(problem), rho=1.2)
     exact = few.rate
     monkeypatch.setattr(propose, "FEW_AGENTS", 0)
     monkeypatch.setattr(propose, "FACTORED_AGENTS", 0)
     for near in (None, 1.3 * exact, 0.5 * exact):
-        proposal = propose_separable(problem, rho=1.2, near=near)
+        proposal = propose_separable(loop_of(problem), rho=1.2, near=near)
         assert 0.8 * exact <= proposal.rate <= exact * 1.001
         assert proposal.time <= 1.1 * few.time
-        field, v = field_of(problem, rho=1.2), proposal.v
+        field, v = field_of(loop_of(problem), rho=1.2), proposal.v
         rates = [np.min(field.gains - field.values(0, face, v) / v) for face in (1, -1)]
         assert min(rates) >= 0.99 * proposal.rate

@@ -18,6 +18,7 @@ from dobc_design.conditions.separable.propose import (
     least_solution,
     sooner_plan,
 )
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.load import read_problem_text
 
 FOUND = Path(__file__).resolve().parents[2] / "found"
@@ -68,16 +69,16 @@ def test_the_least_weights_have_the_least_largest_one(rate: float):
         b_ub=np.zeros(2 * n),
         bounds=[(1, None)] * n + [(0, None)],
     )
-    v = least_solution(field_of(CHAIN, rho=1.0), alpha=rate, start=np.ones(n))
+    v = least_solution(field_of(loop_of(CHAIN), rho=1.0), alpha=rate, start=np.ones(n))
     assert v is not None
     assert v.max() == pytest.approx(answer.fun, rel=1e-6)
 
 
 def test_no_other_rate_of_a_chain_settles_earlier():
     """By the linear program on a fine grid of rates: v_1 = 1, v_(i + 1) = 2 v_i / (2 - rate)."""
-    plan = design_separable(CHAIN, radius=Fraction(1))
+    plan = design_separable(loop_of(CHAIN), radius=Fraction(1))
     assert plan is not None
-    sooner = sooner_plan(CHAIN, plan, radius=Fraction(1), disturbance=Fraction(0), W=None)
+    sooner = sooner_plan(loop_of(CHAIN), plan, radius=Fraction(1), disturbance=Fraction(0), W=None)
     grid = (
         time_to_one_percent(rate, (2 / (2 - rate)) ** 4) for rate in np.linspace(0.01, 1.99, 2000)
     )
@@ -88,9 +89,12 @@ def test_no_other_rate_of_a_chain_settles_earlier():
 
 def test_a_flat_plan_is_left_as_it_is():
     alike = Problem(network=CHAIN.network, coupling="2*y", gains=3)
-    plan = design_separable(alike, radius=Fraction(1))
+    plan = design_separable(loop_of(alike), radius=Fraction(1))
     assert plan is not None
-    assert sooner_plan(alike, plan, radius=Fraction(1), disturbance=Fraction(0), W=None) is plan
+    assert (
+        sooner_plan(loop_of(alike), plan, radius=Fraction(1), disturbance=Fraction(0), W=None)
+        is plan
+    )
 
 
 def test_a_golden_section_closes_in_on_the_minimum():

@@ -20,6 +20,7 @@ from dobc_design.conditions.separable.claim import separable_from_json
 from dobc_design.conditions.separable.propose import design_separable, flatter_plans
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.separable.timing import largest_period
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.exosystems import harmonics
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -34,7 +35,7 @@ def side(radius, disturbance=None):
 def stage(problem: Problem, *, W=None, domain="consensus", everything=False):
     """The checks of this stage alone, each confirmed after a way through JSON."""
     found = separable_stage(
-        read_region(problem, W, domain=domain, everything=everything), lambda stage: None
+        read_region(loop_of(problem), W, domain=domain, everything=everything), lambda stage: None
     )
     for check in found:
         assert confirmed(check, problem, W=W, domain=domain, beside=found[0]) is None
@@ -65,7 +66,9 @@ def test_without_a_region_nothing_regional_is_examined_and_a_box_answers_no_ques
     assert "No region is asked for; boxes up to 10 were tried" in found["max-separable"].reason
     faster = replace(found["max-separable"], rate=9.0)
     assert (
-        decide_overall(problem, [*certificate.checks, faster], problem.observer.W).covered_by
+        decide_overall(
+            loop_of(problem), [*certificate.checks, faster], problem.observer.W
+        ).covered_by
         == "theorem1-weighted"
     )
 
@@ -105,7 +108,7 @@ def test_where_the_box_asked_for_is_too_large_the_largest_one_is_proved(monkeypa
     assert check.verdict is PROVED
     assert 1.56 < check.domain["radius"] < np.pi / 2
     assert "the region asks for 4: beyond, no v is found" in check.reason
-    whole = decide_overall(problem, [check], None)
+    whole = decide_overall(loop_of(problem), [check], None)
     assert whole.verdict is UNDECIDED
     assert f"|e_i| <= {check.domain['radius']}" in whole.reason
     assert "the region asks for |e_i| <= 4" in whole.reason
@@ -139,7 +142,7 @@ def test_agents_that_no_v_holds_are_refuted_and_the_whole_is_not():
     )
     check = stage(problem)["max-separable"]
     assert (check.verdict, check.witness.labels) == (REFUTED, ("2", "3"))
-    whole = decide_overall(problem, [check], None)
+    whole = decide_overall(loop_of(problem), [check], None)
     assert whole.verdict is UNDECIDED
     assert "2 in B, 3 in A" in whole.reason
 
@@ -200,9 +203,9 @@ def test_where_a_coupling_is_steep_sampling_has_flatter_weights_of_its_own():
     problem = cycle(4, gains={1: 5}, region=side(4))
     checks = stage(problem)
     both = checks["max-separable"].exact, checks["sampling"].exact["certificate"]
-    fastest, own = (separable_from_json(exact, problem) for exact in both)
+    fastest, own = (separable_from_json(exact, loop_of(problem)) for exact in both)
     period, factor = (Fraction(checks["sampling"].exact[name]) for name in ("period", "factor"))
-    assert period > 20 * largest_period(problem, fastest).period
+    assert period > 20 * largest_period(loop_of(problem), fastest).period
     assert own.alpha < fastest.alpha
     v, k, h = (
         np.array([float(x) for x in own.v]),
@@ -246,14 +249,19 @@ def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
     problem = listening(
         [[i + 1, i] for i in range(1, 5)], "exp(y) - 1 + y", n=5, gains={1: 2}, region=side(1)
     )
-    steep = design_separable(problem, radius=Fraction(1))
+    steep = design_separable(loop_of(problem), radius=Fraction(1))
     assert steep.v.max() > 1e5
     check = stage(problem)["max-separable"]
     assert (check.verdict, check.domain["radius"]) == (PROVED, 1.0)
     assert max(Fraction(x) for x in check.exact["v"]) < steep.v.max() / 10
     assert check.rate > steep.rate / 3
     problem = cycle(4, gains=5)  # a flat v is not flattened
-    assert list(flatter_plans(problem, design_separable(problem, radius=Fraction(1)))) == []
+    assert (
+        list(
+            flatter_plans(loop_of(problem), design_separable(loop_of(problem), radius=Fraction(1)))
+        )
+        == []
+    )
 
 
 def test_large_networks_get_no_delay_and_no_sampling_period(monkeypatch):

@@ -31,13 +31,14 @@ from dobc_design.conditions.separable.timing import (
     verify_sampling,
 )
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
 
 F = Fraction
 
 
 def certified(problem: Problem, rho: Fraction) -> Separable:
-    v = list(rounded_vectors(propose_separable(problem, rho=float(rho))))[2]
-    return Separable(v=v, alpha=largest_rate(problem, v, rho=rho), rho=rho)
+    v = list(rounded_vectors(propose_separable(loop_of(problem), rho=float(rho))))[2]
+    return Separable(v=v, alpha=largest_rate(loop_of(problem), v, rho=rho), rho=rho)
 
 
 def test_the_delayed_rate_of_two_agents_is_halanays():
@@ -47,25 +48,25 @@ def test_the_delayed_rate_of_two_agents_is_halanays():
     truth = brentq(lambda rate: rate - 1 + np.exp(rate) / 2, 0, 0.5)
     for part, verdict in ((0.999999, Verdict.PROVED), (1.000001, Verdict.REFUTED)):
         bound = DelayBound(delay=F(1), rate=F(part * truth))
-        assert verify_delay(pair("y", k=9), claim, bound).verdict is verdict
-    found = longest_delay(pair("y", k=9), claim, rate=F("0.3"))
+        assert verify_delay(loop_of(pair("y", k=9)), claim, bound).verdict is verdict
+    found = longest_delay(loop_of(pair("y", k=9)), claim, rate=F("0.3"))
     assert 0.4 < float(found.delay) / (np.log(1.4) / 0.3) <= 1
 
 
 def test_every_delay_leaves_a_positive_rate():
     claim = certified(cycle(4), F(1))
     delays = [
-        longest_delay(cycle(4), claim, rate=claim.alpha * part).delay
+        longest_delay(loop_of(cycle(4)), claim, rate=claim.alpha * part).delay
         for part in (F("0.99"), F(1, 2), F(1, 20))
     ]
     assert 0 < delays[0] < delays[1] < delays[2]
-    assert longest_delay(cycle(4), claim, rate=claim.alpha * F("1.01")) is None
+    assert longest_delay(loop_of(cycle(4)), claim, rate=claim.alpha * F("1.01")) is None
 
 
 def test_the_rate_with_delays_may_not_exceed_the_observers():
     error = ErrorBound(P=((F(1),),), beta=F(1, 10), kappa=F(11), size=F(1))
     claim = Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None, error=error)
-    answer = verify_delay(pair("y", k=9), claim, DelayBound(delay=F(0), rate=F(1, 9)))
+    answer = verify_delay(loop_of(pair("y", k=9)), claim, DelayBound(delay=F(0), rate=F(1, 9)))
     assert answer.verdict is Verdict.REFUTED
     assert "observer" in answer.reason
 
@@ -73,7 +74,7 @@ def test_the_rate_with_delays_may_not_exceed_the_observers():
 def test_negative_delays_are_refused():
     claim = Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None)
     with pytest.raises(SpecError, match="delay must be >= 0"):
-        verify_delay(pair("y"), claim, DelayBound(delay=F(-1), rate=F(1)))
+        verify_delay(loop_of(pair("y")), claim, DelayBound(delay=F(-1), rate=F(1)))
 
 
 @pytest.mark.parametrize(
@@ -86,7 +87,7 @@ def test_delayed_simulations_obey_the_rate(seed: int):
         seed, couplings=("tanh(y)", "atan(2*y)", "y", "y + sin(y)/2"), modes=1, n=4, held=True
     )
     claim = certified(problem, F(1))
-    bound = longest_delay(problem, claim, rate=claim.alpha / 2)
+    bound = longest_delay(loop_of(problem), claim, rate=claim.alpha / 2)
     tau, dt, rate = float(bound.delay), 1e-3, float(bound.rate)
     r, v = Random(seed), np.array([float(x) for x in claim.v])
     gains, late = float_gains(problem), int(tau / dt)
@@ -113,7 +114,7 @@ def test_sampled_simulations_obey_the_period(seed: int):
     monotone or not."""
     problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=2, n=4, held=True)
     claim = certified(problem, F(1, 4))
-    bound = largest_period(problem, claim)
+    bound = largest_period(loop_of(problem), claim)
     factor, period = float(bound.factor), float(bound.period)
     assert 0 < factor < 1
     rng, v = np.random.default_rng(seed), np.array([float(x) for x in claim.v])
@@ -135,7 +136,7 @@ def test_the_period_of_a_linear_pair_is_the_textbooks():
     """e_2+ = e_2 + T w (e_1 - e_2) with w = 3: T <= 1/3; agent 1: T <= 1/5, which is the
     smaller."""
     claim = Separable(v=fractions(1, 2), alpha=F(1), rho=None)
-    bound = largest_period(pair("y", weight=3), claim)
+    bound = largest_period(loop_of(pair("y", weight=3)), claim)
     assert bound == SamplingBound(period=F(1, 5), factor=F(4, 5))
 
 
@@ -148,7 +149,7 @@ def test_the_period_of_a_convex_coupling_is_that_of_the_whole_way():
     h = pair(PAPER).coupling.numpy_function()
     mean = float((h([3.0]) - h([-1.0]))[0]) / 4
     claim = Separable(v=fractions(1, 2), alpha=F(1, 10), rho=F(1))
-    bound = largest_period(pair(PAPER), claim)
+    bound = largest_period(loop_of(pair(PAPER)), claim)
     assert 0.75 / mean < bound.period < 1 / mean
     assert -2 + float(h([3.0])[0]) * 1.5 / mean > 2
 
@@ -159,7 +160,9 @@ def test_a_coupling_that_no_arc_has_does_not_limit_the_period(monkeypatch):
     with_unused = listening(
         [[2, 1]], "exp(9*y) - 1", n=2, gains={1: 5}, target=0, exceptions=exceptions
     )
-    assert largest_period(with_unused, claim) == largest_period(pair("tanh(y)"), claim)
+    assert largest_period(loop_of(with_unused), claim) == largest_period(
+        loop_of(pair("tanh(y)")), claim
+    )
 
 
 # arcs from which on slopes are bounded on equal parts of the box
@@ -169,7 +172,7 @@ def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only(monk
     monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", many)
     problem = pair("y/10 + clip(4*(y + 1/2), -2, 0)", k=1)
     claim = Separable(v=fractions(1, 2), alpha=F(1, 100), rho=F(1))
-    assert largest_period(problem, claim).period == F("0.243902439")
+    assert largest_period(loop_of(problem), claim).period == F("0.243902439")
 
 
 @pytest.mark.parametrize("longer", [False, True])
@@ -179,30 +182,32 @@ def test_a_period_that_holds_with_equality_is_proved_and_none_just_above_it(long
     problem = listening([[2, 1]], "y + y**3", n=2, gains={1: F(231, 128), 2: F(231, 128)}, target=0)
     claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1, 2))
     bound = SamplingBound(period=F(1, 4) + (F(1, 10**12) if longer else 0), factor=F(3, 4))
-    assert verify_sampling(problem, claim, bound).verdict is (
+    assert verify_sampling(loop_of(problem), claim, bound).verdict is (
         Verdict.UNDECIDED if longer else Verdict.PROVED
     )
     assert (
-        verify_sampling(problem, claim, replace(bound, factor=F(1, 2))).verdict is Verdict.REFUTED
+        verify_sampling(loop_of(problem), claim, replace(bound, factor=F(1, 2))).verdict
+        is Verdict.REFUTED
     )
-    assert largest_period(problem, claim).period == F(1, 4)
+    assert largest_period(loop_of(problem), claim).period == F(1, 4)
 
 
 def test_a_matrix_gain_limits_the_period_by_its_diagonal():
     """T max k_cc <= 1: rows of the gain are worth 3 - 1 and 2 - 1, but a step overshoots by 3 T."""
     problem = listening([], "y", n=1, gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
     claim = Separable(v=fractions(1), alpha=F(1), rho=None)
-    assert largest_period(problem, claim) == SamplingBound(
+    assert largest_period(loop_of(problem), claim) == SamplingBound(
         period=F("0.333333333"), factor=1 - F("0.333333333")
     )
     longer = SamplingBound(period=F("0.334"), factor=F("0.9"))
-    assert verify_sampling(problem, claim, longer).verdict is Verdict.UNDECIDED
+    assert verify_sampling(loop_of(problem), claim, longer).verdict is Verdict.UNDECIDED
 
 
 def test_matrix_gains_and_couplings_that_do_not_apply_have_no_period():
     vector = listening([[2, 1]], ["y1 + y2", "y2"], n=2, gains=1, target=[0, 0])
     claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1))
-    assert largest_period(vector, claim) is None
+    assert largest_period(loop_of(vector), claim) is None
     assert (
-        largest_period(pair("tanh(y)"), Separable(v=fractions(1, 1), alpha=F(1), rho=None)) is None
+        largest_period(loop_of(pair("tanh(y)")), Separable(v=fractions(1, 1), alpha=F(1), rho=None))
+        is None
     )

@@ -10,6 +10,7 @@ from dobc_design import Dynamics, Network, Problem
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.conditions.weighted.propose import proposals, soonest_weights, stiffness
+from dobc_design.loop.make import loop_of
 
 CHAIN = Network.from_arcs([[2, 1], [3, 2], [4, 3], [5, 4], [6, 5]], arrow="listens_to", agents=6)
 SLOW = Problem(network=CHAIN, coupling="2*y", gains={1: 3})
@@ -17,7 +18,7 @@ DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
 
 
 def test_the_first_claim_settles_earlier_than_the_fastest():
-    first, second, *_ = proposals(state_theorems(SLOW), None)
+    first, second, *_ = proposals(state_theorems(loop_of(SLOW)), None)
     times = [
         time_to_one_percent(rate, math.sqrt(max(claim.D) / min(claim.D)))
         for claim, rate in (first, second)
@@ -29,7 +30,7 @@ def test_the_first_claim_settles_earlier_than_the_fastest():
 def test_the_weights_do_for_their_rate():
     """D (M - rate I) + (M - rate I)'D > 0 by eigenvalues, and no more than the fastest weights are
     apart."""
-    M = stiffness(SLOW, next(iter(SLOW.network.modes)))
+    M = stiffness(loop_of(SLOW), next(iter(SLOW.network.modes)))
     found = soonest_weights({"G": M}, 1.99, None)
     assert found is not None
     X = np.diag(found.D) @ (M.toarray() - found.rate * np.eye(6))
@@ -41,7 +42,7 @@ def test_the_weights_do_for_their_rate():
 
 def test_an_undirected_network_needs_no_weights():
     both = Network.from_arcs([[1, 2], [2, 1], [2, 3], [3, 2]], arrow="listens_to", agents=3)
-    M = stiffness(Problem(network=both, coupling="y", gains={1: 1}), "G")
+    M = stiffness(loop_of(Problem(network=both, coupling="y", gains={1: 1})), "G")
     assert soonest_weights({"G": M}, 0.19, np.ones(3)) is None
 
 

@@ -20,6 +20,7 @@ from dobc_design.conditions.weighted.decide import Weighted, holds, rows_hold
 from dobc_design.conditions.weighted.propose import proposals
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.symmetric import Doubles
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.exosystems import harmonics
 from dobc_design.problem.settings import Simulation
 
@@ -39,7 +40,7 @@ def row(problem: Problem) -> Check | None:
 
 def fastest(problem: Problem) -> Check:
     """The check with the largest rate: no claim has the one that is wanted."""
-    (check,) = weighted_stage(state_theorems(problem), problem.joint_observer.W, rate=1e9)
+    (check,) = weighted_stage(state_theorems(loop_of(problem)), problem.joint_observer.W, rate=1e9)
     return check
 
 
@@ -138,12 +139,12 @@ def test_a_long_way_from_the_pin_is_proved_though_no_doubles_hold_the_fastest_we
         coupling="y",
         gains={1: 2},
     )
-    statements = state_theorems(long)
+    statements = state_theorems(loop_of(long))
     (check,) = weighted_stage(statements, None)
     assert check.verdict is Verdict.PROVED
     assert check.rate > 0
-    assert confirm(check, long, None, statements=statements) is None
-    assert confirm(replace(check, rate=2.0), long, None, statements=statements) is not None
+    assert confirm(check, loop_of(long), None, statements=statements) is None
+    assert confirm(replace(check, rate=2.0), loop_of(long), None, statements=statements) is not None
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -158,7 +159,7 @@ def test_random_digraphs_are_proved_iff_reached_and_at_the_true_rate(seed):
 
 
 def proposal(problem, W=None):
-    statements = state_theorems(problem)
+    statements = state_theorems(loop_of(problem))
     claim, rate = next(iter(proposals(statements, W)))
     return statements, claim, Fraction(repr(rate))
 
@@ -222,13 +223,13 @@ def test_rounded_rows_of_large_networks_agree_with_exact_ones(seed, monkeypatch)
     (mode,) = statements.jacobians.modes
     D, w = (Doubles(np.array([float(x) for x in v])) for v in (claim.D, claim.w[mode.name]))
     common = {"rate": rate, "sigma": (Fraction(0),)}
-    assert rows_hold(mode, statements.problem, D, w, **common)
+    assert rows_hold(mode, statements.loop, D, w, **common)
     monkeypatch.setattr(decide, "MANY_AGENTS", 0)
-    assert rows_hold(mode, statements.problem, D, w, **common)
-    assert not rows_hold(mode, statements.problem, D, w, rate=rate * 2, sigma=(Fraction(0),))
+    assert rows_hold(mode, statements.loop, D, w, **common)
+    assert not rows_hold(mode, statements.loop, D, w, rate=rate * 2, sigma=(Fraction(0),))
     tiny = Doubles(D.array * 1e-150)
     # products below the smallest float
-    assert not rows_hold(mode, statements.problem, tiny, w, **common)
+    assert not rows_hold(mode, statements.loop, tiny, w, **common)
 
 
 @pytest.mark.parametrize("h", ["-y", "y**3 - y"])

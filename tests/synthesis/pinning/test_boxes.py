@@ -14,6 +14,7 @@ import dobc_design as dd
 from dobc_design import Network, Problem, Verdict
 from dobc_design.conditions.separable.decide import covers, verify_composite, verify_separable
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem
 from dobc_design.synthesis.pinning import search_regions
 
@@ -118,11 +119,11 @@ def test_the_certificate_of_a_design_is_the_one_that_was_proved():
         arcs[f"G{seed}"] = graph.network.modes["G"]
     problem = Problem(network=Network(labels=tuple("12345"), modes=arcs), coupling="tanh(y)")
     design = dd.design_pinning(problem, rate="1/100", region="1/2")
-    assert verify_separable(design.problem, design.certificate).verdict is Verdict.PROVED
+    assert verify_separable(loop_of(design.problem), design.certificate).verdict is Verdict.PROVED
     assert min(design.certificate.v) == 1
     weaker = {label: k / 2 for label, k in design.gains.items()}
     held = changed_problem(problem, {"pinning.gains": weaker})
-    assert verify_separable(held, design.certificate).verdict is Verdict.REFUTED
+    assert verify_separable(loop_of(held), design.certificate).verdict is Verdict.REFUTED
 
 
 def test_a_rate_that_the_others_cannot_have_is_refuted_by_a_slow_direction():
@@ -185,7 +186,10 @@ def test_the_region_of_the_file_leaves_room_for_the_observer():
     claim = design.certificate
     assert design.verdict is Verdict.PROVED
     assert claim.rho > 4
-    assert verify_composite(design.problem, problem.observer.W, claim).verdict is Verdict.PROVED
+    assert (
+        verify_composite(loop_of(design.problem), problem.observer.W, claim).verdict
+        is Verdict.PROVED
+    )
     assert covers(claim, radius=Fraction(4), disturbance=Fraction(1, 2))
     assert not covers(claim, radius=claim.rho, disturbance=Fraction(1, 2))
 

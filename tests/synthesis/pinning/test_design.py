@@ -23,6 +23,7 @@ from dobc_design.conditions.consensus.claim import jacobians_at_consensus, state
 from dobc_design.conditions.consensus.network import Enclosed
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem
 from dobc_design.synthesis.pinning.claim import AskedGains, Limits, _up, read_request
 from dobc_design.synthesis.pinning.decide import (
@@ -141,7 +142,7 @@ def request_of(problem: Problem, **asked):
 
 def ground_of(problem: Problem, **asked) -> Ground:
     lambdas = {}
-    for mode, each in state_theorems(problem).lambdas.items():
+    for mode, each in state_theorems(loop_of(problem)).lambdas.items():
         lambdas[mode] = Enclosed(middle=each.constant, deviations=each.deviations)
     return Ground(problem=problem, request=request_of(problem, **asked), lambdas=lambdas)
 
@@ -170,7 +171,7 @@ def test_gains_with_caps_are_those_of_the_semidefinite_program(modes):
     for _ in range(5):
         n = r.randint(3, 6)
         problem = with_modes([digraph(r, n) for _ in range(modes)])
-        blocks = for_rate(network_blocks(problem), 0.2)
+        blocks = for_rate(network_blocks(loop_of(problem)), 0.2)
         allowed = sorted(r.sample(range(n), r.randint(2, n)))
         own = smallest_gains(blocks, allowed)
         if own is None:
@@ -254,7 +255,7 @@ def test_caps_that_are_too_small_are_refuted_and_the_nearest_request_raises_them
 
 def exhaustive(problem: Problem, rate: float, pins: int):
     """The least cost over all sets of at most so many agents, by trying all: float, or None."""
-    blocks = for_rate(network_blocks(problem), rate)
+    blocks = for_rate(network_blocks(loop_of(problem)), rate)
     costs = []
     for chosen in combinations(range(problem.n), pins):
         gains = smallest_gains(blocks, chosen)
@@ -476,7 +477,7 @@ def test_no_gains_beat_the_limit_and_large_ones_come_close(seed: int):
     problem = digraph(r, 6, density=0.4, cycle=False, coupling="sin(y)")
     pinned = r.sample(range(6), 3)
     caps = {pinned[0]: Fraction(1, 2)}
-    found = slow_direction(jacobians_at_consensus(problem), pinned, caps, slow_directions)
+    found = slow_direction(jacobians_at_consensus(loop_of(problem)), pinned, caps, slow_directions)
     for _ in range(20):
         gains = {}
         for i in pinned:
@@ -487,7 +488,7 @@ def test_no_gains_beat_the_limit_and_large_ones_come_close(seed: int):
 
 
 def test_a_direction_that_moves_a_free_agent_or_has_a_negative_entry_shows_nothing():
-    mode = jacobians_at_consensus(ring(3)).modes[0]
+    mode = jacobians_at_consensus(loop_of(ring(3))).modes[0]
 
     def limit(*w: int, pinned: tuple[int, ...]) -> Fraction | None:
         return limit_of(mode, 0, w, pinned=pinned, caps={})
@@ -497,7 +498,7 @@ def test_a_direction_that_moves_a_free_agent_or_has_a_negative_entry_shows_nothi
     assert limit(-1, 0, 2, pinned=(1,)) is None
     assert limit(0, 0, 0, pinned=()) is None
     assert limit(0, 0, 1, pinned=(0,)) == 1
-    turned = jacobians_at_consensus(ring(3, coupling="-y"))
+    turned = jacobians_at_consensus(loop_of(ring(3, coupling="-y")))
     assert slow_direction(turned, (0,), {}, slow_directions) is None
 
 

@@ -16,6 +16,7 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
 from dobc_design.conditions.weighted.decide import network_holds
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
 
 
 def by_index(design):
@@ -63,7 +64,7 @@ def test_gains_reach_the_rate_tightly_and_cost_no_more_than_for_the_plain_v(seed
     assert 0.1 <= linear_rate(problem, gains) < 0.1001
     less = {i: k * 0.999 for i, k in gains.items()}
     assert linear_rate(problem, less) < 0.1
-    statements = state_theorems(design.problem)
+    statements = state_theorems(loop_of(design.problem))
     assert network_holds(design.weights, statements, rate=Fraction(1, 10))
     assert not network_holds(design.weights, statements, rate=Fraction(1002, 10000))
 
@@ -90,7 +91,7 @@ def test_the_chosen_agents_are_as_cheap_as_those_of_exhaustive_search(seed):
     r = Random(seed)
     problem, pins = digraph(r, r.randint(4, 8), density=0.2, cycle=False), r.randint(1, 3)
     design = dd.design_pinning(problem, rate="1/5", pins=pins, digits=9)
-    blocks = for_rate(network_blocks(problem, weighted=True), 0.2)
+    blocks = for_rate(network_blocks(loop_of(problem), weighted=True), 0.2)
     costs = [
         float(k.sum())
         for F in combinations(range(problem.n), pins)

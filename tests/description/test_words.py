@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.conditions.consensus.network import cure_in_words
-from dobc_design.problem.arrays import closed_groups, unreached
+from dobc_design.description.words import describe, facts
+from dobc_design.loop.arcs import closed_groups, unreached
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.load import load_problem
-from dobc_design.problem.words import describe, facts
 
 CHAIN = Network.from_arcs(
     [("a", "b"), ("b", "c", "1/2")], arrow="listens_to", agents=["a", "b", "c", "d"]
@@ -210,14 +211,15 @@ def test_closed_groups_are_the_components_that_hear_nobody_else(n, data):
     }
     problem = build(sorted(arcs), n)
     assert {
-        frozenset(group) for group in closed_groups(problem, problem.network.modes.values())
+        frozenset(group)
+        for group in closed_groups(loop_of(problem), problem.network.modes.values())
     } == expected
 
 
 def test_a_chain_of_twenty_thousand_agents_needs_no_recursion():
     n = 20_000
     problem = build([(i, i + 1) for i in range(1, n)], n)
-    assert closed_groups(problem, problem.network.modes.values()) == ((n - 1,),)
+    assert closed_groups(loop_of(problem), problem.network.modes.values()) == ((n - 1,),)
 
 
 def test_the_cure_names_one_agent_of_every_group_and_works():
@@ -225,8 +227,8 @@ def test_the_cure_names_one_agent_of_every_group_and_works():
     one agent."""
     arcs = [(1, 2), (2, 1), (4, 3)]
     problem = build(arcs, 5)
-    text = cure_in_words(problem, list(problem.network.modes.values()))
+    text = cure_in_words(loop_of(problem), list(problem.network.modes.values()))
     assert text == "Pin agent 1 or 2, and agent 3, and agent 5."
     for pins, left in (({1: 1, 3: 1, 5: 1}, ()), ({1: 1, 3: 1}, (4,))):
         pinned = build(arcs, 5, pins)
-        assert unreached(pinned, pinned.network.modes.values()) == left
+        assert unreached(loop_of(pinned), pinned.network.modes.values()) == left

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from dobc_design import Exosystem, Network, Observer, Problem, Switching, exosystems
+from dobc_design.description.meaning import disturbance_words, remarks, time_words
 from dobc_design.problem.load import builtin_names, load_problem
-from dobc_design.problem.meaning import disturbance_words, remarks, time_words
 
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 CHAIN = [(1, 2), (2, 3), (3, 4)]

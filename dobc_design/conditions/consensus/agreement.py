@@ -10,20 +10,19 @@ from __future__ import annotations
 from dobc_design.exact.matrix import multiply, subtract
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import decide_hurwitz
-from dobc_design.problem.arrays import closed_groups
+from dobc_design.loop.arcs import closed_groups
+from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import Group, name_some
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 
-def agreement_words(problem: Problem) -> str:
+def agreement_words(loop: Loop) -> str:
     """What agents of which none is pinned do among themselves, in a sentence; "" where it is not
     known here."""
-    held = problem.pinning.agents or problem.dynamics is not None
-    if held or problem.origin is not None or problem.n == 1:
+    if loop.pulls.nodes or loop.drift is not None or loop.n == 1:
         return ""
-    labels, modes = problem.network.labels, problem.network.modes
-    apart = closed_groups(problem, modes.values())
+    labels, modes = loop.labels, loop.modes
+    apart = closed_groups(loop, modes.values())
     if len(apart) > 1:
         first, second = (name_some([labels[i] for i in group]) for group in apart[:2])
         return (
@@ -32,14 +31,14 @@ def agreement_words(problem: Problem) -> str:
         )
     roots = []  # of each mode, if there are any: agents that hear nobody outside of themselves
     for arcs in modes.values():
-        groups = closed_groups(problem, [arcs.present])
+        groups = closed_groups(loop, [arcs.present])
         if len(groups) == 1:
             roots.append(set(groups[0]))
     if len(roots) < len(modes):
         return ""  # it depends on how the modes follow each other
-    if problem.uncertainty is not None or problem.actuators is not None:
+    if loop.uncertainty is not None or loop.actuators is not None:
         return ""  # what they leave of it is not decided here
-    if not _attract(problem) or not all(map(_estimates_decay, problem.groups)):
+    if not _attract(loop) or not all(map(_estimates_decay, loop.groups)):
         return ""
     # One agent that leads in every mode can be named.
     common = set.intersection(*roots)
@@ -47,16 +46,16 @@ def agreement_words(problem: Problem) -> str:
     if common:
         heard = f"agent {labels[min(common)]} is heard by all others"
     # Slopes at 0 say nothing of far starts unless the couplings are linear.
-    start = "" if problem.is_linear else ", from close enough starts"
+    start = "" if loop.is_linear else ", from close enough starts"
     return (
         f"The agents do agree with each other{start}, because {heard}, directly or through others; "
         "but on a value that nobody prescribes."
     )
 
 
-def _attract(problem: Problem) -> bool:
+def _attract(loop: Loop) -> bool:
     """Whether every coupling acts by component and rises at 0."""
-    for each in problem.couplings:
+    for each in loop.functions:
         slopes = [row[k] for k, row in enumerate(each.jacobian_at_zero())]
         if not each.by_component or any(slope.lo <= 0 for slope in slopes):
             return False

@@ -7,17 +7,18 @@ import pytest
 
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.problem.arrays import (
+from dobc_design.loop.arrays import (
     arc_groups,
     chosen_gain,
     chosen_mode,
-    consensus_jacobian,
     difference_matrix,
     gathering_matrix,
     goals,
     pinning_matrix,
     required_gain,
 )
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import consensus_jacobian
 
 
 def triangle(**settings) -> Problem:
@@ -88,7 +89,7 @@ def test_what_no_arc_of_the_mode_uses_makes_no_group():
         network=Network.from_arcs({"a": [[1, 2]], "b": []}, arrow="listens_to"), coupling="y"
     )
     assert arc_groups(problem, "b") == ()
-    assert consensus_jacobian(problem, "b").nnz == 0
+    assert consensus_jacobian(loop_of(problem), "b").nnz == 0
 
 
 def test_differences_and_their_sums_follow_the_arcs():
@@ -103,8 +104,11 @@ def test_the_jacobian_at_the_consensus_is_minus_the_laplacian_of_the_gains_where
     """(11) at e = 0, by hand: gains 6, 2 and 1."""
     expected = [[-7, 6, 1], [0, -2, 2], [0, 0, 0]]
     assert (
-        consensus_jacobian(triangle(exceptions={(0, 2): "sin(y)"}), "G").toarray().tolist()
+        consensus_jacobian(loop_of(triangle(exceptions={(0, 2): "sin(y)"})), "G").toarray().tolist()
         == expected
     )
-    assert consensus_jacobian(triangle(exceptions={(0, 2): "y + abs(y)"}), "G") is None
-    assert consensus_jacobian(triangle(exceptions={(0, 2): "clip(y, -1, 1)"}), "G") is not None
+    assert consensus_jacobian(loop_of(triangle(exceptions={(0, 2): "y + abs(y)"})), "G") is None
+    assert (
+        consensus_jacobian(loop_of(triangle(exceptions={(0, 2): "clip(y, -1, 1)"})), "G")
+        is not None
+    )

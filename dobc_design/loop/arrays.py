@@ -1,9 +1,8 @@
-"""The arcs of a mode in arrays, which agents they reach, and a problem's numbers as (rounded)
-float64 arrays."""
+"""A problem's numbers as (rounded) float64 arrays: what runs, models and exports compute with."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
@@ -12,17 +11,17 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import postorder
 from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
-from dobc_design.exact.number import number_key
 from dobc_design.exact.reading import shown
+from dobc_design.loop.arcs import places_at, split_by
+from dobc_design.loop.matrices import Array, block_sparse
 from dobc_design.problem.groups import gains_of, group_numbers
-from dobc_design.problem.network import Arcs, IndexArray
+from dobc_design.problem.network import IndexArray, distinct_weights
 from dobc_design.problem.problem import Problem
 
 LARGEST_FLOAT = Fraction(np.finfo(np.float64).max.item())
@@ -77,112 +76,6 @@ def _flat(numbers: Any) -> Iterator[Any]:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ArcTable:
-    """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of
-    problem.couplings.  Its weight is ``weights[weight[a]]``; ``weights`` holds each different one
-    once.  Arrays of one length, optional arcs among them as if they were there."""
-
-    listeners: IndexArray
-    speakers: IndexArray
-    coupling: IndexArray
-    weight: IndexArray
-    weights: tuple[Fraction, ...]
-
-
-def arc_table(problem: Problem, mode: str) -> ArcTable:
-    """Return the arcs of one mode."""
-    arcs = problem.network.modes[mode]
-    weight, weights = distinct_weights(arcs.weights)
-    places = coupling_places(problem, arcs)
-    return ArcTable(
-        listeners=arcs.listeners,
-        speakers=arcs.speakers,
-        coupling=places,
-        weight=weight,
-        weights=weights,
-    )
-
-
-def coupling_places(problem: Problem, arcs: Arcs) -> IndexArray:
-    """For every arc the place of its coupling in problem.couplings."""
-    return places_at(problem, arcs.listeners * problem.n + arcs.speakers)
-
-
-def places_at(problem: Problem, codes: IndexArray) -> IndexArray:
-    """The same for arcs given by listener * n + speaker."""
-    places = problem.exception_places
-    if not places:
-        return np.zeros(len(codes), dtype=np.int64)
-    special = np.array([i * problem.n + j for i, j in places], dtype=np.int64)
-    order = np.argsort(special)
-    at = order[np.minimum(np.searchsorted(special, codes, sorter=order), len(order) - 1)]
-    return np.where(special[at] == codes, np.array(list(places.values()), dtype=np.int64)[at], 0)
-
-
-def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fraction, ...]]:
-    """For every arc the place of its weight among the different ones, and these; arcs mostly share
-    few objects."""
-    ids = np.fromiter(map(id, weights), dtype=np.int64, count=len(weights))
-    if len(ids) and np.all(ids == ids[0]):
-        return np.zeros(len(ids), dtype=np.int64), (weights[0],)
-    _, first, object_of = np.unique(ids, return_index=True, return_inverse=True)
-    place, table, different = (
-        np.zeros(len(first), dtype=np.int64),
-        dict[str, int](),
-        list[Fraction](),
-    )
-    for k in np.argsort(first):  # in the order in which they are met
-        weight = weights[first[k]]
-        place[k] = table.setdefault(number_key(weight), len(table))
-        different += [weight] * (len(table) - len(different))
-    return place[object_of], tuple(different)
-
-
-def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
-    """Every number that occurs, rising, with its positions in their order."""
-    order = np.argsort(kinds, kind="stable")
-    numbers, starts = np.unique(kinds[order], return_index=True)
-    return (
-        zip(numbers.tolist(), np.split(order, starts[1:]), strict=True) if len(kinds) else iter(())
-    )
-
-
-def unreached(problem: Problem, arcs: Iterable[Arcs]) -> tuple[int, ...]:
-    """Agents that nothing from a pinned agent reaches along the arcs of all given modes, without
-    those that come and go; exact, in linear time."""
-    (listeners, speakers), n = _ends(arcs), problem.n
-    pins = np.array(problem.pinning.agents, dtype=np.int64)
-    # the target is agent n
-    ends = np.append(speakers, np.full(len(pins), n)), np.append(listeners, pins)
-    graph = sp.csr_array((np.ones(len(ends[0])), ends), shape=(n + 1, n + 1))
-    met = breadth_first_order(graph, n, return_predecessors=False)
-    return tuple(np.setdiff1d(np.arange(n), met).tolist())
-
-
-def _ends(arcs: Iterable[Arcs]) -> tuple[IndexArray, IndexArray]:
-    """Listeners and speakers of the arcs of several modes together, without those that come and
-    go."""
-    chosen, none = [each.always for each in arcs], np.zeros(0, dtype=np.int64)
-    return np.concatenate([none, *(a.listeners for a in chosen)]), np.concatenate(
-        [none, *(a.speakers for a in chosen)]
-    )
-
-
-def closed_groups(problem: Problem, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
-    """The smallest sets of agents that listen to nobody outside, strong components that hear no
-    other; rising."""
-    listeners, speakers = _ends(arcs)
-    graph = sp.coo_array(
-        (np.ones(len(listeners)), (listeners, speakers)), shape=(problem.n, problem.n)
-    )
-    component = connected_components(graph, connection="strong")[1].astype(np.int64)
-    listening = set(component[listeners[component[listeners] != component[speakers]]].tolist())
-    closed = (members for number, members in split_by(component) if number not in listening)
-    return tuple(sorted(tuple(members.tolist()) for members in closed))
-
-
-Array = NDArray[np.float64]
 Gain = Sequence[Sequence[Any]] | NDArray[Any]
 
 
@@ -232,9 +125,6 @@ def plant_arrays(problem: Problem) -> Plant | None:
         K=pinning_matrix(problem),
         u0=to_float(tuple(u0[goal] for goal in goals)),
     )
-
-
-WIDEST_SLOPE = Fraction(1, 10**6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -352,20 +242,24 @@ def arc_groups(
 ) -> tuple[ArcGroup, ...]:
     """Split the arcs of one mode, or those ``there`` (arcs,), by coupling, in the order of
     ``couplings``; empty groups are left out."""
-    table = arc_table(problem, mode)
-    weights = to_float((table.weights,))[0][table.weight]
-    i, j = table.listeners, table.speakers
-    kinds = table.coupling if there is None else np.where(there, table.coupling, -1)
-    return tuple(
-        ArcGroup(
-            coupling=problem.couplings[place],
-            listeners=i[arcs],
-            speakers=j[arcs],
-            weights=weights[arcs],
-        )
-        for place, arcs in split_by(kinds)
-        if place >= 0
-    )
+    arcs_of_mode = problem.network.modes[mode]
+    which, different = distinct_weights(arcs_of_mode.weights)
+    weights = to_float((different,))[0][which]
+    codes = arcs_of_mode.listeners * problem.n + arcs_of_mode.speakers
+    kinds = places_at(problem.exception_places, codes, size=problem.n)
+    if there is not None:
+        kinds = np.where(there, kinds, -1)
+    groups = []
+    for place, arcs in split_by(kinds):
+        if place >= 0:
+            group = ArcGroup(
+                coupling=problem.couplings[place],
+                listeners=arcs_of_mode.listeners[arcs],
+                speakers=arcs_of_mode.speakers[arcs],
+                weights=weights[arcs],
+            )
+            groups.append(group)
+    return tuple(groups)
 
 
 def difference_matrix(group: ArcGroup, size: int) -> sp.csr_array:
@@ -389,44 +283,3 @@ def pinning_matrix(problem: Problem) -> sp.csr_array:
     agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
     blocks = np.array([to_float(k) for k in gains.values()]).reshape(-1, problem.inputs, problem.m)
     return block_sparse(blocks, agents, agents, size=problem.n)
-
-
-def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
-    """Return dh/de at e = 0 (n m, n m), of midpoints of slopes; None where a coupling has a kink at
-    0, or where a leader takes the slopes of f along."""
-    if problem.slopes_move:
-        return None
-    n, table, slopes = problem.n, arc_table(problem, mode), {}
-    for place in np.unique(table.coupling).tolist():
-        enclosed = problem.couplings[place].jacobian_at_zero()
-        if any(
-            entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for row in enclosed for entry in row
-        ):
-            return None
-        slopes[place] = to_float(tuple(tuple(entry.midpoint for entry in row) for row in enclosed))
-    weights = to_float((table.weights,))[0][table.weight]
-    # What an agent loses is added up by coupling first.
-    own, back = np.unique(table.coupling * n + table.listeners, return_inverse=True)
-    kinds = np.concatenate([table.coupling, own // n])
-    places = np.concatenate([table.listeners, own % n]), np.concatenate([table.speakers, own % n])
-    factors = np.concatenate([weights, -np.bincount(back, weights=weights, minlength=len(own))])
-    if not len(kinds):
-        return sp.csr_array((n * problem.m,) * 2)
-    numbers, which = np.unique(kinds, return_inverse=True)
-    blocks = (
-        factors[:, None, None] * np.array([slopes[number] for number in numbers.tolist()])[which]
-    )
-    return block_sparse(blocks, *places, size=n)
-
-
-def block_sparse(
-    blocks: Array, rows: IndexArray, columns: IndexArray, *, size: int
-) -> sp.csr_array:
-    """Add up blocks (count, p, m) at block places of a sparse matrix (size p, size m); zeros are
-    left out."""
-    _, p, m = blocks.shape
-    i = np.broadcast_to(rows[:, None, None] * p + np.arange(p)[:, None], blocks.shape)
-    j = np.broadcast_to(columns[:, None, None] * m + np.arange(m), blocks.shape)
-    result = sp.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(size * p, size * m))
-    result.eliminate_zeros()
-    return result

@@ -10,13 +10,14 @@ from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
+from dobc_design.description.contradictions import warnings
+from dobc_design.description.meaning import disturbance_words, remarks, time_words
 from dobc_design.exact.number import decimal_text
 from dobc_design.exact.reading import counted, named, some
-from dobc_design.problem.arrays import unreached
-from dobc_design.problem.contradictions import warnings
+from dobc_design.loop.arcs import unreached
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.integrators import as_integrators, enclosed
 from dobc_design.problem.leader import enclosure, not_enclosed
-from dobc_design.problem.meaning import disturbance_words, remarks, time_words
 from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, table_words
 from dobc_design.problem.settings import Pair
@@ -68,7 +69,7 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> list[str]:
         loose = f", {arcs.optional} of which come and go at any time (the last ones)"
         by = " by the other arcs"
     reached = f"  Every agent is reached from a pinned agent{by}."
-    missing = some([labels[i] for i in unreached(problem, [arcs])], LISTED)
+    missing = some([labels[i] for i in _unreached(problem, arcs)], LISTED)
     if missing:
         held = ""
         if problem.dynamics is not None:
@@ -204,7 +205,7 @@ def facts(problem: Problem) -> dict[str, Any]:
     labels, switching = problem.network.labels, problem.switching
     modes = {}
     for mode, arcs in problem.network.modes.items():
-        missing = [labels[i] for i in unreached(problem, [arcs])]
+        missing = [labels[i] for i in _unreached(problem, arcs)]
         modes[mode] = {"arcs": len(arcs), "unreached": missing}
     found: dict[str, Any] = {
         "name": problem.name,
@@ -225,3 +226,9 @@ def facts(problem: Problem) -> dict[str, Any]:
     found["warnings"] = list(warnings(problem))
     found["remarks"] = list(remarks(problem))
     return found
+
+
+def _unreached(problem: Problem, arcs: Arcs) -> tuple[int, ...]:
+    """The agents that no pinned agent reaches in one mode."""
+    loop = loop_of(problem)
+    return unreached(loop, [arcs], pins=loop.pins)

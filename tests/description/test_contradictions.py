@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from dobc_design import Exosystem, Group, Network, Observer, Problem, Switching, exosystems
-from dobc_design.problem.contradictions import warnings
+from dobc_design.description.contradictions import warnings
+from dobc_design.description.words import describe
 from dobc_design.problem.load import builtin_names, load_problem
-from dobc_design.problem.words import describe
 
 CHAIN = [(1, 2), (2, 3), (3, 4)]
 TWO_MODES = Network.from_arcs({"a": CHAIN, "b": [*CHAIN, (1, 3)]}, arrow="listens_to", agents=4)

@@ -19,20 +19,17 @@ from numpy.typing import NDArray
 
 from dobc_design._show.cards import listed
 from dobc_design._show.text import significant
+from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Vector, identity, to_float
 from dobc_design.exact.number import nearest, to_fmpq_mat
 from dobc_design.exact.observability import observable_reduction
-from dobc_design.problem.agreement import agreement_words
-from dobc_design.problem.arrays import (
-    Array,
-    consensus_jacobian,
-    pinning_matrix,
-    require_floats,
-    unreached,
-)
+from dobc_design.loop.arcs import unreached
+from dobc_design.loop.arrays import pinning_matrix, require_floats
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import Array, consensus_jacobian
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers
 from dobc_design.problem.integrators import as_integrators
@@ -177,7 +174,7 @@ def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
     if problem.n * problem.m <= LARGEST_NETWORK:
         K = pinning_matrix(problem)
         for mode in list(problem.network.modes)[:MOST_MODES]:
-            J = consensus_jacobian(problem, mode)
+            J = consensus_jacobian(loop_of(problem), mode)
             if J is not None:
                 spectra.append(("network", np.linalg.eigvals((J - K).toarray())))
     for group in problem.groups:
@@ -317,7 +314,7 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Iterator[str]:
     modes, labels = problem.network.modes, problem.network.labels
     held = as_integrators(problem)  # agents with [dynamics] are held by A, too
     if not held.pinning.agents:
-        among = agreement_words(problem) or "The group can drift as a whole."
+        among = agreement_words(loop_of(problem)) or "The group can drift as a whole."
         yield (
             f"No agent is pinned, so nothing pulls the agents to the target. {among} For the "
             "target give an agent a gain in [pinning]; agreement without a target cannot be "
@@ -325,13 +322,13 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Iterator[str]:
         )
         return
     apart = set(alone)
-    unheard = unreached(held, [each.present for each in modes.values()])
+    unheard = unreached(loop_of(held), [each.present for each in modes.values()])
     missing = [labels[i] for i in unheard if i not in apart]
     if not missing:
         return
     # Mixed-up directions are the commonest slip: try them the other way round.
     turned = [Arcs(arcs.speakers, arcs.listeners, arcs.weights) for arcs in modes.values()]
-    if unreached(held, turned):
+    if unreached(loop_of(held), turned):
         yield (
             f"No path of arcs leads from a pinned agent to {listed(missing)}. Add an arc, or a "
             "gain there."

@@ -7,8 +7,8 @@ from certified import certified, consensus_claims
 from dynamic_agents import double_integrators, pendulums, three_states
 
 import dobc_design as dd
-from dobc_design.problem.meaning import remarks, time_words
-from dobc_design.problem.words import describe, facts
+from dobc_design.description.meaning import remarks, time_words
+from dobc_design.description.words import describe, facts
 from dobc_design.report import pages
 from dobc_design.report.content import report_document
 from dobc_design.report.findings import Findings

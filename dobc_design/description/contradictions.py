@@ -16,15 +16,15 @@ import numpy as np
 
 from dobc_design._show.cards import listed
 from dobc_design._show.text import significant
-from dobc_design.exact.matrix import to_float
-from dobc_design.exact.number import nearest
-from dobc_design.problem.meaning import (
+from dobc_design.description.meaning import (
     LARGEST_ORDER,
     disturbance_parts,
     disturbance_starts,
     has_floats,
     observer_excess,
 )
+from dobc_design.exact.matrix import to_float
+from dobc_design.exact.number import nearest
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import Actuators
 

@@ -1,0 +1,1 @@
+"""What a problem says, in words: what `dobc check` prints."""

@@ -1,0 +1,1 @@
+"""What a proof is about: the loop that a problem describes (``loop_of``)."""

@@ -1,0 +1,186 @@
+"""What is known of the signal that switches the modes: phases, a Markov chain, or nothing.
+
+A signal passes through phases: each lasts between its shortest and its longest time, one mode is on
+during it, then a phase of its successors follows (theory, section 11).
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import accumulate, pairwise
+
+from dobc_design._show.cards import Shown
+from dobc_design.exact.matrix import Matrix
+from dobc_design.problem.settings import Switching
+from dobc_design.problem.tables import lasting
+
+ZERO = Fraction(0)
+SHOWN_TURNS = 6  # in a sentence
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Phase(Shown):
+    """A mode that is on for ``shortest`` to ``longest`` (s; None: as long as it likes); then one of
+    ``successors`` (places in the list of phases) follows.  ``first``: whether a signal may begin
+    with it."""
+
+    mode: str
+    shortest: Fraction
+    longest: Fraction | None
+    successors: tuple[int, ...]
+    first: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Guarantee:
+    """What proofs may assume of the signal.
+
+    ``kind``: "arbitrary", "dwell", "sequence" or "markov", as it is stated.  ``phases``: empty
+    where any mode may be on at any time, and where one mode is always on.  ``dwell`` and
+    ``longest`` (s): how long a mode lasts, as it is stated.  ``generator`` (M, M) in 1/s of the
+    Markov chain, None without one.  ``moves``: the graph follows the positions of the agents, and
+    the modes are not all of its graphs.
+    """
+
+    kind: str
+    phases: tuple[Phase, ...] = ()
+    dwell: Fraction | None = None
+    longest: Fraction | None = None
+    generator: Matrix | None = None
+    moves: bool = False
+
+    @property
+    def is_given(self) -> bool:
+        """Whether proofs may assume more than that any mode is on at any time."""
+        return self.kind != "arbitrary"
+
+    @property
+    def round(self) -> Round | None:
+        """The phases over and over; None where it is not known which mode is on at which time."""
+        if sum(phase.first for phase in self.phases) != 1:
+            return None
+        lengths = (phase.shortest for phase in self.phases)
+        return Round(self.phases, tuple(accumulate(lengths, initial=ZERO)))
+
+    def in_words(self) -> str:
+        """Which signals a proof is about: "every signal that ..."."""
+        if self.kind in ("arbitrary", "dwell"):
+            return f"every signal whose modes last {lasting(self.dwell or ZERO, self.longest)}"
+        shown = self.phases[:SHOWN_TURNS]
+        turns = ", ".join(f"{phase.mode} for {float(phase.shortest):.6g} s" for phase in shown)
+        return (
+            f"the signal {turns}{', ...' if len(self.phases) > SHOWN_TURNS else ''}, over and over"
+        )
+
+    def modes_on(self, times: Sequence[Fraction]) -> list[str | None]:
+        """The mode that is on from each time (s) to the next: "" where any may be, None where it
+        changes in between."""
+        turns = self.round
+        if turns is None:
+            return [""] * (len(times) - 1)
+        modes: list[str | None] = []
+        for before, after in pairwise(times):
+            place, _, end = turns.at(before)
+            modes.append(turns.phases[place].mode if after <= end else None)
+        return modes
+
+    def may_stay(self, mode: str, modes: Sequence[str]) -> bool:
+        """Whether a signal that keeps the guarantee may stay in this one of the modes for ever."""
+        if self.kind == "markov" and self.generator is not None:
+            place = list(modes).index(mode)
+            return self.generator[place][place] == 0
+        lasting = {each.mode for each in self.phases if each.longest is None}
+        return not self.phases or mode in lasting or {each.mode for each in self.phases} == {mode}
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """Phases that follow one another over and over, each of them as long as the guarantee says."""
+
+    phases: tuple[Phase, ...]
+    starts: tuple[Fraction, ...]  # of each phase, and of the next round
+
+    def at(self, time: Fraction) -> tuple[int, Fraction, Fraction]:
+        """The place of the phase that is on from ``time`` (s) on, when it began and when it
+        ends."""
+        begun = time - time % self.starts[-1]
+        place = bisect.bisect_right(self.starts, time - begun) - 1
+        return place, begun + self.starts[place], begun + self.starts[place + 1]
+
+
+def guarantee_of(stated: Switching | None, modes: Sequence[str]) -> Guarantee:
+    """The guarantee of [switching].  A sequence that repeats a shorter one has the phases of the
+    shorter one."""
+    if stated is None:
+        return Guarantee(kind="arbitrary")
+    kind = stated.guarantee or "arbitrary"
+    phases: tuple[Phase, ...] = ()
+    several = len(modes) > 1
+    if kind == "dwell" and several:
+        phases = _dwelling(stated, modes)
+    elif kind == "sequence" and several:
+        phases = _in_turn(_turns(stated, modes))
+    generator = stated.generator if kind == "markov" and several else None
+    moves = stated.signal == "mobile"
+    return Guarantee(
+        kind=kind,
+        phases=phases,
+        dwell=stated.dwell,
+        longest=stated.longest,
+        generator=generator,
+        moves=moves,
+    )
+
+
+def _dwelling(stated: Switching, modes: Sequence[str]) -> tuple[Phase, ...]:
+    """A phase for each mode, with all others after it."""
+    every = range(len(modes))
+    return tuple(
+        Phase(
+            mode=mode,
+            shortest=stated.dwell or ZERO,
+            longest=stated.longest,
+            successors=tuple(q for q in every if q != p),
+            first=True,
+        )
+        for p, mode in enumerate(modes)
+    )
+
+
+def _turns(stated: Switching, modes: Sequence[str]) -> list[tuple[str, Fraction]]:
+    """The modes of one round, with how long each is on (s)."""
+    if stated.schedule is None:
+        order = list(stated.sequence or modes)
+        each = stated.dwell
+        if each is None:
+            each = (stated.period or ZERO) / len(order)
+        return [(mode, each) for mode in order]
+    instants = [time for time, _ in stated.schedule]
+    ends = [*instants[1:], stated.period or ZERO]
+    lengths = [end - begin for begin, end in zip(instants, ends, strict=True)]
+    # the last mode of a round stays on until the first instant of the next
+    lengths[-1] += instants[0]
+    return [(mode, length) for (_, mode), length in zip(stated.schedule, lengths, strict=True)]
+
+
+def _in_turn(turns: Sequence[tuple[str, Fraction]]) -> tuple[Phase, ...]:
+    shortest = turns[: shortest_period(turns)]
+    return tuple(
+        Phase(
+            mode=mode,
+            shortest=time,
+            longest=time,
+            successors=((p + 1) % len(shortest),),
+            first=p == 0,
+        )
+        for p, (mode, time) in enumerate(shortest)
+    )
+
+
+def shortest_period(turns: Sequence[object]) -> int:
+    """The least length of a beginning that, over and over, gives the whole."""
+    size = len(turns)
+    return next(k for k in range(1, size + 1) if size % k == 0 and turns[k:] == turns[:-k])

@@ -1,0 +1,258 @@
+"""The loop: what a proof about a problem is about (theory, section 14).
+
+A Problem is what somebody wrote; a Loop is its error system, in the same form for every kind of
+network.  Free nodes i have errors e_i (m components) and estimation errors eps_i:
+
+    e_i' = sum_j w_ij h_ij(e_j - e_i) - K_i e_i + drift(e_i) + C eps_i,    eps_i' = (A - W C) eps_i
+
+Its parts are arcs between free nodes, arcs to a fixed node whose error is 0 (pins), what a node
+does by itself (drift), and the residual of the observer.  ``loop_of`` makes it of a Problem; no
+proof looks at how agents, leaders or goals are stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from types import MappingProxyType
+
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.matrix import Matrix, Vector, left_inverse
+from dobc_design.exact.reading import is_scalar_matrix
+from dobc_design.loop.guarantee import Guarantee
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer, joint_exosystem, joint_observer
+from dobc_design.problem.network import Arcs
+from dobc_design.problem.uncertainty import Actuators, Uncertainty
+
+Arc = tuple[int, int]
+Pair = tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pins:
+    """Arcs to the fixed node, whose error is 0: node i hears it by h(0 - e_i).
+
+    ``gains``: of the linear ones, h(-e_i) = -gains[i] e_i, (m, m) in 1/s; zero gains are left out.
+    ``curved``: node -> the place of another function in ``functions`` of the loop.
+    """
+
+    gains: Mapping[int, Matrix]
+    curved: Mapping[int, int]
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """The nodes that hear the fixed node, rising."""
+        return tuple(sorted({*self.gains, *self.curved}))
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether every gain is a multiple of the identity."""
+        return all(is_scalar_matrix(gain) for gain in self.gains.values())
+
+
+def pins_of(gains: Mapping[int, Matrix]) -> Pins:
+    """Linear pins; gains that are 0 are no arcs."""
+    kept = {i: gain for i, gain in sorted(gains.items()) if any(map(any, gain))}
+    return Pins(gains=MappingProxyType(kept), curved={})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drift:
+    """What every node does by itself: e_i' = A e_i + ..., or f(e_i) in place of A e_i.
+
+    ``A`` (m, m) in 1/s: the slopes at e = 0.  ``place``: of f in ``functions`` of the loop, None
+    where it is A e.  ``B`` (m, p): how couplings, inputs and disturbances act on the states.
+    """
+
+    A: Matrix
+    B: Matrix
+    place: int | None
+
+    @property
+    def inputs(self) -> int:
+        """p, the number of inputs of a node."""
+        return len(self.B[0])
+
+    @property
+    def left_inverse(self) -> Matrix:
+        """(B'B)^-1 B', (p, m): the inputs that act as a change of the states does."""
+        return left_inverse(self.B)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Goals:
+    """How an error is read back as a state: x_i = target + offset_i + e_i.
+
+    ``moves``: the target is a leader, which starts anywhere in ``starts`` (m pairs); then the drift
+    depends on where it is, and its slopes are those on the box ``stays_in``.  None: no box is
+    known, for the reason ``unbounded``.
+    """
+
+    target: Vector
+    offsets: Mapping[int, Vector]
+    moves: bool
+    starts: tuple[Pair, ...]
+    stays_in: tuple[Interval, ...] | None
+    unbounded: str
+
+    def leaders_box(self) -> tuple[Interval, ...]:
+        """The box that the leader never leaves; 0 without one.  Raises: UndefinedError where none
+        is known."""
+        if self.stays_in is None:
+            raise UndefinedError(self.unbounded)
+        return self.stays_in
+
+    def of(self, node: int) -> Vector:
+        """Where a node is to go, (m,)."""
+        offset = self.offsets.get(node)
+        if offset is None:
+            return self.target
+        return tuple(x + o for x, o in zip(self.target, offset, strict=True))
+
+    def different(self, nodes: Iterable[int]) -> set[Vector]:
+        """The goals of these nodes, each once."""
+        return {self.of(node) for node in nodes} if self.offsets else {self.target}
+
+
+def zero_goals(m: int) -> Goals:
+    """Every node goes to 0, where errors are states."""
+    zero = Fraction(0)
+    return Goals(
+        target=(zero,) * m,
+        offsets={},
+        moves=False,
+        starts=((zero, zero),) * m,
+        stays_in=(Interval.point(zero),) * m,
+        unbounded="",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Starts:
+    """The starts that a proof has to hold for: every component of every x_i(0) in ``states`` (m
+    pairs), and |eps_i(0)| <= ``disturbance`` (None without an exosystem)."""
+
+    states: tuple[Pair, ...]
+    disturbance: Fraction | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Loop:
+    """The error system of a problem; frozen and exact.  Two loops are equal if they are the same.
+
+    ``labels``: the free nodes in the user's words.  ``modes``: arcs between them, by mode.
+    ``functions``: of arcs, the first one unless ``exceptions`` has another place for (listener,
+    speaker); the last ones may belong to the drift or to pins.  ``pulls``: what is linear and of a
+    node alone, pins less the slopes of the drift; it need not pull towards 0.  ``groups``: nodes
+    that share an exosystem and an observer, which act on the states.  ``starts``: None where no
+    region is asked for.  ``xi0``: where disturbances start in simulations, rows by node.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    m: int
+    modes: Mapping[str, Arcs]
+    functions: tuple[Coupling, ...]
+    exceptions: Mapping[Arc, int]
+    pins: Pins
+    pulls: Pins
+    drift: Drift | None
+    groups: tuple[Group, ...]
+    goals: Goals
+    starts: Starts | None
+    guarantee: Guarantee
+    uncertainty: Uncertainty | None
+    actuators: Actuators | None
+    xi0: tuple[Vector, ...] | None
+
+    @property
+    def n(self) -> int:
+        """The number of free nodes."""
+        return len(self.labels)
+
+    @property
+    def size(self) -> int:
+        """n m, the number of errors."""
+        return self.n * self.m
+
+    @property
+    def q(self) -> int:
+        """The states of all exosystems together."""
+        return sum(group.exosystem.order for group in self.groups)
+
+    @property
+    def switches(self) -> bool:
+        """Whether there are several modes, or arcs that come and go."""
+        return len(self.modes) > 1 or self.loose is not None
+
+    @property
+    def loose(self) -> str | None:
+        """The first mode with optional arcs, None without any."""
+        return next((name for name, arcs in self.modes.items() if arcs.optional), None)
+
+    @property
+    def drift_place(self) -> int | None:
+        """The place in ``functions`` of what a node does by itself, where that is not linear."""
+        return None if self.drift is None else self.drift.place
+
+    @property
+    def slopes_move(self) -> bool:
+        """Whether the slopes of the drift change with the leader: those at one point prove nothing
+        then."""
+        return self.goals.moves and self.drift_place is not None
+
+    @property
+    def slopes(self) -> Matrix:
+        """The A of the drift, () without one: it is in the gains of ``pulls``."""
+        return () if self.drift is None else self.drift.A
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether every function is exactly linear, so that J does not depend on e."""
+        return all(function.is_linear for function in self.functions)
+
+    @property
+    def is_grouped(self) -> bool:
+        """Whether nodes differ in their exosystems."""
+        return len(self.groups) > 1 or (
+            len(self.groups) == 1 and len(self.groups[0].agents) < self.n
+        )
+
+    @property
+    def observer(self) -> Observer:
+        """The observer of the first group."""
+        return self.groups[0].observer if self.groups else Observer()
+
+    @property
+    def index(self) -> dict[str, int]:
+        """Label -> node."""
+        return {label: node for node, label in enumerate(self.labels)}
+
+    @property
+    def joint_exosystem(self) -> Exosystem | None:
+        """The exosystems of all groups side by side, A (q, q) and C (G m, q) block diagonal."""
+        return joint_exosystem(self.groups)
+
+    @property
+    def joint_observer(self) -> Observer:
+        """W (q, G m) and P (q, q) of all groups, block diagonal; None where a group lacks it."""
+        return joint_observer(self.groups)
+
+    def place_of(self, listener: int, speaker: int) -> int:
+        """The place in ``functions`` of one arc."""
+        return self.exceptions.get((listener, speaker), 0)
+
+    def function_of(self, listener: int, speaker: int) -> Coupling:
+        """The function of one arc."""
+        return self.functions[self.place_of(listener, speaker)]
+
+    def may_stay(self, mode: str) -> bool:
+        """Whether a signal that keeps the guarantee may stay in this mode for ever."""
+        return self.guarantee.may_stay(mode, tuple(self.modes))
+
+    def named(self, nodes: Iterable[int]) -> Iterator[str]:
+        """The labels of some nodes."""
+        return (self.labels[node] for node in nodes)

@@ -1,0 +1,189 @@
+"""From a problem to its loop: one function for each way in which agents and goals can be stated.
+
+Single integrators have the errors of (22) as they stand.  Agents with dynamics of their own,
+x_i' = A x_i + B (sum h + u_i + d_i) with u_i = -K_i e_i - dhat_i + u0 and xihat = z + W B+ x,
+B+ B = I, have (theory, section 13)
+
+    e_i' = sum B h(e_j - e_i) - B K_i e_i + A e_i + B C eps_i,   eps_i' = (A_xi - W C) eps_i
+
+which is a loop with the functions B h, the pins B K_i, the drift A, and residuals with the output
+B C and the gain W B+, whose product with the output is W C again.  With f in place of A the drift
+is f(target + e) - f(target).  With a leader s the target is 0, and the errors obey f(s + e) - f(s).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from functools import lru_cache
+from types import MappingProxyType
+from typing import NamedTuple
+
+from dobc_design.coupling.coupling import Coupling, make_coupling
+from dobc_design.coupling.expression import LONGEST_MADE
+from dobc_design.exact.interval import Interval
+from dobc_design.exact.matrix import Matrix, multiply, subtract, zeros
+from dobc_design.exact.number import number_text
+from dobc_design.exact.reading import is_scalar_matrix
+from dobc_design.loop.guarantee import guarantee_of
+from dobc_design.loop.loop import Arc, Drift, Goals, Loop, Pins, Starts, pins_of
+from dobc_design.problem.dynamics import Dynamics
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer
+from dobc_design.problem.leader import enclosure, not_enclosed
+from dobc_design.problem.problem import Problem
+
+
+@lru_cache(maxsize=16)
+def loop_of(problem: Problem) -> Loop:
+    """What proofs about ``problem`` are about."""
+    problem = problem.origin or problem
+    dynamics = problem.dynamics
+    if dynamics is not None:
+        return _loop_with_dynamics(problem, dynamics)
+    pins = pins_of(problem.pinning.gains)
+    functions = Functions(problem.couplings, problem.exception_places)
+    return _loop(problem, functions, pins=pins, pulls=pins, drift=None, groups=problem.groups)
+
+
+def _loop_with_dynamics(problem: Problem, dynamics: Dynamics) -> Loop:
+    functions = _acting(problem, dynamics)
+    A, curve = dynamics.about(problem.target)
+    drift = Drift(A=A, B=dynamics.B, place=None)
+    if curve is not None:
+        drift = Drift(A=A, B=dynamics.B, place=len(functions.all))
+        functions = Functions((*functions.all, curve), functions.exceptions)
+    pins, pulls = _pins_with_dynamics(problem, dynamics, A)
+    groups = tuple(_seen_in_states(group, dynamics) for group in problem.groups)
+    return _loop(problem, functions, pins=pins, pulls=pulls, drift=drift, groups=groups)
+
+
+class Functions(NamedTuple):
+    """The functions of arcs, and which arcs have another one than the first."""
+
+    all: tuple[Coupling, ...]
+    exceptions: Mapping[Arc, int]
+
+
+def _loop(
+    problem: Problem,
+    functions: Functions,
+    *,
+    pins: Pins,
+    pulls: Pins,
+    drift: Drift | None,
+    groups: tuple[Group, ...],
+) -> Loop:
+    """The parts that do not depend on the dynamics of agents, beside those that do."""
+    region = problem.region
+    modes = problem.network.modes
+    starts = None
+    if region is not None:
+        starts = Starts(states=region.initial_states, disturbance=region.initial_disturbance)
+    return Loop(
+        name=problem.name,
+        labels=problem.network.labels,
+        m=problem.m,
+        modes=modes,
+        functions=functions.all,
+        exceptions=functions.exceptions,
+        pins=pins,
+        pulls=pulls,
+        drift=drift,
+        groups=groups,
+        goals=_goals(problem, is_curved=drift is not None and drift.place is not None),
+        starts=starts,
+        guarantee=guarantee_of(problem.switching, tuple(modes)),
+        uncertainty=problem.uncertainty,
+        actuators=problem.actuators,
+        xi0=problem.simulation.xi0,
+    )
+
+
+def _goals(problem: Problem, *, is_curved: bool) -> Goals:
+    """Where agents are to go; the box of a leader is looked for only where slopes move with it."""
+    dynamics, leader = problem.dynamics, problem.leader
+    stays_in: tuple[Interval, ...] | None = (Interval.point(Fraction(0)),) * problem.m
+    unbounded = ""
+    if leader is not None and dynamics is not None and is_curved:
+        stays_in = enclosure(dynamics, leader)
+        if stays_in is None:
+            unbounded = not_enclosed(dynamics, leader)
+    return Goals(
+        target=problem.target,
+        offsets=problem.offsets,
+        moves=leader is not None,
+        starts=problem.leads,
+        stays_in=stays_in,
+        unbounded=unbounded,
+    )
+
+
+def _pins_with_dynamics(problem: Problem, dynamics: Dynamics, A: Matrix) -> tuple[Pins, Pins]:
+    """The pins B K_i, and B K_i - A of every agent; agents often share one matrix."""
+    stated = problem.pinning.gains
+    none = zeros(dynamics.inputs, dynamics.dimension)
+    acting = {id(K): multiply(dynamics.B, K) for K in (none, *stated.values())}
+    pulling = {key: subtract(BK, A) for key, BK in acting.items()}
+    pins = {i: acting[id(K)] for i, K in stated.items()}
+    pulls = {i: pulling[id(stated.get(i, none))] for i in range(problem.n)}
+    return pins_of(pins), pins_of(pulls)
+
+
+def _seen_in_states(group: Group, dynamics: Dynamics) -> Group:
+    """A group whose disturbance acts on the states, and whose gain W acts on them."""
+    exosystem, observer = group.exosystem, group.observer
+    return Group(
+        agents=group.agents,
+        exosystem=Exosystem(A=exosystem.A, C=multiply(dynamics.B, exosystem.C)),
+        observer=Observer(W=on_states(observer.W, dynamics), P=observer.P, rate=observer.rate),
+    )
+
+
+def observed(problem: Problem) -> tuple[Group, ...]:
+    """The groups whose C is what a gain W of the file acts on: C of the inputs, or B C where W acts
+    on x (p = m)."""
+    return loop_of(problem).groups if problem.inputs == problem.m else problem.groups
+
+
+def on_states(W: Matrix | None, dynamics: Dynamics) -> Matrix | None:
+    """An observer gain of all state components, (q, m), from one of the inputs, (q, p); others stay
+    as they are."""
+    if W is None or len(W[0]) == dynamics.dimension:
+        return W
+    return multiply(W, dynamics.left_inverse)
+
+
+def _acting(problem: Problem, dynamics: Dynamics) -> Functions:
+    """The functions B h of the arcs, each different one once."""
+    first = _times(dynamics.B, problem.coupling, dynamics.dimension)
+    special = {
+        arc: _times(dynamics.B, coupling, dynamics.dimension)
+        for arc, coupling in problem.exceptions.items()
+    }
+    different = tuple(dict.fromkeys((first, *special.values())))
+    places = {function: place for place, function in enumerate(different)}
+    exceptions = {arc: places[function] for arc, function in special.items()}
+    return Functions(different, MappingProxyType(exceptions))
+
+
+def _times(B: Matrix, coupling: Coupling, m: int) -> Coupling:
+    """B h, with as many expressions as state components."""
+    texts = coupling.texts
+    if coupling.by_component and is_scalar_matrix(B):
+        if B[0][0] == 1:
+            return coupling
+        return _made(f"({number_text(B[0][0])})*({texts[0]})", m)
+    if coupling.by_component:
+        texts = tuple(re.sub(r"\by\b", f"y{c + 1}", texts[0]) for c in range(m))
+    rows = []
+    for row in B:
+        parts = [f"({number_text(b)})*({h})" for b, h in zip(row, texts, strict=True) if b]
+        rows.append(" + ".join(parts) or "0")
+    return _made(rows, m)
+
+
+def _made(h: str | Sequence[str], m: int) -> Coupling:
+    """A coupling made of one of the file, and longer."""
+    return make_coupling(h, dimension=m, longest=LONGEST_MADE)

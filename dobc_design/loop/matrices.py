@@ -1,0 +1,69 @@
+"""Matrices of a loop at the consensus, in floating point: for proposals and pictures, no proof."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from dobc_design.exact.matrix import to_float
+from dobc_design.loop.arcs import arc_table
+from dobc_design.loop.loop import Loop
+from dobc_design.problem.network import IndexArray
+
+Array = NDArray[np.float64]
+
+WIDEST_SLOPE = Fraction(1, 10**6)
+
+
+def pull_matrix(loop: Loop) -> sp.csr_array:
+    """Return the block diagonal of what pulls each node to the fixed one, (n m, n m)."""
+    gains = loop.pulls.gains
+    nodes = np.fromiter(gains, dtype=np.int64, count=len(gains))
+    blocks = np.array([to_float(k) for k in gains.values()]).reshape(-1, loop.m, loop.m)
+    return block_sparse(blocks, nodes, nodes, size=loop.n)
+
+
+def consensus_jacobian(loop: Loop, mode: str) -> sp.csr_array | None:
+    """Return dh/de at e = 0 (n m, n m), of midpoints of slopes; None where a function has a kink at
+    0, or where slopes move with a leader."""
+    if loop.slopes_move:
+        return None
+    table = arc_table(loop, mode)
+    slopes = {}
+    for place in np.unique(table.coupling).tolist():
+        enclosed = loop.functions[place].jacobian_at_zero()
+        entries = [entry for row in enclosed for entry in row]
+        if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for entry in entries):
+            return None
+        slopes[place] = to_float(tuple(tuple(entry.midpoint for entry in row) for row in enclosed))
+    n = loop.n
+    weights = to_float((table.weights,))[0][table.weight]
+    # What a node loses is added up by function first.
+    own, back = np.unique(table.coupling * n + table.listeners, return_inverse=True)
+    lost = -np.bincount(back, weights=weights, minlength=len(own))
+    kinds = np.concatenate([table.coupling, own // n])
+    if not len(kinds):
+        return sp.csr_array((loop.size, loop.size))
+    rows = np.concatenate([table.listeners, own % n])
+    columns = np.concatenate([table.speakers, own % n])
+    factors = np.concatenate([weights, lost])
+    numbers, which = np.unique(kinds, return_inverse=True)
+    slopes_of_kinds = np.array([slopes[number] for number in numbers.tolist()])
+    blocks = factors[:, None, None] * slopes_of_kinds[which]
+    return block_sparse(blocks, rows, columns, size=n)
+
+
+def block_sparse(
+    blocks: Array, rows: IndexArray, columns: IndexArray, *, size: int
+) -> sp.csr_array:
+    """Add up blocks (count, p, m) at block places of a sparse matrix (size p, size m); zeros are
+    left out."""
+    _, p, m = blocks.shape
+    i = np.broadcast_to(rows[:, None, None] * p + np.arange(p)[:, None], blocks.shape)
+    j = np.broadcast_to(columns[:, None, None] * m + np.arange(m), blocks.shape)
+    result = sp.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(size * p, size * m))
+    result.eliminate_zeros()
+    return result

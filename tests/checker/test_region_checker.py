@@ -39,11 +39,17 @@ from dobc_design.problem.canonical import canonical_bytes
 def sampled_rate(h: Callable[[float], float], v: list[float], k: list[float], rho: float) -> float:
     """The largest alpha of agents in a line, from 100 values of s and suprema over 100 points."""
     rates = []
-    for s in (rho * (step + 1) / 100 for step in range(100)):
+    for step in range(100):
+        s = rho * (step + 1) / 100
         for i, own in enumerate(v):
+            low = 0.0
+            high = 0.0
+            if i:  # the first agent hears nobody
+                low = -s * (own + v[i - 1])
+                high = s * (v[i - 1] - own)
+            points = [low + (high - low) * part / 100 for part in range(101)]
             for face in (1, -1):
-                low, high = (-s * (own + v[i - 1]), s * (v[i - 1] - own)) if i else (0.0, 0.0)
-                top = max(face * h(face * (low + (high - low) * part / 100)) for part in range(101))
+                top = max(face * h(face * y) for y in points)
                 rates.append(k[i] - top / (s * own))
     return min(rates)
 
@@ -62,7 +68,8 @@ ROWS = {
 def test_rows_are_accepted_below_the_sampled_rate_and_refused_above(h):
     """Three agents in a line, the first pinned more; also couplings that are not monotone, or have
     kinks."""
-    v, k = [1.0, 1.5, 1.75], [6.0, 5.0, 6.0]
+    v = [1.0, 1.5, 1.75]
+    k = [6.0, 5.0, 6.0]
     exact = {"v": ["1", "3/2", "7/4"], "rho": "1"}
     problem = Problem(
         network=Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3),
@@ -71,11 +78,10 @@ def test_rows_are_accepted_below_the_sampled_rate_and_refused_above(h):
     )
     best = sampled_rate(ROWS[h], v, k, 1.0)
     frame = json.loads(certificate_bytes(consensus_claims(problem)))
+    box = {"kind": "box", "radius": 0.5, "disturbance": 0}
     for room, code in ((-5e-3, HOLDS), (5e-3, FAILS)):
         alpha = best + room
-        check = claim(
-            "max-separable", {"kind": "box", "radius": 0.5, "disturbance": 0}, None, exact
-        )
+        check = claim("max-separable", box, None, exact)
         check["exact"]["alpha"] = f"{alpha:.9f}"
         check["rate"] = round(alpha / 2, 9)
         data = json.dumps(frame | {"checks": [*frame["checks"], check]}).encode()
@@ -88,7 +94,8 @@ def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
     sharp = mpmath.sin(3) / mpmath.mpf("1.8")
     for name, check, alpha in (("bent", BENT, 3.0), ("sine", SINE, float(sharp))):
         for factor, code in ((1 - 1e-9, HOLDS), (1 + 1e-9, FAILS)):
-            data = certificate(name, changed(check, alpha=f"{alpha * factor:.15f}"))
+            claimed = f"{alpha * factor:.15f}"
+            data = certificate(name, changed(check, alpha=claimed))
             assert outcome(data, canonical_bytes(problems()[name])) == code
 
 
@@ -110,9 +117,10 @@ def test_slopes_of_a_coupling_that_also_falls_are_taken_from_the_whole_interval(
     x."""
     h = "y*exp(-y)/2 - y/4"
     steepest = 3 * math.exp(2) / 2 - 1 / 4
-    for closely in (False, True):
-        mean = mean_slope(Curve(read_coupling((h,), 1), False, -2.0, 2.0), 1.0, (1, 1, 1), closely)
-        assert steepest <= mean < (1.001 if closely else 3) * steepest
+    curve = Curve(read_coupling((h,), 1), False, -2.0, 2.0)
+    for closely, room in ((False, 3), (True, 1.001)):
+        mean = mean_slope(curve, 1.0, (1, 1, 1), closely)
+        assert steepest <= mean < room * steepest
 
 
 def test_forces_and_their_slopes_hold_random_points():
@@ -135,19 +143,20 @@ def test_forces_and_their_slopes_hold_random_points():
 
     def forces(*e: mpmath.mpf) -> list[mpmath.mpf]:
         x = [e[0:2], e[2:4], e[4:6]]
-        y = [[b - a for a, b in zip(x[i], x[j], strict=True)] for i, j in ((0, 1), (1, 2), (2, 0))]
+        y = []
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            y.append([b - a for a, b in zip(x[i], x[j], strict=True)])
+        first = [2 * f for f in h(*y[0])]
+        second = h(*y[1])
         third = [y[2][0] + y[2][1] ** 2, mpmath.atan(y[2][0] * y[2][1]) + y[2][1]]
+        pulled = [*first, *second, *third]
         held = [2 * e[0] + e[1], -e[0] + 3 * e[1], 0, 0, e[4], 5 * e[5]]
-        return [
-            f - k
-            for f, k in zip([*(2 * f for f in h(*y[0])), *h(*y[1]), *third], held, strict=True)
-        ]
+        return [f - k for f, k in zip(pulled, held, strict=True)]
 
     for _ in range(10):
         ends = [sorted((r.uniform(-2, 2), r.uniform(-2, 2))) for _ in range(6)]
-        values, slopes = separable.forces(
-            loop, mode, [[Fraction(lo), Fraction(hi)] for lo, hi in ends]
-        )
+        box = [[Fraction(lo), Fraction(hi)] for lo, hi in ends]
+        values, slopes = separable.forces(loop, mode, box)
         with mpmath.workprec(100):
             e = [mpmath.mpf(r.uniform(lo, hi)) for lo, hi in ends]
             assert all(lo <= f <= hi for (lo, hi), f in zip(values, forces(*e), strict=True))
@@ -209,10 +218,8 @@ def test_a_lower_bound_of_the_form_takes_the_lower_slope_for_every_positive_weig
     ],
 )
 def test_hostile_numbers_are_refused_at_once(change):
-    data, problem = (
-        certificate("pair", changed(PAIR, **change)),
-        canonical_bytes(problems()["pair"]),
-    )
+    data = certificate("pair", changed(PAIR, **change))
+    problem = canonical_bytes(problems()["pair"])
     start = time.process_time()
     assert outcome(data, problem) == FAILS
     assert time.process_time() - start < 10

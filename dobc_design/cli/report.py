@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dobc_design.cli import output
+from dobc_design.cli.options import in_groups
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.loop.make import loop_of
 
@@ -19,100 +20,36 @@ if TYPE_CHECKING:
     from dobc_design.report.refusal import Checked
 
 
-def report(
-    certificates: Annotated[
-        list[Path],
-        typer.Argument(metavar="CERT [CERT]", help="certificate.json, or its folder; one or two."),
-    ],
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """How the certificates are shown, and where that goes."""
+
     problem: Annotated[
         list[str] | None,
         typer.Option(help="The problem, once for each; default problem.json beside it."),
-    ] = None,
+    ] = None
     out: Annotated[
         Path | None,
         typer.Option(help="Folder; default that of CERT, or for two ./NAME-NAME-comparison."),
-    ] = None,
+    ] = None
     pdf: Annotated[
         Path | None, typer.Option("--pdf", help="Also write a PDF; needs dobc_design[pdf].")
-    ] = None,
+    ] = None
     full: Annotated[
         bool, typer.Option("--full", help="With all details open, also in the PDF.")
-    ] = False,
+    ] = False
     latex: Annotated[
         Path | None,
         typer.Option(
             "--latex", metavar="DIR", help="Also as LaTeX fragments and BibTeX, into DIR."
         ),
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files there.")] = False,
-    quiet: output.Quiet = False,
-    verbose: output.Verbose = False,
-    as_json: output.Json = False,
-) -> None:
-    """Write the report of a certificate again, or two certificates side by side, once all their
-    claims are verified.
+    ] = None
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files there.")] = False
 
-    Exit code 1 where a claim does not hold: the report then says that, and nothing of what the
-    certificate claims.
-    """
-    from dobc_design.certificate.files import make_folder, write_together
-
-    stages = output.Progress(quiet=quiet, verbose=verbose)
-    asked = _Asked(
-        certificates=certificates,
-        problems=problem or [],
-        out=out,
-        pdf=pdf,
-        full=full,
-        latex=latex,
-        force=force,
-    )
-    asked.require_possible()
-    with stages as progress:
-        try:
-            sides = _sides(asked, progress)
-        # unreadable: what was handed in is wrong, not the machine
-        except CertificateError as error:
-            bodies = output.error_bodies(error)
-            raise typer.Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
-        pages = _pages(sides, asked, progress)
-    folder = output.require_folder(_folder(sides, asked))
-    files = _files(pages, folder, asked)
-    holds = all(side.found.holds for side in sides)
-    if latex is not None and holds:  # fragments of a paper repeat what is proved, or nothing
-        files |= _fragments(sides[0], latex, force=force)
-        make_folder(latex)
-    make_folder(folder)
-    write_together(files)
-    written = [str(path) for path in files]
-    if as_json:
-        output.print_json(_document(sides, written))
-    elif not quiet:
-        output.say("\n".join([*_words(sides), *(f"wrote {path}" for path in written)]))
-    if not holds:
-        raise typer.Exit(1)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Asked:
-    """Which certificates are shown, how, and where that goes."""
-
-    certificates: list[Path]
-    problems: list[str]
-    out: Path | None
-    pdf: Path | None
-    full: bool
-    latex: Path | None
-    force: bool
-
-    @property
-    def single(self) -> bool:
-        """Whether one certificate is shown, not two side by side."""
-        return len(self.certificates) == 1
-
-    def require_possible(self) -> None:
-        """Refuse what can be refused before anything is read.  Raises: SpecError."""
-        given, problems = len(self.certificates), len(self.problems)
+    def require_possible(self, given: int) -> None:
+        """Refuse what can be refused before any of the ``given`` certificates is read.  Raises:
+        SpecError."""
+        problems = len(self.problem or ())
         if given > 2:
             message = f"one or two certificates can be shown; got {given}."
             raise SpecError(message, key="CERT", cure="Leave the others out.")
@@ -129,60 +66,104 @@ class _Asked:
             if pdf.suffix.lower() != ".pdf":
                 cure = f"For example {pdf.name}.pdf."
                 raise SpecError(f"{str(pdf)!r} must end in .pdf.", key="--pdf", cure=cure)
-        if self.latex is not None and not self.single:
+        if self.latex is not None and given != 1:
             message = "LaTeX fragments are of one certificate."
             raise SpecError(message, key="--latex", cure="Name one certificate.")
 
 
-def _sides(asked: _Asked, progress: Callable[[str], None]) -> list[Checked]:
+@in_groups
+def report(
+    certificates: Annotated[
+        list[Path],
+        typer.Argument(metavar="CERT [CERT]", help="certificate.json, or its folder; one or two."),
+    ],
+    asked: Asked,
+    quiet: output.Quiet = False,
+    verbose: output.Verbose = False,
+    as_json: output.Json = False,
+) -> None:
+    """Write the report of a certificate again, or two certificates side by side, once all their
+    claims are verified.
+
+    Exit code 1 where a claim does not hold: the report then says that, and nothing of what the
+    certificate claims.
+    """
+    from dobc_design.certificate.files import make_folder, write_together
+
+    stages = output.Progress(quiet=quiet, verbose=verbose)
+    asked.require_possible(len(certificates))
+    with stages as progress:
+        try:
+            sides = _sides(certificates, asked.problem, progress)
+        # unreadable: what was handed in is wrong, not the machine
+        except CertificateError as error:
+            bodies = output.error_bodies(error)
+            raise typer.Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
+        pages = _pages(sides, asked, progress)
+    folder = output.require_folder(asked.out or _folder(sides, certificates))
+    # Beside its certificate a report may replace itself; anywhere else files are somebody's.
+    own = len(sides) == 1 and asked.out is None
+    files = _files(pages, folder, asked.pdf, force=asked.force or own)
+    holds = all(side.found.holds for side in sides)
+    if asked.latex is not None and holds:  # fragments of a paper repeat what is proved, or nothing
+        files |= _fragments(sides[0], asked.latex, force=asked.force)
+        make_folder(asked.latex)
+    make_folder(folder)
+    write_together(files)
+    written = [str(path) for path in files]
+    if as_json:
+        output.print_json(_document(sides, written))
+    elif not quiet:
+        output.say("\n".join([*_words(sides), *(f"wrote {path}" for path in written)]))
+    if not holds:
+        raise typer.Exit(1)
+
+
+def _sides(
+    certificates: Sequence[Path], given: Sequence[str] | None, progress: Callable[[str], None]
+) -> list[Checked]:
     """The certificates with their problems, every claim decided again."""
-    letters = ("",) if asked.single else ("A", "B")
-    problems: list[str | None] = [*asked.problems] or [None] * len(letters)
+    letters = ("",) if len(certificates) == 1 else ("A", "B")
+    problems: list[str | None] = [*(given or ())] or [None] * len(letters)
     return [
         _checked(path, problem, letter, progress)
-        for path, problem, letter in zip(asked.certificates, problems, letters, strict=True)
+        for path, problem, letter in zip(certificates, problems, letters, strict=True)
     ]
 
 
 def _pages(
-    sides: Sequence[Checked], asked: _Asked, progress: Callable[[str], None]
+    sides: Sequence[Checked], asked: Asked, progress: Callable[[str], None]
 ) -> dict[str, bytes]:
     from dobc_design.report.write import render_comparison, render_refusal, render_report
 
     found, pdf = [side.certificate for side in sides], asked.pdf is not None
     if not all(side.found.holds for side in sides):
         return render_refusal(sides, pdf=pdf)
-    if asked.single:
+    if len(found) == 1:
         return render_report(found[0], pdf=pdf, full=asked.full, progress=progress)
     return render_comparison(*found, pdf=pdf)
 
 
-def _folder(sides: Sequence[Checked], asked: _Asked) -> Path:
-    """Where the pages go: by default beside the certificate, those of two into a folder of their
+def _folder(sides: Sequence[Checked], certificates: Sequence[Path]) -> Path:
+    """Where pages go by default: beside the certificate, those of two into a folder of their
     own."""
-    if asked.out is not None:
-        return asked.out
-    if asked.single:
-        path = asked.certificates[0]
+    if len(sides) == 1:
+        path = certificates[0]
         return path if path.is_dir() else path.parent
     names = dict.fromkeys(output.folder_name(side.certificate.problem.name) for side in sides)
     return Path(f"{'-'.join(names)}-comparison")
 
 
-def _files(pages: dict[str, bytes], folder: Path, asked: _Asked) -> dict[Path, bytes]:
-    """The pages by their places.  Raises: SpecError where something is in the way."""
-    files: dict[Path, bytes] = {}
-    printed: dict[Path, bytes] = {}
-    for name, data in pages.items():
-        # A PDF goes where --pdf says.
-        if asked.pdf is not None and name.endswith(".pdf"):
-            printed[asked.pdf] = data
-        else:
-            files[folder / name] = data
-    # A report may replace itself; anywhere else files are somebody's.
-    replaced = asked.force or (asked.single and asked.out is None)  # beside its certificate
-    output.require_free(folder, [path.name for path in files], force=replaced)
-    return files | printed
+def _files(
+    pages: dict[str, bytes], folder: Path, pdf: Path | None, *, force: bool
+) -> dict[Path, bytes]:
+    """The pages by their places; a PDF goes where --pdf says.  Raises: SpecError where something is
+    in the way."""
+    files = {folder / name: data for name, data in pages.items() if not name.endswith(".pdf")}
+    output.require_free(folder, [path.name for path in files], force=force)
+    if pdf is not None:
+        files[pdf] = next(data for name, data in pages.items() if name.endswith(".pdf"))
+    return files
 
 
 def _fragments(side: Checked, folder: Path, *, force: bool) -> dict[Path, bytes]:

@@ -195,7 +195,7 @@ def test_a_box_is_invariant_where_f_points_inwards_on_its_faces(box: Any, left: 
     assert outside is bool(left)
     second = second_loop(spiking(leader={"initial": [0, 0], "stays_in": box}))
     with pytest.raises(Refused, match="point inwards") if left else nullcontext():
-        leader_box(loop_of(second))
+        leader_box(second)
 
 
 def test_a_box_is_found_in_which_solutions_stay():

@@ -25,7 +25,7 @@ def test_a_list_with_a_clipped_expression_needs_the_radius():
     """clip(y1, -1, 1) is not linear although two of its three arguments are constants; y2 is."""
     arcs = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     problem = Problem(network=arcs, coupling=["clip(y1, -1, 1)", "y2"], gains=1, target=[0, 0])
-    assert quadratic.relied(loop_of(second_loop(problem))) == {(2, 0)}
+    assert quadratic.relied(second_loop(problem)) == {(2, 0)}
 
 
 def reader(h: Any) -> tuple[Loop, str]:

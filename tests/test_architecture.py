@@ -1,28 +1,20 @@
 """The rules of docs/architecture.md: no circles, what a proof may rest on, the packages of every
 room, a few words.
 
-Everything is read from the syntax trees of the sources: nothing is imported, so an import inside a
-function or under TYPE_CHECKING counts like any other.  Every rule is a function of a ``House``, so
-that the last tests can show it a house that breaks the rule.  ``python tests/test_architecture.py``
-prints how large the house is and what its proofs rest on.
+Everything is read from the syntax trees of the sources (``tests/support/house.py``).  Every rule is
+a function of a ``House``, so that the last tests can show it a house that breaks the rule.  How
+large the house is, ``python tests/size.py`` prints.
 """
 
 from __future__ import annotations
 
 import ast
-import gc
 import re
 import sys
-from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cache, cached_property
-from pathlib import Path
+from collections.abc import Iterator
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = "dobc_design"
+from house import PACKAGE, ROOT, House, circles, house_on_disk, inner_circles, room_of
 
 # Third-party packages (import names) of every room; a room that is not here may have none.
 NUMBERS, PLOTS = {"numpy", "scipy"}, {"matplotlib", "numpy"}
@@ -81,109 +73,7 @@ BUILTINS = {"eval", "exec", "compile", "__import__", "print"}
 # Functions that run text as code or import by name, wherever they come from.
 FORBIDDEN_NAMES = {"sympify", "parse_expr", "import_module"}
 
-MOST_LOOSE, SHORT = 10, 100
-
-
-@dataclass(frozen=True)
-class House:
-    """The sources of the package by dotted name without the package: "problem.load",
-    "exact.__init__", "errors"."""
-
-    sources: Mapping[str, str]
-
-    @cached_property
-    def trees(self) -> dict[str, ast.Module]:
-        gc.disable()  # the collector would go through the growing trees again and again
-        try:
-            return {name: ast.parse(text) for name, text in self.sources.items()}
-        finally:
-            gc.freeze()
-            gc.enable()
-
-    @cached_property
-    def imports(self) -> dict[str, list[tuple[int, str]]]:
-        """Line and absolute dotted name of everything that a module imports; relative names are
-        resolved."""
-        return {name: list(imported_names(tree, name)) for name, tree in self.trees.items()}
-
-    @cached_property
-    def uses(self) -> dict[str, set[str]]:
-        """The modules of the package that each module imports."""
-        found: dict[str, set[str]] = {}
-        for name, targets in self.imports.items():
-            modules = {self.module_of(target) for _, target in targets}
-            found[name] = {each for each in modules if each not in (None, name)}
-        return found
-
-    def module_of(self, target: str) -> str | None:
-        """The module that an imported dotted name lies in; None for other packages and for the
-        version."""
-        top, _, rest = target.partition(".")
-        if top != PACKAGE or rest == "__version__":
-            return None
-        parts = rest.split(".") if rest else []
-        for count in range(len(parts), 0, -1):
-            name = ".".join(parts[:count])
-            for found in (name, f"{name}.__init__"):
-                if found in self.sources:
-                    return found
-        return "__init__"
-
-    def closure(self, module: str) -> dict[str, str]:
-        """Every module that this one rests on, each with the one that imports it."""
-        found, waiting = {module: ""}, [module]
-        while waiting:
-            user = waiting.pop()
-            for other in sorted(self.uses[user] - found.keys()):
-                found[other] = user
-                waiting.append(other)
-        return found
-
-
-@cache
-def house_on_disk() -> House:
-    folder = ROOT / PACKAGE
-    files = sorted(folder.rglob("*.py"))
-    sources = {}
-    for file in files:
-        place = file.relative_to(folder).with_suffix("")
-        sources[".".join(place.parts)] = file.read_text("utf-8")
-    return House(sources)
-
-
-def statements(tree: ast.AST) -> Iterator[ast.AST]:
-    """Every statement of a module, inside functions, classes and branches as well."""
-    waiting = [tree]
-    while waiting:
-        node = waiting.pop()
-        for block in ("body", "orelse", "finalbody", "handlers", "cases"):
-            inside = getattr(node, block, [])
-            waiting += inside
-            yield from inside
-
-
-def imported_names(tree: ast.AST, module: str) -> Iterator[tuple[int, str]]:
-    """``from a import b`` yields "a.b", since b may be a module."""
-    package = [PACKAGE, *module.split(".")[:-1]]
-    for node in statements(tree):
-        if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = []
-            if node.level:  # "from ..x": as many packages up as there are dots beyond the first
-                base = package[: len(package) - node.level + 1]
-            if node.module:
-                base = [*base, node.module]
-            prefix = ".".join(base)
-            yield from ((node.lineno, f"{prefix}.{alias.name}") for alias in node.names)
-
-
-def room_of(module: str) -> str:
-    """ "exact", "conditions.observer" for a topic; "conditions" for what its topics share."""
-    parts = module.split(".")
-    if parts[0] in ("conditions", "synthesis") and len(parts) > 2:
-        return ".".join(parts[:2])
-    return parts[0]
+MOST_LOOSE = 10
 
 
 def is_trusted(module: str) -> bool:
@@ -201,41 +91,6 @@ def untrusted(module: str) -> bool:
     if parts[0] == "synthesis":
         return not is_trusted(module)
     return parts[0] in UNTRUSTED_ROOMS or proposes
-
-
-def circles(house: House) -> Iterator[str]:
-    """Rooms that import each other, directly or not; a topic is a room."""
-    near: dict[str, dict[str, str]] = defaultdict(dict)
-    for module, others in house.uses.items():
-        for other in others:
-            if "__init__" not in (module, other) and room_of(module) != room_of(other):
-                near[room_of(module)][room_of(other)] = f"{module} imports {other}"
-    yield from (f"circle: {near[room][other]}" for room, other in on_circles(near))
-
-
-def inner_circles(house: House) -> Iterator[str]:
-    """Modules of one room that import each other, directly or not, also inside functions."""
-    near = {}
-    for module, others in house.uses.items():
-        room = room_of(module)
-        near[module] = {other for other in others if room_of(other) == room}
-    for module, other in on_circles(near):
-        yield f"circle in {room_of(module)}: {module} imports {other}"
-
-
-def on_circles(near: Mapping[str, Collection[str]]) -> Iterator[tuple[str, str]]:
-    """The arcs of a graph among the nodes that are left when those without an arc to one that is
-    left, or from one, have gone again and again."""
-    left = {node: set(others) for node, others in near.items()}
-    while True:
-        heard = set().union(*left.values())
-        outside = [node for node in left if not left[node] & left.keys() or node not in heard]
-        if not outside:
-            break
-        for node in outside:
-            del left[node]
-    for node, others in sorted(left.items()):
-        yield from ((node, other) for other in sorted(others & left.keys()))
 
 
 def trust_violations(house: House) -> Iterator[str]:
@@ -497,66 +352,3 @@ def test_a_sound_house_is_left_in_peace():
 )
 def test_a_house_that_breaks_a_rule_is_found_out(module: str, source: str, complaint: str):
     assert re.search(complaint, complaints(module, source))
-
-
-def lines_below(folder: Path) -> int:
-    return sum(
-        path.read_text("utf-8").count("\n")
-        for end in ("*.py", "*.pyi")
-        for path in folder.rglob(end)
-    )
-
-
-def statements_below(folder: Path) -> int:
-    trees = (ast.parse(path.read_text("utf-8")) for path in sorted(folder.rglob("*.py")))
-    return sum(
-        isinstance(node, ast.stmt) and not is_docstring(node)
-        for tree in trees
-        for node in ast.walk(tree)
-    )
-
-
-def is_docstring(node: ast.AST) -> bool:
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
-
-
-def size_of_the_house() -> str:
-    """Lines, modules, short modules with one importer, wide functions, and what the trusted modules
-    rest on."""
-    house, folder = house_on_disk(), ROOT / PACKAGE
-    users = defaultdict(set)
-    for module, others in house.uses.items():
-        for other in others:
-            users[other].add(module)
-    short = [
-        name
-        for name, text in house.sources.items()
-        if text.count("\n") < SHORT and len(users[name]) == 1 and not name.endswith("__")
-    ]
-    functions = [
-        n for tree in house.trees.values() for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)
-    ]
-    wide = sum(
-        len(f.args.posonlyargs) + len(f.args.args) + len(f.args.kwonlyargs) >= 8 for f in functions
-    )
-    lines = [
-        f"lines in {PACKAGE}/: {lines_below(folder)}",
-        f"modules: {len(house.sources)}",
-        f"loose modules at the top: {sum('.' not in name for name in house.sources)}",
-        f"modules under {SHORT} lines with one importer: {len(short)}",
-        f"functions with eight or more parameters: {wide}",
-        f"statements in the checker: {statements_below(folder / 'checker')}",
-        f"lines in tests/: {lines_below(ROOT / 'tests')}",
-    ]
-    for module in filter(is_trusted, house.sources):
-        rooms = sorted({room_of(name) for name in house.closure(module)})
-        lines.append(f"{module} rests on {' '.join(rooms)}")
-    return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    sys.stdout.write(size_of_the_house() + "\n")

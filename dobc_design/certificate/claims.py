@@ -7,25 +7,16 @@ decided by that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
 
 from dobc_design._show.text import visible
-from dobc_design.conditions.accuracy import decide as accuracy
+from dobc_design.certificate.topics import TOPICS
 from dobc_design.conditions.check import Check, Claim, Values
-from dobc_design.conditions.consensus import claim as consensus
-from dobc_design.conditions.equilibrium import decide as equilibrium
-from dobc_design.conditions.graphs import decide as graphs
-from dobc_design.conditions.margins import decide as margins
-from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.reason import Reason
-from dobc_design.conditions.schedule import checks as schedule
-from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.claim import SamplingBound
-from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
@@ -67,20 +58,6 @@ class Claims:
         return str(self.why)
 
 
-#: How each topic reads what a check of it claims.
-READERS: Final[dict[str, Callable[[Check, Loop, Matrix | None], Claim | None]]] = {
-    "consensus": consensus.read_claim,
-    "separable": separable.read_claim,
-    "margins": margins.read_claim,
-    "weighted": weighted.read_claim,
-    "quadratic": quadratic.read_claim,
-    "schedule": schedule.read_claim,
-    "equilibrium": equilibrium.read_claim,
-    "accuracy": accuracy.read_claim,
-    "graphs": graphs.read_claim,
-}
-
-
 def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     """What a check claims about ``problem`` with the gain W (q, m), as the noun of its topic; None
     if nothing.
@@ -88,12 +65,10 @@ def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     Raises what a malformed claim raises: KeyError, TypeError, ValueError, ArithmeticError or a
     DobcError.
     """
-    read = READERS.get(check.kind.topic)
-    return (
-        read(check, loop, W)
-        if isinstance(check.claim, Values) and read is not None
-        else check.claim
-    )
+    read = TOPICS[check.kind.topic].read
+    if read is None or not isinstance(check.claim, Values):
+        return check.claim
+    return read(check, loop, W)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ the problem, the program's version, and the advice."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,25 +14,16 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.factors import factor_obstacle
 from dobc_design.certificate.text import certificate_bytes, read_claims
+from dobc_design.certificate.topics import TOPICS, Trusted
 from dobc_design.certification.overall import Overall, decide_overall, with_verdict
 from dobc_design.checker import examine as checker
-from dobc_design.conditions.accuracy import decide as accuracy
-from dobc_design.conditions.check import Check, same_witness, withdrawn
+from dobc_design.conditions.check import Check, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
-from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
-from dobc_design.conditions.equilibrium import decide as equilibrium
-from dobc_design.conditions.graphs import decide as graphs
-from dobc_design.conditions.linearisation import decide as linearisation
-from dobc_design.conditions.margins import decide as margins
+from dobc_design.conditions.consensus.claim import Pair, state_theorems
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
-from dobc_design.conditions.observer import decide as observer
-from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.reason import Reason
-from dobc_design.conditions.schedule import checks as schedule
-from dobc_design.conditions.separable import checks as separable
-from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.errors import CertificateError, DobcError, reason_of
-from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
+from dobc_design.exact.matrix import is_symmetric, multiply
 from dobc_design.exact.work import last_call
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
@@ -44,14 +35,6 @@ from dobc_design.verdict import Verdict
 #: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker,
 #: plain Python.
 LONE_ARCS, LONE_ROWS = 100_000, 50_000
-#: How a proof or refutation is confirmed that is about a region and rests on no other check.
-REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
-    "quadratic": quadratic.confirm,
-    "schedule": schedule.confirm,
-    "equilibrium": equilibrium.confirm,
-    "accuracy": accuracy.confirm,
-    "graphs": graphs.confirm,
-}
 #: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in
 #: its findings.
 PROMPT_ARCS: Final = 2000
@@ -274,28 +257,12 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Trusted:
-    """What claims are confirmed against; ``separable`` and ``accuracy``: the checks of these ids
-    beside, on which others rest."""
-
-    loop: Loop
-    statements: Statements
-    W: Matrix | None
-    pair: Pair | None
-    separable: Check | None = None
-    accuracy: Check | None = None
-
-
 def trust(claims: Claims, loop: Loop) -> Trusted:
     """What the claims are confirmed against, with the vectors v > 0 that proved checks of Lemma 1
     bring."""
     pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
-    separable, final = (
-        next((check for check in claims.checks if check.id == id), None)
-        for id in ("max-separable", "accuracy")
-    )
-    statements, vectors = state_theorems(loop), {}
+    statements = state_theorems(loop)
+    vectors = {}
     for check in claims.checks:
         exact = check.exact if check.id == "lemma1" and check.verdict is Verdict.PROVED else None
         if exact is not None and set(exact) == {"v"}:
@@ -308,11 +275,11 @@ def trust(claims: Claims, loop: Loop) -> Trusted:
     statements = consensus.with_vectors(statements, vectors)
     return Trusted(
         loop=loop,
-        statements=statements,
         W=claims.W,
+        domain=statements.domain,
+        checks=claims.checks,
+        statements=statements,
         pair=pair,
-        separable=separable,
-        accuracy=final,
     )
 
 
@@ -338,7 +305,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     claim raises. Nothing is believed: matrices are rebuilt, witnesses multiplied out, margins and
     rates proved as they are written. A proof may claim less than is true (a smaller margin or rate,
     "undecided"), never more."""
-    loop, W, domain = trusted.loop, trusted.W, trusted.statements.domain
+    loop, domain = trusted.loop, trusted.domain
     expected = (check.id, check.mode, check.group) in expected_checks(loop)
     if not expected and (check.group is not None or check.kind.topic in ("observer", "consensus")):
         return f"{check.title} does not belong to this problem"
@@ -355,51 +322,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
             if all(part is None for part in claims)
             else "an undecided check must claim nothing"
         )
-    if check.kind.topic == "observer":
-        return observer.confirm(check, loop, W)
-    if check.kind.topic == "linearisation":
-        return linearisation.confirm(check, trusted.statements, W)
-    if check.kind.topic == "weighted":
-        return weighted.confirm(check, loop, W, statements=trusted.statements)
-    if check.kind.topic == "separable":
-        return separable.confirm(check, loop, W, domain=domain, proof=trusted.separable)
-    if check.kind.topic == "margins":
-        return margins.confirm(
-            check, loop, W, domain=domain, proof=trusted.separable, final=trusted.accuracy
-        )
-    if check.kind.topic in REGIONAL:
-        return REGIONAL[check.kind.topic](check, loop, W, domain=domain)
-    refutes = check.verdict is Verdict.REFUTED and check.id in ("theorem1", "theorem2")
-    if refutes and (check.exact or {}).get("block") in ("detectability", "hurwitz"):
-        return _confirm_obstacle(check, trusted)
-    return consensus.confirm(check, trusted.statements, trusted.pair)
-
-
-def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
-    """A theorem that is refuted because the observer of one group fails for every pair."""
-    if trusted.statements.inapplicable is not None:
-        return "the theorems do not apply to this coupling"
-    if check.rate is not None or check.margin is not None:
-        return "a refuted check must claim no rate and no positive margin"
-    exact = check.exact or {}
-    block, group = exact["block"], exact.get("group")
-    exosystem, W = observer.group_of(group, trusted.loop, trusted.W)
-    own = (
-        observer.detectability_check(exosystem)
-        if block == "detectability"
-        else observer.hurwitz_check(exosystem, W)
-    )
-    if own.verdict is not Verdict.REFUTED:
-        return f"{block} is {own.verdict.value}"
-    given = any(
-        group in (each.name, None) and each.observer.W is not None for each in trusted.loop.groups
-    )
-    if block == "hurwitz" and not given:
-        return "another W can be designed, so no pair is ruled out"
-    named = {"block": block} | ({} if group is None else {"group": group})
-    if exact != named or not same_witness(check.witness, own.witness):
-        return f"it claims more than that {block} fails"
-    return None
+    return TOPICS[check.kind.topic].confirm(check, trusted)
 
 
 def _matrix_failures(claims: Claims, loop: Loop) -> list[str]:

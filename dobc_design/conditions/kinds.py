@@ -1,8 +1,7 @@
 """The register of checks, kinds.toml: one table per id, in the order in which they are tried; words
 and flags only.
 
-What reads a claim and what confirms it are found by the topic, in ``certificate.claims`` and
-``certification.recheck``.
+What reads a claim and what confirms it are found by the topic, in ``certificate/topics.py``.
 """
 
 from __future__ import annotations
@@ -21,6 +20,10 @@ from dobc_design._show.cards import Card, Shown
 #: "rest": refutes a region.  "settling": a time. "plant": what the model leaves out, bounded.
 #: "safety": a set that is not left, and with a rate for a set of starts.
 Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling", "plant", "safety"]
+
+
+#: The only check of the paper that every mode has for itself.
+LEMMA: Final = "lemma1"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -57,6 +60,17 @@ class Kind(Shown):
     def is_consensus(self) -> bool:
         """Whether its proof is a proof of consensus."""
         return self.role in ("paper", "given", "region")
+
+    @property
+    def is_of_paper(self) -> bool:
+        """Whether it decides a condition of the paper as it is printed: V = e'e, without weights,
+        with sum eps_i'P eps_i where there is an observer."""
+        return self.topic == "consensus" and self.is_consensus
+
+    @property
+    def is_theorem(self) -> bool:
+        """Whether it asks for any pair P, Q: Theorem 1 or 2, without weights."""
+        return self.topic == "consensus" and self.role == "paper" and self.id != LEMMA
 
     @property
     def short(self) -> str:

@@ -14,7 +14,8 @@ from regions import without_region
 
 from dobc_design import Certificate, Exosystem, Verdict, certify, load_problem, verify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.recheck import Trusted, confirm, expected_checks, recheck
+from dobc_design.certificate.topics import Trusted
+from dobc_design.certification.recheck import confirm, expected_checks, recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
@@ -122,8 +123,9 @@ def test_one_failing_pair_refutes_the_printed_check_only_and_a_designed_gain_rul
         claims = bent(certificate, "theorem1", claim=Values({"block": block}), **refuted)
         assert f"{block} is proved" in failures(claims, problem)
     problem, bad = pair(gains=1, exosystem=INTEGRATOR), ((Fraction(-1),),)
+    statements = state_theorems(loop_of(problem))
     trusted = Trusted(
-        loop=loop_of(problem), statements=state_theorems(loop_of(problem)), W=bad, pair=None
+        loop=statements.loop, W=bad, domain=statements.domain, statements=statements, pair=None
     )
     check = Check(
         id="theorem1",

@@ -2,7 +2,8 @@
 
 import json
 
-from dobc_design.certification.recheck import Trusted, confirm
+from dobc_design.certificate.topics import Trusted
+from dobc_design.certification.recheck import confirm
 from dobc_design.conditions.check import Check, check_from_json
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.exact.matrix import Matrix
@@ -30,7 +31,12 @@ def confirmed(
         loop=loop_of(problem), domain=domain, jacobians=None, lambdas={}, inapplicable=None
     )
     trusted = Trusted(
-        loop=loop_of(problem), statements=statements, W=W, pair=None, separable=beside or read
+        loop=loop_of(problem),
+        W=W,
+        domain=domain,
+        checks=(beside or read,),
+        statements=statements,
+        pair=None,
     )
     try:
         return confirm(read, trusted)

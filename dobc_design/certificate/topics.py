@@ -1,0 +1,153 @@
+"""How a check of each topic is read from a certificate and confirmed: one row per topic of
+``conditions/``.  Which ids belong to a topic says ``conditions/kinds.toml``.
+
+What looks for a proof has no column here: a certificate is confirmed without it, and stages import
+solvers.  Their order stands in ``certification/certify.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from dobc_design.conditions.accuracy import decide as accuracy
+from dobc_design.conditions.case import Case
+from dobc_design.conditions.check import Check, Claim, same_witness
+from dobc_design.conditions.consensus import claim as theorems
+from dobc_design.conditions.consensus import decide as consensus
+from dobc_design.conditions.consensus.claim import Pair, Statements
+from dobc_design.conditions.equilibrium import decide as equilibrium
+from dobc_design.conditions.graphs import decide as graphs
+from dobc_design.conditions.linearisation import decide as linearisation
+from dobc_design.conditions.margins import decide as margins
+from dobc_design.conditions.observer import decide as observer
+from dobc_design.conditions.quadratic import decide as quadratic
+from dobc_design.conditions.schedule import checks as schedule
+from dobc_design.conditions.separable import checks as separable
+from dobc_design.conditions.separable import claim as rows
+from dobc_design.conditions.weighted import checks as weighted
+from dobc_design.exact.matrix import Matrix
+from dobc_design.loop.loop import Loop
+from dobc_design.verdict import Verdict
+
+#: The check whose box others rest on, and the one whose final box holds inputs.
+BOX, FINAL = "max-separable", "accuracy"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trusted(Case):
+    """What a check is confirmed against: the case, with the theorems stated for its loop and the
+    pair (P, Q) of the certificate.  The ``checks`` are those of the certificate, not yet read."""
+
+    statements: Statements
+    pair: Pair | None
+
+
+Confirm = Callable[[Check, Trusted], str | None]
+Read = Callable[[Check, Loop, Matrix | None], Claim | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topic:
+    """``confirm`` gives None if a proof or refutation holds, else what does not.  ``read`` turns
+    the values of a check into the noun of the topic; None where they stay values.  Both raise
+    what a malformed claim raises."""
+
+    confirm: Confirm
+    read: Read | None = None
+
+
+class OfLoop(Protocol):
+    """Confirms a check that rests on no other one."""
+
+    def __call__(
+        self, check: Check, loop: Loop, W: Matrix | None, *, domain: str
+    ) -> str | None: ...
+
+
+def _alone(confirm: OfLoop) -> Confirm:
+    """The same, in the form of a row."""
+
+    def confirmed(check: Check, trusted: Trusted) -> str | None:
+        return confirm(check, trusted.loop, trusted.W, domain=trusted.domain)
+
+    return confirmed
+
+
+def _observer(check: Check, trusted: Trusted) -> str | None:
+    return observer.confirm(check, trusted.loop, trusted.W)
+
+
+def _consensus(check: Check, trusted: Trusted) -> str | None:
+    """Reachability, Lemma 1 and the theorems, which an observer that fails refutes as well."""
+    is_theorem = check.kind.is_theorem and check.verdict is Verdict.REFUTED
+    if is_theorem and (check.exact or {}).get("block") in ("detectability", "hurwitz"):
+        return _confirm_obstacle(check, trusted)
+    return consensus.confirm(check, trusted.statements, trusted.pair)
+
+
+def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
+    """A theorem that is refuted because the observer of one group fails for every pair."""
+    if trusted.statements.inapplicable is not None:
+        return "the theorems do not apply to this coupling"
+    if check.rate is not None or check.margin is not None:
+        return "a refuted check must claim no rate and no positive margin"
+    exact = check.exact or {}
+    block, group = exact["block"], exact.get("group")
+    exosystem, W = observer.group_of(group, trusted.loop, trusted.W)
+    own = (
+        observer.detectability_check(exosystem)
+        if block == "detectability"
+        else observer.hurwitz_check(exosystem, W)
+    )
+    if own.verdict is not Verdict.REFUTED:
+        return f"{block} is {own.verdict.value}"
+    given = any(
+        group in (each.name, None) and each.observer.W is not None for each in trusted.loop.groups
+    )
+    if block == "hurwitz" and not given:
+        return "another W can be designed, so no pair is ruled out"
+    named = {"block": block} | ({} if group is None else {"group": group})
+    if exact != named or not same_witness(check.witness, own.witness):
+        return f"it claims more than that {block} fails"
+    return None
+
+
+def _weighted(check: Check, trusted: Trusted) -> str | None:
+    return weighted.confirm(check, trusted.loop, trusted.W, statements=trusted.statements)
+
+
+def _linearisation(check: Check, trusted: Trusted) -> str | None:
+    return linearisation.confirm(check, trusted.statements, trusted.W)
+
+
+def _separable(check: Check, trusted: Trusted) -> str | None:
+    loop, W, proof = trusted.loop, trusted.W, trusted.named(BOX)
+    return separable.confirm(check, loop, W, domain=trusted.domain, proof=proof)
+
+
+def _margins(check: Check, trusted: Trusted) -> str | None:
+    return margins.confirm(
+        check,
+        trusted.loop,
+        trusted.W,
+        domain=trusted.domain,
+        proof=trusted.named(BOX),
+        final=trusted.named(FINAL),
+    )
+
+
+TOPICS: Final[Mapping[str, Topic]] = {
+    "observer": Topic(confirm=_observer),
+    "consensus": Topic(confirm=_consensus, read=theorems.read_claim),
+    "weighted": Topic(confirm=_weighted, read=weighted.read_claim),
+    "linearisation": Topic(confirm=_linearisation),
+    "separable": Topic(confirm=_separable, read=rows.read_claim),
+    "margins": Topic(confirm=_margins, read=margins.read_claim),
+    "quadratic": Topic(confirm=_alone(quadratic.confirm), read=quadratic.read_claim),
+    "schedule": Topic(confirm=_alone(schedule.confirm), read=schedule.read_claim),
+    "graphs": Topic(confirm=_alone(graphs.confirm), read=graphs.read_claim),
+    "accuracy": Topic(confirm=_alone(accuracy.confirm), read=accuracy.read_claim),
+    "equilibrium": Topic(confirm=_alone(equilibrium.confirm), read=equilibrium.read_claim),
+}

@@ -1,0 +1,50 @@
+"""What a check is decided and confirmed for: a loop with a gain, and the checks beside it.
+
+A condition may rest on another one that is proved already.  It asks for it by the noun that is
+claimed, not by an id: ``case.proved(Separable)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from dobc_design.conditions.check import Check
+from dobc_design.exact.matrix import Matrix
+from dobc_design.loop.loop import Loop
+from dobc_design.verdict import Verdict
+
+Noun = TypeVar("Noun")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """The loop, the gain W (q, m) of its observer, the domain of Lemma 1 ("global" or "consensus"),
+    and the ``checks`` that are known beside.
+
+    The claims of these checks are nouns where they were just decided.  Checks that were read from a
+    file hold values until somebody reads them for a trusted problem, and are found by their id.
+    """
+
+    loop: Loop
+    W: Matrix | None
+    domain: str
+    checks: Sequence[Check] = ()
+
+    def named(self, id: str) -> Check | None:
+        """The first check with this id, whatever its verdict."""
+        return next((check for check in self.checks if check.id == id), None)
+
+    def proof(self, noun: type[object]) -> Check | None:
+        """The first proved check whose claim is such a noun."""
+        for check in self.checks:
+            if check.verdict is Verdict.PROVED and isinstance(check.claim, noun):
+                return check
+        return None
+
+    def proved(self, noun: type[Noun]) -> Noun | None:
+        """What that check claims."""
+        check = self.proof(noun)
+        claim = None if check is None else check.claim
+        return claim if isinstance(claim, noun) else None

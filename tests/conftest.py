@@ -11,7 +11,7 @@ from random import Random
 from typing import Any, NamedTuple
 
 import pytest
-from heard import let_children_hear
+from machine import let_children_hear
 
 # Two processes of tests fill two cores; threads of linear algebra inside each would only wait for
 # one another.

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from chromium import CHROMIUM, browser, until
+from browser import CHROMIUM, browser, until
 
 ROOT = Path(__file__).resolve().parents[1]
 TALLEST = 8000  # pixels of a page that is no notebook, in a window of 1280

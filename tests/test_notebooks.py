@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from clean_kernel import LONG, NOTEBOOKS, failure_of
+from notebook_runs import LONG, NOTEBOOKS, failure_of
 
 each_quickly = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem[:2])
 

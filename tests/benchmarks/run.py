@@ -25,11 +25,10 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
-from block_lmi import solve_dense
 from large import lambda_rows, size_bars, weighted_rows, whole_bars
+from oracles.observers import solve_dense, solve_reduced
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
-from reduced import solve_reduced
 from simulation import simulation_bars
 
 from dobc_design import Exosystem, Network, Problem, Switching, certify

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from loops import simulate, simulate_many
+from simulated_runs import simulate, simulate_many
 
 from dobc_design import Exosystem, Network, Observer, Problem, Stress, load_problem
 from dobc_design.loop.arrays import arc_groups
@@ -23,7 +23,7 @@ MEMORY = """
 import resource, sys
 sys.path[:0] = [{folder!r}, {support!r}]
 from simulation import large
-from loops import simulate_many
+from simulated_runs import simulate_many
 from dobc_design.simulation.signals import Periodic
 many = simulate_many(large(1000, modes=2), runs=1000, signal=Periodic(dwell=0.25), t_final=1.0)
 assert len(many) == 1000 and not many.diverged.any()

@@ -5,12 +5,20 @@ import json
 from dataclasses import replace
 from fractions import Fraction
 
-import cycles_cases
 import numpy as np
 import pytest
-import region_cases
-from cycles_cases import A_ENDS, A_STARTS, CHAINED, CUBIC, GOES_ON, GRAPHS, OBSERVED, retimed
-from tube_cases import SEEN
+from checker_files import schedules, separable
+from checker_files.schedules import (
+    A_ENDS,
+    A_STARTS,
+    CHAINED,
+    CUBIC,
+    GOES_ON,
+    GRAPHS,
+    OBSERVED,
+    retimed,
+)
+from checker_files.settling import SEEN
 
 import dobc_design as dd
 from dobc_design import Certificate, Exosystem, Network, Observer, Problem, Verdict
@@ -215,9 +223,9 @@ def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
 
 
 def test_a_settling_time_bounds_by_its_envelope():
-    problem = region_cases.problems()["observed, linear"]
+    problem = separable.problems()["observed, linear"]
     certificate = Certificate(
-        problem=problem, claims=read_claims(region_cases.certificate("observed, linear", SEEN))
+        problem=problem, claims=read_claims(separable.certificate("observed, linear", SEEN))
     )
     run = dd.simulate(problem, start={"x": [[1], [-1]], "xi": [[0.5], [-0.5]]}, t_final=6)
     bound = certificate.envelope(run)
@@ -238,9 +246,9 @@ def relay(**changes) -> Problem:
 
 
 def by_hand(name: str, check: dict[str, object]) -> Certificate:
-    """A claim of tests/support/cycles_cases.py and its problem: what starts within 1 of the target
-    is certified."""
-    claims, problem = cycles_cases.certificate(name, check)
+    """A claim of checker_files/schedules.py and its problem: what starts within 1 of the target is
+    certified."""
+    claims, problem = schedules.certificate(name, check)
     return Certificate(problem=problem_from_canonical(problem), claims=read_claims(claims))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from certified import certified
-from factor_oracle import least_factor, of_phases
+from oracles.factors import least_factor, of_phases
 from scipy.linalg import expm
 
 from dobc_design import Dynamics, Exosystem, Network, Observer, Problem, Switching

@@ -8,7 +8,7 @@ from math import comb
 from random import Random
 
 import pytest
-from campaigns import a_problem
+from campaigns.certificates import a_problem
 from certified import certified
 
 from dobc_design import Exosystem, Network, Observer, Problem, Verdict, certify, verify

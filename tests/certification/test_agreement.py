@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 from certified import certified, consensus_claims
-from linked import linked
+from networks import linked
 
 import dobc_design.certification.recheck as rechecks
 from dobc_design import Exosystem, Verdict, certify, verify

@@ -5,11 +5,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from campaigns import outside_campaign
-from certified import claimed_afresh, consensus_claims
-from exact_oracle import Oracle
-from linked import linked
-from regions import without_region
+from campaigns.certificates import outside_campaign
+from certified import claimed_afresh, consensus_claims, without_region
+from networks import linked
+from oracles.theorems import Oracle
 
 from dobc_design import Certificate, Exosystem, Observer, Verdict, certify, load_problem, verify
 from dobc_design.conditions.consensus.claim import Pair, PairFacts

@@ -4,9 +4,9 @@ import re
 from fractions import Fraction
 
 import pytest
-from cured import cured, theorem_holds, with_cures
-from linked import linked
-from regions import without_region
+from campaigns.cures import cured, theorem_holds, with_cures
+from certified import without_region
+from networks import linked
 
 from dobc_design import Exosystem, Observer, Verdict
 from dobc_design.certification import cures as certification_cures

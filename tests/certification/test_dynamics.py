@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from agents import DOUBLE, THRESHOLDS, judged, loop_matrix, riccati_agents, second_order
 from certified import consensus_claims
-from linear_agents import DOUBLE, THRESHOLDS, judged, loop_matrix, riccati_agents, second_order
 from scipy.integrate import solve_ivp
 
 from dobc_design import (

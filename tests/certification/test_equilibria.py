@@ -4,9 +4,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from equilibrium_cases import half_difference, listening_pair, random_folded
-from lure_cases import field
-from separable_problems import PAPER, cycle
+from networks import PAPER, cycle
+from regional_problems import field, half_difference, listening_pair, random_folded
 
 from dobc_design import Network, Problem, Verdict
 from dobc_design.certification import equilibria

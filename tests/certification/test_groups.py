@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 from certified import certified, consensus_claims
-from exact_oracle import negative_definite
-from groups_oracle import GroupsOracle
-from linked import linked
-from shown import html_report
+from networks import linked
+from oracles.groups import GroupsOracle
+from oracles.theorems import negative_definite
+from reports import html_report
 
 from dobc_design import Exosystem, Problem, Verdict, certify, simulate, verify
 from dobc_design.certification.recheck import expected_checks

@@ -10,7 +10,7 @@ from typing import Any
 import control
 import numpy as np
 import pytest
-from checker_cases import second_loop
+from checker_files.files import second_loop
 from scipy.integrate import solve_ivp
 
 from dobc_design import (

@@ -5,9 +5,8 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from certified import consensus_claims
-from linked import linked
-from regions import at_the_consensus
+from certified import at_the_consensus, consensus_claims
+from networks import linked
 
 from dobc_design import Certificate, Check, Exosystem, Observer, Verdict, certify, verify
 from dobc_design.certification.overall import decide_overall

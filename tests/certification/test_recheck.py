@@ -7,10 +7,9 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from campaigns import a_problem, mutant_campaign
-from certified import consensus_claims
-from linked import linked
-from regions import without_region
+from campaigns.certificates import a_problem, mutant_campaign
+from certified import consensus_claims, without_region
+from networks import linked
 
 from dobc_design import Certificate, Exosystem, Verdict, certify, load_problem, verify
 from dobc_design.certificate.text import certificate_bytes

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 from certified import certified
-from separable_problems import listening
-from stated_problems import broken, kept
+from networks import listening
+from stated_tables import broken, kept
 
 from dobc_design import Certificate, Network, Observer, Problem, Switching, Verdict, load_problem
 from dobc_design.certificate.text import certificate_bytes

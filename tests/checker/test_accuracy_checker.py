@@ -4,11 +4,11 @@ import json
 from typing import Any
 
 import pytest
-from accuracy_cases import ALL, BOTH, BOX, WATCHED, bent
+from broken_certificates import mutate
 from certified import certified
-from checker_cases import accepted_by
-from margins_cases import one, two
-from mutants import mutate
+from checker_files.accuracy import ALL, BOTH, BOX, WATCHED, bent
+from checker_files.files import accepted_by
+from checker_files.margins import one, two
 
 from dobc_design import Problem
 from dobc_design.certificate.text import certificate_bytes

@@ -4,19 +4,27 @@ misses a check."""
 from collections.abc import Callable
 
 import pytest
-from accuracy_cases import accuracy_cases
-from checker_cases import FAILS, HOLDS, UNREADABLE, Case, accepted_by_package, cases, misjudged
-from checker_mutants import FILES, Removal, removals, with_slip
-from checker_removals import EQUIVALENT, noticed_by, outcome
-from cycles_cases import cycles_cases
-from dynamics_cases import dynamics_cases
-from graphs_cases import graphs_cases
-from groups_cases import groups_cases
-from margins_cases import margins_cases
-from quadratic_cases import quadratic_cases
-from region_cases import region_cases
-from tube_cases import tube_cases
-from weighted_cases import problems, weighted_cases
+from checker_files.accuracy import accuracy_cases
+from checker_files.dynamics import dynamics_cases
+from checker_files.files import (
+    FAILS,
+    HOLDS,
+    UNREADABLE,
+    Case,
+    accepted_by_package,
+    cases,
+    misjudged,
+)
+from checker_files.graphs import graphs_cases
+from checker_files.groups import groups_cases
+from checker_files.margins import margins_cases
+from checker_files.mutants import FILES, Removal, removals, with_slip
+from checker_files.quadratic import quadratic_cases
+from checker_files.removals import EQUIVALENT, noticed_by, outcome
+from checker_files.schedules import cycles_cases
+from checker_files.separable import region_cases
+from checker_files.settling import tube_cases
+from checker_files.weighted import problems, weighted_cases
 
 #: How many there are at least: true ones, false ones, and those that cannot be read.
 COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {

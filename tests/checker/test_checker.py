@@ -1,16 +1,16 @@
 """The lone checker: accepts what is proved, refuses everything else, as one folder without any
 package.
 
-Its cases are in tests/support/checker_cases.py."""
+Its cases are in tests/support/checker_files/files.py."""
 
 import json
 import os
 
-import checker_cases
 import pytest
 from certified import certified, consensus_claims
-from checker_cases import FAILS, NOTHING, OPEN, UNREADABLE, alone, bend, cases
-from region_oracle import Regions
+from checker_files import files
+from checker_files.files import FAILS, NOTHING, OPEN, UNREADABLE, alone, bend, cases
+from oracles.regions import Regions
 
 from dobc_design import Network, Problem, Verdict, verify
 from dobc_design.certificate.text import certificate_bytes, certificate_document
@@ -102,8 +102,8 @@ def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
 def test_a_certificate_stripped_of_its_claims_proves_nothing(keep):
     """All checks undecided: "proved" does not follow; without the verdict it claims nothing, and is
     no proof."""
-    stripped = checker_cases.document("paper")
-    problem = canonical_bytes(checker_cases.problems()["paper"])
+    stripped = files.document("paper")
+    problem = canonical_bytes(files.problems()["paper"])
     for each in stripped["checks"]:
         bend(each, NOTHING)
     stripped["observer"] |= {"P": None, "Q": None}

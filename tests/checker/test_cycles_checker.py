@@ -3,9 +3,9 @@
 from typing import Any
 
 import pytest
-from checker_cases import FAILS, outcome
-from cycles_cases import A_ENDS, A_STARTS, CHAINED, GRAPHS, certificate, moved, retimed
-from framed import bent
+from checker_files.files import FAILS, outcome
+from checker_files.schedules import A_ENDS, A_STARTS, CHAINED, GRAPHS, certificate, moved, retimed
+from checker_files.switching import bent
 
 Document = dict[str, Any]
 

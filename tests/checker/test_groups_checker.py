@@ -4,12 +4,11 @@ import json
 from fractions import Fraction
 
 import pytest
-from campaigns import mutant_campaign, recheck_campaign
-from certified import certify_once
-from checker_cases import HOLDS, alone, outcome, second_loop
-from groups_cases import document, problems
-from groups_oracle import GroupsOracle, random_grouped_problem
-from regions import without_region
+from campaigns.certificates import mutant_campaign, recheck_campaign
+from certified import certify_once, without_region
+from checker_files.files import HOLDS, alone, outcome, second_loop
+from checker_files.groups import document, problems
+from oracles.groups import GroupsOracle, random_grouped_problem
 
 from dobc_design import Exosystem, Network, Observer, Problem, certify
 from dobc_design.certificate.text import certificate_bytes

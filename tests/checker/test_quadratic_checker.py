@@ -6,10 +6,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from checker_cases import accepted_by, second_loop
-from lure_cases import HARMONIC, PAPER_GAIN
-from mutants import mutate
-from region_cases import CUBIC, certificate, problems
+from broken_certificates import mutate
+from checker_files.files import accepted_by, second_loop
+from checker_files.separable import CUBIC, certificate, problems
+from regional_problems import HARMONIC, PAPER_GAIN
 
 from dobc_design import Network, Observer, Problem, Region, certify
 from dobc_design.certificate.factors import with_factors

@@ -10,17 +10,17 @@ from fractions import Fraction
 
 import mpmath
 import pytest
-from certified import certified, certify_once, consensus_claims
-from checker_cases import FAILS, HOLDS, outcome, second_loop
-from exact_oracle import Oracle
-from known_regions import equilibrium_campaign, linear_campaign
-from region_campaigns import (
+from campaigns.known_regions import equilibrium_campaign, linear_campaign
+from campaigns.regions import (
     change_region,
     region_mutant_campaign,
     region_problem,
     region_recheck_campaign,
 )
-from region_cases import BENT, PAIR, SINE, certificate, changed, claim, doubles, problems
+from certified import certified, certify_once, consensus_claims
+from checker_files.files import FAILS, HOLDS, outcome, second_loop
+from checker_files.separable import BENT, PAIR, SINE, certificate, changed, claim, doubles, problems
+from oracles.theorems import Oracle
 
 from dobc_design import Network, Problem
 from dobc_design.certificate.text import certificate_bytes

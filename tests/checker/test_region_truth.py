@@ -11,12 +11,12 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from checker_cases import HOLDS, Case
-from quadratic_cases import quadratic_cases
-from region_cases import region_cases
-from region_oracle import IDS, Regions
-from separable_problems import PAPER, listening
-from tube_cases import tube_cases
+from checker_files.files import HOLDS, Case
+from checker_files.quadratic import quadratic_cases
+from checker_files.separable import region_cases
+from checker_files.settling import tube_cases
+from networks import PAPER, listening
+from oracles.regions import IDS, Regions
 
 from dobc_design.problem.canonical import canonical_document
 

@@ -8,9 +8,9 @@ from random import Random
 from typing import Any
 
 import pytest
-from checker_cases import FAILS, HOLDS, UNREADABLE, Case, about
-from checker_removals import EVERY, outcome
-from cycles_cases import cycles_cases
+from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, about
+from checker_files.removals import EVERY, outcome
+from checker_files.schedules import cycles_cases
 
 from dobc_design.checker import examine
 

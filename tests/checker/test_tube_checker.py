@@ -5,11 +5,11 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
-from checker_cases import FAILS, HOLDS, outcome
-from lure_cases import HARMONIC, PAPER_GAIN
-from region_cases import certificate, problems
-from separable_problems import listening
-from tube_cases import BOXES, LINE, bent, moved
+from checker_files.files import FAILS, HOLDS, outcome
+from checker_files.separable import certificate, problems
+from checker_files.settling import BOXES, LINE, bent, moved
+from networks import listening
+from regional_problems import HARMONIC, PAPER_GAIN
 
 from dobc_design import Observer, certify
 from dobc_design.certificate.text import certificate_bytes

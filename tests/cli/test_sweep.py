@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from problem_texts import CHAIN
-from sweeps import axes, children, finish, kill, lines, start, wait_for, without_times, words_of
+from processes import axes, children, finish, kill, lines, start, wait_for, without_times, words_of
 
 from dobc_design.sweeps.result import SweepResult
 from dobc_design.sweeps.running import sweep

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from problem_texts import CHAIN
-from sweeps import LONGEST
+from processes import LONGEST
 
 from dobc_design._signals import _DOCUMENT, _escaped
 from dobc_design.cli.main import main

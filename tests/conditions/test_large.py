@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from networks import cycle, listening
 from random_problems import random_linear_problem, random_problem
-from separable_problems import cycle, listening
 
 from dobc_design import Exosystem, Verdict, certify
 from dobc_design.certificate.text import certificate_bytes

@@ -7,8 +7,7 @@ from random import Random
 
 import mpmath
 import pytest
-from enclosed import holds, outside
-from random_couplings import BITS, OUTER, coupling_text, exact, true_values, truth
+from couplings import BITS, OUTER, coupling_text, exact, holds, outside, true_values, truth
 
 from dobc_design.coupling.enclosures import (
     Curve,

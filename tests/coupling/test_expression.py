@@ -15,11 +15,11 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
+from couplings import names
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_functions import KNOWN
 from latex2mathml.converter import convert
-from random_couplings import names
 
 from dobc_design.coupling import tree
 from dobc_design.coupling.coupling import make_coupling

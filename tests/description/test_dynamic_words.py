@@ -3,8 +3,8 @@
 import re
 
 import pytest
+from agents import double_integrators, pendulums, three_states
 from certified import certified, consensus_claims
-from dynamic_agents import double_integrators, pendulums, three_states
 
 import dobc_design as dd
 from dobc_design.description.meaning import remarks, time_words

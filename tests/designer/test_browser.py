@@ -10,7 +10,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from chromium import AXE, CHROMIUM, Page, browser, until
+from browser import AXE, CHROMIUM, Page, browser, until
 
 from dobc_design.problem.load import load_problem
 

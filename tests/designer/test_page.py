@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from chromium import CHROMIUM, Page, browser, until
+from browser import CHROMIUM, Page, browser, until
 
 pytest.importorskip(
     "anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'"

@@ -2,8 +2,8 @@
 bang-bang runs."""
 
 import numpy as np
-from disturbed import exact_gain, final_errors
 from evidence.row import Row
+from stated_tables import exact_gain, final_errors
 
 from dobc_design import Problem, certify, load_problem, verify
 from dobc_design.conditions.accuracy.decide import Accuracy

@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from bad_samples import EACH, programs, wrong_cases
+from c_code_samples import EACH, programs, wrong_cases
 from evidence.row import Row
 
 

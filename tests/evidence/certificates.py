@@ -8,14 +8,13 @@ from collections import Counter
 from collections.abc import Callable
 from statistics import median
 
-import campaigns
-import cured
-import known_regions
-from campaigns import Tally
-from checker_removals import EQUIVALENT, unnoticed
+from campaigns import certificates as campaigns
+from campaigns import cures, known_regions
+from campaigns.certificates import Tally
+from campaigns.regions import region_mutant_campaign, region_recheck_campaign
+from checker_files.removals import EQUIVALENT, unnoticed
 from evidence.row import Row
-from groups_oracle import GroupsOracle, random_grouped_problem
-from region_campaigns import region_mutant_campaign, region_recheck_campaign
+from oracles.groups import GroupsOracle, random_grouped_problem
 
 MUTANTS = 20  # of each certificate
 REGION_MUTANTS = 100
@@ -83,7 +82,7 @@ outside = _campaign(
 cures = _campaign(
     "refuted: the oracle confirms the witness, a cure is offered, and written and read it "
     "is proved",
-    cured.cure_campaign,
+    cures.cure_campaign,
 )
 
 
@@ -98,8 +97,8 @@ def region_mutants(count: int, seed: int) -> Row:
 
 
 def decided(count: int, seed: int) -> Row:
-    tally = cured.decided_campaign(range(seed, seed + count))
-    more = cured.undirected_campaign(range(seed, seed + count))
+    tally = cures.decided_campaign(range(seed, seed + count))
+    more = cures.undirected_campaign(range(seed, seed + count))
     tally.counts.update(more.counts)
     tally.wrong += more.wrong
     yes, all_of_them = (
@@ -108,7 +107,7 @@ def decided(count: int, seed: int) -> Row:
     )
     if yes < DECIDED * all_of_them:
         tally.wrong.append(f"only {yes} of {all_of_them} are decided")
-    parts = ", ".join(f"{kind} {100 * cured.share(tally, kind):.1f} %" for kind in KINDS)
+    parts = ", ".join(f"{kind} {100 * cures.share(tally, kind):.1f} %" for kind in KINDS)
     notes = [f"decided: {yes} of {all_of_them}, {100 * yes / max(1, all_of_them):.1f} % ({parts})"]
     return _row(
         "truth known from outside with a margin of 1e-6: decided, and never wrongly",

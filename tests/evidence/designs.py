@@ -7,7 +7,7 @@ from random import Random
 
 import numpy as np
 from evidence.row import Row
-from linked import loop_by_hand
+from networks import loop_by_hand
 
 import dobc_design as dd
 from dobc_design import Network, Problem, Verdict

@@ -3,9 +3,8 @@ compositions."""
 
 from random import Random
 
-from enclosed import outside
+from couplings import OUTER, coupling_text, outside
 from evidence.row import Row
-from random_couplings import OUTER, coupling_text
 
 from dobc_design.coupling.functions import FUNCTIONS
 

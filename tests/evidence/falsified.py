@@ -7,9 +7,9 @@ from fractions import Fraction
 from random import Random
 from statistics import median
 
-import lure_cases
+import regional_problems
 from evidence.row import Row
-from separable_problems import MONOTONE, PAPER, TURNING, random_problem
+from networks import MONOTONE, PAPER, TURNING, random_problem
 
 from dobc_design import Observer, Problem
 from dobc_design.conditions.quadratic.claim import Lure
@@ -29,7 +29,7 @@ PROBLEMS = 24  # at least 20 are wanted
 HORIZON = 15.0  # s
 LEAST = 20
 KINDS = ("monotone", "turning", "observer", "quadratic")
-W = lure_cases.PAPER_GAIN
+W = regional_problems.PAPER_GAIN
 
 
 def run(count: int, seed: int) -> Row:
@@ -96,7 +96,7 @@ def _observed(seed: int) -> tuple[Problem, Separable | None]:
         modes=2,
         n=4,
         held=True,
-        exosystem=lure_cases.HARMONIC,
+        exosystem=regional_problems.HARMONIC,
         observer=Observer(W=W),
     )
     plan = design_separable(loop_of(problem), radius=Fraction(1), disturbance=Fraction(1, 2), W=W)
@@ -105,19 +105,19 @@ def _observed(seed: int) -> tuple[Problem, Separable | None]:
 
 def _quadratic(seed: int) -> tuple[Problem, Lure | None]:
     r = Random(f"quadratic {seed}")
-    problem = lure_cases.random_problem(
+    problem = regional_problems.random_problem(
         seed, coupling=r.choice(("tanh(y)", "sin(y)", PAPER)), modes=r.choice((1, 2))
     )
     lure = design_lure(
         loop_of(problem),
-        holds=lambda each: lure_cases.is_proved(problem, each),
+        holds=lambda each: regional_problems.is_proved(problem, each),
         shape=r.choice(("diagonal", "full")),
         largest=Fraction(3),
     )
     if lure is None:
         return problem, None
     faster = raise_rate(
-        loop_of(problem), lure, holds=lambda each: lure_cases.is_proved(problem, each)
+        loop_of(problem), lure, holds=lambda each: regional_problems.is_proved(problem, each)
     )
     return problem, faster if faster.rate > 0 else None
 

@@ -9,8 +9,7 @@ from collections import Counter
 from random import Random
 
 import numpy as np
-from definiteness_paths import EXACT, PATHS, numpy_cholesky
-from edge_matrices import POWERS, edge_matrices
+from definiteness import EXACT, PATHS, POWERS, edge_matrices, numpy_cholesky
 from evidence.row import Row
 
 from dobc_design.verdict import Verdict

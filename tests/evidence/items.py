@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from clean_kernel import NOTEBOOKS
 from evidence import (
     accuracy,
     agreement,
@@ -31,6 +30,7 @@ from evidence import (
     times,
 )
 from evidence.row import Row
+from notebook_runs import NOTEBOOKS
 from published import PUBLISHED
 
 FUZZ = "fuzz"

@@ -6,8 +6,8 @@ from random import Random
 
 import numpy as np
 import sympy as sp
+from agents import judged
 from evidence.row import Row
-from linear_agents import judged
 
 import dobc_design as dd
 from dobc_design import Network, Problem

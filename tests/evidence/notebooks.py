@@ -1,7 +1,7 @@
 """All notebooks from a clean kernel; the slow tests run the short ones."""
 
-from clean_kernel import NOTEBOOKS, failure_of
 from evidence.row import Row
+from notebook_runs import NOTEBOOKS, failure_of
 
 
 def run(count: int, seed: int) -> Row:

@@ -4,7 +4,7 @@ from itertools import combinations
 from random import Random
 
 from evidence.row import Row
-from small_designs import digraph
+from networks import digraph
 
 import dobc_design as dd
 from dobc_design import Problem, Verdict

@@ -6,9 +6,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from broken_input import TARGETS, Target, as_text, defect, mutants
 from evidence.row import Row
-from fuzzing import TARGETS, Target, as_text, defect, mutants
-from kills import Outcome, interrupt_certify, kill_certify, kill_writers
+from processes import Outcome, interrupt_certify, kill_certify, kill_writers
 
 
 def kills(count: int, seed: int) -> Row:

@@ -12,9 +12,10 @@ import tempfile
 from pathlib import Path
 from random import Random
 
-from checker_cases import accepted_by
+from checker_files.files import accepted_by
 from evidence.row import Row
-from motions_cases import (
+from networks import random_problem
+from rocq_files import (
     AXIOMS,
     EDITS,
     Ran,
@@ -28,8 +29,7 @@ from motions_cases import (
     refused_in,
     text_of,
 )
-from motions_cases import certified as small_certified
-from separable_problems import random_problem
+from rocq_files import certified as small_certified
 
 from dobc_design import Certificate, Exosystem, Verdict, certify
 from dobc_design.certificate.text import certificate_bytes

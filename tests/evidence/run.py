@@ -17,7 +17,7 @@ TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "support")]
 
 from evidence.items import FUZZ, ITEMS  # noqa: E402 - found through the paths above
-from heard import let_children_hear  # noqa: E402
+from machine import let_children_hear  # noqa: E402
 
 
 def main() -> int:

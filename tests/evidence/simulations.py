@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
-from loops import simulate, simulate_many
 from scipy.linalg import expm
+from simulated_runs import simulate, simulate_many
 
 from dobc_design import Exosystem, Failure, Network, Observer, Problem, Stress, certify
 from dobc_design.loop.arrays import pinning_matrix

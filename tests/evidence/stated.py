@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
-from stated_problems import RISING, R, broken, kept
+from stated_tables import RISING, R, broken, kept
 
 from dobc_design import Certificate, Problem, Verdict, certify
 from dobc_design.certificate.text import certificate_bytes

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from evidence.row import Row
 from problem_texts import CHAIN
-from sweeps import children, finish, kill, lines, start, wait_for, without_times, words_of
+from processes import children, finish, kill, lines, start, wait_for, without_times, words_of
 
 WITH_DASK = 1000  # cases from which on the second part runs on a cluster of Dask
 

@@ -7,8 +7,19 @@ from random import Random
 import flint
 import numpy as np
 import pytest
-from definiteness_paths import EXACT, PATHS, by_choice, by_integers, by_lift, by_quick, by_vector
-from edge_matrices import POWERS, edge_matrices, edge_matrix, z_edge_matrix
+from definiteness import (
+    EXACT,
+    PATHS,
+    POWERS,
+    by_choice,
+    by_integers,
+    by_lift,
+    by_quick,
+    by_vector,
+    edge_matrices,
+    edge_matrix,
+    z_edge_matrix,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

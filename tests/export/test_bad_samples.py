@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bad_samples import GOOD, KINDS, Program, wrong_cases
-from c_harness import needs_gcc, planar
-from dynamic_agents import double_integrators, pendulums, three_states
+from agents import double_integrators, pendulums, three_states
+from c_code import needs_gcc, planar
+from c_code_samples import GOOD, KINDS, Program, wrong_cases
 
 from dobc_design.problem.load import load_problem
 

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from c_harness import EVERY, CompiledAgents, compile_and_test, needs_gcc, planar, write_all
+from c_code import EVERY, CompiledAgents, compile_and_test, needs_gcc, planar, write_all
 from scipy.linalg import expm
 
 import dobc_design as dd

@@ -9,9 +9,7 @@ from xml.etree import ElementTree
 import control
 import numpy as np
 import pytest
-from c_harness import CompiledAgents, compile_and_test, needs_gcc, write_all
-from certified import consensus_claims
-from dynamic_agents import (
+from agents import (
     double_integrators,
     drift,
     felt,
@@ -20,6 +18,8 @@ from dynamic_agents import (
     resonators,
     three_states,
 )
+from c_code import CompiledAgents, compile_and_test, needs_gcc, write_all
+from certified import consensus_claims
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, expm
 from scipy.optimize import brentq

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from c_harness import STRICT, CompiledAgents, compile_and_test, needs_gcc, planar, write_all
+from c_code import STRICT, CompiledAgents, compile_and_test, needs_gcc, planar, write_all
 
 import dobc_design as dd
 from dobc_design.errors import SpecError

@@ -10,9 +10,9 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from c_harness import planar
+from c_code import planar
 from known_functions import SOFTSIGN
-from loops import simulate
+from simulated_runs import simulate
 
 import dobc_design as dd
 from dobc_design import Network, Problem, load_problem

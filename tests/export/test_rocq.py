@@ -9,12 +9,11 @@ from fractions import Fraction
 from functools import cache
 
 import pytest
-from campaigns import a_problem
-from certified import consensus_claims
+from campaigns.certificates import a_problem
+from certified import consensus_claims, without_region
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from regions import without_region
-from rocq_text import bare
+from rocq_files import bare
 
 from dobc_design import Certificate, Exosystem, Network, Problem, Verdict, certify, load_problem
 from dobc_design.conditions.consensus.claim import state_theorems

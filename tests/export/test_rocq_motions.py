@@ -11,11 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from dynamic_agents import double_integrators
-from motions_cases import (
+from agents import double_integrators
+from couplings import coupling_text
+from rocq_files import (
     AXIOMS,
     EDITS,
     about,
+    bare,
     base,
     boxed,
     certify_motions,
@@ -33,8 +35,6 @@ from motions_cases import (
     text_of,
     with_gain,
 )
-from random_couplings import coupling_text
-from rocq_text import bare
 
 from dobc_design import Exosystem, Network, Problem, Verdict, certify
 from dobc_design.conditions.separable.claim import Separable

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from block_lmi import Margin, solve_dense
+from oracles.observers import Margin, solve_dense
 
 import dobc_design as dd
 from dobc_design import Exosystem, Network, Problem, load_problem

@@ -5,9 +5,9 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
-from equilibrium_cases import half_difference, listening_pair
-from linked import linked
 from matplotlib.figure import Figure
+from networks import linked
+from regional_problems import half_difference, listening_pair
 
 import dobc_design as dd
 from dobc_design import Check, Verdict

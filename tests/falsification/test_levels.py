@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from lure_cases import cycle, identity
+from regional_problems import cycle, identity
 
 from dobc_design import Exosystem, Group, Network, Observer, Problem
 from dobc_design.conditions.quadratic.claim import Lure

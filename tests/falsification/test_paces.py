@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from lure_cases import random_problem as switched_problem
+from regional_problems import random_problem as switched_problem
 
 from dobc_design import Problem, Switching
 from dobc_design.falsification.paces import drawn_signals

@@ -7,11 +7,10 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from equilibrium_cases import half_difference, listening_pair
-from lure_cases import cycle as lure_cycle
-from lure_cases import field, is_proved
+from networks import cycle, random_problem
+from regional_problems import cycle as lure_cycle
+from regional_problems import field, half_difference, is_proved, listening_pair
 from scipy.integrate import solve_ivp
-from separable_problems import cycle, random_problem
 
 import dobc_design as dd
 from dobc_design import Problem, Verdict

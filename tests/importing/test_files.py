@@ -3,8 +3,8 @@
 import random
 
 import pytest
-from fuzzing import mutate
-from grid_tables import tables
+from broken_input import mutate
+from networks import tables
 
 import dobc_design as dd
 from dobc_design.errors import SpecError

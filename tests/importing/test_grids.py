@@ -4,10 +4,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from fuzzing import LIMIT as ALONE
-from fuzzing import time_limit
-from grid_tables import tables
-from linked import loop_by_hand
+from broken_input import LIMIT as ALONE
+from broken_input import time_limit
+from networks import loop_by_hand, tables
 
 import dobc_design as dd
 from dobc_design.errors import SpecError

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import sympy
-from dynamic_agents import double_integrators, drift, full_loop, matrices, pendulums, three_states
+from agents import double_integrators, drift, full_loop, matrices, pendulums, three_states
 
 from dobc_design.model.model import build_model
 from dobc_design.problem.integrators import as_integrators

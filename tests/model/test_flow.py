@@ -3,7 +3,7 @@ quotients."""
 
 import numpy as np
 import pytest
-from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, random_problem
+from regional_problems import HARMONIC, PAPER_GAIN, cycle, field, random_problem
 from scipy.integrate import solve_ivp
 
 from dobc_design.model.model import build_flow

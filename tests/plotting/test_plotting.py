@@ -8,10 +8,10 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from chromium import CHROMIUM, alone
-from loops import ring
+from browser import CHROMIUM, alone
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from simulated_runs import ring
 
 import dobc_design as dd
 from dobc_design.errors import ShapeError, SpecError

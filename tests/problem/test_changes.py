@@ -5,7 +5,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from campaigns import a_problem
+from campaigns.certificates import a_problem
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shown import HOSTILE
+from reports import HOSTILE
 
 from dobc_design import (
     Certificate,

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from browser import AXE, CHROMIUM, alone, browser, until
 from certified import certified
-from chromium import AXE, CHROMIUM, alone, browser, until
-from shown import Page, compare_html, html_report
+from reports import Page, compare_html, html_report
 
 from dobc_design.report.write import render_report
 

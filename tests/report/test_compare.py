@@ -5,7 +5,7 @@ import dataclasses
 import re
 
 import pytest
-from shown import Page, compare_html, compare_markdown
+from reports import Page, compare_html, compare_markdown
 
 from dobc_design import Network, Observer, Verdict
 from dobc_design.conditions.kinds import KINDS

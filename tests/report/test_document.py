@@ -4,7 +4,7 @@ import re
 from fractions import Fraction
 
 import pytest
-from shown import Page
+from reports import Page
 
 from dobc_design.exact.matrix import matrix
 from dobc_design.report import document as doc

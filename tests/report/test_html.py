@@ -8,7 +8,7 @@ from collections import Counter
 from typing import Any
 
 import pytest
-from shown import Page, compare_html, html_report
+from reports import Page, compare_html, html_report
 
 from dobc_design import Certificate, Network, Verdict, load_problem, simulate
 from dobc_design.conditions.check import Check, Fix, Values, Witness

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shown import HOSTILE, latex_report, pdf_content
+from reports import HOSTILE, latex_report, pdf_content
 
 from dobc_design import Exosystem, Group, Network
 from dobc_design.report.latex import MAIN, PACKAGES, tex

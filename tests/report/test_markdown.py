@@ -5,7 +5,7 @@ import re
 from typing import Any
 
 import pytest
-from shown import markdown_report
+from reports import markdown_report
 
 from dobc_design.conditions.check import Fix
 from dobc_design.report.pages import escape

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shown import HOSTILE, pdf_content
+from reports import HOSTILE, pdf_content
 
 from dobc_design import Certificate, Exosystem, Group, Network, Observer, Problem, certify
 from dobc_design.errors import SpecError

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 from matplotlib.figure import Figure
-from shown import html_report, markdown_report
+from reports import html_report, markdown_report
 
 from dobc_design import Network, Verdict
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions

@@ -6,9 +6,9 @@ from fractions import Fraction
 from functools import cache
 
 import numpy as np
+from checker_files.separable import problems
+from checker_files.settling import STRETCHED
 from matplotlib.figure import Figure
-from region_cases import problems
-from tube_cases import STRETCHED
 
 from dobc_design.conditions.check import check_from_json
 from dobc_design.conditions.schedule.checks import read_claim, settling_of

@@ -5,7 +5,7 @@ import hashlib
 from pathlib import Path
 
 import pytest
-from shown import html_report, markdown_report
+from reports import html_report, markdown_report
 
 import dobc_design
 from dobc_design.checker.examine import OF_GROUPS, REGIONAL

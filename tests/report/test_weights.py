@@ -4,8 +4,8 @@ on beneath."""
 from fractions import Fraction
 
 import pytest
-from cycles_cases import CHAIN, CHAINED, DWELL
-from framed import Frames
+from checker_files.schedules import CHAIN, CHAINED, DWELL
+from checker_files.switching import Frames
 from matplotlib.figure import Figure
 
 import dobc_design as dd

@@ -7,7 +7,7 @@
 from itertools import islice
 
 import pytest
-from fuzzing import TARGETS, Target, as_text, defect, mutants
+from broken_input import TARGETS, Target, as_text, defect, mutants
 
 CASES = 12
 

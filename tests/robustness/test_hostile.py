@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 from bad_files import VALID
+from broken_input import LIMIT as ALONE
+from broken_input import time_limit
 from certified import certified
 from flint import fmpz
-from fuzzing import LIMIT as ALONE
-from fuzzing import time_limit
 
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes, read_claims

@@ -9,7 +9,7 @@ import sys
 import time
 
 import pytest
-from kills import Runs, environment, interrupt_certify, leftovers
+from processes import Runs, environment, interrupt_certify, leftovers
 
 import dobc_design as dd
 from dobc_design.certificate.files import STALE, write_atomically, write_together

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shown import Page
+from reports import Page
 
 import dobc_design as dd
 from dobc_design._show import cards as _display

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from loops import single
+from simulated_runs import single
 
 import dobc_design as dd
 from dobc_design import Exosystem, Network, Observer, Problem, load_problem
@@ -52,7 +52,7 @@ def test_one_agent_with_its_observer_breaks_where_its_matrices_do():
 def test_an_unmodelled_sine_breaks_one_agent_where_the_closed_form_says():
     """x' = -2 x + a sin(t + p) from 1: the late error is at most a/sqrt(5) and grows with a; it
     breaks beyond 0.1."""
-    from loops import simulate
+    from simulated_runs import simulate
 
     from dobc_design.simulation.stress import Stress
 

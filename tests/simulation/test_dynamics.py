@@ -3,7 +3,7 @@ and B."""
 
 import numpy as np
 import pytest
-from dynamic_agents import (
+from agents import (
     double_integrators,
     drift,
     felt,

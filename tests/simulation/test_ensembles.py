@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loops import HARMONIC, ring, simulate, simulate_many
-from side_by_side import EVERYTHING
-from side_by_side import planar as drawn_planar
+from simulated_runs import EVERYTHING, HARMONIC, nonlinear_planar, ring, simulate, simulate_many
 
 from dobc_design import Network, Problem, Stress, load_problem
 from dobc_design.errors import SpecError
@@ -20,7 +18,7 @@ from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, Rand
 MARKOV = Markov(generator=[[-3, 1, 1, 1], [1, -3, 1, 1], [1, 1, -3, 1], [1, 1, 1, -3]])
 
 
-NONLINEAR = drawn_planar()
+NONLINEAR = nonlinear_planar()
 CASES = {
     "the paper, random": (load_problem("paper-switching"), RandomDwell(dwell=0.5)),
     "the paper, Markov": (load_problem("paper-switching"), MARKOV),
@@ -119,7 +117,7 @@ def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch, stress: Stres
 @pytest.mark.parametrize(
     ("problem", "given", "reason"),
     [
-        (drawn_planar(), {"signal": Mobile(radius=1.0)}, "every run has graphs of its own"),
+        (nonlinear_planar(), {"signal": Mobile(radius=1.0)}, "every run has graphs of its own"),
         (
             ring(n=3, exosystem=HARMONIC),
             {"gain": [[2e6], [1]]},

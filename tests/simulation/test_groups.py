@@ -4,9 +4,8 @@ by agent."""
 import casadi as ca
 import numpy as np
 import pytest
-from loops import HARMONIC, PRINTED
 from scipy.integrate import solve_ivp
-from side_by_side import require_the_same
+from simulated_runs import HARMONIC, PRINTED, require_the_same
 
 import dobc_design as dd
 from dobc_design.errors import SpecError

@@ -3,8 +3,8 @@ instant."""
 
 import numpy as np
 import pytest
-from loops import simulate, simulate_many
 from scipy.linalg import expm
+from simulated_runs import simulate, simulate_many
 
 from dobc_design import Network, Problem
 from dobc_design.errors import ShapeError, SpecError

@@ -9,8 +9,8 @@ import casadi as ca
 import mpmath
 import numpy as np
 import pytest
-from loops import HARMONIC, PRINTED, planar, ring, simulate
 from scipy.linalg import expm
+from simulated_runs import HARMONIC, PRINTED, planar, ring, simulate
 
 import dobc_design as dd
 from dobc_design.errors import ShapeError, SpecError

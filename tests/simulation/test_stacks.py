@@ -6,10 +6,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from loops import HARMONIC, PRINTED, simulate, simulate_many
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from side_by_side import EVERYTHING, FAILING, planar, require_the_same
+from simulated_runs import (
+    EVERYTHING,
+    FAILING,
+    HARMONIC,
+    PRINTED,
+    nonlinear_planar,
+    require_the_same,
+    simulate,
+    simulate_many,
+)
 
 import dobc_design as dd
 from dobc_design import Stress
@@ -54,14 +62,14 @@ def agree(problem: dd.Problem, stress: Stress, **given) -> dd.Ensemble:
 )
 def test_every_stress_gives_the_runs_that_single_ones_give(stress: Stress):
     """Modes change within the time between two exchanges."""
-    agree(planar(), stress, signal=RandomDwell(dwell=0.13 if stress.period else 0.07))
+    agree(nonlinear_planar(), stress, signal=RandomDwell(dwell=0.13 if stress.period else 0.07))
 
 
 @pytest.mark.parametrize(
     "stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"]
 )
 def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress):
-    agree(planar(), stress, signal=Periodic(dwell=0.3), observer="off")
+    agree(nonlinear_planar(), stress, signal=Periodic(dwell=0.3), observer="off")
 
 
 @pytest.mark.parametrize(
@@ -69,11 +77,15 @@ def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress)
 )
 def test_graphs_of_a_given_motion_are_shared(stress: Stress):
     motion = Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
-    agree(planar(), stress, signal=Mobile(radius=1.5, motion=motion))
+    agree(nonlinear_planar(), stress, signal=Mobile(radius=1.5, motion=motion))
 
 
 def test_a_gain_for_the_sampled_observer_takes_its_place():
-    agree(planar(), Stress(period=0.1, sampled_gain=((0.1, 0), (0, 0.1), (0.05, 0))), mode="one")
+    agree(
+        nonlinear_planar(),
+        Stress(period=0.1, sampled_gain=((0.1, 0), (0, 0.1), (0.05, 0))),
+        mode="one",
+    )
 
 
 class ByHand:

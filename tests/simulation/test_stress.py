@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from loops import pair, planar, simulate, single
+from simulated_runs import pair, planar, simulate, single
 
 import dobc_design as dd
 from dobc_design import Failure, Stress

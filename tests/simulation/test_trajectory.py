@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from loops import simulate
+from simulated_runs import simulate
 
 import dobc_design as dd
 from dobc_design.errors import CertificateError, ShapeError, SpecError

@@ -4,9 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from equilibrium_cases import half_difference, listening_pair
-from lure_cases import field
-from lure_cases import random_problem as switched_problem
+from regional_problems import field, half_difference, listening_pair
+from regional_problems import random_problem as switched_problem
 from scipy.integrate import solve_ivp
 
 from dobc_design import Problem

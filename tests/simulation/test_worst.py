@@ -3,9 +3,9 @@ and no more."""
 
 import numpy as np
 import pytest
-from loops import HARMONIC, PRINTED
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from simulated_runs import HARMONIC, PRINTED
 
 import dobc_design as dd
 from dobc_design.simulation import worst

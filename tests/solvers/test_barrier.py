@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lure_cases import cycle, random_problem
+from regional_problems import cycle, random_problem
 from scipy import linalg
 
 from dobc_design.conditions.quadratic.propose_program import (

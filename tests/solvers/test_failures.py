@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import clarabel
 import numpy as np
 import pytest
-from loops import HARMONIC, PRINTED
-from regions import without_region
+from certified import without_region
+from simulated_runs import HARMONIC, PRINTED
 
 import dobc_design as dd
 from dobc_design import Verdict

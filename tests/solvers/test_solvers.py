@@ -5,8 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from block_lmi import Margin, solve_dense
-from reduced import reduced_program, solve_reduced
+from oracles.observers import Margin, reduced_program, solve_dense, solve_reduced
 from scipy import sparse
 
 from dobc_design import Exosystem, Network, Problem, Verdict

@@ -6,10 +6,12 @@ the other reads.
 
 import copyreg
 import hashlib
+import json
 import os
 import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -19,8 +21,20 @@ import pytest
 
 from dobc_design import Certificate, Problem, certify, load_problem
 from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.topics import Trusted
 from dobc_design.certification import certify as certification
-from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.certification.recheck import confirm
+from dobc_design.conditions.check import Check, check_from_json
+from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.schedule import propose, propose_cycles, rows
+from dobc_design.conditions.separable import propose_coordinates
+from dobc_design.exact.matrix import Matrix
+from dobc_design.loop.make import loop_of
+from dobc_design.problem.canonical import (
+    canonical_bytes,
+    canonical_document,
+    problem_from_canonical,
+)
 
 #: The environment variable that names the folder; ``conftest.py`` makes it.
 FOLDER = "DOBC_TESTS_OF_THIS_RUN"
@@ -116,3 +130,94 @@ def claimed_afresh(problem: Problem) -> Claims:
 
 
 _claimed = cache(claimed_afresh)
+
+
+def through_json(check: Check) -> Check:
+    """The check as a file holds it."""
+    return check_from_json(json.loads(json.dumps(check.to_json())))
+
+
+def confirmed(
+    check: Check,
+    problem: Problem,
+    *,
+    W: Matrix | None = None,
+    domain: str = "consensus",
+    beside: Check | None = None,
+) -> str | None:
+    """None, or what is wrong with a regional check; errors count as refusals.  ``beside``: the
+    max-separable check."""
+    read = through_json(check)
+    statements = Statements(
+        loop=loop_of(problem), domain=domain, jacobians=None, lambdas={}, inapplicable=None
+    )
+    trusted = Trusted(
+        loop=loop_of(problem),
+        W=W,
+        domain=domain,
+        checks=(beside or read,),
+        statements=statements,
+        pair=None,
+    )
+    try:
+        return confirm(read, trusted)
+    except (ValueError, TypeError, KeyError, ArithmeticError) as error:
+        return str(error) or type(error).__name__
+
+
+REGIONAL = ("max-separable", "delay", "sampling", "lure", "equilibrium")
+
+
+def without_region(problem: Problem | str) -> Problem:
+    """The same problem, asked about the consensus itself."""
+    document = canonical_document(load_problem(problem) if isinstance(problem, str) else problem)
+    return problem_from_canonical(json.dumps(document | {"region": None}).encode("utf-8"))
+
+
+def at_the_consensus(checks: Iterable[Check]) -> list[Check]:
+    """The checks that speak of the consensus."""
+    return [check for check in checks if check.id not in REGIONAL]
+
+
+#: Of weights that move: half the rate of the fastest ones, in chords that may bend.
+HALF_AS_FAST = ((0.5, 0.005, 0.005), (0.25, 0.02, 0.02), (0.04, 0.2, 0.2))
+#: Of boxes that move: the first three are for signals with a guarantee, the last one for all
+#: others.
+BENT_BOXES = ((0.02, 0.02), (0.05, 0.1), (0.05, 0.1), (0.05, 0.1))
+
+
+@contextmanager
+def _in_place(*changes: tuple[Any, str, object]) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        for place, name, value in changes:
+            patch.setattr(place, name, value)
+        yield
+
+
+def coarse_tables() -> Any:
+    """Tables of couplings, in rows that move, have an eighth of their cells.  A context, or a
+    decorator of a test."""
+    return _in_place((rows, "CELLS", 256))
+
+
+def few_chords(tried: object = HALF_AS_FAST) -> Any:
+    """Weights and boxes that move do so in few chords.  A context, or a decorator of a test."""
+    return _in_place((propose_cycles, "TRIED", tried), (propose, "TRIED", BENT_BOXES))
+
+
+def few_coordinates() -> Any:
+    """Coordinates are looked for at every fifth place.  A context, or a decorator of a test."""
+    return _in_place((propose_coordinates, "PARTS", propose_coordinates.PARTS[1::5]))
+
+
+def rough_settling() -> Any:
+    """Few chords and coarse tables, and quadratic certificates of one radius.  A context, or a
+    decorator of a test."""
+    return _in_place(
+        (rows, "CELLS", 256), (propose, "TRIED", BENT_BOXES), (propose, "RADII", propose.RADII[:1])
+    )
+
+
+def only(*stages: Callable[..., Any]) -> Any:
+    """`certify` looks for regions by these stages alone.  A context, or a decorator of a test."""
+    return _in_place((certification, "STAGES", stages))

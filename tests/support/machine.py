@@ -1,6 +1,7 @@
-"""What a run of the tests depends on: versions of packages, and which kernels of linear algebra are
-in force."""
+"""What a run of the tests depends on: versions of packages, kernels of linear algebra, and that the
+programs under test hear signals."""
 
+import signal
 from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
@@ -28,3 +29,15 @@ def kernels() -> str:
     count = f"{threads[0][0]} thread{'s' * (threads[0][0] > 1)}" if threads else "no threads known"
     loops = opt_func_info(func_name="^add$")["add"]["ddd"]["current"]
     return f"OpenBLAS {', '.join(sorted(named)) or 'not found'}, {count}; loops of NumPy {loops}"
+
+
+def let_children_hear() -> None:
+    """A shell starts background jobs with Ctrl-C ignored, nohup does so with SIGHUP, and children
+    inherit that.
+
+    What a handler catches they do not inherit: programs under test hear signals again, and the
+    tests ignore them still.
+    """
+    for number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, lambda number, frame: None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from linear_agents import second_order
+from agents import second_order
 
 from dobc_design import Dynamics, Network, Observer, Problem, Switching, exosystems, load_problem
 

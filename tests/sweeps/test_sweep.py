@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from problem_texts import CHAIN
-from sweeps import without_times
+from processes import without_times
 
 import dobc_design as dd
 from dobc_design import Verdict, load_problem

@@ -7,12 +7,12 @@ from fractions import Fraction
 from functools import cache, partial
 from typing import Any
 
-import groups_cases as groups
 import numpy as np
 import pytest
-from disturbed import exact_gain, final_errors, linear_problem, responses, second_order
+from checker_files import groups
+from networks import listening
 from scipy import integrate, linalg
-from separable_problems import listening
+from stated_tables import exact_gain, final_errors, linear_problem, responses, second_order
 
 from dobc_design import Exosystem, Observer, Problem, Verdict, load_problem
 from dobc_design.certificate.text import certificate_bytes

@@ -13,11 +13,10 @@ from random import Random
 
 import pytest
 import sympy as sp
-from campaigns import a_problem
-from exact_oracle import Oracle, eye, form, key, plus, slope, times
-from linked import linked
+from campaigns.certificates import a_problem
+from networks import cycle, linked
+from oracles.theorems import Oracle, eye, form, key, plus, slope, times
 from random_problems import CURVED, IRRATIONAL, LINEAR, PLANE_CURVED, PLANE_LINEAR, SPACE_LINEAR
-from separable_problems import cycle
 
 from dobc_design import Exosystem
 from dobc_design.conditions.consensus import claim

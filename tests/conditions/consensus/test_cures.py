@@ -6,8 +6,8 @@ from random import Random
 
 import numpy as np
 import pytest
-from exact_oracle import Oracle
-from linked import linked
+from networks import linked
+from oracles.theorems import Oracle
 
 from dobc_design.conditions.consensus import cures
 from dobc_design.conditions.consensus.cures import best_single, rounded_up, scale_needed

@@ -8,10 +8,10 @@ from random import Random
 
 import numpy as np
 import pytest
-from campaigns import a_problem, reduction_campaign
+from campaigns.certificates import a_problem, reduction_campaign
 from certified import consensus_claims
-from exact_oracle import Oracle, eye, negative_definite, plus, times
-from linked import linked
+from networks import linked
+from oracles.theorems import Oracle, eye, negative_definite, plus, times
 from random_problems import WEIGHTS
 
 from dobc_design import Exosystem, Observer, Verdict, certify, verify

@@ -5,8 +5,8 @@ from fractions import Fraction
 from random import Random
 
 import numpy as np
-from exact_oracle import Oracle, form
-from linked import linked
+from networks import linked
+from oracles.theorems import Oracle, form
 
 from dobc_design import Verdict, certify
 from dobc_design.conditions.check import Check, Fix, main_cure, other_cures

@@ -9,8 +9,7 @@ import clarabel
 import cvxpy as cp
 import numpy as np
 import pytest
-from linked import linked
-from small_designs import digraph
+from networks import digraph, linked
 
 from dobc_design import Problem
 from dobc_design.conditions.consensus import pinning

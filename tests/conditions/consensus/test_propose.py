@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from linked import linked
+from networks import linked
 from random_problems import random_problem
 from scipy import sparse
 

@@ -5,8 +5,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from equilibrium_cases import listening_pair, random_folded
-from lure_cases import field
+from regional_problems import field, listening_pair, random_folded
 
 from dobc_design.conditions.equilibrium.decide import Equilibrium, field_at, slopes_on, why_not
 from dobc_design.errors import ShapeError, SpecError

@@ -7,10 +7,19 @@ from random import Random
 import mpmath
 import numpy as np
 import pytest
-from confirming import confirmed
-from equilibrium_cases import FOLDED, exact, half_difference, listening_pair, random_folded
-from linked import linked
-from lure_cases import HARMONIC, PAPER_GAIN, field, random_problem
+from certified import confirmed
+from networks import linked
+from regional_problems import (
+    FOLDED,
+    HARMONIC,
+    PAPER_GAIN,
+    exact,
+    field,
+    half_difference,
+    listening_pair,
+    random_folded,
+    random_problem,
+)
 from scipy.optimize import fsolve
 
 from dobc_design import Observer, Problem, Verdict

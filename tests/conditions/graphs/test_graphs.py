@@ -6,9 +6,9 @@ from typing import Any
 import networkx as nx
 import numpy as np
 import pytest
-from checker_cases import second_loop
-from linked import loop_by_hand
-from searches import only
+from certified import only
+from checker_files.files import second_loop
+from networks import loop_by_hand
 
 from dobc_design import Exosystem, Network, Problem, Switching, Verdict, certify, simulate
 from dobc_design.certification.recheck import verify_twice

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 from certified import certified
-from separable_problems import PAPER, TURNING, cycle, listening
+from networks import PAPER, TURNING, cycle, listening
 
 from dobc_design import Observer, Problem, Verdict
 from dobc_design.certificate.text import certificate_bytes

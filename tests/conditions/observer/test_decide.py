@@ -6,8 +6,8 @@ from functools import cache
 from itertools import islice
 
 import sympy as sp
-from exact_oracle import Oracle, hurwitz
-from linked import linked
+from networks import linked
+from oracles.theorems import Oracle, hurwitz
 from random_problems import random_problem
 
 from dobc_design import Exosystem, Observer, Verdict

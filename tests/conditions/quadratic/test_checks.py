@@ -8,9 +8,9 @@ from functools import partial
 from typing import Any
 
 import pytest
-from confirming import confirmed
-from linked import linked
-from lure_cases import HARMONIC, PAPER, PAPER_GAIN, identity, is_proved
+from certified import confirmed
+from networks import linked
+from regional_problems import HARMONIC, PAPER, PAPER_GAIN, identity, is_proved
 
 from dobc_design import Observer, Problem, Region, Verdict
 from dobc_design.conditions.check import Check, Values

@@ -7,7 +7,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from lure_cases import HARMONIC, PAPER_GAIN, cycle, identity, pins, random_problem
+from regional_problems import HARMONIC, PAPER_GAIN, cycle, identity, pins, random_problem
 
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block

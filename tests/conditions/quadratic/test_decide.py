@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from linked import linked
-from lure_cases import HARMONIC, PAPER_GAIN, cycle, identity, is_proved
+from networks import linked
+from regional_problems import HARMONIC, PAPER_GAIN, cycle, identity, is_proved
 
 from dobc_design import Problem, Verdict
 from dobc_design.conditions.quadratic.claim import Lure

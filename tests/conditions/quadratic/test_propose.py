@@ -7,8 +7,8 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from linked import linked
-from lure_cases import (
+from networks import linked
+from regional_problems import (
     HARMONIC,
     PAPER_GAIN,
     cycle,

@@ -5,8 +5,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from linked import linked
-from lure_cases import PAPER, cycle, random_problem
+from networks import linked
+from regional_problems import PAPER, cycle, random_problem
 
 from dobc_design.conditions.quadratic.sectors import (
     GainRange,

@@ -7,8 +7,8 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
-from linked import linked
-from lure_cases import HARMONIC, PAPER, PAPER_GAIN, identity
+from networks import linked
+from regional_problems import HARMONIC, PAPER, PAPER_GAIN, identity
 
 import dobc_design as dd
 from dobc_design import Check, Observer, Problem, Region, Verdict

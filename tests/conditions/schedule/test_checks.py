@@ -4,12 +4,11 @@ hand."""
 from dataclasses import replace
 from fractions import Fraction
 
-import confirming
 import pytest
-from checker_cases import Document
-from region_cases import problems
-from searches import coarse_tables
-from tube_cases import GOOD, LINE, SEEN, STRETCHED, bent
+from certified import coarse_tables, confirmed, through_json
+from checker_files.files import Document
+from checker_files.separable import problems
+from checker_files.settling import GOOD, LINE, SEEN, STRETCHED, bent
 
 from dobc_design.conditions.check import check_from_json
 from dobc_design.conditions.schedule.checks import (
@@ -34,7 +33,7 @@ def test_a_claim_is_read_decided_once_more_and_written_as_it_was(name: str, docu
     settling = settling_of(loop_of(problem), claim, "")
     check = settling_check(loop_of(problem), W, settling, domain="consensus")
     assert (check.verdict, dict(check.domain)) == (Verdict.PROVED, document["domain"])
-    assert read_claim(confirming.through_json(check), loop_of(problem), W) == claim
+    assert read_claim(through_json(check), loop_of(problem), W) == claim
     assert confirm(check, loop_of(problem), W, domain="consensus") is None
 
 
@@ -42,9 +41,9 @@ def test_the_tube_of_a_slower_observer_is_not_confirmed():
     """A - W C = -2 is what both claims count on."""
     problem = problems()["observed, linear"]
     for check in map(check_from_json, (SEEN, STRETCHED)):
-        assert confirming.confirmed(check, problem, W=((Fraction(2),),)) is None
-        assert confirming.confirmed(check, problem, W=((Fraction(19, 10),),)) is not None
-        assert confirming.confirmed(check, problem) is not None
+        assert confirmed(check, problem, W=((Fraction(2),),)) is None
+        assert confirmed(check, problem, W=((Fraction(19, 10),),)) is not None
+        assert confirmed(check, problem) is not None
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from checker_cases import accepted_by, second_loop
+from certified import HALF_AS_FAST, coarse_tables, few_chords, few_coordinates, only
+from checker_files.files import accepted_by, second_loop
 from scipy.linalg import expm
-from searches import HALF_AS_FAST, coarse_tables, few_chords, few_coordinates, only
 
 from dobc_design import Network, Problem, Switching, Verdict, certify, certify_settling, simulate
 from dobc_design.certificate.text import certificate_bytes

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lure_cases import field
-from region_cases import problems
+from certified import coarse_tables, rough_settling
+from checker_files.separable import problems
+from checker_files.settling import CUBIC, GOOD, LINE, MIXED, SEEN, STRETCHED, UNEVEN, bent, moved
+from networks import listening, pair
+from regional_problems import field
 from scipy.integrate import solve_ivp
-from searches import coarse_tables, rough_settling
-from separable_problems import listening, pair
-from tube_cases import CUBIC, GOOD, LINE, MIXED, SEEN, STRETCHED, UNEVEN, bent, moved
 
 import dobc_design as dd
 from dobc_design.conditions.check import check_from_json

@@ -8,11 +8,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from equilibrium_cases import listening_pair
-from lure_cases import HARMONIC
-from searches import coarse_tables, few_chords, rough_settling
-from separable_problems import cycle, pair
-from settled import INTEGRATION, compare
+from certified import coarse_tables, few_chords, rough_settling
+from networks import cycle, pair
+from regional_problems import HARMONIC, listening_pair
+from simulated_runs import INTEGRATION, compare
 
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes

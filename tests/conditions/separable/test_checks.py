@@ -5,10 +5,10 @@ import base64
 from dataclasses import replace
 from fractions import Fraction
 
-import confirming
+import certified
 import numpy as np
 import pytest
-from separable_problems import fractions, listening, pair
+from networks import fractions, listening, pair
 
 from dobc_design import Exosystem, Observer, Problem, Verdict
 from dobc_design.conditions.check import Values
@@ -46,7 +46,7 @@ def proved(claim=CLAIM, radius=2.0, problem=CUBIC, W=None, disturbance=0.0):
 
 
 def confirmed(check, problem=CUBIC, **settings):
-    return confirming.confirmed(check, problem, **settings)
+    return certified.confirmed(check, problem, **settings)
 
 
 def bent(check, **changes):

@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from certified import few_coordinates, only
 from scipy.integrate import solve_ivp
-from searches import few_coordinates, only
 
 from dobc_design import Dynamics, Exosystem, Network, Problem, Verdict, certify, falsify, verify
 from dobc_design.conditions.coverage import read_region

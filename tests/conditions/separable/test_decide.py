@@ -6,19 +6,19 @@ from random import Random
 
 import numpy as np
 import pytest
-from linked import loop_by_hand
-from scipy.optimize import linprog
-from separable_problems import (
+from networks import (
     MONOTONE,
     TURNING,
     cycle,
     fractions,
     listening,
+    loop_by_hand,
     pair,
     random_network,
     random_problem,
     sampled_rows,
 )
+from scipy.optimize import linprog
 
 from dobc_design import Exosystem, Network, Observer, Problem, Verdict, load_problem
 from dobc_design.conditions.separable.claim import (

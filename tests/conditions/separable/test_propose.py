@@ -7,11 +7,11 @@ from random import Random
 import numpy as np
 import pytest
 from certified import certified
-from linked import loop_by_hand
-from separable_problems import (
+from networks import (
     PAPER,
     cycle,
     listening,
+    loop_by_hand,
     pair,
     random_network,
 )

@@ -6,9 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from certified import certified
-from confirming import confirmed
-from separable_problems import cycle, listening, pair
+from certified import certified, confirmed
+from networks import cycle, listening, pair
 
 from dobc_design import Exosystem, Observer, Problem, Verdict, certify
 from dobc_design.certificate.text import certificate_bytes

@@ -7,8 +7,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
-from separable_problems import (
+from networks import (
     MONOTONE,
     PAPER,
     TURNING,
@@ -19,6 +18,7 @@ from separable_problems import (
     pair,
     random_problem,
 )
+from scipy.optimize import brentq
 
 from dobc_design import Problem, Verdict
 from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, SamplingBound, Separable

@@ -8,7 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 from certified import certified
-from linked import loop_by_hand
+from networks import loop_by_hand
 from scipy import linalg
 
 from dobc_design import Check, Network, Problem, Verdict, load_problem, verify

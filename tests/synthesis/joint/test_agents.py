@@ -8,7 +8,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from linear_agents import DOUBLE, loop_matrix
+from agents import DOUBLE, loop_matrix
 
 import dobc_design as dd
 from dobc_design import Dynamics, Exosystem, Network, Problem, Verdict

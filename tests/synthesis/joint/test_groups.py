@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_designs import CONSTANT, HIDDEN, ring
+from networks import CONSTANT, HIDDEN, ring
 
 import dobc_design as dd
 from dobc_design import Exosystem, Group, Observer, Problem, Verdict, load_problem

@@ -5,7 +5,7 @@ from fractions import Fraction
 from itertools import combinations
 
 import pytest
-from small_designs import (
+from networks import (
     BOX,
     CONSTANT,
     HIDDEN,

@@ -4,7 +4,7 @@ import sys
 from fractions import Fraction
 
 import pytest
-from small_designs import BOX, CONSTANT, NOISY_BOX, ring, star
+from networks import BOX, CONSTANT, NOISY_BOX, ring, star
 
 import dobc_design as dd
 from dobc_design.errors import SpecError

@@ -8,7 +8,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from observer_oracles import control_norm, sampled_in_floats
+from oracles.observers import control_norm, sampled_in_floats
 
 from dobc_design import Exosystem, Verdict, exosystems
 from dobc_design.conditions.observer.decide import error_matrix

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from observer_oracles import control_norm, sampled_in_floats
+from oracles.observers import control_norm, sampled_in_floats
 
 import dobc_design as dd
 from dobc_design.errors import SpecError

@@ -7,8 +7,7 @@ from random import Random
 import cvxpy as cp
 import numpy as np
 import pytest
-from separable_problems import cycle
-from small_designs import digraph, linear_rate, problem_of
+from networks import cycle, digraph, linear_rate, problem_of
 
 import dobc_design as dd
 from dobc_design import Network, Problem, Verdict

@@ -12,10 +12,10 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from certified import consensus_claims
-from exact_oracle import Oracle, form, negative_definite
+from networks import digraph, linear_rate, problem_of, ring, star
+from oracles.theorems import Oracle, form, negative_definite
 from random_problems import random_problem
 from scipy import sparse
-from small_designs import digraph, linear_rate, problem_of, ring, star
 
 import dobc_design as dd
 from dobc_design import Network, Problem, Verdict

@@ -7,8 +7,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from linked import loop_by_hand
-from small_designs import digraph, linear_rate, problem_of, ring
+from networks import digraph, linear_rate, loop_by_hand, problem_of, ring
 
 import dobc_design as dd
 from dobc_design import Network, Problem, Verdict

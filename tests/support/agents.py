@@ -1,0 +1,314 @@
+"""Agents with dynamics: problems with known answers, random ones, and the whole loop written out by
+hand from theory, section 13."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+from random import Random
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_continuous_are
+
+import dobc_design as dd
+from dobc_design import Dynamics, Exosystem, Network, Observer, Problem
+from dobc_design.errors import SpecError
+
+RING = dd.Network.from_arcs([["a", "b"], ["b", "c"], ["c", "a"]], arrow="listens_to")
+SINE: dict[str, Any] = {"A": [[0, 2], [-2, 0]]}
+
+
+def double_integrators() -> dd.Problem:
+    """p'' = u + d, m = 2, p = 1: linear couplings, gains that are numbers, no u0."""
+    return dd.Problem(
+        name="carts",
+        network=RING,
+        dynamics=Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]),
+        coupling="y1 + 2*y2",
+        target=[1, 0],
+        gains={"a": 2, "b": 1},
+        exosystem=dd.Exosystem(**SINE, C=[[1, 0]]),
+        observer=dd.Observer(W=[["16/5"], ["12/5"]]),
+        simulation={"t_final": 6, "xi0": ["0.4", "0.3"]},
+    )
+
+
+def three_states() -> dd.Problem:
+    """m = 3, p = 2: u0 and offsets are not 0, couplings saturate, B is no part of the identity, W
+    acts on x."""
+    return dd.Problem(
+        name="plants",
+        network=RING,
+        dynamics=Dynamics(
+            A=[[0, 1, 0], [-1, "-1/2", "1/4"], [0, "1/2", -1]], B=[[0, 0], [2, 0], [1, 1]]
+        ),
+        coupling=["tanh(y1 + y2)", "y3 + y2*y3**2"],
+        target=[1, 0, 2],
+        gains={"a": [[1, 2, 0], [0, 0, 1]]},
+        offsets={"c": [1, 0, 1]},
+        exosystem=dd.Exosystem(**SINE, C=[[1, 0], ["1/2", 1]]),
+        observer=dd.Observer(W=[[0, 1, "1/2"], ["1/3", 0, 2]]),
+        simulation={"t_final": 4},
+    )
+
+
+def pendulums() -> dd.Problem:
+    """p'' = -p^3 - p'/2 + u + d: f in place of A, which u0 balances at the target."""
+    nodes = Dynamics(f=["x2", "-x1**3 - x2/2"], B=[[0], [1]])
+    return double_integrators().replace(name="pendulums", dynamics=nodes, gains={"a": 3})
+
+
+def resonators() -> dd.Problem:
+    """m = 2, p = 1: f has the smooth functions of the grammar, no component of it is a state, B is
+    no part of the identity, and W acts on x."""
+    smooth = (
+        "exp(x1)*cos(x2) + cosh(x1) - 2/(1 + x2**2) + x1*atan(x2) + x1**2*asinh(x2) + sqrt(1 + "
+        "x1**2) - 1"
+    )
+    nodes = Dynamics(
+        f=["x2 - tanh(x1)/2", f"-2*sin(x1) - x2 - log(1 + x1**2)*sinh(x2) - ({smooth})/4"],
+        B=[[1], [2]],
+    )
+    other = {"target": [0, 0], "observer": dd.Observer(W=[[0, "8/5"], [1, "1/5"]])}
+    return pendulums().replace(name="resonators", dynamics=nodes, **other)
+
+
+def felt(problem: dd.Problem, e: Any) -> Any:
+    """The couplings of all agents, (n, p), for e (n, m); the problems above, by hand."""
+    arcs = {0: 1, 1: 2, 2: 0}  # a hears b, b hears c, c hears a
+    y = np.array([e[arcs[i]] - e[i] for i in range(3)])
+    if problem.name != "plants":
+        return y[:, [0]] + 2 * y[:, [1]]
+    return np.stack([np.tanh(y[:, 0] + y[:, 1]), y[:, 2] + y[:, 1] * y[:, 2] ** 2], axis=1)
+
+
+def matrices(problem: dd.Problem) -> dict[str, Any]:
+    """A, B, B+, the exosystem's S and C, W on x (q, m), gains (n, p, m), goals (n, m) and u0 (n,
+    p)."""
+
+    def floats(rows: Any) -> Any:
+        return np.array([[float(x) for x in row] for row in rows])
+
+    slopes = {"pendulums": [[0, 1], [-3, "-0.5"]], "resonators": [["-0.5", 1], ["-2.25", -1]]}
+    A, B = floats(problem.dynamics.A or slopes[problem.name]), floats(problem.dynamics.B)
+    S, C, W = floats(problem.exosystem.A), floats(problem.exosystem.C), floats(problem.observer.W)
+    left = np.linalg.pinv(B)
+    goals = floats([problem.goal_of(i) for i in range(problem.n)])
+    K = np.zeros((problem.n, B.shape[1], len(A)))
+    for i, gain in problem.pinning.gains.items():
+        K[i] = floats(gain)
+    W = W @ left if W.shape[1] == B.shape[1] else W
+    u0 = np.array([np.linalg.lstsq(B, -drift(problem)(goal), rcond=None)[0] for goal in goals])
+    return {"A": A, "B": B, "left": left, "S": S, "C": C, "W": W, "K": K, "goals": goals, "u0": u0}
+
+
+def drift(problem: dd.Problem) -> Callable[..., Any]:
+    """A x or f(x) for x (..., m)."""
+    if problem.name == "pendulums":
+        return lambda x: np.stack([x[..., 1], -(x[..., 0] ** 3) - x[..., 1] / 2], axis=-1)
+    if problem.name == "resonators":
+        return resonance
+    A = np.array([[float(x) for x in row] for row in problem.dynamics.A])
+    return lambda x: x @ A.T
+
+
+def resonance(x: Any) -> Any:
+    """f of ``resonators``."""
+    a, b = x[..., 0], x[..., 1]
+    smooth = (
+        np.exp(a) * np.cos(b)
+        + np.cosh(a)
+        - 2 / (1 + b**2)
+        + a * np.arctan(b)
+        + a**2 * np.arcsinh(b)
+    )
+    smooth = smooth + np.sqrt(1 + a**2) - 1
+    pull = -2 * np.sin(a) - b - np.log1p(a**2) * np.sinh(b) - smooth / 4
+    return np.stack([b - np.tanh(a) / 2, pull], axis=-1)
+
+
+def full_loop(
+    problem: dd.Problem, limit: float = np.inf
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """(1), (12), (13), (19) for x (n, m), xi, z (n, q) in one vector: the slope at (t, state), and
+    u (n, p) there."""
+    data, n = matrices(problem), problem.n
+    B, S, C, W = (data[name] for name in ("B", "S", "C", "W"))
+    own, m, q = drift(problem), len(B), len(S)
+
+    def cut(state: Any) -> Any:
+        parts = np.split(state, [n * m, n * (m + q)])
+        return parts[0].reshape(n, m), parts[1].reshape(n, q), parts[2].reshape(n, q)
+
+    def control(state: Any) -> Any:
+        x, _, z = cut(state)
+        e, xihat = x - data["goals"], z + x @ W.T
+        u = -np.einsum("ipm,im->ip", data["K"], e) - xihat @ C.T + data["u0"]
+        return np.clip(u, -limit, limit)
+
+    def slope(time: float, state: Any) -> Any:
+        x, xi, z = cut(state)
+        v = felt(problem, x - data["goals"]) + control(state)
+        x_dot = own(x) + (v + xi @ C.T) @ B.T
+        z_dot = (z + x @ W.T) @ (S - W @ B @ C).T - (own(x) + v @ B.T) @ W.T
+        return np.concatenate([x_dot.ravel(), (xi @ S.T).ravel(), z_dot.ravel()])
+
+    return slope, control
+
+
+EDGE = 1e-6  # of the largest real part, within which a verdict may be undecided
+DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
+#: p'' = -a M p - b M p' on the directed 10-cycle: pins, the gain of the arcs, and b^2/a at which
+#: the loop is stable (Yu, Chen, Cao 2010; theory, section 13).
+THRESHOLDS = (({1: 3}, 2, 1.399166), ({1: 5, 6: 5}, 2, 0.637488), ({1: 1}, 1, 3.148023))
+
+
+def second_order(pins: dict[int, int], gain: int, ratio: float, n: int = 10) -> Problem:
+    """a = 1, b^2 = ``ratio``."""
+    arcs = [[i, i % n + 1, gain] for i in range(1, n + 1)]
+    b = Fraction(round(ratio**0.5 * 10**6), 10**6)
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    return Problem(network=network, coupling=f"y1 + {b}*y2", gains=pins, dynamics=DOUBLE)
+
+
+def random_agents(r: Random) -> Problem:
+    """2 to 12 agents with 2 to 4 states and 1 or 2 inputs, with or without a disturbance, one
+    mode."""
+    while True:
+        n, m, p = r.randint(2, 12), r.randint(2, 4), r.randint(1, 2)
+
+        def table(rows: int, columns: int, most: int = 4) -> list[list[Fraction]]:
+            return [
+                [Fraction(r.randint(-most, most), 2) for _ in range(columns)] for _ in range(rows)
+            ]
+
+        A, shift = table(m, m), Fraction(r.randint(0, 24), 2)
+        A = [[x - shift * (i == j) for j, x in enumerate(row)] for i, row in enumerate(A)]
+        texts = [" + ".join(f"({x})*y{c + 1}" for c, x in enumerate(row)) for row in table(p, m, 2)]
+        arcs = [
+            [i, j, r.randint(1, 3)]
+            for i in range(1, n + 1)
+            for j in range(1, n + 1)
+            if i != j and r.random() < 0.3
+        ]
+        gains = {i: table(p, m) for i in range(1, n + 1) if r.random() < 0.4}
+        more: dict[str, Any] = {}
+        if r.random() < 0.5:
+            more["exosystem"] = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 1]][:p])
+            if r.random() < 0.5:
+                more["observer"] = Observer(W=table(2, r.choice((p, m)), 8))
+        try:
+            dynamics = Dynamics(A=A, B=table(m, p))
+            network = Network.from_arcs(arcs or [[1, 2]], arrow="listens_to", agents=n)
+            return Problem(network=network, coupling=texts, gains=gains, dynamics=dynamics, **more)
+        except SpecError:  # B has dependent columns
+            continue
+
+
+def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
+    """The matrix of (e, eps) of one mode, from the equations of (x, xi, z) with the gain W (q, m),
+    target 0.
+
+    x_i' = A x_i + B (sum_j w H (x_j - x_i) - K_i x_i - C xihat_i + C xi_i), xi_i' = Ax xi_i,
+    xihat_i = z_i + W x_i, z_i' = Ax xihat_i - W (A x_i + B (sum_j w H (x_j - x_i) - K_i x_i)): the
+    observer knows all but d.
+    """
+    assert problem.dynamics is not None
+    n, m, q = problem.n, problem.m, problem.q
+    A, B = (np.array(X, dtype=float) for X in (problem.dynamics.A, problem.dynamics.B))
+    H = np.array([[float(x.lo) for x in row] for row in problem.coupling.jacobian_at_zero()])
+    L, (arcs,) = np.zeros((n, n)), problem.network.modes.values()
+    for i, j, w in arcs:
+        L[i, j] += float(w)
+        L[i, i] -= float(w)
+    known = np.kron(np.eye(n), A) + np.kron(L, B @ H)
+    for i, K in problem.pinning.gains.items():
+        known[i * m : i * m + m, i * m : i * m + m] -= B @ np.array(K, dtype=float)
+    if not q:
+        return known
+    every, gain = np.eye(n), np.array(W, dtype=float)
+    Ax, C = (np.array(X, dtype=float) for X in (problem.exosystem.A, problem.exosystem.C))
+    BC, own = np.kron(every, B @ C), np.kron(every, gain)
+    zeros = np.zeros((n * q, n * m))
+    flow, eye, none = np.kron(every, Ax), np.eye(n * q), np.zeros((n * m, n * q))
+    whole = np.block(
+        [
+            [known - BC @ own, BC, -BC],
+            [zeros, flow, 0 * eye],
+            [flow @ own - own @ known, 0 * eye, flow],
+        ]
+    )
+    turn = np.block([[np.eye(n * m), none, none], [-own, eye, -eye], [zeros, eye, 0 * eye]])
+    turned = turn @ whole @ np.linalg.inv(turn)  # of (e, eps, xi)
+    size = n * (m + q)
+    assert np.allclose(turned[:size, size:], 0)
+    return turned[:size, :size]
+
+
+@dataclass
+class Tally:
+    """What was found of random problems: the verdicts, and what is wrong."""
+
+    verdicts: dict[str, int] = field(
+        default_factory=lambda: {"proved": 0, "refuted": 0, "at the edge": 0}
+    )
+    failures: list[str] = field(default_factory=list)
+
+
+def judged(seeds: range) -> Tally:
+    """Certify random agents: proved iff the loop is stable, refuted iff it is unstable; both
+    programs agree."""
+    tally = Tally()
+    for seed in seeds:
+        problem = random_agents(Random(f"linear agents {seed}"))
+        certificate = dd.certify(problem)
+        worst = float(np.linalg.eigvals(loop_matrix(problem, certificate.claims.W)).real.max())
+        wanted = "at the edge" if abs(worst) < EDGE else "proved" if worst < 0 else "refuted"
+        found = certificate.verdict.value
+        tally.verdicts[wanted] += 1
+        if wanted not in ("at the edge", found):
+            tally.failures.append(
+                f"{seed}: {found}, largest real part {worst:.3g}: {certificate.reason[:80]}"
+            )
+        if (certificate.rate or 0) > max(0, -worst) * (1 + 1e-9):
+            tally.failures.append(f"{seed}: rate {certificate.rate}, true {-worst:.6g}")
+        again = dd.verify(certificate, problem)
+        if not again.holds or "accepts" not in again.lone_checker:
+            tally.failures.append(f"{seed}: {again.failures} {again.lone_checker}")
+    return tally
+
+
+def riccati_agents(seeds: Iterable[int], *, part: float | None = None) -> Iterator[Problem]:
+    """Trees with couplings kappa B'R of unstable agents, from A'R + R A - R B B'R + I = 0.  The
+    eigenvalues of M are whole numbers >= 1, so that the bound of theory, 2 kappa c > 1 for some c <
+    1, holds for kappa = 11/20.  ``part``: of the least kappa for which every A - mu kappa B B'R is
+    stable from there on."""
+    for seed in seeds:
+        r = Random(f"riccati {seed}")
+        n, m = r.randint(3, 12 if part else 60), r.randint(2, 4)
+        A = np.array([[r.randint(-2, 2) for _ in range(m)] for _ in range(m)], dtype=float)
+        B = np.array([[r.randint(-2, 2)] for _ in range(m)], dtype=float)
+        reach = np.linalg.matrix_rank(
+            np.hstack([np.linalg.matrix_power(A, k) @ B for k in range(m)])
+        )
+        if reach < m or np.linalg.eigvals(A).real.max() < EDGE:
+            continue
+        arcs = [[i, r.randint(1, i - 1)] for i in range(2, n + 1)]
+        arcs += [each for each in ([n, 1], [n, 2]) if each not in arcs and n > 3]
+        R = solve_continuous_are(A, B, np.eye(m), np.eye(1))
+        rows = [Fraction(round(float(x) * 1000), 1000) for x in (B.T @ R)[0]]
+        kappa, H = Fraction(11, 20), np.array([rows], dtype=float)
+        if part:
+            degrees = {max(1, sum(i == k for i, _ in arcs)) for k in range(1, n + 1)}
+            low, high = 0.0, 0.55
+            while high - low > 1e-9:
+                middle = (low + high) / 2
+                worst = max(np.linalg.eigvals(A - mu * middle * B @ H).real.max() for mu in degrees)
+                low, high = (low, middle) if worst < 0 else (middle, high)
+            kappa = Fraction(round(high * part * 10**6), 10**6)
+        text = " + ".join(f"({kappa * x})*y{c + 1}" for c, x in enumerate(rows))
+        dynamics = Dynamics(A=A.astype(int).tolist(), B=B.astype(int).tolist())
+        network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+        yield Problem(
+            network=network, coupling=text, gains={1: 1}, dynamics=dynamics, name=f"riccati-{seed}"
+        )

@@ -1,0 +1,296 @@
+"""Bad inputs of exported C code: the code, watched by the sanitizers, against a loop in NumPy that
+misses them.
+
+``Missing`` is written from docs/deployment.md: None stands for what was missed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from c_code import SANITIZED, STRICT, planar, write_all
+from random_problems import random_problem
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import to_float
+from dobc_design.export.rounding_bound import Erring, ErringAlgebra, with_errors
+from dobc_design.problem.load import load_problem
+
+BUILT_IN = (
+    "paper-fixed",
+    "paper-switching",
+    "clock-sync",
+    "karate-club",
+    "uav-swarm",
+    "microgrid-ieee14",
+)
+KINDS = (np.nan, -np.nan, np.inf, -np.inf, 1e30, -1e30)
+GOOD = 50  # samples after a bad one, of every case
+EACH = 10  # cases of one program
+HARNESS = r"""
+#include <stdio.h>
+#include "dobc_agent.h"
+
+static double next(void)
+{
+    double value = 0;
+    return fread(&value, sizeof value, 1, stdin) == 1 ? value : 0;
+}
+
+static void take(dobc_real *values, int count)
+{
+    int c;
+    for (c = 0; c < count; c++) {
+        values[c] = (dobc_real)next();
+    }
+}
+
+/* Standard input, as doubles: agent, samples; for every sample mode, packets, x, whether u was
+   limited, u. */
+int main(void)
+{
+    int place = (int)next(), samples = (int)next(), k, j, c;
+    dobc_real values[DOBC_COMPONENTS];
+    dobc_agent agent;
+    dobc_output output;
+
+    while (samples > 0) {
+        dobc_init(&agent, &dobc_agents[place]);
+        for (k = 0; k < samples; k++) {
+            dobc_set_mode(&agent, (int)next());
+            for (j = 0; j < dobc_agents[place].neighbour_count; j++) {
+                take(values, DOBC_COMPONENTS);
+                dobc_receive(&agent, j, values);
+            }
+            take(values, DOBC_COMPONENTS);
+            dobc_step(&agent, values, &output);
+            c = next() > 0;
+            take(values, DOBC_INPUTS);
+            if (c) {
+                dobc_applied(&agent, values);
+            }
+            for (c = 0; c < 3 * DOBC_INPUTS; c++) {
+                double found = (double)(c < DOBC_INPUTS ? output.u
+                                        : c < 2 * DOBC_INPUTS ? output.v : output.dhat)[c %
+                                        DOBC_INPUTS];
+                fwrite(&found, sizeof found, 1, stdout);
+            }
+            {
+                double skipped = (double)agent.skipped;
+                fwrite(&skipped, sizeof skipped, 1, stdout);
+            }
+        }
+        place = (int)next();
+        samples = (int)next();
+    }
+    return 0;
+}
+"""
+
+
+class Program:
+    """The code of an agent, compiled, with its recorded samples: mode (S,), heard (S, J, m), x (S,
+    m)."""
+
+    def __init__(self, problem: Any, folder: Path, *, period: str, precision: str) -> None:
+        self.code = dd.export.to_c(problem, period=period, precision=precision)
+        write_all(self.code.files, folder)
+        (folder / "harness.c").write_text(HARNESS)
+        command = [
+            "gcc",
+            *STRICT,
+            "-O0",
+            *SANITIZED,
+            "dobc_agent.c",
+            "harness.c",
+            "-o",
+            "harness",
+            "-lm",
+        ]
+        subprocess.run(command, cwd=folder, check=True, timeout=120)
+        self.folder, self.m, self.p = folder, problem.m, problem.inputs
+        self.place = int(re.search(rb"VECTOR_AGENT (\d+)", self.code.files["vectors.h"])[1])
+        self.agent = self.code.controller.agents[self.place]
+        rows = list(csv.reader(io.StringIO(self.code.files["vectors.csv"].decode())))[1:]
+        table = np.array(rows, dtype=float)
+        if precision == "float":  # what the code is given
+            table = np.float32(table).astype(float)
+        end = 2 + self.m * (1 + len(self.agent.neighbours))
+        self.mode, self.x = table[:, 1].astype(int), table[:, 2 : 2 + self.m]
+        self.heard = table[:, 2 + self.m : end].reshape(
+            len(table), len(self.agent.neighbours), self.m
+        )
+        self.u, self.dhat = (table[:, table.shape[1] - k * self.p :][:, : self.p] for k in (3, 1))
+
+    def run(self, cases: list[Case]) -> list[Any]:
+        """u, v, dhat and the count of skipped inputs of every case, (S, 3 p + 1)."""
+        given = b"".join(
+            np.concatenate([[self.place, len(self.x)], each.ravel()]).tobytes()
+            for each in map(self.rows, cases)
+        )
+        quiet = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
+        done = subprocess.run(
+            [str(self.folder / "harness")],
+            input=given,
+            capture_output=True,
+            check=False,
+            timeout=120,
+            env=quiet,
+        )
+        if done.returncode:
+            raise AssertionError(done.stderr.decode()[-2000:])
+        return list(np.frombuffer(done.stdout).reshape(len(cases), len(self.x), -1))
+
+    def rows(self, case: Case) -> Any:
+        x, heard, limited, u = (
+            self.x.copy(),
+            self.heard.copy(),
+            np.zeros((len(self.x), 1)),
+            self.u * 0.5,
+        )
+        case.spoil(x, heard, limited, u)
+        return np.hstack([self.mode[:, None], heard.reshape(len(x), -1), x, limited, u])
+
+    def missing(self, case: Case) -> Any:
+        """The same by the loop that misses them."""
+        loop, rows = Missing(self), []
+        limited = case.where == "u"
+        for k in range(len(self.x)):
+            bad = case.first <= k < case.first + case.length
+            heard = [
+                None if bad and case.where == "heard" and case.neighbour == j else y
+                for j, y in enumerate(self.heard[k])
+            ]
+            rows.append(
+                loop.step(
+                    int(self.mode[k]), heard, None if bad and case.where == "x" else self.x[k]
+                )
+            )
+            if limited and not bad:
+                loop.held = loop.felt + self.u[k] * 0.5
+        return np.array(rows)
+
+
+class Case:
+    """Which input is bad, from which sample on, how long, in which component, and what stands
+    there."""
+
+    def __init__(self, rng: np.random.Generator, program: Program) -> None:
+        self.where = str(rng.choice(["x", "x", "heard", "u"]))
+        self.neighbour, self.component = (
+            int(rng.integers(max(1, program.heard.shape[1]))),
+            int(rng.integers(program.m)),
+        )
+        self.where = "x" if self.where == "heard" and not program.heard.shape[1] else self.where
+        self.length = int(rng.choice([1, 1, 2, 3, 7]))
+        self.first = int(rng.choice([0, 1, rng.integers(2, len(program.x) - GOOD - self.length)]))
+        self.value = float(rng.choice(KINDS))
+
+    def __str__(self) -> str:
+        return f"{self.where} = {self.value} at {self.first}, {self.length} times"
+
+    def spoil(self, x: Any, heard: Any, limited: Any, u: Any) -> None:
+        bad = slice(self.first, self.first + self.length)
+        limited[:] = self.where == "u"
+        if self.where == "heard":
+            heard[bad, self.neighbour, self.component] = self.value
+        else:
+            (x if self.where == "x" else u)[bad, self.component] = self.value
+
+
+class Missing:
+    """(13) and (19), sampled, of one agent; packets and states may be None."""
+
+    def __init__(self, program: Program) -> None:
+        controller, agent = program.code.controller, program.agent
+        self.couplings, self.arcs = controller.problem.couplings, agent.modes
+        self.T, self.m, self.q = float(controller.period), program.m, controller.q
+        self.Ad, self.Cd, self.L = (
+            (to_float(each) for each in (controller.Ad, controller.Cd, controller.L))
+            if self.q
+            else (None,) * 3
+        )
+        self.goal, self.gain = to_float((agent.goal,))[0], to_float(agent.gain)
+        self.packets: dict[int, Any] = {}
+        self.mode, self.gap, self.x, self.xihat = 0, 0, None, np.zeros(self.q)
+        self.held = self.felt = np.zeros(self.m)
+
+    def step(self, mode: int, heard: list[Any], x: Any) -> Any:
+        if mode != self.mode:
+            kept = {arc.neighbour for arc in self.arcs[mode]}
+            self.packets = {j: y for j, y in self.packets.items() if j in kept}
+            self.mode = mode
+        self.packets |= {j: y for j, y in enumerate(heard) if y is not None}
+        if x is None and self.x is None:
+            return np.zeros(3 * self.m)
+        dhat = self.Cd @ self.xihat if self.q else np.zeros(self.m)
+        self.gap += 1
+        if self.x is not None:
+            expected = self.x + self.T * (self.held + dhat)
+            x, mean = (
+                (expected, 0 * expected) if x is None else (x, (x - expected) / self.T / self.gap)
+            )
+            self.gap = self.gap if x is expected else 0
+            self.xihat = self.Ad @ self.xihat + self.L @ mean if self.q else self.xihat
+        else:
+            self.gap = 0
+        self.x = x
+        e, dhat = x - self.goal, self.Cd @ self.xihat if self.q else np.zeros(self.m)
+        self.felt = np.zeros(self.m)
+        for arc in self.arcs[mode]:
+            if arc.neighbour in self.packets:
+                y = (self.packets[arc.neighbour] - e)[None]
+                h = with_errors(
+                    self.couplings[arc.coupling].components, Erring(y, 0 * y), ErringAlgebra(0.0)
+                ).value[0]
+                self.felt = self.felt + float(arc.weight) * h
+        u = -self.gain @ e - dhat
+        self.held = self.felt + u
+        return np.concatenate([u, self.held, dhat])
+
+
+def programs(folder: Path, seed: int) -> Any:
+    """Programs of built-in problems, of one with everything, and of random ones, in both
+    precisions."""
+    number = 0
+    problems = [planar(), *map(load_problem, BUILT_IN)]
+    while True:
+        problem = problems.pop(0) if problems else random_problem(seed + number)
+        for precision in ("double", "float"):
+            number += 1
+            try:
+                yield (
+                    f"{problem.name}, {precision}",
+                    Program(problem, folder / str(number), period="1/50", precision=precision),
+                )
+            except SpecError:  # this period is too long, or the loop diverges
+                break
+
+
+def wrong_cases(name: str, program: Program, rng: np.random.Generator, count: int) -> list[str]:
+    """The cases whose answers are not those of the loop that missed what was bad."""
+    cases, failures = [Case(rng, program) for _ in range(count)], []
+    for case, found in zip(cases, program.run(cases), strict=True):
+        wanted = program.missing(case)
+        apart = np.abs(found[:, :-1] - wanted)
+        allowed = (
+            4 * program.code.tolerance
+            + 1e-6 * (program.code.controller.precision == "float") * np.abs(wanted).max()
+        )
+        bad = (
+            not np.isfinite(found).all()
+            or apart[case.first + case.length + GOOD :].max(initial=0.0) > allowed
+        )
+        if bad or apart.max() > allowed or found[-1, -1] != case.length:
+            failures.append(
+                f"{name}: {case}: {apart.max():.3g} > {allowed:.3g}, skipped {found[-1, -1]}"
+            )
+    return failures

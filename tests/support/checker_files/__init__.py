@@ -1,0 +1,1 @@
+"""Certificates and problems for the second checker: good ones, and twins wrong in one place."""

@@ -1,0 +1,331 @@
+"""Final bounds for the lone checker: claims of one or two agents written by hand, and just-false
+twins.
+
+On every agent acts 1/10, and 1/50 of noise: on what its gain holds, on both sides of an arc, and
+through the observer. One agent, h = y, k = 3: 1/10 + 3/50 = 4/25, so that alpha = 1 leaves 2 level
+>= 4/25. tanh on the arc of two: 4/25 on agent 1, 1/10 + 1/25 on agent 2, tanh((v_2 - v_1) s) >=
+0.14 + alpha v_2 s at both ends. y + y^3 on the arc of two, k = 2, noise 1/50: with v = (1/2, 1) an
+argument reaches 3/2 + 1/25 and the slope 1 + 3 1.54^2 = 8.1148, so that 8.1148/25 = 0.324592 acts
+on agent 2; s/2 + s^3/8 = 0.327 at s = 3/5 but 0.311 at s = 23/40. With A - W C = -2 the peak gains
+are 1, 1/2 and 2 + 2; in steps of 1/20 h^2/6 of them more: tanh(2 s) >= 0.38541 + ...
+"""
+
+import hashlib
+import json
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+from certified import consensus_claims
+
+from checker_files.files import FAILS, HOLDS, Case, Document, scalar
+from checker_files.margins import REGION, SEEN, one, two
+from checker_files.separable import GLOBAL, box, claim
+from dobc_design import Network, Observer, Problem
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
+from dobc_design.problem.dynamics import Dynamics
+
+Change = Callable[[Any, Any], None]
+PEAKS = ("disturbance", "drift", "measurement")
+RELATIVE = ("weights", "gains")
+ALL = {"disturbance": "1/10", "drift": "1/20", "measurement": "1/50"}
+BOX = REGION | {"initial_disturbance": "1/10"}
+WATCHED: dict[str, Any] = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
+
+
+def stage(*v: str, level: str, alpha: str, rho: str | None = None) -> Document:
+    return {"v": list(v), "alpha": alpha, "level": level, "rho": rho}
+
+
+def peaks(*values: str, steps: int) -> Document:
+    return {"peaks": dict(zip(PEAKS, values, strict=True)) | {"step": "1/20", "steps": steps}}
+
+
+def accuracy(domain: Any, bounds: list[Any], *stages: Document, **exact: Any) -> Document:
+    told = {str(k + 1): bound for k, bound in enumerate(bounds)}
+    return claim("accuracy", domain, None, {"stages": list(stages), "bounds": told} | exact)
+
+
+LONE = accuracy(GLOBAL, ["2/25"], stage("1", level="2/25", alpha="1"))
+WIDE = stage("1", "2", level="1/4", alpha="1/20", rho="1")
+NEAR = stage("1", "3", level="0.08", alpha="1/20", rho="0.26")
+CURVED = accuracy(box(1), ["0.08", "0.24"], WIDE, NEAR)
+STEEP: dict[str, Any] = {
+    "coupling": "y + y**3",
+    "gains": {1: 2},
+    "uncertainty": {"measurement": "1/50"},
+}
+STEEP_STAGE = stage("1/2", "1", level="3/5", alpha="1/1000000", rho="1")
+PASSED_ON = accuracy(box(0.5), ["3/10", "3/5"], STEEP_STAGE)
+# With B = 2 w acts twice: e' = 2 (w - e) ends at 1/10.  Of (y1 + 5 y2, y2) the second component
+# pulls the first.
+TWICE = {
+    "coupling": "y",
+    "gains": 1,
+    "dynamics": Dynamics(A=[[0]], B=[[2]]),
+    "uncertainty": {"disturbance": "1/10"},
+}
+MIXED = {
+    "coupling": ["y1 + 5*y2", "y2"],
+    "gains": 1,
+    "target": [0, 0],
+    "uncertainty": {"disturbance": "1/10"},
+}
+# Row 1 of agent 2: 1 + 1/10 - 1 + 1/10 - 1 + alpha + (1/10)/level <= 0.
+SLANTED = MIXED | {"coupling": ["y1 + y2/10", "y2"]}
+SLOPES = [{"coupling": 0, "gains": [[["1", "1"], ["1/10", "1/10"]], [["0", "0"], ["1", "1"]]]}]
+UNIT = [["1", "0"], ["0", "1"]]
+# Where agent 1 alone is pinned the integrals of the responses of agent 2 are 1 + 5 + 1 + 20 exp(-2)
+# in its first component, whose response to w_12 is 5 (t - t^2/2) exp(-t), and 1 + 1 in the second:
+# 0.97067 and 1/5, a little more in steps.
+PULLED = MIXED | {"gains": {1: 1}}
+WHOLE = {"1": ["0.1003", "0.1003"], "2": ["0.973", "0.2005"]}
+# The peak gains of the paper's observer are 1.33276, 0.70728 and 7.62999, a little more in these
+# steps: 0.48227 acts, and 2 level has to be as large.
+HARMONIC = peaks("1.3389", "0.7098", "7.6441", steps=150)
+SHARP = accuracy(GLOBAL, ["0.2412"], stage("1", level="0.2412", alpha="1"), **HARMONIC)
+# k = 3, noise 1/50, weights and gains off by 1/100, agent 2 hears 1 with w = 10 in mode A and
+# nobody in B, and v = (1/2, 1). An observer has seen 2/50 10 1.01 1.0019 in mode A, which acts in
+# B, too: (3.03 + 4.0037)/50 + 0.40477 = 0.54545, and 2.97 level has to be as large: 0.18366.
+HELD = peaks("1.0019", "0.501", "4.0037", steps=100)
+SWITCHED = accuracy(
+    GLOBAL, ["0.0925", "0.185"], stage("1/2", "1", level="0.185", alpha="1/1000"), **HELD
+)
+# Agent 2 hears 1 with w = 1, off by 1/10, k = 3, v = (1, 1): 0.20019 acts, and the observer adds
+# 1.0019/10 2 s: (3 - 0.20038) s >= 0.20019 from 0.07151 on; it would be 0.06673 if it knew.
+UNKNOWN = accuracy(
+    GLOBAL, ["0.0716", "0.0716"], stage("1", "1", level="0.0716", alpha="1/1000"), **HELD
+)
+# kappa (beta - 0) v > 1, and 1 + 3/5 1/10 <= rho.  0.38541 + 0.12 * 0.225 <= tanh(0.45) = 0.42190.
+PART = {"P": [["1"]], "beta": "2", "kappa": "3/5", "size": "1"} | peaks(
+    "1.0019", "0.501", "4.0037", steps=100
+)
+BOTH = accuracy(
+    box(1, 0.1),
+    ["0.225", "0.675"],
+    stage("1", "3", level="0.225", alpha="1/25", rho="1.06"),
+    **PART,
+)
+
+
+def followed(bounds: Document, *, step: str = "1/100", steps: int, **exact: Any) -> Document:
+    """The form of a claim for linear loops in one mode."""
+    response = {"step": step, "steps": steps}
+    return claim("accuracy", GLOBAL, None, {"bounds": bounds, "response": response} | exact)
+
+
+@cache
+def _frame(problem: Problem) -> tuple[str, str]:
+    """The problem file, and what is claimed of the consensus."""
+    return canonical_bytes(problem).decode(), certificate_bytes(consensus_claims(problem)).decode()
+
+
+def bent(
+    problem: Problem,
+    claimed: Document,
+    name: str,
+    *changes: Change,
+    code: int = FAILS,
+    answers: bool = True,
+) -> Case:
+    """The certificate with this claim, after ``changes`` of it and of the document of the problem;
+    ``answers``: it carries the verdict."""
+    document, claims = (json.loads(text) for text in _frame(problem))
+    check = json.loads(json.dumps(claimed))
+    claims["checks"] = [*(each for each in claims["checks"] if each["id"] != "accuracy"), check]
+    # what is asked: the verdict follows from it
+    if answers and (problem.region is None or check["domain"] == GLOBAL):
+        claims |= {"verdict": "proved", "rate": None, "covered_by": "accuracy"}
+    for change in changes:
+        change(check, document)
+    data = canonical_bytes(problem_from_canonical(json.dumps(document).encode()))
+    claims["problem_sha256"] = hashlib.sha256(data).hexdigest()
+    return Case(f"accuracy {name}", json.dumps(claims).encode(), data, code)
+
+
+def put(value: Any, *path: Any, of: str = "check") -> Change:
+    """Put a value at a path into the check or the problem."""
+
+    def change(check: Any, document: Any) -> None:
+        place = check if of == "check" else document
+        for step in path[:-1]:
+            place = place[step]
+        place[path[-1]] = value(place[path[-1]]) if callable(value) else value
+
+    return change
+
+
+def scaled(factor: str, *path: Any) -> Change:
+    """Multiply a number of the check."""
+    return put(lambda number: str(Fraction(factor) * Fraction(number)), *path)
+
+
+def _level(level: str) -> list[Change]:
+    """Another level of a claim with one stage for two agents, with its bounds."""
+
+    def change(check: Any, _: Any) -> None:
+        stage = check["exact"]["stages"][0]
+        stage["level"] = level
+        ends = (str(Fraction(level) * Fraction(x)) for x in stage["v"])
+        check["exact"]["bounds"] = dict(zip(("1", "2"), ends, strict=True))
+
+    return [change]
+
+
+def _at(level: str) -> list[Change]:
+    """Another level of ``PASSED_ON``, with its bounds."""
+    bounds = {"1": str(Fraction(level) / 2), "2": level}
+    return [put(level, "exact", "stages", 0, "level"), put(bounds, "exact", "bounds")]
+
+
+def whole_loops() -> list[Case]:
+    """Claims by the response of a whole loop."""
+    mixed = two(**PULLED), followed(WHOLE, steps=1200)
+    # e' = -3 e + w + C eps, on which 0.1 (1 + 1.0019) + 0.05 0.501 = 0.22524 acts: 0.07508.
+    inputs = {"disturbance": "1/10", "drift": "1/20"}
+    watched = (
+        one(coupling="y", uncertainty=inputs, **WATCHED),
+        followed({"1": ["0.0751"]}, steps=600, **HELD),
+    )
+    # e' = 2 (w - e).
+    twice = one(**TWICE), followed({"1": ["0.1001"]}, steps=800)
+    modes = {"A": [[2, 1]], "B": [[2, 1, 2]]}
+    switching = Network.from_arcs(modes, arrow="listens_to", agents=2)
+    double = one(network=switching, coupling="y", gains=1, uncertainty={"disturbance": "1/10"})
+    idle = one(coupling="y", uncertainty={"drift": "1/10"})
+    eleven = Network.from_arcs([], arrow="listens_to", agents=11)
+    alone = one(network=eleven, coupling="y", gains=3, uncertainty={"disturbance": "1/10"})
+    followed_long = followed({str(k + 1): ["1"] for k in range(11)}, steps=20_000)
+    good = {"mixed": mixed, "watched": watched, "twice": twice}
+    return [
+        *(bent(*each, f"response: {name}", code=HOLDS) for name, each in good.items()),
+        bent(*mixed, "response: a bound", put("0.9728", "exact", "bounds", "2", 0)),
+        bent(*mixed, "response: a bound of agent 1", put("0.1002", "exact", "bounds", "1", 1)),
+        bent(
+            *watched, "response: a bound with an observer", put("0.075", "exact", "bounds", "1", 0)
+        ),
+        bent(*watched, "response: a peak gain", scaled("0.999", "exact", "peaks", "disturbance")),
+        bent(*twice, "response: half of B", put("0.0999", "exact", "bounds", "1", 0)),
+        bent(*mixed, "response: one step", put(1, "exact", "response", "steps")),
+        bent(*mixed, "response: long steps", put("1/20", "exact", "response", "step")),
+        bent(*mixed, "response: a stranger", put(["1", "1"], "exact", "bounds", "3")),
+        bent(*mixed, "response: one component", put(["1"], "exact", "bounds", "1")),
+        bent(*mixed, "response: stages beside", put([], "exact", "stages")),
+        bent(*mixed, "response: somewhere", put("consensus", "domain")),
+        bent(idle, followed({"1": ["0"]}, steps=800), "response: nothing acts", answers=False),
+        bent(*mixed, "response: rate", put(0.1, "rate")),
+        bent(
+            two(**PULLED | {"coupling": ["tanh(y1)", "y2"]}),
+            mixed[1],
+            "response: a curved coupling",
+        ),
+        bent(double, followed({"1": ["0.101"], "2": ["0.101"]}, steps=1200), "response: two modes"),
+        *(
+            bent(*mixed, f"response: {x}", put("1/100", "uncertainty", x, of="problem"))
+            for x in RELATIVE
+        ),
+        bent(*mixed, "response: noise", put("1/100", "uncertainty", "measurement", of="problem")),
+        bent(alone, followed_long, "response: steps that take long"),
+    ]
+
+
+@cache
+def accuracy_cases() -> list[Case]:
+    """All of them, the good ones first."""
+    lone = one(coupling="y", uncertainty=ALL), LONE
+    curved = two(coupling="tanh(y)", uncertainty=ALL, region=REGION), CURVED
+    seen = one(coupling="y", uncertainty=ALL, **SEEN), SHARP
+    both = two(coupling="tanh(y)", uncertainty=ALL, region=BOX, **WATCHED), BOTH
+    steep = two(**STEEP), PASSED_ON
+    plane = stage("1", "1", "1", "1", level="1/4", alpha="1/4") | {"ranges": SLOPES}
+    turned = two(**SLANTED), accuracy(GLOBAL, [["1/4", "1/4"]] * 2, plane, T=UNIT)
+    by_component = accuracy(GLOBAL, ["2/25", "2/25"], stage("1", "1", level="2/25", alpha="1/10"))
+    wider = accuracy(GLOBAL, ["1/5", "1/5"], stage("1", "1", level="1/5", alpha="1/10"))
+    far = ("exact", "stages", -1, "level"), ("exact", "bounds", "1")
+    loose = [scaled("1000", *path) for path in far] + [
+        scaled("100", "exact", "peaks", x) for x in PEAKS
+    ]
+    sharp = put("sqrt(y + 1) - 1", "coupling", "h", of="problem")
+    beyond = [
+        put("1/2", "exact", "stages", 1, "level"),
+        put({"1": "1/2", "2": "3/2"}, "exact", "bounds"),
+    ]
+    modes = Network.from_arcs({"A": [[2, 1, 10]], "B": []}, arrow="listens_to", agents=2)
+    noise = {"measurement": "1/50", "weights": "1/100", "gains": "1/100"}
+    switching = one(network=modes, coupling="y", gains=3, uncertainty=noise, **WATCHED), SWITCHED
+    unsure = {"disturbance": "1/10", "weights": "1/10", "known_to_agents": False}
+    unknown = two(coupling="y", gains=3, uncertainty=unsure, **WATCHED), UNKNOWN
+    return [
+        *whole_loops(),
+        *(
+            bent(*each, f"good with errors {k}", code=HOLDS)
+            for k, each in enumerate((switching, unknown))
+        ),
+        *(
+            bent(*each, f"good {k}", code=HOLDS)
+            for k, each in enumerate((lone, curved, seen, both, steep, turned))
+        ),
+        bent(*seen, "loose", *loose, code=HOLDS),
+        *(
+            bent(*seen, f"smaller peak gain of {x}", scaled("0.999", "exact", "peaks", x))
+            for x in PEAKS
+        ),
+        *(
+            bent(*both, f"a peak gain of {x} below", scaled("0.999", "exact", "peaks", x))
+            for x in PEAKS
+        ),
+        bent(*lone, "no table", lambda _, document: document.pop("uncertainty")),
+        bent(*lone, "rate", put(0.1, "rate")),
+        bent(*seen, "long steps", *loose, put("1/4", "exact", "peaks", "step")),
+        bent(*seen, "one step", *loose, put(1, "exact", "peaks", "steps")),
+        bent(*lone, "no stage", put([], "exact", "stages")),
+        bent(*curved, "growth", put("-1", "exact", "stages", 0, "alpha")),
+        bent(*lone, "level below 0", put("-1", "exact", "stages", 0, "level")),
+        bent(*lone, "rho of linear couplings", put("2", "exact", "stages", 0, "rho")),
+        bent(*curved, "rho below level", *beyond),
+        bent(*curved, "a ball", put("ball", "domain", "kind")),
+        bent(*curved, "wider", put(1.1, "domain", "radius")),
+        bent(*lone, "somewhere", put("consensus", "domain")),
+        bent(*both, "kappa", put("1/10", "exact", "kappa")),
+        bent(*both, "P", put("1/2", "exact", "P", 0, 0)),
+        bent(*both, "size", put("0.999", "exact", "size")),
+        bent(*both, "more disturbance", put(0.101, "domain", "disturbance")),
+        bent(
+            *lone,
+            "twice",
+            lambda check, _: check["exact"]["stages"].append(check["exact"]["stages"][0]),
+        ),
+        bent(*curved, "a gap", put("0.261", "exact", "stages", 0, "level")),
+        bent(*lone, "a stranger", put("1", "exact", "bounds", "2")),
+        bent(*lone, "bound", scaled("0.9999", "exact", "bounds", "1")),
+        *(
+            bent(*each, f"lower {k}", scaled("9/10", *far[0]))
+            for k, each in enumerate((lone, curved, seen, both))
+        ),
+        bent(*curved, "a slope without bound", sharp),
+        *(
+            bent(*curved, f"no rho in stage {k}", put(None, "exact", "stages", k, "rho"))
+            for k in (0, 1)
+        ),
+        bent(*steep, "noise that shortens the reach", *_at("23/40")),
+        bent(*steep, "half of the noise of an arc", *_at("3/10")),
+        bent(two(**TWICE), by_component, "dynamics by component"),
+        bent(two(**MIXED), wider, "a list by component"),
+        bent(*switching, "what was seen in another mode", *_level("0.15")),
+        bent(*switching, "off by more", put("1/3", "uncertainty", "weights", of="problem")),
+        bent(*switching, "gains off by more", put("1/2", "uncertainty", "gains", of="problem")),
+        bent(
+            *unknown,
+            "observers that know",
+            put(True, "uncertainty", "known_to_agents", of="problem"),
+            code=HOLDS,
+        ),
+        bent(*unknown, "what blind observers pass on", *_level("0.0714")),
+        bent(*turned, "noise in coordinates", put("1", "uncertainty", "measurement", of="problem")),
+        *(
+            bent(*turned, f"{x} in coordinates", put("1/100", "uncertainty", x, of="problem"))
+            for x in RELATIVE
+        ),
+    ]

@@ -1,0 +1,790 @@
+"""Certificates and problems for the lone checker: good ones, and bad ones that are wrong in one
+place each.
+
+Every bad one is as consistent as a forger could make it: but for that one place nothing in it is
+wrong, so that it is accepted by a checker that leaves the check of this place out.
+"""
+
+import base64
+import hashlib
+import json
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from certified import certified, consensus_claims, without_region
+
+from dobc_design import Exosystem, Network, Observer, Problem
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker import examine as checker
+from dobc_design.checker.files import Problem as Stated
+from dobc_design.checker.loop import Loop
+from dobc_design.errors import CertificateError, SpecError
+from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
+
+Document = dict[str, Any]
+HOLDS, FAILS, UNREADABLE = 0, 1, 2
+GONE = object()
+EACH_OTHER = [[1, 2], [2, 1]]
+NOTHING: Document = {
+    "verdict": "undecided",
+    "margin": None,
+    "rate": None,
+    "exact": GONE,
+    "witness": GONE,
+}
+NOTHING |= {"factor": GONE}
+OPEN: Document = {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
+LEFT_OPEN = ("", OPEN)
+OPTIONAL = ("theorem1-weighted", "tolerance")
+NO_PAIR, NO_GAIN = {"P": None, "Q": None}, ("observer", dict.fromkeys(("W", "source", "P", "Q")))
+
+
+def second_loop(problem: Problem) -> Loop:
+    """The loop of a problem, as the second program makes it of its file."""
+    return Loop(Stated(canonical_bytes(problem)))
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is handed to the checker, and the exit code it has to give."""
+
+    name: str
+    certificate: bytes
+    problem: bytes
+    code: int
+
+
+def outcome(certificate: bytes, problem: bytes) -> int:
+    """The exit code that the lone checker has for these files."""
+    try:
+        return HOLDS if all(holds for holds, _ in checker.examine(certificate, problem)) else FAILS
+    except checker.Refused:
+        return UNREADABLE
+
+
+def accepted_by(document: dict[str, object], problem: Problem) -> tuple[bool, bool]:
+    """Whether the package and the lone checker accept; what cannot be read is refused."""
+    data = json.dumps(document).encode()
+    package = False
+    with suppress(CertificateError):
+        package = recheck(data, problem).holds
+    return package, outcome(data, canonical_bytes(problem)) == HOLDS
+
+
+@cache
+def _read(problem: bytes) -> Problem:
+    return problem_from_canonical(problem)
+
+
+def accepted_by_package(case: Case) -> bool:
+    with suppress(CertificateError, SpecError):
+        return recheck(case.certificate, _read(case.problem)).holds
+    return False
+
+
+def misjudged(cases: list[Case]) -> list[str]:
+    """The names of the cases that get another exit code."""
+    return [case.name for case in cases if outcome(case.certificate, case.problem) != case.code]
+
+
+def alone(folder: Path, certificate: bytes, problem: bytes) -> subprocess.CompletedProcess[str]:
+    """Run a copy of the checker's folder by another name, without site packages and without the
+    package."""
+    shutil.copytree(
+        Path(checker.__file__).parent, folder / "lone", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    (folder / "certificate.json").write_bytes(certificate)
+    (folder / "problem.json").write_bytes(problem)
+    command = [sys.executable, "-I", "-S", "lone", "certificate.json", "problem.json"]
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, timeout=120
+    )
+
+
+def network(arcs: Any = EACH_OTHER, agents: Any = None) -> Network:
+    return Network.from_arcs(arcs, arrow="listens_to", agents=agents)
+
+
+def scalar(a: Any, c: Any = 1) -> Exosystem:
+    return Exosystem(A=[[a]], C=[[c]])
+
+
+@cache
+def problems() -> dict[str, Problem]:
+    """One problem for every rule of the format page."""
+    pair, line, chain = network(), network([[2, 1]]), [[i + 1, i] for i in range(1, 25)]
+
+    def held(coupling: Any = "y", gains: Any = 1, network: Network = pair, **more: Any) -> Problem:
+        return Problem(network=network, coupling=coupling, gains=gains, **more)
+
+    def observed(W: Any, P: Any = None, exosystem: Exosystem | None = None, **more: Any) -> Problem:
+        return held(exosystem=exosystem or scalar(0), observer=Observer(W=W, P=P), **more)
+
+    def asked(gain: Any, *states: list[int]) -> Problem:
+        return held("y", {1: gain}, line, target=[0, 0], region={"initial_states": list(states)})
+
+    half = {1: "1/2", 2: "1/2"}
+    return {
+        "paper": without_region("paper-fixed"),
+        "plain": held("2*y", {1: 3}, notes=["a note"]),
+        "curved": held("exp(y) - 1 + y", {1: 3, 2: 3}),
+        "designed": held(exosystem=scalar(0)),
+        "given": observed([[2]]),
+        "good P": observed([[2]], [[1]]),
+        "small P": observed([[2]], [["1/100"]]),
+        "negative P": observed([[2]], [[-1]]),
+        "wrong P": observed(
+            [["16/5"], ["12/5"]], [[1, 0], [0, 100]], Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+        ),
+        "bad W": observed([[-1]]),
+        "hidden": observed([[1]], exosystem=scalar(0, 0)),
+        "faint": held(exosystem=Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, 1]], C=[[0, 1, 0]])),
+        "calm bad W": observed(
+            [[-1]], coupling="tanh(y)", region={"initial_states": [-1, 1], "initial_disturbance": 0}
+        ),
+        "loose": held("2*y", None),
+        "far": held(gains={2: 1}, network=network([[2, 1], [3, 2]])),
+        "far, two components": asked([[1, 0], [0, 0]], [-1, 1], [-1, 1]),
+        "slanted": asked([[1, -1], [-1, 1]], [1, 2], [-2, -1]),
+        "beside": asked([[1, 0], [0, 0]], [1, 2], [-1, 1]),
+        "only 0": asked([[1, 0], [0, 0]], [-1, 1], [0, 0]),
+        "empty box": held(gains=None, offsets={2: 5}, region={"initial_states": [-1, 1]}),
+        "point box": held(gains=None, region={"initial_states": [0, 0]}),
+        "unstable": held("-y", half),
+        "unstable, elsewhere": held("-y", half, region={"initial_states": [0, 1]}),
+        "unstable, irrational": held("-exp(1)*y", half),
+        "unstable, large": held(gains={1: 1}, network=network([], agents=61)),
+        "repelled, large": held(
+            network=network([[i + 1, (i + k) % 61 + 1] for i in range(61) for k in (1, 60)]),
+            exceptions={(0, 1): "-3*y", (1, 0): "-3*y"},
+        ),
+        "not normal": held("5*y", {1: "1/2"}, network([[2, 1], [3, 2]])),
+        "kinked": held("abs(y)"),
+        "regional": held("tanh(y)", region={"initial_states": [-1, 1]}),
+        "two modes": held(gains={1: 4}, network=network({"A": EACH_OTHER, "B": [[2, 1]]})),
+        "ring": held(
+            gains={1: 1},
+            network=network([[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)]),
+        ),
+        "large": held("sqrt(2)*y", dict.fromkeys(range(1, 26), 5), network(chain)),
+        "long": held("y", dict.fromkeys(range(1, 26), 1), network(chain)),
+    }
+
+
+#: Whose certificates say all that `certify` says; those of the others speak of the consensus alone.
+WHOLE = ("paper", "regional")
+
+
+@cache
+def _originals() -> dict[str, tuple[bytes, bytes]]:
+    found = {}
+    for name, problem in problems().items():
+        claims = certified(problem).claims if name in WHOLE else consensus_claims(problem)
+        found[name] = certificate_bytes(claims), canonical_bytes(problem)
+    return found
+
+
+@cache
+def cases() -> list[Case]:
+    """All of them, the good ones first; those that take long come last."""
+    good = [Case(name, data, problem, HOLDS) for name, (data, problem) in _originals().items()]
+    return [*good, *_bent_claims(), *_bent_frames(), *_bent_problems(), *_other_bytes()]
+
+
+def document(name: str) -> Document:
+    return dict(json.loads(_originals()[name][0]))
+
+
+def check(document: Document, id: str) -> Document:
+    """The first check of that id."""
+    return next(each for each in document["checks"] if each["id"] == id)
+
+
+def bend(holder: Document, changes: Document) -> None:
+    for key, value in changes.items():
+        if value is GONE:
+            holder.pop(key, None)
+        else:
+            holder[key] = value
+
+
+def bare(document: Document) -> Document:
+    """Without the optional checks, each of which would fail, or decide, by itself."""
+    return document | {
+        "checks": [each for each in document["checks"] if each["id"] not in OPTIONAL]
+    }
+
+
+def bent(
+    name: str,
+    *changes: tuple[str, Document],
+    code: int = FAILS,
+    what: str = "",
+    optional: bool = True,
+) -> Case:
+    """The certificate of a problem with changes: of a check by its id, of "observer", or of the
+    whole ("")."""
+    copied = document(name) if optional else bare(document(name))
+    for place, values in changes:
+        bend(
+            copied
+            if place == ""
+            else copied["observer"]
+            if place == "observer"
+            else check(copied, place),
+            values,
+        )
+    title = what or " and ".join(f"{place}: {', '.join(values)}" for place, values in changes)
+    return Case(f"{name}: {title}", json.dumps(copied).encode(), _originals()[name][1], code)
+
+
+def _vector(labels: list[str], values: list[str], kind: str = "vector") -> Document:
+    return {"witness": {"kind": kind, "labels": labels, "values": values}}
+
+
+def _doubles(*numbers: float) -> Document:
+    return {"float64": base64.b64encode(struct.pack(f"<{len(numbers)}d", *numbers)).decode()}
+
+
+def _bent_claims() -> Iterator[Case]:
+    proof: Document = {
+        "verdict": "proved",
+        "margin": 0,
+        "rate": None,
+        "exact": GONE,
+        "witness": GONE,
+    }
+    # Facts.
+    yield bent("paper", ("observability", {"exact": {"rank": "1"}}))
+    yield bent("paper", ("observability", {"margin": 0}))
+    yield bent("paper", ("observability", {"rate": 1}))
+    yield bent("paper", ("observability", {"domain": "consensus"}))
+    yield bent("paper", ("observability", {"witness": {"kind": "vector", "values": ["1", "0"]}}))
+    for changes in (
+        {"rate": 1.7},
+        {"rate": -1},
+        {"rate": 0},
+        {"exact": {"routh": ["1", "16/5"]}},
+        {"exact": GONE},
+    ):
+        yield bent("paper", ("hurwitz", changes))
+    yield bent("paper", ("detectability", {"exact": {"unobservable_polynomial": "1.0"}}))
+    yield bent(
+        "paper",
+        ("reachability", {"verdict": "refuted", "witness": {"kind": "agents", "labels": []}}),
+    )
+    yield bent("hidden", ("observability", {"verdict": "proved"}))
+    yield bent("hidden", ("observability", {"witness": {"kind": "vector", "values": ["0"]}}))
+    yield bent("hidden", ("detectability", {"witness": GONE}))
+    yield bent("bad W", ("hurwitz", {"rate": 1}))
+    yield bent("far", ("reachability", {"verdict": "perhaps"}))
+    yield bent("far", ("reachability", {"witness": {"kind": "agents", "labels": []}}))
+    for changes in (NOTHING | {"rate": 1}, NOTHING | {"margin": 1}, NOTHING | {"exact": {}}):
+        yield bent("designed", ("hurwitz", changes))
+    open_theorem = ("theorem1", NOTHING)
+    left = (open_theorem, LEFT_OPEN, NO_GAIN)
+    yield bent("designed", *left, what="hurwitz without W", optional=False)
+    yield bent(
+        "given", ("hurwitz", NOTHING), *left, what="no W where the problem has one", optional=False
+    )
+    # Proofs.
+    yield bent("plain", ("lemma1", {"exact": {}}))
+    yield bent("plain", ("lemma1", _vector(["1"], ["1", "0"])))
+    yield bent("plain", ("lemma1", {"margin": None}))
+    yield bent("plain", ("lemma1", {"rate": 0}), ("", {"rate": 0}), optional=False)
+    yield bent("plain", ("lemma1", {"rate": -1}), ("", {"rate": -1}), optional=False)
+    yield bent("plain", ("lemma1", {"rate": 5}), ("", {"rate": 5}))
+    yield bent("plain", ("lemma1", {"margin": 50}))
+    # The eigenvector of the least eigenvalue of -Lambda = [[10, -4], [-4, 4]] shows all of it; (1,
+    # 1) shows nothing.
+    yield bent(
+        "plain", ("lemma1", {"exact": {"v": _doubles(1, 2)}}), code=HOLDS, what="lemma1: its vector"
+    )
+    yield bent(
+        "plain",
+        ("lemma1", {"exact": {"v": _doubles(1, 2)}, "margin": 2.1}),
+        what="lemma1: too much for v",
+    )
+    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 1)}}), what="lemma1: another vector")
+    yield bent(
+        "plain", ("lemma1", {"exact": {"v": _doubles(-1, -2)}}), what="lemma1: a negative vector"
+    )
+    yield bent(
+        "plain", ("lemma1", {"exact": {"v": _doubles(1, 2, 3)}}), what="lemma1: a long vector"
+    )
+    yield bent("plain", ("lemma1", {"exact": {"v": ["1", "2"]}}), what="lemma1: a vector of texts")
+    yield bent(
+        "plain",
+        ("lemma1", {"exact": {"v": _doubles(1, 2), "w": "1"}}),
+        what="lemma1: another value",
+    )
+    yield bent(
+        "paper",
+        ("lemma1", {"exact": {"v": _doubles(*[1] * 10)}}),
+        what="lemma1: a vector for theorem1 too",
+    )
+    yield bent("plain", ("lemma1", {"domain": "consensus"}))
+    yield bent("curved", ("lemma1", {"domain": "global"}))
+    yield bent("large", ("lemma1", {"margin": 10.1}))
+    yield bent("large", ("lemma1", {"margin": 100}))
+    yield bent("kinked", ("lemma1", proof), ("", {"verdict": "proved", "covered_by": "lemma1"}))
+    covering = ("", {"verdict": "proved", "covered_by": "lemma1"})
+    yield bent("loose", ("lemma1", proof | {"margin": -1}), covering, what="margin")
+    yield bent("paper", ("theorem1", {"margin": 0.6}))
+    yield bent("paper", ("theorem1", {"rate": 0.3}), ("", {"rate": 0.3}))
+    for key in ("P", "Q", "S", "bound", "block"):
+        exact = check(document("paper"), "theorem1")["exact"]
+        yield bent("paper", ("theorem1", {"exact": exact | {key: "1"}}), what=f"another {key}")
+        less = {name: value for name, value in exact.items() if name != key}
+        yield bent(
+            "paper", ("theorem1", {"exact": GONE if key == "block" else less}), what=f"no {key}"
+        )
+    own = check(document("good P"), "theorem1-printed")["exact"]
+    yield bent("good P", ("theorem1-printed", {"exact": own | {"P": "1"}}), what="P is text")
+    yield bent(
+        "paper",
+        ("theorem1", {"exact": exact | {"P": [*exact["P"], ["0", "0"]]}}),
+        what="P has three rows",
+    )
+    yield bent("paper", ("observer", {"Q": [["0"], ["0"]]}))
+    yield bent("paper", ("observer", {"Q": None}))
+    yield bent(
+        "paper", ("theorem1", NOTHING), LEFT_OPEN, what="a pair without a proof", optional=False
+    )
+    yield bent(
+        "designed",
+        ("hurwitz", NOTHING),
+        ("observer", {"W": None, "source": None}),
+        what="a pair without W",
+    )
+    yield bent("given", ("observer", {"source": "designed"}))
+    yield bent("designed", ("observer", {"source": "given"}))
+    yield from _forged_pairs()
+    # Lambda <= -2 by the vector (1, 1), and S = 25 of P = 1/100.
+    listed = {"P": [["1/100"]], "Q": [["1/50"]], "S": [["25"]], "bound": "-25"}
+    pair = {"verdict": "proved", "exact": listed, "margin": 0, "rate": None, "witness": GONE}
+    vector = ("lemma1", {"exact": {"v": _doubles(1, 1)}})
+    yield bent("small P", vector, code=HOLDS, what="lemma1: its vector")
+    yield bent(
+        "small P",
+        vector,
+        ("theorem1-printed", pair),
+        what="a pair with too large an S beside a vector",
+    )
+    # Refutations.
+    for changes in (
+        *(
+            {"rate": 1},
+            {"margin": 0.5},
+            {"witness": GONE},
+            {"exact": GONE},
+            {"exact": {"unstable_roots": "1"}},
+        ),
+        *(
+            {"exact": {"unstable_roots": "0", "value": "1/1000"}},
+            {"exact": {"unstable_roots": "-1"}},
+        ),
+        {"exact": {"unstable_roots": "1/2"}},
+    ):
+        yield bent("loose", ("lemma1", changes))
+    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "-1"])))
+    yield bent("loose", ("lemma1", _vector([], ["0", "0"])))
+    yield bent("loose", ("lemma1", _vector(["1"], ["1", "1"])))
+    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1"], kind="agents")))
+    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1", "0"])))
+    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1"]) | {"margin": -1}))
+    yield bent("unstable", ("lemma1", {"margin": -9, "exact": {"unstable_roots": "1"}}))
+    yield bent(
+        "unstable, irrational",
+        ("lemma1", {"exact": {"unstable_roots": "1"}}),
+        ("", {"verdict": "refuted"}),
+    )
+    yield bent(
+        "not normal", ("lemma1", {"exact": {"unstable_roots": "1"}}), ("", {"verdict": "refuted"})
+    )
+    yield bent("not normal", ("", {"verdict": "refuted"}))
+    # Symmetric J - K of 61 rows: a vector with v'Lambda v > 0 shows one unstable root, one with 0
+    # shows none.
+    assert check(document("repelled, large"), "lemma1")["exact"]["unstable_roots"] == "1"
+    yield bent("repelled, large", ("lemma1", {"exact": {"unstable_roots": "2"}}))
+    yield bent("unstable, large", ("lemma1", {"exact": {"unstable_roots": "1"}}))
+    yield bent(
+        "not normal", ("lemma1", {"exact": {"unstable_roots": "1/2"}}), ("", {"verdict": "refuted"})
+    )
+    long_w = f"1/{_decimal(10**5000 + 7)}"
+    long = ("observer", NO_PAIR | {"W": [[long_w]]})
+    what = "W with a long denominator"
+    yield bent(
+        "designed", ("hurwitz", NOTHING), open_theorem, LEFT_OPEN, long, code=UNREADABLE, what=what
+    )
+    yield _too_large_to_count()
+    yield _long_denominators()
+    yield from _bent_refutations_of_theorems()
+
+
+def _bent_refutations_of_theorems() -> Iterator[Case]:
+    theorem = check(document("bad W"), "theorem1")
+    assert theorem["exact"] == {"block": "hurwitz"}
+    yield bent("bad W", ("theorem1", {"exact": {"block": "hurwitz", "mode": "G"}}))
+    yield bent("bad W", ("theorem1", {"margin": -1}))
+    yield bent("bad W", ("theorem1", {"exact": {"block": "closed"}}))
+    yield bent("bad W", ("theorem1", {"exact": {"block": "observable"}}))
+    yield bent("bad W", ("theorem1", {"witness": GONE}))
+    yield bent("bad W", ("theorem1", {"exact": GONE}))
+    without, refuted = ("observer", NO_PAIR), {"verdict": "refuted", "margin": None, "rate": None}
+    row = {"kind": "routh_row", "values": ["1", "-1"]}
+    lambda_ = refuted | _vector(["1", "2"], ["1", "1"])
+    for what, claim in (
+        (
+            "detectable",
+            {
+                "exact": {"block": "detectability"},
+                "witness": {"kind": "polynomial", "values": ["1"]},
+            },
+        ),
+        ("Lambda", lambda_ | {"exact": {"block": "Lambda", "mode": "G"}}),
+        ("Lambda of no mode", lambda_ | {"exact": {"block": "Lambda", "mode": "Gx"}}),
+    ):
+        yield bent(
+            "given", ("theorem1", refuted | claim), without, LEFT_OPEN, what=what, optional=False
+        )
+    unstable = refuted | {"witness": row}
+    bad = (
+        ("hurwitz", unstable | {"exact": GONE}),
+        ("theorem1", unstable | {"exact": {"block": "hurwitz"}}),
+    )
+    pushing = ("observer", NO_PAIR | {"W": [["-1"]]})
+    yield bent("designed", *bad, pushing, LEFT_OPEN, what="a designed W refutes", optional=False)
+    printed = check(document("small P"), "theorem1-printed")
+    assert printed["verdict"] == "refuted"
+    labels, values = printed["witness"]["labels"], printed["witness"]["values"]
+    yield bent("small P", ("theorem1-printed", _vector(labels, values, kind="agents")))
+    yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"mode": "Gx"}}))
+    yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"mode": ["G"]}}))
+    yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"S": [["26"]]}}))
+    yield bent("small P", ("theorem1-printed", {"margin": -90}))
+    yield bent("good P", ("theorem1-printed", refuted | printed), ("", {"covered_by": "theorem1"}))
+    for name, block in (("negative P", "P"), ("wrong P", "Omega0")):
+        own = check(document(name), "theorem1-printed")
+        assert own["exact"] == {"block": block}
+        values = own["witness"]["values"]
+        yield bent(name, ("theorem1-printed", {"margin": -1}))
+        yield bent(name, ("theorem1-printed", {"witness": {"kind": "agents", "values": values}}))
+        yield bent(
+            name,
+            ("theorem1-printed", {"witness": {"kind": "vector", "values": ["0"] * len(values)}}),
+        )
+        yield bent(name, ("theorem1-printed", {"exact": {"block": "Q"}}))
+    yield bent(
+        "wrong P", ("theorem1-printed", {"witness": {"kind": "vector", "values": ["1", "0"]}})
+    )
+    witness = {"kind": "vector", "values": ["1"]}
+    claim = refuted | {"exact": {"block": "P"}, "witness": witness}
+    yield bent("good P", ("theorem1-printed", claim), what="P > 0 is refuted")
+
+
+def _forged_pairs() -> Iterator[Case]:
+    """q = 1, A - W C = 1: for P = -1 Omega = -2 < 0, and for P = 1 S = -1/2; both make Lambda + S <
+    0."""
+    proof: Document = {"verdict": "proved", "margin": 0, "rate": None, "witness": GONE}
+    for P, S in (("-1", "1/2"), ("1", "-1/2")):
+        exact = {"P": [[P]], "Q": [[str(-int(P))]], "S": [[S]], "bound": str(-Fraction(S))}
+        claim, pair = (
+            ("theorem1", proof | {"exact": exact}),
+            ("observer", {"P": [[P]], "Q": exact["Q"]}),
+        )
+        yield bent(
+            "bad W",
+            claim,
+            pair,
+            ("", {"verdict": "proved", "covered_by": "theorem1"}),
+            what=f"P = {P}",
+        )
+    given = document("given")
+    proofs = [(id, {"witness": GONE} | check(given, id)) for id in ("hurwitz", "theorem1")]
+    overall = ("", {key: given[key] for key in OPEN})
+    yield bent("bad W", *proofs, ("observer", given["observer"]), overall, what="a better W")
+    yield _asymmetric_pair()
+
+
+def _asymmetric_pair() -> Case:
+    """P is not symmetric, and everything else is as it would follow from it."""
+    problem, claims = problems()["paper"], certified(problems()["paper"]).claims
+    assert claims.P is not None and problem.exosystem is not None and problem.observer.W is not None
+    A, C, W = problem.exosystem.A, problem.exosystem.C, problem.observer.W
+    P = [list(row) for row in claims.P]
+    P[0][1] += Fraction(1, 1000)
+    F = [[A[i][j] - W[i][0] * C[0][j] for j in range(2)] for i in range(2)]
+    half = [
+        [sum((P[i][k] * F[k][j] for k in range(2)), Fraction(0)) for j in range(2)]
+        for i in range(2)
+    ]
+    (a, b), (_, d) = [[-half[i][j] - half[j][i] for j in range(2)] for i in range(2)]
+    S = d / (a * d - b * b)  # C = (1, 0)
+    rows = [[str(x) for x in row] for row in P]
+    Q = [[str(P[i][0] * W[0][0] + P[i][1] * W[1][0])] for i in range(2)]
+    exact = {"P": rows, "Q": Q, "S": [[str(S)]], "bound": str(-S)}
+    claim = ("theorem1", {"exact": exact, "margin": 0.1, "rate": None})
+    whole = ("", {"rate": None, "covered_by": "theorem1"})
+    return bent(
+        "paper",
+        claim,
+        ("observer", {"P": rows, "Q": Q}),
+        whole,
+        what="P is not symmetric",
+        optional=False,
+    )
+
+
+def _too_large_to_count() -> Case:
+    """61 agents with one arc and one pin: with k = -1 J - K has an unstable root, which nobody
+    counts; it is not symmetric, and so v'Lambda v > 0 alone shows none."""
+    name = "unstable, large"
+    problem = json.loads(_originals()[name][1])
+    problem["gains"] = [[0, [["-1"]]]]
+    problem["modes"][0]["arcs"] = [[1, 2, "1"]]
+    copied = document(name)
+    exact = {"unstable_roots": "1", "value": "2"}
+    witness = {"kind": "vector", "labels": ["1"], "values": ["1"] + ["0"] * 60}
+    bend(check(copied, "lemma1"), {"exact": exact, "witness": witness, "margin": None})
+    return about(problem, copied, name="61 rows", code=FAILS)
+
+
+def _long_denominators() -> Case:
+    """A true witness whose entries have denominators of 33 000 bits each."""
+    near = [f"1/{_decimal(10**9980 + k)}" for k in (1, 3, 7)]
+    copied = document("far")
+    lemma = check(copied, "lemma1")
+    bend(lemma, {"margin": None, "exact": {"unstable_roots": "0"}})
+    problem = json.loads(_originals()["far"][1])
+    problem["gains"] = []
+    bend(lemma, _vector(problem["labels"], near))
+    problem["modes"][0]["arcs"] = []
+    bend(copied, {"verdict": "refuted", "rate": None, "covered_by": None})
+    alone = {"verdict": "refuted", "witness": {"kind": "agents", "labels": problem["labels"]}}
+    bend(check(copied, "reachability"), alone)
+    return about(problem, copied, name="long denominators", code=FAILS)
+
+
+def _decimal(number: int) -> str:
+    """Python prints at most 4300 digits at once."""
+    high, low = divmod(number, 10**4000)
+    return f"{_decimal(high)}{low:04000}" if high else str(low)
+
+
+def about(problem: Document, certificate: Document, *, name: str, code: int) -> Case:
+    """A certificate that is about this problem file."""
+    data = as_written(problem)
+    certificate = certificate | {"problem_sha256": hashlib.sha256(data).hexdigest()}
+    return Case(name, json.dumps(certificate).encode(), data, code)
+
+
+def as_written(problem: Document) -> bytes:
+    """The bytes of problem.json that are hashed."""
+    text = json.dumps(problem, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    return f"{text}\n".encode("utf-8", "surrogatepass")
+
+
+def _bent_frames() -> Iterator[Case]:
+    yield bent("plain", ("", {"problem": "another"}))
+    yield bent("plain", ("", {"problem_sha256": "0" * 64}))
+    yield bent("plain", ("", {"notes": []}))
+    yield bent("plain", ("", {"verdict": "refuted", "rate": None, "covered_by": None}))
+    yield bent("plain", ("", OPEN))
+    yield bent("plain", ("", {"rate": 0.001}))
+    yield bent("plain", ("", {"covered_by": "theorem1"}))
+    yield bent("plain", ("observer", {"W": [], "source": "designed"}))
+    yield bent("good P", ("", {"covered_by": "lemma1"}))
+    rate = check(document("regional"), "lemma1")["rate"]
+    yield bent("regional", ("", {"verdict": "proved", "covered_by": "lemma1", "rate": rate}))
+    yield bent("calm bad W", ("", {"verdict": "refuted"}))
+    yield bent("unstable, elsewhere", ("", {"verdict": "refuted"}))
+    for name in ("beside", "only 0", "empty box", "point box"):
+        yield bent(name, ("", OPEN | {"verdict": "refuted"}))
+    lure = {
+        "id": "lure",
+        "domain": "global",
+        "reason": "",
+        **{k: v for k, v in NOTHING.items() if v is not GONE},
+    }
+    copied = document("paper")
+    for name, checks in (
+        ("no checks", []),
+        ("one is missing", copied["checks"][1:]),
+        ("one stands there twice", [copied["checks"][1], *copied["checks"][1:]]),
+        ("another one in its place", [lure | {"domain": "consensus"}, *copied["checks"][1:]]),
+        ("one more", [lure, *copied["checks"]]),
+    ):
+        yield bent("paper", ("", {"checks": checks}), what=name)
+    two = document("two modes")
+    lemmas = [each for each in two["checks"] if each["id"] == "lemma1"]
+    assert len(lemmas) == 2
+    swapped = [each | {"mode": "B"} if each["id"] == "lemma1" else each for each in two["checks"]]
+    yield bent("two modes", ("", {"checks": swapped}), what="one mode twice")
+    yield bent(
+        "two modes", ("", {"rate": max(each["rate"] for each in lemmas)}), what="the larger rate"
+    )
+    # What cannot be read.
+    for changes in ({"extra": 1}, {"reason": GONE}, {"reason": 5}):
+        yield bent("plain", ("", changes), code=UNREADABLE)
+    yield bent("loose", ("", {"notes": "text"}), code=UNREADABLE)
+    for changes in ({"observer": []}, {"rate": "0.5"}, {"rate": True}, {"format": "dobc-problem"}):
+        yield bent("plain", ("", changes), code=UNREADABLE)
+    for version in (True, 1.0, 2, "1"):
+        yield bent("plain", ("", {"version": version}), code=UNREADABLE, what=f"version {version}")
+    for changes in ({"mode": None}, {"exact": "text"}, {"fix": {"kind": "x"}}):
+        yield bent("plain", ("lemma1", changes), code=UNREADABLE)
+    for number in (
+        1,
+        "0x1",
+        "1/0",
+        "nan",
+        "Infinity",
+        "1e401",
+        "1." + "0" * 10_000,
+        " 2",
+        "1_0",
+        "\u0662",
+    ):
+        yield bent(
+            "given",
+            ("observer", {"W": [[number]]}),
+            code=UNREADABLE,
+            what=f"W = {str(number)[:10]}",
+        )
+    yield bent("given", ("observer", {"W": [["2", "0"]]}), code=UNREADABLE)
+
+
+def _bent_problems() -> Iterator[Case]:
+    texts = "y + 1; y/(1 - 1); foo(y); max(y); sin(y, y); y # + 1; z; y**99; y**65; y**y; y**-1"
+    texts += (
+        "; ((9**64)**64)**64*y; exp(16385)*y; log(0)*y; log(-1)*y; sqrt(-1)*y; sin(1e300)*y; "
+        "sqrt(y); cos(y)"
+    )
+    texts += "; y if y else y; y or y; +y; y.real; (); y); 1.*y; 1e401*y; ...; exp(y=y); max(*y)"
+    texts += "; exp(y + 1) - exp(1); tan(pi/2)*y; 1/pi(y); exp; E; y // 1"
+    for h in (
+        *texts.split("; "),
+        "",
+        "(" * 300 + "y" + ")" * 300,
+        "y" * 2001,
+        "y" + " + 0*y" * 400,
+    ):
+        yield _with("plain", ("coupling", "h"), h, what=f"h = {h[:20]}")
+    yield _with("plain", ("coupling", "h"), ["y1", "y2"])
+    yield _with("plain", ("labels",), ["1", "1"])
+    yield _with("plain", ("labels",), [])
+    yield _with("plain", ("modes",), [])
+    arcs = json.loads(_originals()["plain"][1])["modes"]
+    yield _with("plain", ("modes",), arcs * 2, what="a mode twice")
+    for agent in (True, 1.0, -1, 2, "1"):
+        yield _with("plain", ("gains",), [[agent, [["3"]]]], what=f"gain of {agent}")
+    yield _with("good P", ("observer", "W"), None)
+    yield _with("plain", ("dimension",), 0)
+    yield _with("plain", ("dimension",), "1")
+    wide = json.loads(_originals()["plain"][1]) | {
+        "dimension": 101,
+        "target": ["0"] * 101,
+        "gains": [],
+    }
+    yield about(wide, document("plain"), name="101 components", code=UNREADABLE)
+    yield _with("plain", ("extra",), 1)
+    yield _with("plain", ("version",), True)
+    # A polynomial with a coefficient of 5000 digits, more than Python writes.
+    long = json.loads(_originals()["hidden"][1])
+    long["exosystem"]["A"] = [["-" + "9" * 5000]]
+    yield about(long, document("hidden"), name="hidden: a long polynomial", code=FAILS)
+    # An agent that is pushed away: -Lambda < 0.
+    pushed = json.loads(_originals()["plain"][1]) | {
+        "gains": [[0, [["-1"]]], [1, [["-1"]]]],
+        "notes": [],
+    }
+    pushed["modes"][0]["arcs"] = []
+    claims = document("plain")
+    bend(check(claims, "lemma1"), {"margin": 0, "rate": None})
+    bend(claims, {"rate": None})
+    yield about(pushed, claims, name="pushed away", code=FAILS)
+    # One agent of a large network is pushed away: the vector that is found fails in a row, or is
+    # none. Where all repel each other, M = circ(2, 2, 0, ..., 0, 2) has M 1 = 6 > 0, but its other
+    # entries are not <= 0: it has the eigenvalue 2 + 4 cos(24 pi/25) < 0.
+    apart = {"coupling": {"h": "-y", "exceptions": []}, "gains": [[i, [["3"]]] for i in range(25)]}
+    for name, gain in (
+        ("long", "-1"),
+        ("long", "-20"),
+        ("ring", "-1/5"),
+        ("ring", "-1/2"),
+        ("ring", "3"),
+    ):
+        line = json.loads(_originals()[name][1])
+        line["gains"] = [[i, k] for i, k in line["gains"] if i != 12] + [[12, [[gain]]]]
+        claims = bare(document(name))
+        bend(check(claims, "lemma1"), {"margin": 0, "rate": None, "exact": GONE})
+        bend(claims, {"rate": None, "covered_by": "lemma1"})
+        yield about(
+            line | (apart if gain == "3" else {}),
+            claims,
+            name=f"{name}: agent 13 has k = {gain}",
+            code=FAILS,
+        )
+
+
+def _with(name: str, path: tuple[str, ...], value: Any, *, what: str = "") -> Case:
+    """The certificate beside a problem file that cannot be read."""
+    problem = json.loads(_originals()[name][1])
+    holder = problem
+    for key in path[:-1]:
+        holder = holder[key]
+    holder[path[-1]] = value
+    return about(problem, document(name), name=f"{name}: {what or path[-1]}", code=UNREADABLE)
+
+
+def _other_bytes() -> Iterator[Case]:
+    data, problem = _originals()["plain"]
+    for name, other in (
+        ("nothing", b""),
+        ("a list", b"[]"),
+        ("cut", data[:-3]),
+        ("not UTF-8", b"\xff" + data),
+        ("UTF-16", data.decode().encode("utf-16")),
+        ("NaN", data.replace(b'"rate": ', b'"rate": NaN, "x": ', 1)),
+        ("deep", b"[" * 100_000),
+        ("a key twice", data.replace(b'"verdict"', b'"verdict": "refuted", "verdict"', 1)),
+        ("a huge integer", data.replace(b'"version": 1', b'"version": ' + b"1" * 5000, 1)),
+        ("a huge exponent", data.replace(b'"margin": ', b'"margin": 1e999999999, "x": ', 1)),
+    ):
+        yield Case(name, other, problem, UNREADABLE)
+        yield Case(f"problem: {name}", data, other, UNREADABLE)
+    source = json.loads(problem)
+    backwards = {key: source[key] for key in sorted(source, reverse=True)}
+    for name, other, code in (
+        ("other blanks", json.dumps(source, indent=2).encode(), HOLDS),
+        ("keys in another order", json.dumps(backwards).encode(), HOLDS),
+        (
+            "escapes",
+            problem.replace(b"plain", b"pl\\u0061in").replace(b'"name"', b'"n\\u0061me"'),
+            HOLDS,
+        ),
+        (
+            "another spelling of a number",
+            problem.replace(b'"target":["0"]', b'"target":["0.0"]'),
+            FAILS,
+        ),
+        (
+            "a number that is no text",
+            problem.replace(b'"t_final":"20"', b'"t_final":20.0'),
+            UNREADABLE,
+        ),
+    ):
+        assert other != problem
+        yield Case(f"problem: {name}", data, other, code)
+    yield Case("too large", data + b" " * 2**24, problem, UNREADABLE)

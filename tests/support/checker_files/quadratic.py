@@ -1,0 +1,101 @@
+"""Quadratic certificates for the lone checker: claims written by hand, and just-false twins.
+
+Two agents that hear each other, or the second the first, so that every number can be worked out on
+paper.
+"""
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+from checker_files.files import FAILS, HOLDS, Case, Document
+from checker_files.separable import UNDECIDED, _frame_verdict, ball, box, case, changed, claim
+
+
+def bounds(low: str, high: str) -> list[Document]:
+    return [{"coupling": 0, "gains": [[[low, high]]]}]
+
+
+def quadratic(
+    rate: str, low: str, high: str, level: Any, radius: Any, size: str = "1", **more: Any
+) -> Document:
+    """P_e = size I of two agents, by vertices."""
+    form = {
+        "method": "vertices",
+        "P_e": [[0, 0, size], [1, 1, size]],
+        "multipliers": {},
+        "rate": rate,
+    }
+    return form | {"level": level, "radius": radius, "ranges": bounds(low, high)} | more
+
+
+# sin on both arcs, k = 3, P_e = I: gains from 1/5 to 1 hold on |y| <= 5/2, that is on |e|^2 <=
+# 25/8. With 1/5 on one arc and 1.00001 on the other the rate is 3 - 0.121112, as arcs add half of
+# -g1 - g2 + sqrt((g1 - g2)^2 + (g1 + g2)^2).
+WAVY = claim("lure", ball(1.7677), 2.8788, quadratic("2.8788", "1/5", "1.00001", "25/8", "5/2"))
+# With the observer, W = 2, A = 0: S = 1/((4 - 2 rate) P), and rate = 1 needs S < 4 - 2 0.121112, so
+# P > 0.133057.
+SEEN = changed(WAVY, rate=1, domain=ball(1.7670, 0.1), P=[["0.1331"]])
+SEEN["exact"]["rate"] = "1"
+
+
+@cache
+def quadratic_cases() -> list[Case]:
+    """All of them, the good ones first."""
+    return [*_good(), *_bent()]
+
+
+def _claimed(name: str, code: int, check: Document, what: str) -> Case:
+    """A claim that is not about the verdict."""
+    return case(name, code, check, what=what, **_frame_verdict(name))
+
+
+def _good() -> Iterator[Case]:
+    yield case("wavy", HOLDS, WAVY, what="a sharp ball and rate")
+    # with 0 in place of 1/5: (sqrt(2) - 1)/2 from 3
+    for rate, code in (("2.7928", HOLDS), ("2.7930", FAILS)):
+        loose = changed(WAVY, rate=1)
+        loose["exact"]["rate"] = rate
+        yield case("wavy, loose", code, loose, what=f"an arc that comes and goes, {rate}")
+    yield case("wavy, observed", HOLDS, SEEN, what="an observer")
+    small = changed(WAVY, domain=ball(1.41))
+    yield case("wavy", HOLDS, small, **UNDECIDED, what="a ball that does not cover")
+    yield case("wavy", FAILS, small, what="a ball that does not cover, and says so")
+
+
+def _bent() -> Iterator[Case]:
+    fast = changed(WAVY, rate=2)
+    fast["exact"]["rate"] = "2.8789"
+    yield case("wavy", FAILS, fast, what="rate where it is sharp")
+    yield case("wavy", FAILS, changed(WAVY, rate=2.879), what="rate")
+    yield case("wavy", FAILS, changed(WAVY, domain=ball(1.7678)), what="ball")
+    yield case("wavy", FAILS, changed(WAVY, domain=box(1)), what="a box")
+    yield case("wavy", FAILS, changed(WAVY, level="3.126"), what="level")
+    yield case("wavy, observed", FAILS, changed(SEEN, P=[["0.133"]]), what="S")
+    yield case(
+        "wavy, observed",
+        FAILS,
+        changed(SEEN, domain=ball(1.7671, 0.1)),
+        what="ball with a disturbance",
+    )
+    yield case("wavy", FAILS, changed(WAVY, verdict="refuted"), **UNDECIDED, what="refuted")
+    backward = claim("lure", "global", 1, quadratic("1", "1", "1", "1", "-1"))
+    for radius, code in (("1", HOLDS), ("-1", FAILS)):
+        check = changed(backward, radius=radius, domain=ball(1))
+        check["exact"]["P"] = [["1"]]
+        yield _claimed("observed, linear", code, check | {"rate": None}, f"radius {radius}")
+    check["exact"] |= {"level": None, "radius": "1"}
+    yield _claimed(
+        "observed, linear",
+        FAILS,
+        check | {"rate": None, "domain": "global"},
+        "a radius without level",
+    )
+
+    # A coupling that no arc has counts: the problem is not linear.
+    linear = quadratic("1", "1", "1", None, None, ranges=[{"coupling": 1, "gains": [[["1", "1"]]]}])
+    yield case("unused", FAILS, claim("lure", "global", 1, linear), what="lure everywhere")
+    linear |= {"level": "2", "radius": "1"}
+    yield case(
+        "unused", HOLDS, claim("lure", ball(1.414), 1, linear), **UNDECIDED, what="lure in a ball"
+    )

@@ -1,0 +1,133 @@
+"""One check of the lone checker taken away at a time, and the case that notices it."""
+
+from collections.abc import Callable, Iterator
+from functools import cache
+
+from checker_files.accuracy import accuracy_cases
+from checker_files.dynamics import dynamics_cases
+from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, cases
+from checker_files.graphs import graphs_cases
+from checker_files.groups import groups_cases
+from checker_files.margins import margins_cases
+from checker_files.mutants import FILES, Removal, Watched, removals, without
+from checker_files.quadratic import quadratic_cases
+from checker_files.schedules import cycles_cases
+from checker_files.separable import region_cases
+from checker_files.settling import tube_cases
+from checker_files.weighted import weighted_cases
+
+EVERY = (
+    *(
+        cases,
+        region_cases,
+        quadratic_cases,
+        groups_cases,
+        tube_cases,
+        weighted_cases,
+        margins_cases,
+        accuracy_cases,
+    ),
+    *(cycles_cases, graphs_cases, dynamics_cases),
+)
+#: The cases to try first.
+FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {
+    "files": (dynamics_cases,),
+    "loop": (dynamics_cases,),
+    "guarantee": (cycles_cases, graphs_cases),
+    "consensus": (dynamics_cases, cases),
+    "separable": (region_cases,),
+    "margins": (margins_cases, dynamics_cases),
+    "accuracy": (accuracy_cases,),
+    "peaks": (accuracy_cases,),
+    "quadratic": (quadratic_cases,),
+    "schedule": (tube_cases, cycles_cases),
+    "cycles": (cycles_cases,),
+    "graphs": (graphs_cases,),
+    "coordinates": (dynamics_cases, region_cases),
+    "verdict": (dynamics_cases, cases),
+    "examine": (dynamics_cases, cases),
+}
+#: Removals that no case can notice, each with the reason.
+EQUIVALENT = {
+    "not min(whole) > 0": "conjugate gradients stop at the first direction of "
+    "curvature <= 0; as long as they "
+    "run, M is"
+    " positive on all they have seen, so that a v with M v > 0 comes out positive but for "
+    "rounding errors.",
+    "math.isfinite(found)": "every operation on intervals refuses a result that "
+    "is not below LARGEST, so that no "
+    "slope"
+    " is infinite.",
+    "done > PIECES or b - a <= rho * SHORTEST "
+    "or (not a < middle < b)": "it ends the search: without it a row that is"
+    " not shown is cut for ever.",
+    "size <= EQUATIONS": "it bounds the work; what is shown beyond it is true.",
+    "size <= ROWS": "it bounds the work.",
+    "len(X) <= 20": "it bounds the work.",
+    "loop.n <= AGENTS": "it bounds the work.",
+    "m <= MOST": "it bounds the work.",
+    "pivots == [*range(m)]": "the rows of a singular T are dependent, so that no "
+    "T X S dominates on its diagonal.",
+    "0 < len(turns) <= ROUND and size <= ROWS": "it bounds the work.",
+    "grown <= GROWTH": "it bounds the work.",
+    "len(G) <= MODES": "it bounds the work.",
+    "not halvings": "it ends the search: without it a part, or a box, that is not shown is halved "
+    "for ever.",
+    "rate * each.times[-1] <= LONGEST": (
+        "it bounds the work: the weights would have to fall as far."
+    ),
+    "len(free) <= VERTICES": "it bounds the work.",
+    "low == high": "f less an end of an interval is not shown to vanish "
+    "at the target, which the reader "
+    "asks.",
+}
+
+
+def outcome(examine: object, refused: type[Exception], case: Case) -> int | str:
+    try:
+        findings = examine(case.certificate, case.problem)  # type: ignore[operator]
+    except refused:
+        return UNREADABLE
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is no clean refusal
+        return repr(error)
+    return HOLDS if all(holds for holds, _ in findings) else FAILS
+
+
+@cache
+def _watched() -> Watched:
+    return Watched()
+
+
+#: Of each file of cases those that were watched: the checks that do not pass.
+_SEEN: dict[Callable[[], list[Case]], list[set[tuple[str, int]]]] = {}
+
+
+def _failing(cases: Callable[[], list[Case]], place: tuple[str, int]) -> Iterator[Case]:
+    """The cases in which this check does not pass: no other case can notice that it is gone.  Each
+    is watched once, and not before it is asked for."""
+    seen = _SEEN.setdefault(cases, [])
+    for k, case in enumerate(cases()):
+        if k == len(seen):
+            outcome(_watched().module.examine, _watched().module.Refused, case)
+            seen.append(_watched().failed())
+        if place in seen[k]:
+            yield case
+
+
+def noticed_by(removal: Removal) -> str | None:
+    """The first case that comes out differently: accepted, with another exit code, or with a
+    traceback."""
+    module = without(removal)
+    for some in dict.fromkeys((*FIRST.get(removal.file, ()), *EVERY)):
+        for case in _failing(some, (removal.file, removal.place)):
+            if outcome(module.examine, module.Refused, case) != case.code:
+                return case.name
+    return None
+
+
+def unnoticed(count: int) -> tuple[int, list[str]]:
+    """How many removals were tried, evenly spread over the files (at most ``count``), and which no
+    case notices."""
+    every = [each for file in FILES for each in removals(file) if each.text not in EQUIVALENT]
+    tried = every[:: max(1, len(every) // max(1, count))]
+    return len(tried), [str(each) for each in tried if noticed_by(each) is None]

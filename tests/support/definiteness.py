@@ -1,0 +1,150 @@
+"""Matrices whose definiteness is known and hard to see, and every path of ``exact.definite`` by
+itself."""
+
+from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
+from random import Random
+
+import numpy as np
+
+from dobc_design.exact.cholesky import (
+    Scaled,
+    bad_direction,
+    decide_lifted,
+    proves_by_integers,
+    scaled,
+)
+from dobc_design.exact.definite import (
+    decide_positive_definite,
+    decide_quickly,
+    first_refuting,
+    roundings,
+)
+from dobc_design.exact.symmetric import IntegerSymmetric
+from dobc_design.exact.zmatrix import search
+from dobc_design.verdict import Verdict
+
+POWERS = range(28, 48)
+SCALE = 2**60
+
+
+def hadamard(size: int) -> np.ndarray:
+    """Sylvester's H, symmetric, with H H = size I, as Python integers."""
+    H = np.array([[1]], dtype=object)
+    while len(H) < size:
+        H = np.block([[H, H], [H, -H]]).astype(object)
+    return H
+
+
+def edge_matrix(size: int, small: Fraction, r: Random) -> np.ndarray | None:
+    """One matrix with the eigenvalue ``small`` in a random place; None if an entry is not exact as
+    a double."""
+    eigenvalues = [Fraction(1, r.choice((1, 2, 4, 4))) for _ in range(size)]
+    eigenvalues[r.randrange(size)] = small
+    return with_eigenvalues(eigenvalues)
+
+
+def z_edge_matrix(size: int, small: Fraction) -> np.ndarray | None:
+    """The same with ``small`` for the vector of ones and 1/2 for all others: a Z-matrix."""
+    return with_eigenvalues([small] + [Fraction(1, 2)] * (size - 1))
+
+
+def with_eigenvalues(eigenvalues: list[Fraction]) -> np.ndarray | None:
+    size = len(eigenvalues)
+    H = hadamard(size)
+    whole = (H * np.array([int(x * SCALE) for x in eigenvalues], dtype=object)) @ H
+    floats = np.array([[float(Fraction(x, SCALE * size)) for x in row] for row in whole.tolist()])
+    exact = all(
+        Fraction(y) * SCALE * size == x
+        for p, q in zip(whole.tolist(), floats.tolist(), strict=True)
+        for x, y in zip(p, q, strict=True)
+    )
+    return floats if exact else None
+
+
+def edge_matrices(
+    sizes: tuple[int, ...], *, seed: int, repeats: int, powers: Sequence[int] = POWERS
+) -> Iterator[tuple[Fraction, np.ndarray]]:
+    """The tiny eigenvalue and the matrix: 0 and +-2^-28 to +-2^-47 in turn, ``repeats`` times for
+    every size."""
+    r = Random(seed)
+    for size in sizes:
+        for power in powers:
+            for sign in (-1, 0, 1) * repeats:
+                small = sign * Fraction(1, 2**power)
+                matrix = edge_matrix(size, small, r)
+                if matrix is not None:
+                    yield small, matrix
+
+
+Path = Callable[[np.ndarray], Verdict | None]
+PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+FRACTIONS_MOST = 16
+FLINT_MOST = 64
+
+
+def by_fractions(matrix: np.ndarray) -> Verdict | None:
+    return _eliminated(matrix, flint=False) if len(matrix) <= FRACTIONS_MOST else None
+
+
+def by_flint(matrix: np.ndarray) -> Verdict | None:
+    return _eliminated(matrix, flint=True) if len(matrix) <= FLINT_MOST else None
+
+
+def by_quick(matrix: np.ndarray) -> Verdict:
+    return decide_quickly(IntegerSymmetric.from_floats(matrix)).verdict
+
+
+def by_integers(matrix: np.ndarray) -> Verdict:
+    S = scaled(IntegerSymmetric.from_floats(matrix))
+    return PROVED if isinstance(S, Scaled) and proves_by_integers(S) else UNDECIDED
+
+
+def by_vector(matrix: np.ndarray) -> Verdict:
+    M = IntegerSymmetric.from_floats(matrix)
+    found = search(M, strict=True)
+    if found.vector is not None:
+        return PROVED
+    tried = [each for d in found.directions for each in (*roundings(d), d)]
+    return UNDECIDED if first_refuting(M, tried, strict=True, method="") is None else REFUTED
+
+
+def by_lift(matrix: np.ndarray) -> Verdict:
+    M = IntegerSymmetric.from_floats(matrix)
+    S = scaled(M)
+    if not isinstance(S, Scaled):
+        return UNDECIDED
+    direction = decide_lifted(M, S, *np.linalg.eigh(S.floats), strict=True)
+    if direction is None:
+        return UNDECIDED
+    return REFUTED if direction else PROVED
+
+
+def by_choice(matrix: np.ndarray) -> Verdict:
+    return decide_positive_definite(IntegerSymmetric.from_floats(matrix)).verdict
+
+
+def _eliminated(matrix: np.ndarray, *, flint: bool) -> Verdict:
+    M = IntegerSymmetric.from_floats(matrix).to_sparse()
+    return PROVED if bad_direction(M, strict=True, flint=flint) is None else REFUTED
+
+
+PATHS: dict[str, Path] = {
+    "LDL' in Fractions": by_fractions,
+    "LDL' in flint": by_flint,
+    "quick": by_quick,
+    "integer rest": by_integers,
+    "vector": by_vector,
+    "lift": by_lift,
+    "choice": by_choice,
+}
+# They may not pass on.
+EXACT = {"LDL' in Fractions", "LDL' in flint", "choice"}
+
+
+def numpy_cholesky(matrix: np.ndarray) -> bool:
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True

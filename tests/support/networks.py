@@ -1,0 +1,199 @@
+"""Networks that tests share: by their arcs, for max-separable certificates with a slow oracle for
+their rows, for designs without pins and W, and as pandapower writes them."""
+
+import json
+from fractions import Fraction
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from dobc_design import Exosystem, Network, Problem
+
+
+def linked(arcs: Any, n: int | None = None, **given: Any) -> Problem:
+    """[i, j] is agent i listening to agent j; h = y unless another ``coupling`` is given."""
+    return Problem(
+        **{"network": Network.from_arcs(arcs, arrow="listens_to", agents=n), "coupling": "y"}
+        | given
+    )
+
+
+def loop_by_hand(problem: Problem, mode: str | None = None, *, slope: float = 1.0) -> np.ndarray:
+    """J - K of a mode (the first one), arc by arc, for h'(0) = slope and gains that are numbers."""
+    M = np.zeros((problem.n, problem.n))
+    for i, j, w in problem.network.modes[mode or next(iter(problem.network.modes))]:
+        M[i, j] += slope * float(w)
+        M[i, i] -= slope * float(w)
+    for i, k in problem.pinning.gains.items():
+        M[i, i] -= float(k[0][0])
+    return M
+
+
+PAPER = "exp(y) - 1 + y"
+MONOTONE = (PAPER, "tanh(y)", "y + y**3", "atan(2*y)", "y", "sinh(y)/2", "y + sin(y)/2")
+TURNING = ("sin(y)", "y*exp((1 - y**2)/2)", "y/(1 + y**2)")
+
+
+def cycle(n: int = 10, *, gains: Any = None, h: str = PAPER, **more: Any) -> Problem:
+    """Agent i listens to agent i + 1, the last to the first; the first is pinned with k = 5."""
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    return listening(arcs, h, n=n, gains={1: 5} if gains is None else gains, target=0, **more)
+
+
+def listening(arcs: Any, h: Any, *, n: int | None = None, **more: Any) -> Problem:
+    """The first of each arc hears the second."""
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=h, **more
+    )
+
+
+def pair(h: str, *, k: Any = 5, weight: Any = 1) -> Problem:
+    """Agent 1 is pinned and hears nobody, agent 2 hears agent 1."""
+    return listening([[2, 1, weight]], h, n=2, gains={1: k}, target=0)
+
+
+def random_network(
+    r: Random, *, n: int, modes: int, density: float = 0.4, weights: Any = (1,)
+) -> Network:
+    """Every agent but the first may listen to every other."""
+    arcs = {
+        f"G{k}": [
+            [i, j, r.choice(weights)]
+            for i in range(1, n + 1)
+            for j in range(1, n + 1)
+            if i != j and r.random() < density
+        ]
+        for k in range(modes)
+    }
+    return Network.from_arcs(arcs, arrow="listens_to", agents=n)
+
+
+def random_problem(
+    seed: int,
+    *,
+    couplings: Any = MONOTONE,
+    modes: int = 2,
+    n: int | None = None,
+    held: bool = False,
+    **more: Any,
+) -> Problem:
+    """Some agents pinned, weights, and an arc with a coupling of its own where there are several.
+
+    ``held``: in every mode each agent hears one with a smaller number, and the first is pinned.
+    """
+    r = Random(f"separable {seed} {modes}")
+    n = n or r.randint(3, 6)
+    network = random_network(r, n=n, modes=modes, density=0.5, weights=(1, "1/2", 2))
+    if held:
+        arcs = {
+            name: [[i + 1, j + 1, w] for i, j, w in each]
+            + [[i + 1, i, 1] for i in range(1, n) if not any(k == i and j < i for k, j, _ in each)]
+            for name, each in network.modes.items()
+        }
+        network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    h, other = r.choice(couplings), r.choice(couplings)
+    codes = sorted(network.arc_codes())
+    special = {(codes[0] // n, codes[0] % n): other} if codes else {}
+    gains = {1: 5} | {i: r.choice((1, 3, "9/2")) for i in range(2, n + 1) if r.random() < 0.3}
+    return Problem(network=network, coupling=h, exceptions=special, gains=gains, target=0, **more)
+
+
+def float_gains(problem: Problem) -> np.ndarray:
+    """k_i of every agent; scalar gains only."""
+    gains = np.zeros(problem.n)
+    for agent, k in problem.pinning.gains.items():
+        gains[agent] = float(k[0][0])
+    return gains
+
+
+def sampled_rows(problem: Problem, v: Any, *, s: float, alpha: float, samples: int = 2001) -> float:
+    """The largest row at one s, divided by s: sup over samples of every interval; all modes and
+    both faces."""
+    worst = -np.inf
+    height = np.array([float(x) for x in v])
+    gains = float_gains(problem)
+    for arcs in problem.network.modes.values():
+        for face in (1, -1):
+            total = np.zeros(problem.n)
+            for i, j, weight in arcs:
+                y = np.linspace(-s * (height[i] + height[j]), s * (height[j] - height[i]), samples)
+                h = problem.coupling_of(i, j).numpy_function()
+                total[i] += float(weight) * np.max(face * h((face * y)[:, None]))
+            worst = max(worst, float(np.max(total / s - (gains - alpha) * height)))
+    return worst
+
+
+def fractions(*values: Any) -> tuple[Fraction, ...]:
+    return tuple(Fraction(str(value)) for value in values)
+
+
+CONSTANT = Exosystem(A=[[0]], C=[[1]])
+# C never sees the second state, which does not decay
+HIDDEN = Exosystem(A=[[0, 0], [0, 0]], C=[[1, 0]])
+
+
+def problem_of(arcs: Any, n: int | None = None, coupling: Any = "y", **changes: Any) -> Problem:
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    return Problem(**{"network": network, "coupling": coupling} | changes)
+
+
+def digraph(
+    r: Random, n: int, *, density: float = 0.3, cycle: bool = True, **changes: Any
+) -> Problem:
+    """Random arcs with random gains, on top of a cycle."""
+    pairs = {(i, i % n + 1) for i in range(1, n + 1)} if cycle else set()
+    pairs |= {
+        (i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < density
+    }
+    return problem_of([[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)], n, **changes)
+
+
+def ring(n: int = 4, *, coupling: str = "y", **changes: Any) -> Problem:
+    """Agent i listens to i + 1, the last one to the first."""
+    return problem_of(
+        [[i, i % n + 1] for i in range(1, n + 1)], n, coupling, **{"name": "ring"} | changes
+    )
+
+
+def star(n: int = 4, **changes: Any) -> Problem:
+    """Everybody listens to agent 1, who listens to nobody."""
+    return problem_of([[i, 1] for i in range(2, n + 1)], n, **{"name": "star"} | changes)
+
+
+def two_leaders(**changes: Any) -> Problem:
+    """3 listens to 1 and 2, who listen to nobody."""
+    return problem_of([[3, 1], [3, 2]], 3, **{"name": "two-leaders"} | changes)
+
+
+BOX = {"initial_states": [-1, 1]}
+NOISY_BOX = {"initial_states": [-1, 1], "initial_disturbance": "0.1"}
+
+
+def linear_rate(problem: Problem, gains: dict[int, float]) -> float:
+    """The decay rate of the loop of the first mode, linearised with h'(0) = 1, by eigenvalues."""
+    M = np.diag([-float(gains.get(i, 0)) for i in range(problem.n)])
+    for i, j, weight in next(iter(problem.network.modes.values())):
+        M[i, j] += float(weight)
+        M[i, i] -= float(weight)
+    return -float(np.max(np.linalg.eigvals(M).real))
+
+
+def frame(columns: list[str], rows: list[list[object]]) -> dict[str, str]:
+    table = {"columns": columns, "index": list(range(len(rows))), "data": rows}
+    return {"_module": "pandas.core.frame", "_class": "DataFrame", "_object": json.dumps(table)}
+
+
+def tables(**changes: tuple[list[str], list[list[object]]]) -> bytes:
+    """A network of three buses and two lines."""
+    line = ["from_bus", "to_bus", "length_km", "x_ohm_per_km", "parallel", "in_service"]
+    inside = {
+        "sn_mva": 1.0,
+        "bus": frame(["vn_kv", "in_service"], [[10.0, True], [10.0, True], [10.0, True]]),
+        "line": frame(line, [[0, 1, 2.0, 5.0, 2, True], [1, 2, 1.0, 10.0, 1, True]]),
+        "ext_grid": frame(["bus", "in_service"], [[0, True]]),
+        **{name: frame(*value) for name, value in changes.items()},
+    }
+    return json.dumps(
+        {"_module": "pandapower.auxiliary", "_class": "pandapowerNet", "_object": inside}
+    ).encode()

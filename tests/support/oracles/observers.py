@@ -1,0 +1,117 @@
+"""The conditions of an observer decided by others: the block LMI of the paper through cvxpy, the
+reduced form of Theorems 1 and 2, norms by python-control and SciPy."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+from scipy import linalg
+
+from dobc_design.conditions.consensus.claim import reduced
+from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import to_float
+from dobc_design.loop.make import loop_of
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers import conic
+from dobc_design.solvers.conic import solve_directly
+from dobc_design.solvers.program import Program, Solution, as_sparse, assemble
+from dobc_design.synthesis.observer.decide import StateSpace
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Margin(Program):
+    """Minimise t subject to F(P, Q) <= t I, I <= P <= ratio I, |Q| <= radius, the normalisation of
+    theory, section 2: t < 0 proposes a pair; t >= 0 says nothing."""
+
+    ratio: Fraction = Fraction(100)
+    radius: Fraction = Fraction(100)
+
+
+def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
+    """The answer of one of cvxpy's solvers; without values where it finds no point."""
+    problem, variables = conic.build_dense(program)
+    if isinstance(program, Margin):
+        problem = _margin(program, variables)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that an answer is inaccurate stands in the status
+        problem.solve(solver=solver)
+    unknowns = program.pencils[0].unknowns
+    if any(variables[unknown.name].value is None for unknown in unknowns):
+        return Solution(status=str(problem.status))
+    numbers = [
+        float(variables[unknown.name].value[i, j])
+        for unknown in unknowns
+        for _, i, j in unknown.places()
+    ]
+    values = assemble(program.pencils[0], numbers)
+    return Solution(status=str(problem.status), objective=float(problem.value), values=values)
+
+
+def _margin(program: Margin, variables: dict[str, Any]) -> Any:
+    P, Q, t, constraints = variables["P"], variables.get("Q"), cp.Variable(), []
+    for pencil in program.pencils:
+        total = cp.Constant(as_sparse(pencil.constant))
+        for (name, i, j), coefficient in pencil.coefficients.items():
+            total = total + variables[name][i, j] * as_sparse(coefficient)
+        constraints.append(total << t * np.eye(pencil.size))
+    one = np.eye(P.shape[0])
+    constraints += [P >> one * float(1 + program.floor), P << one * float(program.ratio)]
+    if Q is not None:
+        constraints.append(cp.norm(Q, "fro") <= float(program.radius))
+    return cp.Problem(cp.Minimize(t), constraints)
+
+
+def reduced_program(problem: Problem) -> Program | None:
+    """The small program of a problem: one agent with Lambda = max lambda_max I.  None without an
+    estimate of it.
+
+    Raises: SpecError without an exosystem; UndefinedError if a coupling has no derivative at 0.
+    """
+    if problem.exosystem is None:
+        raise SpecError(
+            "Psi of (18) needs an [exosystem].", key="exosystem", cure="Without one, use Lemma 1."
+        )
+    bound = max(
+        largest_eigenvalue(float_lambda(loop_of(problem), mode)).value
+        for mode in problem.network.modes
+    )
+    if not math.isfinite(bound):
+        return None
+    return Program(pencils=(reduced(Fraction(bound), problem.exosystem),))
+
+
+def solve_reduced(problem: Problem) -> Solution:
+    """Solve Theorem 1 (one mode) or 2 (several) at the consensus for P and Q.  Raises: as
+    ``reduced_program``."""
+    program = reduced_program(problem)
+    if program is None:
+        return Solution(status="failed: no estimate of lambda_max")
+    return solve_directly(program)
+
+
+def sampled_in_floats(exosystem, gain, period):
+    A, C = to_float(exosystem.A), to_float(exosystem.C)
+    q = len(A)
+    block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)
+    return block[:q, :q] - to_float(gain) @ (C @ block[:q, q:] / period)
+
+
+def control_norm(system: StateSpace, kind) -> float:
+    """python-control's norm; it wants as many inputs as outputs, so zeros are added, which change
+    no norm."""
+    import control
+
+    F, B, C, D = (to_float(x) for x in (system.F, system.B, system.C, system.D))
+    size = max(B.shape[1], C.shape[0])
+    wide, tall, both = np.zeros((len(F), size)), np.zeros((size, len(F))), np.zeros((size, size))
+    wide[:, : B.shape[1]], tall[: C.shape[0]], both[: D.shape[0], : D.shape[1]] = B, C, D
+    return float(
+        control.norm(control.ss(F, wide, tall, both, remove_useless_states=False), kind, tol=1e-10)
+    )

@@ -1,0 +1,296 @@
+"""The oracle's part for the quadratic check, lure: the page's conditions and samples of the field.
+
+Matrix inequalities are decided over flint's rationals, gains at the extremes of h(y)/y, and V' is
+looked at besides at random points of the level set: the page itself is tested with it.
+"""
+
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+import flint
+import numpy as np
+
+from oracles.couplings import (
+    FINE,
+    curve,
+    diagonal,
+    exact,
+    field_part,
+    fmpq,
+    mp,
+    positive,
+    rational,
+    top,
+)
+
+POINTS = 2000
+NEAR = 1e-9
+
+
+def zeros(size: int) -> Any:
+    return flint.fmpq_mat(size, size)
+
+
+def part(M: Any, rows: Iterable[int], columns: Iterable[int]) -> Any:
+    """The rows and columns of a matrix."""
+    return flint.fmpq_mat([[M[i, j] for j in columns] for i in rows])
+
+
+class Quadratic:
+    """One claim (the ``exact`` of a check) about V = e'P_e e + sum eps_i'P eps_i."""
+
+    def __init__(self, regions: Any, e: dict[str, Any]) -> None:
+        self.r, self.e, self.size = regions, e, regions.n * regions.m
+        self.P_e = zeros(self.size)
+        for a, b, value in e["P_e"]:
+            self.P_e[a, b] = self.P_e[b, a] = fmpq(exact(value))
+        self.rate = exact(e["rate"])
+        self.level, self.radius = (
+            None if e[name] is None else exact(e[name]) for name in ("level", "radius")
+        )
+        self.P = None if regions.A is None else rational(e["P"])
+
+    def false(self, check: dict[str, Any], domain: str) -> list[str]:
+        wrong = self.false_certificate(domain)
+        if wrong:
+            return wrong
+        rate, level = check["rate"], self.level
+        if rate is not None and not 0 < Fraction(repr(rate)) <= self.rate:
+            return ["rate"]
+        if check["domain"] == "global":
+            return [] if level is None else ["domain"]
+        if level is None or check["domain"]["kind"] != "ball":
+            return ["domain"]
+        R, s = (Fraction(repr(check["domain"][name])) for name in ("radius", "disturbance"))
+        taken = mp(R) ** 2 * top(self.P_e) + (
+            0 if self.P is None else self.r.n * mp(s) ** 2 * top(self.P)
+        )
+        return [] if taken <= mp(level) * (1 + mp(FINE)) else ["the ball"]
+
+    def false_certificate(self, domain: str) -> list[str]:
+        """All of lure but what is said of the domain."""
+        if not positive(self.P_e) or self.rate < 0:
+            return ["P_e or rate"]
+        if (self.level is None) != (self.radius is None) or (
+            self.level is None and domain != "global"
+        ):
+            return ["level and radius"]
+        if self.level is not None and min(self.level, self.radius) <= 0:
+            return ["level and radius"]
+        if self.P is not None and not (positive(self.P) and positive(-self._omega())):
+            return ["P"]
+        if not self._gains_hold():
+            return ["gains"]
+        if not all(self._negative(mode) for mode in self.r.modes):
+            return ["inequality"]
+        if self.level is not None:
+            inverse = self.P_e.inv()
+            for z in self.relied():
+                if fmpq(self.level) * (z.transpose() * inverse * z)[0, 0] > fmpq(self.radius**2):
+                    return ["the level set leaves the gains"]
+        return ["V grows"] if self._grows(self.level or Fraction(1), Fraction(0)) else []
+
+    def _omega(self) -> Any:
+        F = self.r.F
+        return F.transpose() * self.P + self.P * F + 2 * fmpq(self.rate) * self.P
+
+    def relied(self) -> list[Any]:
+        """The difference e_jd - e_id of every arc whose coupling is not linear, for the d that it
+        is about."""
+        found = {}
+        for arcs in self.r.modes.values():
+            for i, j, _ in arcs:
+                h, m = self.r.h[i, j], self.r.m
+                if isinstance(h, str):
+                    curved = [] if self.r.linear((i, j), 0) else list(range(m))
+                else:
+                    own = [text for c, text in enumerate(h) if not self.r.linear((i, j), c)]
+                    curved = [d for d in range(m) if any(f"y{d + 1}" in text for text in own)]
+                found |= {(i, j, d): self._unit(j, d) - self._unit(i, d) for d in curved}
+        return list(found.values())
+
+    def _unit(self, i: int, c: int) -> Any:
+        return flint.fmpq_mat([[flint.fmpq(int(k == i * self.r.m + c))] for k in range(self.size)])
+
+    # gains
+
+    def _tables(self) -> dict[int, Any]:
+        return {
+            each["coupling"]: [[tuple(map(exact, pair)) for pair in row] for row in each["gains"]]
+            for each in self.e["ranges"]
+        }
+
+    def _number_of(self, h: Any) -> int:
+        others = [each for k, each in enumerate(self.r.special) if each not in self.r.special[:k]]
+        return (
+            0
+            if h == self.r.default
+            else 1 + [each for each in others if each != self.r.default].index(h)
+        )
+
+    def _gains_hold(self) -> bool:
+        tables = self._tables()
+        for arc in self.r.h:
+            h, table = self.r.h[arc], tables[self._number_of(self.r.h[arc])]
+            if any(lo > hi for row in table for lo, hi in row):
+                return False
+            if isinstance(h, str):
+                reach = Fraction(1) if self.radius is None else self.radius
+                if not all(
+                    lo <= 0 <= hi
+                    for c, row in enumerate(table)
+                    for d, (lo, hi) in enumerate(row)
+                    if c != d
+                ):
+                    return False
+                if not all(curve(h).gains_within(*table[c][c], reach) for c in range(self.r.m)):
+                    return False
+            elif not self._mean_slopes_hold(tuple(h), table):
+                return False
+        return True
+
+    def _mean_slopes_hold(self, h: tuple[str, ...], table: Any) -> bool:
+        """The mean of the Jacobian between 0 and y, by Gauss's rule, at random y, faces and corners
+        of the box."""
+        nodes, weights = np.polynomial.legendre.leggauss(24)
+        r = np.random.default_rng(0)
+        y = np.clip(r.uniform(-1.3, 1.3, size=(len(h), POINTS)), -1, 1) * float(self.radius or 1)
+        mean = sum(
+            w / 2 * field_part(h)[1](y * (x + 1) / 2) for x, w in zip(nodes, weights, strict=True)
+        )
+        lo, hi = (
+            np.array([[float(pair[k]) for pair in row] for row in table])[..., None] for k in (0, 1)
+        )
+        slack = NEAR * (1 + np.abs(lo) + np.abs(hi))
+        return bool(np.all((mean >= lo - slack) & (mean <= hi + slack)))
+
+    # the inequality of one mode
+
+    def _channels(self, mode: str) -> Iterator[tuple[Any, Any, Any, Any]]:
+        """(b, z, w lo, w hi) in the order arcs, rows, columns."""
+        tables = self._tables()
+        for i, j, w in self.r.modes[mode]:
+            for c, row in enumerate(tables[self._number_of(self.r.h[i, j])]):
+                for d, (lo, hi) in enumerate(row):
+                    if (lo, hi) != (0, 0):
+                        yield (
+                            self._unit(i, c),
+                            self._unit(j, d) - self._unit(i, d),
+                            fmpq(w * lo),
+                            fmpq(w * hi),
+                        )
+
+    def _negative(self, mode: str) -> bool:
+        method, channels = self.e["method"], list(self._channels(mode))
+        base = self._base()
+        if method == "vertices":
+            wide = [k for k, (_, _, lo, hi) in enumerate(channels) if lo < hi]
+            choices = (
+                dict(zip(wide, ends, strict=True)) for ends in product((0, 1), repeat=len(wide))
+            )
+            return len(wide) <= 12 and all(
+                positive(-self._closed(base, channels, choice)) for choice in choices
+            )
+        M = self._closed(base, channels, {})
+        if method == "lure":
+            multipliers = [exact(x) for x in self.e["multipliers"][mode]]
+            for (b, z, lo, hi), tau in zip(channels, multipliers, strict=True):
+                if lo < hi:
+                    if tau <= 0:
+                        return False
+                    t, D = fmpq(tau), (hi - lo) / 2
+                    Pb = self.P_e * b
+                    M = (
+                        M
+                        + Pb * Pb.transpose() * (1 / (2 * t))
+                        + z * z.transpose() * (2 * t * D * D)
+                    )
+            return positive(-M)
+        if method != "interval" or self.e["multipliers"] != {}:
+            return False
+        sums = [flint.fmpq(0)] * self.size
+        for b, z, lo, hi in channels:
+            X = self.P_e * b * z.transpose() + z * (self.P_e * b).transpose()
+            for a, row in enumerate(X.tolist()):
+                sums[a] += (hi - lo) / 2 * sum((abs(x) for x in row), flint.fmpq(0))
+        return positive(-(M + diagonal(sums)))
+
+    def _base(self) -> Any:
+        """-(P_e K + K'P_e) + 2 rate P_e + P_e (I (x) S) P_e."""
+        size, m = self.size, self.r.m
+        K, S = zeros(size), zeros(size)
+        for i, k in self.r.gains.items():
+            for c, d in product(range(m), repeat=2):
+                K[i * m + c, i * m + d] = fmpq(k[c][d])
+        if self.P is not None:
+            for i, (first, states) in enumerate(self.r.own):
+                C, N = (
+                    part(self.r.C, range(first, first + m), states),
+                    part(-self._omega(), states, states),
+                )
+                border = C * N.inv() * C.transpose()
+                for c, d in product(range(m), repeat=2):
+                    S[i * m + c, i * m + d] = border[c, d]
+        return (
+            -(self.P_e * K + K.transpose() * self.P_e)
+            + 2 * fmpq(self.rate) * self.P_e
+            + self.P_e * S * self.P_e
+        )
+
+    def _closed(self, base: Any, channels: Any, choice: dict[int, int]) -> Any:
+        """The base with every channel at its middle gain, or at the chosen end."""
+        for k, (b, z, lo, hi) in enumerate(channels):
+            g = (lo, hi)[choice[k]] if k in choice else (lo + hi) / 2
+            X = self.P_e * b * z.transpose()
+            base = base + (X + X.transpose()) * g
+        return base
+
+    # samples
+
+    def _grows(self, high: Fraction, low: Fraction) -> bool:
+        """Whether V' > -2 rate V at a random point with low <= V <= high; eps takes part in some of
+        them."""
+        rng, r = np.random.default_rng(0), self.r
+        P_e = in_floats(self.P_e)
+        e = rng.normal(size=(self.size, POINTS))
+        # few agents away from the target
+        e[:, : POINTS // 2] *= rng.integers(0, 2, size=(self.size, POINTS // 2))
+        eps = np.zeros((r.n, 0, POINTS))
+        value = np.einsum("ap,ab,bp->p", e, P_e, e)
+        if self.P is not None:
+            P, F, C = map(in_floats, (self.P, r.F, r.C))
+            # of every group; what is not an agent's own is 0
+            C = C.reshape(-1, r.m, len(P)).sum(axis=0)
+            eps = rng.normal(size=(r.n, len(P), POINTS)) * rng.choice([0, 0, 1e-3, 1], size=POINTS)
+            for i, (_, states) in enumerate(r.own):
+                eps[i, [k for k in range(len(P)) if k not in states]] = 0
+            value = value + np.einsum("iap,ab,ibp->p", eps, P, eps)
+        ok = value > 0
+        wanted = float(low) + (float(high) - float(low)) * rng.choice(
+            [1e-3, 0.1, 0.3, 0.6, 0.9, 1.0], size=POINTS
+        )
+        scale = np.where(ok, np.sqrt(wanted / np.where(ok, value, 1)), 0)
+        e, eps = e * scale, eps * scale
+        for mode in r.modes:
+            d = r.field(mode, e.reshape(r.n, r.m, -1))
+            change = np.zeros(POINTS)
+            if self.P is not None:
+                d = d + np.einsum("ca,iap->icp", C, eps)
+                change = 2 * np.einsum("iap,ab,ibp->p", eps, P @ F, eps)
+            terms = 2 * np.einsum("ap,ab,bp->p", e, P_e, d.reshape(self.size, -1))
+            if np.any(
+                change + terms + 2 * float(self.rate) * wanted * ok
+                > NEAR * (np.abs(change) + np.abs(terms))
+            ):
+                return True
+        return False
+
+
+def fraction(x: Any) -> Fraction:
+    return Fraction(int(x.p), int(x.q))
+
+
+def in_floats(M: Any) -> Any:
+    return np.array([[float(fraction(x)) for x in row] for row in M.tolist()])

@@ -1,0 +1,704 @@
+"""An oracle for certificates that shares no code with the package's theorems, verify or exact.
+
+It reads problem.json and certificate.json as JSON.  Slopes come from SymPy's diff, matrices from
+Kronecker products, definiteness from plain elimination over Fractions, "Hurwitz" from Lyapunov's
+equation, root counts from SymPy's factors, and Psi is decided as the whole matrix (18), not through
+the Reduction.  Irrational slopes are taken to 80 digits, with a slack of 1e-60 where a strict
+inequality is claimed.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import mpmath
+import numpy as np
+import sympy as sp
+from scipy.optimize import linprog
+
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.problem import Problem
+from oracles.factors import false_factor
+from oracles.regions import COVERING, IDS, Regions
+
+Rows = list[list[Fraction]]
+SLACK = Fraction(1, 10**60)
+FIELDS = {
+    "id",
+    "mode",
+    "verdict",
+    "domain",
+    "margin",
+    "rate",
+    "factor",
+    "reason",
+    "exact",
+    "witness",
+    "fix",
+}
+PLAIN = ("observability", "detectability", "hurwitz", "reachability")
+
+
+# linear algebra over the rationals, written out
+
+
+def zeros(rows: int, columns: int) -> Rows:
+    return [[Fraction(0)] * columns for _ in range(rows)]
+
+
+def eye(size: int) -> Rows:
+    return [[Fraction(int(i == j)) for j in range(size)] for i in range(size)]
+
+
+def plus(*terms: Rows) -> Rows:
+    return [
+        [sum(xs, Fraction(0)) for xs in zip(*rows, strict=True)]
+        for rows in zip(*terms, strict=True)
+    ]
+
+
+def times(factor: Fraction | int, M: Rows) -> Rows:
+    return [[factor * x for x in row] for row in M]
+
+
+def dot(M: Rows, N: Rows) -> Rows:
+    return [
+        [sum((x * N[k][j] for k, x in enumerate(row)), Fraction(0)) for j in range(len(N[0]))]
+        for row in M
+    ]
+
+
+def turned(M: Rows) -> Rows:
+    return [list(column) for column in zip(*M, strict=True)]
+
+
+def kron(M: Rows, N: Rows) -> Rows:
+    return [[x * y for x in p for y in q] for p in M for q in N]
+
+
+def block(rows: Sequence[Sequence[Rows]]) -> Rows:
+    return [[x for part in row for x in part[i]] for row in rows for i in range(len(row[0]))]
+
+
+def positive_definite(M: Rows) -> bool:
+    """All pivots of an elimination without exchanges are positive."""
+    work = [list(row) for row in M]
+    for k, row in enumerate(work):
+        if row[k] <= 0:
+            return False
+        for other in work[k + 1 :]:
+            factor = other[k] / row[k]
+            if factor:
+                for j in range(k, len(row)):
+                    other[j] -= factor * row[j]
+    return True
+
+
+def negative_definite(M: Rows) -> bool:
+    return positive_definite(times(-1, M))
+
+
+def form(M: Rows, v: Sequence[Fraction]) -> Fraction:
+    return sum((x * v[i] * v[j] for i, row in enumerate(M) for j, x in enumerate(row)), Fraction(0))
+
+
+def solve(M: Rows, right: list[Fraction]) -> list[Fraction] | None:
+    """The solution of a square system, None if it is singular."""
+    work = [[*row, b] for row, b in zip(M, right, strict=True)]
+    for k in range(len(work)):
+        pivot = next((i for i in range(k, len(work)) if work[i][k]), None)
+        if pivot is None:
+            return None
+        work[k], work[pivot] = work[pivot], work[k]
+        work[k] = [x / work[k][k] for x in work[k]]
+        for i, row in enumerate(work):
+            if i != k and row[k]:
+                work[i] = [x - row[k] * y for x, y in zip(row, work[k], strict=True)]
+    return [row[-1] for row in work]
+
+
+def hurwitz(A: Rows) -> bool:
+    """Lyapunov: A'X + XA = -I has a unique solution, and it is positive definite."""
+    q = len(A)
+    if not q:
+        return True
+    operator = plus(kron(turned(A), eye(q)), kron(eye(q), turned(A)))
+    solution = solve(operator, [-x for row in eye(q) for x in row])
+    return solution is not None and positive_definite(
+        [solution[i * q : (i + 1) * q] for i in range(q)]
+    )
+
+
+# the problem, read from problem.json
+
+
+class Oracle:
+    """What is true of one problem."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.bytes = canonical_bytes(problem)
+        self.document = d = json.loads(self.bytes)
+        self.labels: list[str] = d["labels"]
+        self.n, self.m = len(self.labels), int(d["dimension"])
+        self.modes: dict[str, list[Any]] = {mode["name"]: mode["arcs"] for mode in d["modes"]}
+        exosystem = d["exosystem"]
+        self.A: Rows | None = None if exosystem is None else numbers(exosystem["A"])
+        self.C: Rows | None = None if exosystem is None else numbers(exosystem["C"])
+        self.W: Rows | None = None if d["observer"]["W"] is None else numbers(d["observer"]["W"])
+        self.P: Rows | None = None if d["observer"]["P"] is None else numbers(d["observer"]["P"])
+        default = d["coupling"]["h"]
+        special = {tuple(item["arc"]): item["h"] for item in d["coupling"]["exceptions"]}
+        self.h = {
+            (i, j): special.get((i, j), default) for arcs in self.modes.values() for i, j, _ in arcs
+        }
+        texts = [default, *special.values()]
+        self.smooth = not any(
+            word in str(h) for h in texts for word in ("abs", "min", "max", "clip")
+        )
+        self.linear = self.smooth and all(slope(key(h), self.m)[1] for h in texts)
+        self.K = zeros(self.n * self.m, self.n * self.m)
+        self.pinned = [i for i, _ in d["gains"]]
+        for i, gain in d["gains"]:
+            for c, row in enumerate(numbers(gain)):
+                self.K[i * self.m + c][i * self.m : (i + 1) * self.m] = row
+        self.counted: dict[str, int] = {}
+        self.exact = all(map(self.exact_in, self.modes))
+
+    def exact_in(self, mode: str) -> bool:
+        """Whether every slope of the mode is rational."""
+        return self.smooth and all(
+            slope(key(self.h[i, j]), self.m)[2] for i, j, _ in self.modes[mode]
+        )
+
+    @property
+    def domain(self) -> str:
+        return "global" if self.linear else "consensus"
+
+    def loop(self, mode: str) -> Rows:
+        """J - K, from sums of Kronecker products of (e_i e_j' - e_i e_i') and the slopes."""
+        total = times(-1, self.K)
+        for i, j, weight in self.modes[mode]:
+            place = zeros(self.n, self.n)
+            place[i][j] += 1
+            place[i][i] -= 1
+            gain = times(Fraction(weight), slope(key(self.h[i, j]), self.m)[0])
+            total = plus(total, kron(place, gain))
+        return total
+
+    def lambda_(self, mode: str) -> Rows:
+        return plus(self.loop(mode), turned(self.loop(mode)))
+
+    def psi(self, mode: str, P: Rows, Q: Rows, *, margin: Fraction, rate: Fraction) -> Rows:
+        """The matrix (18), with 2 rate diag(I, I (x) P) and margin diag(I, 0) added."""
+        assert self.A is not None and self.C is not None
+        half = plus(dot(P, self.A), times(-1, dot(Q, self.C)))
+        omega = plus(half, turned(half))
+        corner = plus(self.lambda_(mode), times(margin + 2 * rate, eye(self.n * self.m)))
+        border = kron(eye(self.n), self.C)
+        return block(
+            [[corner, border], [turned(border), kron(eye(self.n), plus(omega, times(2 * rate, P)))]]
+        )
+
+    def slack(self) -> Fraction:
+        return Fraction(0) if self.exact else SLACK
+
+    def unreached(self, modes: Sequence[str]) -> list[int]:
+        reached = set(self.pinned)
+        for _ in range(self.n):
+            reached |= {i for mode in modes for i, j, _ in self.modes[mode] if j in reached}
+        return [i for i in range(self.n) if i not in reached]
+
+    def listened_to_from(self, agent: int) -> set[int]:
+        """The agent, whom it listens to in any mode, whom those listen to, and so on: closed by
+        construction."""
+        found = {agent}
+        for _ in range(self.n):
+            found |= {j for arcs in self.modes.values() for i, j, _ in arcs if i in found}
+        return found
+
+    def error(self, W: Rows) -> Rows:
+        assert self.A is not None and self.C is not None
+        return plus(self.A, times(-1, dot(W, self.C)))
+
+    def hidden(self) -> sp.Matrix:
+        """A restricted to what C never sees, by SymPy."""
+        A, C = sp.Matrix(self.A), sp.Matrix(self.C)
+        N = sp.Matrix.vstack(*(C * A**k for k in range(A.rows))).nullspace()
+        if not N:
+            return sp.zeros(0, 0)
+        N = sp.Matrix.hstack(*N)
+        return (N.T * N).inv() * N.T * A * N
+
+    def detectable(self) -> bool:
+        return hurwitz(fractions(self.hidden()))
+
+    def seen_error_decays(self, W: Rows) -> bool:
+        """The spectrum of A - WC on the quotient by what C never sees: its characteristic
+        polynomial divides."""
+        s = sp.Symbol("s")
+        whole = sp.Matrix(self.error(W)).charpoly(s).as_expr()
+        rest = sp.Poly(sp.cancel(whole / self.hidden().charpoly(s).as_expr()), s)
+        return right_half_plane(rest) == 0 and not on_axis(rest)
+
+    def unstable_roots(self, mode: str) -> int:
+        if mode not in self.counted and self.lemma(mode):
+            self.counted[mode] = 0  # e'e decreases
+        if mode not in self.counted:
+            self.counted[mode] = right_half_plane(
+                sp.Matrix(self.loop(mode)).charpoly(sp.Symbol("s"))
+            )
+        return self.counted[mode]
+
+    def lemma(self, mode: str) -> bool:
+        return negative_definite(
+            plus(self.lambda_(mode), times(self.slack(), eye(self.n * self.m)))
+        )
+
+    def verdicts(self, W: Rows | None) -> set[str]:
+        """What may be said overall: "undecided" always, "proved" or "refuted" where the rules give
+        it."""
+        found = {"undecided"}
+        region = self.document["region"]
+        held = self.smooth and all(self.lemma(mode) for mode in self.modes)
+        heard = self.error_decays(W)
+        if held and heard and (region is None or self.linear):
+            found.add("proved")
+        one = (
+            len(self.modes) == 1
+            and self.exact
+            and all(hurwitz(self.loop(mode)) for mode in self.modes)
+        )
+        if one and heard and (region is None or self.linear):
+            found.add("proved")
+        if self._fails(region):
+            found.add("refuted")
+        assert found != {"undecided", "proved", "refuted"}
+        return found
+
+    def _fails(self, region: Any) -> bool:
+        goals = {i: numbers([self.document["target"]])[0] for i in range(self.n)}
+        for i, offset in self.document["offsets"]:
+            goals[i] = [x + y for x, y in zip(goals[i], numbers([offset])[0], strict=True)]
+        pairs = [] if region is None else numbers(region["initial_states"])
+        for agent in range(self.n):
+            alone = self.listened_to_from(agent)
+            gains = [
+                self.K[i * self.m + c][i * self.m : (i + 1) * self.m]
+                for i in alone
+                for c in range(self.m)
+            ]
+            common = [
+                (max(lo - goals[i][c] for i in alone), min(hi - goals[i][c] for i in alone))
+                for c, (lo, hi) in enumerate(pairs)
+            ]
+            if moves_within(sp.Matrix(gains).nullspace(), common, whole=region is None):
+                return True
+        quiet = region is not None and not Fraction(region["initial_disturbance"] or 0)
+        if (
+            self.A is not None
+            and self.W is not None
+            and not quiet
+            and not self.seen_error_decays(self.W)
+        ):
+            return True
+        inside = all(
+            lo < goal[c] < hi for c, (lo, hi) in enumerate(pairs) for goal in goals.values()
+        )
+        return inside and any(
+            self.exact_in(mode) and self.unstable_roots(mode) for mode in self.modes
+        )
+
+    # certificates
+
+    def false_claims(self, document: dict[str, Any]) -> list[str]:
+        """Every claim of a certificate that is not true, in words; sentences and advice are not
+        read."""
+        false = []
+        if document["problem"] != self.document["name"]:
+            false.append("name")
+        if document["problem_sha256"] != hashlib.sha256(self.bytes).hexdigest():
+            false.append("hash")
+        observer = document["observer"]
+        W, P, Q = (
+            None if observer[name] is None else numbers(observer[name]) for name in ("W", "P", "Q")
+        )
+        if self.W is not None and W != self.W:
+            false.append("W")
+        if observer["source"] != (
+            None if W is None else "given" if self.W is not None else "designed"
+        ):
+            false.append("source of W")
+        if (P is None) != (Q is None) or (
+            P is not None and (turned(P) != P or dot(P, W or []) != Q)
+        ):
+            false.append("P, Q")
+        for check in document["checks"]:
+            title = f"{check['id']} {check.get('mode')}"
+            if check["id"] in IDS:
+                regions = Regions(self.document, observer["W"])
+                false += [
+                    f"{title}: {what}" for what in regions.false(check, document, self.domain)
+                ]
+            else:
+                false += [f"{title}: {what}" for what in self._false_in(check, W, P, Q)]
+            false += [f"{title}: {what}" for what in false_factor(check, document["checks"])]
+        return false + self._false_overall(document, W)
+
+    def _false_overall(self, document: dict[str, Any], W: Rows | None) -> list[str]:
+        verdict, checks = document["verdict"], document["checks"]
+        regions = Regions(self.document, document["observer"]["W"])
+        covering = [
+            c for c in checks if c["id"] in IDS and c["verdict"] == "proved" and regions.covers(c)
+        ]
+        carrying = [
+            c for c in covering if c["id"] == document["covered_by"] and c["id"] in COVERING
+        ]
+        if verdict == "proved" and carrying:
+            return [] if document["rate"] == carrying[0]["rate"] else ["rate"]
+        own = [
+            c
+            for c in checks
+            if c["id"] == document["covered_by"] and c["id"].endswith(("weighted", "linearisation"))
+        ]
+        if verdict == "proved" and own and (self.document["region"] is None or self.linear):
+            said = (document["rate"], own[0]["verdict"]) == (own[0]["rate"], "proved")
+            return (
+                [] if said and self.error_decays(W) else ["rate or the check of a proved verdict"]
+            )
+        beside = self.document["region"] is not None and any(
+            c["id"] == "equilibrium" and c["verdict"] == "refuted" for c in checks
+        )
+        if verdict == "refuted" and beside:
+            return (
+                []
+                if document["rate"] is None and document["covered_by"] is None
+                else ["a rate without proof"]
+            )
+        if verdict not in self.verdicts(W):
+            return [f"verdict {verdict}"]
+        if verdict != "proved":
+            return (
+                []
+                if document["rate"] is None and document["covered_by"] is None
+                else ["a rate without proof"]
+            )
+        carrying = [
+            c for c in checks if c["id"] == document["covered_by"] and c["verdict"] == "proved"
+        ]
+        theorem = "lemma1" if self.A is None else f"theorem{min(2, len(self.modes))}"
+        if not carrying or document["covered_by"] not in (theorem, f"{theorem}-printed"):
+            return ["covered_by"]
+        rates = [c["rate"] for c in carrying]
+        return [] if document["rate"] in ((None,) if None in rates else (min(rates),)) else ["rate"]
+
+    def _false_in(
+        self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
+    ) -> list[str]:
+        if not set(check) <= FIELDS:
+            return ["unknown fields"]
+        id, verdict = check["id"], check["verdict"]
+        if (check.get("mode") is not None) != (id in ("reachability", "lemma1")):
+            return ["mode"]
+        if check["domain"] != ("global" if id in PLAIN else self.domain):
+            return ["domain"]
+        if verdict == "undecided":
+            claims = [check["margin"], check["rate"], check.get("exact"), check.get("witness")]
+            return [] if claims == [None] * 4 else ["claims of an undecided check"]
+        if id in PLAIN:
+            return self._false_plain(check, W)
+        if not self.smooth:
+            return ["no theorem applies"]
+        if id.endswith("weighted"):
+            return self._false_weights(check, W)
+        if id == "linearisation":
+            return self._false_linearisation(check, W)
+        if id.endswith("printed"):
+            if self.P is None or self.W is None:
+                return ["no printed pair"]
+            P, Q = self.P, dot(self.P, self.W)
+        return (self._false_proof if verdict == "proved" else self._false_refutation)(
+            check, W, P, Q
+        )
+
+    def _false_plain(self, check: dict[str, Any], W: Rows | None) -> list[str]:
+        id, exact = check["id"], check.get("exact")
+        s = sp.Symbol("s")
+        if check["margin"] is not None or (check["rate"] is not None and id != "hurwitz"):
+            return ["number"]
+        if id == "reachability":
+            alone = [self.labels[i] for i in self.unreached([check["mode"]])]
+            witness = {"kind": "agents", "labels": alone} if alone else None
+            true, said = not alone, exact is None and check.get("witness") == witness
+        elif id == "observability":
+            rank = len(self.A or []) - self.hidden().rows
+            true, said = (
+                rank == len(self.A or []),
+                set(exact) == {"rank"} and number(exact["rank"]) == rank,
+            )
+        elif id == "detectability":
+            polynomial = (
+                sp.Poly(self.hidden().charpoly(s).as_expr(), s)
+                if self.hidden().rows
+                else sp.Poly(1, s)
+            )
+            true, said = (
+                self.detectable(),
+                sp.Poly(read(exact["unobservable_polynomial"]), s) == polynomial,
+            )
+        else:
+            if W is None:
+                return ["no W"]
+            true, said = hurwitz(self.error(W)), True
+            if check["rate"] is not None:
+                shifted = plus(self.error(W), times(Fraction(repr(check["rate"])), eye(len(W))))
+                said = check["rate"] > 0 and hurwitz(shifted)
+        return ["verdict"] if true != (check["verdict"] == "proved") else [] if said else ["exact"]
+
+    def _false_proof(
+        self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
+    ) -> list[str]:
+        margin, rate = (Fraction(repr(check[name] or 0.0)) for name in ("margin", "rate"))
+        if check["margin"] is None or margin < 0 or rate < 0 or check.get("witness") is not None:
+            return ["margin, rate or witness of a proof"]
+        if check["id"] == "lemma1":
+            shift = times(max(margin, 2 * rate) + self.slack(), eye(self.n * self.m))
+            true = check.get("exact") is None and negative_definite(
+                plus(self.lambda_(check["mode"]), shift)
+            )
+            return [] if true else ["Lambda < 0"]
+        if P is None or Q is None or not positive_definite(P):
+            return ["P"]
+        for mode in self.modes:
+            for extra, pace in ((margin, Fraction(0)), (Fraction(0), rate)):
+                if not negative_definite(
+                    self.psi(mode, P, Q, margin=extra + self.slack(), rate=pace)
+                ):
+                    return [f"Psi < 0 in {mode}"]
+        return self._false_exact(check["exact"], P, Q)
+
+    def _false_weights(self, check: dict[str, Any], W: Rows | None) -> list[str]:
+        """V = e'De + sum eps_i' P eps_i along (22), as one matrix."""
+        rate, exact = Fraction(repr(check["rate"] or 0.0)), check.get("exact") or {}
+        positive = check["rate"] is None or rate > 0
+        if (
+            check["verdict"] != "proved"
+            or not positive
+            or check["margin"] is not None
+            or check.get("witness")
+        ):
+            return ["margin, rate or witness"]
+        D = [number(x) for x in exact["D"]]
+        P = numbers(exact["P"]) if self.A is not None else []
+        if (
+            min(D) <= 0
+            or (P and (turned(P) != P or not positive_definite(P)))
+            or (self.A is not None and W is None)
+        ):
+            return ["D or P"]
+        V = [[D[i] if i == j else Fraction(0) for j in range(len(D))] for i in range(len(D))]
+        corner = zeros(len(D), self.n * len(P))
+        if P:
+            V = block([[V, corner], [turned(corner), kron(eye(self.n), P)]])
+        for mode in self.modes:
+            loop = self.loop(mode)
+            if W is not None and self.C is not None:
+                own = kron(eye(self.n), self.error(W))
+                loop = block([[loop, kron(eye(self.n), self.C)], [turned(corner), own]])
+            if not negative_definite(plus(dot(V, loop), turned(dot(V, loop)), times(2 * rate, V))):
+                return [f"V' <= -2 rate V in {mode}"]
+        return []
+
+    def _false_linearisation(self, check: dict[str, Any], W: Rows | None) -> list[str]:
+        (mode,) = self.modes
+        if check["margin"] is not None or check.get("witness") or not self.exact:
+            return ["margin or witness"]
+        if check["verdict"] == "refuted":
+            roots = number((check.get("exact") or {})["unstable_roots"])
+            return (
+                []
+                if check["rate"] is None and 0 < roots <= self.unstable_roots(mode)
+                else ["unstable_roots"]
+            )
+        rate = Fraction(repr(check["rate"] or 0.0))
+        loops = [
+            self.loop(mode),
+            *([self.error(W)] if self.A is not None and W is not None else []),
+        ]
+        shifted = [plus(x, times(rate, eye(len(x)))) for x in loops]
+        decays = (check["rate"] is None or rate > 0) and all(map(hurwitz, shifted))
+        return [] if decays and (self.A is None or W is not None) else ["rate"]
+
+    def error_decays(self, W: Rows | None) -> bool:
+        return self.A is None or (W is not None and hurwitz(self.error(W)))
+
+    def _false_exact(self, exact: dict[str, Any], P: Rows, Q: Rows) -> list[str]:
+        S = self._schur(P, Q)
+        true = numbers(exact["P"]) == P and numbers(exact["Q"]) == Q and numbers(exact["S"]) == S
+        scalar = times(S[0][0], eye(len(S))) == S
+        bound = number(exact["bound"]) if "bound" in exact else None
+        return [] if true and bound == (-S[0][0] if scalar else None) else ["exact"]
+
+    def _schur(self, P: Rows, Q: Rows) -> Rows:
+        omega = self._omega(P, Q)
+        inverse = sp.Matrix(omega).inv()
+        return fractions(-sp.Matrix(self.C) * inverse * sp.Matrix(self.C).T)
+
+    def _omega(self, P: Rows, Q: Rows) -> Rows:
+        A, C, P_, Q_ = (sp.Matrix(x) for x in (self.A, self.C, P, Q))
+        return fractions(P_ * A + A.T * P_ - Q_ * C - C.T * Q_.T)
+
+    def _false_refutation(
+        self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
+    ) -> list[str]:
+        id, exact, mode = check["id"], check.get("exact") or {}, check.get("mode")
+        if check["rate"] is not None or (check["margin"] is not None and check["margin"] > 0):
+            return ["number"]
+        part = exact.get("block")
+        if part in ("detectability", "hurwitz"):
+            true = self.W is not None and not hurwitz(self.error(self.W))
+            if part == "detectability":
+                true = not self.detectable()
+            alone = not id.endswith("printed") and check["margin"] is None and len(exact) == 1
+            return [] if true and alone else ["obstacle"]
+        v = [number(text) for text in check["witness"]["values"]]
+        if check["witness"]["kind"] != "vector" or not any(v):
+            return ["witness"]
+        if id == "lemma1" or part == "Lambda":
+            mode = mode or exact["mode"]
+            labels = [
+                self.labels[i] for i in range(self.n) if any(v[i * self.m : (i + 1) * self.m])
+            ]
+            if check["witness"].get("labels") != labels:
+                return ["labels"]
+            value = form(self.lambda_(mode), v)
+            if value < -self.slack() or not self._reaches(check, value, v):
+                return ["v' Lambda v"]
+            if id == "lemma1":
+                roots = self.unstable_roots(mode) if self.exact_in(mode) else 0
+                claimed = number(exact["unstable_roots"])
+                if claimed.denominator != 1 or not 0 <= claimed <= roots:
+                    return ["unstable_roots"]
+                if number(exact.get("value", str(value))) > value + self.slack():
+                    return ["exact"]
+            return [] if set(exact) <= {"value", "unstable_roots", "block", "mode"} else ["exact"]
+        if not id.endswith("printed") or P is None or Q is None:
+            return ["one pair refutes nothing"]
+        if part in ("P", "Omega0"):
+            matrix = times(-1, P) if part == "P" else self._omega(P, Q)
+            alone = (
+                check["margin"] is None
+                and len(exact) == 1
+                and check["witness"].get("labels") is None
+            )
+            return [] if form(matrix, v) >= 0 and alone else [part]
+        # With eps_i = (-Omega)^-1 C' e_i the whole Psi takes the value that the Reduction gives.
+        tails = sp.Matrix(self._omega(P, Q)).inv() * -sp.Matrix(self.C).T
+        parts = [sp.Matrix(v[i * self.m : (i + 1) * self.m]) for i in range(self.n)]
+        whole = [*v, *(x for part in parts for x in fractions((tails * part).T)[0])]
+        value = form(self.psi(exact["mode"], P, Q, margin=Fraction(0), rate=Fraction(0)), whole)
+        if value < -self.slack() or not self._reaches(check, value, v):
+            return ["v' Psi v"]
+        return self._false_exact(exact, P, Q)
+
+    def _reaches(self, check: dict[str, Any], value: Fraction, v: list[Fraction]) -> bool:
+        if check["margin"] is None:
+            return True
+        square = sum((x * x for x in v), Fraction(0))
+        return -Fraction(repr(check["margin"])) * square <= value + self.slack() * square
+
+
+def moves_within(
+    free: list[sp.Matrix], box: list[tuple[Fraction, Fraction]], *, whole: bool
+) -> bool:
+    """Whether some c != 0 spanned by ``free`` lies in the box: c = F t, one linear program for each
+    end of each c_k."""
+    if whole or not free:
+        return bool(free)
+    F = np.array(sp.Matrix.hstack(*free).tolist(), dtype=float)
+    limits = [float(hi) for _, hi in box] + [-float(lo) for lo, _ in box]
+    ends = [
+        linprog(sign * row, A_ub=np.vstack([F, -F]), b_ub=limits, bounds=(None, None))
+        for row in F
+        for sign in (1, -1)
+    ]
+    return any(end.status == 0 and abs(end.fun) > 1e-9 for end in ends)
+
+
+def key(h: Any) -> tuple[str, ...]:
+    return (h,) if isinstance(h, str) else tuple(h)
+
+
+def read(text: str) -> sp.Expr:
+    """A polynomial in s as the package writes it: "s^2 - 1/2 s + 4"."""
+    return sp.sympify(re.sub(r"(\d) s", r"\1*s", text).replace("^", "**"), rational=True)
+
+
+@cache
+def slope(h: tuple[str, ...], m: int) -> tuple[Rows, bool, bool]:
+    """dh/dy at 0 by SymPy (m x m, to 80 digits), whether h is linear, whether the slopes are
+    rational."""
+    y = sp.symbols(f"y1:{m + 1}")
+    names = {f"y{i + 1}": symbol for i, symbol in enumerate(y)}
+    if len(h) == 1:
+        texts = [sp.sympify(h[0], locals={**names, "y": y[c]}, rational=True) for c in range(m)]
+    else:
+        texts = [sp.sympify(text, locals=names, rational=True) for text in h]
+    partials = [[sp.diff(text, symbol) for symbol in y] for text in texts]
+    values = [[entry.subs(dict.fromkeys(y, 0)) for entry in row] for row in partials]
+    linear = not any(sp.expand(entry).free_symbols for row in partials for entry in row)
+    rational = all(value.is_Rational for row in values for value in row)
+    return [[number_of(value) for value in row] for row in values], linear, rational
+
+
+def number_of(value: sp.Expr) -> Fraction:
+    if value.is_Rational:
+        return Fraction(int(value.p), int(value.q))
+    near = sp.Rational(str(sp.N(value, 80)))
+    return Fraction(int(near.p), int(near.q))
+
+
+def number(text: Any) -> Fraction:
+    assert isinstance(text, str)
+    top, _, bottom = text.partition("/")
+    return Fraction(top) / Fraction(bottom or "1")
+
+
+def numbers(rows: Any) -> Rows:
+    return [[number(entry) for entry in row] for row in rows]
+
+
+def fractions(M: sp.Matrix) -> Rows:
+    return [[Fraction(int(x.p), int(x.q)) for x in M.row(i)] for i in range(M.rows)]
+
+
+def right_half_plane(polynomial: sp.Poly) -> int:
+    """Roots with positive real part, counted on irreducible factors: their roots are simple, hence
+    accurate."""
+    axis = mpmath.mpf(10) ** -25
+    return sum(
+        multiplicity * sum(root.real > axis for root in roots)
+        for roots, multiplicity in _roots(polynomial)
+    )
+
+
+def on_axis(polynomial: sp.Poly) -> bool:
+    return any(
+        abs(root.real) <= mpmath.mpf(10) ** -25 for roots, _ in _roots(polynomial) for root in roots
+    )
+
+
+def _roots(polynomial: sp.Poly) -> list[tuple[list[Any], int]]:
+    found = []
+    with mpmath.workdps(60):
+        for factor, multiplicity in sp.factor_list(polynomial.as_expr(), sp.Symbol("s"))[1]:
+            coefficients = [
+                mpmath.mpf(int(c.p)) / int(c.q)
+                for c in sp.Poly(factor, sp.Symbol("s")).all_coeffs()
+            ]
+            roots = mpmath.polyroots(coefficients, maxsteps=500, extraprec=400)
+            found.append(([mpmath.mpc(root) for root in roots], multiplicity))
+    return found

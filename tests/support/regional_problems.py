@@ -1,0 +1,188 @@
+"""Problems of the regional certificates, with derivatives written out in NumPy, and problems with
+equilibria beside the target, known in closed form or by mpmath at 50 digits."""
+
+from fractions import Fraction
+from random import Random
+from typing import Any
+
+import mpmath
+import numpy as np
+from couplings import exact
+from scipy.integrate import solve_ivp
+
+from dobc_design import Exosystem, Network, Problem, Verdict
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import verify_lure
+from dobc_design.exact.matrix import to_float
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.make import loop_of
+
+PAPER = "exp(y) - 1 + y"
+HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+PAPER_GAIN = ((Fraction(16, 5),), (Fraction(12, 5),))
+
+
+def cycle(
+    n: int, gains: Any, *, coupling: str = PAPER, exosystem: Exosystem | None = None
+) -> Problem:
+    """Agent i listens to agent i + 1."""
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        coupling=coupling,
+        gains=gains,
+        exosystem=exosystem,
+    )
+
+
+def random_problem(
+    seed: int, *, m: int = 1, coupling: Any = "tanh(y)", modes: int = 1, pin: float = 0.7
+) -> Problem:
+    """A few agents, random arcs with weights, random pins."""
+    r = Random(f"lure {seed} {m} {modes}")
+    n = r.randint(2, 4)
+    arcs = {
+        f"G{k}": [
+            [i, j, r.choice((1, "1/2", 2))]
+            for i in range(1, n + 1)
+            for j in range(1, n + 1)
+            if i != j and r.random() < 0.6
+        ]
+        for k in range(modes)
+    }
+    gains = {i: r.choice((1, 2, "9/2")) for i in range(1, n + 1) if r.random() < pin}
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        coupling=coupling,
+        gains=gains,
+        target=[0] * m,
+    )
+
+
+def identity(size: int) -> SparseSymmetric:
+    return SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)})
+
+
+def is_proved(problem: Problem, lure: Lure) -> bool:
+    return verify_lure(loop_of(problem), lure).verdict is Verdict.PROVED
+
+
+def pins(problem: Problem) -> np.ndarray:
+    """K (n m, n m)."""
+    m = problem.m
+    K = np.zeros((problem.n * m,) * 2)
+    for i, gain in problem.pinning.gains.items():
+        K[i * m : i * m + m, i * m : i * m + m] = np.array(gain, dtype=float)
+    return K
+
+
+def field(problem: Problem, mode: str, e: np.ndarray) -> np.ndarray:
+    """h(e) - K e, arc by arc; e (..., n m)."""
+    x = e.reshape(*e.shape[:-1], problem.n, problem.m)
+    total = np.zeros_like(x)
+    for listener, speaker, weight in problem.network.modes[mode]:
+        h = problem.coupling_of(listener, speaker)
+        total[..., listener, :] += float(weight) * h.value(x[..., speaker, :] - x[..., listener, :])
+    return total.reshape(e.shape) - e @ pins(problem).T
+
+
+def values_along(problem: Problem, lure: Lure, level: Fraction, times: np.ndarray) -> np.ndarray:
+    """V at the times of 50 runs of (22) from random starts with V = level, (runs, times); ten of
+    them with eps = 0.
+
+    All runs in one integration by SciPy, with the gain of the certificate.
+    """
+    size, q = problem.n * problem.m, problem.q
+    metric = np.zeros((size + problem.n * q,) * 2)
+    metric[:size, :size] = to_float(lure.P_e.to_dense())
+    F, C = np.zeros((q, q)), np.zeros((problem.m, q))
+    if lure.P is not None:
+        metric[size:, size:] = np.kron(np.eye(problem.n), to_float(lure.P))
+        C = to_float(problem.exosystem.C)
+        F = to_float(problem.exosystem.A) - np.linalg.solve(to_float(lure.P), to_float(lure.Q)) @ C
+    directions = np.random.default_rng(0).standard_normal((50, len(metric)))
+    directions[:10, size:] = 0
+    sizes = np.sqrt(np.einsum("ri,ij,rj->r", directions, metric, directions))
+    starts = directions / sizes[:, None] * float(level) ** 0.5
+
+    def slope(t: float, flat: np.ndarray) -> np.ndarray:
+        state = flat.reshape(starts.shape)
+        e, eps = state[:, :size], state[:, size:].reshape(len(starts), problem.n, q)
+        e_dot = field(problem, "G", e) + (eps @ C.T).reshape(e.shape)
+        return np.concatenate(
+            [e_dot, (eps @ F.T).reshape(len(starts), problem.n * q)], axis=1
+        ).ravel()
+
+    with np.errstate(all="ignore"):  # trial steps of the integrator may overflow
+        run = solve_ivp(
+            slope,
+            (0, times[-1]),
+            starts.ravel(),
+            t_eval=times,
+            rtol=1e-9,
+            atol=1e-11,
+            method="DOP853",
+        )
+    states = run.y.reshape(*starts.shape, len(times))
+    return np.einsum("rit,ij,rjt->rt", states, metric, states)
+
+
+FOLDED = "y - 3/2*max(0, y - 1) - 3/2*min(0, y + 1)"  # rises to 1 at y = 1, falls to 0 at y = 3
+
+
+def listening_pair(
+    h: Any = "sin(y)", *, gains: Any = "1/10", target: Any = 0, reach: Any = 5, **more: Any
+) -> Problem:
+    """Two agents that listen to each other."""
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+    region = (
+        None
+        if reach is None
+        else {"initial_states": reach if isinstance(reach, list) else [-reach, reach]}
+    )
+    return Problem(network=network, coupling=h, gains=gains, target=target, region=region, **more)
+
+
+def half_difference(guess: float, k: float = 0.1) -> Fraction:
+    """e_2 = -e_1 = y/2 with 2 sin y + k y = 0 near ``guess``: both agents of the pair pinned with
+    k."""
+    with mpmath.workdps(50):
+        y = mpmath.findroot(lambda y: 2 * mpmath.sin(y) + mpmath.mpf(k) * y, guess)
+        return exact(y / 2)
+
+
+def random_folded(seed: int, *, m: int = 1, exceptions: bool = True) -> Problem:
+    """Weights, an arc with a coupling of its own, matrix gains for m > 1, offsets."""
+    r = Random(f"equilibria {seed} {m}")
+    n = r.randint(2, 5)
+    arcs = [
+        [i, j, r.choice((1, "1/2", 2))]
+        for i in range(1, n + 1)
+        for j in range(1, n + 1)
+        if i != j and (j == i % n + 1 or r.random() < 0.4)
+    ]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    h: Any = r.choice(("sin(y)", FOLDED, "y*exp(1 - y**2)", "clip(y, -1, 1)", "exp(y) - 1 + y"))
+    if m > 1 and r.random() < 0.5:
+        h = [f"sin(y{c + 1}) + y{(c + 1) % m + 1}/4" for c in range(m)]
+    gains: Any = {i: r.choice(("1/10", "1/2", 3)) for i in range(1, n + 1) if r.random() < 0.7}
+    if m > 1:
+        gains = {
+            i: [
+                [k if c == d else ("1/20" if d > c else "-1/20") for d in range(m)]
+                for c in range(m)
+            ]
+            for i, k in gains.items()
+        }
+    listener, speaker = int(network.modes["G"].listeners[0]), int(network.modes["G"].speakers[0])
+    other = {(listener, speaker): "tanh(2*y)"} if exceptions else None
+    offsets = {1: [r.randint(-2, 2) for _ in range(m)]}
+    return Problem(
+        network=network,
+        coupling=h,
+        exceptions=other,
+        gains=gains,
+        target=[1] * m,
+        offsets=offsets,
+        region={"initial_states": [-9, 9]},
+    )

@@ -1,0 +1,199 @@
+"""Small loops that tests of simulations share; ensembles against runs one by one; a certified
+envelope against simulated runs."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import dobc_design as dd
+from dobc_design import (
+    Ensemble,
+    Exosystem,
+    Failure,
+    Network,
+    Observer,
+    Problem,
+    Settling,
+    Stress,
+    Trajectory,
+)
+from dobc_design.exact.matrix import to_float
+from dobc_design.loop.arrays import Gain
+from dobc_design.simulation.many_runs import run_many
+from dobc_design.simulation.one_run import run_once
+from dobc_design.simulation.setting import make_setting
+
+HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+PRINTED = Observer(W=[["16/5"], ["12/5"]])
+
+
+def ring(coupling: str = "exp(y) - 1 + y", n: int = 10, **settings) -> Problem:
+    """The paper's directed cycle of n agents."""
+    network = Network.from_arcs(
+        [[i + 1, (i + 1) % n + 1] for i in range(n)], arrow="listens_to", agents=n
+    )
+    return Problem(network=network, coupling=coupling, **settings)
+
+
+def single(**settings) -> Problem:
+    """One agent by itself, x' = u + d."""
+    network = Network.from_arcs({"G": []}, arrow="listens_to", agents=1)
+    return Problem(network=network, coupling="y", gains={"1": 2}, **settings)
+
+
+def pair(coupling: str = "y", **settings) -> Problem:
+    """Agent 1 listens to agent 2."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    return Problem(network=network, coupling=coupling, **settings)
+
+
+def planar(**settings) -> Problem:
+    """Linear, m = 2, q = 3, two modes, formation, matrix gains, weights."""
+    modes = {"one": [[1, 2], [2, 3, 2], [3, 1], [1, 3]], "two": [[1, 3, "1/2"], [2, 1]]}
+    given = {
+        "coupling": ["2*y1 + y2", "3*y2 - y1"],
+        "simulation": {"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
+    }
+    return Problem(
+        network=Network.from_arcs(modes, arrow="listens_to", agents=3),
+        target=[1, -2],
+        gains={"1": 3, "3": [[2, 1], [-1, 2]]},
+        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
+        offsets={"2": [1, 0]},
+        **(given | settings),
+    )
+
+
+def simulate(
+    problem: Problem, *, gain: Gain | None = None, progress: Any = None, **given: Any
+) -> Trajectory:
+    """One run with this gain; nothing is designed, and [switching] is not looked at."""
+    return run_once(make_setting(problem, gain=gain, **given), progress=progress)
+
+
+def simulate_many(
+    problem: Problem, *, runs: int, gain: Gain | None = None, progress: Any = None, **given
+) -> Ensemble:
+    """The same for many runs."""
+    return run_many(make_setting(problem, gain=gain, **given), runs, progress=progress)
+
+
+FAILING = (Failure(agent="3", time=0.4, kind="freeze"), Failure(agent="2", time=0.5))
+EVERYTHING = Stress(
+    noise=0.05,
+    disturbance=0.3,
+    frequency=2,
+    saturation=2.0,
+    loss=0.3,
+    exchange=0.1,
+    failures=FAILING,
+)
+
+
+def nonlinear_planar() -> Problem:
+    """m = 2, q = 3, two modes, a coupling of vectors, a formation, gains that are matrices, drawn
+    disturbances."""
+    return planar(
+        exceptions={(0, 2): ["3*y1", "y2"]},
+        coupling=["tanh(y1) + y2/4", "y2 + y2**3/9"],
+        simulation={},
+        region={"initial_states": [[0, 1], [-3, -1]], "initial_disturbance": 2},
+    )
+
+
+def require_the_same(
+    problem: Problem, stress: Stress, *, runs: int, close: float, **given: Any
+) -> Ensemble:
+    """Errors, estimates, switches, starts and early ends of runs 5, 6, ... to ``close`` times their
+    size.
+
+    Returns: the runs side by side.
+    """
+    given = {"t_final": 1.2, "samples": 23, "stress": stress} | given
+    many = simulate_many(problem, runs=runs, seed=5, **given)
+    for k in range(runs):
+        one = simulate(problem, seed=5 + k, **given)
+        count = int(np.searchsorted(many.times, one.times[-1], side="right"))
+        scale = close * (1 + np.abs(one.x).max())
+        np.testing.assert_allclose(
+            many.estimation_error[k, :count], one.estimation_error()[:count], atol=10 * scale
+        )
+        np.testing.assert_allclose(many.error[k, :count], one.error()[:count], atol=scale)
+        assert np.isnan(many.error[k, count:]).all()
+        assert many.diverged[k] == one.diverged == (k in many.reasons)
+        np.testing.assert_allclose(many.ended[k], one.times[-1], rtol=1e-6)
+        assert many.switches[k] == len(one.switches) - 1
+        sizes = (many.error[k, 0], many.lengths[k], many.disturbances[k])
+        # an ensemble's starts are those before the first noise
+        jumped = bool(stress.noise) and stress.period is None
+        np.testing.assert_allclose(sizes[: 3 - jumped], one.start_size()[: 3 - jumped])
+    assert "side by side" in many.method
+    return many
+
+
+CORNERS = 8
+SAMPLES = 401
+INTEGRATION = 1e-7  # relative, and absolute in the unit of x: what the integrator may be wrong by
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared:
+    """``crossings``: texts of runs that rose above the envelope; ``settled``: the latest settling
+    time (s) seen."""
+
+    runs: int
+    crossings: tuple[str, ...]
+    settled: float
+    closest: float  # the largest |e|/envelope that was seen
+
+
+def compare(problem: Problem, settling: Settling, *, runs: int, seed: int = 0) -> Compared:
+    """Simulate ``runs`` random starts and some corners; the starts have to lie in what the settling
+    time is about."""
+    times = np.linspace(0.0, 1.1 * settling.time, SAMPLES)
+    bounds = settling.envelope(times)
+    errors = [
+        *dd.simulate(
+            problem, runs=runs, seed=seed, t_final=times[-1], samples=times.tolist()
+        ).error,
+        *(_corner(problem, settling, times, seed + k) for k in range(CORNERS)),
+    ]
+    crossings, settled, closest = [], 0.0, 0.0
+    for number, error in enumerate(errors):
+        assert error[0] <= float(settling.radius) * (1 + INTEGRATION)
+        above = np.flatnonzero(error > bounds * (1 + INTEGRATION) + INTEGRATION)
+        if len(above):
+            at = above[0]
+            crossings.append(
+                f"run {number}: |e| = {error[at]:.6g} above {bounds[at]:.6g} at {times[at]:.4g} s"
+            )
+        settled = max(settled, float(np.max(times[error > float(settling.tolerance)], initial=0.0)))
+        closest = max(closest, float(np.max(error / bounds)))
+    return Compared(runs=len(errors), crossings=tuple(crossings), settled=settled, closest=closest)
+
+
+def _corner(problem: Problem, settling: Settling, times: np.ndarray, seed: int) -> np.ndarray:
+    """All agents at the edge of the box, the first two runs on one side, with the largest observer
+    error."""
+    rng = np.random.default_rng(seed)
+    n, m = problem.n, problem.m
+    goal = np.array([[float(x) for x in problem.goal_of(i)] for i in range(n)])
+    signs = (
+        np.full((n, m), (1.0, -1.0)[seed % 2])
+        if seed % CORNERS < 2
+        else rng.choice([-1.0, 1.0], (n, m))
+    )
+    start = {"x": goal + float(settling.radius) * signs}
+    if problem.exosystem is not None:
+        q = len(to_float(problem.exosystem.A))
+        directions = rng.standard_normal((n, q))
+        start["xi"] = (
+            float(settling.disturbance)
+            * directions
+            / np.linalg.norm(directions, axis=1, keepdims=True)
+        )
+    return dd.simulate(
+        problem, start=start, seed=seed, t_final=float(times[-1]), samples=times.tolist()
+    ).error()

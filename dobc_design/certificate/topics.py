@@ -19,6 +19,7 @@ from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements
 from dobc_design.conditions.equilibrium import decide as equilibrium
 from dobc_design.conditions.graphs import decide as graphs
+from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.linearisation import decide as linearisation
 from dobc_design.conditions.margins import decide as margins
 from dobc_design.conditions.observer import decide as observer
@@ -26,13 +27,11 @@ from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
 from dobc_design.conditions.separable import claim as rows
+from dobc_design.conditions.stated import ACCURACY
 from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
-
-#: The check whose box others rest on, and the one whose final box holds inputs.
-BOX, FINAL = "max-separable", "accuracy"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,7 +122,7 @@ def _linearisation(check: Check, trusted: Trusted) -> str | None:
 
 
 def _separable(check: Check, trusted: Trusted) -> str | None:
-    loop, W, proof = trusted.loop, trusted.W, trusted.named(BOX)
+    loop, W, proof = trusted.loop, trusted.W, trusted.named(MAX_SEPARABLE)
     return separable.confirm(check, loop, W, domain=trusted.domain, proof=proof)
 
 
@@ -133,8 +132,8 @@ def _margins(check: Check, trusted: Trusted) -> str | None:
         trusted.loop,
         trusted.W,
         domain=trusted.domain,
-        proof=trusted.named(BOX),
-        final=trusted.named(FINAL),
+        proof=trusted.named(MAX_SEPARABLE),
+        final=trusted.named(ACCURACY),
     )
 
 

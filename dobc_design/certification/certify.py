@@ -21,9 +21,10 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import writable
 from dobc_design.certification.cures import Findings, with_cures
-from dobc_design.certification.overall import Overall, decide_overall
+from dobc_design.certification.overall import Overall, decide_overall, refutation
 from dobc_design.certification.recheck import Recheck, agreed, verify_twice
 from dobc_design.conditions.accuracy.stage import accuracy_stage
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus import propose as estimates
@@ -59,8 +60,9 @@ from dobc_design.conditions.schedule.stage import (
     settle,
     settling_stage,
 )
+from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.stage import separable_stage
-from dobc_design.conditions.stated import stated_in
+from dobc_design.conditions.stated import ACCURACY, LIMIT, TOLERANCE, stated_in
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError, wrong
 from dobc_design.exact.matrix import Matrix, multiply, to_float
@@ -79,8 +81,9 @@ from dobc_design.verdict import Verdict
 OBSTACLES = ("detectability", "hurwitz")  # refuted, they rule out every pair
 MOST_SEARCHED = 200  # modes in which directions of few agents are looked for
 DOUBT = 1e-9  # an estimate of lambda_max above minus this calls for a witness
-#: Cheapest first.
-STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (
+Stage = Callable[[Asked, Progress], list[Check]]
+#: What looks for a region, cheapest first; how such checks are confirmed: certificate/topics.py.
+STAGES: tuple[Stage, ...] = (
     separable_stage,
     quadratic_stage,
     schedule_stage,
@@ -203,50 +206,47 @@ class _Certification:
 
     def _with_stages(self, found: Decided) -> tuple[Check, ...]:
         """The checks that are ``found``, with cures, and those of every later stage in turn."""
-        loop, report, W, domain = self.loop, self.report, found.W, found.statements.domain
-        everything = self.options.everything
-        checks = self._with_cures_and_regions(found)
-        asked = read_region(loop, W, domain=domain, everything=everything)
-        checks += tuple(safety_stage(asked, report))
-        if self.options.settling is not None or (everything and loop.starts is not None):
-            settled = settling_stage(
-                loop, W, checks, tolerance=self.options.settling, domain=domain, report=report
-            )
-            checks += (settled,)
-        before = checks
-        final = _ending(
-            "accuracy",
-            domain,
-            lambda: accuracy_stage(loop, W, before, domain=domain, report=report),
+        loop, report = self.loop, self.report
+        everything, tolerance = self.options.everything, self.options.settling
+        case = Case(
+            loop=loop,
+            W=found.W,
+            domain=found.statements.domain,
+            checks=self._with_cures_and_regions(found),
         )
-        checks += tuple(final)
-        known = checks
-        checks += tuple(_ending("actuators", domain, lambda: inputs_stage(asked, known, report)))
-        return checks + tuple(other_equilibria(self.problem, W, checks, report=report))
+        asked = read_region(loop, case.W, domain=case.domain, everything=everything)
+        case = case.and_(safety_stage(asked, report))
+        if tolerance is not None or (everything and loop.starts is not None):
+            case = case.and_([settling_stage(case, tolerance=tolerance, report=report)])
+        # Inputs may rest on the final box, so they come after it.
+        case = case.and_(_ending(ACCURACY, case.domain, partial(accuracy_stage, case, report)))
+        inputs = partial(inputs_stage, asked, case.checks, report)
+        case = case.and_(_ending(LIMIT, case.domain, inputs))
+        return case.and_(other_equilibria(self.problem, case, report=report)).checks
 
     def _with_cures_and_regions(self, found: Decided) -> tuple[Check, ...]:
         """Cures of what failed, then the region; under a guarantee the region first, because it may
         need no cure of single modes."""
+        loop, checks = self.loop, found.checks
         regions = partial(
             region_checks,
-            self.loop,
-            found.W,
-            domain=found.statements.domain,
             everything=self.options.everything,
             report=self.report,
             rate=self.options.least_rate,
         )
-        checks = found.checks
-        first = self.loop.guarantee.is_given
-        own = tuple(regions(checks)) if first else ()
-        curable = self.loop.drift is None and out_of_time() is None
-        if curable and not any(covers(self.loop, check, own) for check in own):
+        case = Case(loop=loop, W=found.W, domain=found.statements.domain, checks=checks)
+        first = loop.guarantee.is_given
+        own = tuple(regions(case)) if first else ()
+        curable = loop.drift is None and out_of_time() is None
+        if curable and not any(covers(loop, check, own) for check in own):
             P = None if found.pair is None else found.pair.P
             findings = Findings(statements=found.statements, directions=found.directions, P=P)
             checks = with_cures(
                 self.problem, checks, findings, progress=self.report, decide=_decide_quietly
             )
-        return checks + (own if first else tuple(regions(checks)))
+        if first:
+            return checks + own
+        return checks + tuple(regions(replace(case, checks=checks)))
 
 
 def _decide_quietly(problem: Problem) -> tuple[Check, ...]:
@@ -328,49 +328,72 @@ def certify_settling(
 
 
 def region_checks(
-    loop: Loop,
-    W: Matrix | None,
-    checks: Sequence[Check],
-    *,
-    domain: str,
-    everything: bool,
-    report: Progress,
-    rate: float = 0.0,
+    case: Case, *, everything: bool, report: Progress, rate: float = 0.0
 ) -> list[Check]:
-    """Examine the region, or with ``everything`` the largest box where none is asked for; W is what
-    ``checks`` are for.  Nothing is examined where ``checks`` cover the region already, unless
-    ``everything`` is wanted.  Of linear couplings the same holds from every start, which may decide
-    a question without a region.  Last, what errors of weights and gains it leaves room for."""
-    known = any(covers(loop, check, checks) for check in checks)
+    """Examine the region, or with ``everything`` the largest box where none is asked for.
+
+    Nothing is examined where the checks of the case cover the region already, unless ``everything``
+    is wanted.  Of linear couplings the same holds from every start, which may decide a question
+    without a region.  Last, what errors of weights and gains it leaves room for.
+    """
+    loop = case.loop
+    asked = read_region(loop, case.W, domain=case.domain, everything=everything, rate=rate)
+    known = any(covers(loop, check, case.checks) for check in case.checks)
     if loop.starts is None and not known:
-        known = decide_overall(loop, checks, W).verdict is not Verdict.UNDECIDED
-        if loop.slopes_move:  # no check at one point speaks of close starts
-            asked = read_region(loop, W, domain=domain, everything=everything, rate=rate)
-            least = NEAR * (W is not None)
-            near = replace(asked, disturbance=max(asked.disturbance, least))
-            near = near if everything else replace(asked, radius=NEAR, ball=NEAR, disturbance=least)
-            return quadratic_stage(near, report)
+        # No check at one point speaks of all close starts, where the slopes of f move.
+        if loop.slopes_move:
+            return _near_a_moving_target(asked, report)
+        known = refutation(loop, case.checks, case.W) is not None
         several = loop.switches or loop.drift is not None
-        if several and not (known or everything or domain == "global"):
-            asked = read_region(loop, W, domain=domain, everything=False, rate=rate)
-            asked = replace(asked, radius=NEAR, disturbance=NEAR * (W is not None))
-            found = separable_stage(asked, report)
-            if not any(covers(loop, check, found) for check in found):
-                found += schedule_stage(asked, report) + markov_stage(asked, report)
-            return found + (margins_stage(asked, found, report) if stated_in(loop).relative else [])
-        known = known or domain != "global"
-    asked = read_region(loop, W, domain=domain, everything=everything, rate=rate)
-    found = []
-    for stage in STAGES if everything or not known else STAGES[: is_asked(asked)]:
+        if several and not (known or everything or case.domain == "global"):
+            return _near_the_target(asked, report)
+        known = known or case.domain != "global"
+    stages = STAGES
+    if known and not everything:
+        # What the tables of the file ask may still rest on the box that the first stage finds.
+        stages = STAGES[:1] if is_asked(asked) else ()
+    found = _in_turn(asked, stages, report)
+    return found + _ending(TOLERANCE, case.domain, partial(margins_stage, asked, found, report))
+
+
+def _near_a_moving_target(asked: Asked, report: Progress) -> list[Check]:
+    """A ball of starts close to a leader: the largest one with ``everything``, else a small one."""
+    least = 0.0 if asked.W is None else NEAR
+    if asked.everything:
+        return quadratic_stage(replace(asked, disturbance=max(asked.disturbance, least)), report)
+    return quadratic_stage(replace(asked, radius=NEAR, ball=NEAR, disturbance=least), report)
+
+
+def _near_the_target(asked: Asked, report: Progress) -> list[Check]:
+    """A small box of starts, which answers the local question for several modes, or for agents with
+    dynamics, where no check at the target itself does."""
+    asked = replace(asked, radius=NEAR, disturbance=0.0 if asked.W is None else NEAR)
+    found = separable_stage(asked, report)
+    if not any(covers(asked.loop, check, found) for check in found):
+        found += schedule_stage(asked, report) + markov_stage(asked, report)
+    if stated_in(asked.loop).relative:
+        found += margins_stage(asked, found, report)
+    return found
+
+
+def _in_turn(asked: Asked, stages: Sequence[Stage], report: Progress) -> list[Check]:
+    """What these stages find, until a proof covers what is asked, or all with ``everything``."""
+    loop = asked.loop
+    found: list[Check] = []
+    for stage in stages:
         found += stage(asked, report)
         covering = [check for check in found if covers(loop, check, found)]
-        # boxes in coordinates T x are found fast, but few decay as fast as a ball of a small
-        # problem
-        small = stage is separable_stage and loop.n * loop.m <= SMALL_ROWS
-        slow = small and all(getattr(check.claim, "T", None) for check in covering)
-        if not everything and covering and not slow:
+        # Boxes in coordinates T x are found fast, but few decay as fast as a ball of a small
+        # problem.
+        small = stage is separable_stage and loop.size <= SMALL_ROWS
+        slow = small and all(_is_in_coordinates(check) for check in covering)
+        if not asked.everything and covering and not slow:
             break
-    return found + _ending("tolerance", domain, lambda: margins_stage(asked, found, report))
+    return found
+
+
+def _is_in_coordinates(check: Check) -> bool:
+    return isinstance(check.claim, Separable) and check.claim.T is not None
 
 
 def _ending(id: str, domain: str, stage: Callable[[], list[Check]]) -> list[Check]:
@@ -381,19 +404,18 @@ def _ending(id: str, domain: str, stage: Callable[[], list[Check]]) -> list[Chec
         return [cut_check(id, domain, str(limit))]
 
 
-def other_equilibria(
-    problem: Problem, W: Matrix | None, checks: Sequence[Check], *, report: Progress
-) -> Iterator[Check]:
+def other_equilibria(problem: Problem, case: Case, *, report: Progress) -> Iterator[Check]:
     """The check that refutes a region with a second equilibrium, where nothing is proved or refuted
     so far."""
-    loop = loop_of(problem)
-    can = loop.starts is not None and (W is not None or not loop.groups)
-    can = can and not any(covers(loop, check, checks) for check in checks)
-    if (
-        can
-        and out_of_time() is None
-        and decide_overall(loop, checks, W).verdict is Verdict.UNDECIDED
-    ):
+    loop, checks = case.loop, case.checks
+    # Without W there is no loop that could rest.
+    has_loop = case.W is not None or not loop.groups
+    if loop.starts is None or not has_loop or out_of_time() is not None:
+        return
+    if any(covers(loop, check, checks) for check in checks):
+        return
+    if refutation(loop, checks, case.W) is None:
+        # It simulates, which nothing else here does.
         from dobc_design.certification.equilibria import equilibrium_check
 
         report("looking for another equilibrium")

@@ -86,11 +86,17 @@ def decide_overall(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> Ove
     if covering:
         best = min(covering, key=_preference)
         return _proved(loop, checks, best) if not stated else _with_tables(loop, checks, best)
-    refuted = _apart_reason(loop) or _adrift_reason(loop) or _refuted_reason(loop, checks, W)
+    refuted = refutation(loop, checks, W)
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, why=Reason(head=refuted))
     why = _undecided_reason(loop, checks).followed_by(_moving_words(loop, checks, None))
     return Overall(verdict=Verdict.UNDECIDED, why=why)
+
+
+def refutation(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> str | None:
+    """Why consensus itself fails, where that is proved and none of these checks, decided for the
+    gain W, covers what is asked; None where it is not."""
+    return _apart_reason(loop) or _adrift_reason(loop) or _refuted_reason(loop, checks, W)
 
 
 def _proved(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:

@@ -6,8 +6,8 @@ claimed, not by an id: ``case.proved(Separable)``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from dobc_design.conditions.check import Check
@@ -30,7 +30,11 @@ class Case:
     loop: Loop
     W: Matrix | None
     domain: str
-    checks: Sequence[Check] = ()
+    checks: tuple[Check, ...] = ()
+
+    def and_(self, more: Iterable[Check]) -> Case:
+        """The same case with more checks."""
+        return replace(self, checks=(*self.checks, *more))
 
     def named(self, id: str) -> Check | None:
         """The first check with this id, whatever its verdict."""

@@ -22,8 +22,10 @@ from dobc_design._show.cards import Card, Shown
 Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling", "plant", "safety"]
 
 
-#: The only check of the paper that every mode has for itself.
+#: The only proof of consensus that every mode has for itself.
 LEMMA: Final = "lemma1"
+#: The box that shrinks, on which other checks rest.
+MAX_SEPARABLE: Final = "max-separable"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

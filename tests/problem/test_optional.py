@@ -31,6 +31,7 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.accuracy.stage import accuracy_stage
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.graphs.stage import markov_stage
@@ -377,22 +378,11 @@ def with_check(problem: Problem, id: str) -> Claims:
     if id in STAGES:
         asked = read_region(loop_of(problem), claims.W, domain=domain, everything=problem.is_linear)
         checks += tuple(STAGES[id](asked, report))
+    case = Case(loop=loop_of(problem), W=claims.W, domain=domain, checks=checks)
     if id == "settling":
-        tolerance = Fraction(1, 2)
-        checks += (
-            settling_stage(
-                loop_of(problem),
-                claims.W,
-                checks,
-                tolerance=tolerance,
-                domain=domain,
-                report=report,
-            ),
-        )
+        checks += (settling_stage(case, tolerance=Fraction(1, 2), report=report),)
     if id == "accuracy":
-        checks += tuple(
-            accuracy_stage(loop_of(problem), claims.W, checks, domain=domain, report=report)
-        )
+        checks += tuple(accuracy_stage(case, report))
     return replace(claims, checks=checks)
 
 

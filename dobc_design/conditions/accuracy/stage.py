@@ -31,6 +31,7 @@ from dobc_design.conditions.accuracy.decide import (
     response_bounds,
     response_obstacle,
 )
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import (
     Check,
     Domain,
@@ -40,6 +41,7 @@ from dobc_design.conditions.check import (
     undecided_check,
 )
 from dobc_design.conditions.coverage import Progress, read_region
+from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.numbers import (
     claimed,
     decimal_below,
@@ -303,11 +305,10 @@ DIGITS = 6  # of a bound, rounded up
 NEARLY = Fraction(100_001, 100_000)  # kappa beta min v, which has to exceed 1
 
 
-def accuracy_stage(
-    loop: Loop, W: Matrix | None, checks: Sequence[Check], *, domain: str, report: Progress
-) -> list[Check]:
-    """The check ``accuracy`` for the gain W (q, m), after ``checks``; none where [uncertainty] adds
-    no input."""
+def accuracy_stage(case: Case, report: Progress) -> list[Check]:
+    """The check ``accuracy`` beside the checks of a case; none where [uncertainty] adds no
+    input."""
+    loop, W, domain = case.loop, case.W, case.domain
     plant = loop.uncertainty
     if plant is None or not (
         plant.disturbance or plant.measurement or (plant.drift and loop.groups)
@@ -332,7 +333,7 @@ def accuracy_stage(
             )
             return [undecided_check(ID, domain, reason)]
         claims = _turned if turned else _claims
-        found = chain(claims(loop, W, peaks, checks, domain), _of_response(loop, W, peaks, domain))
+        found = chain(claims(case, peaks), _of_response(loop, W, peaks, domain))
         first = next(found, None)
     if first is None:
         return [undecided_check(ID, domain, _not_found(loop))]
@@ -351,10 +352,9 @@ def _not_found(loop: Loop) -> str:
     return f"{what}: they may be too large for these gains, or the search may have missed it."
 
 
-def _claims(
-    loop: Loop, W: Matrix | None, peaks: Peaks | None, checks: Sequence[Check], domain: str
-) -> Iterator[Check]:
+def _claims(case: Case, peaks: Peaks | None) -> Iterator[Check]:
     """Proved checks, for the largest box of starts first."""
+    loop, W, domain = case.loop, case.W, case.domain
     if domain == "global":
         one = Level(v=(Fraction(1),) * loop.n, alpha=Fraction(1), level=Fraction(1), rho=None)
         yield from _proved(
@@ -364,7 +364,7 @@ def _claims(
             domain,
         )
         return
-    known, starts = _outer(loop, W, checks, domain)
+    known, starts = _outer(case)
     error = None if known is None else known.error
     boxes: list[tuple[Level, ErrorBound | None, Domain]] = []
     if known is not None and known.rho is not None:
@@ -384,19 +384,18 @@ def _claims(
         yield from _proved(loop, W, claim, box, domain)
 
 
-def _turned(
-    loop: Loop, W: Matrix | None, peaks: Peaks | None, checks: Sequence[Check], domain: str
-) -> Iterator[Check]:
+def _turned(case: Case, peaks: Peaks | None) -> Iterator[Check]:
     """The same in coordinates: of linear couplings those with the smallest bounds, else the boxes
     that max-separable proves in its own."""
+    loop, W, domain = case.loop, case.W, case.domain
     if loop.is_linear:
         near = _near(loop, peaks)[:MOST_COORDINATES]
-        for T, v in chain(near, _proved_weights(loop, W, checks, domain)):
+        for T, v in chain(near, _proved_weights(case)):
             stages = tuple(propose_turned(loop, peaks, T, v, None))[-1:]
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, T=T)
             yield from _proved(loop, W, claim, "global", domain)
         return
-    known = _separable(loop, W, checks, domain)
+    known = _separable(case)
     base = known.claim
     if not isinstance(base, Separable) or base.rho is None or isinstance(known.domain, str):
         return
@@ -464,13 +463,14 @@ def _raised(values: Iterable[Fraction]) -> Vector:
     return tuple(rounded_up(x, digits=DIGITS) for x in values)
 
 
-def _separable(loop: Loop, W: Matrix | None, checks: Sequence[Check], domain: str) -> Check:
-    """The check max-separable: that of ``checks`` where it is proved, else what is found for every
+def _separable(case: Case) -> Check:
+    """The max-separable check of the case where it is proved, else what is found for every
     start."""
-    known = next((check for check in checks if check.id == "max-separable"), None)
-    if known is not None and known.verdict is Verdict.PROVED:
+    known = case.proof(Separable)
+    if known is not None:
         return known
-    return separable_stage(read_region(loop, W, domain=domain, everything=True), lambda _: None)[0]
+    asked = read_region(case.loop, case.W, domain=case.domain, everything=True)
+    return separable_stage(asked, lambda _: None)[0]
 
 
 def _in_coordinates(base: Separable, m: int) -> tuple[Matrix, Vector]:
@@ -480,14 +480,12 @@ def _in_coordinates(base: Separable, m: int) -> tuple[Matrix, Vector]:
     return identity(m), tuple(x for x in base.v for _ in range(m))
 
 
-def _proved_weights(
-    loop: Loop, W: Matrix | None, checks: Sequence[Check], domain: str
-) -> Iterator[tuple[Matrix, Vector]]:
+def _proved_weights(case: Case) -> Iterator[tuple[Matrix, Vector]]:
     """Coordinates and weights of a max-separable proof, whose rows hold strictly: some multiple of
     them does."""
-    base = _separable(loop, W, checks, domain).claim
+    base = _separable(case).claim
     if isinstance(base, Separable):
-        yield _in_coordinates(base, loop.m)
+        yield _in_coordinates(base, case.loop.m)
 
 
 def _near(loop: Loop, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
@@ -600,21 +598,20 @@ def _near_box(
     return outer, replace(error, kappa=kappa), box
 
 
-def _outer(
-    loop: Loop, W: Matrix | None, checks: Sequence[Check], domain: str
-) -> tuple[Separable | None, tuple[Fraction, Fraction]]:
-    """A box that shrinks without the inputs, and its starts: that of ``checks``, else the largest
+def _outer(case: Case) -> tuple[Separable | None, tuple[Fraction, Fraction]]:
+    """A box that shrinks without the inputs, and its starts: that of the case, else the largest
     one that is found."""
-    known = next((check for check in checks if check.id == "max-separable"), None)
+    known = case.proof(Separable)
     if (
         known is not None
         and isinstance(known.claim, Separable)
         and isinstance(known.domain, Mapping)
     ):
         return known.claim, (claimed(known.domain["radius"]), claimed(known.domain["disturbance"]))
-    asked = read_region(loop, W, domain=domain, everything=True)
+    asked = read_region(case.loop, case.W, domain=case.domain, everything=True)
     found = None
-    if known is None:
+    # Where it was examined in vain already, it is not searched for a second time.
+    if case.named(MAX_SEPARABLE) is None:
         with at_most(STAGE):
             found = largest_claim(asked)
     if found is None:

@@ -14,6 +14,7 @@ from scipy import sparse
 
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Peaks, not_shrinking
 from dobc_design.conditions.accuracy.stage import ROOM, covering_boxes
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Domain, limited, starts_in, undecided_check
 from dobc_design.conditions.coverage import NEAR, Asked, Progress
 from dobc_design.conditions.margins import decide
@@ -287,15 +288,10 @@ class _Plan:
 
 
 def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
-    loop, beside = (
-        asked.loop,
-        {check.id: check for check in checks if check.verdict is Verdict.PROVED},
-    )
-    found, proof, final = (
-        decide.largest_disturbance(loop),
-        beside.get("max-separable"),
-        beside.get("accuracy"),
-    )
+    loop = asked.loop
+    case = Case(loop=loop, W=asked.W, domain=asked.domain, checks=tuple(checks))
+    found = decide.largest_disturbance(loop)
+    proof, final = case.proof(Separable), case.proof(Accuracy)
     if found is None:
         why = "simulation.xi0 gives no sum of constants and sines"
         if loop.uncertainty is not None and loop.uncertainty.drift:
@@ -306,7 +302,7 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
         return undecided_check("actuators", asked.domain, NOT_BY_COMPONENT, applies=False)
     if (apart := why_no_weights(loop)) is not None:
         return undecided_check("actuators", asked.domain, apart)
-    stated, tolerated = stated_in(loop), beside.get("tolerance")
+    stated, tolerated = stated_in(loop), case.proved(Tolerance)
     if stated.absolute and final is None:
         return undecided_check("actuators", asked.domain, NOT_FINAL)
     base = proof.claim if proof is not None and isinstance(proof.claim, Separable) else None
@@ -315,7 +311,7 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
         reason = "does not apply: inputs have no bound from every start: give a [region]."
         return undecided_check("actuators", asked.domain, reason, applies=False)
     # The rows of max-separable count errors where the tolerance has shown that they do.
-    at_target = stated.relative and tolerated is not None and "v" in (tolerated.exact or {})
+    at_target = stated.relative and tolerated is not None and tolerated.v is not None
     plans: Iterable[_Plan] = ()
     if proof is not None and base is not None and not stated.absolute and not at_target:
         plans = _box_of_proof(asked, proof, base, found)

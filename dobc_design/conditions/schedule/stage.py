@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
 from typing import Any, Final
 
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.coverage import Progress, asked_radius
@@ -100,12 +101,13 @@ def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
     return limit
 
 
-def asked_beside(loop: Loop, checks: Sequence[Check], *, tolerance: Fraction | None) -> Asked | str:
-    """The starts whose settling time a certificate with these ``checks`` shows, or why there are
+def asked_beside(case: Case, *, tolerance: Fraction | None) -> Asked | str:
+    """The starts whose settling time can be shown beside the checks of ``case``, or why there are
     none.  They are the region asked for, or where a max-separable proof reaches less far, or no
     region is asked for, its box.  Without a ``tolerance`` it is a hundredth of the radius."""
-    found, box = next((check for check in checks if check.id == "max-separable"), None), None
-    if found is not None and found.verdict is Verdict.PROVED and isinstance(found.domain, Mapping):
+    loop = case.loop
+    found, box = case.proof(Separable), None
+    if found is not None and isinstance(found.domain, Mapping):
         box = claimed(found.domain["radius"]), claimed(found.domain["disturbance"])
     if loop.starts is not None:
         error = loop.starts.disturbance or ZERO
@@ -221,17 +223,10 @@ def _up(value: Fraction) -> Fraction:
     return rounded_up(max(value * (1 + EXTRA), SMALLEST), digits=DIGITS) if value > 0 else ZERO
 
 
-def settling_stage(
-    loop: Loop,
-    W: Matrix | None,
-    checks: Sequence[Check],
-    *,
-    tolerance: Fraction | None,
-    domain: str,
-    report: Progress,
-) -> Check:
-    """The check `settling` beside ``checks`` for the gain W (q, m); ``tolerance`` None: a hundredth
-    of the radius."""
+def settling_stage(case: Case, *, tolerance: Fraction | None, report: Progress) -> Check:
+    """The check `settling` beside those of a case; ``tolerance`` None: a hundredth of the
+    radius."""
+    loop, W, domain = case.loop, case.W, case.domain
     if (reason := obstacle(loop, W)) is not None:
         return undecided_check("settling", domain, reason)
     rows = loop.n * loop.m
@@ -241,7 +236,7 @@ def settling_stage(
             f"{MOST_ROWS}."
         )
         return undecided_check("settling", domain, reason)
-    asked = asked_beside(loop, checks, tolerance=tolerance)
+    asked = asked_beside(case, tolerance=tolerance)
     if isinstance(asked, str):
         return undecided_check("settling", domain, asked)
     report("deciding the settling time")

@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,12 @@ from simulated_runs import INTEGRATION, compare
 
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.conditions.schedule import stage
 from dobc_design.conditions.schedule.decide import why_not
-from dobc_design.conditions.schedule.stage import asked_beside, settling_stage
+from dobc_design.conditions.separable.claim import Separable
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.loop.make import loop_of
 from dobc_design.verdict import Verdict
@@ -88,27 +91,30 @@ def test_a_claim_that_cannot_be_read_says_so():
 
 def box(radius: float, verdict: Verdict = Verdict.PROVED, reason: str = "") -> Check:
     domain = {"kind": "box", "radius": radius, "disturbance": 0.0}
-    return Check(id="max-separable", verdict=verdict, domain=domain, reason=reason)
+    claim = Separable(v=(F(1),), alpha=F(1), rho=F(radius)) if verdict is Verdict.PROVED else None
+    return Check(id="max-separable", verdict=verdict, domain=domain, reason=reason, claim=claim)
+
+
+def asked_beside(problem: dd.Problem, *checks: Check, tolerance: Fraction | None = None) -> Any:
+    """What is asked of a settling time beside these checks, without a W."""
+    case = Case(loop=loop_of(problem), W=None, domain="consensus", checks=checks)
+    return stage.asked_beside(case, tolerance=tolerance)
 
 
 def test_starts_are_the_region_or_as_much_of_it_as_is_proved():
     problem, none = listening_pair(reach=2), listening_pair(reach=None)
-    assert asked_beside(loop_of(problem), [box(2.0)], tolerance=F(1, 9)).radius == 2
-    assert asked_beside(loop_of(problem), [box(1.5)], tolerance=None).tolerance == F(3, 200)
-    assert asked_beside(loop_of(problem), [], tolerance=None).radius == 2
-    assert asked_beside(loop_of(none), [box(1.5)], tolerance=None).radius == F(3, 2)
+    assert asked_beside(problem, box(2.0), tolerance=F(1, 9)).radius == 2
+    assert asked_beside(problem, box(1.5)).tolerance == F(3, 200)
+    assert asked_beside(problem).radius == 2
+    assert asked_beside(none, box(1.5)).radius == F(3, 2)
 
 
 def test_without_starts_or_without_a_certificate_it_is_left_out():
     none = listening_pair(reach=None)
-    assert "nothing says where the agents start" in asked_beside(loop_of(none), [], tolerance=None)
+    assert "nothing says where the agents start" in asked_beside(none)
     open_one = box(1.0, Verdict.UNDECIDED)
-    assert "nothing says where the agents start" in asked_beside(
-        loop_of(none), [open_one], tolerance=None
-    )
-    assert "the target alone" in asked_beside(
-        loop_of(listening_pair(reach=[0, 0])), [], tolerance=None
-    )
+    assert "nothing says where the agents start" in asked_beside(none, open_one)
+    assert "the target alone" in asked_beside(listening_pair(reach=[0, 0]))
 
 
 def line(coupling: str | list[str], **more: object) -> dd.Problem:
@@ -121,9 +127,8 @@ def line(coupling: str | list[str], **more: object) -> dd.Problem:
 
 def test_couplings_that_do_not_act_by_component_leave_it_undecided():
     problem = line(["y1 + y2**3", "y2"], target=[0, 0])
-    check = settling_stage(
-        loop_of(problem), None, [], tolerance=F(1), domain="consensus", report=lambda stage: None
-    )
+    case = Case(loop=loop_of(problem), W=None, domain="consensus")
+    check = stage.settling_stage(case, tolerance=F(1), report=lambda name: None)
     assert check.verdict is Verdict.UNDECIDED
     assert check.reason.startswith("does not apply")
     assert dd.certify_settling(problem, radius=1).reason.startswith("does not apply")

@@ -534,9 +534,7 @@ class _Run:
         about."""
         loop, checks = self.loop, []
         name = "theorem2" if loop.switches else "theorem1"
-        check = partial(
-            consensus.theorem_check, statements=self.statements, exosystem=exosystem, lemmas=lemmas
-        )
+        check = partial(consensus.theorem_check, statements=self.statements, lemmas=lemmas)
         own = loop.joint_observer
         if own.P is not None and own.W is not None:
             given = Pair(P=own.P, Q=multiply(own.P, own.W))

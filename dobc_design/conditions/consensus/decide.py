@@ -56,10 +56,8 @@ from dobc_design.verdict import Verdict
 LARGEST_EXAMINED = 60  # rows; counting roots takes seconds there, minutes at twice the size
 MOST_SYMMETRIC = 100_000  # arcs of a mode whose J - K is compared with its transpose
 # How a claim is not confirmed.
-NO_NUMBER, OTHER_VALUES = (
-    "it claims a number that this check does not have",
-    "exact values are not what they say",
-)
+NO_NUMBER = "it claims a number that this check does not have"
+OTHER_VALUES = "exact values are not what they say"
 # rows^2 times the bits of the common denominator: as long as 60 rows with about 550 bits
 MOST_COUNTING = 2_000_000
 
@@ -83,7 +81,9 @@ def unstable_roots(statements: Statements, mode: str) -> int:
     if all(nonnegative) and pulls.is_scalar and all(k[0][0] >= 0 for k in pulls.gains.values()):
         return 0
     matrix = linear_part(statements, mode)
-    return 0 if matrix is None else count_right_half_plane(characteristic_polynomial(matrix))
+    if matrix is None:
+        return 0
+    return count_right_half_plane(characteristic_polynomial(matrix))
 
 
 def is_unstable_along(statements: Statements, mode: str, value: Interval) -> bool:
@@ -95,10 +95,10 @@ def is_unstable_along(statements: Statements, mode: str, value: Interval) -> boo
 def _is_symmetric(statements: Statements, mode: str) -> bool:
     """Whether J - K of one mode is known exactly, and symmetric: the same arcs both ways."""
     jacobians = statements.jacobians
-    if (
-        jacobians is None
-        or sum(len(each.arcs) for each in _modes(statements, mode)) > MOST_SYMMETRIC
-    ):
+    if jacobians is None:
+        return False
+    arcs = sum(len(each.arcs) for each in _modes(statements, mode))
+    if arcs > MOST_SYMMETRIC:
         return False
     (each,) = _modes(statements, mode)
     if not each.is_point:
@@ -110,49 +110,45 @@ def _is_symmetric(statements: Statements, mode: str) -> bool:
 def linear_part(statements: Statements, mode: str) -> Matrix | None:
     """J - K of one mode (n m, n m); None for more than 60 rows, for slopes that are not rational or
     too long."""
-    jacobians, pulls = statements.jacobians, statements.loop.pulls
-    size = 0 if jacobians is None else jacobians.size * jacobians.dimension
-    if jacobians is None or size > LARGEST_EXAMINED:
+    jacobians = statements.jacobians
+    if jacobians is None:
+        return None
+    size = jacobians.size * jacobians.dimension
+    if size > LARGEST_EXAMINED:
         return None
     (each,) = _modes(statements, mode)
     if not each.is_point:
         return None
-    entries = claim.linearisation(each, pulls, jacobians.dimension)
+    entries = claim.linearisation(each, statements.loop.pulls, jacobians.dimension)
+    # Counting roots multiplies the digits of the entries.
     if not has_short_denominator(entries.values(), MOST_COUNTING // size**2):
         return None
     return tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
 
 
 def _modes(statements: Statements, mode: str) -> list[ModeJacobian]:
-    return (
-        []
-        if statements.jacobians is None
-        else [each for each in statements.jacobians.modes if each.name == mode]
-    )
+    """The Jacobian of the mode in a list; an empty list where the theorems do not apply."""
+    if statements.jacobians is None:
+        return []
+    return [each for each in statements.jacobians.modes if each.name == mode]
 
 
 def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
     """Lambda(J) of one mode, with what it may deviate by."""
-    pencil, shown = statements.lambdas[mode], statements.shown.get(mode)
-    return Enclosed(
-        middle=pencil.constant,
-        deviations=pencil.deviations,
-        bound=None if shown is None else shown.bound,
-    )
+    pencil = statements.lambdas[mode]
+    shown = statements.shown.get(mode)
+    bound = None if shown is None else shown.bound
+    return Enclosed(middle=pencil.constant, deviations=pencil.deviations, bound=bound)
 
 
 def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float64]]) -> Statements:
     """The statements with the bounds below 0 of Lambda, by mode, that these vectors v > 0 (n m,)
     prove."""
-    bounds = {
-        mode: network.shown_bound(enclosed_lambda(statements, mode), v)
-        for mode, v in vectors.items()
-    }
-    shown = {
-        mode: Shown(vector=vectors[mode], bound=b)
-        for mode, b in bounds.items()
-        if b is not None and b < 0
-    }
+    shown = {}
+    for mode, v in vectors.items():
+        bound = network.shown_bound(enclosed_lambda(statements, mode), v)
+        if bound is not None and bound < 0:
+            shown[mode] = Shown(vector=v, bound=bound)
     return replace(statements, shown=shown)
 
 
@@ -160,12 +156,15 @@ def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
     """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its
     own block of S, and 0 without a disturbance."""
     loop = statements.loop
-    groups, m = loop.groups, loop.m
-    blocks, owners = group_blocks(S, len(groups)), group_numbers(groups, loop.labels)
+    matrix = enclosed_lambda(statements, mode)
+    blocks = list(group_blocks(S, len(loop.groups)))
     if not loop.is_grouped:
-        return enclosed_lambda(statements, mode).plus_blocks(blocks)
-    nothing = [zeros(m, m)] if len(groups) in owners else []
-    return enclosed_lambda(statements, mode).plus_blocks([*blocks, *nothing], owners)
+        return matrix.plus_blocks(blocks)
+    owners = group_numbers(loop.groups, loop.labels)
+    # An agent of no group has the number after the last one.
+    if len(loop.groups) in owners:
+        blocks.append(zeros(loop.m, loop.m))
+    return matrix.plus_blocks(blocks, owners)
 
 
 def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check:
@@ -191,8 +190,9 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
     if vector is None:
         reason = f"lambda_max(Lambda) {network.why_undecided(loop, matrix)}"
         return check(verdict=Verdict.UNDECIDED, reason=reason)
-    value, roots = matrix.value(vector), unstable_roots(statements, mode)
-    roots = max(roots, int(is_unstable_along(statements, mode, value)))
+    value = matrix.value(vector)
+    unstable = is_unstable_along(statements, mode, value)
+    roots = max(unstable_roots(statements, mode), int(unstable))
     return check(
         verdict=Verdict.REFUTED,
         margin=network.refuted_margin(matrix, vector),
@@ -205,7 +205,6 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
 def theorem_check(
     id: str,
     statements: Statements,
-    exosystem: Exosystem,
     pair: Pair | None,
     proposal: Proposal,
     *,
@@ -219,6 +218,7 @@ def theorem_check(
     undecided = partial(Check, id=id, verdict=Verdict.UNDECIDED, domain=statements.domain)
     if statements.inapplicable is not None:
         return undecided(reason=statements.inapplicable)
+    # What the user printed is decided as it is, whatever holds for other pairs.
     if not printed:
         general = _refuted_for_every_pair(id, statements, lemmas, obstacle)
         if general is not None:
@@ -226,76 +226,117 @@ def theorem_check(
     if pair is None:
         reason = "no pair (P, Q) was found, and no proof that there is none; give W and P."
         return undecided(reason=reason)
-    refuted = partial(Check, id=id, verdict=Verdict.REFUTED, domain=statements.domain)
-    not_p = (
-        "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function."
-    )
-    not_omega = (
-        "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can make V grow."
-    )
+    failing = _failing_block(id, statements, pair)
+    if failing is not None:
+        return failing
+    S = schur_block(pair, _exosystem(statements))
+    if S is not None:
+        facts = PairFacts(pair=pair, S=S)
+        theorem = _Theorem(
+            id=id, statements=statements, facts=facts, proposal=proposal, printed=printed
+        )
+        decided = theorem.proved() or theorem.refuted()
+        if decided is not None:
+            return decided
+    # The mode with most enclosed slopes is the hardest to decide.
+    matrices = [enclosed_lambda(statements, mode) for mode in statements.lambdas]
+    widest = max(matrices, key=lambda each: len(each.deviations))
+    why = network.why_undecided(statements.loop, widest)
+    return undecided(reason=f"lambda_max of Lambda + I (x) S {why}")
+
+
+def _failing_block(id: str, statements: Statements, pair: Pair) -> Check | None:
+    """The refutation of a pair by P or Omega0 alone, whatever the network; None if both do."""
+    reasons = {
+        "P": "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov "
+        "function.",
+        "Omega0": "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can "
+        "make V grow.",
+    }
     blocks = {
         "P": SparseSymmetric.from_dense(pair.P),
-        "Omega0": omega(pair.P, pair.Q, exosystem).negated(),
+        "Omega0": omega(pair.P, pair.Q, _exosystem(statements)).negated(),
     }
-    for (block, matrix), what in zip(blocks.items(), (not_p, not_omega), strict=True):
-        vector = decide_positive_definite(matrix).witness
+    for block, reason in reasons.items():
+        vector = decide_positive_definite(blocks[block]).witness
         if vector is not None:
-            reason = f"{what} Another P may do."
-            return refuted(
-                reason=reason, claim=Values({"block": block}), witness=vector_witness(vector)
+            return Check(
+                id=id,
+                verdict=Verdict.REFUTED,
+                domain=statements.domain,
+                reason=f"{reason} Another P may do.",
+                claim=Values({"block": block}),
+                witness=vector_witness(vector),
             )
-    S = schur_block(pair, exosystem)
-    modes = (
-        {} if S is None else {mode: lambda_with(statements, mode, S) for mode in statements.lambdas}
-    )
-    margin = largest_proved(
-        proposal.margin,
-        lambda shift: (
-            bool(modes) and all(is_negative(each, shift=shift) for each in modes.values())
-        ),
-    )
-    if S is not None and margin is not None:
-        rate = largest_proved(
-            proposal.rate, lambda b: psi_is_negative(statements, exosystem, pair, rate=b)
-        )
-        name = "the P given" if printed else "a rational P"
-        common = "" if len(modes) == 1 else f" with one P for all {len(modes)} modes"
+    return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Theorem:
+    """Theorem 1 or 2 for one pair with P > 0 and Omega0 < 0: Lambda + I (x) S < 0 in every mode."""
+
+    id: str
+    statements: Statements
+    facts: PairFacts
+    proposal: Proposal
+    printed: bool
+
+    def proved(self) -> Check | None:
+        """The check with its largest proved margin and rate; None without a proof."""
+        statements, pair = self.statements, self.facts.pair
+        matrices = [lambda_with(statements, mode, self.facts.S) for mode in statements.lambdas]
+
+        def has_margin(shift: Fraction) -> bool:
+            return bool(matrices) and all(is_negative(each, shift=shift) for each in matrices)
+
+        def has_rate(rate: Fraction) -> bool:
+            return psi_is_negative(statements, _exosystem(statements), pair, rate=rate)
+
+        margin = largest_proved(self.proposal.margin, has_margin)
+        if margin is None:
+            return None
+        rate = largest_proved(self.proposal.rate, has_rate)
+        name = "the P given" if self.printed else "a rational P"
+        if len(matrices) > 1:
+            name += f" with one P for all {len(matrices)} modes"
         pace = f", V' <= -2 ({text_below(rate)}) V." if rate else "."
         return Check(
-            id=id,
+            id=self.id,
             verdict=Verdict.PROVED,
             domain=statements.domain,
             margin=margin,
             rate=rate or None,
-            claim=PairFacts(pair=pair, S=S),
-            reason=f"Psi < 0 holds exactly for {name}{common}: V = e'e + sum eps_i' P eps_i"
+            claim=self.facts,
+            reason=f"Psi < 0 holds exactly for {name}: V = e'e + sum eps_i' P eps_i"
             f" decreases{_where(statements)}{pace}",
         )
-    for mode, enclosed in modes.items():
-        vector = find_witness(enclosed, proposal.vectors)
-        if vector is None or S is None:
-            continue
-        facts = PairFacts(pair=pair, S=S, mode=mode)
-        bound = (
-            ""
-            if facts.bound is None
-            else f" It needs lambda_max(Lambda) < {number_text(facts.bound)}."
-        )
-        fix = " Another P may do: see the check for a new P." if printed else ""
-        where = f" in mode {mode}" if len(modes) > 1 else ""
-        return refuted(
-            margin=network.refuted_margin(enclosed, vector),
-            reason=f"Psi is not negative definite for this P{where}: v'(Lambda + I (x) S)v >= 0 "
-            "for the vector shown."
-            f"{bound}{fix}",
-            claim=facts,
-            witness=lambda_witness(statements, vector),
-        )
-    matrices = [enclosed_lambda(statements, mode) for mode in statements.lambdas]
-    widest = max(matrices, key=lambda each: len(each.deviations))
-    return undecided(
-        reason=f"lambda_max of Lambda + I (x) S {network.why_undecided(statements.loop, widest)}"
-    )
+
+    def refuted(self) -> Check | None:
+        """The check with a direction in which V does not decrease; None if none is found."""
+        statements, S = self.statements, self.facts.S
+        for mode in statements.lambdas:
+            enclosed = lambda_with(statements, mode, S)
+            vector = find_witness(enclosed, self.proposal.vectors)
+            if vector is None:
+                continue
+            reason = "Psi is not negative definite for this P"
+            if len(statements.lambdas) > 1:
+                reason += f" in mode {mode}"
+            reason += ": v'(Lambda + I (x) S)v >= 0 for the vector shown."
+            if self.facts.bound is not None:
+                reason += f" It needs lambda_max(Lambda) < {number_text(self.facts.bound)}."
+            if self.printed:
+                reason += " Another P may do: see the check for a new P."
+            return Check(
+                id=self.id,
+                verdict=Verdict.REFUTED,
+                domain=statements.domain,
+                margin=network.refuted_margin(enclosed, vector),
+                reason=reason,
+                claim=replace(self.facts, mode=mode),
+                witness=lambda_witness(statements, vector),
+            )
+        return None
 
 
 def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Matrix | None:
@@ -307,9 +348,8 @@ def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> M
     C = exosystem.C
     if not C or not C[0]:
         return multiply(C, transpose(C))
-    return multiply(
-        C, from_fmpq_mat(to_fmpq_mat(block.to_dense()).solve(to_fmpq_mat(transpose(C))))
-    )
+    solved = to_fmpq_mat(block.to_dense()).solve(to_fmpq_mat(transpose(C)))
+    return multiply(C, from_fmpq_mat(solved))
 
 
 def psi_is_negative(
@@ -325,10 +365,11 @@ def psi_is_negative(
     if decide_positive_definite(SparseSymmetric.from_dense(pair.P)).verdict is not Verdict.PROVED:
         return False
     S = schur_block(pair, exosystem, rate=rate)
-    return S is not None and all(
-        is_negative(lambda_with(statements, mode, S), shift=margin + 2 * rate)
-        for mode in statements.lambdas
-    )
+    if S is None:
+        return False
+    shift = margin + 2 * rate
+    matrices = (lambda_with(statements, mode, S) for mode in statements.lambdas)
+    return all(is_negative(each, shift=shift) for each in matrices)
 
 
 def vector_witness(vector: Vector) -> Witness:
@@ -344,25 +385,28 @@ def lambda_witness(statements: Statements, vector: Vector) -> Witness:
 def _refuted_for_every_pair(
     id: str, statements: Statements, lemmas: Sequence[Check], obstacle: Check | None
 ) -> Check | None:
+    """What the other checks decide for all pairs at once; None if the pair has to be looked at."""
     refuted = partial(Check, id=id, verdict=Verdict.REFUTED, domain=statements.domain)
     for lemma in lemmas:
         if lemma.verdict is Verdict.REFUTED:
             return refuted(
                 margin=lemma.margin,
                 reason="no P and Q satisfy Psi < 0, because Lambda(J) is not negative definite "
-                f"in mode {lemma.mode}: " + lemma.reason,
+                f"in mode {lemma.mode}: {lemma.reason}",
                 claim=Values({"block": "Lambda", "mode": lemma.mode}),
                 witness=lemma.witness,
             )
     if obstacle is not None:
-        who = "no P with Q = P W satisfies Psi < 0 for this W"
+        who = "no P and Q satisfy Psi < 0"
+        # A W that does not do leaves others; an undetectable pair leaves none.
+        if obstacle.id == "hurwitz":
+            who = "no P with Q = P W satisfies Psi < 0 for this W"
+        values = {"block": obstacle.id}
+        if obstacle.group is not None:
+            values["group"] = obstacle.group
         return refuted(
-            reason=f"{who if obstacle.id == 'hurwitz' else 'no P and Q satisfy Psi < 0'}: "
-            f"{obstacle.reason}",
-            claim=Values(
-                {"block": obstacle.id}
-                | ({} if obstacle.group is None else {"group": obstacle.group})
-            ),
+            reason=f"{who}: {obstacle.reason}",
+            claim=Values(values),
             witness=obstacle.witness,
             fix=obstacle.fix,
         )
@@ -374,11 +418,9 @@ def _refuted_for_every_pair(
 
 
 def _where(statements: Statements) -> str:
-    return (
-        " everywhere (the couplings are linear)"
-        if statements.domain == "global"
-        else " near the target"
-    )
+    if statements.domain == "global":
+        return " everywhere (the couplings are linear)"
+    return " near the target"
 
 
 def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | None:
@@ -403,14 +445,15 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
         return "a proof must claim a margin >= 0, and a rate > 0 or none"
     if check.witness is not None:
         return "a proof has no witness"
-    margin, rate = claimed(check.margin), claimed(check.rate or 0.0)
+    margin = claimed(check.margin)
+    rate = claimed(check.rate or 0.0)
     if check.id == "lemma1":
-        if check.exact is not None and str(check.mode) not in statements.shown:
+        mode = str(check.mode)
+        if check.exact is not None and mode not in statements.shown:
             return "the vector does not show that Lambda < 0"
-        proved = is_negative(
-            enclosed_lambda(statements, str(check.mode)), shift=max(margin, 2 * rate)
-        )
-        return None if proved else "Lambda < 0 is not true with that margin and rate"
+        if not is_negative(enclosed_lambda(statements, mode), shift=max(margin, 2 * rate)):
+            return "Lambda < 0 is not true with that margin and rate"
+        return None
     exosystem = _exosystem(statements)
     if pair is None:
         return "there is no pair (P, Q) to confirm it with"
@@ -419,45 +462,48 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
     if rate and not psi_is_negative(statements, exosystem, pair, rate=rate):
         return f"the rate {check.rate} is not reached"
     S = schur_block(pair, exosystem)
-    return (
-        None
-        if S is not None and agrees(check.exact, PairFacts(pair=pair, S=S).to_json())
-        else OTHER_VALUES
-    )
+    if S is None or not agrees(check.exact, PairFacts(pair=pair, S=S).to_json()):
+        return OTHER_VALUES
+    return None
 
 
 def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) -> str | None:
     if check.rate is not None or (check.margin is not None and check.margin > 0):
         return "a refuted check must claim no rate and no positive margin"
-    exact = check.exact or {}
     if check.id == "lemma1":
-        mode, said = str(check.mode), claim.read_claim(check, statements.loop, None)
-        if not isinstance(said, Unstable):
-            return OTHER_VALUES
-        vector = _vector(check)
-        if not _has_roots(said.roots, statements, mode, vector):
-            return OTHER_VALUES
-        if (
-            said.value is not None
-            and said.value > enclosed_lambda(statements, mode).value(vector).lo
-        ):
-            return OTHER_VALUES
-        return _confirm_lambda(check, statements, mode, vector)
+        return _confirm_unstable(check, statements)
     if check.kind.role == "given":
         return _confirm_printed(check, statements, pair, _vector(check))
+    exact = check.exact or {}
     mode = str(exact.get("mode", check.mode))
     if mode not in statements.lambdas or exact != {"block": "Lambda", "mode": mode}:
         return "one pair failing says nothing about the others"
     return _confirm_lambda(check, statements, mode, _vector(check))
 
 
+def _confirm_unstable(check: Check, statements: Statements) -> str | None:
+    """Lemma 1 fails with at least so many unstable eigenvalues, and v'Lambda v is at least what
+    is said."""
+    mode = str(check.mode)
+    said = claim.read_claim(check, statements.loop, None)
+    if not isinstance(said, Unstable):
+        return OTHER_VALUES
+    vector = _vector(check)
+    if not _has_roots(said.roots, statements, mode, vector):
+        return OTHER_VALUES
+    if said.value is not None:
+        lowest = enclosed_lambda(statements, mode).value(vector).lo
+        if said.value > lowest:
+            return OTHER_VALUES
+    return _confirm_lambda(check, statements, mode, vector)
+
+
 def _has_roots(count: int, statements: Statements, mode: str, vector: Vector) -> bool:
     """Whether J - K is shown to have so many eigenvalues with positive real part."""
     if count <= unstable_roots(statements, mode):
         return True
-    return count == 1 and is_unstable_along(
-        statements, mode, enclosed_lambda(statements, mode).value(vector)
-    )
+    value = enclosed_lambda(statements, mode).value(vector)
+    return count == 1 and is_unstable_along(statements, mode, value)
 
 
 def _confirm_lambda(
@@ -465,13 +511,12 @@ def _confirm_lambda(
 ) -> str | None:
     """The vector shows that Lambda, or Lambda + I (x) S, is not negative definite in that mode; so
     does the margin."""
-    matrix = enclosed_lambda(statements, mode) if S is None else lambda_with(statements, mode, S)
+    if S is None:
+        what, matrix = "Lambda", enclosed_lambda(statements, mode)
+    else:
+        what, matrix = "Psi", lambda_with(statements, mode, S)
     if not refutes(matrix, vector):
-        return (
-            "the vector does not refute Lambda < 0"
-            if S is None
-            else "the vector does not refute Psi < 0"
-        )
+        return f"the vector does not refute {what} < 0"
     if not same_witness(check.witness, lambda_witness(statements, vector)):
         return "the witness names other agents than the vector"
     if check.margin is not None and -claimed(check.margin) > lowest_quotient(matrix, vector):
@@ -484,21 +529,28 @@ def _confirm_printed(
 ) -> str | None:
     """The given pair fails: P > 0, Omega0 < 0 or, in a named mode, Psi < 0 is refuted by the
     vector."""
-    exact, exosystem = check.exact or {}, _exosystem(statements)
+    exosystem = _exosystem(statements)
     if pair is None:
         return "it needs the pair of the problem"
+    exact = check.exact or {}
     block = exact.get("block")
     if block in ("P", "Omega0"):
         if exact != {"block": block} or check.margin is not None:
             return NO_NUMBER
         if not same_witness(check.witness, vector_witness(vector)):
             return "it needs a vector without labels"
-        P_negated = SparseSymmetric.from_dense(pair.P).negated()
-        matrix = Enclosed(middle=P_negated if block == "P" else omega(pair.P, pair.Q, exosystem))
-        return None if refutes(matrix, vector) else f"the vector does not refute {block}"
-    S, mode = schur_block(pair, exosystem), exact.get("mode")
-    known = S is not None and mode in list(statements.lambdas)
-    if S is None or not known or not agrees(exact, PairFacts(pair=pair, S=S, mode=mode).to_json()):
+        failing = omega(pair.P, pair.Q, exosystem)
+        if block == "P":
+            failing = SparseSymmetric.from_dense(pair.P).negated()
+        if not refutes(Enclosed(middle=failing), vector):
+            return f"the vector does not refute {block}"
+        return None
+    S = schur_block(pair, exosystem)
+    mode = exact.get("mode")
+    # A forger's mode may be of any type, also one that has no hash.
+    if S is None or mode not in list(statements.lambdas):
+        return OTHER_VALUES
+    if not agrees(exact, PairFacts(pair=pair, S=S, mode=mode).to_json()):
         return OTHER_VALUES
     # Omega0 < 0 is proved by now, so that Lambda + I (x) S decides (theory, the Reduction).
     return _confirm_lambda(check, statements, str(mode), vector, S=S)

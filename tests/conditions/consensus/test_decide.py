@@ -239,9 +239,7 @@ def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
     problem = path(1, 1, exosystem=Exosystem(A=[[0]], C=[[1]]))
     statements = state_theorems(loop_of(problem))
     lemmas = [lemma1_check(statements, "G", Proposal(margin=2.0))]
-    check = theorem_check(
-        "theorem1", statements, problem.exosystem, None, Proposal(), lemmas=lemmas, obstacle=None
-    )
+    check = theorem_check("theorem1", statements, None, Proposal(), lemmas=lemmas, obstacle=None)
     assert check.verdict is Verdict.UNDECIDED
     assert check.exact is check.witness is check.margin is None
 

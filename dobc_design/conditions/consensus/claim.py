@@ -98,22 +98,28 @@ def jacobians_at_consensus(loop: Loop) -> Jacobians:
     """Enclose J(0) of every mode.  For linear couplings J does not depend on e, so the domain is
     "global". Raises: exact.interval.UndefinedError if a coupling has no derivative at 0."""
     slopes = [coupling.jacobian_at_zero() for coupling in loop.functions]
-    modes = []
-    for name, arcs in loop.modes.items():
-        table = arc_table(loop, name)
-        width = max(1, len(table.weights))
-        places = (table.coupling * width + table.weight) * 2 + arcs.uncertain
-        pairs, kinds = np.unique(places, return_inverse=True)
-        gains: list[Gain] = []
-        for (coupling, place), loose in (
-            (divmod(pair // 2, width), pair % 2) for pair in pairs.tolist()
-        ):
-            scale = Interval(ZERO if loose else table.weights[place], table.weights[place])
-            gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
-        kinds.setflags(write=False)
-        modes.append(ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains)))
+    modes = [_mode_jacobian(loop, name, slopes) for name in loop.modes]
     domain = "global" if loop.is_linear else "consensus"
     return Jacobians(domain=domain, size=loop.n, dimension=loop.m, modes=tuple(modes))
+
+
+def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[Gain]) -> ModeJacobian:
+    """The Jacobian of one mode, from the slopes at 0 of every coupling."""
+    arcs = loop.modes[name]
+    table = arc_table(loop, name)
+    width = max(1, len(table.weights))
+    # Arcs of the same coupling and weight share a gain: one number says which they are.
+    numbers = (table.coupling * width + table.weight) * 2 + arcs.uncertain
+    different, kinds = np.unique(numbers, return_inverse=True)
+    kinds.setflags(write=False)
+    gains: list[Gain] = []
+    for number in different.tolist():
+        pair, loose = divmod(number, 2)
+        coupling, place = divmod(pair, width)
+        weight = table.weights[place]
+        scale = Interval(ZERO if loose else weight, weight)
+        gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
+    return ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,9 +139,9 @@ class Deviations(Sequence[Deviation]):
     def __getitem__(self, place: Any) -> Any:
         if isinstance(place, slice):
             return [self[k] for k in range(*place.indices(len(self)))]
-        row, speaker, listener = (
-            int(each[place]) for each in (self.rows, self.speakers, self.listeners)
-        )
+        row = int(self.rows[place])
+        speaker = int(self.speakers[place])
+        listener = int(self.listeners[place])
         return Deviation(row, speaker, listener, self.sizes[int(self.kinds[place])])
 
 
@@ -144,47 +150,53 @@ def lemma1_in_arrays(
 ) -> Pencil | None:
     """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512
     bits."""
-    # agents often share one matrix
-    held = {
-        id(k): [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)]
-        for k in pulls.gains.values()
-    }
-    below = common_denominator(
-        (x for rows in held.values() for row in rows for x in row), bits=sparse.DENOMINATOR_BITS
-    )
+    # Agents often share one matrix, which is added to its transpose once.
+    held = {id(k): _with_transpose(k) for k in pulls.gains.values()}
+    numbers = (x for rows in held.values() for row in rows for x in row)
+    below = common_denominator(numbers, bits=sparse.DENOMINATOR_BITS)
     if below is None:
         return None
     entries = [entry for gain in jacobian.gains for row in gain for entry in row]
     points = (entry.lo for entry in entries if entry.is_point)
     exact = common_denominator(points, bits=sparse.DENOMINATOR_BITS, start=below) is not None
     middles = np.array([_middle(entry, exact) for entry in entries], dtype=object)
+    # A middle may be rounded, so the enclosure reaches differently far on its two sides.
     spreads = [max(entry.hi - x, x - entry.lo) for entry, x in zip(entries, middles, strict=True)]
     common = math.lcm(below, *{x.denominator for x in middles})
     whole = (middles * common).reshape(-1, dimension, dimension)
-    nothing = np.zeros(0, dtype=np.int64)
     parts = [
         *_pin_triplets(pulls, held, common, dimension),
         *_arc_triplets(jacobian, whole, dimension),
     ]
-    rows, columns, values = (
-        np.concatenate([part[k] for part in parts] or [nothing]) for k in range(3)
+    nothing = np.zeros(0, dtype=np.int64)
+    constant = sparse.IntegerSymmetric(
+        size=size * dimension,
+        rows=np.concatenate([rows for rows, _, _ in parts] or [nothing]),
+        columns=np.concatenate([columns for _, columns, _ in parts] or [nothing]),
+        values=np.concatenate([values for _, _, values in parts] or [nothing]),
+        denominator=common,
     )
     return Pencil(
         name=f"lemma1 ({jacobian.name})",
-        constant=sparse.IntegerSymmetric(
-            size=size * dimension, rows=rows, columns=columns, values=values, denominator=common
-        ),
+        constant=constant,
         unknowns=(),
         coefficients={},
         deviations=_deviations(jacobian, spreads, dimension),
     )
 
 
+def _with_transpose(k: Matrix) -> list[list[Fraction]]:
+    """K + K' of one agent."""
+    return [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)]
+
+
 def _middle(entry: Interval, exact: bool) -> Fraction:
     """The middle of a gain; exact ones are kept if that costs no long denominator."""
     middle = entry.midpoint
+    if exact and entry.is_point:
+        return middle
     try:
-        return middle if exact and entry.is_point else Fraction(float(middle))
+        return Fraction(float(middle))
     except OverflowError:  # beyond the floats
         return middle
 
@@ -193,11 +205,11 @@ def _pin_triplets(
     pulls: Pins, held: Mapping[int, Sequence[Sequence[Fraction]]], common: int, dimension: int
 ) -> Iterable[Triplets]:
     """-(K + K'), on and above the diagonal."""
-    agents = np.fromiter(pulls.gains, dtype=np.int64, count=len(pulls.gains)) * dimension
-    kinds = {key: kind for kind, key in enumerate(held)}
-    kind = np.fromiter(
-        (kinds[id(k)] for k in pulls.gains.values()), dtype=np.int64, count=len(agents)
-    )
+    count = len(pulls.gains)
+    agents = np.fromiter(pulls.gains, dtype=np.int64, count=count) * dimension
+    numbers = {key: number for number, key in enumerate(held)}
+    own = (numbers[id(k)] for k in pulls.gains.values())
+    kind = np.fromiter(own, dtype=np.int64, count=count)
     for c in range(dimension):
         for d in range(c, dimension):
             table = as_integers([int(-common * rows[c][d]) for rows in held.values()])
@@ -210,37 +222,48 @@ def _arc_triplets(
 ) -> Iterable[Triplets]:
     """J + J' of every arc, on and above the diagonal: the slope at (row, speaker), minus it at
     (row, listener)."""
-    listeners, speakers = jacobian.arcs.listeners * dimension, jacobian.arcs.speakers * dimension
+    listeners = jacobian.arcs.listeners * dimension
+    speakers = jacobian.arcs.speakers * dimension
     for c, d in np.ndindex(dimension, dimension):
         slopes = [int(x) for x in whole[:, c, d]]
-        if any(slopes):
-            row, off, own = listeners + c, speakers + d, listeners + d
-            yield np.minimum(row, off), np.maximum(row, off), as_integers(slopes)[jacobian.kind]
-            twice = as_integers([-2 * x if c == d else -x for x in slopes])
-            yield np.minimum(row, own), np.maximum(row, own), twice[jacobian.kind]
+        if not any(slopes):
+            continue
+        row = listeners + c
+        off = speakers + d
+        values = as_integers(slopes)[jacobian.kind]
+        yield np.minimum(row, off), np.maximum(row, off), values
+        # On the diagonal a slope and its transpose fall on the same entry.
+        own = listeners + d
+        minus = as_integers([-2 * x if c == d else -x for x in slopes])[jacobian.kind]
+        yield np.minimum(row, own), np.maximum(row, own), minus
 
 
 def _deviations(
     jacobian: ModeJacobian, spreads: Sequence[Fraction], dimension: int
 ) -> Sequence[Deviation]:
-    columns: list[Sequence[Any]] = []
+    """What the slopes may differ by from their middles, arc by arc; none where all are exact."""
+    entries = dimension**2
+    rows: list[Places] = []
+    speakers: list[Places] = []
+    listeners: list[Places] = []
+    kinds: list[Places] = []
     for c, d in np.ndindex(dimension, dimension):
         place = c * dimension + d
-        chosen = np.array([bool(x) for x in spreads[place :: dimension**2]], dtype=bool)[
-            jacobian.kind
-        ]
-        listeners, speakers = jacobian.arcs.listeners[chosen], jacobian.arcs.speakers[chosen]
-        kinds = jacobian.kind[chosen] * dimension**2 + place
-        columns.append(
-            (listeners * dimension + c, speakers * dimension + d, listeners * dimension + d, kinds)
-        )
-    rows, speakers, listeners, kinds = (
-        np.concatenate(column) for column in zip(*columns, strict=True)
-    )
-    if not len(rows):
+        wide = np.array([bool(x) for x in spreads[place::entries]], dtype=bool)
+        chosen = wide[jacobian.kind]
+        hearers = jacobian.arcs.listeners[chosen] * dimension
+        rows.append(hearers + c)
+        speakers.append(jacobian.arcs.speakers[chosen] * dimension + d)
+        listeners.append(hearers + d)
+        kinds.append(jacobian.kind[chosen] * entries + place)
+    if not any(map(len, rows)):
         return ()
     return Deviations(
-        rows=rows, speakers=speakers, listeners=listeners, kinds=kinds, sizes=tuple(spreads)
+        rows=np.concatenate(rows),
+        speakers=np.concatenate(speakers),
+        listeners=np.concatenate(listeners),
+        kinds=np.concatenate(kinds),
+        sizes=tuple(spreads),
     )
 
 
@@ -306,9 +329,10 @@ def theorem1(
     known = list(systems.values())
     m = known[0].outputs
     entries: Entries = dict(lambda_.constant.entries)
-    size = offset = len(numbers) * m
-    for i in range(offset if rate else 0):
-        add_to(entries, i, i, 2 * rate)
+    size = len(numbers) * m
+    if rate:
+        for i in range(size):
+            add_to(entries, i, i, 2 * rate)
     starts: list[list[int]] = [[] for _ in known]  # where the blocks of the agents begin
     for agent, number in enumerate(numbers):
         if number == len(known):
@@ -320,13 +344,11 @@ def theorem1(
     unknowns: list[Unknown] = []
     coefficients: dict[Place, SparseSymmetric] = {}
     for (name, exosystem), own in zip(systems.items(), starts, strict=True):
-        mark, q = f"[{name}]" if name else "", exosystem.order
-        P = Unknown(name=f"P{mark}", rows=q, columns=q, symmetric=True)
-        Q = Unknown(name=f"Q{mark}", rows=q, columns=m, symmetric=False)
-        unknowns += [P, Q]
-        for letter, unknown in (("P", P), ("Q", Q)):
+        for unknown in _unknowns(name, exosystem.order, m):
+            unknowns.append(unknown)
             for place in unknown.places():
-                block = omega_coefficient(exosystem, (letter, place[1], place[2]), rate=rate)
+                of_one = unknown.name[0], place[1], place[2]
+                block = omega_coefficient(exosystem, of_one, rate=rate)
                 values = {(start + i, start + j): x for start in own for (i, j), x in block.items()}
                 coefficients[place] = SparseSymmetric(size, values)
     return Pencil(
@@ -335,6 +357,15 @@ def theorem1(
         unknowns=tuple(unknowns),
         coefficients=coefficients,
         deviations=lambda_.deviations,
+    )
+
+
+def _unknowns(name: str, q: int, m: int) -> tuple[Unknown, Unknown]:
+    """P and Q of one exosystem, with its name in brackets where it has one."""
+    mark = f"[{name}]" if name else ""
+    return (
+        Unknown(name=f"P{mark}", rows=q, columns=q, symmetric=True),
+        Unknown(name=f"Q{mark}", rows=q, columns=m, symmetric=False),
     )
 
 
@@ -352,13 +383,12 @@ def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction = ZE
     """What one entry of P or Q contributes to Omega0 + 2 rate P = X + X' (upper triangle, q x
     q)."""
     name, k, l = place  # noqa: E741  k, l as in matrix entries
+    terms: list[tuple[int, int, Fraction]] = []
     if name == "P":  # X = E (A + rate I)
-        shifted = [
-            [x + rate * (i == j) for j, x in enumerate(row)] for i, row in enumerate(exosystem.A)
-        ]
-        terms = [(r, j, x) for r, s in {(k, l), (l, k)} for j, x in enumerate(shifted[s])]
+        for r, s in {(k, l), (l, k)}:
+            terms += [(r, j, x + rate * (s == j)) for j, x in enumerate(exosystem.A[s])]
     else:  # X = -E C
-        terms = [(k, j, -x) for j, x in enumerate(exosystem.C[l])]
+        terms += [(k, j, -x) for j, x in enumerate(exosystem.C[l])]
     entries: Entries = {}
     for i, j, x in terms:
         add_to(entries, i, j, 2 * x if i == j else x)
@@ -367,7 +397,9 @@ def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction = ZE
 
 def omega(P: Matrix, Q: Matrix, exosystem: Exosystem, *, rate: Fraction = ZERO) -> SparseSymmetric:
     """Omega0 + 2 rate P at rational P = P', Q: the block every agent has."""
-    q, PA, QC = exosystem.order, multiply(P, exosystem.A), multiply(Q, exosystem.C)
+    q = exosystem.order
+    PA = multiply(P, exosystem.A)
+    QC = multiply(Q, exosystem.C)
     X = [[PA[i][j] - QC[i][j] + rate * P[i][j] for j in range(q)] for i in range(q)]
     return SparseSymmetric(q, {(i, j): X[i][j] + X[j][i] for i in range(q) for j in range(i, q)})
 
@@ -387,9 +419,9 @@ def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
         _, k, l = place  # noqa: E741
         total = pencil.coefficients[place]
         for row, other in {(k, l), (l, k)}:  # P_row,other stands in row `row` of P W
-            for j in range(Q.columns):
-                if W[other][j]:
-                    total = total + pencil.coefficients["Q", row, j].scaled(W[other][j])
+            for j, w in enumerate(W[other][: Q.columns]):
+                if w:
+                    total = total + pencil.coefficients["Q", row, j].scaled(w)
         coefficients[place] = total
     return replace(pencil, unknowns=(P,), coefficients=coefficients)
 
@@ -417,8 +449,11 @@ class Unstable:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values."""
-        value = {} if self.value is None else {"value": number_text(self.value)}
-        return {**value, "unstable_roots": str(self.roots)}
+        values = {}
+        if self.value is not None:
+            values["value"] = number_text(self.value)
+        values["unstable_roots"] = str(self.roots)
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -447,11 +482,16 @@ class PairFacts:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values."""
-        matrices = {"P": self.pair.P, "Q": self.pair.Q, "S": self.S}
-        values: dict[str, Any] = {name: matrix_text(M) for name, M in matrices.items()}
+        values: dict[str, Any] = {
+            "P": matrix_text(self.pair.P),
+            "Q": matrix_text(self.pair.Q),
+            "S": matrix_text(self.S),
+        }
         if self.bound is not None:
             values["bound"] = number_text(self.bound)
-        return values if self.mode is None else {**values, "mode": self.mode}
+        if self.mode is not None:
+            values["mode"] = self.mode
+        return values
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
@@ -461,9 +501,8 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
         roots = read_rational(exact["unstable_roots"])
         if roots.denominator != 1 or roots < 0 or not {"unstable_roots", "value"} >= set(exact):
             raise ValueError("unstable_roots must be a whole number >= 0, with a value or alone")
-        return Unstable(
-            roots=int(roots), value=read_rational(exact["value"]) if "value" in exact else None
-        )
+        value = read_rational(exact["value"]) if "value" in exact else None
+        return Unstable(roots=int(roots), value=value)
     if "P" in exact:
         P, Q, S = (matrix_from_json(exact[name]) for name in "PQS")
         return PairFacts(pair=Pair(P=P, Q=Q), S=S, mode=exact.get("mode"))
@@ -486,7 +525,7 @@ class Statements:
     def psi(self, *, rate: Fraction = ZERO) -> tuple[Pencil, ...]:
         """Psi of every mode, (28), with shared unknowns.  Raises: SpecError without an
         exosystem."""
-        groups, labels = self.loop.groups, self.loop.labels
+        groups = self.loop.groups
         if not groups:
             raise SpecError(
                 "Psi of (18) needs an [exosystem].",
@@ -494,28 +533,15 @@ class Statements:
                 cure="Without one, Lemma 1 is the condition.",
             )
         systems = {group.name if self.loop.is_grouped else "": group.exosystem for group in groups}
-        numbers = group_numbers(groups, labels)
+        numbers = group_numbers(groups, self.loop.labels)
         return tuple(theorem1(each, systems, numbers, rate=rate) for each in self.lambdas.values())
 
 
 def state_theorems(loop: Loop) -> Statements:
     """State Lemma 1, Theorem 1 and Theorem 2 for ``problem`` at the consensus."""
-    reason, jacobians = None, None
-    kinked = next((coupling for coupling in loop.functions if coupling.nonsmooth), None)
-    if loop.slopes_move:
-        reason = (
-            "does not apply: the leader moves, and with it the slopes of f: those at one point "
-            "prove nothing."
-        )
-    elif kinked is not None:
-        reason = (
-            f'does not apply: h = "{kinked.texts[0]}" uses {", ".join(kinked.nonsmooth)}; '
-            "Lemma 1 and both theorems are"
-            " for continuously differentiable couplings, and that is not shown here; use a "
-            "smooth one, such as tanh for"
-            " clip."
-        )
-    else:
+    jacobians = None
+    reason = _why_inapplicable(loop)
+    if reason is None:
         try:
             jacobians = jacobians_at_consensus(loop)
         except UndefinedError as error:
@@ -537,4 +563,21 @@ def state_theorems(loop: Loop) -> Statements:
         jacobians=jacobians,
         lambdas=lambdas,
         inapplicable=None,
+    )
+
+
+def _why_inapplicable(loop: Loop) -> str | None:
+    """Why slopes at the target decide nothing; None where they may."""
+    if loop.slopes_move:
+        return (
+            "does not apply: the leader moves, and with it the slopes of f: those at one point "
+            "prove nothing."
+        )
+    kinked = next((coupling for coupling in loop.functions if coupling.nonsmooth), None)
+    if kinked is None:
+        return None
+    return (
+        f'does not apply: h = "{kinked.texts[0]}" uses {", ".join(kinked.nonsmooth)}; '
+        "Lemma 1 and both theorems are for continuously differentiable couplings, and that is "
+        "not shown here; use a smooth one, such as tanh for clip."
     )

@@ -38,7 +38,8 @@ LONG, SHORT = 1024, 256  # bits of entries that are rounded first, and of what t
 MOST_WORK = 20_000_000  # products in an elimination of more than 2000 rows, some tens of seconds
 LARGEST_SUPPORT = 300  # rows up to which a candidate's rows are eliminated
 LARGEST = 500  # rows up to which the agents without a pin are eliminated
-SHOWN = 8
+SHOWN = 8  # agents, or groups of agents, that a sentence names
+MOST_GROUPS = 8  # closed groups whose directions are tried as witnesses
 
 Directions = Sequence[Sequence[float]]
 
@@ -62,76 +63,94 @@ class Enclosed:
             return self.middle
         m = len(self.blocks[0])
         owners = self.owners or (0,) * (self.middle.size // m)
-        entries = {
-            (agent * m + i, agent * m + j): self.blocks[owner][i][j]
-            for agent, owner in enumerate(owners)
-            for i in range(m)
-            for j in range(i, m)
-        }
+        entries: dict[tuple[int, int], Fraction] = {}
+        for agent, owner in enumerate(owners):
+            block = self.blocks[owner]
+            for i in range(m):
+                for j in range(i, m):
+                    entries[agent * m + i, agent * m + j] = block[i][j]
         return self.middle + SparseSymmetric(self.middle.size, entries)
 
     @property
     def radius(self) -> Fraction:
         """A bound of the spectral norm of all deviations together: their largest row sum of
         absolute values."""
-        given = self.deviations
-        # very many: in floats rounded up, unless these do not hold it
-        if isinstance(given, Deviations):
-            sizes = np.array([float_above(x) for x in given.sizes])[given.kinds]
-            row_sums, counts = np.zeros(self.middle.size), np.zeros(self.middle.size)
-            for rows in (given.rows, given.rows, given.speakers, given.listeners):
-                row_sums += np.bincount(rows, sizes, self.middle.size)
-                counts += np.bincount(rows, minlength=self.middle.size)
-            largest = float(np.max(row_sums * (1 + (counts + 8) * 2.0**-52)))
+        # Very many are summed in floats and rounded up, unless floats do not hold the sum.
+        if isinstance(self.deviations, Deviations):
+            largest = _radius_in_floats(self.deviations, self.middle.size)
             if math.isfinite(largest):
                 return Fraction(largest)
         sums: dict[int, Fraction] = {}
-        for each in given:
+        for each in self.deviations:
+            # Twice in its own row: the slope stands beside the diagonal and on it.
             for row in (each.row, each.row, each.speaker, each.listener):
                 sums[row] = sums.get(row, ZERO) + each.size
         return max(sums.values(), default=ZERO)
 
     def value(self, vector: Sequence[Fraction]) -> Interval:
         """Enclose v'Mv: a point where no irrational slope takes part."""
-        v, middle = vector, self.total.quadratic_form(vector)
-        spread = sum(
-            (2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in self.deviations),
-            ZERO,
-        )
+        v = vector
+        middle = self.total.quadratic_form(v)
+        spread = ZERO
+        for d in self.deviations:
+            spread += 2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener]))
         return Interval(middle - spread, middle + spread)
 
     def plus_blocks(self, blocks: Sequence[Matrix], owners: Sequence[int] = ()) -> Enclosed:
         """Add the block of each agent, of its number in ``owners`` or one for all.  Raises:
         ValueError."""
-        agents = len(owners) if owners else self.middle.size // len(blocks[0])
-        if agents * len(blocks[0]) != self.middle.size or (len(blocks) > 1 and not owners):
-            raise ValueError(
-                f"{agents} blocks of {len(blocks[0])} rows do not make {self.middle.size} rows"
-            )
+        m = len(blocks[0])
+        size = self.middle.size
+        agents = len(owners) if owners else size // m
+        if agents * m != size or (len(blocks) > 1 and not owners):
+            raise ValueError(f"{agents} blocks of {m} rows do not make {size} rows")
         return replace(self, blocks=tuple(blocks), owners=owners)
+
+
+def _radius_in_floats(deviations: Deviations, size: int) -> float:
+    """The largest row sum, rounded up; infinite or nan where floats do not hold it."""
+    sizes = np.array([float_above(x) for x in deviations.sizes])[deviations.kinds]
+    row_sums = np.zeros(size)
+    counts = np.zeros(size)
+    for rows in (deviations.rows, deviations.rows, deviations.speakers, deviations.listeners):
+        row_sums += np.bincount(rows, sizes, size)
+        counts += np.bincount(rows, minlength=size)
+    # Every addition may have lost half a unit in the last place.
+    return float(np.max(row_sums * (1 + (counts + 8) * 2.0**-52)))
 
 
 def shown_bound(matrix: Enclosed, vector: NDArray[np.float64]) -> Fraction | None:
     """A number that v > 0 (rows,) proves to be at least the largest eigenvalue of all but the
     blocks; None if none."""
-    middle = (
-        matrix.middle if isinstance(matrix.middle, IntegerSymmetric) else in_integers(matrix.middle)
-    )
-    bound = math.inf if middle is None else row_bound(middle, vector)
-    return Fraction(bound) + matrix.radius if math.isfinite(bound) else None
+    middle = matrix.middle
+    integers = middle if isinstance(middle, IntegerSymmetric) else in_integers(middle)
+    if integers is None:
+        return None
+    bound = row_bound(integers, vector)
+    if not math.isfinite(bound):
+        return None
+    return Fraction(bound) + matrix.radius
 
 
 def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
     """Whether matrix + shift I < 0 is proved for everything enclosed; a matrix with a ``bound`` is
     decided by it."""
     if matrix.bound is not None:
+        # The largest eigenvalue of a sum is at most the sum of the largest: every block has to
+        # fit into what the bound leaves.
         room = -matrix.bound - shift
-        blocks = [SparseSymmetric.from_dense(block) for block in matrix.blocks or (((ZERO,),),)]
-        upper = [block.negated().shifted(room) for block in blocks]
-        return all(decide_positive_definite(each).verdict is Verdict.PROVED for each in upper)
+        nothing = ((ZERO,),)
+        for block in matrix.blocks or (nothing,):
+            upper = SparseSymmetric.from_dense(block).negated().shifted(room)
+            if decide_positive_definite(upper).verdict is not Verdict.PROVED:
+                return False
+        return True
     whole = matrix.total.shifted(matrix.radius + shift).negated()
-    short = None if isinstance(whole, IntegerSymmetric) else _shorter(whole)
-    tried = [each for each in (short, whole) if each is not None]
+    tried: list[Symmetric] = [whole]
+    if not isinstance(whole, IntegerSymmetric):
+        short = _shorter(whole)
+        if short is not None:
+            tried.insert(0, short)
     return any(
         decide_positive_definite(each, most_work=MOST_WORK).verdict is Verdict.PROVED
         for each in tried
@@ -142,19 +161,17 @@ def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
     """A matrix below it (in the sense of <=) with short entries, where they are long, because
     elimination multiplies digits; else None.  Rounding to multiples of u changes the matrix by at
     most u/2 times its longest row."""
-    sizes = [
-        max(x.numerator.bit_length(), x.denominator.bit_length()) for x in matrix.entries.values()
-    ]
+    values = matrix.entries.values()
+    sizes = [max(x.numerator.bit_length(), x.denominator.bit_length()) for x in values]
     if max(sizes, default=0) <= LONG:
         return None
     lengths: dict[int, int] = {}
     for i, j in matrix.entries:
         for row in {i, j}:
             lengths[row] = lengths.get(row, 0) + 1
-    largest = max(abs(x) for x in matrix.entries.values())
-    unit = Fraction(2) ** (
-        largest.numerator.bit_length() - largest.denominator.bit_length() - SHORT
-    )
+    largest = max(abs(x) for x in values)
+    exponent = largest.numerator.bit_length() - largest.denominator.bit_length()
+    unit = Fraction(2) ** (exponent - SHORT)
     rounded = {place: round(x / unit) * unit for place, x in matrix.entries.items()}
     return SparseSymmetric(matrix.size, rounded).shifted(-unit / 2 * max(lengths.values()))
 
@@ -173,9 +190,8 @@ def why_undecided(loop: Loop, matrix: Enclosed) -> str:
         )
     return (
         f"is not known to differ from 0: with {matrix.middle.size} rows exact elimination "
-        "takes too long. Change a gain"
-        " a little, or use couplings that act by component with slopes >= 0, which need no "
-        "elimination."
+        "takes too long. Change a gain a little, or use couplings that act by component with "
+        "slopes >= 0, which need no elimination."
     )
 
 
@@ -203,31 +219,35 @@ def find_witness(
     or M is too large). ``candidates`` come first, those with few entries before others, rounded to
     small integers, because they read better; last comes the elimination of ``rows`` (None: all),
     which none may leave."""
-    allowed = set(range(matrix.middle.size) if rows is None else rows)
+    size = matrix.middle.size
+    rows = range(size) if rows is None else rows
+    allowed = set(rows)
     supports = [([row for row, x in enumerate(each) if x], each) for each in candidates]
     for support, candidate in sorted(supports, key=lambda pair: len(pair[0])):
-        if not support or len(candidate) != matrix.middle.size or not allowed >= set(support):
+        if not support or len(candidate) != size or not allowed >= set(support):
             continue
         for vector in rounded(candidate):
             if refutes(matrix, vector):
                 return vector
-        if len(support) < matrix.middle.size and len(support) <= LARGEST_SUPPORT:
+        # No rounding of it does: the same agents in exact proportions may.
+        if len(support) < size and len(support) <= LARGEST_SUPPORT:
             found = _eliminated(matrix, support)
             if found is not None:
                 return found
-    return _eliminated(matrix, range(matrix.middle.size) if rows is None else rows)
+    return _eliminated(matrix, rows)
 
 
 def _eliminated(matrix: Enclosed, rows: Sequence[int]) -> Vector | None:
     """The elimination's own witness on these rows, zero elsewhere: v'(middle)v >= radius v'v."""
+    size = matrix.middle.size
     shifted = matrix.total.shifted(-matrix.radius).negated()
-    if len(rows) == matrix.middle.size:
+    if len(rows) == size:
         return decide_positive_definite(shifted, most_work=MOST_WORK).witness
     found = decide_positive_definite(shifted.restricted(rows), most_work=MOST_WORK).witness
     if found is None:
         return None
     values = dict(zip(rows, found, strict=True))
-    return tuple(values.get(row, ZERO) for row in range(matrix.middle.size))
+    return tuple(values.get(row, ZERO) for row in range(size))
 
 
 def rounded(candidate: Sequence[float], *, finest: Sequence[int] = ()) -> Iterable[Vector]:
@@ -267,11 +287,10 @@ def unheld_groups(
     """Smallest sets S of agents that listen to nobody outside, in ``arcs`` (None: all modes
     together), with directions c != 0, k_i c = 0 on S: then e_S = c, eps = 0 is an equilibrium.
     With scalar gains: S has no pin, c is any."""
+    known = loop.pulls.gains
     for group in closed_groups(loop, loop.modes.values() if arcs is None else arcs):
-        gains = [loop.pulls.gains[i] for i in group if i in loop.pulls.gains]
-        free = (
-            nullspace(tuple(row for gain in gains for row in gain)) if gains else identity(loop.m)
-        )
+        rows = tuple(row for i in group if i in known for row in known[i])
+        free = nullspace(rows) if rows else identity(loop.m)
         if free:
             yield group, free
 
@@ -281,13 +300,16 @@ def cure_in_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
     a pin."""
     pinned = set(loop.pins.nodes)
     groups = [group for group in closed_groups(loop, arcs) if not pinned & set(group)]
-    named = [
-        " or ".join(loop.labels[i] for i in group[:3])
-        + (" or another of theirs" if len(group) > 3 else "")
-        for group in groups[:SHOWN]
-    ]
-    more = f", and one of each of {len(groups) - SHOWN} more groups" if len(groups) > SHOWN else ""
-    return f"Pin agent {', and agent '.join(named)}{more}."
+    named = []
+    for group in groups[:SHOWN]:
+        agents = " or ".join(loop.labels[i] for i in group[:3])
+        if len(group) > 3:
+            agents += " or another of theirs"
+        named.append(agents)
+    text = f"Pin agent {', and agent '.join(named)}"
+    if len(groups) > SHOWN:
+        text += f", and one of each of {len(groups) - SHOWN} more groups"
+    return text + "."
 
 
 def name_agents(labels: Sequence[str]) -> str:
@@ -303,16 +325,15 @@ def group_directions(loop: Loop, arcs: Arcs) -> list[list[float]]:
     """For closed groups of one mode whose gains leave a direction c free, of few agents first: the
     group moved along c. The group listens to nobody outside and k_i c = 0 in it, so J e = 0 and e'K
     e = 0: the value is exactly 0.  A few are enough, some of them without pins."""
-    groups, pinned = (
-        sorted(unheld_groups(loop, [arcs.present]), key=lambda x: len(x[0])),
-        set(loop.pulls.nodes),
-    )
-    loose, found = [each for each in groups if not pinned & set(each[0])], []
-    for group, free in [*groups[:SHOWN], *loose[:SHOWN]]:
+    pinned = set(loop.pulls.nodes)
+    groups = sorted(unheld_groups(loop, [arcs.present]), key=lambda found: len(found[0]))
+    loose = [(group, free) for group, free in groups if not pinned & set(group)]
+    directions = []
+    for group, free in [*groups[:MOST_GROUPS], *loose[:MOST_GROUPS]]:
         vector = np.zeros((loop.n, loop.m))
         vector[list(group)] = [float(x) for x in free[0]]
-        found.append(vector.ravel().tolist())
-    return found
+        directions.append(vector.ravel().tolist())
+    return directions
 
 
 def unpinned_witness(
@@ -322,12 +343,11 @@ def unpinned_witness(
     None: none is found."""
     pinned = set(loop.pulls.nodes)
     rows = [row for row in range(loop.n * loop.m) if row // loop.m not in pinned]
+    if len(rows) > LARGEST:  # too many to eliminate: only the candidates are tried
+        rows = []
     for mode, matrix in matrices.items():
-        candidates = [
-            *group_directions(loop, loop.modes[mode]),
-            *directions.get(mode, ()),
-        ]
-        found = find_witness(matrix, candidates, rows=rows if len(rows) <= LARGEST else [])
+        candidates = [*group_directions(loop, loop.modes[mode]), *directions.get(mode, ())]
+        found = find_witness(matrix, candidates, rows=rows)
         if found is not None:
             return mode, found
     return None
@@ -345,19 +365,7 @@ def refutation(loop: Loop, vector: Vector, *, alone: Sequence[int], roots: int) 
     moved = carriers(loop, vector)
     labels = tuple(loop.labels[i] for i in alone)
     if labels and set(moved) <= set(labels):
-        hears, them = ("hears", "it") if len(labels) == 1 else ("hear", "them")
-        pulls = "nothing" if loop.drift is None else "no gain"
-        text = (
-            f"{name_agents(labels)} {hears} no pinned agent, so {pulls} pulls {them} to the target:"
-        )
-        moving = (
-            f"{them} alone"
-            if len(moved) == len(labels) == 1
-            else them
-            if moved == labels
-            else name_agents(moved)
-        )
-        text += f" v' Lambda v >= 0 for the vector that moves {moving}."
+        text = _unheard(loop, labels, moved)
     else:
         text = (
             f"for the error vector shown, which moves {name_agents(moved)}, V = e'e does not "
@@ -372,3 +380,20 @@ def refutation(loop: Loop, vector: Vector, *, alone: Sequence[int], roots: int) 
             "is unstable."
         )
     return text
+
+
+def _unheard(loop: Loop, labels: Sequence[str], moved: Sequence[str]) -> str:
+    """That these agents hear no pinned one, and which of them the vector moves."""
+    hears, them = "hear", "them"
+    if len(labels) == 1:
+        hears, them = "hears", "it"
+    moving = name_agents(moved)
+    if moved == labels:
+        moving = them
+        if len(labels) == 1:
+            moving += " alone"
+    pulls = "nothing" if loop.drift is None else "no gain"
+    return (
+        f"{name_agents(labels)} {hears} no pinned agent, so {pulls} pulls {them} to the target:"
+        f" v' Lambda v >= 0 for the vector that moves {moving}."
+    )

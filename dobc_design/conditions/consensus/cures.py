@@ -67,19 +67,18 @@ class PinProposal:
 
     def rounded(self, *, factor: float = 1.0) -> dict[int, Fraction]:
         """The gains times ``factor``, rounded up to two or three digits."""
-        return {
-            agent: rounded_up(gain * factor)
-            for agent, gain in sorted(self.gains.items())
-            if gain > 0
-        }
+        ordered = sorted(self.gains.items())
+        return {agent: rounded_up(gain * factor) for agent, gain in ordered if gain > 0}
 
 
 def rounded_up(value: float | Fraction) -> Fraction:
     """The next number >= value > 0 with two significant digits, or three where two would ask for
     too much."""
     exact = Fraction(value)
-    two, three = (numbers.rounded_up(exact, digits=digits) for digits in (2, 3))
-    return two if two <= exact * ENOUGH else three
+    two = numbers.rounded_up(exact, digits=2)
+    if two <= exact * ENOUGH:
+        return two
+    return numbers.rounded_up(exact, digits=3)
 
 
 def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> Iterator[PinProposal]:
@@ -105,8 +104,11 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
 @lru_cache(maxsize=2)
 def _blocks(loop: Loop, *, pins: bool = False) -> Blocks | None:
     """For the true rate where one mode has rising couplings, else for V = e'e."""
-    weighted = network_blocks(loop, pins=pins, weighted=True) if len(loop.modes) == 1 else None
-    return weighted if weighted is not None and weighted.z else network_blocks(loop, pins=pins)
+    if len(loop.modes) == 1:
+        weighted = network_blocks(loop, pins=pins, weighted=True)
+        if weighted is not None and weighted.z:
+            return weighted
+    return network_blocks(loop, pins=pins)
 
 
 def on_present_pins(loop: Loop) -> Iterator[PinProposal]:
@@ -133,9 +135,8 @@ def several_more(loop: Loop, *, progress: Progress | None = None) -> Iterator[Pi
         return
     added = small_set(blocks, loop, progress=progress)
     for ground, pins in _grounds(loop):
-        yield from gains_on(
-            ground, (*pins, *added), PinProposal(gains={}, added=added, keeps=not pins)
-        )
+        proposal = PinProposal(gains={}, added=added, keeps=not pins)
+        yield from gains_on(ground, (*pins, *added), proposal)
     # by how much the entries off the diagonal outweigh it, in the worst row (Gershgorin)
     enough = 0.0
     for table in blocks.tables:
@@ -173,19 +174,11 @@ def best_single(
     empty: none can."""
     totals: dict[int, float] = {}
     candidates = _candidates(blocks, loop)
+    often = 1 if loop.n > LARGE else 10
     for place, agent in enumerate(candidates):
-        if progress is not None and place % (1 if loop.n > LARGE else 10) == 0:
+        if progress is not None and place % often == 0:
             progress(f"looking for the best agent to pin ({place} of {len(candidates)} tried)")
-        chosen = np.isin(np.arange(blocks.agents), (*pins, agent))
-        # quick
-        valid = pinning.valid_gains(blocks, chosen, np.ones(blocks.agents)) if blocks.z else None
-        gains = (
-            valid.gains
-            if valid is not None
-            else None
-            if blocks.z
-            else smallest_gains(blocks, (*pins, agent))
-        )
+        gains = _some_gains(blocks, (*pins, agent))
         if gains is not None:
             totals[agent] = float(np.sum(gains))
     if not totals:
@@ -198,21 +191,30 @@ def best_single(
     return tuple(sorted(agent for agent, total in totals.items() if total <= least * (1 + ALIKE)))
 
 
+def _some_gains(blocks: Blocks, agents: Sequence[int]) -> Any:
+    """Gains on these agents that do, by the closed form where there is one, which is quick."""
+    if not blocks.z:
+        return smallest_gains(blocks, agents)
+    chosen = np.isin(np.arange(blocks.agents), agents)
+    valid = pinning.valid_gains(blocks, chosen, np.ones(blocks.agents))
+    return None if valid is None else valid.gains
+
+
 def _candidates(blocks: Blocks, loop: Loop) -> list[int]:
     """Agents in every closed group without a pin; of very many those that carry the slowest
     direction."""
-    pins = set(loop.pulls.nodes)
-    common = set(range(loop.n)) - pins
+    unpinned = set(range(loop.n)) - set(loop.pulls.nodes)
+    common = set(unpinned)
     for group in groups_without_pin(loop):
         common &= set(group)
     most = _affordable(loop.n)
     if len(common) <= most:
         return sorted(common)
-    free = np.array(sorted(set(range(loop.n)) - pins))
+    free = np.array(sorted(unpinned))
     weights = pinning.slowest_on(blocks, free)
-    order = free[
-        np.argsort(-np.round(weights / np.max(weights, initial=1e-300), 6), kind="stable")
-    ].tolist()
+    # Rounded, so that agents that are alike keep their order.
+    parts = np.round(weights / np.max(weights, initial=1e-300), 6)
+    order = free[np.argsort(-parts, kind="stable")].tolist()
     return [agent for agent in order if agent in common][:most]
 
 
@@ -227,15 +229,17 @@ def small_set(blocks: Blocks, loop: Loop, *, progress: Progress | None = None) -
     pins = loop.pulls.nodes
     chosen = _one_of_each(blocks, groups_without_pin(loop))
     needed = list(chosen)
+    most = max(1, min(LOOKED_AT, GREEDY_WORK // loop.n**2))
     while rough_rate(blocks, (*pins, *chosen)) <= NEARLY_ZERO * blocks.scale:
         free = np.setdiff1d(np.arange(loop.n), [*pins, *chosen])
         if not len(free):
             break
         if progress is not None:
             progress(f"choosing agents to pin ({len(chosen)} so far)")
-        most = max(1, min(LOOKED_AT, GREEDY_WORK // loop.n**2))
-        heavy = free[np.argsort(-pinning.slowest_on(blocks, free), kind="stable")][:most].tolist()
-        chosen.append(max(heavy, key=lambda agent: fastest_rate(blocks, (*pins, *chosen, agent))))
+        weights = pinning.slowest_on(blocks, free)
+        heavy = free[np.argsort(-weights, kind="stable")][:most].tolist()
+        rates = {agent: fastest_rate(blocks, (*pins, *chosen, agent)) for agent in heavy}
+        chosen.append(max(rates, key=rates.__getitem__))
     for agent in [a for a in chosen if a not in needed]:
         others = [other for other in chosen if other != agent]
         if fastest_rate(blocks, (*pins, *others)) > NEARLY_ZERO * blocks.scale:
@@ -251,26 +255,30 @@ def _one_of_each(blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> list[int]
     while left:
         count = Counter(agent for group in left for agent in group)
         most = max(count.values())
-        homes = [group for group in left if any(count[agent] == most for agent in group)]
+        best = {agent for agent, times in count.items() if times == most}
+        homes = [group for group in left if group & best]
         homes.sort(key=lambda group: (len(group), min(group)))
         # groups without common agents do not bear on each other
         for home in homes if most == 1 else homes[:1]:
-            held = np.array(sorted(home))
-            rows = rows_of(held, blocks.width)
-            inner = replace(
-                blocks,
-                agents=len(held),
-                tables=tuple(table[rows][:, rows] for table in blocks.tables),
-            )
-            local = [place for place, agent in enumerate(held.tolist()) if count[agent] == most]
-            local = local[: _affordable(len(held), times=len(left))]
-            # Rounded, so that ties are ties.
-            best = min(
-                local, key=lambda place: (float(f"{pinning.looseness(inner, [place]):.9g}"), place)
-            )
-            chosen.append(int(held[best]))
+            chosen.append(_holding_best(blocks, sorted(home), best, times=len(left)))
         left = [group for group in left if group.isdisjoint(chosen)]
     return chosen
+
+
+def _holding_best(blocks: Blocks, group: Sequence[int], candidates: set[int], *, times: int) -> int:
+    """The candidate that, pinned, holds the rest of the group best; ``times``: how many groups
+    share the work."""
+    rows = rows_of(np.array(group), blocks.width)
+    tables = tuple(table[rows][:, rows] for table in blocks.tables)
+    inner = replace(blocks, agents=len(group), tables=tables)
+    local = [place for place, agent in enumerate(group) if agent in candidates]
+    local = local[: _affordable(len(group), times=times)]
+
+    def looseness(place: int) -> tuple[float, int]:
+        # Rounded, so that ties are ties.
+        return float(f"{pinning.looseness(inner, [place]):.9g}"), place
+
+    return int(group[min(local, key=looseness)])
 
 
 def _is_enough(table: Any, border: Any, factor: float) -> bool:

@@ -37,14 +37,14 @@ from dobc_design.loop.loop import Loop
 from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagonal
 from dobc_design.solvers.program import Array, factored
 
-DENSE = 50  # rows up to which a dense solve is the faster one, and
+DENSE = 50  # rows up to which a dense solve is the faster one
+FULL = 0.3  # part of the entries from which it is, whatever the size
 CAP_EDGE = 1e-9  # a gain above its cap by less (relatively) is at it
-FULL = 0.3  # the part of the entries from which it is in any size
 PROGRAM_ROWS = 80  # rows of one block up to which the conic program is solved
 PROGRAM_SIZE = 40_000  # squared rows of all blocks together
 ACCURACY = 1e-10  # of the conic program
-LARGE = 3000  # rows from which conjugate gradients go first, with
-ITERATIONS = 300  # steps at most
+LARGE = 3000  # rows from which conjugate gradients go first
+ITERATIONS = 300  # of conjugate gradients
 ENOUGH = 1e-6  # of the cost: a bound this close leaves nothing to look for
 SINGULAR = 1e-11  # relative to the entries: smaller eigenvalues are not told from 0 here
 STEPS = 60  # of a bisection
@@ -52,16 +52,17 @@ FEW_ROWS = 15  # up to which a conic program is the quicker way to shared gains
 ROWS = 5000  # agents up to which factors of sparse networks stay small
 DUAL_STEPS = 1500
 NEGATIVE = 1e-10  # relative to the entries: what counts as a gain below 0 there
-# rows up to which all eigenvalues are computed; pins from which v is not balanced
-DENSE_PARTS, MANY_PINS = 200, 2000
+DENSE_PARTS = 200  # rows up to which all eigenvalues are computed
+MANY_PINS = 2000  # pins from which v is not balanced
 SHIFT = 1e-3  # of the largest entry: how far from the discs eigenvalues are looked for
-# steps towards the smallest gains, and the relative imbalance where they end
-NEWTON, CLOSE = 200, 1e-10
+NEWTON = 200  # steps towards the smallest gains at most
+CLOSE = 1e-10  # the relative imbalance where they end
 UNUSED = 0.1  # the part of the cost that is nobody's at the beginning, to mode 1's
 # What the gains are raised by, relatively, until all matrices are definite.
 RISES = (0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
-# Gains below this part of the largest are left out: noise of the conic solver, and of the dual.
-NOISE, SMALL = 1e-8, 1e-9
+# Gains below this part of the largest are left out:
+NOISE = 1e-8  # noise of the conic solver
+SMALL = 1e-9  # noise of the dual
 # For the factors: an order that suits a symmetric pattern, and no exchange of rows.  A random graph
 # of degree 8 with 2000 agents takes a quarter of the time (0.09 s in place of 0.34 s), with 40 % of
 # the entries in the factor.
@@ -102,41 +103,54 @@ class Shared:
 def network_blocks(loop: Loop, *, pins: bool = False, weighted: bool = False) -> Blocks | None:
     """The blocks, beta = 0; None beyond the floats.  ``pins``: the present gains stay.
     ``weighted``: V has weights."""
-    n, m = loop.n, loop.m
+    m = loop.m
+    whole = []
+    for mode in loop.modes:
+        lambda_ = float_lambda(loop, mode, pins=pins, twice=weighted)
+        table = sparse.coo_array(-lambda_)
+        table.sum_duplicates()
+        if not np.all(np.isfinite(table.data)):
+            return None
+        whole.append(table)
+    # Where no component acts on another, each is a smaller problem by itself.
+    apart = all(np.all((table.row % m == table.col % m) | (table.data == 0)) for table in whole)
+    width = 1 if apart else m
+    step = m // width
     tables: dict[bytes, Any] = {}
     sources: dict[bytes, tuple[str, int]] = {}
-    lambdas = [float_lambda(loop, mode, pins=pins, twice=weighted) for mode in loop.modes]
-    found = [sparse.coo_array(-table) for table in lambdas]
-    for table in found:
-        table.sum_duplicates()
-    if not all(np.all(np.isfinite(table.data)) for table in found):
-        return None
-    apart = all(np.all((table.row % m == table.col % m) | (table.data == 0)) for table in found)
-    width = 1 if apart else m
-    for mode, table in zip(loop.modes, found, strict=True):
-        for component in range(m if apart else 1):
-            each = table.tocsr()[component :: m // width, component :: m // width]
+    for mode, table in zip(loop.modes, whole, strict=True):
+        for component in range(step):
+            each = table.tocsr()[component::step, component::step]
             each.sum_duplicates()
             each.eliminate_zeros()
             key = each.indptr.tobytes() + each.indices.tobytes() + each.data.tobytes()
             tables.setdefault(key, each)
             sources.setdefault(key, (mode, component))
-    scale = max((float(np.max(np.abs(t.data), initial=0.0)) for t in tables.values()), default=0.0)
-    z = width == 1 and all(
-        np.all((t.data <= 0) | (t.row == t.col)) for t in map(sparse.coo_array, tables.values())
-    )
-    whole, places = tuple(tables.values()), tuple(sources.values())
+    largest = [float(np.max(np.abs(each.data), initial=0.0)) for each in tables.values()]
     return Blocks(
-        agents=n, width=width, tables=whole, scale=scale, z=z, sources=places, weighted=weighted
+        agents=loop.n,
+        width=width,
+        tables=tuple(tables.values()),
+        scale=max(largest, default=0.0),
+        z=width == 1 and all(map(_is_z_matrix, tables.values())),
+        sources=tuple(sources.values()),
+        weighted=weighted,
     )
+
+
+def _is_z_matrix(table: Any) -> bool:
+    """Whether no entry off the diagonal is > 0."""
+    entries = sparse.coo_array(table)
+    return bool(np.all((entries.data <= 0) | (entries.row == entries.col)))
 
 
 def for_rate(blocks: Blocks, rate: float) -> Blocks:
     """The same blocks for a rate beta (1/s): S - 2 beta I."""
-    tables = tuple(
-        sparse.csr_array(t - 2 * rate * sparse.eye_array(t.shape[0])) for t in blocks.tables
-    )
-    return replace(blocks, tables=tables, scale=max(blocks.scale, 2 * rate))
+    tables = []
+    for table in blocks.tables:
+        shift = 2 * rate * sparse.eye_array(table.shape[0])
+        tables.append(sparse.csr_array(table - shift))
+    return replace(blocks, tables=tuple(tables), scale=max(blocks.scale, 2 * rate))
 
 
 def fastest_rate(blocks: Blocks, allowed: Collection[int]) -> float:
@@ -156,10 +170,10 @@ def rough_rate(blocks: Blocks, allowed: Collection[int]) -> float:
     for table in blocks.tables:
         block = table[others][:, others]
         found = dominating_vector(-block) if is_symmetric(block) else None
-        shown = found is not None and found.least > 0
-        least = min(
-            least, found.least if found is not None and shown else lowest_on(table, others)[0]
-        )
+        if found is None or not found.least > 0:
+            least = min(least, lowest_on(table, others)[0])
+        else:
+            least = min(least, found.least)
     return least / 2
 
 
@@ -168,10 +182,13 @@ def smallest_gains(
 ) -> Array | None:
     """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None
     if none can do."""
-    weights = np.ones(blocks.agents) if costs is None else np.asarray(costs, dtype=np.float64)
+    weights = np.ones(blocks.agents)
+    if costs is not None:
+        weights = np.asarray(costs, dtype=np.float64)
     if not blocks.z and fastest_rate(blocks, allowed) <= 1e-9 * blocks.scale:
         return None
-    found = cheapest_gains(blocks, np.isin(np.arange(blocks.agents), list(allowed)), weights)
+    chosen = np.isin(np.arange(blocks.agents), list(allowed))
+    found = cheapest_gains(blocks, chosen, weights)
     return None if found is None else found.gains
 
 
@@ -181,26 +198,26 @@ def cheapest_gains(
     """The gains of least cost found on the ``chosen`` agents (n,), or gains that suffice; None if
     none can do."""
     found = valid_gains(blocks, chosen, costs, caps) if blocks.z else None
+    # The closed form is the optimum of one matrix, and no shared one is known with weights of V.
     if blocks.z and (found is None or len(blocks.tables) == 1 or blocks.weighted):
         return found
-    shared = (
-        solve_shared(blocks.tables, chosen, costs, caps)
-        if found and blocks.agents > FEW_ROWS
-        else None
-    )
-    if shared is not None:
-        found = _cheaper(found, shared, costs)
-        cost = float(costs @ shared.gains)
-        if cost - shared.bound <= ENOUGH * cost:
-            return found
+    if found is not None and blocks.agents > FEW_ROWS:
+        shared = solve_shared(blocks.tables, chosen, costs, caps)
+        if shared is not None:
+            found = _cheaper(found, shared, costs)
+            cost = float(costs @ shared.gains)
+            if cost - shared.bound <= ENOUGH * cost:
+                return found
     rows = blocks.agents * blocks.width
-    small = rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE
-    program = solve_program(blocks, np.flatnonzero(chosen), costs, caps) if small else None
-    if program is not None:
-        return _cheaper(found, program, costs)
+    if rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE:
+        program = solve_program(blocks, np.flatnonzero(chosen), costs, caps)
+        if program is not None:
+            return _cheaper(found, program, costs)
+    # One gain for all need not stay below the caps.
     if found is None and (caps is None or not np.any(np.isfinite(caps))):
         gains = _alike(blocks, chosen)
-        found = None if gains is None else Shared(gains=gains, vectors=[[] for _ in blocks.tables])
+        if gains is not None:
+            found = Shared(gains=gains, vectors=[[] for _ in blocks.tables])
     return found
 
 
@@ -214,21 +231,24 @@ def valid_gains(
     if len(known) < len(found):
         return None
     best = max(range(len(known)), key=lambda k: costs @ known[k].gains)
-    vectors = [
-        each.vectors[0] if k == best and not blocks.weighted else [] for k, each in enumerate(known)
-    ]
-    return Shared(gains=np.max([each.gains for each in known], axis=0), vectors=vectors)
+    vectors: list[list[Array]] = [[] for _ in known]
+    if not blocks.weighted:
+        vectors[best] = known[best].vectors[0]
+    gains = np.max([each.gains for each in known], axis=0)
+    return Shared(gains=gains, vectors=vectors)
 
 
 def _cheaper(found: Shared | None, other: Shared, costs: Array) -> Shared:
     """The cheaper gains; where they cost about the same, the vectors of all blocks."""
-    if found is None or costs @ other.gains < costs @ found.gains:
+    if found is None:
         return other
-    return (
-        replace(found, vectors=other.vectors)
-        if costs @ other.gains < costs @ found.gains * 1.000001
-        else found
-    )
+    cost = costs @ other.gains
+    present = costs @ found.gains
+    if cost < present:
+        return other
+    if cost < present * 1.000001:
+        return replace(found, vectors=other.vectors)
+    return found
 
 
 def _factors(Z: Array, *, z: bool) -> list[Array]:
@@ -248,9 +268,9 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
 def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Shared | None:
     """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do
     (theory, 7 and 10)."""
-    return _with_caps(
-        _uncapped, [table if is_symmetric(table) else within_parts(table)], chosen, weights, caps
-    )
+    if not is_symmetric(table):
+        table = within_parts(table)
+    return _with_caps(_uncapped, [table], chosen, weights, caps)
 
 
 def _with_caps(
@@ -264,20 +284,20 @@ def _with_caps(
     gains of the others."""
     limits = np.full(len(costs), np.inf) if caps is None else caps
     full = np.zeros(len(costs), dtype=bool)
+    held = tables
+    # Every round holds one agent more at least.
     for _ in range(int(np.sum(chosen)) + 1):
         extra = np.where(full, limits, 0.0)
-        held = [
-            sparse.csr_array(table + sparse.diags_array(2 * extra)) if np.any(full) else table
-            for table in tables
-        ]
+        if np.any(full):
+            pull = sparse.diags_array(2 * extra)
+            held = [sparse.csr_array(table + pull) for table in tables]
         found = solve(held, chosen & ~full, costs)
         if found is None:
             return None
         over = found.gains > limits * (1 + CAP_EDGE)
         if not np.any(over):
-            return replace(
-                found, gains=found.gains + extra, bound=found.bound + float(costs @ extra)
-            )
+            bound = found.bound + float(costs @ extra)
+            return replace(found, gains=found.gains + extra, bound=bound)
         full |= over
     return None
 
@@ -285,8 +305,10 @@ def _with_caps(
 def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Shared | None:
     """v: (S v)_i = 0 off the chosen; k_i = -(S v)_i / (2 v_i).  An agent whose gain would be
     negative is set free."""
-    (table,), active = tables, np.array(chosen, dtype=bool)
-    v, size = np.zeros(len(weights)), float(np.max(np.abs(table.data), initial=0.0))
+    (table,) = tables
+    active = np.array(chosen, dtype=bool)
+    v = np.zeros(len(weights))
+    size = float(np.max(np.abs(table.data), initial=0.0))
     for _ in range(int(active.sum()) + 1):
         free = np.flatnonzero(~active)
         v[active] = _on_pins(table, active, weights, size=size)
@@ -309,10 +331,8 @@ def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Shared | No
 def within_parts(table: Any) -> Any:
     """The entries within strongly connected parts of the pattern, which alone have the
     eigenvalues."""
-    owner, entries = (
-        csgraph.connected_components(table, connection="strong")[1],
-        sparse.coo_array(table),
-    )
+    _, owner = csgraph.connected_components(table, connection="strong")
+    entries = sparse.coo_array(table)
     kept = owner[entries.row] == owner[entries.col]
     places = entries.row[kept], entries.col[kept]
     return sparse.csr_array((entries.data[kept], places), shape=table.shape)
@@ -321,18 +341,21 @@ def within_parts(table: Any) -> Any:
 def _on_pins(table: Any, active: Any, weights: Array, *, size: float) -> Array:
     """v on the ``active`` agents for which, with (S v)_i = 0 on the others, the sum of the gains is
     least."""
-    pins, others = np.flatnonzero(active), np.flatnonzero(~active)
+    pins = np.flatnonzero(active)
+    others = np.flatnonzero(~active)
+    own = weights[pins]
     if len(pins) > MANY_PINS or is_symmetric(table):
-        return np.sqrt(weights[pins])
+        return np.sqrt(own)
     flows = table[pins][:, pins].toarray()
     if len(others) and len(pins):
-        if _solve(table[others][:, others], np.ones(len(others)), size=size) is None:
-            return np.sqrt(weights[pins])
+        inner = table[others][:, others]
+        if _solve(inner, np.ones(len(others)), size=size) is None:
+            return np.sqrt(own)
+        # The others follow the pins: what flows between pins through them (Schur complement).
         across = table[others][:, pins].toarray()
-        flows -= table[pins][:, others] @ factorised(table[others][:, others])(across).reshape(
-            across.shape
-        )
-    return _balance(-flows * weights[pins][:, None])
+        solve = factorised(inner)
+        flows -= table[pins][:, others] @ solve(across).reshape(across.shape)
+    return _balance(-flows * own[:, None])
 
 
 def _balance(flows: Array) -> Array:
@@ -342,11 +365,14 @@ def _balance(flows: Array) -> Array:
     for _ in range(NEWTON):
         moved = flows * np.exp(logs[None, :] - logs[:, None])
         np.fill_diagonal(moved, 0.0)
-        out, back = moved.sum(axis=1), moved.sum(axis=0)
-        if np.all(np.abs(out - back) <= CLOSE * (out + back)):
+        out = moved.sum(axis=1)
+        back = moved.sum(axis=0)
+        both = out + back
+        if np.all(np.abs(out - back) <= CLOSE * both):
             break
         # The Hessian, a little more on its diagonal: a constant in each part changes nothing.
-        whole = np.diag(np.where(out + back > 0, (out + back) * (1 + CLOSE), 1.0)) - moved - moved.T
+        diagonal = np.where(both > 0, both * (1 + CLOSE), 1.0)
+        whole = np.diag(diagonal) - moved - moved.T
         step = np.linalg.solve(whole, out - back)
         logs += step / max(1.0, float(np.max(np.abs(step))))
     return np.asarray(np.exp(logs))
@@ -355,28 +381,22 @@ def _balance(flows: Array) -> Array:
 def _solve(matrix: Any, right: Array, *, size: float) -> Array | None:
     """Solve M x = right for a Z-matrix M; None unless M is a nonsingular M-matrix (M w = 1 has a
     solution w > 0)."""
-    if (
-        len(right) > LARGE
-        and is_symmetric(matrix)
-        and (quick := _iterated(matrix, right)) is not None
-    ):
-        return quick
+    if len(right) > LARGE and is_symmetric(matrix):
+        quick = _iterated(matrix, right)
+        if quick is not None:
+            return quick
     both = np.column_stack([right, np.ones(len(right))])
-    dense = len(right) <= DENSE or matrix.nnz > FULL * len(right) ** 2
     try:
-        answer = (
-            np.linalg.solve(matrix.toarray(), both)
-            if dense
-            else factored(matrix, **SYMMETRIC).solve(both)
-        )
+        if len(right) <= DENSE or matrix.nnz > FULL * len(right) ** 2:
+            answer = np.linalg.solve(matrix.toarray(), both)
+        else:
+            answer = factored(matrix, **SYMMETRIC).solve(both)
     except (np.linalg.LinAlgError, RuntimeError, ValueError):  # singular
         return None
     w = answer[:, 1]
-    if (
-        not np.all(np.isfinite(answer))
-        or not np.all(w > 0)
-        or float(np.max(w)) * size * SINGULAR > 1
-    ):
+    if not np.all(np.isfinite(answer)) or not np.all(w > 0):
+        return None
+    if float(np.max(w)) * size * SINGULAR > 1:  # singular but for rounding
         return None
     x: Array = answer[:, 0]
     return x
@@ -396,13 +416,16 @@ def _iterated(matrix: Any, right: Array) -> Array | None:
     if not np.all(diagonal > 0):
         return None
     scaling = sparse.diags_array(1 / diagonal)
-    answers = []
-    for side, tolerance in ((np.ones(len(right)), 1e-3), (right, 1e-14)):
+
+    def solution(side: Array, tolerance: float) -> Array | None:
         x, status = cg(matrix, side, rtol=tolerance, maxiter=ITERATIONS, M=scaling)
-        if status != 0 or not np.all(np.isfinite(x)):
-            return None
-        answers.append(x)
-    w, x = answers
+        return x if status == 0 and np.all(np.isfinite(x)) else None
+
+    # w only shows that M is an M-matrix, so that its first digits are enough.
+    w = solution(np.ones(len(right)), 1e-3)
+    x = None if w is None else solution(right, 1e-14)
+    if w is None or x is None:
+        return None
     return x if np.all(w > 0) and np.all(matrix @ w > 0) else None
 
 
@@ -410,10 +433,12 @@ def looseness(blocks: Blocks, allowed: Collection[int]) -> float:
     """How loosely gains on the ``allowed`` agents hold the others, however large they are; inf if
     they cannot: 1'M^-1 1 of a Z-matrix M = S on the others, which takes one solve; otherwise one
     over the smallest eigenvalue."""
-    others = np.setdiff1d(np.arange(blocks.agents), list(allowed))
     if not blocks.z:
         rate = fastest_rate(blocks, allowed)
-        return 0.0 if rate == np.inf else 1 / rate if rate > 1e-9 * blocks.scale else np.inf
+        if rate == np.inf:
+            return 0.0
+        return 1 / rate if rate > 1e-9 * blocks.scale else np.inf
+    others = np.setdiff1d(np.arange(blocks.agents), list(allowed))
     worst = 0.0
     for table in blocks.tables if len(others) else ():
         found = _solve(table[others][:, others], np.ones(len(others)), size=blocks.scale)
@@ -426,7 +451,8 @@ def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
     row would raise it."""
     if not len(rows):
         return float("inf"), np.zeros(0)
-    if not is_symmetric(block := sparse.csr_array(table[rows][:, rows])):
+    block = sparse.csr_array(table[rows][:, rows])
+    if not is_symmetric(block):
         return _lowest_of_parts(block)
     top = largest_eigenvalue(sparse.coo_array(-table[rows][:, rows]))
     return -top.value, top.vector
@@ -439,20 +465,28 @@ def _lowest_of_parts(block: Any) -> tuple[float, Array]:
     if inner.shape[0] <= DENSE_PARTS:
         values, left, right = linalg.eig(inner.toarray(), left=True)
         place = int(np.argmin(values.real))
-        value, u, w = values[place], left[:, place], right[:, place]
+        value = values[place]
+        u = left[:, place]
+        w = right[:, place]
     else:  # the eigenvalues lie to the right of all discs
-        ends, start = 2 * inner.diagonal() - abs(inner).sum(axis=1), np.ones(inner.shape[0])
-        shift = float(np.min(ends)) - SHIFT * float(np.max(np.abs(inner.diagonal())))
+        diagonal = inner.diagonal()
+        ends = 2 * diagonal - abs(inner).sum(axis=1)
+        shift = float(np.min(ends)) - SHIFT * float(np.max(np.abs(diagonal)))
+        start = np.ones(inner.shape[0])
         (value,), right = eigs(inner, 1, sigma=shift, v0=start)
-        u, w = eigs(inner.T, 1, sigma=shift, v0=start)[1][:, 0], right[:, 0]
+        _, left = eigs(inner.T, 1, sigma=shift, v0=start)
+        u = left[:, 0]
+        w = right[:, 0]
     return float(value.real), np.abs(u * w)
 
 
 def slowest_on(blocks: Blocks, agents: Array) -> Array:
     """How much each of these agents carries of the slowest direction of the worst block."""
     rows = rows_of(agents, blocks.width)
-    vector = min((lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
-    weights: Array = np.max(np.abs(vector.reshape(len(agents), blocks.width)), axis=1)
+    lowest = (lowest_on(table, rows) for table in blocks.tables)
+    _, vector = min(lowest, key=lambda found: found[0])
+    by_agent = np.abs(vector.reshape(len(agents), blocks.width))
+    weights: Array = np.max(by_agent, axis=1)
     return weights
 
 
@@ -485,22 +519,18 @@ def solve_program(
 ) -> Shared | None:
     """Minimise c'k, S + 2 sum k_i E_i >= 0 for every block, 0 <= k <= ``caps`` (n,); None if none
     are found."""
-    count, size, width, scale = len(allowed), len(costs) * blocks.width, blocks.width, blocks.scale
+    count = len(allowed)
+    scale = blocks.scale
     if not count or not scale > 0:
         return None
-    # -2 svec(E_i), one column per allowed agent
-    places = (svec_diagonal(size)[rows_of(allowed, width)], np.repeat(np.arange(count), width))
-    columns = sparse.csc_array(
-        (np.full(count * width, -2.0), places), shape=(size * (size + 1) // 2, count)
-    )
+    columns = _gain_columns(allowed, len(costs), blocks.width)
     cones = [Cone("semidefinite", columns, svec(table / scale)) for table in blocks.tables]
     cones.append(Cone("nonnegative", -sparse.eye_array(count), np.zeros(count)))
     own = np.full(count, np.inf) if caps is None else caps[allowed]
     capped = np.flatnonzero(np.isfinite(own))
     if len(capped):
-        cones.append(
-            Cone("nonnegative", sparse.eye_array(count).tocsr()[capped], own[capped] / scale)
-        )
+        chosen = sparse.eye_array(count).tocsr()[capped]
+        cones.append(Cone("nonnegative", chosen, own[capped] / scale))
     answer = solve_cones(costs[allowed], cones, time_limit=20.0, accuracy=ACCURACY)
     if not answer.found:
         return None
@@ -510,6 +540,16 @@ def solve_program(
     ends = np.cumsum([len(each.right) for each in cones])
     parts = np.split(answer.multipliers, ends)[: len(blocks.tables)]
     return Shared(gains=gains, vectors=[_factors(smat(part), z=blocks.z) for part in parts])
+
+
+def _gain_columns(allowed: Any, agents: int, width: int) -> Any:
+    """-2 svec(E_i), one column per allowed agent: what its gain adds to every block."""
+    count = len(allowed)
+    size = agents * width
+    rows = svec_diagonal(size)[rows_of(allowed, width)]
+    columns = np.repeat(np.arange(count), width)
+    values = np.full(count * width, -2.0)
+    return sparse.csc_array((values, (rows, columns)), shape=(size * (size + 1) // 2, count))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -523,16 +563,16 @@ class _Block:
 
     def follow(self, v: Array) -> Array:
         """v on the other agents, where S v is 0."""
-        return (
-            np.zeros(0)
-            if self.factor is None
-            else np.asarray(-self.factor.solve(self.across.T @ v))
-        )
+        if self.factor is None:
+            return np.zeros(0)
+        return np.asarray(-self.factor.solve(self.across.T @ v))
 
     def flow(self, v: Array) -> Array:
         """S v on the pinned agents."""
         flow = self.own @ v
-        return np.asarray(flow if self.factor is None else flow + self.across @ self.follow(v))
+        if self.factor is not None:
+            flow = flow + self.across @ self.follow(v)
+        return np.asarray(flow)
 
 
 def solve_shared(
@@ -544,70 +584,97 @@ def solve_shared(
 
 
 def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Shared | None:
-    pins, others = np.flatnonzero(chosen), np.flatnonzero(~chosen)
+    """``solve_shared`` without caps, through the dual; its gains are raised until they do."""
+    pins = np.flatnonzero(chosen)
+    others = np.flatnonzero(~chosen)
     if not len(pins) or len(costs) > ROWS:
         return None
     try:
         blocks = [_split(table, pins, others) for table in tables]
     except RuntimeError:  # exactly singular
         return None
-    root, scale = (
-        np.sqrt(costs[pins]),
-        max(float(np.max(np.abs(table.data), initial=0.0)) for table in tables),
-    )
+    scale = max(float(np.max(np.abs(table.data), initial=0.0)) for table in tables)
     if not scale > 0:
         return None
-
-    def on_spheres(x: Array) -> tuple[Array, Array]:
-        """The lengths of the columns of x, one per pin, and these: a part for every matrix and one
-        that nobody uses."""
-        parts = x.reshape(len(tables) + 1, -1)
-        norms = np.sqrt(np.sum(parts**2, axis=0))
-        return norms, parts / norms
-
-    def value(x: Array) -> tuple[float, Array]:
-        norms, unit = on_spheres(x)
-        shares = root * unit[:-1]
-        flows = np.array([block.flow(v) for block, v in zip(blocks, shares, strict=True)])
-        slope = np.zeros_like(unit)
-        slope[:-1] = flows * root
-        slope = (slope - unit * np.sum(slope * unit, axis=0)) / norms
-        return float(np.sum(shares * flows)) / (2 * scale), (slope / scale).ravel()
-
-    start = np.ones((len(tables) + 1, len(pins)))
-    start[-1] = UNUSED
-    options: Any = {
-        "maxiter": DUAL_STEPS,
-        "maxfun": 2 * DUAL_STEPS,
-        "maxcor": 20,
-        "ftol": 1e-15,
-        "gtol": 1e-12,
-    }
-    answer = optimize.minimize(value, start.ravel(), jac=True, method="L-BFGS-B", options=options)
-    shares = root * np.abs(on_spheres(answer.x)[1][:-1])
-    # Gains are the mean of what the matrices ask for, weighted by their shares, raised until all
-    # are definite.
-    flows = np.array([block.flow(v) for block, v in zip(blocks, shares, strict=True)])
+    dual = _Dual(blocks=blocks, root=np.sqrt(costs[pins]), scale=scale)
+    shares = dual.solved()
+    flows = dual.flows(shares)
+    # Gains are the mean of what the matrices ask for, weighted by their shares.
     gains = np.zeros(len(costs))
     gains[pins] = np.maximum(0.0, -np.sum(shares * flows, axis=0) / (2 * costs[pins]))
     gains[gains < SMALL * np.max(gains)] = 0.0
+    raised = _raised(tables, gains)
+    if raised is None:
+        return None
     vectors = []
     for block, v in zip(blocks, shares, strict=True):
         whole = np.zeros(len(costs))
-        whole[pins], whole[others] = v, np.maximum(block.follow(v), 0.0)
+        whole[pins] = v
+        whole[others] = np.maximum(block.follow(v), 0.0)
         vectors.append([whole])
-    bound = -float(np.sum(shares * flows)) / 2
+    return Shared(gains=raised, vectors=vectors, bound=-float(np.sum(shares * flows)) / 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Dual:
+    """How the cost of every pin is shared among the matrices: v_r on the pins, sum over r of
+    v_r,i^2 <= c_i, ``root`` = sqrt(c)."""
+
+    blocks: Sequence[_Block]
+    root: Array
+    scale: float
+
+    def flows(self, shares: Array) -> Array:
+        """S_r v_r on the pins, of every matrix."""
+        return np.array([block.flow(v) for block, v in zip(self.blocks, shares, strict=True)])
+
+    def on_spheres(self, x: Array) -> tuple[Array, Array]:
+        """The lengths of the columns of x, one per pin, and these: a part for every matrix and one
+        that nobody uses."""
+        parts = x.reshape(len(self.blocks) + 1, -1)
+        norms = np.sqrt(np.sum(parts**2, axis=0))
+        return norms, parts / norms
+
+    def value(self, x: Array) -> tuple[float, Array]:
+        """Half of the sum of v_r'S_r v_r, to be minimised, and its slope."""
+        norms, unit = self.on_spheres(x)
+        shares = self.root * unit[:-1]
+        flows = self.flows(shares)
+        slope = np.zeros_like(unit)
+        slope[:-1] = flows * self.root
+        slope = (slope - unit * np.sum(slope * unit, axis=0)) / norms
+        return float(np.sum(shares * flows)) / (2 * self.scale), (slope / self.scale).ravel()
+
+    def solved(self) -> Array:
+        """The v_r >= 0 (matrices, pins) that were found."""
+        start = np.ones((len(self.blocks) + 1, len(self.root)))
+        start[-1] = UNUSED
+        options: Any = {
+            "maxiter": DUAL_STEPS,
+            "maxfun": 2 * DUAL_STEPS,
+            "maxcor": 20,
+            "ftol": 1e-15,
+            "gtol": 1e-12,
+        }
+        answer = optimize.minimize(
+            self.value, start.ravel(), jac=True, method="L-BFGS-B", options=options
+        )
+        _, unit = self.on_spheres(answer.x)
+        return np.asarray(self.root * np.abs(unit[:-1]))
+
+
+def _raised(tables: Sequence[Any], gains: Array) -> Array | None:
+    """The gains, raised a little until all matrices are definite; None if that is not enough."""
     for rise in RISES:
         raised = gains * (1 + rise)
+        pull = sparse.diags_array(2 * raised)
+        ones = np.ones(len(raised))
         try:  # a Z-matrix is positive definite if its inverse is >= 0
-            held = [
-                factorised(table + sparse.diags_array(2 * raised))(np.ones(len(raised)))
-                for table in tables
-            ]
+            held = [factorised(table + pull)(ones) for table in tables]
         except RuntimeError:  # exactly singular
             continue
         if all(np.all(np.isfinite(w)) and np.all(w > 0) for w in held):
-            return Shared(gains=raised, vectors=vectors, bound=bound)
+            return raised
     return None
 
 

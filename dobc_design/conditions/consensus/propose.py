@@ -20,6 +20,7 @@ from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.numbers import bisected
+from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import nearest
 from dobc_design.exact.work import out_of_time
@@ -33,30 +34,33 @@ def float_lambda(loop: Loop, mode: str, *, pins: bool = True, twice: bool = Fals
     """Lambda = J + J' - (K + K') of one mode, or ``twice`` J - K, as a SciPy array (n m, n m) in
     coordinate form, entries not yet summed; inf beyond the floats; ``pins`` False leaves K out.
     Raises: UndefinedError if a coupling has no derivative at 0."""
-    n, m, arcs = loop.n, loop.m, arc_table(loop, mode)
-    enclosed = [coupling.jacobian_at_zero() for coupling in loop.functions]
-    slopes = np.array(
-        [[[nearest(entry.midpoint) for entry in row] for row in rows] for rows in enclosed]
-    )
+    m = loop.m
+    arcs = arc_table(loop, mode)
+    slopes = np.array([_middles(coupling.jacobian_at_zero()) for coupling in loop.functions])
     weights = np.array([nearest(x) for x in arcs.weights])[arcs.weight, None, None]
     # inf, which no estimate survives, and the exact side needs none
     with np.errstate(over="ignore", invalid="ignore"):
         gains = weights * slopes[arcs.coupling]
-    held = (
-        [[[nearest(x) for x in row] for row in gain] for gain in loop.pulls.gains.values()]
-        if pins
-        else []
-    )
-    agents = np.array(list(loop.pulls.gains) if pins else [], dtype=np.int64)
+    pulls = loop.pulls.gains if pins else {}
+    held = [[[nearest(x) for x in row] for row in gain] for gain in pulls.values()]
+    agents = np.array(list(pulls), dtype=np.int64)
+    # An arc puts its gain at (listener, speaker) and takes it at (listener, listener).
     rows = np.concatenate([arcs.listeners, arcs.listeners, agents])[:, None, None] * m
     columns = np.concatenate([arcs.speakers, arcs.listeners, agents])[:, None, None] * m
     blocks = np.concatenate([gains, -gains, -np.array(held, dtype=np.float64).reshape(-1, m, m)])
     i = np.broadcast_to(rows + np.arange(m)[:, None], blocks.shape).ravel()
     j = np.broadcast_to(columns + np.arange(m), blocks.shape).ravel()
-    values, places = blocks.ravel(), (np.concatenate([i, j]), np.concatenate([j, i]))
+    values = blocks.ravel()
+    shape = (loop.n * m, loop.n * m)
     if twice:
-        return sparse.coo_array((2 * values, (i, j)), shape=(n * m, n * m))
-    return sparse.coo_array((np.concatenate([values, values]), places), shape=(n * m, n * m))
+        return sparse.coo_array((2 * values, (i, j)), shape=shape)
+    places = np.concatenate([i, j]), np.concatenate([j, i])
+    return sparse.coo_array((np.concatenate([values, values]), places), shape=shape)
+
+
+def _middles(jacobian: Sequence[Sequence[Interval]]) -> list[list[float]]:
+    """The middles of enclosed slopes, in floats."""
+    return [[nearest(entry.midpoint) for entry in row] for row in jacobian]
 
 
 def is_symmetric(table: Any) -> bool:
@@ -102,12 +106,15 @@ def dominating_vector(table: Any) -> Dominating | None:
     """Look for v for a symmetric SciPy array (Lambda), its bound close to the best; None if floats
     do not hold it."""
     work = _work(table)
-    found = None if work is None else _answer_at(work, 0.0)
-    if work is None or found is None or not found.least >= 0:
+    if work is None:
+        return None
+    found = _answer_at(work, 0.0)
+    if not found.least >= 0:
         return found
     # Inverse iteration with a shift at the bound so far, until the bound is close or nothing is
     # gained.
-    v, least = found.vector, work.least(found.vector)
+    v = found.vector
+    least = work.least(v)
     for _ in range(SHARPENINGS):
         highest = float(v @ work.times(v)) / float(v @ v)
         if least >= (1 - CLOSE) * highest or work.products >= ENOUGH:
@@ -115,27 +122,29 @@ def dominating_vector(table: Any) -> Dominating | None:
         shift = least * (1 - 1e-3)
         right = np.maximum(v / np.max(v), FLOOR)
         start = right / max(highest - shift, 1e-3 * shift)
-        sharper, _ = _iterate(
-            work, shift, right, start, min(PATIENCE, MOST_PRODUCTS - work.products)
-        )
-        better = math.nan if sharper is None or not np.all(sharper > 0) else work.least(sharper)
-        if sharper is None or not better > least:
+        most = min(PATIENCE, MOST_PRODUCTS - work.products)
+        sharper, _ = _iterate(work, shift, right, start, most)
+        if sharper is None or not np.all(sharper > 0):
             break
-        v, least = sharper, better
+        better = work.least(sharper)
+        if not better > least:
+            break
+        v = sharper
+        least = better
     return replace(found, vector=v, least=least, products=work.products)
 
 
 def _answer_at(work: _Work, shift: float) -> Dominating:
     """Look for v with M v > shift v, one question: ``least`` is the shift, or -inf beside a
     direction."""
-    found = _solved(work, shift, np.ones(len(work.diagonal)))
+    size = len(work.diagonal)
+    found = _solved(work, shift, np.ones(size))
     least = shift
     if found is None or not np.all(found > 0):
+        least = -math.inf
+        # Where the solution has negative parts, these are a direction that refutes M > shift I.
         direction = work.direction if found is None else np.maximum(-found, 0.0)
-        found, least = (
-            np.zeros(len(work.diagonal)) if direction is None else np.abs(direction),
-            -math.inf,
-        )
+        found = np.zeros(size) if direction is None else np.abs(direction)
     return Dominating(
         vector=found, least=least, first=work.products, products=work.products, is_z=work.is_z
     )
@@ -179,17 +188,17 @@ class _Work:
 def _solved(work: _Work, shift: float, right: Array) -> Array | None:
     """(M - shift I) x = right until every row is met but for a part; None if M - shift I is not
     seen to be positive."""
+    size = len(right)
     found, done = _iterate(work, shift, right, None, PATIENCE)
     if done or found is None:
         return found
-    if work.matrix.nnz > FEW_ENTRIES * len(right):
+    if work.matrix.nnz > FEW_ENTRIES * size:
         found, done = _iterate(work, shift, right, found, MOST_STEPS)
         return found if done else None
     work.products += 20  # about what the time of one sparse factorisation is worth
+    shifted = work.matrix - shift * sparse.eye_array(size)
     try:
-        found = np.asarray(
-            factored(work.matrix - shift * sparse.eye_array(len(right))).solve(right)
-        )
+        found = np.asarray(factored(shifted).solve(right))
     except GIVEN_UP:
         return None
     return found if np.all(np.isfinite(found)) else None
@@ -205,8 +214,12 @@ def _iterate(
         work.direction = np.zeros(len(right))
         work.direction[int(np.argmin(scale))] = 1.0
         return None, False
-    x = np.zeros(len(right)) if start is None else start.copy()
-    residual = right.copy() if start is None else right - (work.times(x) - shift * x)
+    if start is None:
+        x = np.zeros(len(right))
+        residual = right.copy()
+    else:
+        x = start.copy()
+        residual = right - (work.times(x) - shift * x)
     z = residual / scale
     p = z.copy()
     square = float(residual @ z)
@@ -222,7 +235,8 @@ def _iterate(
         x += step * p
         residual -= step * image
         z = residual / scale
-        square, last = float(residual @ z), square
+        last = square
+        square = float(residual @ z)
         p = z + (square / last) * p
     return x, False
 
@@ -256,27 +270,34 @@ def largest_eigenvalue(table: Any) -> Top:
         return none
     # entries of size 1: no square over- or underflows
     unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)
+    if size > DENSE:
+        found = _lanczos(sparse.csr_array(table / unit))
+        if found is not None:
+            return Top(value=found.value * unit, vector=found.vector)
+    if size > max(DENSE, LARGEST_DENSE):
+        return none
+    last = (size - 1, size - 1)
+    try:
+        values, vectors = linalg.eigh(table.toarray() / unit, subset_by_index=last)
+        return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
+    except GIVEN_UP:
+        return none
+
+
+def _lanczos(matrix: Any) -> Top | None:
+    """The largest eigenvalue of a sparse matrix by iteration; None where it does not converge."""
     # The start is fixed, so that answers can be reproduced, and irregular: one that has a symmetry
     # of the network never sees a direction without it.
-    start = 1.0 + 0.1 * np.random.default_rng(0).standard_normal(size)
-    for ncv, tol in LANCZOS if size > DENSE else ():
+    start = 1.0 + 0.1 * np.random.default_rng(0).standard_normal(matrix.shape[0])
+    for ncv, tol in LANCZOS:
         try:
-            matrix = sparse.csr_array(table / unit)
             values, vectors = sparse.linalg.eigsh(
                 matrix, k=1, which="LA", v0=start, tol=tol, ncv=ncv, maxiter=RESTARTS
             )
-            return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
+            return Top(value=float(values[0]), vector=vectors[:, 0])
         except GIVEN_UP:  # no convergence among them
             continue
-    try:
-        if size <= max(DENSE, LARGEST_DENSE):
-            values, vectors = linalg.eigh(
-                table.toarray() / unit, subset_by_index=(size - 1, size - 1)
-            )
-            return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
-    except GIVEN_UP:
-        return none
-    return none
+    return None
 
 
 def lambda_tops(statements: Statements) -> dict[str, Top]:
@@ -286,16 +307,20 @@ def lambda_tops(statements: Statements) -> dict[str, Top]:
     for mode in statements.lambdas:
         if out_of_time() is not None:
             break
-        table = float_lambda(statements.loop, mode)
-        found = dominating_vector(table) if table.shape[0] > LARGEST_DENSE else None
-        # a vector v > 0 shows that the matrix is negative
-        if found is not None and found.least > 0:
-            tops[mode] = Top(value=-found.least, vector=found.vector, shows=found.vector)
-        elif found is not None and found.is_z and np.any(found.vector):
-            tops[mode] = Top(value=math.nan, vector=found.vector)
-        else:
-            tops[mode] = largest_eigenvalue(table)
+        tops[mode] = _top_of(float_lambda(statements.loop, mode))
     return tops
+
+
+def _top_of(table: Any) -> Top:
+    """The largest eigenvalue of one mode; of a large one only a bound that a vector v > 0 shows."""
+    if table.shape[0] > LARGEST_DENSE:
+        found = dominating_vector(table)
+        if found is not None and found.least > 0:
+            return Top(value=-found.least, vector=found.vector, shows=found.vector)
+        # It is not negative, and the vector says where: its eigenvalue is not needed.
+        if found is not None and found.is_z and np.any(found.vector):
+            return Top(value=math.nan, vector=found.vector)
+    return largest_eigenvalue(table)
 
 
 def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
@@ -311,7 +336,8 @@ def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
 def pair_margin(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem) -> float:
     """-(lambda_max(Lambda) + lambda_max(S)): how much Lambda may still rise.  -inf if Omega0 is not
     negative."""
-    return -(max(top.value for top in tops.values()) + _lambda_max_of_s(P, Q, exosystem, rate=0.0))
+    highest = max(top.value for top in tops.values())
+    return -(highest + _lambda_max_of_s(P, Q, exosystem, rate=0.0))
 
 
 def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem) -> float:
@@ -323,7 +349,8 @@ def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem)
     def holds(rate: float) -> bool:
         return bound + 2 * rate + _lambda_max_of_s(P, Q, exosystem, rate=rate) < 0
 
-    return bisected(holds, 0.0, max(0.0, -bound / 2), steps=60)[0]
+    rate, _ = bisected(holds, 0.0, max(0.0, -bound / 2), steps=60)
+    return rate
 
 
 def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -> float:
@@ -354,9 +381,10 @@ def witness_directions(loop: Loop, mode: str) -> list[Sequence[float]]:
         return []
     search = _Search(table=table, width=loop.m)
     pinned = set(loop.pulls.nodes)
-    free = [agent for agent in range(loop.n) if agent not in pinned]
+    everyone = list(range(loop.n))
+    free = [agent for agent in everyone if agent not in pinned]
     supports: dict[tuple[int, ...], None] = {}
-    for base in (free, list(range(loop.n))):
+    for base in (free, everyone):
         if base and not search.top(base)[0] < -search.edge:
             supports |= dict.fromkeys(search.supports_in(base))
     ordered = sorted(supports, key=lambda s: (len(s), bool(pinned & set(s)), s))
@@ -367,8 +395,10 @@ class _Search:
     """Eigenvalues of principal submatrices of one symmetric matrix, by agents."""
 
     def __init__(self, *, table: Any, width: int) -> None:
-        self.table, self.width = table, width
-        self.edge = EDGE * max(float(np.max(np.abs(table.data), initial=0.0)), 1e-300)
+        self.table = table
+        self.width = width
+        largest = float(np.max(np.abs(table.data), initial=0.0))
+        self.edge = EDGE * max(largest, 1e-300)
         self.known: dict[tuple[int, ...], tuple[float, Array]] = {}
         self.left = BUDGET
 
@@ -389,7 +419,8 @@ class _Search:
     def direction(self, agents: Sequence[int]) -> list[float]:
         """The top vector of a support, zero elsewhere."""
         whole = np.zeros(self.table.shape[0])
-        rows, vector = rows_of(sorted(agents), self.width), self.top(agents)[1]
+        rows = rows_of(sorted(agents), self.width)
+        _, vector = self.top(agents)
         # Every second solver has every second sign: the heaviest entry is made positive.
         heaviest = vector[int(np.argmax(np.abs(vector)))] if len(vector) else 1.0
         whole[rows] = vector if heaviest >= 0 else -vector
@@ -399,12 +430,17 @@ class _Search:
     def supports_in(self, base: Sequence[int]) -> list[tuple[int, ...]]:
         """Small supports inside ``base``, whose submatrix fails."""
         single: list[tuple[int, ...]] = [(agent,) for agent in base if self.fails((agent,))]
-        if single or self.needs_all(base):
-            return single[:5] or [tuple(base)]
+        if single:
+            return single[:5]
+        if self.needs_all(base):
+            return [tuple(base)]
         order = self.by_weight(base)
-        fewest = bisect_left(
-            range(len(order)), True, lo=1, key=lambda count: self.fails(order[:count])
-        )
+
+        def fail_first(count: int) -> bool:
+            return self.fails(order[:count])
+
+        # The submatrix of the heaviest agents fails from some number of them on.
+        fewest = bisect_left(range(len(order)), True, lo=1, key=fail_first)
         found = [self.cut(order[:fewest])]
         best = len(found[0])
         for seed in self.by_weight(base):
@@ -428,7 +464,8 @@ class _Search:
     def by_weight(self, agents: Sequence[int]) -> list[int]:
         """The agents by what they carry of the slowest direction, heaviest first."""
         ordered = np.array(sorted(agents))
-        weights = np.max(np.abs(self.top(agents)[1].reshape(len(ordered), self.width)), axis=1)
+        _, vector = self.top(agents)
+        weights = np.max(np.abs(vector.reshape(len(ordered), self.width)), axis=1)
         result: list[int] = ordered[np.argsort(-weights, kind="stable")].tolist()
         return result
 
@@ -444,7 +481,8 @@ class _Search:
     def grown(self, seed: int, base: Sequence[int], *, limit: int) -> list[int] | None:
         """Add, one by one, the neighbour that raises the top eigenvalue most; None at ``limit``
         agents."""
-        chosen, allowed = [seed], set(base)
+        chosen = [seed]
+        allowed = set(base)
         while not self.fails(chosen):
             if self.left <= 0:
                 return None
@@ -452,5 +490,6 @@ class _Search:
             near = set((entries // self.width).tolist()) & allowed - set(chosen)
             if len(chosen) + 1 >= limit or not near:
                 return None
-            chosen.append(max(sorted(near), key=lambda agent: self.top([*chosen, agent])[0]))
+            tops = {agent: self.top([*chosen, agent])[0] for agent in sorted(near)}
+            chosen.append(max(tops, key=tops.__getitem__))
         return chosen

@@ -170,11 +170,11 @@ def test_a_lost_estimate_never_turns_a_proof_into_a_refutation():
         assert check.verdict is Verdict.PROVED
         assert check.margin == 0.0
     # A refutation needs no proposal: the elimination finds a witness of its own.
-    statements = state_theorems(loop_of(path(3, {3: 1})))
-    check = lemma1_check(statements, "G", Proposal())
+    problem = path(3, {3: 1})
+    check = lemma1_check(state_theorems(loop_of(problem)), "G", Proposal())
     assert check.verdict is Verdict.REFUTED
     values = [Fraction(x) for x in check.witness.values]
-    Lambda = Oracle(statements.loop).lambda_("G")
+    Lambda = Oracle(problem).lambda_("G")
     assert sum(Lambda[i][j] * values[i] * values[j] for i in range(3) for j in range(3)) >= 0
 
 

@@ -24,6 +24,7 @@ from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.graphs.decide import Kept
+from dobc_design.conditions.kinds import LEMMA, MAX_SEPARABLE
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
@@ -136,21 +137,21 @@ def envelopes_of(loop: Loop, claims: Claims, starts: Starts) -> Iterator[Envelop
             found = envelope_of(loop, check, claim_of(check, loop, claims.W), starts)
             if found is not None:
                 yield found
-    lemmas = [check for check in claims.checks if check.id == "lemma1"]
+    lemmas = [check for check in claims.checks if check.kind.is_lemma]
     rates: list[float] = []
     for check in lemmas:
         if check.verdict is Verdict.PROVED and check.domain == "global" and check.rate is not None:
             rates.append(check.rate)
     # e'e falls under every signal where Lemma 1 holds in every mode.
     if not loop.groups and lemmas and len(rates) == len(lemmas):
-        yield Envelope(id="lemma1", height=starts.ball, rate=claimed(min(rates)))
+        yield Envelope(id=LEMMA, height=starts.ball, rate=claimed(min(rates)))
 
 
 def certified_settling(loop: Loop, claims: Claims) -> Settling | None:
     """The settling time that ``claims`` prove, with its envelope; None without one.  Raises:
     CertificateError."""
     with reading_claims():
-        found = next((check for check in claims.checks if check.id == "settling"), None)
+        found = next((check for check in claims.checks if check.kind.role == "settling"), None)
         if found is None or found.verdict is not Verdict.PROVED:
             return None
         descent = claim_of(found, loop, claims.W)
@@ -347,7 +348,7 @@ def _height_of(loop: Loop, claims: Claims, tolerance: Check, starts: Starts) -> 
         if starts.disturbance:
             return None
         return starts.box * largest(claim.v) / least(claim.v)
-    beside = next((check for check in claims.checks if check.id == "max-separable"), None)
+    beside = next((check for check in claims.checks if check.id == MAX_SEPARABLE), None)
     base = None if beside is None else claim_of(beside, loop, claims.W)
     if not isinstance(base, Separable):
         return None

@@ -17,6 +17,7 @@ from functools import partial
 from dobc_design.certificate.claims import claim_of
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.graphs.decide import Kept
+from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.conditions.quadratic.claim import Lure
@@ -35,8 +36,6 @@ ONE = Fraction(1)
 MOST = Fraction(10) ** 300  # factors above are of no use to anybody
 # of a factor with exp in it, for a second program with a wider enclosure
 IN_HAND = Fraction(1, 10**9)
-#: V = e'e (+ sum eps_i'P eps_i) of the paper.
-OF_THE_PAPER = ("lemma1", "theorem1", "theorem2", "theorem1-printed", "theorem2-printed")
 _root = partial(root_above, unit=10**12)
 
 
@@ -70,7 +69,7 @@ def factor_of(
     follows from it."""
     if check.verdict is not Verdict.PROVED or not check.rate:
         return None
-    if check.id in OF_THE_PAPER:
+    if check.kind.is_of_paper:
         return ONE
     claim = claim_of(check, loop, W)
     if isinstance(claim, DelayBound) or (isinstance(claim, Tolerance) and claim.v is None):
@@ -104,7 +103,7 @@ def _of_proof_beside(
     """That of the max-separable certificate on which the claim rests.  With an observer a delayed
     loop keeps every rate below that of the claim, and a bound follows only at rates below beta."""
     proof = next(
-        (each for each in checks if each.id == "max-separable" and each.verdict is Verdict.PROVED),
+        (each for each in checks if each.id == MAX_SEPARABLE and each.verdict is Verdict.PROVED),
         None,
     )
     base = None if proof is None else claim_of(proof, loop, W)

@@ -233,7 +233,7 @@ def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
 def _chosen(loop: Loop, checks: Sequence[Check]) -> Iterator[Check]:
     """The checks of Lemma 1 (once for all modes, only without disturbance), of the theorems and of
     regions."""
-    lemmas = [check for check in checks if check.id == "lemma1"]
+    lemmas = [check for check in checks if check.kind.is_lemma]
     open_lemmas = [check for check in lemmas if check.verdict is not Verdict.PROVED]
     speaker: Check | None = None  # for all modes: the first that is not proved, or the slowest
     if open_lemmas:
@@ -241,7 +241,7 @@ def _chosen(loop: Loop, checks: Sequence[Check]) -> Iterator[Check]:
     elif lemmas:
         speaker = min(lemmas, key=lambda check: check.rate or 0.0)
     for check in checks:
-        if check.id == "lemma1" and (loop.groups or check is not speaker):
+        if check.kind.is_lemma and (loop.groups or check is not speaker):
             continue
         if check.kind.role in ("paper", "region"):
             yield check

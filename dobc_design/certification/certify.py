@@ -35,6 +35,7 @@ from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_region
 from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
+from dobc_design.conditions.kinds import ids_in
 from dobc_design.conditions.linearisation.stage import linearisation_stage
 from dobc_design.conditions.margins.stage import inputs_stage, is_asked, margins_stage
 from dobc_design.conditions.numbers import claimed, is_writable
@@ -597,10 +598,7 @@ def _checks_of(group: Group, W: Matrix | None, loop: Loop | None) -> list[Check]
     """The checks of one exosystem and its gain; ``problem`` where cures may change its keys."""
     exosystem = group.exosystem
     if (reason := too_large(exosystem)) is not None:
-        return [
-            undecided_check(id, "global", reason)
-            for id in ("observability", "detectability", "hurwitz")
-        ]
+        return [undecided_check(id, "global", reason) for id in ids_in("observer")]
     source = "given" if group.observer.W is not None else "designed"
     estimate = 0.0 if W is None else decay_rate(exosystem, W)
     key = "W of the group" if loop is None else "observer.W"

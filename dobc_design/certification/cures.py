@@ -120,14 +120,14 @@ def _model_and_network(
     if model is not None:
         found["hurwitz"] = model
     network = None
-    failed = any(check.id == "lemma1" and check.verdict is not Verdict.PROVED for check in checks)
+    failed = any(check.kind.is_lemma and check.verdict is not Verdict.PROVED for check in checks)
     if failed and not _has_weights(checks) and not _held_with_weights(problem, findings.statements):
         progress("looking for a cure")
         network = _network_fix(problem, findings, progress)
         if network is not None:
             found |= {"reachability": network, "lemma1": network}
     both = _merged([fix for fix in (model, network) if fix is not None])
-    theorem = next((check for check in checks if check.id in ("theorem1", "theorem2")), None)
+    theorem = next((check for check in checks if check.kind.is_theorem), None)
     if both is not None and theorem is not None and theorem.verdict is Verdict.REFUTED:
         progress("deciding the cured problem")
         cured = changed_problem(problem, both.set)
@@ -150,13 +150,17 @@ def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
     every mode."""
     if _has_weights(checks):
         return True
-    ids = ("theorem1", "theorem2") if problem.groups else ("lemma1",)
-    return {check.verdict for check in checks if check.id in ids} == {Verdict.PROVED}
+    needed = [
+        check
+        for check in checks
+        if (check.kind.is_theorem if problem.groups else check.kind.is_lemma)
+    ]
+    return {check.verdict for check in needed} == {Verdict.PROVED}
 
 
 def _has_weights(checks: Iterable[Check]) -> bool:
-    ids = ("theorem1-weighted", "theorem2-weighted")
-    return any(check.id in ids and check.verdict is Verdict.PROVED for check in checks)
+    proved = (check for check in checks if check.verdict is Verdict.PROVED)
+    return any(check.kind.topic == "weighted" for check in proved)
 
 
 def _held_with_weights(problem: Problem, statements: Statements, *, rate: float = 0.0) -> bool:

@@ -39,8 +39,6 @@ from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-# which carry the verdict where nothing holds for arbitrary switching
-OF_A_GUARANTEE = ("schedule", "markov")
 MOST_PHASES = 40  # of a guarantee, of which cycles are examined
 MOST = Fraction(10) ** 300  # what a sentence can show of a number
 ALONE = "Without [region] the verdict is about the consensus alone."
@@ -176,7 +174,7 @@ _NAMES = {LIMIT: "the actuator limit", TOLERANCE: "[uncertainty]", ACCURACY: "[u
 def _preference(check: Check) -> tuple[bool, float, float]:
     """Less is better: what holds for every signal, then the least certified time to one percent,
     then the rate."""
-    return check.id in OF_A_GUARANTEE, check.time_to_one_percent, -(check.rate or 0.0)
+    return check.kind.signals == "some", check.time_to_one_percent, -(check.rate or 0.0)
 
 
 def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> str:
@@ -184,9 +182,9 @@ def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> st
     words = ""
     if not loop.guarantee.moves:
         return words
-    if best is not None and best.id != "safety":
+    if best is not None and best.kind.role != "safety":
         words = " This is about the graphs of the declared modes"
-        if best.id == "max-separable":
+        if best.kind.topic == "separable":
             words += (
                 " and every mix of their neighbour sets: each agent may take its neighbours "
                 "from any mode"
@@ -195,7 +193,7 @@ def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> st
     safe = [
         check
         for check in checks
-        if check.id == "safety" and check.verdict is Verdict.PROVED and check is not best
+        if check.kind.role == "safety" and check.verdict is Verdict.PROVED and check is not best
     ]
     return words + "".join(f" {check.reason[:1].upper()}{check.reason[1:]}" for check in safe)
 
@@ -220,12 +218,12 @@ def _refuted_reason(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> st
             where = "" if check.mode is None else f"in mode {check.mode} "
             text = f"Consensus fails: {where}the linearisation at the target is unstable"
             return text + f" ({check.claim.roots} eigenvalue(s) with positive real part)."
-        if check.id == "schedule":
+        if check.kind.topic == "schedule":
             return f"Consensus fails: {check.reason}"
     # Without a region the question is about every neighbourhood of the target, and this one is some
     # way off.
     resting = [
-        check.reason for check in refuting if check.id == "equilibrium" and region is not None
+        check.reason for check in refuting if check.kind.role == "rest" and region is not None
     ]
     return resting[0] if resting else None
 
@@ -502,7 +500,7 @@ def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
         for c in checks
         if c.kind.is_consensus and c.verdict is Verdict.PROVED and c.domain == "consensus"
     ]
-    complete = [c for c in local if c.id != "lemma1"] if loop.groups else local
+    complete = [c for c in local if not c.kind.is_lemma] if loop.groups else local
     if complete and loop.starts is not None:
         near = "consensus is proved near the target only, and the region asked for is larger."
         return Reason(head=f"{near} {ALONE}", is_open=True)

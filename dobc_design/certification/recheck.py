@@ -6,7 +6,7 @@ the problem, the program's version, and the advice."""
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,6 +20,7 @@ from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
+from dobc_design.conditions.kinds import ids_in
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.reason import Reason
 from dobc_design.errors import CertificateError, DobcError, reason_of
@@ -184,8 +185,8 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
             else check
             for check, bad, (_, text) in zip(checks, refused, said, strict=True)
         )
-        overall, proofs = decide_overall(loop, checks, claims.W), ("theorem1", "theorem2")
-        pair = any(check.id in proofs and check.verdict is Verdict.PROVED for check in checks)
+        overall = decide_overall(loop, checks, claims.W)
+        pair = _theorem_is_proved(checks)
         claims = replace(
             claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None
         )
@@ -198,6 +199,11 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
     told = DISAGREE.format(claims.verdict.value, lacking, _what_follows(lacking))
     why = Reason(head=told, is_open=True)
     return with_verdict(claims, Overall(verdict=Verdict.UNDECIDED, why=why))
+
+
+def _theorem_is_proved(checks: Iterable[Check]) -> bool:
+    """Whether the pair (P, Q) of a certificate belongs to a proof."""
+    return any(check.kind.is_theorem and check.verdict is Verdict.PROVED for check in checks)
 
 
 def _unasked_words(unasked: Sequence[Check]) -> str:
@@ -264,7 +270,9 @@ def trust(claims: Claims, loop: Loop) -> Trusted:
     statements = state_theorems(loop)
     vectors = {}
     for check in claims.checks:
-        exact = check.exact if check.id == "lemma1" and check.verdict is Verdict.PROVED else None
+        if not check.kind.is_lemma or check.verdict is not Verdict.PROVED:
+            continue
+        exact = check.exact
         if exact is not None and set(exact) == {"v"}:
             try:
                 vector = doubles_from_json(exact["v"])
@@ -286,10 +294,7 @@ def trust(claims: Claims, loop: Loop) -> Trusted:
 def expected_checks(loop: Loop) -> tuple[tuple[str, str | None, str | None], ...]:
     """The (id, mode, group) of the checks that every complete certificate holds; regional ones may
     stand beside."""
-    modes, observer_ids = (
-        tuple(loop.modes),
-        ("observability", "detectability", "hurwitz"),
-    )
+    modes, observer_ids = tuple(loop.modes), ids_in("observer")
     theorem = "theorem2" if loop.switches else "theorem1"
     theorems = [f"{theorem}-printed", theorem] if loop.joint_observer.P is not None else [theorem]
     names = [group.name if loop.is_grouped else None for group in loop.groups]
@@ -384,8 +389,7 @@ def _overall_failures(claims: Claims, loop: Loop, confirmed: Sequence[Check]) ->
     if missing:
         return [f"verdict: the certificate lacks {', '.join(missing)}"]
     failures = []
-    proofs = [check for check in claims.checks if check.id in ("theorem1", "theorem2")]
-    if claims.P is not None and not any(check.verdict is Verdict.PROVED for check in proofs):
+    if claims.P is not None and not _theorem_is_proved(claims.checks):
         failures.append("P, Q: they belong to no proof")
     overall = decide_overall(loop, confirmed, claims.W)
     if overall.verdict is not claims.verdict:

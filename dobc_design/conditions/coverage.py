@@ -23,10 +23,10 @@ def covers(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
     safe = check.kind.role == "safety" and check.rate is not None
     if check.verdict is not Verdict.PROVED or not (check.kind.is_consensus or safe):
         return False
-    if check.id == "lemma1":
+    if check.kind.is_lemma:
         if loop.groups:
             return False
-        lemmas = [other for other in checks if other.id == "lemma1"]
+        lemmas = [other for other in checks if other.kind.is_lemma]
         if {other.mode for other in lemmas} != set(loop.modes):
             return False
         # One V = e'e serves every mode, so all have to hold; the slowest speaks for them.
@@ -81,9 +81,13 @@ def _is_near(loop: Loop, check: Check) -> bool:
     """Whether a box around the target is proved: under switching, and for agents with dynamics,
     that answers the local question, too; so does a ball where the slopes of f move with a
     leader."""
-    known = ("max-separable", "schedule", "markov", "safety", *("lure",) * loop.slopes_move)
-    several = loop.switches or check.id == "safety" or loop.drift is not None
-    return several and check.id in known and is_box_near(loop, check.domain)
+    is_safety = check.kind.role == "safety"
+    if check.kind.topic == "quadratic":
+        known = loop.slopes_move
+    else:
+        known = is_safety or check.kind.role == "region"
+    several = loop.switches or is_safety or loop.drift is not None
+    return several and known and is_box_near(loop, check.domain)
 
 
 def asked_radius(loop: Loop) -> tuple[Fraction, ...]:

@@ -33,7 +33,8 @@ class Kind(Shown):
     """One kind of check.  ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are
     the words of reports, the fields from ``title`` to ``source`` those of `dobc explain`;
     ``statement`` is LaTeX.  ``decided_in``: its modules, ``checker``: the file of the second
-    checker that decides it again."""
+    checker that decides it again.  ``signals``: whether its proof is about every switching signal
+    or only about some, those of a guarantee or of a Markov chain."""
 
     id: str
     topic: str
@@ -48,6 +49,7 @@ class Kind(Shown):
     source: str
     decided_in: Sequence[str]
     checker: str
+    signals: Literal["every", "some"] = "every"
 
     def _card(self) -> Card:
         facts = [("proved", self.proved), ("refuted", self.refuted), ("source", self.source)]
@@ -70,9 +72,14 @@ class Kind(Shown):
         return self.topic == "consensus" and self.is_consensus
 
     @property
+    def is_lemma(self) -> bool:
+        """Whether it decides Lemma 1, in one mode."""
+        return self.id == LEMMA
+
+    @property
     def is_theorem(self) -> bool:
         """Whether it asks for any pair P, Q: Theorem 1 or 2, without weights."""
-        return self.topic == "consensus" and self.role == "paper" and self.id != LEMMA
+        return self.topic == "consensus" and self.role == "paper" and not self.is_lemma
 
     @property
     def short(self) -> str:
@@ -87,3 +94,8 @@ KINDS: Final = {id: Kind(id=id, **row) for id, row in tomllib.loads(_TEXT).items
 def ids_of(*roles: Role) -> tuple[str, ...]:
     """The ids of the checks with one of these roles, in the order in which they are tried."""
     return tuple(kind.id for kind in KINDS.values() if kind.role in roles)
+
+
+def ids_in(topic: str) -> tuple[str, ...]:
+    """The ids of the checks of a topic, in the order in which they are tried."""
+    return tuple(kind.id for kind in KINDS.values() if kind.topic == topic)

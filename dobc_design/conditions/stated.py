@@ -17,6 +17,7 @@ from fractions import Fraction
 
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import holds_region, is_box_near
+from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
 from dobc_design.verdict import Verdict
@@ -126,7 +127,7 @@ _CURES_NEAR = {
 def _cure(loop: Loop, checks: Sequence[Check], id: str) -> str:
     """What would help; final bounds of linear couplings scale with the bounds of [uncertainty], and
     hold everywhere."""
-    if any(check.id == "max-separable" and check.verdict is Verdict.REFUTED for check in checks):
+    if any(check.id == MAX_SEPARABLE and check.verdict is Verdict.REFUTED for check in checks):
         return "pins or arcs by which every agent is reached in every mode"
     found = next((check for check in checks if check.id == id), None)
     if id == LIMIT and found is not None and found.reason.endswith(NO_ROOM):

@@ -30,7 +30,6 @@ from dobc_design.verdict import Verdict
 Certified = Separable | Lure | Check
 
 EVERYWHERE = 1.0  # the level that stands for a certificate that holds everywhere
-SOME_SIGNALS = ("schedule", "markov")  # checks about some signals only
 OTHER_PROBLEM = "Give the certificate of this very problem."
 
 
@@ -201,7 +200,7 @@ def regional_check(certificate: Certificate) -> Check | None:
     one.  One whose sets move with time is none."""
     proved = []
     for check in certificate.checks:
-        regional = check.kind.role == "region" and check.id not in SOME_SIGNALS
+        regional = check.kind.role == "region" and check.kind.signals == "every"
         if regional and check.verdict is Verdict.PROVED:
             proved.append(check)
     # the verdict rests on this one

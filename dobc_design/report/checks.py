@@ -287,5 +287,5 @@ def _tolerances(certificate: Certificate) -> Iterator[str]:
     if "--all" in options:
         return
     for check in certificate.checks:
-        if check.id == "settling" and check.verdict is Verdict.PROVED:
+        if check.kind.role == "settling" and check.verdict is Verdict.PROVED:
             yield str((check.exact or {}).get("tolerance"))

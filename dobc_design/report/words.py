@@ -250,7 +250,7 @@ def what_it_means(certificate: Certificate) -> Meaning:
         says = [text.format(proved=len(proved), all=len(checks)) for text in own["says"]]
         says_not = own["says_not"]
     # What is proved of graphs that move holds whatever the verdict is.
-    says += [capitalize_first(each.reason) for each in proved if each.id == "safety"]
+    says += [capitalize_first(each.reason) for each in proved if each.kind.role == "safety"]
     model = _about_the_model(certificate.problem, messages)
     return Meaning(says=says, says_not=[*says_not, model])
 

@@ -13,8 +13,9 @@ from dobc_design.certification.equilibria import equilibrium_check
 from dobc_design.conditions.equilibrium import propose
 from dobc_design.conditions.equilibrium.propose import find_roots
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.decide import largest_rate, verify_separable
+from dobc_design.conditions.separable.decide import verify_separable
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
+from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.loop.make import loop_of
 
 F = Fraction

@@ -15,13 +15,13 @@ from dobc_design import Observer, Problem
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import (
     design_separable,
     first_certificate,
     propose_separable,
     rounded_vectors,
 )
+from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.falsification.search import Question, search_starts
 from dobc_design.loop.make import loop_of
 

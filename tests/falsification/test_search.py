@@ -16,11 +16,11 @@ import dobc_design as dd
 from dobc_design import Problem, Verdict
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
 from dobc_design.conditions.separable.claim import Separable, separable_from_json
-from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import (
     propose_separable,
     rounded_vectors,
 )
+from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
 from dobc_design.falsification import search

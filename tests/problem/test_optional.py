@@ -37,7 +37,7 @@ from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.graphs.stage import markov_stage
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.conditions.schedule.stage import schedule_stage, settling_stage
-from dobc_design.conditions.separable.decide import largest_rate
+from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.designer.source import python_source
 from dobc_design.errors import SpecError

@@ -402,7 +402,7 @@ class Load:
     @property
     def held(self) -> Row:
         """The row with what grows like s taken off its gain."""
-        return replace(self.row, gain=self.row.gain - self.growing / self.row.own)
+        return replace(self.row, pull=self.row.pull - self.growing / self.row.own)
 
 
 def loads(
@@ -498,7 +498,7 @@ def _row_holds(
     if stage.rho is None:
         return (
             linear_bound(row, face, profiles) + load / stage.level
-            <= (row.gain - stage.alpha) * row.own
+            <= (row.pull - stage.alpha) * row.own
         )
     verdict, _ = decide_row(
         row, face, profiles, alpha=stage.alpha, rho=stage.rho, start=stage.level, load=load

@@ -263,7 +263,7 @@ def _not_local(loop: Loop, claim: Tolerance, v: Vector | Doubles) -> str | None:
         return "v must be > 0"
     reason, profiles = why_not_local(loop), coupling_profiles(loop, v, rho=None)
     for row, place in claims.rows(loop, v, errors=claim.errors) if reason is None else ():
-        if linear_bound(row, 1, profiles) > (row.gain - claim.alpha) * row.own:
+        if linear_bound(row, 1, profiles) > (row.pull - claim.alpha) * row.own:
             return (
                 f"the row of agent {loop.labels[place.agent]} in mode {place.mode} "
                 "fails at the target"

@@ -34,7 +34,8 @@ from dobc_design.conditions.separable.claim import (
     acts_by_component,
     holding_gains,
 )
-from dobc_design.conditions.separable.decide import NOT_BY_COMPONENT, largest_rate, verify_separable
+from dobc_design.conditions.separable.decide import NOT_BY_COMPONENT, verify_separable
+from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import IN_HAND, TIMED_ARCS
 from dobc_design.conditions.stated import NO_ROOM, stated_in

@@ -118,7 +118,7 @@ class MovingRows:
     holds: Array  # what the pin of each agent is worth, rounded down
 
     def _arcs(self, start: Box, end: Box, face: int) -> ArcRows:
-        """Steps and reaches that hold from one box to the other, box after box; without gains."""
+        """Steps and reaches that hold from one box to the other, box after box; without pulls."""
         own, other = (0, 1) if face > 0 else (1, 0)
         owners, speakers = self.layout.rows % self.size, self.layout.speakers
         count, rows = len(start.below), self.size * self.modes
@@ -146,7 +146,7 @@ class MovingRows:
             else (np.tile(weights[0], count), np.tile(weights[1], count)),
             kinds=np.tile(self.layout.kinds, count),
             own=(np.zeros(0), np.zeros(0)),
-            gains=(Fraction(0),) * (count * rows),
+            pulls=(Fraction(0),) * (count * rows),
         )
 
     def needed(self, box: Box, load: Array) -> Array:
@@ -155,7 +155,7 @@ class MovingRows:
         found = np.empty(box.below.shape)
         for place, face in enumerate(FACES):
             arcs = self._arcs(box, box, face)
-            sums = Piece(arcs, face, self.kinds, np.arange(len(arcs.gains))).at(1.0)
+            sums = Piece(arcs, face, self.kinds, np.arange(len(arcs.pulls))).at(1.0)
             worst = sums.reshape(len(box.below), self.modes, self.size).max(axis=1)
             found[:, place] = worst + load[:, None] - self.holds * box.below[:, place]
         return found

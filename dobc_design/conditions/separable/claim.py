@@ -3,20 +3,24 @@
 For v > 0, a rate alpha and a radius rho the rows ask, for all s in (0, rho], every agent i and
 every mode,
 
-    upper:  sum_j w sup { h_ij(y) : -s (v_i + v_j) <= y <= s (v_j - v_i) } - k_i s v_i <= -alpha s
-    v_i
+    upper:  sum_j w_ij sup { h_ij(y) : -s (v_i + v_j) <= y <= s (v_j - v_i) } <= -alpha s v_i
 
-and the same for the lower face, whose couplings are -h_ij(-y).  An arc that comes and goes adds at
-most the supremum over y from -s (v_i + v_j) to the larger of s (v_j - v_i) and 0, where h(0) = 0.
-Then N(e) = max_i |e_i|/v_i decays at the rate alpha while N <= rho.  No monotonicity is needed.
-Arcs that look alike share a term, so rows stay short. Also whether one v can serve all modes at
-all: for nondecreasing couplings an order of the agents decides it, in time linear in the arcs.
+and the same for the lower face, whose couplings are -h_ij(-y).  The sum goes over all arcs of i,
+those to the fixed node among them, whose weight v_j is 0 (section 14).  Such an arc is a pin.  With
+a linear function, h(y) = k y, it adds -k s v_i: divided by s v_i that is one number for all s, and
+a row keeps it as its ``pull``.  With another function it is a term like every other.
+
+An arc that comes and goes adds at most the supremum over y from -s (v_i + v_j) to the larger of
+s (v_j - v_i) and 0, where h(0) = 0.  Then N(e) = max_i |e_i|/v_i decays at the rate alpha while
+N <= rho.  No monotonicity is needed.  Arcs that look alike share a term, so rows stay short.  Also
+whether one v can serve all modes at all: for nondecreasing couplings an order of the agents decides
+it, in time linear in the arcs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from operator import mul
 from typing import Any, Final, NamedTuple
@@ -44,6 +48,7 @@ OBSERVED: Final = ("P", "beta", "kappa", "size")
 MOST_COMPONENTS: Final = 6  # of an agent, for T
 # the key under which a check of sampling holds one of its own, where it has one
 OWN: Final = "certificate"
+_NONE, _ONE = Fraction(0), Fraction(1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,9 +63,12 @@ class ErrorBound:
     size: Fraction
 
     def to_json(self) -> dict[str, Any]:
+        """The exact values of the observer's part, by the keys ``OBSERVED``."""
         return {
             "P": matrix_text(self.P),
-            **{name: number_text(getattr(self, name)) for name in OBSERVED[1:]},
+            "beta": number_text(self.beta),
+            "kappa": number_text(self.kappa),
+            "size": number_text(self.size),
         }
 
 
@@ -262,10 +270,16 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row without its agent: the terms, k_i and v_i.  Agents in the same situation share it."""
+    """One row without its agent, divided by s: the sum of its terms is to be at most
+    (pull - alpha) own.
+
+    ``own``: v_i.  ``pull`` (1/s): what is the same at every s, of which the linear arcs to the
+    fixed node are the most; what grows like s and pushes outward is taken off it.  Agents in the
+    same situation share a row.
+    """
 
     terms: tuple[Term, ...]
-    gain: Fraction
+    pull: Fraction
     own: Fraction
 
 
@@ -279,19 +293,34 @@ class Place:
 
 
 def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> tuple[Fraction, ...]:
-    """What each pin is worth in a row: the least k_cc - sum_{d != c} |k_cd|; ``error``: relative,
-    of every entry."""
-    gains = [Fraction(0)] * loop.n
+    """What the linear pin of each agent is worth in a row: the least k_cc - sum_{d != c} |k_cd|;
+    ``error``: relative, of every entry."""
+    least, most = 1 - Fraction(error), 1 + Fraction(error)
+
+    def worth(k: Matrix) -> Fraction:
+        return min(
+            least * row[c] - most * sum(map(abs, row[:c] + row[c + 1 :]))
+            for c, row in enumerate(k)
+        )
+
+    return _by_agent(loop, worth)
+
+
+def held_gains(loop: Loop) -> tuple[Fraction, ...]:
+    """How steep the linear pin of each agent is, the largest k_cc: what it can overshoot by in a
+    step during which it is held."""
+    return _by_agent(loop, lambda k: max(row[c] for c, row in enumerate(k)))
+
+
+def _by_agent(loop: Loop, number: Callable[[Matrix], Fraction]) -> tuple[Fraction, ...]:
+    """A number of the linear pin of every agent, 0 for agents without one."""
+    found = [Fraction(0)] * loop.n
     known: dict[int, Fraction] = {}  # agents often share one matrix
     for agent, k in loop.pulls.gains.items():
         if id(k) not in known:
-            least, most = 1 - Fraction(error), 1 + Fraction(error)
-            known[id(k)] = min(
-                least * row[c] - most * sum(map(abs, row[:c] + row[c + 1 :]))
-                for c, row in enumerate(k)
-            )
-        gains[agent] = known[id(k)]
-    return tuple(gains)
+            known[id(k)] = number(k)
+        found[agent] = known[id(k)]
+    return tuple(found)
 
 
 def acts_by_component(loop: Loop) -> bool:
@@ -303,8 +332,8 @@ def acts_by_component(loop: Loop) -> bool:
 def largest_reach(
     loop: Loop, v: Sequence[Fraction], *, stretch: Fraction | int = 1
 ) -> tuple[Fraction, ...]:
-    """A bound of v_i + stretch v_j over the arcs of each coupling, with room for rounding up.
-    Raises: ShapeError."""
+    """A bound of v_i + stretch v_j over the arcs of each coupling, with room for rounding up; of
+    v_i over the arcs to the fixed node.  Raises: ShapeError."""
     require_one_per_agent(loop, v)
     above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
     factor = float_above(Fraction(stretch))
@@ -315,6 +344,8 @@ def largest_reach(
             coupling_places(loop, arcs),
             above[arcs.listeners] + factor * above[arcs.speakers],
         )
+    for agent, place in loop.pins.curved.items():
+        found[place] = max(found[place], above[agent])
     return tuple(Fraction(most) * (1 + Fraction(1, 2**45)) for most in found.tolist())
 
 
@@ -329,59 +360,99 @@ def rows(
     v: Sequence[Fraction],
     *,
     modes: Sequence[str] | None = None,
-    stretch: Fraction | int = 1,
-    gains: Sequence[Fraction] | None = None,
     agents: Collection[int] | None = None,
+    stretch: Fraction | int = 1,
     errors: Errors = EXACT,
-    loose: bool = True,
+    held: bool = False,
 ) -> Iterator[tuple[Row, Place]]:
-    """List the different rows of the given modes (default: all); both faces have the same terms.
+    """List the different rows of the given modes and agents (default: all); both faces have the
+    same terms.
+
     ``stretch`` >= 1 multiplies the v_j of those who are listened to (delays, theory section 5).
-    ``gains``: one per agent in place of ``holding_gains``.  ``agents``: only theirs.  ``errors``:
-    weights and gains take their worse ends; where h may have either sign, the part of a weight that
-    is unsure counts with the largest h on -s reach <= y <= 0.  ``loose``: so does an optional arc
-    where it would pull inward, since it may be absent; False: all arcs are there.
+    ``errors``: weights and gains take their worse ends; where h may have either sign, the part of a
+    weight that is unsure counts with the largest h on -s reach <= y <= 0.  So does an optional arc
+    where it would pull inward, since it may be absent.  ``held``: rows of what is held between
+    samples, where an arc is worst if it is there, and a pin by ``held_gains``.
     Raises: ShapeError unless v has one entry per agent."""
     require_one_per_agent(loop, v)
-    gains = holding_gains(loop, error=errors.gains) if gains is None else gains
+    pulls = held_gains(loop) if held else holding_gains(loop, error=errors.gains)
     found: dict[Row, Place] = {}
     for mode in loop.modes if modes is None else modes:
-        chosen: Collection[int] = range(loop.n) if agents is None else agents
-        terms: dict[int, dict[tuple[int, Fraction, bool], Fraction]] = {i: {} for i in chosen}
-        arcs = loop.modes[mode]
-        sure = len(arcs) - arcs.optional if loose else len(arcs)
-        heard_by = (
-            np.arange(len(arcs))
-            if agents is None
-            else np.flatnonzero(np.isin(arcs.listeners, list(agents)))
-        )
-        ends = zip(arcs.listeners[heard_by].tolist(), arcs.speakers[heard_by].tolist(), strict=True)
-        for arc, (i, j) in zip(heard_by.tolist(), ends, strict=True):
-            key = (loop.place_of(i, j), v[j], arc >= sure)
-            terms[i][key] = terms[i].get(key, Fraction(0)) + arcs.weights[arc]
-        for i, heard in terms.items():
-            parts: list[Term] = []
-            for (coupling, other, absent), weight in sorted(heard.items()):
-                reach, step = stretch * other + v[i], stretch * other - v[i]
-                step = max(step, Fraction(0)) if absent else step
-                parts.append(
-                    Term(
-                        coupling,
-                        weight * (1 + (errors.weights if step >= 0 else -errors.weights)),
-                        reach,
-                        step,
-                    )
-                )
-                if errors.weights and step < 0:
-                    parts.append(Term(coupling, 2 * errors.weights * weight, reach, Fraction(0)))
-            row = Row(tuple(parts), gains[i], v[i])
+        for agent, heard in _heard(loop, mode, v, agents, loose=not held).items():
+            terms = list(_terms(heard, v[agent], stretch, errors.weights))
+            if agent in loop.pins.curved:
+                # the fixed node has the weight 0, so that h is taken at -s v_i alone
+                pin = Term(loop.pins.curved[agent], _ONE, v[agent], -v[agent])
+                terms += _at_worst(pin, errors.gains)
+            row = Row(tuple(terms), pulls[agent], v[agent])
             known = found.get(row)
-            found[row] = (
-                Place(i, mode, 1)
-                if known is None
-                else Place(known.agent, known.mode, known.count + 1)
-            )
+            if known is None:
+                found[row] = Place(agent, mode, 1)
+            else:
+                found[row] = Place(known.agent, known.mode, known.count + 1)
     yield from found.items()
+
+
+class Heard(NamedTuple):
+    """What arcs of one agent have in common that add one term: the place of their function, the
+    weight v_j of whom they hear, and whether they may be absent."""
+
+    place: int
+    other: Fraction
+    absent: bool
+
+
+def _heard(
+    loop: Loop,
+    mode: str,
+    v: Sequence[Fraction],
+    agents: Collection[int] | None,
+    *,
+    loose: bool,
+) -> dict[int, dict[Heard, Fraction]]:
+    """For every one of these agents (default: all) what it hears in a mode, by total weight."""
+    arcs = loop.modes[mode]
+    sure = len(arcs) - arcs.optional if loose else len(arcs)
+    if agents is None:
+        numbers = np.arange(len(arcs))
+    else:
+        numbers = np.flatnonzero(np.isin(arcs.listeners, list(agents)))
+    listeners = arcs.listeners[numbers].tolist()
+    speakers = arcs.speakers[numbers].tolist()
+    chosen = range(loop.n) if agents is None else agents
+    found: dict[int, dict[Heard, Fraction]] = {agent: {} for agent in chosen}
+    for arc, i, j in zip(numbers.tolist(), listeners, speakers, strict=True):
+        heard = found[i]
+        key = Heard(loop.place_of(i, j), v[j], arc >= sure)
+        heard[key] = heard.get(key, _NONE) + arcs.weights[arc]
+    return found
+
+
+def _terms(
+    heard: Mapping[Heard, Fraction], own: Fraction, stretch: Fraction | int, error: Fraction
+) -> Iterator[Term]:
+    """The terms of an agent with v_i = ``own``; ``error``: relative, of every weight."""
+    for (place, other, absent), weight in sorted(heard.items()):
+        far = stretch * other
+        reach, step = far + own, far - own
+        if absent:
+            step = max(step, _NONE)
+        term = Term(place, weight, reach, step)
+        if error:
+            yield from _at_worst(term, error)
+        else:
+            yield term
+
+
+def _at_worst(term: Term, error: Fraction) -> Iterator[Term]:
+    """The term at the worse end of its weight; ``error``: relative."""
+    if term.step >= 0:
+        yield replace(term, weight=term.weight * (1 + error))
+        return
+    yield replace(term, weight=term.weight * (1 - error))
+    if error:
+        # The rest may be there or not: it counts where h is largest, which is 0 if h rises.
+        yield replace(term, weight=2 * error * term.weight, step=_NONE)
 
 
 def stuck_agents(loop: Loop) -> dict[int, str]:
@@ -393,7 +464,8 @@ def stuck_agents(loop: Loop) -> dict[int, str]:
     set with the least v. Else the agents have an order in which each is pinned or hears an earlier
     one in every mode; for couplings that are nondecreasing, with a secant gain bounded away from 0
     on bounded sets, a common v exists for every radius then. "Pinned" means that the pin holds the
-    agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c."""
+    agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c, or another function than
+    k y, of which nothing is claimed here."""
     names = list(loop.modes)
     # Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]].
     listeners = []
@@ -402,7 +474,7 @@ def stuck_agents(loop: Loop) -> dict[int, str]:
         start = np.searchsorted(arcs.speakers[order], np.arange(loop.n + 1))
         listeners.append((start.tolist(), arcs.listeners[order].tolist()))
     # Modes in which nobody earlier is heard yet.
-    waiting = [0 if gain > 0 else len(names) for gain in holding_gains(loop)]
+    waiting = [0 if held else len(names) for held in _are_held(loop)]
     heard: list[set[int]] = [set() for _ in names]
     ordered = [agent for agent, count in enumerate(waiting) if not count]
     for agent in ordered:  # which grows meanwhile
@@ -423,9 +495,17 @@ def stuck_agents(loop: Loop) -> dict[int, str]:
 def is_stuck(loop: Loop, agents: Sequence[int]) -> bool:
     """Whether every one of these agents has a mode in which it is not pinned and hears nobody
     outside them."""
-    group, gains, free = set(agents), holding_gains(loop), set[int]()
+    group = set(agents)
+    held = _are_held(loop)
+    unpinned = {agent for agent in group if not held[agent]}
+    free = set[int]()
     for arcs in loop.modes.values():
-        free |= {agent for agent in group if gains[agent] <= 0} - {
-            i for i, j, _ in arcs.always if j not in group
-        }
+        helped = {i for i, j, _ in arcs.always if j not in group}
+        free |= unpinned - helped
     return bool(group) and free == group
+
+
+def _are_held(loop: Loop) -> list[bool]:
+    """For every agent whether a pin may hold it in a row."""
+    curved = loop.pins.curved
+    return [gain > 0 or agent in curved for agent, gain in enumerate(holding_gains(loop))]

@@ -2,9 +2,10 @@
 rho], and the observer.
 
 PROVED means that N(e) = max_i |e_i|/v_i obeys D+ N <= -alpha N + max_i |C eps_i|/v_i while N <=
-rho, for arbitrary switching.  Divided by s a row asks  sum_j w phi_j(s) <= (k_i - alpha) v_i,
+rho, for arbitrary switching.  Divided by s a row asks  sum_j w phi_j(s) <= (pull - alpha) v_i,
 phi(s) = sup { h(s t)/s : -reach <= t <= step }: where h is nondecreasing, step g(s step) with the
-secant gain g; else h's turning points count as well.
+secant gain g; else h's turning points count as well.  Intervals of s are halved until every one is
+decided; the largest alpha that holds is looked for in ``propose_limits``.
 
 With (A-WC)'P + P(A-WC) <= -2 beta P and c'c <= P for each row c of C (of all groups), E = max_i
 sqrt(eps_i' P eps_i) has |C eps_i| <= E and D+ E <= -beta E; with kappa > 1/(beta min v), {N + kappa
@@ -13,14 +14,12 @@ E <= rho} is invariant and attracted.
 
 from __future__ import annotations
 
-import heapq
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final, NamedTuple
 
-from dobc_design.conditions.numbers import rounded_down, text_below
+from dobc_design.conditions.numbers import text_below
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import (
     EXACT,
@@ -37,7 +36,6 @@ from dobc_design.conditions.separable.large import (
     ArcRows,
     Kinds,
     arc_rows,
-    estimated_rate,
     float_kinds,
     open_rows,
 )
@@ -56,15 +54,11 @@ from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.verdict import Verdict
 
-# how far below the largest rate ``largest_rate`` may stop, as a part of it
-TOLERANCE: Final = Fraction(1, 10**5)
 #: From this many arcs on, floats with outward bounds go first (fewer where a coupling falls, whose
 #: exact rows take longer); and how many rows they may leave.
 MANY_ARCS: Final = 1000
 MANY_FALLING: Final = 200
 MOST_LEFT: Final = 200
-# below an estimate, where the proof is tried
-_PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)
 _FOR = "couplings that act on each state component by itself"
 NOT_BY_COMPONENT: Final = f"does not apply: the max-separable certificate is for {_FOR}."
 MOST_PIECES: Final = 3000  # of (0, rho] looked at per row before the answer is "undecided"
@@ -85,8 +79,8 @@ class SeparableAnswer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Question:
-    """Rows to be decided: the problem, v, rho (None: linear couplings), the stretch of v_j, the
+class Question:
+    """Rows to be decided: the loop, v, rho (None: linear couplings), the stretch of v_j, the
     errors of weights."""
 
     loop: Loop
@@ -95,6 +89,12 @@ class _Question:
     stretch: Fraction | int
     profiles: tuple[Profile, ...]
     errors: Errors
+
+    @property
+    def radius(self) -> Fraction:
+        """How far out rows look; without rho couplings are linear, and every radius says the
+        same."""
+        return self.rho or _ONE
 
 
 LINEAR: Final = 2  # steps of work for a row of linear couplings, and
@@ -108,12 +108,14 @@ def verify_separable(
     place shown, not that consensus fails.  ``stretch`` >= 1: the v_j of those who are listened to
     are multiplied by it (``timing``). ``errors``: for all weights and gains that are off by as
     much.  Raises: ShapeError, as ``rows``."""
-    question = _ask(loop, claim.v, claim.rho, stretch, errors)
+    question = ask(loop, claim.v, rho=claim.rho, stretch=stretch, errors=errors)
     if isinstance(question, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
-    large = _large(question)
-    left = None if large is None else open_rows(*large, alpha=claim.alpha, rho=claim.rho or _ONE)
-    answer = _first_failure(question, claim, left)
+    left = None
+    many = in_arrays(question)
+    if many is not None:
+        left = open_rows(many.arcs, many.kinds, alpha=claim.alpha, rho=question.radius)
+    answer = first_failure(question, claim, left)
     if answer is not None:
         return answer
     where = "everywhere" if claim.rho is None else f"while it is at most {float(claim.rho):.6g}"
@@ -124,43 +126,6 @@ def verify_separable(
         f" exp(-{text_below(claim.alpha)} t) {where}, up to what the observer "
         "error adds.",
     )
-
-
-def largest_rate(
-    loop: Loop, v: Vector | Doubles, *, rho: Fraction | None, errors: Errors = EXACT
-) -> Fraction | None:
-    """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho];
-    None if none > 0."""
-    question = _ask(loop, v, rho, 1, errors)
-    if isinstance(question, str):
-        return None
-    large = _large(question)
-    if large is not None:
-        radius = rho or _ONE
-        estimate = estimated_rate(*large, rho=radius)
-
-        def holds(alpha: Fraction) -> bool:
-            left = open_rows(*large, alpha=alpha, rho=radius)
-            if len(left) > MOST_LEFT * len(loop.modes):
-                return False
-            return _first_failure(question, Separable(v=v, alpha=alpha, rho=rho), left) is None
-
-        if not (estimate > 0 and math.isfinite(estimate)):
-            return None
-        candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
-        return next((alpha for alpha in candidates if holds(alpha)), None)
-    # the agent with the least v has no more than its gain
-    rate = max(claims.holding_gains(loop))
-    for row, _ in claims.rows(loop, v, errors=errors):
-        for face in FACES:
-            if rho is None:
-                found = row.gain - linear_bound(row, face, question.profiles) / row.own
-            else:
-                found = _row_rate(row, face, question.profiles, rho=rho, enough=rate)
-            rate = min(rate, found)
-            if rate <= 0:
-                return None
-    return rounded_down(rate) or None
 
 
 def coupling_profiles(
@@ -175,13 +140,14 @@ def coupling_profiles(
     )
 
 
-def _ask(
+def ask(
     loop: Loop,
     v: Vector | Doubles,
+    *,
     rho: Fraction | None,
-    stretch: Fraction | int,
+    stretch: Fraction | int = 1,
     errors: Errors = EXACT,
-) -> _Question | str:
+) -> Question | str:
     """The question, or why the certificate does not apply."""
     if not claims.acts_by_component(loop):
         return NOT_BY_COMPONENT
@@ -193,101 +159,125 @@ def _ask(
         profiles = coupling_profiles(loop, v, rho=rho, stretch=stretch)
     except UndefinedError as error:
         return f"does not apply: {error}"
-    return _Question(loop=loop, v=v, rho=rho, stretch=stretch, profiles=profiles, errors=errors)
+    return Question(loop=loop, v=v, rho=rho, stretch=stretch, profiles=profiles, errors=errors)
 
 
-def _large(question: _Question) -> tuple[ArcRows, Kinds] | None:
-    """Arrays and tables where there are many arcs; None for few, and for couplings that turn
-    often."""
-    modes, rising = (
-        question.loop.modes,
-        all(kind.is_nondecreasing for kind in question.profiles),
-    )
-    arcs = sum(map(len, modes.values()))
-    if arcs < (MANY_ARCS if rising else MANY_FALLING) or (question.rho is None and not rising):
+class Many(NamedTuple):
+    """A question of many arcs, in arrays and tables."""
+
+    arcs: ArcRows
+    kinds: Kinds
+
+
+def in_arrays(question: Question) -> Many | None:
+    """The question in arrays where there are many arcs; None for few, for couplings that turn
+    often, and where pins are curved."""
+    loop, rho = question.loop, question.rho
+    if loop.pins.curved:
         return None
-    arrays = arc_rows(question.loop, question.v, stretch=question.stretch, errors=question.errors)
-    try:  # for linear couplings every radius says the same
-        kinds = float_kinds(question.profiles, arrays, rho=question.rho or _ONE)
+    is_rising = all(kind.is_nondecreasing for kind in question.profiles)
+    if rho is None and not is_rising:
+        return None
+    arcs = sum(map(len, loop.modes.values()))
+    if arcs < (MANY_ARCS if is_rising else MANY_FALLING):
+        return None
+    arrays = arc_rows(loop, question.v, stretch=question.stretch, errors=question.errors)
+    try:
+        kinds = float_kinds(question.profiles, arrays, rho=question.radius)
     except UndefinedError:  # rows one by one may do
         return None
-    return None if kinds is None else (arrays, kinds)
+    return None if kinds is None else Many(arrays, kinds)
 
 
-def _first_failure(
-    question: _Question, claim: Separable, left: list[tuple[int, int]] | None
+@dataclass(frozen=True, slots=True)
+class _Batch:
+    """Rows of one mode that are decided together: the faces, and the agents (None: all)."""
+
+    mode: str
+    faces: tuple[int, ...]
+    agents: list[int] | None
+
+
+def _batches(loop: Loop, left: Sequence[tuple[int, int]] | None) -> Iterator[_Batch]:
+    """All rows, or the (row, face) in ``left``, of which row k n + i is agent i in the k-th
+    mode."""
+    modes = tuple(loop.modes)
+    if left is None:
+        for mode in modes:
+            yield _Batch(mode, tuple(FACES), None)
+        return
+    agents: dict[tuple[int, int], list[int]] = {}
+    for row, face in left:
+        mode_number, agent = divmod(row, loop.n)
+        # the upper face, 1, comes first
+        agents.setdefault((mode_number, -face), []).append(agent)
+    for (mode_number, side), chosen in sorted(agents.items()):
+        for start in range(0, len(chosen), MOST_LEFT):
+            yield _Batch(modes[mode_number], (-side,), chosen[start : start + MOST_LEFT])
+
+
+def first_failure(
+    question: Question, claim: Separable, left: Sequence[tuple[int, int]] | None
 ) -> SeparableAnswer | None:
     """Decide rows exactly: all, or the (row, face) that floats left; None if they are proved."""
-    n, modes = question.loop.n, tuple(question.loop.modes)
-    batches: Iterable[tuple[str, tuple[int, ...], list[int] | None]] = (
-        (mode, tuple(FACES), None) for mode in modes
-    )
-    if left is not None:
-        agents: dict[tuple[int, int], list[int]] = {}
-        for row, face in left:
-            agents.setdefault((row // n, -face), []).append(row % n)
-        batches = (
-            (modes[k], (-side,), chosen[start : start + MOST_LEFT])
-            for (k, side), chosen in sorted(agents.items())
-            for start in range(0, len(chosen), MOST_LEFT)
-        )
-    for mode, faces, chosen in batches:
+    for batch in _batches(question.loop, left):
         spend(BATCH)
-        stretch, errors = question.stretch, question.errors
         found = claims.rows(
             question.loop,
             question.v,
-            modes=[mode],
-            stretch=stretch,
-            agents=chosen,
-            errors=errors,
+            modes=[batch.mode],
+            agents=batch.agents,
+            stretch=question.stretch,
+            errors=question.errors,
         )
-        answers = (
-            _decide(question, claim, row, place, face) for row, place in found for face in faces
-        )
-        if (first := next((answer for answer in answers if answer is not None), None)) is not None:
-            return first
+        for row, place in found:
+            for face in batch.faces:
+                answer = _decide(question, claim, row, place, face)
+                if answer is not None:
+                    return answer
     return None
 
 
 def _decide(
-    question: _Question, claim: Separable, row: Row, place: Place, face: int
+    question: Question, claim: Separable, row: Row, place: Place, face: int
 ) -> SeparableAnswer | None:
     """None if the row is proved."""
+    s = None
     if claim.rho is None:
-        if linear_bound(row, face, question.profiles) <= (row.gain - claim.alpha) * row.own:
+        if linear_bound(row, face, question.profiles) <= (row.pull - claim.alpha) * row.own:
             return None
-        slopes = (
-            slope
-            for c in question.loop.functions
-            for each in c.jacobian_at_zero()
-            for slope in each
-        )
-        verdict, s = (
-            Verdict.REFUTED if all(slope.is_point for slope in slopes) else Verdict.UNDECIDED,
-            None,
-        )
+        # a slope that is enclosed only leaves open whether the row fails
+        verdict = Verdict.REFUTED if _slopes_are_exact(question.loop) else Verdict.UNDECIDED
     else:
         verdict, s = decide_row(row, face, question.profiles, alpha=claim.alpha, rho=claim.rho)
         if verdict is Verdict.PROVED:
             return None
-    what = (
-        "fails"
-        if verdict is Verdict.REFUTED
-        else "is too close to failing for the enclosures to decide"
-    )
+    if verdict is Verdict.REFUTED:
+        what = "fails"
+    else:
+        what = "is too close to failing for the enclosures to decide"
     at = "" if s is None else f" at s = {float(s):.6g}"
     who = question.loop.labels[place.agent]
-    who += f" (and {place.count - 1} more alike)" if place.count > 1 else ""
-    reason = (
-        f"the {FACES[face]} row of agent {who} in mode {place.mode} {what}{at}: try a smaller "
-        "alpha or rho, or"
-    )
-    reason += " another v."
-    agent, mode = place.agent, place.mode
+    if place.count > 1:
+        who += f" (and {place.count - 1} more alike)"
     return SeparableAnswer(
-        verdict=verdict, reason=reason, agent=agent, mode=mode, face=FACES[face], s=s
+        verdict=verdict,
+        reason=f"the {FACES[face]} row of agent {who} in mode {place.mode} {what}{at}: try a "
+        "smaller alpha or rho, or another v.",
+        agent=place.agent,
+        mode=place.mode,
+        face=FACES[face],
+        s=s,
     )
+
+
+def _slopes_are_exact(loop: Loop) -> bool:
+    """Whether every slope at 0 is a known number."""
+    for coupling in loop.functions:
+        for row in coupling.jacobian_at_zero():
+            if not all(slope.is_point for slope in row):
+                return False
+    return True
 
 
 def decide_row(
@@ -303,11 +293,11 @@ def decide_row(
     """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove
     what they can.  With a ``load`` >= 0, which is added to the row before it is divided by s: for
     all s in [start, rho], start > 0."""
-    limit, whole = (row.gain - alpha) * row.own, Interval(start, rho)
+    limit, whole = (row.pull - alpha) * row.own, Interval(start, rho)
     if _by_floats(row, face, profiles, limit=limit, whole=whole, load=load):
         return Verdict.PROVED, None
-    sides = _sides(row, face, profiles, whole)
-    waiting, count, price = [whole], 0, _price(row, profiles)
+    sides = sides_of(row, face, profiles, whole)
+    waiting, count, price = [whole], 0, price_of(row, profiles)
     while waiting:
         S = waiting.pop()
         spend(price)
@@ -323,7 +313,7 @@ def decide_row(
     return Verdict.PROVED, None
 
 
-def _with_load(sides: Sequence[_Side], S: Interval, load: Fraction) -> Interval:
+def _with_load(sides: Sequence[Side], S: Interval, load: Fraction) -> Interval:
     return upper_bound(sides, S) + S.like(load) / S if load else upper_bound(sides, S)
 
 
@@ -339,9 +329,9 @@ def _by_floats(
     """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones
     are left to decide."""
     try:
-        waiting, count, price = [Floats.around(whole)], 0, _price(row, profiles)
+        waiting, count, price = [Floats.around(whole)], 0, price_of(row, profiles)
         most, near = float_below(limit), float_below(limit - abs(limit) / 10**9)
-        sides = _sides(row, face, profiles, waiting[0])
+        sides = sides_of(row, face, profiles, waiting[0])
         while waiting:
             S = waiting.pop()
             spend(price)
@@ -356,44 +346,7 @@ def _by_floats(
     return True
 
 
-def _row_rate(
-    row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction
-) -> Fraction:
-    """A rate alpha for which the row holds, about the part TOLERANCE below the largest; or one
-    above ``enough``."""
-    whole = Interval(_ZERO, rho)
-    unsure = (row.gain + sum(term.weight * term.reach for term in row.terms) / row.own) / 10**12
-    try:
-        rate = _rate_on(Floats.around(whole), row, face, profiles, enough=enough)
-        if rate >= enough or rounded_down(rate) == rounded_down(rate + unsure):
-            return rate
-    # beyond the floats, or nearer to a number of nine digits than they can tell
-    except UndefinedError:
-        pass
-    return _rate_on(whole, row, face, profiles, enough=enough)
-
-
-def _rate_on(
-    S: Interval, row: Row, face: int, profiles: Sequence[Profile], *, enough: Fraction
-) -> Fraction:
-    sides, price = _sides(row, face, profiles, S), _price(row, profiles)
-    count, heap = 0, [(-upper_bound(sides, S).hi, 0, S)]
-    attained = lower_bound(sides, S.ends()[1])
-    while True:
-        top, _, S = heap[0]
-        rate = row.gain + top / row.own
-        slack = TOLERANCE * max(abs(row.gain * row.own - attained), row.own * TOLERANCE)
-        if rate >= enough or -top - attained <= slack or count >= MOST_PIECES:
-            return rate
-        spend(2 * price)
-        heapq.heappop(heap)
-        attained = max(attained, lower_bound(sides, S.middle()))
-        for half in S.halves():
-            count += 1
-            heapq.heappush(heap, (-min(upper_bound(sides, half).hi, -top), count, half))
-
-
-def _price(row: Row, profiles: Sequence[Profile]) -> int:
+def price_of(row: Row, profiles: Sequence[Profile]) -> int:
     """Steps that one piece of a row takes, about."""
     return sum(profiles[term.coupling].curve.programs.cost for term in row.terms)
 
@@ -409,7 +362,7 @@ def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
     return total
 
 
-class _Side(NamedTuple):
+class Side(NamedTuple):
     """A term on one face: y = s t between ``left`` and ``right``, both in ``whole``; ``bend``:
     weight times step^2."""
 
@@ -432,9 +385,10 @@ class _Side(NamedTuple):
         return self.kind.tops if self.face > 0 else self.kind.bottoms
 
 
-def _sides(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -> list[_Side]:
+def sides_of(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -> list[Side]:
+    """The terms of a row on one face, in the arithmetic of S."""
     return [
-        _Side(
+        Side(
             term=term,
             kind=profiles[term.coupling],
             face=face,
@@ -449,9 +403,9 @@ def _sides(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -> lis
     ]
 
 
-def upper_bound(sides: Sequence[_Side], S: Interval) -> Interval:
+def upper_bound(sides: Sequence[Side], S: Interval) -> Interval:
     """An interval whose upper end sum w phi(s) does not exceed for s in S, s > 0."""
-    rising: list[_Side] = []
+    rising: list[Side] = []
     total = change = others = ZERO
     smooth = not S.is_point
     for side in sides:
@@ -476,7 +430,7 @@ def upper_bound(sides: Sequence[_Side], S: Interval) -> Interval:
     return total + others
 
 
-def lower_bound(sides: Sequence[_Side], s: Interval) -> Fraction:
+def lower_bound(sides: Sequence[Side], s: Interval) -> Fraction:
     """A bound that sum w phi(s) is at least at this s > 0, a point: phi is no less than what h
     takes at the ends."""
     total = _ZERO
@@ -492,12 +446,12 @@ def lower_bound(sides: Sequence[_Side], s: Interval) -> Fraction:
     return total
 
 
-def _secant_times(side: _Side, t: Interval, S: Interval) -> Interval:
+def _secant_times(side: Side, t: Interval, S: Interval) -> Interval:
     """t g(s t) for s in S, for h or for -h(-y): the value h(s t)/s."""
     return ZERO if t.is_zero else secant(side.kind.curve, side.mirrored(S * t)).value * t
 
 
-def _rises(side: _Side, S: Interval) -> bool:
+def _rises(side: Side, S: Interval) -> bool:
     """Whether h (or -h(-y)) is nondecreasing on all of -s reach <= y <= s step, s in S."""
     if side.kind.is_nondecreasing:
         return True
@@ -505,7 +459,7 @@ def _rises(side: _Side, S: Interval) -> bool:
     return all(cell.direction > 0 or not _overlap(cell.place, asked) for cell in side.kind.cells)
 
 
-def _largest(side: _Side, S: Interval) -> Interval:
+def _largest(side: Side, S: Interval) -> Interval:
     """An interval whose upper end phi does not exceed on S: both ends, and wherever it may have a
     maximum."""
     natural = secant(side.kind.curve, S * side.whole).value * side.whole * side.face

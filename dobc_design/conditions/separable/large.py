@@ -18,7 +18,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.separable.claim import EXACT, FACES, Errors, holding_gains
+from dobc_design.conditions.separable.claim import (
+    EXACT,
+    FACES,
+    Errors,
+    held_gains,
+    holding_gains,
+)
 from dobc_design.coupling.enclosures import Curve, Profile, secant, slope_bound
 from dobc_design.coupling.expression import Expression
 from dobc_design.exact.floats import Floats
@@ -298,14 +304,13 @@ _FLOAT_BITS: Final = 53
 SLICES: Final = 8  # of the way of a held step
 SLOPES: Final = 256  # parts of [0, radius] on which slopes are bounded, and how close
 _STEEP: Final = Fraction(1, 1000)
-_SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a rate is estimated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcRows:
     """The arcs by row, mode after mode: those of row i are start[i]:start[i + 1].  ``steps`` are at
     least v_j - v_i, ``reaches`` at least v_i + v_j; ``weights`` and ``own`` (v) are lower and upper
-    bounds, None for weights that are all 1."""
+    bounds, None for weights that are all 1.  ``pulls``: as in ``claim.Row``."""
 
     start: Any
     steps: Array
@@ -313,7 +318,7 @@ class ArcRows:
     weights: tuple[Array, Array] | None
     kinds: Any
     own: tuple[Array, Array]
-    gains: tuple[Fraction, ...]
+    pulls: tuple[Fraction, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -372,10 +377,10 @@ def arc_rows(
     *,
     stretch: Fraction | int = 1,
     errors: Errors = EXACT,
-    loose: bool = True,
+    held: bool = False,
 ) -> ArcRows:
-    """Bring all modes into arrays, rounded so that rows only become harder to satisfy.  ``loose``
-    as in ``rows``."""
+    """Bring all modes into arrays, rounded so that rows only become harder to satisfy.  ``held`` as
+    in ``rows``.  Arcs to the fixed node have to be linear."""
     modes, layout = len(loop.modes), arc_layout(loop, errors=errors)
     listeners, speakers = layout.rows, layout.speakers
     low, high = _floats(v)
@@ -386,14 +391,15 @@ def arc_rows(
     # The difference of two floats within a factor of two of each other has no rounding.
     near = (other <= 2 * own) & (own <= 2 * other)
     steps = np.where(near, steps, up(steps))
+    pulls = held_gains(loop) if held else holding_gains(loop, error=errors.gains)
     return ArcRows(
         start=layout.start,
-        steps=np.maximum(steps, layout.floor) if loose else steps,
+        steps=steps if held else np.maximum(steps, layout.floor),
         reaches=up(other + high[listeners]),
         weights=layout.weights,
         kinds=layout.kinds,
         own=(low, high),
-        gains=holding_gains(loop, error=errors.gains) * modes,
+        pulls=pulls * modes,
     )
 
 
@@ -439,7 +445,7 @@ def open_rows(
     arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction
 ) -> list[tuple[int, int]]:
     """The (row, face) that is not proved for all s in (0, rho]; the tables reach that far."""
-    rates = _floats(arcs.gains, less=alpha)[0]
+    rates = _floats(arcs.pulls, less=alpha)[0]
     limits = np.where(rates >= 0, rates * arcs.own[0], rates * arcs.own[1])
     limits = np.where(rates == 0, 0.0, down(limits))
     above = float_above(rho)
@@ -452,13 +458,11 @@ def open_rows(
         ]
 
 
-def stiffest_row(
-    arcs: ArcRows, profiles: Sequence[Profile], gains: Sequence[Fraction], *, rho: Fraction
-) -> Fraction:
-    """An upper bound of the largest sum_j w L_ij + k over rows and faces.  Raises:
-    UndefinedError."""
+def stiffest_row(arcs: ArcRows, profiles: Sequence[Profile], *, rho: Fraction) -> Fraction:
+    """An upper bound of the largest sum_j w L_ij + k over rows and faces, of arcs that are held.
+    Raises: UndefinedError."""
     counts = np.diff(arcs.start)
-    rows, held = np.repeat(np.arange(len(counts)), counts), _floats(gains)[1]
+    rows, held = np.repeat(np.arange(len(counts)), counts), _floats(arcs.pulls)[1]
     own, mean, largest = arcs.own[1][rows], np.zeros(len(rows)), Fraction(0)
     for face in FACES:
         for number, kind in enumerate(profiles):
@@ -509,17 +513,6 @@ def _slopes(curve: Curve, radius: Fraction) -> Array:
     return _spans(np.array(found), np.maximum)
 
 
-def estimated_rate(arcs: ArcRows, kinds: Kinds, *, rho: Fraction) -> float:
-    """The least rate that a few values of s show: an estimate of the largest that can be proved."""
-    gains, least = np.array([float(k) for k in arcs.gains]), np.inf
-    with np.errstate(invalid="ignore", over="ignore"):
-        for face in FACES:
-            piece = Piece(arcs, face, kinds, np.arange(len(gains)))
-            for part in _SAMPLES:
-                least = min(least, float(np.min(gains - piece.at(part * float(rho)) / arcs.own[1])))
-    return least
-
-
 def open_within(
     arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: float, start: float = 0.0
 ) -> Any:
@@ -564,7 +557,7 @@ class Piece:
         self.counts = arcs.start[agents + 1] - arcs.start[agents]
         self.rows = np.repeat(np.arange(len(agents)), self.counts)
         picked: Any = slice(None)
-        if len(agents) < len(arcs.gains):
+        if len(agents) < len(arcs.pulls):
             ends = np.cumsum(self.counts)
             picked = np.arange(len(self.rows)) + np.repeat(
                 arcs.start[agents] - ends + self.counts, self.counts

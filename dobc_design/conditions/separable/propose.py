@@ -34,7 +34,8 @@ from dobc_design.conditions.separable.claim import (
     holding_gains,
     stuck_agents,
 )
-from dobc_design.conditions.separable.decide import largest_rate, verify_composite
+from dobc_design.conditions.separable.decide import verify_composite
+from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.matrix import Matrix, Vector

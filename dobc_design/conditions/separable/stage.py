@@ -24,7 +24,8 @@ from dobc_design.conditions.separable.claim import EXACT, Errors, Separable, sta
 from dobc_design.conditions.separable.decide import composite_rate, covers, verify_separable
 from dobc_design.conditions.separable.propose import SeparablePlan
 from dobc_design.conditions.separable.propose_coordinates import propose_coordinates
-from dobc_design.conditions.separable.timing import LEADER_GOES_ON, longest_delay
+from dobc_design.conditions.separable.propose_limits import longest_delay
+from dobc_design.conditions.separable.timing import LEADER_GOES_ON
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.verdict import Verdict
 

@@ -16,7 +16,6 @@ left, for which both hold: L is that of the whole.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from fractions import Fraction
@@ -38,7 +37,6 @@ from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-_SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
 # How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and
 # beside a claimed one.
@@ -66,21 +64,6 @@ def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAn
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=LEADER_GOES_ON)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
     return verify_separable(loop, slower, stretch=exp(Interval.point(bound.rate * bound.delay)).hi)
-
-
-def longest_delay(loop: Loop, claim: Separable, *, rate: Fraction) -> DelayBound | None:
-    """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); None if
-    there is none."""
-    delays = [rounded_down(1 / rate, digits=1)]
-    while len(delays) < _SHORTER:
-        delays.append(rounded_down(delays[-1] / 2, digits=1))
-    bounds = [DelayBound(delay=delay, rate=rate) for delay in delays]
-    first = bisect_left(
-        bounds,
-        True,
-        key=lambda bound: verify_delay(loop, claim, bound).verdict is Verdict.PROVED,
-    )
-    return bounds[first] if first < len(bounds) else None
 
 
 def largest_period(loop: Loop, claim: Separable) -> SamplingBound | None:
@@ -130,23 +113,18 @@ def _stiffest(
             "does not apply: the rows of the max-separable certificate say nothing for this "
             "coupling."
         )
-    gains = [_ZERO] * loop.n
-    for agent, k in loop.pulls.gains.items():
-        gains[agent] = max(row[c] for c, row in enumerate(k))
     try:
         profiles, rho = coupling_profiles(loop, claim.v, rho=claim.rho), claim.rho or _ZERO
-        modes = loop.modes.values()
-        if rho and sum(map(len, modes)) > _MANY_ARCS:
-            return stiffest_row(
-                arc_rows(loop, claim.v, loose=False), profiles, gains * len(modes), rho=rho
-            )
-        listed = claims.rows(loop, claim.v, gains=gains, loose=False)
+        arcs = sum(map(len, loop.modes.values()))
+        if rho and arcs > _MANY_ARCS and not loop.pins.curved:
+            return stiffest_row(arc_rows(loop, claim.v, held=True), profiles, rho=rho)
+        listed = claims.rows(loop, claim.v, held=True)
         rows = [(row, face) for row, _ in listed for face in FACES]
 
         def largest(around: Callable[[Interval], Interval]) -> Fraction:
             mean = _Steepest(profiles, rho, around)
             return max(
-                row.gain + sum(x.weight * mean(x, row.own, face) for x in row.terms)
+                row.pull + sum(x.weight * mean(x, row.own, face) for x in row.terms)
                 for row, face in rows
             )
 

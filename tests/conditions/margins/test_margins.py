@@ -21,7 +21,8 @@ from dobc_design.conditions.margins import stage
 from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
 from dobc_design.conditions.margins.stage import margins_stage
 from dobc_design.conditions.separable.claim import Errors, Separable, rows
-from dobc_design.conditions.separable.decide import largest_rate, verify_separable
+from dobc_design.conditions.separable.decide import verify_separable
+from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.exact.number import number_text
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
@@ -80,7 +81,7 @@ def test_every_arc_takes_its_worse_end():
     problem, claim = chain(), Separable(v=(F(1), F(2)), alpha=F(1, 10), rho=None)
     errors = Errors(F(1, 5), F(1, 10))
     terms = {
-        row.own: (row.terms, row.gain) for row, _ in rows(loop_of(problem), claim.v, errors=errors)
+        row.own: (row.terms, row.pull) for row, _ in rows(loop_of(problem), claim.v, errors=errors)
     }
     assert terms[1][1] == F(9, 5)
     assert [(term.weight, term.step) for term in terms[1][0]] == [(F(6, 5), 1)]

@@ -32,14 +32,13 @@ from dobc_design.conditions.separable.claim import (
     stuck_agents,
 )
 from dobc_design.conditions.separable.decide import (
-    _sides,
     composite_rate,
     coupling_profiles,
     covers,
     decide_row,
     error_bound_obstacle,
-    largest_rate,
     lower_bound,
+    sides_of,
     upper_bound,
     verify_composite,
     verify_separable,
@@ -52,6 +51,7 @@ from dobc_design.conditions.separable.large import (
     turning,
 )
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
+from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.floats import Floats
@@ -177,7 +177,7 @@ def test_a_coupling_that_turns_within_one_step_counts_with_its_maximum(lo: str):
     ]
     row = Row((Term(0, F(1), F(3), F(1)), Term(1, F(1), F(3), F(1))), F(0), F(1))
     for S in (Interval(F(lo), F(6, 5)), Floats.around(Interval(F(lo), F(6, 5)))):
-        sides = _sides(row, 1, kinds, S)
+        sides = sides_of(row, 1, kinds, S)
         assert upper_bound(sides, S).hi >= F(457, 3)
         assert lower_bound(sides, S.ends()[1]) <= F(457, 3) + F(1, 10**9)
 

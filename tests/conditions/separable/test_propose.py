@@ -23,7 +23,6 @@ from dobc_design.conditions.separable.decide import (
     composite_rate,
     covers,
     error_bound_obstacle,
-    largest_rate,
     verify_composite,
 )
 from dobc_design.conditions.separable.propose import (
@@ -34,6 +33,7 @@ from dobc_design.conditions.separable.propose import (
     propose_separable,
     rounded_vectors,
 )
+from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.loop.make import loop_of
 

@@ -22,11 +22,10 @@ from scipy.optimize import brentq
 
 from dobc_design import Problem, Verdict
 from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, SamplingBound, Separable
-from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
+from dobc_design.conditions.separable.propose_limits import largest_rate, longest_delay
 from dobc_design.conditions.separable.timing import (
     largest_period,
-    longest_delay,
     verify_delay,
     verify_sampling,
 )

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from dobc_design.loop.loop import Loop
+
 OPEN = "Undecided: "
 HELP = " What would help: "
 
@@ -33,6 +35,15 @@ class Reason:
         if self.advice:
             return replace(self, advice=f"{self.advice}{words}")
         return replace(self, head=f"{self.head}{words}")
+
+
+def pins_obstacle(loop: Loop) -> str | None:
+    """Why a proof that knows each pin by its gain matrix does not apply; None where all pins are
+    linear."""
+    if not loop.pins.curved:
+        return None
+    agent = loop.labels[min(loop.pins.curved)]
+    return f"does not apply: it is for pins with a gain, and that of agent {agent} is not linear."
 
 
 def read_reason(text: str) -> Reason:

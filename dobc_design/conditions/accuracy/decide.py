@@ -50,6 +50,7 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json, ranges_to_json
+from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.checks import obstacle as not_applicable
 from dobc_design.conditions.separable.claim import (
@@ -290,6 +291,8 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
             "does not apply: with a disturbance, errors of weights and gains are known for "
             "couplings by component only."
         )
+    if (reason := pins_obstacle(loop)) is not None:
+        return reason
     if not turned and loop.drift is not None:
         return "does not apply: bounds for agents with [dynamics] are made in coordinates."
     return not_applicable(loop, W, turned=turned)

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.numbers import doubles_to_json, matrix_from_json, read_rational
+from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -573,6 +574,8 @@ def _why_inapplicable(loop: Loop) -> str | None:
             "does not apply: the leader moves, and with it the slopes of f: those at one point "
             "prove nothing."
         )
+    if (curved := pins_obstacle(loop)) is not None:
+        return curved
     kinked = next((coupling for coupling in loop.functions if coupling.nonsmooth), None)
     if kinked is None:
         return None

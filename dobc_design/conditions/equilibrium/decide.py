@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Witness, read_object
 from dobc_design.conditions.numbers import VECTOR_BITS, has_short_denominator, read_rational
+from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -165,6 +166,8 @@ def why_not(loop: Loop, claim: Equilibrium, *, part: Fraction = ONE) -> str | No
         raise ShapeError(many, key="box")
     if claim.mode not in loop.modes:
         raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
+    if (reason := pins_obstacle(loop)) is not None:
+        return reason
     if not loop.may_stay(claim.mode):
         return "the guarantee does not let that mode stay on."
     if len(claim.box) > LARGEST:

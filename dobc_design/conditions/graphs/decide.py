@@ -34,6 +34,7 @@ from dobc_design.conditions.numbers import (
     vector_to_json,
 )
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
+from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.schedule.checks import cycles_from_json, not_as_claimed
 from dobc_design.conditions.schedule.cycles import Cycles, first_unreached, holds_observer, rises
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains, observed_in
@@ -165,6 +166,7 @@ def why_not(loop: Loop, W: Matrix | None, claim: Kept) -> str | None:
 
 
 def _needs(loop: Loop, W: Matrix | None, claim: Kept) -> Iterator[tuple[bool, str]]:
+    yield not loop.pins.curved, str(pins_obstacle(loop))
     generator, exosystem = generator_of(loop), loop.joint_exosystem
     if claim.kind:
         yield generator is not None, 'there is no guarantee = "markov", or only one mode.'

@@ -33,6 +33,7 @@ from dobc_design.conditions.accuracy.decide import obstacle as not_final
 from dobc_design.conditions.accuracy.decide import read_claim as read_accuracy
 from dobc_design.conditions.check import Check, Claim, read_domain, read_object
 from dobc_design.conditions.numbers import follows, read_rational, vector_from_json, vector_to_json
+from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
@@ -162,6 +163,8 @@ def confirm(
         return "it can only be proved or undecided, and has no witness"
     if loop.drift is not None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
+    if (reason := pins_obstacle(loop)) is not None:
+        return reason
     base, claim = None, read_claim(check, loop, W)
     if proof is not None and proof.verdict is Verdict.PROVED:
         base = claims.separable_from_json(proof.exact, loop)
@@ -246,6 +249,8 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
 
 def why_not_local(loop: Loop) -> str | None:
     """Why the rows at the target say nothing; None if they do."""
+    if (reason := pins_obstacle(loop)) is not None:
+        return reason
     if not claims.acts_by_component(loop):
         return NOT_BY_COMPONENT
     if any(coupling.nonsmooth for coupling in loop.functions):

@@ -44,6 +44,7 @@ from dobc_design.conditions.quadratic.sectors import (
     left_open,
     ranges_from_json,
 )
+from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
@@ -263,6 +264,8 @@ def quadratic_obstacle(loop: Loop, W: Matrix | None) -> str | None:
             "does not apply: there is no observer gain W, and without one the estimation error "
             "is not bounded."
         )
+    if (reason := pins_obstacle(loop)) is not None:
+        return reason
     if loop.slopes_move:
         try:
             loop.goals.leaders_box()

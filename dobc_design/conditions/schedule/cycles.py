@@ -31,6 +31,7 @@ import numpy as np
 from dobc_design._show.cards import Shown
 from dobc_design.conditions.numbers import vector_to_json
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_to_json
+from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.schedule.rows import Box, MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
@@ -169,6 +170,7 @@ def holds_starts(loop: Loop, claim: Cycles, *, radius: Fraction, disturbance: Fr
 
 
 def _needs(loop: Loop, W: Matrix | None, claim: Cycles) -> Iterator[tuple[bool, str]]:
+    yield not loop.pins.curved, str(pins_obstacle(loop))
     phases = loop.guarantee.phases
     yield bool(phases), "there is no guarantee, or only one mode."
     turned, size = claim.T is not None, loop.n * len(claim.T or (1,))

@@ -23,6 +23,7 @@ from dobc_design._show.text import significant_away_from_zero, significant_towar
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
+from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.schedule.claim import (
     ONE,
     QUADRATIC,
@@ -169,6 +170,7 @@ def counted_from(claim: Descent) -> Fraction:
 
 def _needs(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[tuple[bool, str]]:
     """What has to hold, in turn, and the words if it does not."""
+    yield not loop.pins.curved, str(pins_obstacle(loop))
     tube, exosystem = claim.tube, loop.joint_exosystem
     yield len(tube.upper[0]) == loop.n, f"a box must have {loop.n} entries, one per agent."
     yield (

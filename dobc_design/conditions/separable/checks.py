@@ -20,6 +20,7 @@ from dobc_design.conditions.numbers import (
     shorten,
     text_below,
 )
+from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable
 from dobc_design.conditions.separable.decide import (
@@ -44,6 +45,8 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
     with the gain W (q, m); None if it does."""
     if not turned and not claims.acts_by_component(loop):
         return NOT_BY_COMPONENT
+    if turned and (reason := pins_obstacle(loop)) is not None:
+        return reason
     if loop.groups and W is None:
         return (
             "does not apply: there is no observer gain W, and without one the estimation error "

@@ -299,8 +299,7 @@ def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> tuple[Fraction, .
 
     def worth(k: Matrix) -> Fraction:
         return min(
-            least * row[c] - most * sum(map(abs, row[:c] + row[c + 1 :]))
-            for c, row in enumerate(k)
+            least * row[c] - most * sum(map(abs, row[:c] + row[c + 1 :])) for c, row in enumerate(k)
         )
 
     return _by_agent(loop, worth)

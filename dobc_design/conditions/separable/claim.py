@@ -20,7 +20,7 @@ it, in time linear in the arcs.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from operator import mul
 from typing import Any, Final, NamedTuple
@@ -445,13 +445,14 @@ def _terms(
 
 def _at_worst(term: Term, error: Fraction) -> Iterator[Term]:
     """The term at the worse end of its weight; ``error``: relative."""
-    if term.step >= 0:
-        yield replace(term, weight=term.weight * (1 + error))
+    place, weight, reach, step = term.coupling, term.weight, term.reach, term.step
+    if step >= 0:
+        yield Term(place, weight * (1 + error), reach, step)
         return
-    yield replace(term, weight=term.weight * (1 - error))
+    yield Term(place, weight * (1 - error), reach, step)
     if error:
         # The rest may be there or not: it counts where h is largest, which is 0 if h rises.
-        yield replace(term, weight=2 * error * term.weight, step=_NONE)
+        yield Term(place, 2 * error * weight, reach, _NONE)
 
 
 def stuck_agents(loop: Loop) -> dict[int, str]:

@@ -10,7 +10,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from separable_problems import MONOTONE, PAPER, cycle, fractions, listening
+from networks import MONOTONE, PAPER, cycle, fractions, listening
 
 from dobc_design import Verdict
 from dobc_design.conditions.accuracy.decide import obstacle as accuracy_obstacle

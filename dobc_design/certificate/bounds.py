@@ -23,6 +23,7 @@ from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.domain import EVERYWHERE, Around, Box
 from dobc_design.conditions.graphs.decide import Kept
 from dobc_design.conditions.kinds import LEMMA, MAX_SEPARABLE
 from dobc_design.conditions.margins.decide import Tolerance
@@ -140,7 +141,11 @@ def envelopes_of(loop: Loop, claims: Claims, starts: Starts) -> Iterator[Envelop
     lemmas = [check for check in claims.checks if check.kind.is_lemma]
     rates: list[float] = []
     for check in lemmas:
-        if check.verdict is Verdict.PROVED and check.domain == "global" and check.rate is not None:
+        if (
+            check.verdict is Verdict.PROVED
+            and check.domain == EVERYWHERE
+            and check.rate is not None
+        ):
             rates.append(check.rate)
     # e'e falls under every signal where Lemma 1 holds in every mode.
     if not loop.groups and lemmas and len(rates) == len(lemmas):
@@ -163,13 +168,13 @@ def certified_settling(loop: Loop, claims: Claims) -> Settling | None:
 def is_inside(domain: object, starts: Starts) -> bool:
     """Whether a check with this domain is about these starts; not for one that holds close to the
     target only."""
-    if not isinstance(domain, Mapping):
-        return domain == "global"
+    if not isinstance(domain, Around):
+        return domain == EVERYWHERE
     room = 1 + ROUNDING
-    reach = starts.box if domain["kind"] == "box" else starts.ball
-    if reach > claimed(domain["radius"]) * room:
+    reach = starts.box if domain.kind == "box" else starts.ball
+    if reach > claimed(domain.radius) * room:
         return False
-    return starts.disturbance <= claimed(domain["disturbance"]) * room
+    return starts.disturbance <= claimed(domain.disturbance) * room
 
 
 def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -> Envelope | None:
@@ -177,7 +182,7 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
     domain = check.domain
     disturbance = starts.disturbance
     radius = starts.box if isinstance(claim, Separable | Cycles | Kept) else starts.ball
-    if isinstance(domain, Mapping):  # of a run that exceeds the region by rounding
+    if isinstance(domain, Around):  # of a run that exceeds the region by rounding
         radius *= 1 + ROUNDING
         disturbance *= 1 + ROUNDING
     if isinstance(claim, Separable):
@@ -187,7 +192,7 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
         return _bound_of_weights(loop, claim, radius, disturbance)
     if isinstance(claim, Lure):
         first = eigenvalue_bound(claim.P_e) * radius**2 + _errors(loop, claim.P, disturbance)
-        if claim.level is not None and isinstance(domain, Mapping):  # the level is a bound as well
+        if claim.level is not None and isinstance(domain, Around):  # the level is a bound as well
             first = min(first, claim.level)
         return Envelope(id=check.id, height=_root(first * tallest(claim.P_e)), rate=claim.rate)
     if isinstance(claim, Kept):
@@ -465,12 +470,12 @@ def _nothing(claims: Claims, starts: Starts) -> str:
                 return "the proof states no rate"
             return "the proof is not about the signal of the run"
     where = f"|e|_inf = {float(starts.box):.4g} and |eps_i| = {float(starts.disturbance):.4g}"
-    regions = [check.domain for check in claims.checks if not isinstance(check.domain, str)]
+    regions = [check.domain for check in claims.checks if isinstance(check.domain, Around)]
     if not regions:
         return (
             "the certificate proves nothing about starts away from the target; ask for a [region]"
         )
-    most = max(regions, key=lambda domain: (domain["kind"] == "box", domain["radius"]))
-    edge = "|e|_inf" if most["kind"] == "box" else "|e|"
-    proved = f"{edge} <= {most['radius']:.6g} with |eps_i| <= {most['disturbance']:.6g}"
+    most = max(regions, key=lambda domain: (isinstance(domain, Box), domain.radius))
+    edge = "|e|_inf" if isinstance(most, Box) else "|e|"
+    proved = f"{edge} <= {most.radius:.6g} with |eps_i| <= {most.disturbance:.6g}"
     return f"the run starts outside what is certified: {where}, and proved is {proved}"

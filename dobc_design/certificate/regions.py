@@ -8,7 +8,7 @@ shown stays a claim that holds.  Theory, sections 1, 4 and 5.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
@@ -20,6 +20,7 @@ from dobc_design.certificate.bounds import Starts, envelope_of, error_share
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
+from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import LARGEST, claimed, rounded_down, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
@@ -224,8 +225,8 @@ def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
     radii: list[Fraction] = []
     for check in checks:
         proved = check.verdict is Verdict.PROVED and check.kind.is_consensus
-        if proved and isinstance(check.domain, Mapping):
-            radii.append(claimed(check.domain["radius"]))
+        if proved and isinstance(check.domain, Around):
+            radii.append(claimed(check.domain.radius))
     size = min(radii, default=None) if asked is None else claimed(asked.box)
     return _down(size * SETTLED) if size else None
 
@@ -280,10 +281,10 @@ class _Gatherer:
         if check.verdict is Verdict.PROVED:
             rate = check.rate
             kind = {"global": "everywhere", "consensus": "near"}.get(str(domain), "none")
-            if isinstance(domain, Mapping):
-                kind = str(domain["kind"])
-                disturbance = float(domain["disturbance"])
-                box = ball = float(domain["radius"])
+            if isinstance(domain, Around):
+                kind = str(domain.kind)
+                disturbance = float(domain.disturbance)
+                box = ball = float(domain.radius)
                 if kind == "ball":  # the corners of a box are the farthest from its middle
                     states = self.loop.n * self.loop.m
                     box = _down(root_below(claimed(ball) ** 2 / states, unit=_UNIT))
@@ -311,10 +312,10 @@ class _Gatherer:
         asked = self.asked
         domain = check.domain
         starts = None
-        if isinstance(domain, Mapping):  # its norm is the one that is asked for
-            radius = claimed(domain["radius"])
-            starts = Starts(radius, radius, claimed(domain["disturbance"]))
-        elif asked is not None and domain == "global":
+        if isinstance(domain, Around):  # its norm is the one that is asked for
+            radius = claimed(domain.radius)
+            starts = Starts(radius, radius, claimed(domain.disturbance))
+        elif asked is not None and domain == EVERYWHERE:
             starts = Starts(claimed(asked.box), claimed(asked.ball), claimed(asked.disturbance))
         if check.verdict is not Verdict.PROVED or starts is None or self.tolerance is None:
             return None
@@ -374,13 +375,13 @@ def _variant(check: Check) -> str:
 def _agents(loop: Loop, check: Check) -> tuple[AgentBound, ...]:
     claim = check.claim
     domain = check.domain
-    if not isinstance(domain, Mapping) or not isinstance(claim, Separable):
+    if not isinstance(domain, Around) or not isinstance(claim, Separable):
         return ()
     if claim.T or claim.rho is None or loop.n > MOST_AGENTS:
         return ()
     # What estimation errors may take of V is not there for |e_i| <= room v_i.
-    room = claim.rho - error_share(claim, claimed(domain["disturbance"]), unit=_UNIT)
-    radius = float(domain["radius"])
+    room = claim.rho - error_share(claim, claimed(domain.disturbance), unit=_UNIT)
+    radius = float(domain.radius)
     pinned = set(loop.pulls.nodes)
     has_goals = loop.m == 1 and not loop.goals.moves
     found: list[AgentBound] = []

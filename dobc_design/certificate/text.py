@@ -29,6 +29,7 @@ from dobc_design.conditions.check import (
     withdrawn,
 )
 from dobc_design.conditions.consensus.claim import Unstable
+from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.numbers import (
     LONGEST,
     VECTOR_BITS,
@@ -203,7 +204,7 @@ NO_NUMBERS = ("float64", "mode", "group", "tree")
 LONGEST_COEFFICIENT = 4000
 
 
-def writable(check: Check, domain: str) -> Check:
+def writable(check: Check, domain: Domain) -> Check:
     """The check, if a certificate can hold it; else without what may be left out; else UNDECIDED
     with the reason, about ``domain``, that of Lemma 1.
 

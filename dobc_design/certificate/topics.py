@@ -17,6 +17,7 @@ from dobc_design.conditions.check import Check, Claim, same_witness
 from dobc_design.conditions.consensus import claim as theorems
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements
+from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.equilibrium import decide as equilibrium
 from dobc_design.conditions.graphs import decide as graphs
 from dobc_design.conditions.kinds import MAX_SEPARABLE
@@ -61,7 +62,7 @@ class OfLoop(Protocol):
     """Confirms a check that rests on no other one."""
 
     def __call__(
-        self, check: Check, loop: Loop, W: Matrix | None, *, domain: str
+        self, check: Check, loop: Loop, W: Matrix | None, *, domain: Domain
     ) -> str | None: ...
 
 

@@ -33,6 +33,7 @@ from dobc_design.conditions.consensus.decide import Proposal
 from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_region
+from dobc_design.conditions.domain import EVERYWHERE, Domain
 from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
 from dobc_design.conditions.kinds import ids_in
@@ -346,9 +347,9 @@ def region_checks(
             return _near_a_moving_target(asked, report)
         known = refutation(loop, case.checks, case.W) is not None
         several = loop.switches or loop.drift is not None
-        if several and not (known or everything or case.domain == "global"):
+        if several and not (known or everything or case.domain == EVERYWHERE):
             return _near_the_target(asked, report)
-        known = known or case.domain != "global"
+        known = known or case.domain != EVERYWHERE
     stages = STAGES
     if known and not everything:
         # What the tables of the file ask may still rest on the box that the first stage finds.
@@ -397,7 +398,7 @@ def _is_in_coordinates(check: Check) -> bool:
     return isinstance(check.claim, Separable) and check.claim.T is not None
 
 
-def _ending(id: str, domain: str, stage: Callable[[], list[Check]]) -> list[Check]:
+def _ending(id: str, domain: Domain, stage: Callable[[], list[Check]]) -> list[Check]:
     """What a stage finds, or a check that says why it did not end."""
     try:
         return stage()
@@ -515,7 +516,7 @@ class _Run:
                 reason = (
                     f"it is left open, because the group of agent {lacking.name} has no gain W."
                 )
-                own[-1] = undecided_check("hurwitz", "global", reason)
+                own[-1] = undecided_check("hurwitz", EVERYWHERE, reason)
             # without its fix, which names keys that all agents share
             who = f"Of {name_some(group.agents)}: "
             checks += [

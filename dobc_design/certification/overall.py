@@ -17,6 +17,7 @@ from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
+from dobc_design.conditions.domain import NEAR_TARGET, Around
 from dobc_design.conditions.graphs.decide import absorbing, generator_of, signals_in_words
 from dobc_design.conditions.numbers import read_rational, rounded_up, text_below
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
@@ -160,11 +161,11 @@ def _limited_starts(loop: Loop, checks: Sequence[Check]) -> str:
     """From where no limit is reached.  Without a region that is a box, whatever the domain of the
     consensus is."""
     held = answer_of(loop, checks, LIMIT)
-    if loop.starts is not None or held is None or not isinstance(held.domain, Mapping):
+    if loop.starts is not None or held is None or not isinstance(held.domain, Around):
         return ""
-    starts = f"|e_i| <= {held.domain['radius']:.6g}"
+    starts = f"|e_i| <= {held.domain.radius:.6g}"
     if loop.groups:
-        starts += f" and |eps_i| <= {held.domain['disturbance']:.6g}"
+        starts += f" and |eps_i| <= {held.domain.disturbance:.6g}"
     return f" from starts with {starts}"
 
 
@@ -352,7 +353,7 @@ def _proved_reason(loop: Loop, check: Check) -> str:
 
 
 def _local_words(check: Check) -> str:
-    return " The proof is local: it states no radius." if check.domain == "consensus" else ""
+    return " The proof is local: it states no radius." if check.domain == NEAR_TARGET else ""
 
 
 def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = None) -> str:
@@ -430,12 +431,12 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
 
 
 def _domain_in_words(check: Check) -> str:
-    if not isinstance(check.domain, Mapping):
+    if not isinstance(check.domain, Around):
         return f"every start ({check.id})"
-    error = "|e_i|" if check.domain.get("kind") == "box" else "|e|"
-    noise = check.domain.get("disturbance")
+    error = "|e_i|" if check.domain.kind == "box" else "|e|"
+    noise = check.domain.disturbance
     return (
-        f"{error} <= {check.domain.get('radius')}{f' and |eps_i| <= {noise}' if noise else ''} "
+        f"{error} <= {check.domain.radius}{f' and |eps_i| <= {noise}' if noise else ''} "
         f"({check.id})"
     )
 
@@ -498,7 +499,7 @@ def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
     local = [
         c
         for c in checks
-        if c.kind.is_consensus and c.verdict is Verdict.PROVED and c.domain == "consensus"
+        if c.kind.is_consensus and c.verdict is Verdict.PROVED and c.domain == NEAR_TARGET
     ]
     complete = [c for c in local if not c.kind.is_lemma] if loop.groups else local
     if complete and loop.starts is not None:

@@ -20,6 +20,7 @@ from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.kinds import ids_in
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.reason import Reason
@@ -316,7 +317,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         return f"{check.title} does not belong to this problem"
     if not expected and (check.mode is not None or check.margin is not None):
         return "a regional check has no mode and no margin"
-    wanted = "global" if check.kind.role == "part" else domain
+    wanted = EVERYWHERE if check.kind.role == "part" else domain
     if (expected or check.verdict is not Verdict.PROVED) and check.domain != wanted:
         # a proof for a region names its starts; every other domain is known
         return f"the domain must be {wanted!r}"

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.domain import Domain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
@@ -20,7 +21,7 @@ Noun = TypeVar("Noun")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Case:
-    """The loop, the gain W (q, m) of its observer, the domain of Lemma 1 ("global" or "consensus"),
+    """The loop, the gain W (q, m) of its observer, the domain of Lemma 1,
     and the ``checks`` that are known beside.
 
     The claims of these checks are nouns where they were just decided.  Checks that were read from a
@@ -29,7 +30,7 @@ class Case:
 
     loop: Loop
     W: Matrix | None
-    domain: str
+    domain: Domain
     checks: tuple[Check, ...] = ()
 
     def and_(self, more: Iterable[Check]) -> Case:

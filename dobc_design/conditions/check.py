@@ -19,6 +19,7 @@ from typing import Any, Protocol
 
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
+from dobc_design.conditions.domain import EVERYWHERE, Around, Domain, domain_from_json
 from dobc_design.conditions.kinds import KINDS, Kind
 from dobc_design.conditions.numbers import claimed, read_rational, time_to_one_percent
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
@@ -35,8 +36,6 @@ TEXTS = ("id", "mode", "group", "reason")
 
 #: Topics whose V is a quadratic form of the errors; those of the others are weighted maxima.
 EUCLIDEAN = ("consensus", "weighted", "quadratic")
-
-Domain = str | Mapping[str, Any]  # "global", "consensus", or {"kind", "radius", "disturbance"}
 
 
 class Claim(Protocol):
@@ -164,12 +163,7 @@ class Check(Shown):
         return self.reason.partition(". ")[2]
 
     def _card(self) -> Card:
-        domain = (
-            self.domain
-            if isinstance(self.domain, str)
-            else ", ".join(f"{k} {v}" for k, v in self.domain.items())
-        )
-        facts = [("holds for", domain)]
+        facts = [("holds for", str(self.domain))]
         numbers = (("margin", self.margin), ("rate in 1/s", self.rate))
         facts += [
             (name, significant_towards_zero(value, 6))
@@ -210,7 +204,7 @@ class Check(Shown):
             "id": self.id,
             **places,
             "verdict": self.verdict.value,
-            "domain": self.domain if isinstance(self.domain, str) else dict(self.domain),
+            "domain": self.domain.to_json(),
             "margin": self.margin,
             "rate": self.rate,
             "factor": self.factor,
@@ -219,7 +213,7 @@ class Check(Shown):
         }
 
 
-def undecided_check(id: str, domain: str, reason: str, *, applies: bool = True) -> Check:
+def undecided_check(id: str, domain: Domain, reason: str, *, applies: bool = True) -> Check:
     """A check of all modes that claims nothing."""
     return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, applies=applies)
 
@@ -240,14 +234,14 @@ def cut_check(
     )
 
 
-def withdrawn(check: Check, domain: str, reason: str) -> Check:
+def withdrawn(check: Check, domain: Domain, reason: str) -> Check:
     """The same check undecided: it claims nothing any more.  ``domain``: that of Lemma 1."""
-    domain = "global" if check.kind.role == "part" else domain
+    domain = EVERYWHERE if check.kind.role == "part" else domain
     nothing: dict[str, Any] = dict.fromkeys(("margin", "rate", "factor", "claim", "witness"))
     return replace(check, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, **nothing)
 
 
-def limited(id: str, domain: str, decide: Callable[[], Check]) -> Check:
+def limited(id: str, domain: Domain, decide: Callable[[], Check]) -> Check:
     """What ``decide`` finds within the work of one stage, or an undecided check that says how far
     it came."""
     try:
@@ -279,22 +273,12 @@ def fastest_in_words(rate: float, factor: float) -> str:
     )
 
 
-def starts_in(kind: str, radius: float, disturbance: float) -> Domain:
-    """The domain |e|_inf <= radius ("box") or |e| <= radius ("ball", Euclidean), and |eps_i| <=
-    disturbance."""
-    return {"kind": kind, "radius": radius, "disturbance": disturbance}
-
-
-def read_domain(domain: object, loop: Loop, *, kind: str) -> tuple[Fraction, Fraction]:
-    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".  Raises: ValueError or
+def read_domain(domain: Domain, loop: Loop, *, kind: type[Around]) -> tuple[Fraction, Fraction]:
+    """Radius > 0 and disturbance >= 0 of a domain of this kind.  Raises: ValueError or
     TypeError."""
-    if (
-        not isinstance(domain, Mapping)
-        or set(domain) != {"kind", "radius", "disturbance"}
-        or domain["kind"] != kind
-    ):
-        raise ValueError(f"the domain must be a {kind} with radius and disturbance")
-    radius, disturbance = number_or_none(domain["radius"]), number_or_none(domain["disturbance"])
+    if not isinstance(domain, kind):
+        raise ValueError(f"the domain must be a {kind.kind} with radius and disturbance")
+    radius, disturbance = number_or_none(domain.radius), number_or_none(domain.disturbance)
     if radius is None or radius <= 0 or disturbance is None or disturbance < 0:
         raise ValueError("the radius must be > 0 and the disturbance >= 0")
     if disturbance and not loop.groups:
@@ -335,7 +319,10 @@ def check_from_json(data: Any) -> Check:
     """Read a check back.  Raises: KeyError, TypeError or ValueError, also for a field that is not
     known here."""
     require_keys(data, "a check", needed=NEEDED, allowed=OPTIONAL)
-    domain, witness, fix = data["domain"], data.get("witness"), data.get("fix")
+    witness, fix = data.get("witness"), data.get("fix")
+    domain = data["domain"]
+    if not isinstance(domain, str):
+        _object(domain, "domain")
     if "witness" in data:
         require_keys(witness, "witness", needed=("kind",), allowed=("labels", "values"))
         lists = {
@@ -352,7 +339,7 @@ def check_from_json(data: Any) -> Check:
     return Check(
         **texts,
         verdict=Verdict(data["verdict"]),
-        domain=domain if isinstance(domain, str) else _object(domain, "domain"),
+        domain=domain_from_json(domain),
         margin=number_or_none(data["margin"]),
         rate=number_or_none(data["rate"]),
         factor=factor_or_none(data.get("factor")),

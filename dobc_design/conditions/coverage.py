@@ -5,11 +5,12 @@ A proof covers what is asked if its set of starts holds the region; the two are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dobc_design.conditions.check import Check, Domain
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import root_above
@@ -38,7 +39,7 @@ def covers(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
     if loop.starts is None:
         return (
             check.kind.role not in ("region", "safety")
-            or check.domain == "global"
+            or check.domain == EVERYWHERE
             or _is_near(loop, check)
         )
     return holds_region(loop, check.domain)
@@ -47,34 +48,25 @@ def covers(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
 def holds_region(loop: Loop, domain: Domain) -> bool:
     """Whether a domain holds all starts of the [region]."""
     region = loop.starts
-    if region is None or isinstance(domain, str):
-        return domain == "global"
-    radius, disturbance, reach = (
-        domain.get("radius"),
-        domain.get("disturbance"),
-        asked_radius(loop),
-    )
-    if not isinstance(radius, (int, float)):
-        return False
-    if domain.get("kind") == "box":
-        inside = claimed(radius) >= max(reach)
+    if region is None or not isinstance(domain, Around):
+        return domain == EVERYWHERE
+    radius, reach = claimed(domain.radius), asked_radius(loop)
+    if isinstance(domain, Box):
+        inside = radius >= max(reach)
     else:
         square = loop.n * sum((r * r for r in reach), Fraction(0))
-        inside = domain.get("kind") == "ball" and radius >= 0 and claimed(radius) ** 2 >= square
+        inside = radius >= 0 and radius**2 >= square
     if region.disturbance is None:
         return inside
-    return (
-        inside
-        and isinstance(disturbance, (int, float))
-        and claimed(disturbance) >= region.disturbance
-    )
+    return inside and claimed(domain.disturbance) >= region.disturbance
 
 
 def is_box_near(loop: Loop, domain: Domain) -> bool:
     """Whether a domain is a box around the target, of errors and, with an exosystem, of estimation
     errors."""
-    box = domain if isinstance(domain, Mapping) else {}
-    return box.get("radius", 0) > 0 and (not loop.groups or box.get("disturbance", 0) > 0)
+    if not isinstance(domain, Around) or domain.radius <= 0:
+        return False
+    return not loop.groups or domain.disturbance > 0
 
 
 def _is_near(loop: Loop, check: Check) -> bool:
@@ -130,14 +122,14 @@ class Asked:
     radius: float
     ball: float
     disturbance: float
-    domain: str
+    domain: Domain
     wanted: bool
     everything: bool
     rate: float = 0.0
 
 
 def read_region(
-    loop: Loop, W: Matrix | None, *, domain: str, everything: bool, rate: float = 0.0
+    loop: Loop, W: Matrix | None, *, domain: Domain, everything: bool, rate: float = 0.0
 ) -> Asked:
     """Decimals that are not below what is asked; a point counts as a small region."""
     region = loop.starts

@@ -17,6 +17,7 @@ from fractions import Fraction
 
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import holds_region, is_box_near
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Around
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
@@ -141,7 +142,7 @@ def _holds_asked(loop: Loop, check: Check) -> bool:
     if loop.starts is not None:
         return holds_region(loop, check.domain)
     return (
-        check.domain == "global" or is_box_near(loop, check.domain) or check.domain == "consensus"
+        check.domain == EVERYWHERE or is_box_near(loop, check.domain) or check.domain == NEAR_TARGET
     )
 
 
@@ -150,11 +151,11 @@ def _why(loop: Loop, check: Check | None) -> str:
         return "nothing is proved about it."
     if check.verdict is not Verdict.PROVED:
         return check.reason
-    if not isinstance(check.domain, Mapping):
+    if not isinstance(check.domain, Around):
         return "this is proved near the target only, and a region is asked for."
-    starts = f"|e_i| <= {check.domain['radius']:.6g}"
+    starts = f"|e_i| <= {check.domain.radius:.6g}"
     if loop.groups:
-        starts += f" and |eps_i| <= {check.domain['disturbance']:.6g}"
+        starts += f" and |eps_i| <= {check.domain.disturbance:.6g}"
     if loop.starts is None:
         return (
             f"this is proved only from {starts}, so not for all estimates close to the true values."

@@ -23,6 +23,7 @@ from dobc_design.conditions.consensus.claim import (
     jacobians_at_consensus,
     linearisation,
 )
+from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.numbers import bisected, rounded_down
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.statement import Statement, undecided
@@ -67,12 +68,12 @@ def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> St
         return undecided("certified-sampling", "the certificate has no proved check `sampling`.")
     domain = next(check.domain for check in claims.checks if check.id == "sampling")
     limit = f"{float(longest):.4g} s"
-    if domain == "global":
+    if domain == EVERYWHERE:
         limit += ", from every start"
-    elif isinstance(domain, dict) and "radius" in domain:
-        limit += f", from every start with |e|_inf <= {domain['radius']:g}"
-        if domain.get("disturbance"):
-            limit += f" and |eps_i| <= {domain['disturbance']:g}"
+    elif isinstance(domain, Around):
+        limit += f", from every start with |e|_inf <= {domain.radius:g}"
+        if domain.disturbance:
+            limit += f" and |eps_i| <= {domain.disturbance:g}"
     if period > longest:
         verdict = Verdict.UNDECIDED
         text = f"the certificate's check `sampling` proves periods up to {limit};"

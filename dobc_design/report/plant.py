@@ -9,6 +9,7 @@ from fractions import Fraction
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.reading import counted
 from dobc_design.problem.problem import Problem
@@ -116,7 +117,7 @@ def _told(problem: Problem, check: Check) -> doc.Section:
     where = ""
     if check.verdict is Verdict.PROVED:
         where = f" {words.domain_words(check.domain)}"
-        if check.domain != "consensus":
+        if check.domain != NEAR_TARGET:
             where = f" for{where}"
         if check.id == "accuracy":
             text = words.TEXTS["fixed"]["accuracy"]

@@ -8,7 +8,7 @@ shown.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import zip_longest
 from typing import Final
@@ -16,6 +16,7 @@ from typing import Final
 from dobc_design._show.text import lower, upper
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.domain import Around
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.conditions.schedule.decide import Settling, Stage
 from dobc_design.exact.number import float_above, float_below
@@ -180,7 +181,7 @@ def _sampling(check: Check) -> str:
     if factor < 1:
         fall = lower(100 * (1 - factor))
         text += f": the largest weighted error falls by at least {fall} % a sample"
-        disturbed = isinstance(check.domain, Mapping) and check.domain.get("disturbance")
+        disturbed = isinstance(check.domain, Around) and check.domain.disturbance
         text += ", up to what the estimation error adds." if disturbed else "."
     # A reader would take a period of microseconds for a fault.
     if 0 < period * _FAST < 1:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib.resources import files
@@ -21,7 +21,8 @@ from dobc_design._show.text import (
     upper,
 )
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.check import Check, Domain
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Around, Domain
 from dobc_design.conditions.graphs.decide import signals_in_words
 from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational, time_to_one_percent
@@ -89,13 +90,13 @@ def mark_of(verdict: Verdict) -> doc.Mark:
 
 def domain_words(domain: Domain) -> str:
     """Where a check holds, in a few words."""
-    if not isinstance(domain, Mapping):
-        return {"global": "every start", "consensus": "near the target"}.get(domain, domain)
+    if not isinstance(domain, Around):
+        said = {"global": "every start", "consensus": "near the target"}
+        return said.get(str(domain), str(domain))
     # A box bounds every component by itself, a ball all of them together.
-    norm = "|e|∞" if domain.get("kind") == "box" else "|e|₂"
-    text = f"starts with {norm} ≤ {_number(domain.get('radius'))}"
-    disturbance = domain.get("disturbance")
-    return text if disturbance is None else f"{text} and every |εᵢ| ≤ {_number(disturbance)}"
+    norm = "|e|∞" if domain.kind == "box" else "|e|₂"
+    errors = f"every |εᵢ| ≤ {_number(domain.disturbance)}"
+    return f"starts with {norm} ≤ {_number(domain.radius)} and {errors}"
 
 
 def covering_domain(certificate: Certificate) -> Domain | None:
@@ -260,9 +261,9 @@ def _proved(certificate: Certificate) -> list[str]:
     problem, domain = certificate.problem, covering_domain(certificate)
     final = certificate.covered_by == "accuracy"
     goes = "ends near its goal, within the final bounds below," if final else "goes to its goal"
-    if domain == "global":
+    if domain == EVERYWHERE:
         says = [f"Every agent {goes} from every start, however far: the proof is global."]
-    elif isinstance(domain, Mapping):
+    elif isinstance(domain, Around):
         says = [f"Every agent {goes} from all {domain_words(domain)}: {_norms(domain)}."]
     else:
         says = [f"There is a neighbourhood of the target from which every agent {goes}."]
@@ -288,9 +289,9 @@ def _left_open(certificate: Certificate) -> list[str]:
     """What a proof does not say about starts and signals."""
     domain = covering_domain(certificate)
     says_not = []
-    if isinstance(domain, Mapping):
+    if isinstance(domain, Around):
         says_not.append("It says nothing about starts outside that set. They may converge or not.")
-    elif domain == "consensus":
+    elif domain == NEAR_TARGET:
         says_not.append(TEXTS["fixed"]["local"])
     if certificate.covered_by in OF_SIGNALS and certificate.covered_by != "safety":
         says_not.append("It says nothing about other signals.")
@@ -330,13 +331,11 @@ def deployment_words(certificate: Certificate) -> str:
     )
 
 
-def _norms(domain: Mapping[str, Any]) -> str:
+def _norms(domain: Around) -> str:
     """What the norms of a domain measure."""
     what = "|e|₂² is the sum of all squared distances"
-    if domain.get("kind") == "box":
+    if domain.kind == "box":
         what = "|e|∞ is the largest distance of an agent from its goal"
-    if domain.get("disturbance") is None:
-        return what
     return f"{what} and |εᵢ| the error of its disturbance estimate"
 
 

@@ -115,7 +115,7 @@ def cycle(n: int, coupling: str, pinned: int) -> Problem:
 def reached(id: str, checks: Sequence[Check]) -> float | None:
     """The proved radius of a method; None where it proves nothing."""
     domains = (check.domain for check in checks if check.id == id)
-    return next((float(domain["radius"]) for domain in domains if isinstance(domain, dict)), None)
+    return next((float(domain.radius) for domain in domains if isinstance(domain, dict)), None)
 
 
 def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:

@@ -26,6 +26,7 @@ from dobc_design.certificate.bounds import certified_bound, keeps_guarantee
 from dobc_design.certificate.claims import certified_period
 from dobc_design.certificate.text import read_claims
 from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.domain import Ball
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_from_canonical
@@ -63,7 +64,7 @@ def curved() -> tuple[Problem, Certificate]:
 QUADRATIC = Check(
     id="lure",
     verdict=Verdict.PROVED,
-    domain={"kind": "ball", "radius": 0.5, "disturbance": 0.25},
+    domain=Ball(0.5, 0.25),
     rate=0.25,
     reason="",
     claim=Values(
@@ -111,7 +112,7 @@ def test_the_quadratic_bound_is_that_of_its_ellipsoid(curved, radius: float, squ
     <= V (P_e^-1)_cc."""
     problem, certificate = curved
     P_e = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
-    check = replace(QUADRATIC, domain={"kind": "ball", "radius": radius, "disturbance": 0.25})
+    check = replace(QUADRATIC, domain=Ball(radius, 0.25))
     claims = replace(certificate.claims, checks=(check,))
     run = dd.simulate(problem, start={"x": NEAR, "xi": 0 * NEAR}, t_final=2)
     bound = certified_bound(problem, claims, run)

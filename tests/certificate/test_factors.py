@@ -17,6 +17,7 @@ from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.domain import Box
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.integrators import as_integrators
@@ -262,11 +263,8 @@ def test_no_bound_is_stated_where_errors_remain_or_inputs_exceed_a_limit():
     assert "accuracy has the errors that remain" in str(remains.value)
     held = certified(line(CHAIN, gains={1: 1, 2: 1, 3: 1}, actuators={"limit": 1}))
     (inputs,) = [check for check in held.checks if check.id == "actuators"]
-    assert isinstance(inputs.domain, dict)
-    assert (
-        held.bound([0.0], radius=inputs.domain["radius"], disturbance=0)[0]
-        >= inputs.domain["radius"]
-    )
+    assert isinstance(inputs.domain, Box)
+    assert held.bound([0.0], radius=inputs.domain.radius, disturbance=0)[0] >= inputs.domain.radius
     with pytest.raises(SpecError) as exceeded:
-        held.bound([0.0], radius=2 * inputs.domain["radius"], disturbance=0)
+        held.bound([0.0], radius=2 * inputs.domain.radius, disturbance=0)
     assert "it is not proved that inputs keep the limit of 1" in str(exceeded.value)

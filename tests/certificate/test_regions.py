@@ -17,6 +17,7 @@ from dobc_design import Certificate, Exosystem, Network, Observer, Problem, Regi
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check, Values, Witness
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Ball, Box
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.reason import Reason
@@ -66,7 +67,7 @@ def max_separable(
         id="max-separable",
         verdict=Verdict.PROVED,
         rate=rate,
-        domain={"kind": "box", "radius": radius, "disturbance": disturbance},
+        domain=Box(radius, disturbance),
         reason="from every start V decays. The box stops there.",
         claim=Values({"v": ["1", "2"], "alpha": "1/2", "rho": "1", **exact}),
     )
@@ -80,7 +81,7 @@ def lure(*, radius: float, P_e: list[list[Any]], level: str = "1", rate: float =
         id="lure",
         verdict=Verdict.PROVED,
         rate=rate,
-        domain={"kind": "ball", "radius": radius, "disturbance": 0.0},
+        domain=Ball(radius, 0.0),
         reason="from every start in a ball V decays.",
         claim=Lure(
             P_e=weights, ranges=(), radius=Fraction(1), level=Fraction(level), rate=Fraction(1)
@@ -173,13 +174,13 @@ def test_the_reason_for_a_limit_names_a_coupling_that_falls():
 
 def test_a_local_proof_has_no_radius_and_one_for_every_start_needs_none():
     check = Check(
-        id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="yes."
+        id="lemma1", mode="G", verdict=Verdict.PROVED, domain=NEAR_TARGET, rate=0.1, reason="yes."
     )
     claim = only(regions(chain(), check))
     assert (claim.kind, claim.box, claim.time) == ("near", None, None)
     assert "states no radius" in claim.limit
     linear = chain(coupling="2*y", region=asking([0, 2]))
-    everywhere = dataclasses.replace(max_separable(rho=None), domain="global")
+    everywhere = dataclasses.replace(max_separable(rho=None), domain=EVERYWHERE)
     claim = only(regions(linear, everywhere))
     assert (claim.kind, claim.box, claim.covers, claim.limit) == ("everywhere", None, True, "")
     assert claim.time is not None
@@ -190,13 +191,13 @@ def test_lemma_1_of_several_modes_is_one_row_of_the_slowest_or_of_the_one_that_f
     modes = {"G": [(2, 1)], "H": [(2, 1)]}
     problem = chain(network=Network.from_arcs(modes, arrow="listens_to", agents=2))
     slow = Check(
-        id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="slow."
+        id="lemma1", mode="G", verdict=Verdict.PROVED, domain=NEAR_TARGET, rate=0.1, reason="slow."
     )
     fast = Check(
-        id="lemma1", mode="H", verdict=Verdict.PROVED, domain="consensus", rate=0.2, reason="fast."
+        id="lemma1", mode="H", verdict=Verdict.PROVED, domain=NEAR_TARGET, rate=0.2, reason="fast."
     )
     fails = Check(
-        id="lemma1", mode="H", verdict=Verdict.REFUTED, domain="consensus", reason="it fails."
+        id="lemma1", mode="H", verdict=Verdict.REFUTED, domain=NEAR_TARGET, reason="it fails."
     )
     assert only(regions(problem, slow, fast)).rate == 0.1
     assert only(regions(problem, slow, fails)).limit == "it fails."
@@ -204,11 +205,11 @@ def test_lemma_1_of_several_modes_is_one_row_of_the_slowest_or_of_the_one_that_f
 
 def test_with_a_disturbance_lemma_1_and_the_printed_matrix_are_left_to_the_list_of_checks():
     problem = chain(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[4]]))
-    lemma = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", reason="yes.")
+    lemma = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain=NEAR_TARGET, reason="yes.")
     printed = Check(
-        id="theorem1-printed", verdict=Verdict.PROVED, domain="consensus", reason="yes."
+        id="theorem1-printed", verdict=Verdict.PROVED, domain=NEAR_TARGET, reason="yes."
     )
-    theorem = Check(id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="yes.")
+    theorem = Check(id="theorem1", verdict=Verdict.PROVED, domain=NEAR_TARGET, reason="yes.")
     found = regions(problem, lemma, printed, theorem)
     assert [claim.id for claim in found.claims] == ["theorem1"]
     assert not found.tried
@@ -232,13 +233,13 @@ def test_another_equilibrium_is_told_by_its_distance():
     check = Check(
         id="equilibrium",
         verdict=Verdict.REFUTED,
-        domain="consensus",
+        domain=NEAR_TARGET,
         reason="it rests.",
         witness=witness,
     )
     assert regions(chain(), check).rest == 1.65
     undecided = Check(
-        id="equilibrium", verdict=Verdict.UNDECIDED, domain="consensus", reason="none found."
+        id="equilibrium", verdict=Verdict.UNDECIDED, domain=NEAR_TARGET, reason="none found."
     )
     assert regions(chain(), undecided).rest is None
     assert regions(chain()).rest is None

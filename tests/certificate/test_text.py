@@ -22,6 +22,7 @@ from dobc_design.certificate.text import (
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Fix, Values, Witness, number_or_none
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Box
 from dobc_design.conditions.numbers import LONGEST
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import identity, multiply, scale, solve_lyapunov
@@ -265,16 +266,16 @@ def vector_check(*values: str) -> Check:
         "claim": Values({"unstable_roots": "0"}),
         "witness": Witness(kind="vector", labels=("1",), values=values),
     }
-    return Check(id="lemma1", mode="G", verdict=REFUTED, domain="consensus", reason="", **parts)
+    return Check(id="lemma1", mode="G", verdict=REFUTED, domain=NEAR_TARGET, reason="", **parts)
 
 
 @pytest.mark.parametrize("digits", [LONGEST, LONGEST + 1])
 def test_a_number_of_a_witness_may_be_as_long_as_a_checker_reads_and_no_longer(digits):
     check = vector_check("1" + "0" * (digits - 1))
     assert (
-        writable(check, "consensus") == check
+        writable(check, NEAR_TARGET) == check
         if digits <= LONGEST
-        else writable(check, "consensus").verdict is UNDECIDED
+        else writable(check, NEAR_TARGET).verdict is UNDECIDED
     )
 
 
@@ -287,8 +288,8 @@ def test_the_common_denominator_of_a_witness_is_bounded():
         < 2**16
         < (2**30_000 * 3**18_000 * 5**4000).bit_length()
     )
-    assert writable(vector_check(two, three), "consensus") == vector_check(two, three)
-    assert writable(vector_check(two, three, five), "consensus").verdict is UNDECIDED
+    assert writable(vector_check(two, three), NEAR_TARGET) == vector_check(two, three)
+    assert writable(vector_check(two, three, five), NEAR_TARGET).verdict is UNDECIDED
 
 
 @pytest.mark.parametrize("digits", [LONGEST_COEFFICIENT, LONGEST_COEFFICIENT + 1])
@@ -297,28 +298,28 @@ def test_a_polynomial_may_be_long_and_its_coefficients_not(digits):
     check = Check(
         id="detectability",
         verdict=PROVED,
-        domain="global",
+        domain=EVERYWHERE,
         reason="",
         claim=Values({"unobservable_polynomial": text}),
     )
-    assert (writable(check, "consensus") == check) is (digits <= LONGEST_COEFFICIENT)
+    assert (writable(check, NEAR_TARGET) == check) is (digits <= LONGEST_COEFFICIENT)
 
 
 def test_what_is_no_number_may_be_long():
     check = Check(
         id="lemma1",
         verdict=PROVED,
-        domain="global",
+        domain=EVERYWHERE,
         reason="x" * 20_000,
         claim=Values({"mode": "G" * 20_000, "v": {"float64": "A" * 20_000}}),
         witness=Witness(kind="agents", labels=("9" * 20_000,)),
     )
-    assert writable(check, "consensus") == check
+    assert writable(check, NEAR_TARGET) == check
 
 
 def test_an_undecided_check_keeps_its_cure_and_says_what_to_do():
     fix = Fix(kind="pinning", set={"pinning.gains": 1}, text="Pin agent 1.")
-    check = writable(replace(vector_check("1" * (LONGEST + 1)), fix=fix), "consensus")
+    check = writable(replace(vector_check("1" * (LONGEST + 1)), fix=fix), NEAR_TARGET)
     assert (check.verdict, check.mode, check.fix, check.margin) == (UNDECIDED, "G", fix, None)
     assert (check.exact, check.witness) == (None, None)
     assert "it is refuted here" in check.reason
@@ -368,13 +369,13 @@ def test_small_decimals_in_a_polynomial_are_written_as_quotients():
 
 
 def test_a_check_that_claims_nothing_any_more_keeps_no_box():
-    box = {"kind": "box", "radius": 1.0, "disturbance": 0.0}
+    box = Box(1.0, 0.0)
     claim = Values({"v": ["1" * (LONGEST + 1)]})
     check = Check(id="max-separable", verdict=PROVED, domain=box, rate=1.0, reason="", claim=claim)
-    check = writable(check, "consensus")
+    check = writable(check, NEAR_TARGET)
     assert (check.verdict, check.domain, check.rate, check.exact) == (
         UNDECIDED,
-        "consensus",
+        NEAR_TARGET,
         None,
         None,
     )

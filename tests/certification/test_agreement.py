@@ -82,7 +82,7 @@ def test_known_defects_end_as_they_should_and_both_programs_accept(name: str):
     assert (claims.verdict, verify(claims, problem).failures) == (wanted, ())
     assert rechecks.agreed(claims, problem) == claims
     if name == "sqrt":  # |e_i| <= 1/2 compares the agents as far apart as sqrt(1 + y) has values
-        assert certified(problem).check("max-separable").domain["radius"] > 0.4
+        assert certified(problem).check("max-separable").domain.radius > 0.4
 
 
 def test_a_list_of_one_function_is_that_function():

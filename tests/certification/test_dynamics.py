@@ -30,6 +30,7 @@ from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.margins.stage import margins_stage
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.loop.make import loop_of
@@ -192,7 +193,7 @@ def unheld() -> tuple[Problem, Claims]:
     region = {"initial_states": [-1, 1]}
     problem = chain(3, dynamics=Dynamics(A=[["1/2"]]), coupling="y", gains={1: 4}, region=region)
     claims = consensus_claims(problem)
-    asked = read_region(loop_of(problem), claims.W, domain="global", everything=True)
+    asked = read_region(loop_of(problem), claims.W, domain=EVERYWHERE, everything=True)
     found = separable_stage(asked, lambda stage: None)
     found += margins_stage(asked, found, lambda stage: None)
     checks = (*claims.checks, *found)
@@ -247,7 +248,7 @@ def test_both_programs_refuse_such_claims(id, exact, rate):
     x."""
     problem, honest = unheld()
     forged = Check(
-        id=id, verdict=Verdict.PROVED, domain="global", rate=rate, claim=Values(exact), reason=""
+        id=id, verdict=Verdict.PROVED, domain=EVERYWHERE, rate=rate, claim=Values(exact), reason=""
     )
     claims = replace(honest, checks=(*honest.checks, forged))
     assert any(id in each for each in recheck(claims, as_integrators(problem)).failures)
@@ -309,7 +310,7 @@ def test_pendulums_stay_in_their_region():
 def test_a_stronger_nonlinear_coupling_of_vectors_is_read_near_the_target():
     certificate = verified(chain(3, coupling="sin(y1) + 2*y2", gains={1: [[3, 6]]}))
     check = certificate.check("theorem1-weighted")
-    assert certificate.verdict is check.verdict is Verdict.PROVED and check.domain == "consensus"
+    assert certificate.verdict is check.verdict is Verdict.PROVED and check.domain == NEAR_TARGET
 
 
 def test_certificates_are_about_the_problem_that_is_given():

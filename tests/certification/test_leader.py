@@ -365,7 +365,7 @@ def test_errors_near_a_leader_stay_below_the_bound_of_the_certificate(tmp_path: 
     certificate, rng = certify(problem), np.random.default_rng(1)
     start = (
         np.array([0.5, 0.25])
-        + rng.uniform(-1, 1, (3, 2)) * certificate.check("lure").domain["radius"] / 3
+        + rng.uniform(-1, 1, (3, 2)) * certificate.check("lure").domain.radius / 3
     )
     run = simulate(problem, start=start, t_final=8)
     bound = certificate.envelope(run)

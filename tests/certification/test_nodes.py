@@ -47,7 +47,7 @@ def test_pendulums_are_proved_from_a_ball_that_no_run_leaves():
     certificate = certify(problem)
     assert certificate.verdict is Verdict.PROVED and certificate.covered_by == "lure"
     assert verify(certificate, problem).holds
-    radius, rng = certificate.check("lure").domain["radius"], np.random.default_rng(0)
+    radius, rng = certificate.check("lure").domain.radius, np.random.default_rng(0)
     for _ in range(100):
         start = rng.normal(size=4)
         start *= radius / np.linalg.norm(start)

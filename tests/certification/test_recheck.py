@@ -18,6 +18,7 @@ from dobc_design.certification.recheck import confirm, expected_checks, recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.reason import Reason
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
@@ -129,7 +130,7 @@ def test_one_failing_pair_refutes_the_printed_check_only_and_a_designed_gain_rul
     check = Check(
         id="theorem1",
         verdict=REFUTED,
-        domain="global",
+        domain=EVERYWHERE,
         reason="",
         claim=Values({"block": "hurwitz"}),
     )

@@ -349,7 +349,7 @@ def test_without_a_region_boxes_hold_errors_of_estimates(limit: Any, proved: boo
             assert (
                 "no input exceeds the limit of 2 from starts with |e_i| <= " in certificate.reason
             )
-            assert certificate.check("actuators").domain["disturbance"] > 0
+            assert certificate.check("actuators").domain.disturbance > 0
             assert both_accept(certificate) == (True, True)
         else:
             require_undecided(certificate, "The disturbance alone may need 0.5")

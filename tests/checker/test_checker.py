@@ -53,8 +53,8 @@ def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path
         return
     assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "max-separable")
     covering = certificate.check("max-separable")
-    assert claimed(covering.domain["radius"]) >= max(asked_radius(loop_of(problem)))
-    assert claimed(covering.domain["disturbance"]) >= problem.region.initial_disturbance
+    assert claimed(covering.domain.radius) >= max(asked_radius(loop_of(problem)))
+    assert claimed(covering.domain.disturbance) >= problem.region.initial_disturbance
     assert certificate.rate == covering.rate
     document = json.loads(json.dumps(certificate_document(certificate.claims)))
     truth = Regions(canonical_document(problem), document["observer"]["W"])

@@ -17,6 +17,7 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.checker import quadratic
 from dobc_design.checker.loop import Loop
 from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.loop.make import loop_of
 
@@ -96,7 +97,7 @@ def test_what_one_program_refuses_of_a_claim_by_hand_the_other_refuses():
 def test_what_one_program_refuses_the_other_refuses(s: Fraction | None, count: int):
     problem = ring(3, coupling="exp(y) - 1 + y", gains=3, s=s)
     document = json.loads(certificate_bytes(certify(problem).claims))
-    asked = read_region(loop_of(problem), problem.observer.W, domain="consensus", everything=False)
+    asked = read_region(loop_of(problem), problem.observer.W, domain=NEAR_TARGET, everything=False)
     found = with_factors(
         loop_of(problem), tuple(quadratic_stage(asked, lambda _: None)[:1]), problem.observer.W
     )

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from dobc_design import Check, Network, Problem, load_problem
 from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.margins.stage import inputs_stage, margins_stage
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.separable.stage import separable_stage
@@ -87,7 +88,7 @@ def inputs(count: int, seed: int) -> Row:
     away = rng.normal(size=(count, n, 2))
     norms = np.sqrt(np.einsum("rni,ij,rnj->rn", away, P, away))[..., None]
     # E at the start, at most
-    first = float(checks["actuators"].domain["disturbance"]) * float(base.error.size) ** 0.5
+    first = float(checks["actuators"].domain.disturbance) * float(base.error.size) ** 0.5
     eps = np.minimum(rho * (1 - split) / kappa, first)[..., None] * away / norms
     xi0, most = np.array([float(x) for x in problem.simulation.xi0[0]]), np.zeros(n)
 
@@ -125,7 +126,7 @@ def inputs(count: int, seed: int) -> Row:
 
 def _checks(problem: Problem) -> dict[str, Check]:
     asked = read_region(
-        loop_of(problem), observer_gain(loop_of(problem)), domain="consensus", everything=True
+        loop_of(problem), observer_gain(loop_of(problem)), domain=NEAR_TARGET, everything=True
     )
     checks = separable_stage(asked, lambda stage: None)
     checks += margins_stage(asked, checks, lambda stage: None)

@@ -288,7 +288,7 @@ def test_every_number_of_the_problem_and_of_the_claim_stands_in_the_file(name):
         f"alpha 0 0 0 {real(claim.rho)}.",
         f"(fun i => {real(claim.rho)} * v i) {real(Fraction(str(check.rate)))}.",
     ]
-    wanted += [f"converges network {real(Fraction(str(check.domain['radius'])))} "]
+    wanted += [f"converges network {real(Fraction(str(check.domain.radius)))} "]
     wanted += [f"nth c [{'; '.join(map(real, problem.target))}] 0."]
     wanted += [
         f"| {i} => fun c => nth c [{'; '.join(map(real, x))}] 0" for i, x in problem.offsets.items()

@@ -51,7 +51,7 @@ def test_nothing_that_is_certified_is_contradicted_by_the_search():
     assert certified.suspects == ()
     assert certified.proved == ()
     assert certified.observed_rate >= certified.certified_rate
-    box = found().certificate.check("max-separable").domain["radius"]
+    box = found().certificate.check("max-separable").domain.radius
     assert box < float(half_difference(3.3))
     assert "No suspect was found, which proves nothing." in found_sentence(certified)
     assert Text(WARNING, "warning") not in search_sections([certified])[0].blocks

@@ -29,6 +29,7 @@ from dobc_design.analysis.analysis import (
 )
 from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check, Fix, Values, Witness
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Ball, Box
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.reason import Reason
 from dobc_design.exact.matrix import matrix
@@ -60,23 +61,23 @@ def ring_checks(problem: Problem) -> tuple[Check, ...]:
     proved, refuted, undecided = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
     cure = {"pinning.gains.2": 1, "observer.W": None}
     routh = Values({"routh": ["1", "16/5", "44/5"]})
-    hurwitz = one("hurwitz", proved, "global", "A - WC is Hurwitz.", rate=1.59999, claim=routh)
+    hurwitz = one("hurwitz", proved, EVERYWHERE, "A - WC is Hurwitz.", rate=1.59999, claim=routh)
     lonely = one(
         "reachability",
         refuted,
-        "global",
+        EVERYWHERE,
         "somebody is alone.",
         mode=mode,
         witness=Witness(kind="agents", labels=labels[1:3]),
         fix=Fix(kind="pin", set=cure, text="Pin one of them."),
     )
     lemma1 = one(
-        "lemma1", proved, "consensus", "Lambda(J) < 0.", mode=mode, margin=0.58229999, rate=0.29
+        "lemma1", proved, NEAR_TARGET, "Lambda(J) < 0.", mode=mode, margin=0.58229999, rate=0.29
     )
     printed = one(
         "theorem1-printed",
         refuted,
-        "consensus",
+        NEAR_TARGET,
         "Psi is not negative definite for this P.",
         margin=-0.53678,
         claim=Values({"bound": "-9/8", "S": [["9/8"]]}),
@@ -85,15 +86,15 @@ def ring_checks(problem: Problem) -> tuple[Check, ...]:
     theorem1 = one(
         "theorem1",
         proved,
-        "consensus",
+        NEAR_TARGET,
         "Psi < 0 holds exactly for a rational P.",
         margin=0.5319,
         rate=0.2618,
         claim=Values({"bound": "-1/20", "S": [["1/20"]]}),
     )
-    box = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
+    box = Box(4.0, 0.5)
     return (
-        one("observability", proved, "global", "(A, C) is observable."),
+        one("observability", proved, EVERYWHERE, "(A, C) is observable."),
         hurwitz,
         lonely,
         lemma1,
@@ -252,7 +253,7 @@ def everything(certificate: Certificate) -> dict[str, Any]:
 def asked_for(problem_with, certificate_of) -> dict[str, Any]:
     """A report on the ring with a region, whose certificates are made by hand."""
     problem = problem_with(region=Region(initial_states=[[0, 5]], initial_disturbance="1/2"))
-    box = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
+    box = Box(4.0, 0.5)
     values = {"v": ["1", *["3/2"] * 9], "P": [["1", "0"], ["0", "1"]], "size": "1"}
     values |= {"alpha": "1/5", "beta": "3/2", "rho": "9/2", "kappa": "7/10"}
     proved, decays = Verdict.PROVED, "from every start V decays."
@@ -261,7 +262,7 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
     delay = one("delay", proved, box, "late.", rate=0.1, claim=late)
     P_e = SparseSymmetric(10, {(i, i): Fraction(1 + i) for i in range(10)})
     claim = Lure(method="vertices", P_e=P_e, ranges=(), radius=Fraction(1), level=Fraction(2))
-    ball = {"kind": "ball", "radius": 1.079, "disturbance": 0.5}
+    ball = Ball(1.079, 0.5)
     why = (
         "from every start in a ball V decays. Beyond, and this takes several lines, no "
         "quadratic V is found."

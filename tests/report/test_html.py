@@ -12,6 +12,8 @@ from reports import Page, compare_html, html_report
 
 from dobc_design import Certificate, Network, Verdict, load_problem, simulate
 from dobc_design.conditions.check import Check, Fix, Values, Witness
+from dobc_design.conditions.domain import NEAR_TARGET, Foreign
+from dobc_design.conditions.reason import Reason
 from dobc_design.report.words import sentence
 
 HOSTILE = "<script>alert('\"&$x_1$')</script>"
@@ -146,7 +148,9 @@ def test_the_verdict_is_a_word_a_symbol_and_a_sentence(
     certificate_of, verdict: Verdict, symbol: str, words: str
 ):
     covered = "theorem1" if verdict is Verdict.PROVED else None
-    certificate = certificate_of(verdict=verdict, reason="Here is why.", covered_by=covered)
+    certificate = certificate_of(
+        verdict=verdict, why=Reason(head="Here is why."), covered_by=covered
+    )
     page = Page(html_report(certificate))
     assert page.wrong == []
     assert f"{symbol} {verdict.value.capitalize()} Here is why." in page.text
@@ -165,7 +169,7 @@ def hostile_problem(problem_with) -> Any:
 
 def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, trajectory_of):
     problem = hostile_problem(problem_with)
-    why = {
+    parts = {
         "claim": Values({"bound": HOSTILE, "value": HOSTILE, "<u>": "<u>"}),
         "witness": Witness(kind=HOSTILE, labels=(HOSTILE,), values=(HOSTILE,)),
         "fix": Fix(kind="x", set={HOSTILE: HOSTILE}, text=HOSTILE),
@@ -174,12 +178,13 @@ def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, traj
         id="lemma1",
         mode="<b>m</b>",
         verdict=Verdict.REFUTED,
-        domain="<i>d</i>",
+        domain=Foreign("<i>d</i>"),
         reason=HOSTILE,
-        **why,
+        **parts,
     )
-    texts = dict.fromkeys(("reason", "problem_sha256", "version", "gain_source"), HOSTILE)
-    certificate = certificate_of(problem, checks=(check,), notes=(HOSTILE,), **texts)
+    texts = dict.fromkeys(("problem_sha256", "version", "gain_source"), HOSTILE)
+    why = Reason(head=HOSTILE)
+    certificate = certificate_of(problem, checks=(check,), notes=(HOSTILE,), why=why, **texts)
     text = html_report(
         certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem), lambdas={}
     )
@@ -199,7 +204,7 @@ def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, traj
 def test_exact_values_that_are_no_numbers_are_left_out(certificate_of, exact: dict[str, Any]):
     """A certificate read from a file may hold anything there."""
     check = Check(
-        id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="r", claim=Values(exact)
+        id="theorem1", verdict=Verdict.PROVED, domain=NEAR_TARGET, reason="r", claim=Values(exact)
     )
     page = Page(html_report(certificate_of(checks=(check,))))
     assert page.wrong == []

@@ -12,6 +12,7 @@ import pytest
 from reports import HOSTILE, latex_report, pdf_content
 
 from dobc_design import Exosystem, Group, Network
+from dobc_design.conditions.reason import Reason
 from dobc_design.report.latex import MAIN, PACKAGES, tex
 
 PDFLATEX = shutil.which("pdflatex")
@@ -67,8 +68,9 @@ def hostile_files(problem_with, certificate_of) -> dict[str, str]:
         {"mode_1 & {2}": [(names[a], names[b]) for a, b in arcs]}, arrow="listens_to"
     )
     problem = problem_with(name=r"\input{x} 100% & _", network=network, gains={clean[0]: 1})
-    changes = {"reason": " ".join(HOSTILE), "gain_source": "\\input{x} {", "version": "9}%"}
-    return latex_report(certificate_of(problem, **changes))
+    why = Reason(head=" ".join(HOSTILE))
+    changes = {"gain_source": "\\input{x} {", "version": "9}%"}
+    return latex_report(certificate_of(problem, why=why, **changes))
 
 
 def test_every_brace_environment_and_table_row_closes(

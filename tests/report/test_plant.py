@@ -10,11 +10,12 @@ import pytest
 
 from dobc_design import Verdict, certify, load_problem
 from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.domain import Box
 from dobc_design.report.document import Beside, Section, Table, Text
 from dobc_design.report.plant import MOST_ROWS, plant_numbers, plant_section
 from dobc_design.report.write import render_report
 
-BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
+BOX = Box(4.0, 0.5)
 TABLES = {
     "uncertainty": {"disturbance": "1/10", "weights": "1/50"},
     "actuators": {"limit": {"1": 30}},

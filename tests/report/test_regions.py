@@ -13,6 +13,7 @@ from reports import html_report, markdown_report
 from dobc_design import Network, Verdict
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
 from dobc_design.conditions.check import Check, Values, Witness
+from dobc_design.conditions.domain import NEAR_TARGET, Box
 from dobc_design.plotting.look import Sheet
 from dobc_design.plotting.regions import plot_regions, plot_starts, region_sheet
 from dobc_design.report.region_words import (
@@ -23,7 +24,7 @@ from dobc_design.report.region_words import (
     upper,
 )
 
-BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
+BOX = Box(4.0, 0.5)
 
 
 def claim(id: str = "max-separable", **changes: Any) -> RegionClaim:
@@ -156,7 +157,7 @@ def test_where_nothing_is_asked_the_sentence_says_so_and_there_is_no_section(
         network=Network.from_arcs({"G": [(1, 2), (2, 1)]}, arrow="listens_to", agents=2),
         gains={1: 1},
     )
-    local = check("theorem1", domain="consensus")
+    local = check("theorem1", domain=NEAR_TARGET)
     certificate = certificate_of(problem, checks=(local,))
     page = html_report(certificate)
     assert 'id="region"' not in page
@@ -177,7 +178,7 @@ def test_delays_and_sampling_have_a_sentence_each():
 
 
 def test_a_sample_without_disturbance_has_nothing_added_and_only_a_very_short_one_is_explained():
-    calm = {"domain": {**BOX, "disturbance": 0.0}}
+    calm = {"domain": dataclasses.replace(BOX, disturbance=0.0)}
     for period, factor, more in (
         ("1/2", "1/2", calm),
         ("1/1000000", "999/1000", {}),
@@ -216,7 +217,7 @@ def test_bars_are_as_long_as_what_is_proved():
 
 def test_every_start_fills_the_axis_and_an_equilibrium_is_a_dotted_line():
     witness = Witness(kind="start", values=("33/20", "-33/20"))
-    rest = check("equilibrium", verdict=Verdict.REFUTED, domain="consensus", witness=witness)
+    rest = check("equilibrium", verdict=Verdict.REFUTED, domain=NEAR_TARGET, witness=witness)
     ax = plot_regions(Figure().add_subplot(), make(EVERYWHERE, equilibrium=rest))
     assert [bar.get_width() for bar in ax.patches] == [ax.get_xlim()[1]]
     assert (1.65, 1.65) in [tuple(line.get_xdata()) for line in ax.lines]

@@ -10,6 +10,7 @@ from reports import html_report, markdown_report
 import dobc_design
 from dobc_design.checker.examine import OF_GROUPS, REGIONAL
 from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.report.checks import ALONE, VERIFY, certify_command, fingerprints, trace_section
 from dobc_design.verdict import Verdict
@@ -56,7 +57,9 @@ def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp
 def test_the_command_asks_for_the_settling_time_that_is_proved(
     certificate_of, exact, verdict, command: str
 ):
-    check = Check(id="settling", verdict=verdict, domain="global", reason="r", claim=Values(exact))
+    check = Check(
+        id="settling", verdict=verdict, domain=EVERYWHERE, reason="r", claim=Values(exact)
+    )
     assert certify_command(certificate_of(checks=(check,))) == command
 
 
@@ -78,7 +81,7 @@ def test_the_command_has_the_options_of_the_certificate_that_are_known(
     proved = Check(
         id="settling",
         verdict=Verdict.PROVED,
-        domain="global",
+        domain=EVERYWHERE,
         reason="r",
         claim=Values({"tolerance": "1/7"}),
     )

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from dobc_design import Exosystem, Group, Network, Problem, Switching, certify
 from dobc_design._show.text import significant_towards_zero
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Ball, Box, domain_from_json
 from dobc_design.report import words
 from dobc_design.report.words import (
     agents_table,
@@ -71,11 +72,11 @@ def test_numbers_are_written_as_people_write_them():
 
 
 def test_domains_in_words():
-    assert domain_words("global") == "every start"
-    assert domain_words("consensus") == "near the target"
-    assert domain_words({"kind": "ball", "radius": 1.5}) == "starts with |e|₂ ≤ 1.5"
-    unreadable = {"kind": "box", "radius": "x", "disturbance": 0}
-    assert domain_words(unreadable) == "starts with |e|∞ ≤ ? and every |εᵢ| ≤ 0"
+    assert domain_words(EVERYWHERE) == "every start"
+    assert domain_words(NEAR_TARGET) == "near the target"
+    assert domain_words(Ball(1.5, 0)) == "starts with |e|₂ ≤ 1.5 and every |εᵢ| ≤ 0"
+    assert domain_words(Box(1.5, 0.25)) == "starts with |e|∞ ≤ 1.5 and every |εᵢ| ≤ 0.25"
+    assert domain_words(domain_from_json({"kind": "box"})) == "{'kind': 'box'}"
 
 
 def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_with, certificate_of):

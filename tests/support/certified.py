@@ -26,6 +26,7 @@ from dobc_design.certification import certify as certification
 from dobc_design.certification.recheck import confirm
 from dobc_design.conditions.check import Check, check_from_json
 from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.schedule import propose, propose_cycles, rows
 from dobc_design.conditions.separable import propose_coordinates
 from dobc_design.exact.matrix import Matrix
@@ -142,7 +143,7 @@ def confirmed(
     problem: Problem,
     *,
     W: Matrix | None = None,
-    domain: str = "consensus",
+    domain: Domain = "consensus",
     beside: Check | None = None,
 ) -> str | None:
     """None, or what is wrong with a regional check; errors count as refusals.  ``beside``: the

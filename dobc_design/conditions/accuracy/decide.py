@@ -39,8 +39,9 @@ from fractions import Fraction
 from functools import cache, partial
 from typing import Any, Final
 
-from dobc_design.conditions.check import Check, Domain, read_domain, read_object, undecided_check
+from dobc_design.conditions.check import Check, read_domain, read_object, undecided_check
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
+from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.numbers import (
     form_from_json,
     read_rational,
@@ -510,7 +511,7 @@ def _row_holds(
 
 
 def accuracy_check(
-    loop: Loop, W: Matrix | None, claim: Accuracy, *, domain: Domain, local: str
+    loop: Loop, W: Matrix | None, claim: Accuracy, *, domain: Domain, local: Domain
 ) -> Check:
     """Decide ``claim`` for the starts of ``domain``: PROVED or UNDECIDED; ``local`` is the domain
     of Lemma 1."""
@@ -538,9 +539,9 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
     if len(told) > _SHOWN:
         told[1:-1] = ["..."]
     starts = "every start"
-    if not isinstance(domain, str):
-        starts += f" with |e_i| <= {domain['radius']:.6g}"
-        starts += f" and |eps_i| <= {domain['disturbance']:.6g}" if loop.groups else ""
+    if isinstance(domain, Around):
+        starts += f" with |e_i| <= {domain.radius:.6g}"
+        starts += f" and |eps_i| <= {domain.disturbance:.6g}" if loop.groups else ""
     inputs = ", ".join(
         f"{name} {float(x):.6g}" for name in INPUTS if (x := getattr(loop.uncertainty, name))
     )
@@ -552,7 +553,7 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
     )
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
     claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, loop, W)
@@ -604,14 +605,14 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str |
 
 
 def _wrong_response(
-    check: Check, loop: Loop, claim: Accuracy, response: Response, domain: str
+    check: Check, loop: Loop, claim: Accuracy, response: Response, domain: Domain
 ) -> str | None:
     """None if a linear loop is shown to pass on no more than the bounds."""
     if claim.stages or claim.T is not None or claim.error is not None:
         return "beside a response there are no stages and no coordinates."
     if loop.groups and claim.peaks is None:
         return "with an [exosystem] it needs peaks."
-    if not check.domain == "global" == domain:
+    if not check.domain == EVERYWHERE == domain:
         return "the bounds of a response are global."
     if (reason := response_obstacle(loop)) is not None:
         return reason
@@ -630,15 +631,17 @@ def _wrong_response(
 
 
 def _wrong_starts(
-    check: Check, loop: Loop, W: Matrix | None, claim: Accuracy, domain: str
+    check: Check, loop: Loop, W: Matrix | None, claim: Accuracy, domain: Domain
 ) -> str | None:
     """Whether the first stage holds all starts of the domain until their estimates are right."""
     first, error = claim.stages[0], claim.error
     if first.rho is None:
         return (
-            None if check.domain == "global" == domain else "without rho the domain must be global"
+            None
+            if check.domain == EVERYWHERE == domain
+            else "without rho the domain must be global"
         )
-    radius, disturbance = read_domain(check.domain, loop, kind="box")
+    radius, disturbance = read_domain(check.domain, loop, kind=Box)
     as_separable, exosystem = claim.in_stage(first), loop.joint_exosystem
     if claim.T is not None:
         exosystem, W = seen_through(loop, claim.T, W)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import chain, islice
@@ -32,15 +32,9 @@ from dobc_design.conditions.accuracy.decide import (
     response_obstacle,
 )
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import (
-    Check,
-    Domain,
-    limited,
-    starts_in,
-    surviving,
-    undecided_check,
-)
+from dobc_design.conditions.check import Check, limited, surviving, undecided_check
 from dobc_design.conditions.coverage import Progress, read_region
+from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.numbers import (
     claimed,
@@ -355,7 +349,7 @@ def _not_found(loop: Loop) -> str:
 def _claims(case: Case, peaks: Peaks | None) -> Iterator[Check]:
     """Proved checks, for the largest box of starts first."""
     loop, W, domain = case.loop, case.W, case.domain
-    if domain == "global":
+    if domain == EVERYWHERE:
         one = Level(v=(Fraction(1),) * loop.n, alpha=Fraction(1), level=Fraction(1), rho=None)
         yield from _proved(
             loop,
@@ -371,12 +365,12 @@ def _claims(case: Case, peaks: Peaks | None) -> Iterator[Check]:
         for part in PARTS:
             radius, disturbance = (decimal_below(x * part) if x else 0.0 for x in starts)
             outer = Level(v=known.v, alpha=known.alpha, level=known.rho, rho=known.rho * part)
-            boxes.append((outer, error, starts_in("box", radius, disturbance)))
+            boxes.append((outer, error, Box(radius, disturbance)))
     exosystem = loop.joint_exosystem
     if exosystem is not None and W is not None and error is None:
         error = propose_error_bound(exosystem, W)
     near = () if exosystem is not None and error is None else near_target(loop, peaks)
-    whole = starts_in("box", *(decimal_below(x) if x else 0.0 for x in starts))
+    whole = Box(*(decimal_below(x) if x else 0.0 for x in starts))
     held = covering_boxes(loop, peaks, error, starts) if boxes else ()
     first = chain(boxes[:1], ((*each, whole) for each in held), boxes[1:])
     for outer, bound, box in chain(first, (_near_box(each, error, starts[1]) for each in near)):
@@ -393,25 +387,26 @@ def _turned(case: Case, peaks: Peaks | None) -> Iterator[Check]:
         for T, v in chain(near, _proved_weights(case)):
             stages = tuple(propose_turned(loop, peaks, T, v, None))[-1:]
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, T=T)
-            yield from _proved(loop, W, claim, "global", domain)
+            yield from _proved(loop, W, claim, EVERYWHERE, domain)
         return
     known = _separable(case)
     base = known.claim
-    if not isinstance(base, Separable) or base.rho is None or isinstance(known.domain, str):
+    if not isinstance(base, Separable) or base.rho is None or not isinstance(known.domain, Around):
         return
     T, v = _in_coordinates(base, loop.m)
     for part in PARTS:
-        radius, disturbance = (
-            decimal_below(claimed(known.domain[x]) * part) for x in ("radius", "disturbance")
-        )
+        radius = decimal_below(claimed(known.domain.radius) * part)
+        disturbance = decimal_below(claimed(known.domain.disturbance) * part)
         with at_most(STAGE), surviving("no final bounds in coordinates", UndefinedError):
             inwards = propose_turned(loop, peaks, T, v, base.rho * part)
             stages = tuple(islice(inwards, MOST_STAGES))
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=base.error, T=T)
-            yield from _proved(loop, W, claim, starts_in("box", radius, disturbance), domain)
+            yield from _proved(loop, W, claim, Box(radius, disturbance), domain)
 
 
-def _of_response(loop: Loop, W: Matrix | None, peaks: Peaks | None, domain: str) -> Iterator[Check]:
+def _of_response(
+    loop: Loop, W: Matrix | None, peaks: Peaks | None, domain: Domain
+) -> Iterator[Check]:
     """The bounds of a linear loop in one mode by its peak gains, which need no coordinates, if they
     are proved."""
     if response_obstacle(loop) is not None or out_of_time() is not None:
@@ -422,7 +417,7 @@ def _of_response(loop: Loop, W: Matrix | None, peaks: Peaks | None, domain: str)
         bounds = {label: _raised(x * (1 + MORE) for x in each) for label, each in ends.items()}
         claim = Accuracy(stages=(), bounds=bounds, peaks=peaks, response=response)
         check = limited(
-            ID, domain, lambda: accuracy_check(loop, W, claim, domain="global", local=domain)
+            ID, domain, lambda: accuracy_check(loop, W, claim, domain=EVERYWHERE, local=domain)
         )
         if check.verdict is Verdict.PROVED:
             yield check
@@ -589,12 +584,10 @@ def _near_box(
     the estimates."""
     smallest, room = min(outer.v), (1 - outer.level) / 2
     if error is None:
-        return outer, None, starts_in("box", decimal_below(smallest), 0.0)
+        return outer, None, Box(decimal_below(smallest), 0.0)
     kappa = rounded_up(1 / (error.beta * smallest) * NEARLY, digits=9)
     most = min(disturbance, room / (kappa * root_above(error.size, unit=10**9)))
-    box = starts_in(
-        "box", decimal_below(smallest * (1 - room)), decimal_below(most) if most else 0.0
-    )
+    box = Box(decimal_below(smallest * (1 - room)), decimal_below(most) if most else 0.0)
     return outer, replace(error, kappa=kappa), box
 
 
@@ -605,9 +598,9 @@ def _outer(case: Case) -> tuple[Separable | None, tuple[Fraction, Fraction]]:
     if (
         known is not None
         and isinstance(known.claim, Separable)
-        and isinstance(known.domain, Mapping)
+        and isinstance(known.domain, Around)
     ):
-        return known.claim, (claimed(known.domain["radius"]), claimed(known.domain["disturbance"]))
+        return known.claim, (claimed(known.domain.radius), claimed(known.domain.disturbance))
     asked = read_region(case.loop, case.W, domain=case.domain, everything=True)
     found = None
     # Where it was examined in vain already, it is not searched for a second time.
@@ -634,7 +627,7 @@ def _stages(loop: Loop, peaks: Peaks | None, outer: Level) -> tuple[Level, ...]:
 
 
 def _proved(
-    loop: Loop, W: Matrix | None, claim: Accuracy, starts: Domain, local: str = "global"
+    loop: Loop, W: Matrix | None, claim: Accuracy, starts: Domain, local: Domain = EVERYWHERE
 ) -> Iterator[Check]:
     """The check of a claim with its bounds, if it is proved."""
     if claim.stages:

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Claim
+from dobc_design.conditions.domain import NEAR_TARGET, Domain
 from dobc_design.conditions.numbers import doubles_to_json, matrix_from_json, read_rational
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import SpecError
@@ -89,7 +90,7 @@ class ModeJacobian:
 class Jacobians:
     """The Jacobians of every mode on one domain ("consensus", or "global" for linear couplings)."""
 
-    domain: str
+    domain: Domain
     size: int  # n
     dimension: int  # m
     modes: tuple[ModeJacobian, ...]
@@ -517,7 +518,7 @@ class Statements:
     proved about Lambda of large networks."""
 
     loop: Loop
-    domain: str
+    domain: Domain
     jacobians: Jacobians | None
     lambdas: Mapping[str, Pencil]
     inapplicable: str | None
@@ -552,7 +553,7 @@ def state_theorems(loop: Loop) -> Statements:
             )
     if jacobians is None:
         return Statements(
-            loop=loop, domain="consensus", jacobians=None, lambdas={}, inapplicable=reason
+            loop=loop, domain=NEAR_TARGET, jacobians=None, lambdas={}, inapplicable=reason
         )
     lambdas = {
         mode.name: lemma1(mode, loop.pulls, size=loop.n, dimension=loop.m)

@@ -35,6 +35,7 @@ from dobc_design.conditions.consensus.network import (
     lowest_quotient,
     refutes,
 )
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import (
     claimed,
     has_short_denominator,
@@ -418,7 +419,7 @@ def _refuted_for_every_pair(
 
 
 def _where(statements: Statements) -> str:
-    if statements.domain == "global":
+    if statements.domain == EVERYWHERE:
         return " everywhere (the couplings are linear)"
     return " near the target"
 

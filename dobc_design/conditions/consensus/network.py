@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Witness
 from dobc_design.conditions.consensus.claim import Deviations
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import shorten
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.interval import Interval
@@ -263,7 +264,7 @@ def rounded(candidate: Sequence[float], *, finest: Sequence[int] = ()) -> Iterab
 
 def reachability_check(loop: Loop, mode: str) -> Check:
     """Decide for one mode whether every agent is reached from a pinned one."""
-    check = partial(Check, id="reachability", mode=mode, domain="global")
+    check = partial(Check, id="reachability", mode=mode, domain=EVERYWHERE)
     arcs = [loop.modes[mode]]
     labels = tuple(loop.named(unreached(loop, arcs, pins=loop.pins)))
     if not labels:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Witness, read_object
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Domain
 from dobc_design.conditions.numbers import VECTOR_BITS, has_short_denominator, read_rational
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
@@ -241,14 +242,14 @@ def refuting_check(loop: Loop, claim: Equilibrium) -> Check | None:
     return Check(
         id="equilibrium",
         verdict=Verdict.REFUTED,
-        domain="global" if loop.is_linear else "consensus",
+        domain=EVERYWHERE if loop.is_linear else NEAR_TARGET,
         reason=_reason(loop, claim),
         claim=claim,
         witness=Witness(kind="start", values=tuple(map(number_text, claim.middle))),
     )
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
     """None if everything that a refuted check of this topic claims is confirmed, else what is
     not."""
     if check.verdict is not Verdict.REFUTED or check.domain != domain:

@@ -27,6 +27,7 @@ from dobc_design.conditions.check import Check, Values, Witness, differs, read_o
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.numbers import (
     form_from_json,
     read_rational,
@@ -248,7 +249,7 @@ def _square(
         yield all(falls), f"P > 0 or its inequality fails in mode {mode}."
 
 
-def apart_check(loop: Loop, domain: str) -> Check | None:
+def apart_check(loop: Loop, domain: Domain) -> Check | None:
     """REFUTED, with the agents that hear no pin in modes that the chain never leaves; None if there
     are none."""
     for each in absorbing(loop):
@@ -272,7 +273,7 @@ def apart_check(loop: Loop, domain: str) -> Check | None:
     return None
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
     if check.verdict is Verdict.REFUTED:

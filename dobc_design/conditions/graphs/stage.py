@@ -13,12 +13,13 @@ from typing import Any, Final
 import numpy as np
 from scipy import linalg, sparse
 
-from dobc_design.conditions.check import Check, limited, starts_in, undecided_check
+from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.coverage import Asked, Progress
+from dobc_design.conditions.domain import EVERYWHERE, Box
 from dobc_design.conditions.graphs.decide import (
     HOW,
     MEAN,
@@ -280,7 +281,7 @@ def _check(id: str, asked: Asked, claim: Kept, reason: str) -> Check:
     check = Check(
         id=id,
         verdict=Verdict.PROVED,
-        domain=starts_in("box", asked.radius, asked.disturbance) if somewhere else "global",
+        domain=Box(asked.radius, asked.disturbance) if somewhere else EVERYWHERE,
         rate=None if claim.rate is None else decimal_below(claim.rate),
         reason=reason,
         claim=claim,

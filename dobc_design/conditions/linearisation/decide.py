@@ -13,6 +13,7 @@ from functools import partial
 from dobc_design.conditions.check import Check, differs
 from dobc_design.conditions.consensus.claim import Statements, Unstable
 from dobc_design.conditions.consensus.decide import linear_part, unstable_roots
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import claimed, largest_proved, text_below
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.exact.matrix import Matrix
@@ -46,7 +47,7 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
         pace = f", at every rate below {text_below(rate)} 1/s" if rate else ""
         where = (
             "everywhere (the couplings are linear)"
-            if statements.domain == "global"
+            if statements.domain == EVERYWHERE
             else "near the target"
         )
         reason = (
@@ -75,7 +76,7 @@ def decaying_parts(statements: Statements, W: Matrix | None, matrix: Matrix) -> 
 def confirm(check: Check, statements: Statements, W: Matrix | None) -> str | None:
     """None if the claim holds, else what does not."""
     if check.domain != statements.domain or check.margin is not None:
-        return f"the domain must be {statements.domain!r}, and there is no margin"
+        return f"the domain must be {str(statements.domain)!r}, and there is no margin"
     own = linearisation_check(statements, W, estimate=0.0)
     if (reason := differs(check, own)) is not None or check.rate is None:
         return reason

@@ -32,6 +32,7 @@ from dobc_design.conditions.accuracy.decide import Accuracy, Level, Peaks, loads
 from dobc_design.conditions.accuracy.decide import obstacle as not_final
 from dobc_design.conditions.accuracy.decide import read_claim as read_accuracy
 from dobc_design.conditions.check import Check, Claim, read_domain, read_object
+from dobc_design.conditions.domain import Box, Domain
 from dobc_design.conditions.numbers import follows, read_rational, vector_from_json, vector_to_json
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.separable import claim as claims
@@ -153,7 +154,7 @@ def confirm(
     loop: Loop,
     W: Matrix | None,
     *,
-    domain: str,
+    domain: Domain,
     proof: Check | None,
     final: Check | None = None,
 ) -> str | None:
@@ -382,7 +383,7 @@ def _not_inputs(check: Check, loop: Loop, base: Separable, claim: Inputs) -> str
     table, found = loop.actuators, largest_disturbance(loop)
     if table is None or found is None or check.rate is not None:
         return "it needs [actuators], a bound of the disturbance, and no rate"
-    radius, noise = read_domain(check.domain, loop, kind="box")
+    radius, noise = read_domain(check.domain, loop, kind=Box)
     inside = 0 < claim.rho <= (base.rho or claim.rho)
     if not inside or not covers(replace(base, rho=claim.rho), radius=radius, disturbance=noise):
         return "its box is not inside {V <= rho}, or rho is larger than that of the certificate"
@@ -432,7 +433,7 @@ def _not_held(
         ).peaks
     elif blind(loop):
         return "observers that do not know the weights need the box of max-separable"
-    radius, noise = read_domain(check.domain, loop, kind="box")
+    radius, noise = read_domain(check.domain, loop, kind=Box)
     box = Separable(v=stage.v, alpha=stage.alpha, rho=claim.rho, error=claim.error)
     if (exosystem := loop.joint_exosystem) is not None:
         if W is None or claim.error is None:

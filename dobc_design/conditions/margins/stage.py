@@ -3,7 +3,7 @@ they report."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -15,8 +15,9 @@ from scipy import sparse
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Peaks, not_shrinking
 from dobc_design.conditions.accuracy.stage import ROOM, covering_boxes
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, Domain, limited, starts_in, undecided_check
+from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.coverage import NEAR, Asked, Progress
+from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.margins import decide
 from dobc_design.conditions.margins.decide import Inputs, Tolerance
 from dobc_design.conditions.numbers import (
@@ -148,7 +149,7 @@ def _tolerance(asked: Asked, proof: Check | None) -> Check:
     if (not asked.wanted or proof is None) and local:
         # without a region the question is about the target, not about the box that was found
         proof = None
-        if asked.wanted and asked.domain != "global":
+        if asked.wanted and asked.domain != EVERYWHERE:
             return undecided_check("tolerance", asked.domain, NO_PROOF)
     elif proof is None:
         return undecided_check("tolerance", asked.domain, why or NO_PROOF, applies=why is None)
@@ -339,7 +340,7 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     claim = Inputs(
         rho=plan.rho, inputs=most, stage=plan.stage, error=plan.error if plan.stage else None
     )
-    domain = starts_in("box", *plan.starts)
+    domain = Box(*plan.starts)
     check = Check(id="actuators", verdict=Verdict.PROVED, domain=domain, claim=claim, reason=reason)
     wrong = decide.confirm(check, loop, asked.W, domain=asked.domain, proof=proof, final=final)
     return check if wrong is None else undecided_check("actuators", asked.domain, wrong)
@@ -356,15 +357,13 @@ def _worst(loop: Loop, inputs: Sequence[Fraction]) -> Fraction:
 def _starts(asked: Asked, domain: Domain) -> tuple[float, float]:
     """The starts asked for, if a domain holds them, else its own; without a region the largest that
     are tried."""
-    if isinstance(domain, Mapping):
+    if isinstance(domain, Around):
         held = (
             asked.wanted
-            and domain["radius"] >= asked.radius
-            and domain["disturbance"] >= asked.disturbance
+            and domain.radius >= asked.radius
+            and domain.disturbance >= asked.disturbance
         )
-        return (
-            (asked.radius, asked.disturbance) if held else (domain["radius"], domain["disturbance"])
-        )
+        return (asked.radius, asked.disturbance) if held else (domain.radius, domain.disturbance)
     return asked.radius, asked.disturbance
 
 
@@ -419,7 +418,7 @@ def _boxes_of_their_own(
     those with the least weights, which want the least inputs."""
     loop, peaks, error = asked.loop, None, None if base is None else base.error
     levels: list[tuple[Level, ErrorBound | None]] = []
-    domain: Domain = starts_in("box", asked.radius, asked.disturbance)
+    domain: Domain = Box(asked.radius, asked.disturbance)
     if final is not None and isinstance(final.claim, Accuracy):
         peaks, error, domain = final.claim.peaks, final.claim.error or error, final.domain
         levels += [(stage, error) for stage in final.claim.stages[:1]]

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import claimed, largest_proved, text_below
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
 from dobc_design.exact.number import number_text, root_above
@@ -24,7 +25,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import blocks_of
 from dobc_design.verdict import Verdict
 
-_check = partial(Check, domain="global")
+_check = partial(Check, domain=EVERYWHERE)
 #: Seventh power of the order times squared bits up to which (A, C) is decided; plain Python takes
 #: about 10^-12 s each.
 MOST_WORK = 5 * 10**13

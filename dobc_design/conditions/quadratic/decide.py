@@ -18,10 +18,11 @@ from typing import Any, Final
 import numpy as np
 
 from dobc_design.conditions import numbers
-from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
+from dobc_design.conditions.check import Check, read_domain, read_object, undecided_check
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.domain import EVERYWHERE, Ball, Domain
 from dobc_design.conditions.numbers import (
     claimed,
     has_short_denominator,
@@ -295,7 +296,7 @@ def lure_check(
     *,
     radius: float,
     disturbance: float,
-    domain: str,
+    domain: Domain,
     remark: str = "",
 ) -> Check:
     """Decide ``lure`` as a proof for every start with |e| <= radius and |eps_i| <= disturbance (all
@@ -317,7 +318,7 @@ def lure_check(
         id="lure",
         verdict=Verdict.PROVED,
         rate=rate_of(lure),
-        domain="global" if lure.level is None else starts_in("ball", radius, disturbance),
+        domain=EVERYWHERE if lure.level is None else Ball(radius, disturbance),
         claim=lure,
         reason=f"{decrease_in_words(loop, lure, radius, disturbance)}, for all gains that the "
         "couplings have there"
@@ -325,7 +326,7 @@ def lure_check(
     )
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
     reason = wrong_outside(check, loop, W)
@@ -333,7 +334,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str |
         return reason
     lure = read_claim(check, loop, W)
     if lure.level is None:
-        if check.domain != "global" or domain != "global":
+        if check.domain != EVERYWHERE or domain != EVERYWHERE:
             return "without a level the domain must be global, and every coupling linear"
     elif not ball_is_inside(loop, lure, check.domain):
         return "the ball is not inside the invariant set"
@@ -367,10 +368,10 @@ def not_shown(check: Check, loop: Loop, lure: Lure, decision: LureDecision) -> s
     return None
 
 
-def ball_is_inside(loop: Loop, lure: Lure, domain: object) -> bool:
+def ball_is_inside(loop: Loop, lure: Lure, domain: Domain) -> bool:
     """Whether the domain is a ball of covered starts.  Raises: ValueError or TypeError if it is no
     ball."""
-    radius, disturbance = read_domain(domain, loop, kind="ball")
+    radius, disturbance = read_domain(domain, loop, kind=Ball)
     return covers(loop, lure, radius=radius, disturbance=disturbance)
 
 

@@ -7,15 +7,9 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.conditions.check import (
-    Check,
-    Values,
-    read_domain,
-    read_object,
-    starts_in,
-    undecided_check,
-)
+from dobc_design.conditions.check import Check, Values, read_domain, read_object, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
+from dobc_design.conditions.domain import EVERYWHERE, Box, Domain
 from dobc_design.conditions.numbers import (
     claimed,
     decimal_below,
@@ -47,7 +41,7 @@ from dobc_design.verdict import Verdict
 MOST_TIMES: Final = 2000
 
 
-def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: str) -> Check:
+def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: Domain) -> Check:
     """Decide a settling time once more, for the decimals that its box domain shows: PROVED or
     UNDECIDED."""
     if settling.claim is None:
@@ -56,7 +50,7 @@ def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: 
     check = Check(
         id="settling",
         verdict=Verdict.PROVED,
-        domain=starts_in("box", radius, disturbance),
+        domain=Box(radius, disturbance),
         reason=proved_reason(loop, settling.claim),
         claim=replace(settling.claim, radius=claimed(radius), disturbance=claimed(disturbance)),
     )
@@ -70,7 +64,7 @@ def cycles_check(loop: Loop, W: Matrix | None, claim: Cycles, asked: Region) -> 
     check = Check(
         id="schedule",
         verdict=Verdict.PROVED,
-        domain="global" if claim.rho is None else starts_in("box", asked.radius, asked.disturbance),
+        domain=EVERYWHERE if claim.rho is None else Box(asked.radius, asked.disturbance),
         rate=None if claim.rate is None else decimal_below(claim.rate),
         reason=f"for {loop.guarantee.in_words()}: every error decays{pace}.",
         claim=claim,
@@ -79,7 +73,7 @@ def cycles_check(loop: Loop, W: Matrix | None, claim: Cycles, asked: Region) -> 
     return check if wrong is None else undecided_check("schedule", asked.domain, wrong)
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str | None:
+def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
     if check.id == "schedule" and check.verdict is Verdict.REFUTED:
@@ -101,7 +95,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: str) -> str |
 
 
 def not_as_claimed(
-    check: Check, loop: Loop, rate: Fraction | None, claim: Cycles | None, domain: str
+    check: Check, loop: Loop, rate: Fraction | None, claim: Cycles | None, domain: Domain
 ) -> str | None:
     """What rate and domain of a check say beyond a rate and a claim (None: about every start); None
     if nothing."""
@@ -110,10 +104,10 @@ def not_as_claimed(
     if rate is not None and not follows(check.rate, rate):
         return "its rate is not between 0 and that of its claim"
     if claim is None or claim.rho is None:
-        if check.domain != "global" or domain != "global":
+        if check.domain != EVERYWHERE or domain != EVERYWHERE:
             return "without rho its domain is global, and so are the couplings"
     else:
-        radius, disturbance = read_domain(check.domain, loop, kind="box")
+        radius, disturbance = read_domain(check.domain, loop, kind=Box)
         if not holds_starts(loop, claim, radius=radius, disturbance=disturbance):
             return "the box of starts is not in its region"
     return None
@@ -125,7 +119,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Descent | Cycles |
         return Values(check.exact or {})
     if check.id == "schedule":
         return cycles_from_json(check.exact, loop, turned="T" in (check.exact or ()))
-    radius, disturbance = read_domain(check.domain, loop, kind="box")
+    radius, disturbance = read_domain(check.domain, loop, kind=Box)
     values = read_object(check.exact, ("tolerance", "time", "tube", "last"))
     last = read_object(values["last"], ("kind", "level", "height", "stretch", "certificate"))
     if last["kind"] not in (SEPARABLE, QUADRATIC, SCHEDULE):

@@ -18,6 +18,7 @@ import numpy as np
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
+from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.exponential import expanding_product
 from dobc_design.exact.matrix import Matrix
@@ -32,7 +33,7 @@ MOST_PHASES: Final = 200
 MOST_GROWTH: Final = 1000  # the sum of |J_p - K| T_p over the phases, in the largest row sum
 
 
-def growth_check(loop: Loop, domain: str) -> Check | None:
+def growth_check(loop: Loop, domain: Domain) -> Check | None:
     """REFUTED, if errors grow from round to round and one of POWERS shows it; None if none does."""
     for power in POWERS:
         if (factor := growth(loop, power)) is not None:
@@ -87,7 +88,7 @@ def _parts(loop: Loop, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fraction
     return sure if total <= MOST_GROWTH else None
 
 
-def confirm_growth(check: Check, loop: Loop, domain: str) -> str | None:
+def confirm_growth(check: Check, loop: Loop, domain: Domain) -> str | None:
     """None if a refuted check of the schedule is confirmed, else what is not."""
     exact = check.exact or {}
     if (

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -20,6 +19,7 @@ from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.coverage import Progress, asked_radius
+from dobc_design.conditions.domain import Around
 from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
@@ -107,8 +107,8 @@ def asked_beside(case: Case, *, tolerance: Fraction | None) -> Asked | str:
     region is asked for, its box.  Without a ``tolerance`` it is a hundredth of the radius."""
     loop = case.loop
     found, box = case.proof(Separable), None
-    if found is not None and isinstance(found.domain, Mapping):
-        box = claimed(found.domain["radius"]), claimed(found.domain["disturbance"])
+    if found is not None and isinstance(found.domain, Around):
+        box = claimed(found.domain.radius), claimed(found.domain.disturbance)
     if loop.starts is not None:
         error = loop.starts.disturbance or ZERO
         wanted = claimed(decimal_above(max(asked_radius(loop)))), claimed(decimal_above(error))

@@ -10,8 +10,9 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.conditions.check import Check, Witness, read_domain, starts_in, undecided_check
+from dobc_design.conditions.check import Check, Witness, read_domain, undecided_check
 from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.domain import EVERYWHERE, Box, Domain
 from dobc_design.conditions.numbers import (
     claimed,
     decimal_below,
@@ -62,7 +63,7 @@ def max_separable_check(
     *,
     radius: float,
     disturbance: float,
-    domain: str,
+    domain: Domain,
     remark: str = "",
 ) -> Check:
     """Decide ``claim`` as a proof for every start with |e|_inf <= radius and |eps_i| <=
@@ -92,7 +93,7 @@ def max_separable_check(
     return Check(
         id="max-separable",
         verdict=Verdict.PROVED,
-        domain="global" if claim.rho is None else starts_in("box", radius, disturbance),
+        domain=EVERYWHERE if claim.rho is None else Box(radius, disturbance),
         rate=rate,
         claim=claim,
         reason=f"{starts} reaches the target: V = {measure} decays at least like "
@@ -111,7 +112,7 @@ def why_no_weights(loop: Loop) -> str | None:
     return "this is decided for arbitrary switching, where no common weights v exist."
 
 
-def stuck_check(loop: Loop, W: Matrix | None, *, domain: str) -> Check | None:
+def stuck_check(loop: Loop, W: Matrix | None, *, domain: Domain) -> Check | None:
     """REFUTED, with the agents that no common v can hold, if there are such agents; else None."""
     stuck = claims.stuck_agents(loop)
     if obstacle(loop, W) is not None or not stuck:
@@ -138,7 +139,7 @@ def stuck_check(loop: Loop, W: Matrix | None, *, domain: str) -> Check | None:
 
 
 def delay_check(
-    loop: Loop, claim: Separable, bound: DelayBound, beside: Check, *, domain: str
+    loop: Loop, claim: Separable, bound: DelayBound, beside: Check, *, domain: Domain
 ) -> Check:
     """Decide what ``claim``, proved by the check ``beside``, says about delays up to
     ``bound.delay`` (s)."""
@@ -166,7 +167,7 @@ def sampling_check(
     claim: Separable,
     beside: Check,
     *,
-    domain: str,
+    domain: Domain,
     W: Matrix | None = None,
     own: Separable | None = None,
 ) -> Check:
@@ -201,7 +202,7 @@ def sampling_check(
 
 
 def confirm(
-    check: Check, loop: Loop, W: Matrix | None, *, domain: str, proof: Check | None
+    check: Check, loop: Loop, W: Matrix | None, *, domain: Domain, proof: Check | None
 ) -> str | None:
     """None if everything that a proved or refuted check claims is confirmed, else what is not.
     ``W`` (q, m): the gain of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable
@@ -242,15 +243,15 @@ def confirm(
 
 
 def _not_proved(
-    claim: Separable, check: Check, loop: Loop, W: Matrix | None, domain: str
+    claim: Separable, check: Check, loop: Loop, W: Matrix | None, domain: Domain
 ) -> str | None:
     """None if the claim is proved and holds all starts of the domain of the check, else what is
     wrong."""
     if claim.rho is None:
-        if check.domain != "global" or domain != "global":
+        if check.domain != EVERYWHERE or domain != EVERYWHERE:
             return "without rho the domain must be global, and every coupling linear"
     else:
-        radius, disturbance = read_domain(check.domain, loop, kind="box")
+        radius, disturbance = read_domain(check.domain, loop, kind=Box)
         if not covers(claim, radius=radius, disturbance=disturbance):
             return "the box is not inside the invariant set"
     answer = verify_composite(loop, W, claim)
@@ -258,15 +259,15 @@ def _not_proved(
 
 
 def _not_timed(
-    check: Check, loop: Loop, W: Matrix | None, domain: str, proof: Check | None
+    check: Check, loop: Loop, W: Matrix | None, domain: Domain, proof: Check | None
 ) -> str | None:
     """Delays and sampling, beside the proof that they rest on."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
     if proof is None or proof.verdict is not Verdict.PROVED or proof.domain != check.domain:
         return "it needs a proved max-separable check with its domain"
-    if check.domain != "global":
-        read_domain(check.domain, loop, kind="box")  # true equals 1 and is no number
+    if check.domain != EVERYWHERE:
+        read_domain(check.domain, loop, kind=Box)  # true equals 1 and is no number
     claim, bound = (
         claims.separable_from_json(proof.exact, loop),
         claims.read_claim(check, loop, W),

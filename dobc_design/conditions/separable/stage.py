@@ -4,7 +4,6 @@ sampling (section 5)."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
@@ -18,6 +17,7 @@ from dobc_design.conditions.check import (
     undecided_check,
 )
 from dobc_design.conditions.coverage import Asked, Progress
+from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down, time_to_one_percent
 from dobc_design.conditions.separable import checks, propose
 from dobc_design.conditions.separable.claim import EXACT, Errors, Separable, stated_errors
@@ -79,13 +79,13 @@ def _size(check: Check) -> float:
     """The radius of a proved box, 0 without one."""
     if check.verdict is not Verdict.PROVED:
         return 0.0
-    return float(check.domain["radius"]) if isinstance(check.domain, Mapping) else math.inf
+    return float(check.domain.radius) if isinstance(check.domain, Around) else math.inf
 
 
 def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
     """Claims by the radius of their boxes: that asked for, else the largest that are found; why no
     more are sought."""
-    claims, everywhere = dict[float, Separable](), asked.domain == "global"
+    claims, everywhere = dict[float, Separable](), asked.domain == EVERYWHERE
 
     def holds(halvings: float) -> bool:
         radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
@@ -125,9 +125,9 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
         return [cut_check("max-separable", domain, cut)]
     if found is None:
         reason = "no v is found"
-        if domain != "global":
+        if domain != EVERYWHERE:
             reason += f", not even for |e_i| <= {asked.radius / 2**HALVINGS:.2g}"
-        if domain != "global" and asked.disturbance:
+        if domain != EVERYWHERE and asked.disturbance:
             reason += (
                 f" together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial "
                 "disturbance may help"
@@ -177,7 +177,7 @@ def largest_claim(asked: Asked) -> Found | None:
         ):
             return found
     found = _claim(asked, asked.radius, _plan(asked, asked.radius))
-    if found is not None or asked.domain == "global":
+    if found is not None or asked.domain == EVERYWHERE:
         return found
     low, high = _short(asked.radius / 2**HALVINGS), asked.radius
     nearest = _claim(asked, low, _plan(asked, low))
@@ -208,7 +208,7 @@ def largest_claim(asked: Asked) -> Found | None:
 
 def _starts(asked: Asked, radius: float) -> dict[str, Fraction]:
     """What a plan has to cover; for linear couplings all boxes are alike."""
-    if asked.domain == "global":
+    if asked.domain == EVERYWHERE:
         return {"radius": Fraction(1), "disturbance": Fraction(0)}
     return {"radius": claimed(radius), "disturbance": claimed(asked.disturbance)}
 
@@ -236,7 +236,7 @@ def _claim(
         if first is not None and composite_rate(first) >= sooner.whole_rate * AS_PLANNED:
             return Found(first, radius, fastest=plan)
         claim = _covering(asked, radius, plan)
-        if claim is None and asked.domain != "global":
+        if claim is None and asked.domain != EVERYWHERE:
             # A steep v compares agents so far apart that a coupling may leave every range there.
             flatter = (
                 _covering(asked, radius, each) for each in propose.flatter_plans(asked.loop, plan)
@@ -276,7 +276,7 @@ def _sooner(asked: Asked, radius: float, plan: SeparablePlan, errors: Errors) ->
 def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | None:
     """A proved certificate with the v of the plan that covers the box; None if there is none."""
     claim = propose.first_certificate(
-        asked.loop, asked.W, plan, everywhere=asked.domain == "global"
+        asked.loop, asked.W, plan, everywhere=asked.domain == EVERYWHERE
     )
     if claim is None or not covers(
         claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)
@@ -324,14 +324,14 @@ def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | 
     """Another certificate of the same box, slower but with a flatter v, where that allows far
     longer sampling periods. Values may be held for about 2/h'(rho (v_i + v_j)): steep couplings
     want rho v as small as the box allows."""
-    if claim.rho is None or not isinstance(check.domain, Mapping):
+    if claim.rho is None or not isinstance(check.domain, Around):
         return None
     farthest = 2 * float(claim.rho) * float(max(claim.v))
     if _steepness(asked, farthest) < WORTH * _steepness(
         asked, 2 * float(claim.rho) * float(claim.least)
     ):
         return None
-    radius, disturbance = check.domain["radius"], check.domain["disturbance"]
+    radius, disturbance = check.domain.radius, check.domain.disturbance
     R, s, slower = claimed(radius), claimed(disturbance), float(claim.alpha) * SLOWER
     plan = None
     with surviving("no flatter v for sampling"):

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import (
     claimed,
     form_from_json,
@@ -77,7 +78,7 @@ def weighted_check(
         )
     where = (
         " everywhere (the couplings are linear)"
-        if statements.domain == "global"
+        if statements.domain == EVERYWHERE
         else " near the target"
     )
     pace = f", V' <= -2 ({text_below(rate)}) V" if rate else ""
@@ -102,7 +103,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, statements: Statement
     if check.id != id_for(loop):
         return f"with these modes the theorem is {id_for(loop)}"
     if check.domain != statements.domain:
-        return f"the domain must be {statements.domain!r}"
+        return f"the domain must be {str(statements.domain)!r}"
     if check.rate is not None and check.rate <= 0:
         return "a rate must be > 0"
     if not isinstance(claim, Alike) and (reason := why_not(statements)) is not None:

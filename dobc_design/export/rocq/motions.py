@@ -24,6 +24,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of, reading_claims
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.domain import Around
 from dobc_design.conditions.numbers import claimed, rounded_up
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, holding_gains
@@ -371,8 +372,8 @@ def motions_proof(certificate: Certificate) -> str:
     check, claim = found
     _refuse_what_is_not_written(problem)
     radius, off = Fraction(1), Fraction(bool(problem.q))
-    if not isinstance(check.domain, str):
-        radius, off = claimed(check.domain["radius"]), claimed(check.domain["disturbance"])
+    if isinstance(check.domain, Around):
+        radius, off = claimed(check.domain.radius), claimed(check.domain.disturbance)
     rate = claimed(check.rate or 0)
     error = claim.error
     if error is None:  # nothing is observed

@@ -22,6 +22,7 @@ from dobc_design.checker.examine import examine
 from dobc_design.conditions.accuracy import decide, stage
 from dobc_design.conditions.accuracy.decide import Accuracy, confirm
 from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.exact.matrix import matrix, multiply
 from dobc_design.exact.peaks import peak_gains
 from dobc_design.loop.make import loop_of
@@ -139,7 +140,7 @@ def test_curved_couplings_are_confirmed_by_both_programs(problem: Problem):
 def test_without_a_region_the_box_of_starts_is_chosen():
     domain = row(SOFT).domain
     assert not isinstance(domain, str)
-    assert domain["radius"] > 0 < domain["disturbance"]
+    assert domain.radius > 0 < domain.disturbance
 
 
 @pytest.mark.parametrize("name", ["three", "region"])
@@ -282,7 +283,7 @@ def test_bounds_of_two_lags_with_an_optional_arc_have_closed_forms():
 def test_agents_with_optional_arcs_behind_a_leader_have_bounds(text: str):
     problem = read_problem_text(text.encode(), folder=None)
     assert certify(problem).verdict is Verdict.PROVED
-    assert row(problem).domain == "global"
+    assert row(problem).domain == EVERYWHERE
     assert both(problem, lambda exact: None) == (True, True)
     assert both(problem, scaled(["stages", 0, "level"], "0.9")) == (False, False)
 
@@ -340,14 +341,14 @@ def test_larger_inputs_are_not_covered():
     """The twin of the problem: with 0.1001 in place of 0.1 the same claim fails in both
     programs."""
     claim = row(LINEAR).claim
-    check = Check(id="accuracy", verdict=Verdict.PROVED, domain="global", reason="", claim=claim)
+    check = Check(id="accuracy", verdict=Verdict.PROVED, domain=EVERYWHERE, reason="", claim=claim)
     assert claim is not None
     W = certify(LINEAR).claims.W
-    assert confirm(check, loop_of(LINEAR), W, domain="global") is None
+    assert confirm(check, loop_of(LINEAR), W, domain=EVERYWHERE) is None
     louder = LINEAR.replace(uncertainty={"disturbance": "0.1001"})
-    assert "row of agent" in str(confirm(check, loop_of(louder), W, domain="global"))
+    assert "row of agent" in str(confirm(check, loop_of(louder), W, domain=EVERYWHERE))
     read = replace(check, claim=Values(claim.to_json()))
-    assert confirm(read, loop_of(LINEAR), W, domain="global") is None
+    assert confirm(read, loop_of(LINEAR), W, domain=EVERYWHERE) is None
 
 
 @pytest.mark.parametrize("seed", [0, 2, 25])
@@ -433,7 +434,7 @@ def test_where_no_coordinates_are_found_the_response_gives_bounds_that_are_reach
     check = row(problem)
     assert check.verdict is certify(problem).verdict is Verdict.PROVED
     assert isinstance(check.claim, Accuracy)
-    assert check.domain == "global"
+    assert check.domain == EVERYWHERE
     assert (check.claim.stages, check.claim.T) == ((), None)
     ends = np.array([float(x) for label in "1234" for x in check.claim.bounds[label]])
     step, M = 0.05, mixed_loop()

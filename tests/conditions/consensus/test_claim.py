@@ -27,6 +27,7 @@ from dobc_design.conditions.consensus.claim import (
     omega,
     state_theorems,
 )
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import identity, kronecker, matrix, multiply
 from dobc_design.exact.pencil import Unknown, below, positive
@@ -186,7 +187,7 @@ def test_slopes_enclose_the_derivative_and_are_points_where_it_is_rational(h, m)
         assert entry.lo - Fraction(1, 10**70) <= true <= entry.hi + Fraction(1, 10**70)
         assert entry.width < Fraction(1, 2**100)
     assert jacobians.modes[0].is_point is rational
-    assert jacobians.domain == ("global" if linear else "consensus")
+    assert jacobians.domain == (EVERYWHERE if linear else NEAR_TARGET)
 
 
 def test_only_exactly_linear_couplings_are_global():
@@ -196,14 +197,14 @@ def test_only_exactly_linear_couplings_are_global():
         state_theorems(
             loop_of(linked(arcs, coupling="y*exp(1)", exceptions={(0, 1): "pi*y"}))
         ).domain
-        == "global"
+        == EVERYWHERE
     )
     assert (
         state_theorems(loop_of(linked(arcs, exceptions={(0, 1): "y + y**3/1000000"}))).domain
-        == "consensus"
+        == NEAR_TARGET
     )
     hidden = linked(arcs, coupling="y + y**2 - y**2")  # linear, but not recognised: the safe side
-    assert state_theorems(loop_of(hidden)).domain == "consensus"
+    assert state_theorems(loop_of(hidden)).domain == NEAR_TARGET
 
 
 @pytest.mark.parametrize("h", ["abs(y)", "min(y, 2*y)", "max(y, 0)", "clip(y, -1, 1)"])
@@ -213,7 +214,7 @@ def test_couplings_with_kinks_are_outside_the_theorems_and_one_exception_is_enou
         statements = state_theorems(loop_of(problem))
         assert statements.inapplicable.startswith("does not apply:")
         assert not statements.lambdas
-        assert statements.domain == "consensus"
+        assert statements.domain == NEAR_TARGET
 
 
 def test_nonnegative_diagonal_slopes_are_recognised():

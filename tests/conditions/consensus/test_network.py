@@ -20,6 +20,7 @@ from dobc_design.conditions.consensus.network import (
     refuted_margin,
     refutes,
 )
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import claimed
 from dobc_design.exact.pencil import Deviation
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -157,7 +158,7 @@ def test_that_no_gains_on_the_present_pins_can_do_is_shown_by_agents_without_a_p
 
 def check(id, verdict=Verdict.REFUTED, **changes):
     fix = Fix(kind="pinning", set=changes, text=id) if changes else None
-    return Check(id=id, verdict=verdict, domain="global", reason="", fix=fix)
+    return Check(id=id, verdict=verdict, domain=EVERYWHERE, reason="", fix=fix)
 
 
 def test_the_main_cure_is_that_of_the_theorem_and_parts_of_it_are_not_told_again():

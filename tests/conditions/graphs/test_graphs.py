@@ -15,6 +15,7 @@ from dobc_design.certification.recheck import verify_twice
 from dobc_design.checker import guarantee as checker_guarantee
 from dobc_design.checker.reading import read
 from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.graphs.decide import closed_classes, why_not
 from dobc_design.conditions.graphs.stage import markov_stage, mean_claim, square_claim
 from dobc_design.conditions.separable.stage import separable_stage
@@ -140,7 +141,7 @@ def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
             [(tuple(f"M{p}" for p in each), tuple(str(i) for i in sorted(left)))] if left else []
         )
     (check,) = markov_stage(
-        read_region(loop_of(own), None, domain="consensus", everything=False), lambda _: None
+        read_region(loop_of(own), None, domain=NEAR_TARGET, everything=False), lambda _: None
     )
     assert check.verdict is (Verdict.REFUTED if lost else Verdict.PROVED)
     if lost:
@@ -156,7 +157,7 @@ def test_larger_networks_in_the_mean():
     own = problem(halves, n=20, gains={1: 1, 11: 1}, exosystem=WAVE)
     check = check_of(certify(own), "markov")
     assert check.exact["kind"] == "mean"
-    assert check.domain == "global"
+    assert check.domain == EVERYWHERE
     assert check.rate <= rate_of(systems(own), [[-1, 1], [2, -2]])
     assert "in the mean" in check.reason
 
@@ -224,7 +225,7 @@ def test_a_box_as_large_as_couplings_rise_and_nothing_without_the_guarantee():
     # sin rises up to pi/2: a box of pi/4 at most; the region asks for more.
     found = certify(problem(coupling="sin(y)", region={"initial_states": [-2, 2]}))
     check = check_of(found, "markov")
-    assert (check.verdict, check.domain["radius"]) == (Verdict.PROVED, 0.5)
+    assert (check.verdict, check.domain.radius) == (Verdict.PROVED, 0.5)
     assert found.verdict is Verdict.UNDECIDED
     assert "consensus is proved from |e_i| <= 0.5 (markov)" in found.reason
 

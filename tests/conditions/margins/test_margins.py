@@ -17,6 +17,7 @@ from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.domain import NEAR_TARGET, Box
 from dobc_design.conditions.margins import stage
 from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
 from dobc_design.conditions.margins.stage import margins_stage
@@ -45,7 +46,7 @@ def found(problem: Problem, id: str) -> Check:
 
 def tolerance(problem: Problem, *, beside: Problem) -> Check:
     """What the stage says beside the boxes of a problem that differs in its errors only."""
-    asked = read_region(loop_of(problem), problem.observer.W, domain="consensus", everything=False)
+    asked = read_region(loop_of(problem), problem.observer.W, domain=NEAR_TARGET, everything=False)
     found = margins_stage(asked, list(certified(beside).checks), str)
     return next(check for check in found if check.id == "tolerance")
 
@@ -137,7 +138,7 @@ def test_a_table_is_proved_and_a_larger_one_is_not():
     near = TWO.replace(region=WIDE, uncertainty={"weights": "0.02", "gains": "0.02"})
     check = found(near, "tolerance")
     assert check.verdict is Verdict.PROVED
-    assert check.domain == {"kind": "box", "radius": 4.0, "disturbance": 0.5}
+    assert check.domain == Box(4.0, 0.5)
     far = tolerance(
         TWO.replace(region=WIDE, uncertainty={"weights": "0.09", "gains": "0.09"}), beside=near
     )
@@ -153,7 +154,7 @@ def test_large_networks_are_asked_for_stated_errors_only(
     monkeypatch.setattr(stage, "TIMED_ARCS", 1)
     plain = TWO.replace(region=SMALL)
     problem = plain.replace(uncertainty={"weights": "0.01"}) if states else plain
-    asked = read_region(loop_of(problem), problem.observer.W, domain="consensus", everything=False)
+    asked = read_region(loop_of(problem), problem.observer.W, domain=NEAR_TARGET, everything=False)
     told = margins_stage(asked, list(certified(plain).checks), str)
     assert [check.verdict for check in told] == ([Verdict.PROVED] if states else [])
 
@@ -183,7 +184,7 @@ def test_at_the_target_of_several_modes_one_v_serves_all_corners():
     )
     check = found(problem, "tolerance")
     assert check.verdict is Verdict.PROVED
-    assert check.domain == "consensus"
+    assert check.domain == NEAR_TARGET
     assert check.rate is None
     certificate = certified(problem)
     first, second, third = check.exact["v"]

@@ -15,6 +15,7 @@ from regional_problems import HARMONIC, PAPER, PAPER_GAIN, identity, is_proved
 from dobc_design import Observer, Problem, Region, Verdict
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import covers
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Ball, Domain
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import (
     certified_ball,
@@ -84,12 +85,12 @@ def check_of(problem: Problem, lure: Lure, radius: float, disturbance: float = 0
         lure,
         radius=radius,
         disturbance=disturbance,
-        domain="consensus",
+        domain=NEAR_TARGET,
     )
 
 
 def refusal(
-    problem: Problem, check: Check, *, domain: str = "consensus", **exact: Any
+    problem: Problem, check: Check, *, domain: Domain = NEAR_TARGET, **exact: Any
 ) -> str | None:
     """What is wrong with a check, or with other exact values in it, after its way through JSON."""
     changed = replace(check, claim=Values({**check.exact, **exact})) if exact else check
@@ -103,11 +104,11 @@ def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
     assert verify_lure(loop_of(problem), lure).verdict is Verdict.PROVED
     check = check_of(problem, lure, 1.41421)
     assert (check.verdict, check.rate) == (Verdict.PROVED, 0.1)
-    assert check.domain == {"kind": "ball", "radius": 1.41421, "disturbance": 0.0}
+    assert check.domain == Ball(1.41421, 0.0)
     assert refusal(problem, check) is None
     assert check_of(problem, lure, 1.41422).verdict is Verdict.UNDECIDED
     assert "not inside" in str(
-        refusal(problem, replace(check, domain={**check.domain, "radius": 1.41422}))
+        refusal(problem, replace(check, domain=replace(check.domain, radius=1.41422)))
     )
     assert certified_ball(loop_of(problem), lure, disturbance=0.0) == pytest.approx(
         math.sqrt(2), rel=1e-5
@@ -127,7 +128,7 @@ def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
     check = check_of(problem, lure, radius, 0.5)
     assert refusal(problem, check) is None
     assert "not inside" in str(
-        refusal(problem, replace(check, domain={**check.domain, "disturbance": 0.50001}))
+        refusal(problem, replace(check, domain=replace(check.domain, disturbance=0.50001)))
     )
     assert "P" in check.exact
     exact = {name: value for name, value in check.exact.items() if name != "P"}
@@ -148,14 +149,14 @@ def test_without_a_level_every_coupling_has_to_be_linear():
     }
     lure = replace(by_hand(linear, radius="1", **everywhere), radius=None, level=None)
     check = check_of(linear, lure, 0.0)
-    assert (check.verdict, check.domain) == (Verdict.PROVED, "global")
-    assert refusal(linear, check, domain="global") is None
+    assert (check.verdict, check.domain) == (Verdict.PROVED, EVERYWHERE)
+    assert refusal(linear, check, domain=EVERYWHERE) is None
     assert "must be global" in str(refusal(linear, check))
-    in_ball = replace(check, domain={"kind": "ball", "radius": 1.0, "disturbance": 0.0})
-    assert "must be global" in str(refusal(linear, in_ball, domain="global"))
-    assert "need a radius" in str(refusal(ring(coupling="2*tanh(y)"), check, domain="global"))
+    in_ball = replace(check, domain=Ball(1.0, 0.0))
+    assert "must be global" in str(refusal(linear, in_ball, domain=EVERYWHERE))
+    assert "need a radius" in str(refusal(ring(coupling="2*tanh(y)"), check, domain=EVERYWHERE))
     assert "is not 0" in str(
-        refusal(linear, check, domain="global", multipliers={"G": ["0", "0", "1"]})
+        refusal(linear, check, domain=EVERYWHERE, multipliers={"G": ["0", "0", "1"]})
     )
 
 
@@ -176,7 +177,7 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
 def test_a_claim_comes_back_from_json_as_it_went_in_and_without_a_gain_it_does_not_apply():
     problem, lure = observed()
     check = lure_check(
-        loop_of(problem), None, lure, radius=1.0, disturbance=0.0, domain="consensus"
+        loop_of(problem), None, lure, radius=1.0, disturbance=0.0, domain=NEAR_TARGET
     )
     assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
     assert "does not apply" in str(confirmed(check_of(problem, lure, 1.0), problem))

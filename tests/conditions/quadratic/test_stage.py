@@ -13,6 +13,7 @@ from regional_problems import HARMONIC, PAPER, PAPER_GAIN, identity
 import dobc_design as dd
 from dobc_design import Check, Observer, Problem, Region, Verdict
 from dobc_design.conditions.coverage import Asked, read_region
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.quadratic import propose
 from dobc_design.conditions.quadratic import stage as quadratic
 from dobc_design.conditions.quadratic.claim import Lure
@@ -43,7 +44,7 @@ def ring(
 
 
 def asked(problem: Problem, *, everything: bool = False) -> Asked:
-    domain = "global" if problem.is_linear else "consensus"
+    domain = EVERYWHERE if problem.is_linear else NEAR_TARGET
     return read_region(loop_of(problem), problem.observer.W, domain=domain, everything=everything)
 
 
@@ -60,8 +61,8 @@ def test_the_largest_ball_is_that_of_the_theory(gains, ball):
     is not reached."""
     check, said = stage(ring(10, gains, side="4"))
     assert check.verdict is Verdict.PROVED
-    assert 0.99 * ball < check.domain["radius"] < 1.005 * ball
-    assert check.domain["disturbance"] == 0.0
+    assert 0.99 * ball < check.domain.radius < 1.005 * ball
+    assert check.domain.disturbance == 0.0
     assert [message.rpartition(", ")[2] for message in said] == SHAPES
     assert (
         "the region asks for 12.6491: beyond, no quadratic V is found. Largest |e| by method: P_e"
@@ -74,7 +75,7 @@ def test_a_ball_that_is_too_small_is_told_with_the_one_asked_for():
     for sqrt(32)."""
     check, _ = stage(ring(2, {1: 3}, side="4"))
     assert check.verdict is Verdict.PROVED
-    assert check.domain["radius"] == pytest.approx(3.31, abs=0.01)
+    assert check.domain.radius == pytest.approx(3.31, abs=0.01)
     assert (
         "the region asks for 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e"
         in check.reason
@@ -88,12 +89,12 @@ def test_it_stops_at_the_first_form_that_covers_and_raises_the_rate():
     problem = ring(6, 3, side="1/2")
     check, said = stage(problem)
     assert [message.rpartition(", ")[2] for message in said] == ["P_e = I)", "its rate)"]
-    assert check.domain["radius"] >= math.sqrt(6) / 2
+    assert check.domain.radius >= math.sqrt(6) / 2
     assert 1.5 <= check.rate < 3
     assert "by method" not in check.reason
     # sqrt(6) 1.25 = 3.06, just more than any form reaches
     beyond, said = stage(ring(6, 3, side="1.25"))
-    assert beyond.domain["radius"] < math.sqrt(6) * 1.25
+    assert beyond.domain.radius < math.sqrt(6) * 1.25
     assert len(said) == 3
 
 
@@ -114,7 +115,7 @@ def test_every_form_is_tried_where_none_covers_and_few_arcs_also_corner_by_corne
     is not reached."""
     monkeypatch.setattr(propose, "MOST_CENTRES", 2)
     check, said = stage(ring(2, {1: 3}, side="4"))
-    assert (check.verdict, check.exact["method"], check.domain["disturbance"]) == (
+    assert (check.verdict, check.exact["method"], check.domain.disturbance) == (
         Verdict.PROVED,
         "vertices",
         0.0,
@@ -130,7 +131,7 @@ def test_every_form_is_tried_where_none_covers_and_few_arcs_also_corner_by_corne
     ]
     assert len(balls) == 4
     assert (
-        check.domain["radius"]
+        check.domain.radius
         == pytest.approx(balls[-1], rel=1e-3)
         == pytest.approx(max(balls), rel=1e-3)
     )
@@ -160,10 +161,10 @@ def test_corners_are_tried_up_to_a_number_of_channels(monkeypatch):
 def test_with_a_disturbance_the_ball_is_smaller_and_with_a_large_one_there_is_none():
     free, _ = stage(ring(3, 3, side="3", s="0"))
     some, _ = stage(ring(3, 3, side="3", s="1/4"))
-    assert some.domain["disturbance"] == 0.25
-    assert some.domain["radius"] < free.domain["radius"]
+    assert some.domain.disturbance == 0.25
+    assert some.domain.radius < free.domain.radius
     none, _ = stage(ring(3, 3, side="3", s="50"))
-    assert (none.verdict, none.domain, none.exact) == (Verdict.UNDECIDED, "consensus", None)
+    assert (none.verdict, none.domain, none.exact) == (Verdict.UNDECIDED, NEAR_TARGET, None)
     assert "|eps_i| <= 50: a smaller initial disturbance may help" in none.reason
 
 
@@ -171,7 +172,7 @@ def test_linear_couplings_are_certified_everywhere_with_a_rate():
     """One pin, h = 2 y: e'e may grow, a full P_e does it; the linear system decays at the largest
     real part."""
     check, _ = stage(ring(5, {1: 4}, coupling="2*y"))
-    assert (check.verdict, check.domain) == (Verdict.PROVED, "global")
+    assert (check.verdict, check.domain) == (Verdict.PROVED, EVERYWHERE)
     assert check.exact["level"] is None
     assert check.rate > 0
 
@@ -186,7 +187,7 @@ def test_a_coupling_that_no_arc_has_still_gives_a_ball_which_both_programs_accep
     certificate = dd.certify(problem, everything=True)
     (check,) = [check for check in certificate.checks if check.id == "lure"]
     assert check.verdict is Verdict.PROVED
-    assert check.domain["radius"] >= 3
+    assert check.domain.radius >= 3
     assert dd.verify(certificate, problem).holds
 
 
@@ -200,7 +201,7 @@ def test_where_nothing_is_found_where_it_is_left_out_and_where_it_does_not_apply
     assert (
         "left out, because it takes long with 61 rows n m; it is examined up to 60." in check.reason
     )
-    asked_for = read_region(loop_of(ring(3, 3, s="1")), None, domain="consensus", everything=False)
+    asked_for = read_region(loop_of(ring(3, 3, s="1")), None, domain=NEAR_TARGET, everything=False)
     (check,) = quadratic_stage(asked_for, lambda _: None)
     assert check.reason.startswith("does not apply:")
 
@@ -292,7 +293,7 @@ def test_ten_swing_equations_are_proved_in_the_usual_order():
     certificate = dd.certify(problem)
     assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "lure")
     lure = next(check for check in certificate.checks if check.id == "lure")
-    assert lure.domain["radius"] >= 0.278
+    assert lure.domain.radius >= 0.278
     assert dd.verify(certificate, problem).holds
 
 

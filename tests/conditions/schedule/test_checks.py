@@ -11,6 +11,7 @@ from checker_files.separable import problems
 from checker_files.settling import GOOD, LINE, SEEN, STRETCHED, bent
 
 from dobc_design.conditions.check import check_from_json
+from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.schedule.checks import (
     MOST_TIMES,
     confirm,
@@ -31,10 +32,10 @@ def test_a_claim_is_read_decided_once_more_and_written_as_it_was(name: str, docu
     W = None if problem.observer is None else problem.observer.W
     claim = read_claim(check_from_json(document), loop_of(problem), W)
     settling = settling_of(loop_of(problem), claim, "")
-    check = settling_check(loop_of(problem), W, settling, domain="consensus")
-    assert (check.verdict, dict(check.domain)) == (Verdict.PROVED, document["domain"])
+    check = settling_check(loop_of(problem), W, settling, domain=NEAR_TARGET)
+    assert (check.verdict, check.domain.to_json()) == (Verdict.PROVED, document["domain"])
     assert read_claim(through_json(check), loop_of(problem), W) == claim
-    assert confirm(check, loop_of(problem), W, domain="consensus") is None
+    assert confirm(check, loop_of(problem), W, domain=NEAR_TARGET) is None
 
 
 def test_the_tube_of_a_slower_observer_is_not_confirmed():
@@ -74,5 +75,5 @@ def test_an_undecided_settling_claims_nothing():
         reason="none was found.",
         claim=None,
     )
-    check = settling_check(loop_of(problem), None, open_one, domain="consensus")
-    assert (check.verdict, check.domain, check.exact) == (Verdict.UNDECIDED, "consensus", None)
+    check = settling_check(loop_of(problem), None, open_one, domain=NEAR_TARGET)
+    assert (check.verdict, check.domain, check.exact) == (Verdict.UNDECIDED, NEAR_TARGET, None)

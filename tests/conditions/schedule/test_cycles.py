@@ -15,6 +15,7 @@ from dobc_design import Network, Problem, Switching, Verdict, certify, certify_s
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck, verify_twice
 from dobc_design.checker import cycles as checker_cycles
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.schedule import propose_cycles
 from dobc_design.conditions.schedule.cycles import (
     Cycles,
@@ -513,7 +514,7 @@ def test_errors_that_grow_from_round_to_round_refute_consensus_and_others_do_not
         A = expm(time * np.array([[1 - gain, -1], [0, -gain]]))
         B = expm(time * np.array([[-gain, 0], [-1, 1 - gain]]))
         radius = np.abs(np.linalg.eigvals(B @ A)).max()
-        found = growth_check(loop_of(switched_pair(k, dwell)), "global")
+        found = growth_check(loop_of(switched_pair(k, dwell)), EVERYWHERE)
         if radius < 1 + 1e-9:
             assert found is None
         elif radius > 1.1:

@@ -18,6 +18,7 @@ import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.domain import NEAR_TARGET, Box
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule import stage
 from dobc_design.conditions.schedule.decide import why_not
@@ -48,7 +49,7 @@ def changed(certificate: dd.Certificate, **exact: object) -> bytes:
 def test_the_check_stands_in_the_certificate_and_both_programs_accept_it():
     check = certified().check("settling")
     assert check.verdict is Verdict.PROVED
-    assert check.domain == {"kind": "box", "radius": 1.0, "disturbance": 0.0}
+    assert check.domain == Box(1.0, 0.0)
     assert check.rate is None
     found = dd.verify(certified(), certified().problem)
     assert found.holds
@@ -90,14 +91,14 @@ def test_a_claim_that_cannot_be_read_says_so():
 
 
 def box(radius: float, verdict: Verdict = Verdict.PROVED, reason: str = "") -> Check:
-    domain = {"kind": "box", "radius": radius, "disturbance": 0.0}
+    domain = Box(radius, 0.0)
     claim = Separable(v=(F(1),), alpha=F(1), rho=F(radius)) if verdict is Verdict.PROVED else None
     return Check(id="max-separable", verdict=verdict, domain=domain, reason=reason, claim=claim)
 
 
 def asked_beside(problem: dd.Problem, *checks: Check, tolerance: Fraction | None = None) -> Any:
     """What is asked of a settling time beside these checks, without a W."""
-    case = Case(loop=loop_of(problem), W=None, domain="consensus", checks=checks)
+    case = Case(loop=loop_of(problem), W=None, domain=NEAR_TARGET, checks=checks)
     return stage.asked_beside(case, tolerance=tolerance)
 
 
@@ -127,7 +128,7 @@ def line(coupling: str | list[str], **more: object) -> dd.Problem:
 
 def test_couplings_that_do_not_act_by_component_leave_it_undecided():
     problem = line(["y1 + y2**3", "y2"], target=[0, 0])
-    case = Case(loop=loop_of(problem), W=None, domain="consensus")
+    case = Case(loop=loop_of(problem), W=None, domain=NEAR_TARGET)
     check = stage.settling_stage(case, tolerance=F(1), report=lambda name: None)
     assert check.verdict is Verdict.UNDECIDED
     assert check.reason.startswith("does not apply")

@@ -12,6 +12,7 @@ from networks import fractions, listening, pair
 
 from dobc_design import Exosystem, Observer, Problem, Verdict
 from dobc_design.conditions.check import Values
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Box, domain_from_json
 from dobc_design.conditions.numbers import vector_from_json, vector_to_json
 from dobc_design.conditions.separable.checks import (
     delay_check,
@@ -36,12 +37,12 @@ PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 CUBIC = pair("y + y**3")
 V = fractions(1, "3/2")
 CLAIM = Separable(v=V, alpha=F(1, 3), rho=F(2))
-BOX = {"kind": "box", "radius": 2.0, "disturbance": 0.0}
+BOX = Box(2.0, 0.0)
 
 
 def proved(claim=CLAIM, radius=2.0, problem=CUBIC, W=None, disturbance=0.0):
     return max_separable_check(
-        loop_of(problem), W, claim, radius=radius, disturbance=disturbance, domain="consensus"
+        loop_of(problem), W, claim, radius=radius, disturbance=disturbance, domain=NEAR_TARGET
     )
 
 
@@ -72,23 +73,23 @@ MORE = [(replace(CLAIM, alpha=F(1, 3) + F(1, 10**9)), 2.0), (CLAIM, 2.0000001)]
 def test_a_little_more_is_undecided(claim, radius):
     """One claim that fails says nothing against the others, so it is not refuted."""
     check = proved(claim, radius)
-    assert (check.verdict, check.exact, check.domain) == (UNDECIDED, None, "consensus")
+    assert (check.verdict, check.exact, check.domain) == (UNDECIDED, None, NEAR_TARGET)
 
 
 def test_an_undecided_check_claims_nothing():
-    nothing = replace(proved(), verdict=UNDECIDED, domain="consensus", claim=None, rate=None)
+    nothing = replace(proved(), verdict=UNDECIDED, domain=NEAR_TARGET, claim=None, rate=None)
     assert confirmed(nothing) is None
     assert "claim nothing" in confirmed(replace(nothing, rate=0.1))
-    assert "domain" in confirmed(replace(nothing, domain=BOX | {"radius": 1.0}))
+    assert "domain" in confirmed(replace(nothing, domain=replace(BOX, radius=1.0)))
 
 
 def test_linear_couplings_are_proved_for_every_start_and_only_they():
     """h = 2 y: agent 2 has 2 (v_2 - v_1)/v_2 = 2/3."""
     problem, claim = pair("2*y"), Separable(v=V, alpha=F(2, 3), rho=None)
     check = proved(claim, problem=problem)
-    assert (check.verdict, check.domain) == (PROVED, "global")
-    assert confirmed(check, problem, domain="global") is None
-    assert confirmed(bent(check, alpha="0.66667"), problem, domain="global") is not None
+    assert (check.verdict, check.domain) == (PROVED, EVERYWHERE)
+    assert confirmed(check, problem, domain=EVERYWHERE) is None
+    assert confirmed(bent(check, alpha="0.66667"), problem, domain=EVERYWHERE) is not None
     assert confirmed(check) is not None
     assert proved(replace(CLAIM, rho=None)).verdict is UNDECIDED
 
@@ -123,11 +124,11 @@ CROSSED = listening({"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}, "tanh(y)", n
 def test_agents_that_hear_only_each_other_in_turn_are_shown():
     """In mode A agent 3 hears 2, in mode B agent 2 hears 3: no order of the two serves both
     modes."""
-    check = stuck_check(loop_of(CROSSED), None, domain="consensus")
+    check = stuck_check(loop_of(CROSSED), None, domain=NEAR_TARGET)
     assert (check.verdict, check.witness.labels) == (REFUTED, ("2", "3"))
     assert confirmed(check, CROSSED) is None
     assert "2 in B, 3 in A" in check.reason
-    assert stuck_check(loop_of(CUBIC), None, domain="consensus") is None
+    assert stuck_check(loop_of(CUBIC), None, domain=NEAR_TARGET) is None
     assert not stuck_agents(loop_of(CUBIC))
     # One agent removed: it is then heard from outside.
     others = [
@@ -142,10 +143,10 @@ def test_couplings_between_components_are_neither_proved_nor_refuted():
     problem = Problem(
         network=CROSSED.network, coupling=["y1 + y2", "y2"], gains={1: 3}, target=[0, 0]
     )
-    assert stuck_check(loop_of(problem), None, domain="global") is None
+    assert stuck_check(loop_of(problem), None, domain=EVERYWHERE) is None
     assert proved(CLAIM, problem=problem).reason.startswith("does not apply:")
-    check = replace(stuck_check(loop_of(CROSSED), None, domain="consensus"), domain="global")
-    assert confirmed(check, problem, domain="global").startswith("does not apply")
+    check = replace(stuck_check(loop_of(CROSSED), None, domain=NEAR_TARGET), domain=EVERYWHERE)
+    assert confirmed(check, problem, domain=EVERYWHERE).startswith("does not apply")
 
 
 # delays and sampling
@@ -158,15 +159,15 @@ def test_a_delay_is_proved_beside_its_proof_and_confirmed():
     proof = proved(claim, problem=problem)
     more, bound = (DelayBound(delay=F(T), rate=F(1, 5)) for T in ("0.9117", "0.9115"))
     assert (
-        delay_check(loop_of(problem), claim, more, proof, domain="consensus").verdict is UNDECIDED
+        delay_check(loop_of(problem), claim, more, proof, domain=NEAR_TARGET).verdict is UNDECIDED
     )
-    check = delay_check(loop_of(problem), claim, bound, proof, domain="consensus")
+    check = delay_check(loop_of(problem), claim, bound, proof, domain=NEAR_TARGET)
     assert (check.verdict, check.rate, check.domain) == (PROVED, 0.2, proof.domain)
     assert confirmed(check, problem, beside=proof) is None
     assert confirmed(bent(check, delay="0.9117"), problem, beside=proof) is not None
     assert confirmed(bent(check, rate="0.2001"), problem, beside=proof) is not None
     assert "does not follow" in confirmed(replace(check, rate=0.2001), problem, beside=proof)
-    for other in (replace(proof, domain="global"), replace(proof, verdict=UNDECIDED)):
+    for other in (replace(proof, domain=EVERYWHERE), replace(proof, verdict=UNDECIDED)):
         assert "needs a proved max-separable check" in confirmed(check, problem, beside=other)
 
 
@@ -177,7 +178,7 @@ def test_with_an_observer_no_delayed_rate_exceeds_beta():
     for rate, verdict in (("0.25", PROVED), ("0.2500001", UNDECIDED)):
         bound = DelayBound(delay=F(0), rate=F(rate))
         assert (
-            delay_check(loop_of(OBSERVED), slow, bound, proof, domain="consensus").verdict
+            delay_check(loop_of(OBSERVED), slow, bound, proof, domain=NEAR_TARGET).verdict
             is verdict
         )
 
@@ -187,7 +188,7 @@ def test_a_sampling_period_is_the_inverse_of_the_stiffest_row():
     hand."""
     problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
     proof = proved(claim, problem=problem)
-    check = sampling_check(loop_of(problem), claim, proof, domain="consensus")
+    check = sampling_check(loop_of(problem), claim, proof, domain=NEAR_TARGET)
     assert check.exact == {"period": "999/5000", "factor": "4667/5000"}
     assert confirmed(check, problem, beside=proof) is None
     assert confirmed(bent(check, period="1/5", factor="14/15"), problem, beside=proof) is None
@@ -195,22 +196,23 @@ def test_a_sampling_period_is_the_inverse_of_the_stiffest_row():
         bent(check, period="0.2000001", factor="14/15"), problem, beside=proof
     )
     assert "must be > 0" in confirmed(bent(check, period="0"), problem, beside=proof)
-    equal = replace(check, domain=check.domain | {"disturbance": False})  # true equals 1
-    assert "expected a number" in confirmed(equal, problem, beside=proof)
+    # true equals 1 in Python, and is no number in a certificate
+    equal = domain_from_json(check.domain.to_json() | {"disturbance": False})
+    assert "with its domain" in confirmed(replace(check, domain=equal), problem, beside=proof)
 
 
 def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
     """k = 1, T = 1: with eps = 0 and dhat(t) the error is gone after a step; dhat held for d = sin
     2t leaves some."""
     proof = composite(COMPOSITE, radius=0.5, disturbance=0.1)
-    with_estimate = sampling_check(loop_of(OBSERVED), COMPOSITE, proof, domain="consensus")
+    with_estimate = sampling_check(loop_of(OBSERVED), COMPOSITE, proof, domain=NEAR_TARGET)
     assert with_estimate.verdict is PROVED
     assert "dhat acts continuously" in with_estimate.reason
     claim = Separable(v=V, alpha=F(1, 3), rho=F(2))
     assert (
         "dhat"
         not in sampling_check(
-            loop_of(pair("y")), claim, proved(claim, problem=pair("y")), domain="consensus"
+            loop_of(pair("y")), claim, proved(claim, problem=pair("y")), domain=NEAR_TARGET
         ).reason
     )
     T, e, held = 1.0, 1.0, []

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from dobc_design import Dynamics, Exosystem, Network, Problem, Verdict, certify, falsify, verify
 from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.coordinates import enclosed_ranges, reaches, slowest_row
 from dobc_design.conditions.separable.decide import covers, verify_composite
@@ -208,7 +209,7 @@ def test_overdamped_agents_are_proved_and_others_are_left_open(problem, verdict)
     3.46."""
     own = as_integrators(problem)
     asked = read_region(
-        loop_of(own), None, domain="global" if own.is_linear else "consensus", everything=False
+        loop_of(own), None, domain=EVERYWHERE if own.is_linear else NEAR_TARGET, everything=False
     )
     with few_coordinates() if verdict is Verdict.PROVED else nullcontext():
         (check,) = separable_stage(asked, str)
@@ -222,9 +223,9 @@ def test_the_largest_box_is_found_where_the_region_is_too_wide():
     """sin(y)/y > 0 up to y = pi, where differences are twice the errors."""
     own = as_integrators(agents(h="sin(y1)", reach=10))
     (check,) = separable_stage(
-        read_region(loop_of(own), None, domain="consensus", everything=False), str
+        read_region(loop_of(own), None, domain=NEAR_TARGET, everything=False), str
     )
-    assert check.verdict is Verdict.PROVED and 0.5 < check.domain["radius"] < 1.58
+    assert check.verdict is Verdict.PROVED and 0.5 < check.domain.radius < 1.58
 
 
 @pytest.mark.evidence

@@ -15,6 +15,7 @@ from networks import MONOTONE, PAPER, cycle, fractions, listening
 from dobc_design import Verdict
 from dobc_design.conditions.accuracy.decide import obstacle as accuracy_obstacle
 from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.equilibrium.decide import Equilibrium
 from dobc_design.conditions.equilibrium.decide import why_not as not_an_equilibrium
 from dobc_design.conditions.graphs.decide import Kept
@@ -169,8 +170,8 @@ def test_an_agent_with_a_curved_pin_is_held():
     assert not stuck_agents(held)
     assert is_stuck(bare, (0, 1, 2))
     assert not is_stuck(held, (0, 1, 2))
-    assert stuck_check(bare, None, domain="consensus").verdict is Verdict.REFUTED
-    assert stuck_check(held, None, domain="consensus") is None
+    assert stuck_check(bare, None, domain=NEAR_TARGET).verdict is Verdict.REFUTED
+    assert stuck_check(held, None, domain=NEAR_TARGET) is None
 
 
 def refusals(loop: Loop) -> dict[str, str | None]:

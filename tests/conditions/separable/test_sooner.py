@@ -11,6 +11,7 @@ from certified import certified
 from scipy.optimize import linprog
 
 from dobc_design import Network, Problem, load_problem, verify
+from dobc_design.conditions.domain import Box
 from dobc_design.conditions.numbers import golden_section, time_to_one_percent
 from dobc_design.conditions.separable.propose import (
     design_separable,
@@ -121,7 +122,7 @@ def test_the_fastest_weights_of_eight_drones_are_not_chosen():
     assert (check.factor or math.inf) < 80
     assert "The largest rate is about 0.98" in check.reason
     assert "falls to one percent within 12.2 s" in certificate.reason
-    assert check.domain == {"kind": "box", "radius": 7.0, "disturbance": 1.0}
+    assert check.domain == Box(7.0, 1.0)
     assert verify(certificate, problem).holds
 
 

@@ -15,6 +15,7 @@ from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.check import Values
 from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.separable.claim import separable_from_json
 from dobc_design.conditions.separable.propose import design_separable, flatter_plans
 from dobc_design.conditions.separable.stage import separable_stage
@@ -31,7 +32,7 @@ def side(radius, disturbance=None):
     return {"initial_states": [f"-{radius}", f"{radius}"]} | more
 
 
-def stage(problem: Problem, *, W=None, domain="consensus", everything=False):
+def stage(problem: Problem, *, W=None, domain=NEAR_TARGET, everything=False):
     """The checks of this stage alone, each confirmed after a way through JSON."""
     found = separable_stage(
         read_region(loop_of(problem), W, domain=domain, everything=everything), lambda stage: None
@@ -59,9 +60,9 @@ def test_without_a_region_nothing_regional_is_examined_and_a_box_answers_no_ques
     certificate = certify(problem)
     assert {check.id for check in certificate.checks} & {"max-separable", "lure"} == set()
     found = stage(problem, W=problem.observer.W, everything=True)
-    assert found["max-separable"].domain["radius"] == 10.0
+    assert found["max-separable"].domain.radius == 10.0
     # |xi(0)| of its simulation
-    assert found["max-separable"].domain["disturbance"] == pytest.approx(0.5, abs=1e-5)
+    assert found["max-separable"].domain.disturbance == pytest.approx(0.5, abs=1e-5)
     assert "No region is asked for; boxes up to 10 were tried" in found["max-separable"].reason
     faster = replace(found["max-separable"], rate=9.0)
     assert (
@@ -82,8 +83,8 @@ def test_a_region_that_the_theorem_covers_needs_no_more():
         "theorem1-weighted",
         "tolerance",
     }
-    check = stage(problem, domain="global", everything=True)["max-separable"]
-    assert (check.verdict, check.domain, check.exact["rho"]) == (PROVED, "global", None)
+    check = stage(problem, domain=EVERYWHERE, everything=True)["max-separable"]
+    assert (check.verdict, check.domain, check.exact["rho"]) == (PROVED, EVERYWHERE, None)
 
 
 def test_linear_couplings_are_proved_from_everywhere_where_v_is_not_quadratic():
@@ -93,7 +94,7 @@ def test_linear_couplings_are_proved_from_everywhere_where_v_is_not_quadratic():
     certificate = certify(problem)
     assert certificate.check("lemma1").verdict is REFUTED
     assert (certificate.verdict, certificate.covered_by) == (PROVED, "theorem1-weighted")
-    assert stage(problem, domain="global")["max-separable"].verdict is PROVED
+    assert stage(problem, domain=EVERYWHERE)["max-separable"].verdict is PROVED
     assert recheck(certificate_bytes(certificate.claims), problem).holds
 
 
@@ -105,11 +106,11 @@ def test_where_the_box_asked_for_is_too_large_the_largest_one_is_proved(monkeypa
     found = stage(problem)
     check = found["max-separable"]
     assert check.verdict is PROVED
-    assert 1.56 < check.domain["radius"] < np.pi / 2
+    assert 1.56 < check.domain.radius < np.pi / 2
     assert "the region asks for 4: beyond, no v is found" in check.reason
     whole = decide_overall(loop_of(problem), [check], None)
     assert whole.verdict is UNDECIDED
-    assert f"|e_i| <= {check.domain['radius']}" in whole.reason
+    assert f"|e_i| <= {check.domain.radius}" in whole.reason
     assert "the region asks for |e_i| <= 4" in whole.reason
     timed = [check for check in found.values() if "the network has 2 arcs" in check.reason]
     assert [(check.id, check.verdict) for check in timed] == [
@@ -126,7 +127,7 @@ def test_the_largest_box_leaves_room_for_the_disturbance_and_none_is_found_where
         )
         return stage(problem, W=((Fraction(2),),))
 
-    less, more = (found(s)["max-separable"].domain["radius"] for s in ("1/10", 1))
+    less, more = (found(s)["max-separable"].domain.radius for s in ("1/10", 1))
     assert more < less < 1.55
     nothing = found(1000)
     assert set(nothing) == {"max-separable"}
@@ -251,7 +252,7 @@ def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
     steep = design_separable(loop_of(problem), radius=Fraction(1))
     assert steep.v.max() > 1e5
     check = stage(problem)["max-separable"]
-    assert (check.verdict, check.domain["radius"]) == (PROVED, 1.0)
+    assert (check.verdict, check.domain.radius) == (PROVED, 1.0)
     assert max(Fraction(x) for x in check.exact["v"]) < steep.v.max() / 10
     assert check.rate > steep.rate / 3
     problem = cycle(4, gains=5)  # a flat v is not flattened

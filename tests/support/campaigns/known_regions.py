@@ -109,9 +109,7 @@ def equilibrium_campaign(seeds: Any) -> Known:
                     f"{seed}: {check.id} is {check.domain}, with another equilibrium"
                 )
                 continue
-            ratio = check.domain["radius"] / case.least(
-                np.inf if check.domain["kind"] == "box" else 2
-            )
+            ratio = check.domain.radius / case.least(np.inf if check.domain.kind == "box" else 2)
             tally.ratios[check.id].append(float(ratio))
             if ratio >= 1:
                 tally.wrong.append(

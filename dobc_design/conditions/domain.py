@@ -1,0 +1,100 @@
+"""From which starts a check holds: everywhere, near the target, or in a box or ball of errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+
+@dataclass(frozen=True, slots=True)
+class Everywhere:
+    """Every start."""
+
+    def to_json(self) -> Any:
+        """As a certificate has it."""
+        return "global"
+
+    def __str__(self) -> str:
+        return "global"
+
+
+@dataclass(frozen=True, slots=True)
+class NearTarget:
+    """All starts that are close enough to the target; how close is not said."""
+
+    def to_json(self) -> Any:
+        """As a certificate has it."""
+        return "consensus"
+
+    def __str__(self) -> str:
+        return "consensus"
+
+
+@dataclass(frozen=True, slots=True)
+class Around:
+    """Starts around the target, in the norm of the subclass: errors of at most ``radius`` in the
+    unit of x, and |eps_i| <= ``disturbance`` (Euclidean) for every agent."""
+
+    radius: float
+    disturbance: float
+
+    kind: ClassVar[str] = ""
+
+    def to_json(self) -> Any:
+        """As a certificate has it."""
+        return {"kind": self.kind, "radius": self.radius, "disturbance": self.disturbance}
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {value}" for name, value in self.to_json().items())
+
+
+@dataclass(frozen=True, slots=True)
+class Box(Around):
+    """|e|_inf <= radius: every component of every error."""
+
+    kind: ClassVar[str] = "box"
+
+
+@dataclass(frozen=True, slots=True)
+class Ball(Around):
+    """|e| <= radius: the Euclidean length of all errors together."""
+
+    kind: ClassVar[str] = "ball"
+
+
+@dataclass(frozen=True, slots=True)
+class Foreign:
+    """What a foreign certificate has in place of a domain; no claim holds there."""
+
+    value: Any
+
+    def to_json(self) -> Any:
+        """As the certificate has it."""
+        return self.value
+
+    def __str__(self) -> str:
+        return str(self.value)
+
+
+Domain = Everywhere | NearTarget | Box | Ball | Foreign
+
+EVERYWHERE = Everywhere()
+NEAR_TARGET = NearTarget()
+
+
+def domain_from_json(value: Any) -> Domain:
+    """Read a domain back; what is none becomes ``Foreign``, and claims about it fail."""
+    if value == EVERYWHERE.to_json():
+        return EVERYWHERE
+    if value == NEAR_TARGET.to_json():
+        return NEAR_TARGET
+    if isinstance(value, Mapping) and set(value) == {"kind", "radius", "disturbance"}:
+        numbers = value["radius"], value["disturbance"]
+        # true counts as 1 in Python, and is no number here
+        plain = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in numbers)
+        if plain and value["kind"] == Box.kind:
+            return Box(*numbers)
+        if plain and value["kind"] == Ball.kind:
+            return Ball(*numbers)
+    return Foreign(value)

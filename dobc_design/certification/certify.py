@@ -599,7 +599,7 @@ def _checks_of(group: Group, W: Matrix | None, loop: Loop | None) -> list[Check]
     """The checks of one exosystem and its gain; ``problem`` where cures may change its keys."""
     exosystem = group.exosystem
     if (reason := too_large(exosystem)) is not None:
-        return [undecided_check(id, "global", reason) for id in ids_in("observer")]
+        return [undecided_check(id, EVERYWHERE, reason) for id in ids_in("observer")]
     source = "given" if group.observer.W is not None else "designed"
     estimate = 0.0 if W is None else decay_rate(exosystem, W)
     key = "W of the group" if loop is None else "observer.W"

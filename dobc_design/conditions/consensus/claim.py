@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Claim
-from dobc_design.conditions.domain import NEAR_TARGET, Domain
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Domain
 from dobc_design.conditions.numbers import doubles_to_json, matrix_from_json, read_rational
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import SpecError
@@ -98,10 +98,10 @@ class Jacobians:
 
 def jacobians_at_consensus(loop: Loop) -> Jacobians:
     """Enclose J(0) of every mode.  For linear couplings J does not depend on e, so the domain is
-    "global". Raises: exact.interval.UndefinedError if a coupling has no derivative at 0."""
+    EVERYWHERE. Raises: exact.interval.UndefinedError if a coupling has no derivative at 0."""
     slopes = [coupling.jacobian_at_zero() for coupling in loop.functions]
     modes = [_mode_jacobian(loop, name, slopes) for name in loop.modes]
-    domain = "global" if loop.is_linear else "consensus"
+    domain = EVERYWHERE if loop.is_linear else NEAR_TARGET
     return Jacobians(domain=domain, size=loop.n, dimension=loop.m, modes=tuple(modes))
 
 

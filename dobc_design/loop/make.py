@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from types import MappingProxyType
@@ -35,10 +36,29 @@ from dobc_design.problem.leader import enclosure, not_enclosed
 from dobc_design.problem.problem import Problem
 
 
-@lru_cache(maxsize=16)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Same:
+    """A problem that equals itself only: to compare large networks takes longer than to make their
+    loop."""
+
+    problem: Problem
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.problem is self.problem
+
+    def __hash__(self) -> int:
+        return id(self.problem)
+
+
 def loop_of(problem: Problem) -> Loop:
-    """What proofs about ``problem`` are about."""
-    problem = problem.origin or problem
+    """What proofs about ``problem`` are about; the same Loop for the same problem, so that what is
+    computed about a loop is kept with it."""
+    return _made_once(_Same(problem))
+
+
+@lru_cache(maxsize=16)
+def _made_once(same: _Same) -> Loop:
+    problem = same.problem.origin or same.problem
     dynamics = problem.dynamics
     if dynamics is not None:
         return _loop_with_dynamics(problem, dynamics)

@@ -67,10 +67,10 @@ class Lure:
             raise SpecError(
                 f"method must be one of {', '.join(METHODS)}; got {self.method!r}.", key="method"
             )
-        if self.rate < 0 or (self.level is not None and self.level <= 0):
-            raise SpecError(
-                "rate must be >= 0 and level > 0.", key="rate" if self.rate < 0 else "level"
-            )
+        if self.rate < 0:
+            raise SpecError("rate must be >= 0 and level > 0.", key="rate")
+        if self.level is not None and self.level <= 0:
+            raise SpecError("rate must be >= 0 and level > 0.", key="level")
         if (self.P is None) is not (self.Q is None):
             raise ShapeError("P and Q must both be given, or neither.", key="P")
 
@@ -83,20 +83,23 @@ class Lure:
         return "identity" if len(values) == 1 else "diagonal"
 
     def to_json(self) -> dict[str, Any]:
+        entries = sorted(self.P_e.entries.items())
         values: dict[str, Any] = {
             "method": self.method,
-            "P_e": [
-                [i, j, number_text(value)] for (i, j), value in sorted(self.P_e.entries.items())
-            ],
+            "P_e": [[i, j, number_text(value)] for (i, j), value in entries],
             "level": None if self.level is None else number_text(self.level),
             "radius": None if self.radius is None else number_text(self.radius),
             "ranges": ranges_to_json(self.ranges),
-            "multipliers": {
-                mode: [number_text(tau) for tau in taus] for mode, taus in self.multipliers.items()
-            },
+            "multipliers": {mode: _texts(taus) for mode, taus in self.multipliers.items()},
             "rate": number_text(self.rate),
         }
-        return values if self.P is None else values | {"P": matrix_text(self.P)}
+        if self.P is not None:
+            values["P"] = matrix_text(self.P)
+        return values
+
+
+def _texts(numbers: Sequence[Fraction]) -> list[str]:
+    return [number_text(x) for x in numbers]
 
 
 def lure_matrix(
@@ -113,6 +116,7 @@ def lure_matrix(
     Raises: ShapeError unless there is one multiplier per channel, > 0 where its range is not a
     point."""
     channels = sectors.modes[mode]
+    size = sectors.size
     if len(multipliers) != len(channels):
         many = f"{len(channels)} entries, one per channel; got {len(multipliers)}"
         raise ShapeError(f"mode {mode}: multipliers must have {many}.", key="multipliers")
@@ -132,12 +136,8 @@ def lure_matrix(
         add(added, channel.minus, channel.minus, weight)
         add(added, channel.plus, channel.minus, -weight)
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
-    added = _without_target(added, sectors.size)
-    return (
-        _derivative(P_e, linear, rate)
-        + _sandwich(P_e, inner)
-        + SparseSymmetric(sectors.size, added)
-    )
+    added = _without_target(added, size)
+    return _derivative(P_e, linear, rate) + _sandwich(P_e, inner) + SparseSymmetric(size, added)
 
 
 def interval_matrix(
@@ -151,14 +151,18 @@ def interval_matrix(
     """An upper bound of the derivative for all gains: middle gains, and row sums of |deviation| on
     the diagonal."""
     channels = sectors.modes[mode]
+    size = sectors.size
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
-    rows, sums = P_e.rows(), [ZERO] * sectors.size
+    rows = P_e.rows()
+    sums = [ZERO] * size
     for channel in channels:
-        for (i, j), value in _rank_two(rows[channel.target], channel, sectors.size).items():
+        for (i, j), value in _rank_two(rows[channel.target], channel, size).items():
+            # An entry beside the diagonal stands in two rows, one on it in one.
             for row in {i, j}:
                 sums[row] += channel.spread * abs(value)
-    bound = SparseSymmetric(sectors.size, {(i, i): value for i, value in enumerate(sums)})
-    return _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors.loop, S)) + bound
+    bound = SparseSymmetric(size, {(i, i): value for i, value in enumerate(sums)})
+    observer = _sandwich(P_e, _observer_block(sectors.loop, S))
+    return _derivative(P_e, linear, rate) + observer + bound
 
 
 def vertex_matrices(
@@ -179,27 +183,26 @@ def vertex_matrices(
             "enumerated for at most"
         )
         raise SpecError(f"{many} {MOST_VERTICES}.", key="method", cure='Use the method "lure".')
-    rows = P_e.rows()
-    fixed = _derivative(
-        P_e, linear_part(sectors, mode, [channel.low for channel in channels]), rate
-    )
-    fixed = fixed + _sandwich(P_e, _observer_block(sectors.loop, S))
     size = sectors.size
-    steps = [
-        SparseSymmetric(size, _rank_two(rows[c.target], c, size)).scaled(2 * c.spread) for c in free
-    ]
+    rows = P_e.rows()
+    linear = linear_part(sectors, mode, [channel.low for channel in channels])
+    lowest = _derivative(P_e, linear, rate)
+    lowest = lowest + _sandwich(P_e, _observer_block(sectors.loop, S))
+    # What each free gain adds from its lowest value to its highest.
+    steps = []
+    for channel in free:
+        step = SparseSymmetric(size, _rank_two(rows[channel.target], channel, size))
+        steps.append(step.scaled(2 * channel.spread))
     for corner in itertools.product((False, True), repeat=len(free)):
-        yield sum(itertools.compress(steps, corner), fixed)
+        yield sum(itertools.compress(steps, corner), lowest)
 
 
 def linear_part(
     sectors: Sectors, mode: str, gains: Sequence[Fraction]
 ) -> dict[int, dict[int, Fraction]]:
     """-K + sum of g b c' as rows: row -> column -> entry."""
-    m, rows = (
-        sectors.loop.m,
-        dict[int, dict[int, Fraction]]((i, {}) for i in range(sectors.size)),
-    )
+    m = sectors.loop.m
+    rows: dict[int, dict[int, Fraction]] = {i: {} for i in range(sectors.size)}
     for agent, gain in sectors.loop.pulls.gains.items():
         for c, own in enumerate(gain):
             rows[agent * m + c] = {agent * m + d: -entry for d, entry in enumerate(own) if entry}
@@ -207,6 +210,7 @@ def linear_part(
         row = rows[channel.target]
         row[channel.plus] = row.get(channel.plus, ZERO) + g
         row[channel.minus] = row.get(channel.minus, ZERO) - g
+        # The error of the target is 0.
         row.pop(sectors.size, None)
     return rows
 
@@ -215,9 +219,9 @@ def _derivative(
     P_e: SparseSymmetric, linear: dict[int, dict[int, Fraction]], rate: Fraction
 ) -> SparseSymmetric:
     """P_e A + A'P_e + 2 rate P_e."""
-    entries: Entries = (
-        {place: 2 * rate * value for place, value in P_e.entries.items()} if rate else {}
-    )
+    entries: Entries = {}
+    if rate:
+        entries = {place: 2 * rate * value for place, value in P_e.entries.items()}
     for k, weights in enumerate(P_e.rows()):
         for j, a in linear[k].items():
             for i, p in weights.items():  # P_e[i, k] A[k, j], and its transpose
@@ -227,13 +231,13 @@ def _derivative(
 
 def _sandwich(P_e: SparseSymmetric, inner: Entries) -> SparseSymmetric:
     """P_e N P_e for a sparse symmetric N."""
-    size, entries = P_e.size, dict[tuple[int, int], Fraction]()
+    size = P_e.size
     if len(P_e.entries) > 4 * size:
         dense = P_e.to_dense()
         product = multiply(multiply(dense, SparseSymmetric(size, inner).to_dense()), dense)
-        return SparseSymmetric(
-            size, {(i, j): product[i][j] for i in range(size) for j in range(i, size)}
-        )
+        upper = {(i, j): product[i][j] for i in range(size) for j in range(i, size)}
+        return SparseSymmetric(size, upper)
+    entries: Entries = {}
     rows = P_e.rows()
     for (k, l), value in inner.items():  # noqa: E741  k, l as in matrix entries
         for left, right in {(k, l), (l, k)}:
@@ -245,6 +249,7 @@ def _sandwich(P_e: SparseSymmetric, inner: Entries) -> SparseSymmetric:
 
 
 def _without_target(entries: Entries, size: int) -> Entries:
+    """The entries without the row and column of the target, whose error is 0."""
     return {places: value for places, value in entries.items() if size not in places}
 
 
@@ -259,13 +264,13 @@ def _rank_two(row: Mapping[int, Fraction], channel: Channel, size: int) -> Entri
 
 def _observer_block(loop: Loop, S: Matrix | None) -> Entries:
     """I (x) S; where agents have different exosystems, the block of each agent's group."""
+    entries: Entries = {}
     if S is None:
-        return {}
+        return entries
     m = loop.m
-    return {
-        (agent * m + i, agent * m + j): block[i][j]
-        for agent, block in enumerate(agent_blocks(S, loop.groups, loop.labels))
-        for i in range(m)
-        for j in range(i, m)
-        if block[i][j]
-    }
+    for agent, block in enumerate(agent_blocks(S, loop.groups, loop.labels)):
+        for i in range(m):
+            for j in range(i, m):
+                if block[i][j]:
+                    entries[agent * m + i, agent * m + j] = block[i][j]
+    return entries

@@ -91,28 +91,23 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
         raise ShapeError(what, key="P_e")
     sectors = build_sectors(loop, lure.ranges, radius=lure.radius)
     unsettled = partial(LureDecision, verdict=Verdict.UNDECIDED, step="gains")
-    if any(
-        each.radius is None and not loop.functions[each.coupling].is_linear for each in lure.ranges
-    ):
-        return unsettled(reason="a coupling is not linear, so its gains need a radius.")
+    for each in lure.ranges:
+        if each.radius is None and not loop.functions[each.coupling].is_linear:
+            return unsettled(reason="a coupling is not linear, so its gains need a radius.")
     refuted = partial(LureDecision, verdict=Verdict.REFUTED)
     positive = decide_positive_definite(lure.P_e)
     if positive.verdict is not Verdict.PROVED:
         return refuted(step="P_e", reason="P_e is not positive definite.", witness=positive.witness)
     S = border_of(loop, lure, lure.rate)
-    own = None if lure.P is None else decide_positive_definite(SparseSymmetric.from_dense(lure.P))
-    if own is not None and (S is None or own.verdict is not Verdict.PROVED):
-        return refuted(
-            step="observer",
-            reason="P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).",
-        )
-    form: Any = {"lure": lure_matrix, "interval": interval_matrix, "vertices": vertex_matrices}[
-        lure.method
-    ]
+    if lure.P is not None:
+        own = decide_positive_definite(SparseSymmetric.from_dense(lure.P))
+        if S is None or own.verdict is not Verdict.PROVED:
+            return refuted(
+                step="observer",
+                reason="P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).",
+            )
     for mode in sectors.modes:
-        given = [lure.multipliers.get(mode, ())] if lure.method == "lure" else []
-        matrices = form(sectors, mode, lure.P_e, *given, rate=lure.rate, S=S)
-        for matrix in matrices if lure.method == "vertices" else [matrices]:
+        for matrix in _inequalities(sectors, mode, lure, S):
             decision = decide_positive_definite(matrix.negated())
             if decision.verdict is not Verdict.PROVED:
                 reason = f"the matrix inequality fails in mode {mode} for these multipliers."
@@ -127,32 +122,54 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
     gains = _gains_left_open(loop, lure)  # last, since it takes longest
     if gains is not None:
         return unsettled(reason=gains)
-    everywhere = "everywhere (all gains are bounded for every y)"
-    where = everywhere if lure.level is None else f"while V <= {float(lure.level):.6g}"
+    where = "everywhere (all gains are bounded for every y)"
+    if lure.level is not None:
+        where = f"while V <= {float(lure.level):.6g}"
     reason = f"V decreases, V' <= -2 ({float(lure.rate):.4g}) V, {where}."
     return LureDecision(verdict=Verdict.PROVED, reason=reason)
+
+
+def _inequalities(
+    sectors: Sectors, mode: str, lure: Lure, S: Matrix | None
+) -> Iterator[SparseSymmetric]:
+    """The matrices that have to be negative definite in one mode: a single one, or one for every
+    corner of the gains."""
+    rate = lure.rate
+    if lure.method == "vertices":
+        yield from vertex_matrices(sectors, mode, lure.P_e, rate=rate, S=S)
+    elif lure.method == "interval":
+        yield interval_matrix(sectors, mode, lure.P_e, rate=rate, S=S)
+    else:
+        multipliers = lure.multipliers.get(mode, ())
+        yield lure_matrix(sectors, mode, lure.P_e, multipliers, rate=rate, S=S)
 
 
 def region_holds(lure: Lure, sectors: Sectors) -> bool:
     """Whether {e'P_e e <= level} keeps every |e_j - e_i| within the radius: level c'P_e^-1 c <=
     radius^2.  P_e > 0 has to be known.  Without a level no range may need a radius."""
-    places = () if lure.radius is None else channels.relied_differences(sectors.loop)
-    if lure.level is None or lure.radius is None or not places:
+    if lure.radius is None:
+        return True
+    places = channels.relied_differences(sectors.loop)
+    if lure.level is None:
         return not places
-    return all(lure.level * width <= lure.radius**2 for width in differences(lure.P_e, places))
+    # Without places nothing is inverted, which takes long.
+    widths = differences(lure.P_e, places) if places else ()
+    return all(lure.level * width <= lure.radius**2 for width in widths)
 
 
 def differences(P_e: SparseSymmetric, places: Iterable[tuple[int, int]]) -> Iterator[Fraction]:
     """c'P_e^-1 c for c = u_j - u_i, exactly: the square of the largest c'e on {e'P_e e <= 1}; c =
     -u_i for the target, whose place is after the last.  P_e > 0."""
-    diagonal, size = all(i == j for i, j in P_e.entries), P_e.size
+    size = P_e.size
+    diagonal = all(i == j for i, j in P_e.entries)
     Y = () if diagonal else inverse(P_e.to_dense())
     own = diagonal_of_inverse(P_e) if diagonal else [Y[i][i] for i in range(size)]
 
     def width(i: int, j: int) -> Fraction:
         if j == size:
             return own[i]
-        return own[i] + own[j] - (ZERO if diagonal else 2 * Y[i][j])
+        both = own[i] + own[j]
+        return both if diagonal else both - 2 * Y[i][j]
 
     return (width(i, j) for i, j in places)
 
@@ -170,7 +187,8 @@ def border_of(loop: Loop, lure: Lure, rate: Fraction) -> Matrix | None:
     rate P < 0."""
     if lure.P is None or lure.Q is None:
         return None
-    if (exosystem := loop.joint_exosystem) is None:
+    exosystem = loop.joint_exosystem
+    if exosystem is None:
         raise ShapeError("P and Q have no meaning without an [exosystem].", key="P")
     return schur_block(Pair(P=lure.P, Q=lure.Q), exosystem, rate=rate)
 
@@ -204,7 +222,9 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
     if all(i == j for i, j in M.entries):
         return max((M.entries.get((i, i), ZERO) for i in range(M.size)), default=ZERO)
     values = np.linalg.eigvalsh(to_float(M.to_dense()))
-    largest, unit = Fraction(float(values[-1])), Fraction(float(np.max(np.abs(values))))
+    largest = Fraction(float(values[-1]))
+    unit = Fraction(float(np.max(np.abs(values))))
+    # The estimate says only which bound is tried.
     for rise in RISE:
         bound = rounded_up(largest + rise * unit, digits=12)
         if decide_positive_semidefinite(M.negated().shifted(bound)).verdict is Verdict.PROVED:
@@ -233,12 +253,9 @@ def condition_bound(M: SparseSymmetric) -> Fraction | None:
 def _gains_left_open(loop: Loop, lure: Lure) -> str | None:
     """Why the gains are not shown to lie in the ranges claimed; None if they are."""
     for each in lure.ranges:
-        reason = left_open(
-            loop,
-            each.coupling,
-            each.entries,
-            Fraction(1) if each.radius is None else each.radius,
-        )
+        # Linear gains are the same on every radius.
+        radius = Fraction(1) if each.radius is None else each.radius
+        reason = left_open(loop, each.coupling, each.entries, radius)
         if reason is not None:
             return reason
     return None
@@ -253,9 +270,8 @@ def _room(loop: Loop, lure: Lure, disturbance: Fraction) -> Fraction | None:
         return None
     if not disturbance or lure.P is None:
         return lure.level
-    return (
-        lure.level - loop.n * eigenvalue_bound(SparseSymmetric.from_dense(lure.P)) * disturbance**2
-    )
+    bound = eigenvalue_bound(SparseSymmetric.from_dense(lure.P))
+    return lure.level - loop.n * bound * disturbance**2
 
 
 def quadratic_obstacle(loop: Loop, W: Matrix | None) -> str | None:
@@ -273,7 +289,8 @@ def quadratic_obstacle(loop: Loop, W: Matrix | None) -> str | None:
         except UndefinedError as error:
             return f"does not apply: {error}"
     for mode, arcs in loop.modes.items():
-        if alone := unreached(loop, [arcs]):
+        alone = unreached(loop, [arcs])
+        if alone:
             who = name_agents([loop.labels[i] for i in alone])
             return (
                 f"does not apply: in mode {mode} no pin reaches {who}; a common error of "
@@ -286,7 +303,9 @@ def certified_ball(loop: Loop, lure: Lure, *, disturbance: float) -> float:
     """The largest |e| to be claimed for |eps_i| <= disturbance, a little in hand; inf for all of
     space, 0 for none."""
     radius = covered_radius(loop, lure, disturbance=claimed(disturbance))
-    return radius if math.isinf(radius) else shorten(radius * (1 - IN_HAND), digits=_DIGITS)
+    if math.isinf(radius):
+        return radius
+    return shorten(radius * (1 - IN_HAND), digits=_DIGITS)
 
 
 def lure_check(
@@ -314,15 +333,16 @@ def lure_check(
         return undecided_check(
             "lure", domain, "the ball asked for is not inside the invariant set."
         )
+    decreases = decrease_in_words(loop, lure, radius, disturbance)
+    means = f"{_DEVICES[lure.method]}, {IN_WORDS[lure.shape]}"
     return Check(
         id="lure",
         verdict=Verdict.PROVED,
         rate=rate_of(lure),
         domain=EVERYWHERE if lure.level is None else Ball(radius, disturbance),
         claim=lure,
-        reason=f"{decrease_in_words(loop, lure, radius, disturbance)}, for all gains that the "
-        "couplings have there"
-        f" ({_DEVICES[lure.method]}, {IN_WORDS[lure.shape]}){in_every_mode(loop)}.{remark}",
+        reason=f"{decreases}, for all gains that the couplings have there ({means})"
+        f"{in_every_mode(loop)}.{remark}",
     )
 
 
@@ -356,13 +376,10 @@ def not_shown(check: Check, loop: Loop, lure: Lure, decision: LureDecision) -> s
     if decision.verdict is not Verdict.PROVED:
         return decision.reason
     modes = build_sectors(loop, lure.ranges, radius=lure.radius).modes
-    pairs = [
-        pair
-        for mode, taus in lure.multipliers.items()
-        for pair in zip(modes[mode], taus, strict=True)
-    ]
-    if any(tau and not channel.spread for channel, tau in pairs):
-        return "a multiplier of a channel without a range is not 0"
+    for mode, taus in lure.multipliers.items():
+        for channel, tau in zip(modes[mode], taus, strict=True):
+            if tau and not channel.spread:
+                return "a multiplier of a channel without a range is not 0"
     if check.rate is not None and not numbers.follows(check.rate, lure.rate):
         return f"the rate {check.rate} does not follow"
     return None
@@ -377,7 +394,9 @@ def ball_is_inside(loop: Loop, lure: Lure, domain: Domain) -> bool:
 
 def rate_of(lure: Lure) -> float | None:
     """The claimed rate in 1/s, rounded down; None for 0."""
-    return numbers.decimal_below(lure.rate) or None if lure.rate else None
+    if not lure.rate:
+        return None
+    return numbers.decimal_below(lure.rate) or None
 
 
 def decrease_in_words(loop: Loop, lure: Lure, radius: float, disturbance: float) -> str:
@@ -403,10 +422,8 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Lure:
 def lure_from_json(values: Mapping[str, Any], loop: Loop, W: Matrix | None) -> Lure:
     """Read them back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is
     no such claim."""
-    radius, level = (
-        None if values[name] is None else read_rational(values[name])
-        for name in ("radius", "level")
-    )
+    radius = None if values["radius"] is None else read_rational(values["radius"])
+    level = None if values["level"] is None else read_rational(values["level"])
     if (radius is None) is not (level is None):
         raise ValueError("radius and level must both be null, or neither")
     if radius is not None and radius <= 0:
@@ -447,9 +464,8 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
         if type(i) is not int or type(j) is not int or (i, j) in entries:
             raise ValueError("P_e must list each entry once, with two whole numbers")
         entries[i, j] = read_rational(text)
-    if not all(entries.values()) or not has_short_denominator(
-        entries.values(), numbers.MATRIX_BITS
-    ):
+    values = entries.values()
+    if not all(values) or not has_short_denominator(values, numbers.MATRIX_BITS):
         raise ValueError("an entry of P_e is 0, or they need too long a common denominator")
     return SparseSymmetric(size, entries)
 

@@ -57,16 +57,16 @@ HALVINGS: Final = 14
 NEAR: Final = 1e-6  # |e_j - e_i| at which couplings are as good as linear
 FIRST: Final = (1.0, 0.1, 1e-2, 1e-4, 1e-6)  # radii at which the first centre is looked for
 GROWTH: Final = 0.9  # part of the room that is used at every step
-SETTLED: Final = 3e-4
+SETTLED: Final = 3e-4  # a radius that grows by a smaller part of itself is as good as the largest
 FASTER: Final = 3e-3  # a rate that grows by a smaller part of itself is as good as the largest
 MOST_CENTRES: Final = 60
 TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
-CONDITION: Final = 100.0
+CONDITION: Final = 100.0  # how far apart the eigenvalues of Y may lie at least
 ZERO: Final = Fraction(0)
-_EDGE: Final = 1e-3
-#: How far inside of a proved certificate the search for a flatter one begins, and how close it
-#: comes.
-_INSIDE, _EVEN = 1e-4, 1e-2
+_EDGE: Final = 1e-3  # beside C'C, which need not be definite, in the equation of the observer
+# How far inside of a proved certificate the search for a flatter one begins ...
+_INSIDE: Final = 1e-4
+_EVEN: Final = 1e-2  # ... and how close it comes
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
 # Where no arc needs the radius every level will do: one that holds balls of a hundred times the
 # radius, about.
@@ -89,14 +89,17 @@ def design_lure(
     Newton system: for some 20 rows.  Without the gain ``W`` (q, m) eps = 0 is meant.  No |e_j -
     e_i| beyond ``largest`` is looked at.  Raises: SpecError."""
     search = _begun(loop, W, shape=shape, rate=rate, observer=rate, disturbance=disturbance)
+    if search is None:
+        return None
     tried: Lure | None = None
-    for tried in () if search is None else search.candidates(float(largest)):
+    for tried in search.candidates(float(largest)):
         if holds(tried):
             return tried
-    if search is None or tried is None:
+    if tried is None:
         return None
     # enclosures in the search only where the samples have misled
-    return next(filter(holds, replace(search, sampled=False).candidates(float(largest))), None)
+    careful = replace(search, sampled=False)
+    return next(filter(holds, careful.candidates(float(largest))), None)
 
 
 def fast_lures(
@@ -110,62 +113,92 @@ def fast_lures(
     """Certificates at a radius (None: couplings are linear) with rates between two (1/s), the
     largest first. ``observer``: a rate at which there is a pair for W; no certificate has a larger
     one."""
-    slowest = rounded_down(rates[0], digits=6)
-    search = _begun(loop, W, shape="full", rate=slowest, observer=observer, disturbance=ZERO)
-    found = () if search is None else search.faster(radius, rates[1])
-    for there, point in reversed(list(islice(found, MOST_CENTRES))[1:]):
+    slowest, fastest = rates
+    start = rounded_down(slowest, digits=6)
+    search = _begun(loop, W, shape="full", rate=start, observer=observer, disturbance=ZERO)
+    if search is None:
+        return
+    growing = list(islice(search.faster(radius, fastest), MOST_CENTRES))
+    for there, point in reversed(growing[1:]):
         yield from there.roundings(point)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wanted:
+    """What a certificate has to cover: |e| <= ball, |eps_i| <= disturbance, with the gain W (q, m)
+    of the observer."""
+
+    ball: Fraction
+    disturbance: Fraction
+    W: Matrix | None
 
 
 def sooner_lures(
     loop: Loop,
     lures: Sequence[Lure],
+    wanted: Wanted,
     *,
     holds: Holds,
-    W: Matrix | None,
-    ball: Fraction,
-    disturbance: Fraction,
     steps: int,
     least: float = 0.0,
 ) -> Iterator[Lure]:
     """Certificates that ``holds`` accepts with smaller rates and flatter P_e, which promise the
-    least time to one percent first; each covers |e| <= ball, |eps_i| <= disturbance.  ``lures`` do,
-    with growing rates > 0: the search begins at the next faster one.  ``steps``: rates that are
-    tried, all of them at least ``least`` (1/s)."""
-    found: list[tuple[float, _Search, _Point]] = []
+    least time to one percent first; each covers what is ``wanted``.  ``lures`` do, with growing
+    rates > 0: the search begins at the next faster one.  ``steps``: rates that are tried, all of
+    them at least ``least`` (1/s)."""
+    found: list[_Flat] = []
 
-    def at(rate: float) -> float:
+    def time_at(rate: float) -> float:
         exact = rounded_down(rate, digits=4)
         near = next((each for each in lures if each.rate >= exact), lures[-1])
-        begun = _begun(
-            loop,
-            W,
-            shape=near.shape,
-            rate=near.rate,
-            observer=near.rate,
-            disturbance=disturbance,
-        )
-        start = None if begun is None else begun.point_of(near)
-        if begun is None or start is None:
+        flat = _flattest(loop, near, wanted, rate=exact)
+        if flat is None:
             return math.inf
-        search = replace(begun, rate=exact)
-        point = search.flattest(start, float(ball))
-        if point is None:
-            return math.inf
-        time = time_to_one_percent(float(exact), math.sqrt(np.linalg.cond(point.Y)))
-        found.append((time, search, point))
-        return time
+        found.append(flat)
+        return flat.time
 
-    first = min(
-        time_to_one_percent(float(each.rate), math.sqrt(condition_of(each))) for each in lures
-    )
-    shortest, longest = max(math.log(100) / first, least), float(lures[-1].rate)
+    times = [time_to_one_percent(float(x.rate), math.sqrt(condition_of(x))) for x in lures]
+    first = min(times)
+    # No P_e is flatter than I, for which the time is log(100) over the rate.
+    shortest = max(math.log(100) / first, least)
+    longest = float(lures[-1].rate)
     if longest <= shortest:
         return
-    golden_section(at, shortest, longest, steps=steps)
-    for time, search, point in sorted(found, key=lambda each: each[0]):
-        if time < first:
-            yield from islice(filter(holds, search.roundings(point)), 1)
+    golden_section(time_at, shortest, longest, steps=steps)
+    for flat in sorted(found, key=lambda each: each.time):
+        if flat.time < first:
+            yield from islice(filter(holds, flat.search.roundings(flat.point)), 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Flat:
+    """A point with a flat P_e, and the time to one percent (s) that it promises, about."""
+
+    time: float
+    search: _Search
+    point: _Point
+
+
+def _flattest(loop: Loop, near: Lure, wanted: Wanted, *, rate: Fraction) -> _Flat | None:
+    """The flattest P_e for this rate that covers what is wanted, from a certificate with a larger
+    one; None if none is found."""
+    begun = _begun(
+        loop,
+        wanted.W,
+        shape=near.shape,
+        rate=near.rate,
+        observer=near.rate,
+        disturbance=wanted.disturbance,
+    )
+    start = None if begun is None else begun.point_of(near)
+    if begun is None or start is None:
+        return None
+    search = replace(begun, rate=rate)
+    point = search.flattest(start, float(wanted.ball))
+    if point is None:
+        return None
+    time = time_to_one_percent(float(rate), math.sqrt(np.linalg.cond(point.Y)))
+    return _Flat(time=time, search=search, point=point)
 
 
 def condition_of(lure: Lure) -> float:
@@ -186,10 +219,10 @@ def bound_lure(
     """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's
     pair (None: eps = 0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices"
     with too many arcs."""
-    size = loop.n * loop.m
-    metric = (
-        SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)}) if P_e is None else P_e
-    )
+    metric = P_e
+    if metric is None:
+        size = loop.n * loop.m
+        metric = SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)})
 
     def at(radius: float, _: object = None) -> Lure | None:
         exact = rounded_down(radius, digits=6)
@@ -201,37 +234,51 @@ def bound_lure(
         lure = Lure(P_e=metric, ranges=ranges, radius=exact, level=level, P=P, Q=Q, method=method)
         return lure if holds(lure) else None
 
-    low, high, best = 1e-6, 1e-3, at(1e-6)
-    while best is not None and high < largest and (found := at(high)) is not None:
-        low, best, high = high, found, 4 * high
+    low = 1e-6
+    high = 1e-3
+    best = at(low)
+    while best is not None and high < largest:
+        found = at(high)
+        if found is None:
+            break
+        best = found
+        low = high
+        high = 4 * high
     if best is None:
         return None
-    return last_found(at, best, low, min(high, float(largest)), steps=HALVINGS)[1]
+    _, lure = last_found(at, best, low, min(high, float(largest)), steps=HALVINGS)
+    return lure
 
 
 def _level(P_e: SparseSymmetric, loop: Loop, radius: Fraction) -> Fraction:
     """The largest level within the radius, about, from below; exact for P_e = I."""
     if all(i == j and value == 1 for (i, j), value in P_e.entries.items()):
         return radius * radius / 2
-    m, Y = loop.m, np.linalg.inv(to_float(P_e.to_dense()))
-    arcs = [arc for mode in loop.modes.values() for arc in mode]
-    pairs = [(listener * m + c, speaker * m + c) for listener, speaker, _ in arcs for c in range(m)]
-    largest = max(Y[i, i] + Y[j, j] - 2 * Y[i, j] for i, j in pairs)
-    return rounded_down(float(radius) ** 2 / float(largest) * (1 - _SHORTFALL), digits=10)
+    m = loop.m
+    Y = np.linalg.inv(to_float(P_e.to_dense()))
+    widths = []
+    for arcs in loop.modes.values():
+        for listener, speaker, _ in arcs:
+            for c in range(m):
+                i = listener * m + c
+                j = speaker * m + c
+                widths.append(Y[i, i] + Y[j, j] - 2 * Y[i, j])
+    return rounded_down(float(radius) ** 2 / float(max(widths)) * (1 - _SHORTFALL), digits=10)
 
 
 def raise_rate(loop: Loop, lure: Lure, *, holds: Holds) -> Lure:
     """The same certificate with the largest rate that ``holds`` accepts, in steps below an
     estimate."""
     estimate = rate_estimate(loop, lure)
-    rates = [
-        rounded_down(estimate * (1 - part), digits=6)
-        for part in (1e-6, 1e-3, 0.01, 0.1, 0.5)
-        if estimate > 0
-    ]
-    return next(
-        filter(holds, (replace(lure, rate=rate) for rate in rates if rate > lure.rate)), lure
-    )
+    if not estimate > 0:
+        return lure
+    for part in (1e-6, 1e-3, 0.01, 0.1, 0.5):
+        rate = rounded_down(estimate * (1 - part), digits=6)
+        if rate > lure.rate:
+            faster = replace(lure, rate=rate)
+            if holds(faster):
+                return faster
+    return lure
 
 
 def rate_estimate(loop: Loop, lure: Lure) -> float:
@@ -254,7 +301,8 @@ def rate_estimate(loop: Loop, lure: Lure) -> float:
         return all(float(np.linalg.eigvalsh(X + 2 * beta * P_e + observer)[-1]) < 0 for X in fixed)
 
     most = min(-float(linalg.eigh(X, P_e, eigvals_only=True)[-1]) for X in fixed) / 2
-    return bisected(decreases, 0.0, most, steps=50)[0]
+    rate, _ = bisected(decreases, 0.0, most, steps=50)
+    return rate
 
 
 def linear_rate(loop: Loop, W: Matrix | None) -> float:
@@ -335,7 +383,16 @@ class _Point:
 
     @property
     def scalars(self) -> list[float]:
-        return [*self.t.tolist(), *([] if self.kappa is None else [self.kappa])]
+        """t, then kappa where there is an observer, as the programs have them."""
+        own: list[float] = self.t.tolist()
+        if self.kappa is not None:
+            own.append(self.kappa)
+        return own
+
+    def scaled(self, size: float) -> _Point:
+        """The same certificate with all unknowns times ``size``."""
+        kappa = None if self.kappa is None else size * self.kappa
+        return _Point(radius=self.radius, Y=size * self.Y, t=size * self.t, kappa=kappa)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -369,14 +426,14 @@ class _Search:
         gains: Gains | None = None
         if self.sampled:
             gains = sample_gains(self.loop, 1.0 if reach is None else reach)
-        elif (ranges := self.ranges(exact)) is not None:
-            gains = programs.range_gains(ranges, len(self.loop.functions), self.loop.m)
+        else:
+            ranges = self.ranges(exact)
+            if ranges is not None:
+                gains = programs.range_gains(ranges, len(self.loop.functions), self.loop.m)
+        if gains is None:
+            return None
         S = None if self.pair is None else self.pair.S
-        return (
-            None
-            if gains is None
-            else float_system(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
-        )
+        return float_system(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
 
     def inside(self, point: _Point, radius: float | None) -> bool:
         """Whether the inequalities hold at another radius with the same unknowns."""
@@ -394,25 +451,22 @@ class _Search:
             return None
         program = programs.centring(system, self.basis)
         guess = None if start is None else program.join(start.Y, start.scalars)
-        if (
-            guess is None
-            or len(guess) != self.basis.size + program.count
-            or not program.holds(guess)
-        ):
+        unknowns = self.basis.size + program.count
+        # A start with other unknowns, or outside, is of no use.
+        if guess is None or len(guess) != unknowns or not program.holds(guess):
             guess = self._phase_one(system)
-        return (
-            None
-            if guess is None
-            else _point(system, radius, *program.split(centre(program, guess)))
-        )
+        if guess is None:
+            return None
+        Y, scalars = program.split(centre(program, guess))
+        return _point(system, radius, Y, scalars)
 
     def _phase_one(self, system: FloatSystem) -> Array | None:
         """Minimise theta in F + theta I > 0 until it is negative."""
         program = programs.centring(system, self.basis, shift=True)
         start = program.join(np.eye(system.size) / 2, [*[1.0] * (program.count - 1), 0.0])
+        Y, scalars = program.split(start)
         lowest = min(
-            float(np.linalg.eigvalsh(block.value(*program.split(start)))[0])
-            for block in program.blocks
+            float(np.linalg.eigvalsh(each.value(Y, scalars))[0]) for each in program.blocks
         )
         start[-1] = max(1.0, -2 * lowest)
         if not program.holds(start):
@@ -435,16 +489,13 @@ class _Search:
         system = self.system(start.radius)
         if system is None:
             return None
-        size = 0.5 / max(
-            float(np.max(system.widths(start.Y) / system.reach**2, initial=0.0)), 1e-12
-        )
-        kappa = None if start.kappa is None else size * start.kappa
-        inner = _Point(radius=start.radius, Y=size * start.Y, t=size * start.t, kappa=kappa)
+        widest = float(np.max(system.widths(start.Y) / system.reach**2, initial=0.0))
+        inner = start.scaled(0.5 / max(widest, 1e-12))
         # How far the eigenvalues of Y may lie apart: enough for the point that it starts from.
         values = np.linalg.eigvalsh(start.Y)
         condition = max(CONDITION, 4 * float(values[-1] / values[0]))
         cover = partial(programs.covering, system, self.basis, condition=condition)
-        disturbed = kappa is not None and self.disturbance > 0
+        disturbed = inner.kappa is not None and self.disturbance > 0
         if disturbed:
             found = self._room_for(system, cover(disturbance=0.0), inner)
             if found is None or found.kappa is None:
@@ -470,7 +521,8 @@ class _Search:
         """Raise kappa, within the radii, until the disturbance leaves room for e; None if it never
         does."""
         needed = self.disturbance
-        point = program.join(start.Y, [*start.scalars, 0.5 * float(np.linalg.eigvalsh(start.Y)[0])])
+        lowest = float(np.linalg.eigvalsh(start.Y)[0])
+        point = program.join(start.Y, [*start.scalars, 0.5 * lowest])
         if not program.holds(point):
             return None
         kappa = self.basis.size + system.multipliers
@@ -479,25 +531,25 @@ class _Search:
         point = minimise(
             program, point, cost, stop=lambda p: bool(p[kappa] > 1.05 * needed), hopeless=-needed
         )
-        return (
-            None if point[kappa] <= needed else _point(system, start.radius, *program.split(point))
-        )
+        if point[kappa] <= needed:
+            return None
+        return _point(system, start.radius, *program.split(point))
 
     def point_of(self, lure: Lure) -> _Point | None:
         """The point from which ``roundings`` would make this certificate, about; None where it is
         of another search."""
         radius = None if lure.radius is None else float(lure.radius)
-        system, unit = self.system(radius), 1.0 if lure.level is None else float(lure.level)
+        system = self.system(radius)
         if system is None:
             return None
+        unit = 1.0 if lure.level is None else float(lure.level)
         sectors = build_sectors(self.loop, lure.ranges, radius=lure.radius)
         t: list[float] = []
         for mode in system.modes:
+            known: dict[tuple[int, ...], float] = {}
             taus = lure.multipliers[mode.name]
-            known = {
-                (channel.target, channel.plus, channel.minus): float(tau)
-                for channel, tau in zip(sectors.modes[mode.name], taus, strict=True)
-            }
+            for channel, tau in zip(sectors.modes[mode.name], taus, strict=True):
+                known[channel.target, channel.plus, channel.minus] = float(tau)
             values = [known.get(place, 0.0) for place in map(tuple, mode.where.T.tolist())]
             if not all(values):
                 return None
@@ -514,14 +566,12 @@ class _Search:
         system = self.system(start.radius)
         if system is None or system.multipliers != len(start.t):
             return None
+        size = 1 - _INSIDE
         if start.radius is None:  # all scales are alike
             ball = 1.0
             size = 1.1 / float(np.linalg.eigvalsh(start.Y)[0])
-        else:
-            size = 1 - _INSIDE
-        disturbed = start.kappa is not None and self.disturbance > 0 and start.radius is not None
-        kappa = None if start.kappa is None else size * start.kappa
-        inner = _Point(radius=start.radius, Y=size * start.Y, t=size * start.t, kappa=kappa)
+        inner = start.scaled(size)
+        disturbed = inner.kappa is not None and self.disturbance > 0 and start.radius is not None
         program = programs.flattening(
             system,
             self.basis,
@@ -530,45 +580,56 @@ class _Search:
         )
         values = np.linalg.eigvalsh(inner.Y)
         scalars = list(inner.scalars)
-        if disturbed and kappa is not None:
-            scalars += [(1 - _INSIDE) * float(values[0]), (1 + _INSIDE) * self.disturbance / kappa]
+        if disturbed and inner.kappa is not None:
+            share = (1 + _INSIDE) * self.disturbance / inner.kappa
+            scalars += [(1 - _INSIDE) * float(values[0]), share]
         point = program.join(inner.Y, [*scalars, 1.5 * float(values[-1])])
         if not program.holds(point):
             return None
         cost = np.zeros(len(point))
         cost[-1] = 1.0
-        return _point(
-            system, start.radius, *program.split(minimise(program, point, cost, accuracy=_EVEN))
-        )
+        point = minimise(program, point, cost, accuracy=_EVEN)
+        return _point(system, start.radius, *program.split(point))
 
     def path(self, largest: float) -> list[_Point]:
         """Centres at growing radii, up to the largest one that could be reached; empty if there is
         none."""
-        found = next(
-            (point for r in FIRST if (point := self.centred(min(r, largest), None)) is not None),
-            None,
-        )
+        found = self._first(largest)
         path: list[_Point] = []
         while found is not None and found.radius is not None:
             path.append(found)
             limit = self._limit(found, found.radius, largest)
             if limit <= found.radius * (1 + SETTLED) or len(path) >= MOST_CENTRES:
                 break
-            step = limit if limit == largest else found.radius + GROWTH * (limit - found.radius)
+            # A point short of the limit is inside, so that the next centre is found from it.
+            step = limit
+            if limit != largest:
+                step = found.radius + GROWTH * (limit - found.radius)
             found = self.centred(step, found)
         return path
+
+    def _first(self, largest: float) -> _Point | None:
+        """The centre at the first of the radii that has one."""
+        for radius in FIRST:
+            point = self.centred(min(radius, largest), None)
+            if point is not None:
+                return point
+        return None
 
     def faster(self, radius: float | None, fastest: float) -> Iterator[tuple[_Search, _Point]]:
         """Centres at growing rates, at a radius, from this rate on; none if there is none at this
         rate."""
-        search, point = self, self.centred(radius, None)
+        search = self
+        point = self.centred(radius, None)
+
+        def close(low: float, high: float) -> bool:
+            return not high - low > FASTER / 4 * high
+
         while point is not None:
             yield search, point
             rate = float(search.rate)
             inside = partial(search.inside_at, point, radius)
-            low, _ = bisected(
-                inside, rate, fastest, close=lambda low, high: not high - low > FASTER / 4 * high
-            )
+            low, _ = bisected(inside, rate, fastest, close=close)
             if low <= rate * (1 + FASTER):
                 return
             search = replace(search, rate=rounded_down(rate + GROWTH * (low - rate), digits=6))
@@ -580,9 +641,11 @@ class _Search:
 
     def _limit(self, point: _Point, radius: float, largest: float) -> float:
         """The largest radius for which the same unknowns do, about, from below."""
-        low, high = radius, 2 * radius
+        low = radius
+        high = 2 * radius
         while high < largest and self.inside(point, high):
-            low, high = high, 2 * high
+            low = high
+            high = 2 * high
         if high >= largest:
             if self.inside(point, largest):
                 return largest
@@ -591,7 +654,8 @@ class _Search:
         def close(low: float, high: float) -> bool:
             return not high - low > max(0.03 * (low - radius), SETTLED / 4 * radius)
 
-        return bisected(partial(self.inside, point), low, high, close=close)[0]
+        limit, _ = bisected(partial(self.inside, point), low, high, close=close)
+        return limit
 
     def largest_balls(self, path: list[_Point]) -> list[_Point]:
         """Points with the covered ball of their radius, the largest ball first; empty if nothing is
@@ -609,10 +673,9 @@ class _Search:
             return -ball.value
 
         if any(lost(part * top) for part in TRIED):
+            bounds = (0.5 * top, top)
             options = {"maxiter": 12, "xatol": 1e-3 * top}
-            optimize.minimize_scalar(
-                lost, bounds=(0.5 * top, top), method="bounded", options=options
-            )
+            optimize.minimize_scalar(lost, bounds=bounds, method="bounded", options=options)
         return sorted(found, key=lambda each: -each.value)
 
     def candidates(self, largest: float) -> Iterator[Lure]:
@@ -628,7 +691,8 @@ class _Search:
 
     def roundings(self, point: _Point) -> Iterator[Lure]:
         """Certificates near a point, the shortest numbers first, with lambda_max(P_e) about 1."""
-        loop, pair, system = self.loop, self.pair, self.system(point.radius)
+        loop = self.loop
+        system = self.system(point.radius)
         radius = None if point.radius is None else rounded_down(point.radius, digits=6)
         ranges = self.ranges(radius)
         # the samples have not met the place where it is not defined
@@ -644,24 +708,29 @@ class _Search:
                 continue
             if radius is not None:  # a level and a radius belong together
                 reach = min(reach, _NOT_NEEDED * float(radius) ** 2)
-            a = (
-                Fraction(1)
-                if pair is None or not point.kappa
-                else rounded_down(unit / point.kappa, digits=digits)
-            )
-            P = None if pair is None else scale(a, pair.P)
+            level = None
+            if not math.isinf(reach):
+                level = rounded_down(reach * (1 - _SHORTFALL), digits=10)
+            P = self._observer(point, unit, digits)
             yield Lure(
                 P_e=SparseSymmetric.from_dense(P_e),
                 ranges=ranges,
                 radius=radius,
-                level=None
-                if math.isinf(reach)
-                else rounded_down(reach * (1 - _SHORTFALL), digits=10),
+                level=level,
                 multipliers=_multipliers(sectors, system, point, unit, digits),
                 rate=self.rate,
                 P=P,
-                Q=None if P is None or pair is None else multiply(P, pair.W),
+                Q=None if P is None or self.pair is None else multiply(P, self.pair.W),
             )
+
+    def _observer(self, point: _Point, unit: float, digits: int) -> Matrix | None:
+        """The observer's P beside lambda_max(P_e) about 1; None without an observer."""
+        if self.pair is None:
+            return None
+        factor = Fraction(1)
+        if point.kappa:
+            factor = rounded_down(unit / point.kappa, digits=digits)
+        return scale(factor, self.pair.P)
 
 
 def _begun(
@@ -685,9 +754,8 @@ def _begun(
 def _point(system: FloatSystem, radius: float | None, Y: Array, x: Array) -> _Point:
     """A point of any of the programs: t come first, then kappa, if there is an observer."""
     count = system.multipliers
-    return _Point(
-        radius=radius, Y=Y, t=x[:count], kappa=None if system.S is None else float(x[count])
-    )
+    kappa = None if system.S is None else float(x[count])
+    return _Point(radius=radius, Y=Y, t=x[:count], kappa=kappa)
 
 
 def _reach(P_e: Array, system: FloatSystem) -> float:
@@ -696,22 +764,27 @@ def _reach(P_e: Array, system: FloatSystem) -> float:
     if not float(np.linalg.eigvalsh(P_e)[0]) > 0:
         return 0.0
     Y = np.asarray(np.linalg.inv(P_e), dtype=np.float64)
-    return float(np.min(system.reach**2 / np.maximum(system.widths(Y), 1e-300), initial=math.inf))
+    widths = np.maximum(system.widths(Y), 1e-300)
+    return float(np.min(system.reach**2 / widths, initial=math.inf))
 
 
 def _multipliers(
     sectors: Sectors, system: FloatSystem, point: _Point, unit: float, digits: int
 ) -> dict[str, Vector]:
     """Tau = unit / (2 d t) of every channel with a range, 0 elsewhere."""
-    result, start = {}, 0
+    result = {}
+    start = 0
     for mode in system.modes:
-        values = unit / (2 * mode.d * point.t[start : start + len(mode.d)])
-        taus = dict(zip(map(tuple, mode.where.T.tolist()), values.tolist(), strict=True))
-        result[mode.name] = tuple(
-            rounded_down(taus[channel.target, channel.plus, channel.minus], digits=digits)
-            if channel.spread
-            else ZERO
-            for channel in sectors.modes[mode.name]
-        )
-        start += len(mode.d)
+        end = start + len(mode.d)
+        values = unit / (2 * mode.d * point.t[start:end])
+        start = end
+        known = dict(zip(map(tuple, mode.where.T.tolist()), values.tolist(), strict=True))
+        taus = []
+        for channel in sectors.modes[mode.name]:
+            tau = ZERO
+            if channel.spread:
+                place = channel.target, channel.plus, channel.minus
+                tau = rounded_down(known[place], digits=digits)
+            taus.append(tau)
+        result[mode.name] = tuple(taus)
     return result

@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -52,6 +52,21 @@ class _Template:
     weight: Array
     known: Array
     curved: Array  # 2 or more for arcs that come and go
+
+
+class _Gain(NamedTuple):
+    """One gain of one arc or node: its coupling, row and column there; the rows of e that it acts
+    on and takes the difference of; ``curved`` as in _Template; ``known``: what of it K holds."""
+
+    coupling: int
+    row: int
+    column: int
+    target: int
+    plus: int
+    minus: int
+    curved: int
+    weight: float
+    known: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,8 +108,10 @@ class FloatSystem:
 
     def widths(self, Y: Array) -> Array:
         """c'Y c of every pair of ends."""
+        i = self.ends[:, 0]
+        j = self.ends[:, 1]
         # the target, whose error is 0, comes last
-        i, j, Y = self.ends[:, 0], self.ends[:, 1], np.pad(Y, (0, 1))
+        Y = np.pad(Y, (0, 1))
         return np.asarray(Y[i, i] + Y[j, j] - 2 * Y[i, j])
 
 
@@ -106,16 +123,14 @@ def sample_gains(loop: Loop, radius: float) -> Gains | None:
     if loop.slopes_move:
         box = loop.goals.leaders_box()
         half = np.array([nearest(side.width / 2) for side in box])
-        found.append(
-            _of_vectors(
-                loop.functions[-1], radius + half, np.array([nearest(x.midpoint) for x in box])
-            )
-        )
+        middle = np.array([nearest(side.midpoint) for side in box])
+        found.append(_of_vectors(loop.functions[-1], radius + half, middle))
     low, high = (np.array(ends) for ends in zip(*found, strict=True))
-    if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high))):
+    if not np.all(np.isfinite(low)) or not np.all(np.isfinite(high)):
         return None
     bent = np.array([not each.is_linear for each in loop.functions])[:, None, None]
-    margin = WIDER * np.where(bent, np.maximum(np.abs(low), np.abs(high)), 0.0)
+    largest = np.maximum(np.abs(low), np.abs(high))
+    margin = WIDER * np.where(bent, largest, 0.0)
     return low - margin, high + margin
 
 
@@ -131,24 +146,38 @@ def range_gains(ranges: Sequence[GainRange], count: int, m: int) -> Gains:
 def _sampled(coupling: Coupling, radius: float) -> Gains:
     """H_c(y)/y_d along the axes, and the slopes at 0, where H_c is a sum of functions of one
     variable each; elsewhere slopes."""
-    spend(0 if coupling.is_linear else coupling.dimension * _steps(coupling))
-    # without 0
-    m, y = coupling.dimension, np.delete(np.linspace(-radius, radius, POINTS), POINTS // 2)
-    summed = [
-        c
-        for c in range(m)
-        if coupling.by_component or is_sum_of_curves(coupling.components[c].node)
-    ]
-    low, high = np.zeros((2, m, m)) if len(summed) == m else _of_vectors(coupling, radius)
-    for c, d in itertools.product(summed, range(m)) if coupling.is_linear else ():
-        low[c, d] = high[c, d] = nearest(coupling.jacobian_at_zero()[c][d].midpoint)
-    for d, axis in enumerate(() if coupling.is_linear else np.eye(m)):
+    m = coupling.dimension
+    spend(0 if coupling.is_linear else m * _steps(coupling))
+    summed = [c for c in range(m) if _is_summed(coupling, c)]
+    if len(summed) == m:
+        low, high = np.zeros((2, m, m))
+    else:
+        low, high = _of_vectors(coupling, radius)
+    slopes = coupling.jacobian_at_zero() if summed else ()
+    if coupling.is_linear:
+        for c in summed:
+            for d in range(m):
+                low[c, d] = high[c, d] = nearest(slopes[c][d].midpoint)
+        return _flattened(low, high, 1e-9 * (np.abs(high) + np.abs(low)))
+    y = np.delete(np.linspace(-radius, radius, POINTS), POINTS // 2)  # without 0
+    for d, axis in enumerate(np.eye(m)):
         with np.errstate(all="ignore"):
             gains = coupling.value(np.outer(y, axis)) / y[:, None]
-        for c, slope in ((c, coupling.jacobian_at_zero()[c][d]) for c in summed):
-            low[c, d] = min(float(np.min(gains[:, c])), nearest(slope.lo))
-            high[c, d] = max(float(np.max(gains[:, c])), nearest(slope.hi))
-    flat, middle = high - low < 1e-9 * (np.abs(high) + np.abs(low)), (low + high) / 2
+        for c in summed:
+            low[c, d] = min(float(np.min(gains[:, c])), nearest(slopes[c][d].lo))
+            high[c, d] = max(float(np.max(gains[:, c])), nearest(slopes[c][d].hi))
+    return _flattened(low, high, 1e-9 * (np.abs(high) + np.abs(low)))
+
+
+def _is_summed(coupling: Coupling, c: int) -> bool:
+    """Whether component c is a sum of functions of one variable each."""
+    return coupling.by_component or is_sum_of_curves(coupling.components[c].node)
+
+
+def _flattened(low: Array, high: Array, noise: Array) -> Gains:
+    """The middle for both ends where they differ by less than the noise of floats."""
+    flat = high - low < noise
+    middle = (low + high) / 2
     return np.where(flat, middle, low), np.where(flat, middle, high)
 
 
@@ -160,76 +189,112 @@ def _steps(coupling: Coupling) -> int:
 def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array = 0.0) -> Gains:
     """Central differences at the corners, the centre and scattered points, for |y_c - about_c| <=
     radius, or its c."""
-    radius = np.broadcast_to(radius, coupling.dimension)
     m = coupling.dimension
+    radius = np.broadcast_to(radius, m)
     spend(2 * m * _steps(coupling))
-    corners = (
-        np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=m)))
-        if m <= 4
-        else np.zeros((1, m))
-    )
+    corners = np.zeros((1, m))
+    if m <= 4:  # beyond, there are too many
+        corners = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=m)))
     scattered = np.random.default_rng(0).uniform(-1, 1, (SCATTERED, m))
     points = about + radius * np.concatenate([corners, scattered]) * (1 - _STEP)
-    low, high = np.zeros((m, m)), np.zeros((m, m))
+    low = np.zeros((m, m))
+    high = np.zeros((m, m))
     for d in range(m):
         step = np.zeros(m)
         step[d] = _STEP * radius[d]
         with np.errstate(all="ignore"):
-            slopes = (coupling.value(points + step) - coupling.value(points - step)) / (2 * step[d])
-        low[:, d], high[:, d] = np.min(slopes, axis=0), np.max(slopes, axis=0)
-    flat, middle = high - low < 1e-7 * (np.abs(high) + np.abs(low) + 1e-300), (low + high) / 2
-    return np.where(flat, middle, low), np.where(flat, middle, high)
+            rise = coupling.value(points + step) - coupling.value(points - step)
+            slopes = rise / (2 * step[d])
+        low[:, d] = np.min(slopes, axis=0)
+        high[:, d] = np.max(slopes, axis=0)
+    return _flattened(low, high, 1e-7 * (np.abs(high) + np.abs(low) + 1e-300))
 
 
 def make_templates(loop: Loop) -> Templates:
     """Lay out the channels of every mode once; ranges of the couplings are put in by
     ``float_system``."""
-    m, size = loop.m, loop.n * loop.m
+    m = loop.m
+    size = loop.n * m
     K = np.zeros((size, size))
     for agent, gain in loop.pulls.gains.items():
         own = slice(agent * m, (agent + 1) * m)
         K[own, own] = [[nearest(x) for x in row] for row in gain]
     entries = [_entries(coupling) for coupling in loop.functions]
-    A = loop.slopes
-    nodes = [
-        (loop.drift_place, c, d, i * m + c, i * m + d, size, curved, 1.0, nearest(A[c][d]))
-        for i in range(loop.n if loop.drift_place is not None else 0)
-        for c, d, curved in entries[-1]
-    ]
-    modes = []
-    for name, arcs in loop.modes.items():
-        table = [
-            (kind, c, d, i * m + c, j * m + d, i * m + d, curved + 2 * loose, nearest(weight), 0.0)
-            for (i, j, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True)
-            for kind in (loop.place_of(i, j),)
-            for c, d, curved in entries[kind]
-        ]
-        columns = np.array(table + nodes, dtype=float).reshape(-1, 9).T
-        place, where = np.split(columns[:6].astype(np.intp), 2)
-        modes.append(
-            _Template(
-                name=name,
-                place=place,
-                where=where,
-                curved=columns[6],
-                weight=columns[7],
-                known=columns[8],
+    nodes = _node_gains(loop, entries)
+    modes = tuple(_template(loop, name, entries, nodes) for name in loop.modes)
+    return Templates(size=size, K=K, modes=modes)
+
+
+def _node_gains(loop: Loop, entries: Sequence[Sequence[tuple[int, int, bool]]]) -> list[_Gain]:
+    """What every node does by itself, as gains between it and the target."""
+    if loop.drift_place is None:
+        return []
+    m = loop.m
+    gains = []
+    for i in range(loop.n):
+        for c, d, curved in entries[loop.drift_place]:
+            gain = _Gain(
+                coupling=loop.drift_place,
+                row=c,
+                column=d,
+                target=i * m + c,
+                plus=i * m + d,
+                minus=loop.n * m,
+                curved=curved,
+                weight=1.0,
+                known=nearest(loop.slopes[c][d]),
             )
-        )
-    return Templates(size=size, K=K, modes=tuple(modes))
+            gains.append(gain)
+    return gains
+
+
+def _template(
+    loop: Loop,
+    name: str,
+    entries: Sequence[Sequence[tuple[int, int, bool]]],
+    nodes: Sequence[_Gain],
+) -> _Template:
+    """The gains of one mode, those of its nodes after those of its arcs."""
+    m = loop.m
+    arcs = loop.modes[name]
+    gains: list[_Gain] = []
+    for (i, j, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
+        coupling = loop.place_of(i, j)
+        for c, d, curved in entries[coupling]:
+            gain = _Gain(
+                coupling=coupling,
+                row=c,
+                column=d,
+                target=i * m + c,
+                plus=j * m + d,
+                minus=i * m + d,
+                curved=curved + 2 * loose,
+                weight=nearest(weight),
+                known=0.0,
+            )
+            gains.append(gain)
+    columns = np.array([*gains, *nodes], dtype=float).reshape(-1, len(_Gain._fields)).T
+    place, where = np.split(columns[:6].astype(np.intp), 2)
+    return _Template(
+        name=name,
+        place=place,
+        where=where,
+        curved=columns[6],
+        weight=columns[7],
+        known=columns[8],
+    )
 
 
 def _entries(coupling: Coupling) -> list[tuple[int, int, bool]]:
     """Row and column of every gain that may not be 0, and whether it may have a range.  So may
     every gain of a coupling that is not linear, and an irrational one, which is known by an
     enclosure only."""
-    places = [(c, c) for c in range(coupling.dimension)]
-    if not coupling.by_component:
-        places = [
-            (c, d)
-            for c, component in enumerate(coupling.components)
-            for d in variables_used(component.node)
-        ]
+    if coupling.by_component:
+        places = [(c, c) for c in range(coupling.dimension)]
+    else:
+        places = []
+        for c, component in enumerate(coupling.components):
+            places += [(c, d) for d in variables_used(component.node)]
     if not coupling.is_linear:
         return [(c, d, True) for c, d in places]
     slopes = coupling.jacobian_at_zero()
@@ -240,70 +305,86 @@ def float_system(
     templates: Templates, gains: Gains, *, radius: float | None, S: Array | None, rate: float
 ) -> FloatSystem:
     """The numbers at one radius, from the gains of the couplings there."""
-    low, high = gains
-    modes = []
-    for mode in templates.modes:
-        bottom, above = (mode.weight * end[tuple(mode.place)] - mode.known for end in (low, high))
-        loose, curved = mode.curved > 1, mode.curved > 0
-        bottom, above = (
-            np.where(loose, np.minimum(bottom, 0), bottom),
-            np.where(loose, np.maximum(above, 0), above),
-        )
-        middle, A = (bottom + above) / 2, np.pad(-templates.K, (0, 1))
-        target, plus, minus = mode.where
-        np.add.at(A, (target, plus), middle)
-        np.add.at(A, (target, minus), -middle)
-        A = A[:-1, :-1]
-        d = np.maximum((above - bottom) / 2, _NARROW * np.maximum(np.abs(middle), 1e-300))[curved]
-        modes.append(FloatMode(name=mode.name, A=A, where=mode.where[:, curved], d=d))
-    pairs = [np.sort(mode.where[1:].T, axis=1) for mode in modes]
-    ends = (
-        np.unique(np.concatenate(pairs), axis=0)
-        if radius is not None
-        else np.zeros((0, 2), dtype=np.intp)
-    )
-    reach = np.full(len(ends), radius or 0.0)
+    modes = [_float_mode(templates, mode, gains) for mode in templates.modes]
+    ends = np.zeros((0, 2), dtype=np.intp)
+    if radius is not None:
+        pairs = [np.sort(mode.where[1:].T, axis=1) for mode in modes]
+        ends = np.unique(np.concatenate(pairs), axis=0)
     return FloatSystem(
-        size=templates.size, modes=tuple(modes), S=S, rate=rate, ends=ends, reach=reach
+        size=templates.size,
+        modes=tuple(modes),
+        S=S,
+        rate=rate,
+        ends=ends,
+        reach=np.full(len(ends), radius or 0.0),
     )
+
+
+def _float_mode(templates: Templates, mode: _Template, gains: Gains) -> FloatMode:
+    """The middle gains of a mode as A0, and the half-widths of those with a range."""
+    low, high = gains
+    place = tuple(mode.place)
+    bottom = mode.weight * low[place] - mode.known
+    above = mode.weight * high[place] - mode.known
+    # An arc that may be away has the gain 0 as well.
+    loose = mode.curved > 1
+    bottom = np.where(loose, np.minimum(bottom, 0), bottom)
+    above = np.where(loose, np.maximum(above, 0), above)
+    middle = (bottom + above) / 2
+    target, plus, minus = mode.where
+    A = np.pad(-templates.K, (0, 1))
+    np.add.at(A, (target, plus), middle)
+    np.add.at(A, (target, minus), -middle)
+    curved = mode.curved > 0
+    narrowest = _NARROW * np.maximum(np.abs(middle), 1e-300)
+    d = np.maximum((above - bottom) / 2, narrowest)[curved]
+    return FloatMode(name=mode.name, A=A[:-1, :-1], where=mode.where[:, curved], d=d)
 
 
 def _decrease(system: FloatSystem, *, shift: int | None = None) -> list[Block]:
     """The inequality of every mode over Y, t, and kappa > 0 with an observer; ``shift``: theta with
     F + theta I > 0."""
-    blocks, n, start = [], system.size, 0
+    blocks = []
+    start = 0
     for mode in system.modes:
-        k, root, (target, plus, minus) = len(mode.d), np.sqrt(mode.d), mode.where
-        left = np.pad(
-            np.vstack([mode.A + system.rate * np.eye(n), np.zeros((k, n))]), ((0, 0), (0, 1))
-        )
-        arcs = np.arange(k)
-        left[n + arcs, plus] += root
-        left[n + arcs, minus] -= root
-        left = left[:, :-1]
-        columns = np.zeros((n + k, 2 * k))
-        columns[target, arcs] = root
-        columns[n + arcs, k + arcs] = 1.0
-        dense = {}
-        if system.S is not None:
-            dense[system.multipliers] = np.zeros((n + k, n + k))
-            dense[system.multipliers][:n, :n] = -system.S
-        if shift is not None:
-            dense[shift] = np.eye(n + k)
-        blocks.append(
-            Block(
-                constant=np.zeros((n + k, n + k)),
-                sides=(left, np.vstack([np.eye(n), np.zeros((k, n))])),
-                columns=(
-                    columns,
-                    np.repeat([-1.0, 1.0], k),
-                    np.concatenate([start + arcs, start + arcs]),
-                ),
-                dense=dense,
-            )
-        )
-        start += k
+        blocks.append(_decrease_in(system, mode, start, shift))
+        start += len(mode.d)
     return blocks
+
+
+def _decrease_in(system: FloatSystem, mode: FloatMode, start: int, shift: int | None) -> Block:
+    """The inequality of one mode, whose t begin at the scalar ``start``."""
+    n = system.size
+    k = len(mode.d)
+    rows = n + k
+    root = np.sqrt(mode.d)
+    target, plus, minus = mode.where
+    arcs = np.arange(k)
+    # A0 + beta I above, sqrt(d) c' below; the column of the target is dropped.
+    left = np.zeros((rows, n + 1))
+    left[:n, :n] = mode.A + system.rate * np.eye(n)
+    left[n + arcs, plus] += root
+    left[n + arcs, minus] -= root
+    right = np.vstack([np.eye(n), np.zeros((k, n))])
+    # -d t b b' above, t below
+    columns = np.zeros((rows, 2 * k))
+    columns[target, arcs] = root
+    columns[n + arcs, k + arcs] = 1.0
+    signs = np.repeat([-1.0, 1.0], k)
+    scalars = np.concatenate([start + arcs, start + arcs])
+    dense = {}
+    if system.S is not None:
+        border = np.zeros((rows, rows))
+        border[:n, :n] = -system.S
+        dense[system.multipliers] = border
+    if shift is not None:
+        dense[shift] = np.eye(rows)
+    return Block(
+        constant=np.zeros((rows, rows)),
+        sides=(left[:, :-1], right),
+        columns=(columns, signs, scalars),
+        dense=dense,
+    )
 
 
 def centring(system: FloatSystem, basis: Basis, *, shift: bool = False) -> Inequalities:
@@ -329,20 +410,16 @@ def covering(
     lambda_ = kappa + (system.S is not None)
     eye = np.eye(system.size)
     blocks = _decrease(system)
-    for sign, factor in ((1.0, -1.0), (-1.0, condition)):
-        blocks.append(Block(constant=np.zeros_like(eye), plain=sign, dense={lambda_: factor * eye}))
+    blocks.append(Block(constant=np.zeros_like(eye), plain=1.0, dense={lambda_: -1.0 * eye}))
+    blocks.append(Block(constant=np.zeros_like(eye), plain=-1.0, dense={lambda_: condition * eye}))
     disturbed = system.S is not None and disturbance > 0
     if disturbed:
-        R, share = lambda_ + 1, lambda_ + 2
-        corner, other, off = (
-            np.diag([1.0, 0.0]),
-            np.diag([0.0, 1.0]),
-            np.array([[0.0, 1.0], [1.0, 0.0]]),
-        )
+        R = lambda_ + 1
+        share = lambda_ + 2
+        # [[lambda, R], [R, 1 - b]] > 0: the ball of radius R takes at most the part 1 - b.
+        corner, other, off = _unit_forms()
         blocks.append(Block(constant=other, dense={lambda_: corner, R: off, share: -other}))
-        blocks.append(
-            Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other})
-        )
+        blocks.append(_disturbance_block(disturbance, kappa=kappa, share=share))
     forms, limits = _radii(system, basis)
     return Inequalities(
         basis=basis,
@@ -354,6 +431,18 @@ def covering(
     )
 
 
+def _unit_forms() -> tuple[Array, Array, Array]:
+    """The symmetric 2 x 2 matrices with a 1 at the first place, at the second, and beside the
+    diagonal."""
+    return np.diag([1.0, 0.0]), np.diag([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
+
+
+def _disturbance_block(disturbance: float, *, kappa: int, share: int) -> Block:
+    """b kappa > disturbance: what the errors of the observers take of the level."""
+    corner, other, off = _unit_forms()
+    return Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other})
+
+
 def flattening(
     system: FloatSystem, basis: Basis, *, ball: float, disturbance: float
 ) -> Inequalities:
@@ -363,20 +452,16 @@ def flattening(
     kappa = system.multipliers
     first = kappa + (system.S is not None)
     disturbed = system.S is not None and disturbance > 0
-    mu, eye = first + 2 * disturbed, np.eye(system.size)
-    blocks = [*_decrease(system), Block(constant=np.zeros_like(eye), plain=-1.0, dense={mu: eye})]
+    mu = first + 2 * disturbed
+    eye = np.eye(system.size)
+    blocks = _decrease(system)
+    blocks.append(Block(constant=np.zeros_like(eye), plain=-1.0, dense={mu: eye}))
     if disturbed:
         share = first + 1
-        corner, other, off = (
-            np.diag([1.0, 0.0]),
-            np.diag([0.0, 1.0]),
-            np.array([[0.0, 1.0], [1.0, 0.0]]),
-        )
+        corner, other, off = _unit_forms()
         blocks.append(Block(constant=np.zeros_like(eye), plain=1.0, dense={first: -eye}))
         blocks.append(Block(constant=other + ball * off, dense={first: corner, share: -other}))
-        blocks.append(
-            Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other})
-        )
+        blocks.append(_disturbance_block(disturbance, kappa=kappa, share=share))
     else:
         blocks.append(Block(constant=-(ball**2) * eye, plain=1.0))
     forms, limits = _radii(system, basis)
@@ -392,7 +477,10 @@ def flattening(
 
 def _radii(system: FloatSystem, basis: Basis) -> tuple[Array, Array]:
     """c'E c for every pair of ends and every unit matrix E, and the squares of the radii."""
-    c, pairs = np.zeros((system.size + 1, len(system.ends))), np.arange(len(system.ends))
-    c[system.ends[:, 0], pairs], c[system.ends[:, 1], pairs] = 1.0, -1.0
+    count = len(system.ends)
+    pairs = np.arange(count)
+    c = np.zeros((system.size + 1, count))
+    c[system.ends[:, 0], pairs] = 1.0
+    c[system.ends[:, 1], pairs] = -1.0
     c = c[:-1]
     return basis.products(c, c).T, system.reach**2

@@ -15,7 +15,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, Final
 
 from dobc_design.conditions.check import read_object
@@ -100,23 +100,26 @@ def gains_on(
     (m, m); those of one variable about ``tolerance`` too wide at most.  Raises: UndefinedError
     naming h and the interval."""
     m = coupling.dimension
-    box = tuple(Interval(-r, r) for r in (radius if isinstance(radius, Sequence) else [radius] * m))
+    radii = radius if isinstance(radius, Sequence) else [radius] * m
+    box = tuple(Interval(-r, r) for r in radii)
     if coupling.by_component:
-        curve, own = Curve(coupling.components[0]), dict[Interval, Interval]()
+        curve = Curve(coupling.components[0])
+        # Equal sides share their enclosure, which takes long.
+        known: dict[Interval, Interval] = {}
         for side in box:
-            own[side] = own[side] if side in own else _secants(curve, side, tolerance)
-        return tuple(
-            tuple(own[side] if c == d else _ZERO for d in range(m)) for c, side in enumerate(box)
-        )
-    rows, found = [], None
+            if side not in known:
+                known[side] = _secants(curve, side, tolerance)
+        own = [known[side] for side in box]
+        return tuple(tuple(own[c] if c == d else _ZERO for d in range(m)) for c in range(m))
+    rows: list[tuple[Interval, ...]] = []
+    hull: Entries | None = None
     for c, component in enumerate(coupling.components):
         if is_sum_of_curves(component.node):
-            rows.append(
-                tuple(_secants_along(component, d, side, tolerance) for d, side in enumerate(box))
-            )
+            sides = enumerate(box)
+            rows.append(tuple(_secants_along(component, d, side, tolerance) for d, side in sides))
         else:
-            found = found or _jacobian_hull(coupling, box)
-            rows.append(found[c])
+            hull = hull or _jacobian_hull(coupling, box)
+            rows.append(hull[c])
     return tuple(rows)
 
 
@@ -130,28 +133,29 @@ def _secants(curve: Curve, side: Interval, tolerance: Fraction) -> Interval:
 
 def _secants_along(component: Expression, d: int, side: Interval, tolerance: Fraction) -> Interval:
     """The secant gain in y_d of a sum of functions of one variable each: the others are 0 there."""
-    return (
-        _secants(_along(component, d), side, tolerance)
-        if d in variables_used(component.node)
-        else _ZERO
-    )
+    if d not in variables_used(component.node):
+        return _ZERO
+    return _secants(_along(component, d), side, tolerance)
 
 
 @lru_cache(maxsize=256)
 def _along(component: Expression, d: int) -> Curve:
-    text = re.sub(
-        r"\by([0-9]+)\b", lambda name: "y" if int(name[1]) == d + 1 else "0", str(component)
-    )
-    return Curve(parse_expression(text))
+    """The component as a function of y_d alone, the other variables 0."""
+
+    def replaced(name: re.Match[str]) -> str:
+        return "y" if int(name[1]) == d + 1 else "0"
+
+    return Curve(parse_expression(re.sub(r"\by([0-9]+)\b", replaced, str(component))))
 
 
 def is_sum_of_curves(node: Node) -> bool:
     """Whether an expression is, as it is written, a sum of functions of one variable each."""
     if len(variables_used(node)) < 2:
         return True
-    linear = node.kind in ("add", "subtract", "negate") or (
-        node.kind == "multiply" and any(not variables_used(each) for each in node.operands)
-    )
+    if node.kind == "multiply":
+        linear = any(not variables_used(each) for each in node.operands)
+    else:
+        linear = node.kind in ("add", "subtract", "negate")
     return linear and all(map(is_sum_of_curves, node.operands))
 
 
@@ -203,10 +207,8 @@ def enclose_ranges(loop: Loop, *, radius: Fraction | None) -> tuple[GainRange, .
 def widened_gains(loop: Loop, place: int, radius: Fraction | Sequence[Fraction]) -> Entries:
     """The gains as they are claimed: widened by ROOM and to DIGITS digits where the coupling is not
     linear."""
-    room, found = (
-        0 if loop.functions[place].is_linear else ROOM,
-        gains_at(loop, place, radius),
-    )
+    room = 0 if loop.functions[place].is_linear else ROOM
+    found = gains_at(loop, place, radius)
     return tuple(tuple(_widened(gain, room * gain.magnitude) for gain in row) for row in found)
 
 
@@ -219,26 +221,27 @@ def left_open(
         found = gains_at(loop, place, radius)
     except UndefinedError as error:
         return f"the gains cannot be enclosed: {error}"
-    pairs = zip(claimed, found, strict=True)
-    if not all(
-        mine.contains(gain) for row, own in pairs for mine, gain in zip(row, own, strict=True)
-    ):
-        return (
-            f'the gains of h = "{loop.functions[place].texts[0]}" are not shown to lie in '
-            "the range claimed."
-        )
+    for row, own in zip(claimed, found, strict=True):
+        for mine, gain in zip(row, own, strict=True):
+            if not mine.contains(gain):
+                return (
+                    f'the gains of h = "{loop.functions[place].texts[0]}" are not shown to lie in '
+                    "the range claimed."
+                )
     return None
 
 
 def ranges_to_json(ranges: Sequence[GainRange]) -> list[dict[str, Any]]:
     """The gains of every coupling as text."""
-    texts = [
-        [[[number_text(x.lo), number_text(x.hi)] for x in row] for row in each.entries]
-        for each in ranges
-    ]
-    return [
-        {"coupling": each.coupling, "gains": rows} for each, rows in zip(ranges, texts, strict=True)
-    ]
+    result = []
+    for each in ranges:
+        gains = [[_ends_as_text(gain) for gain in row] for row in each.entries]
+        result.append({"coupling": each.coupling, "gains": gains})
+    return result
+
+
+def _ends_as_text(gain: Interval) -> list[str]:
+    return [number_text(gain.lo), number_text(gain.hi)]
 
 
 def ranges_from_json(data: object, loop: Loop, radius: Fraction | None) -> tuple[GainRange, ...]:
@@ -265,58 +268,76 @@ def ranges_from_json(data: object, loop: Loop, radius: Fraction | None) -> tuple
 def build_sectors(loop: Loop, ranges: Sequence[GainRange], *, radius: Fraction | None) -> Sectors:
     """Put claimed ranges at the arcs of every mode, weights multiplied in, exact zeros left out.
     Raises: SpecError."""
-    m, size = loop.m, loop.n * loop.m
     table = {each.coupling: each.entries for each in ranges if each.radius == radius}
-    nodes = () if loop.drift_place is None else table.get(loop.drift_place, ())
-    if loop.drift_place is not None and not nodes:
-        raise SpecError(
-            f"f needs a range at the radius {radius}.",
-            key="ranges",
-            cure="Make them with enclose_ranges.",
-        )
-    A = loop.slopes  # which the gains of the problem hold already
-    own = [
-        Channel(
-            target=i * m + c,
-            plus=i * m + d,
-            minus=size,
-            low=gain.lo - A[c][d],
-            high=gain.hi - A[c][d],
-        )
-        for i in range(loop.n)
-        for c, row in enumerate(nodes)
-        for d, gain in enumerate(row)
-        if gain.lo != A[c][d] or gain.hi != A[c][d]
-    ]
+    own = _node_channels(loop, table, radius)
     modes: dict[str, tuple[Channel, ...]] = {}
     for name, arcs in loop.modes.items():
         channels: list[Channel] = []
         for (listener, speaker, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
             entries = table.get(loop.place_of(listener, speaker))
-            if entries is None or [len(row) for row in entries] != [m] * m:
+            if entries is None or [len(row) for row in entries] != [loop.m] * loop.m:
                 what = (
                     f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of "
-                    f"shape ({m}, {m})"
+                    f"shape ({loop.m}, {loop.m})"
                 )
                 cure = "Make them with enclose_ranges, with the same radius."
                 raise SpecError(f"{what} at the radius {radius}.", key="ranges", cure=cure)
-            if loose:
-                entries = tuple(tuple(gain.hull(_ZERO) for gain in row) for row in entries)
-            first, other = listener * m, speaker * m
-            channels += [
-                Channel(
-                    target=first + c,
-                    plus=other + d,
-                    minus=first + d,
-                    low=weight * gain.lo,
-                    high=weight * gain.hi,
-                )
-                for c, row in enumerate(entries)
-                for d, gain in enumerate(row)
-                if gain.lo or gain.hi
-            ]
+            channels += _arc_channels(entries, listener, speaker, weight, loose=loose)
         modes[name] = (*channels, *own)
     return Sectors(loop=loop, modes=modes)
+
+
+def _arc_channels(
+    entries: Entries, listener: int, speaker: int, weight: Fraction, *, loose: bool
+) -> list[Channel]:
+    """The channels of one arc; ``loose``: it may be away, so that a gain may also be 0."""
+    m = len(entries)
+    channels = []
+    for c, row in enumerate(entries):
+        for d, gain in enumerate(row):
+            ends = gain.hull(_ZERO) if loose else gain
+            if ends.lo or ends.hi:
+                channel = Channel(
+                    target=listener * m + c,
+                    plus=speaker * m + d,
+                    minus=listener * m + d,
+                    low=weight * ends.lo,
+                    high=weight * ends.hi,
+                )
+                channels.append(channel)
+    return channels
+
+
+def _node_channels(
+    loop: Loop, table: Mapping[int, Entries], radius: Fraction | None
+) -> list[Channel]:
+    """What every node does by itself, beyond the constant slopes that count as pulls."""
+    if loop.drift_place is None:
+        return []
+    entries = table.get(loop.drift_place, ())
+    if not entries:
+        raise SpecError(
+            f"f needs a range at the radius {radius}.",
+            key="ranges",
+            cure="Make them with enclose_ranges.",
+        )
+    m = loop.m
+    target = loop.n * m
+    channels = []
+    for i in range(loop.n):
+        for c, row in enumerate(entries):
+            for d, gain in enumerate(row):
+                known = loop.slopes[c][d]
+                if gain.lo != known or gain.hi != known:
+                    channel = Channel(
+                        target=i * m + c,
+                        plus=i * m + d,
+                        minus=target,
+                        low=gain.lo - known,
+                        high=gain.hi - known,
+                    )
+                    channels.append(channel)
+    return channels
 
 
 def relied_differences(loop: Loop) -> tuple[tuple[int, int], ...]:
@@ -325,15 +346,17 @@ def relied_differences(loop: Loop) -> tuple[tuple[int, int], ...]:
     kink may lie beyond.  For b = n m, the target, it is |e[a]|."""
     m = loop.m
     used = {coupling: _curved_variables(coupling) for coupling in loop.functions}
-    found = {
-        (min(listener, speaker) * m + d, max(listener, speaker) * m + d): None
-        for arcs in loop.modes.values()
-        for listener, speaker, _ in arcs
-        for d in used[loop.function_of(listener, speaker)]
-    }
+    found: dict[tuple[int, int], None] = {}
+    for arcs in loop.modes.values():
+        for listener, speaker, _ in arcs:
+            first, last = sorted((listener, speaker))
+            for d in used[loop.function_of(listener, speaker)]:
+                found[first * m + d, last * m + d] = None
     if loop.drift_place is not None:
-        own = _curved_variables(loop.functions[loop.drift_place])
-        found |= {(i * m + d, loop.n * m): None for i in range(loop.n) for d in own}
+        own = used[loop.functions[loop.drift_place]]
+        for i in range(loop.n):
+            for d in own:
+                found[i * m + d, loop.n * m] = None
     return tuple(found)
 
 
@@ -353,49 +376,73 @@ def used_couplings(loop: Loop) -> list[int]:
     """The couplings that arcs use, by their places, each once, in order; then that of the nodes."""
     modes = loop.modes.values()
     found = list(dict.fromkeys(loop.place_of(i, j) for arcs in modes for i, j, _ in arcs))
-    return found if loop.drift_place is None else [*found, loop.drift_place]
+    if loop.drift_place is not None:
+        found.append(loop.drift_place)
+    return found
 
 
 def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
     """The hull of J over a box, entry by entry, by branch and bound on both ends."""
-    algebra, cost = GradientAlgebra(len(box)), sum(map(len, coupling.texts))
-    bending = _curved_variables(coupling) or range(len(box))
+    hull = _Hull(coupling, box)
+    m = range(len(box))
+    return tuple(
+        tuple(Interval(-hull.highest(c, d, -1), hull.highest(c, d, 1)) for d in m) for c in m
+    )
 
-    @cache
-    def jacobian(part: Box) -> Entries:
-        variables = algebra.variables(part)
-        return tuple(
-            evaluate(each.node, variables, algebra).partials for each in coupling.components
-        )
 
-    def highest(c: int, d: int, sign: int) -> Fraction:
+class _Hull:
+    """Bounds of the entries of J over a box; what is known of its parts serves all entries."""
+
+    def __init__(self, coupling: Coupling, box: Box) -> None:
+        self.coupling = coupling
+        self.box = box
+        self.algebra = GradientAlgebra(len(box))
+        self.cost = sum(map(len, coupling.texts))
+        # Halving the other sides would not narrow the bounds.
+        self.bending = _curved_variables(coupling) or range(len(box))
+        self.known: dict[Box, Entries] = {}
+
+    def jacobian(self, part: Box) -> Entries:
+        """An enclosure of J on a part of the box."""
+        found = self.known.get(part)
+        if found is None:
+            variables = self.algebra.variables(part)
+            found = tuple(
+                evaluate(each.node, variables, self.algebra).partials
+                for each in self.coupling.components
+            )
+            self.known[part] = found
+        return found
+
+    def highest(self, c: int, d: int, sign: int) -> Fraction:
+        """An upper bound of ``sign`` times the entry (c, d), close to the highest value."""
+
         def bounds(part: Box) -> Interval:
-            return jacobian(part)[c][d] * sign
+            return self.jacobian(part)[c][d] * sign
 
+        box = self.box
         ends = (
             tuple(side.lo for side in box),
             tuple(side.midpoint for side in box),
             tuple(side.hi for side in box),
         )
         attained = max(bounds(tuple(map(Interval.point, each))).lo for each in ends)
+        # The part with the highest bound comes first; numbers tell parts apart.
         heap = [(-bounds(box).hi, 0, box)]
         for count in range(1, _MOST_PIECES):
             top, _, part = heap[0]
             if -top - attained <= _TOLERANCE * max(Fraction(1), abs(top)):
                 break
             heapq.heappop(heap)
-            spend(2 * cost)
-            side = max(bending, key=lambda k: part[k].width)
-            for number, half in enumerate(part[side].halves()):
-                piece = (*part[:side], half, *part[side + 1 :])
-                attained = max(
-                    attained, bounds(tuple(Interval.point(each.midpoint) for each in piece)).lo
-                )
-                heapq.heappush(heap, (-min(bounds(piece).hi, -top), 2 * count + number, piece))
+            spend(2 * self.cost)
+            longest = max(self.bending, key=lambda k: part[k].width)
+            for number, half in enumerate(part[longest].halves()):
+                piece = (*part[:longest], half, *part[longest + 1 :])
+                middle = tuple(Interval.point(each.midpoint) for each in piece)
+                attained = max(attained, bounds(middle).lo)
+                bound = min(bounds(piece).hi, -top)
+                heapq.heappush(heap, (-bound, 2 * count + number, piece))
         return -heap[0][0]
-
-    m = range(len(box))
-    return tuple(tuple(Interval(-highest(c, d, -1), highest(c, d, 1)) for d in m) for c in m)
 
 
 def _widened(gain: Interval, room: Fraction) -> Interval:

@@ -33,6 +33,7 @@ from dobc_design.conditions.quadratic.decide import (
     verify_lure,
 )
 from dobc_design.conditions.quadratic.propose import (
+    Wanted,
     bound_lure,
     condition_of,
     design_lure,
@@ -75,53 +76,69 @@ class Found:
 def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     """The quadratic certificate: the first that covers the ball asked for, else the one with the
     largest ball."""
-    loop, rows = asked.loop, asked.loop.n * asked.loop.m
+    loop = asked.loop
+    rows = loop.n * loop.m
     reason = quadratic_obstacle(loop, asked.W)
     if reason is not None:
         return [undecided_check("lure", asked.domain, reason, applies=False)]
-    if rows > MOST_ROWS:
-        reason = (
-            f"left out, because it takes long with {rows} rows n m; it is examined up to "
-            f"{MOST_ROWS}."
-        )
-        return [undecided_check("lure", asked.domain, reason)]
-    if (modes := len(loop.modes)) > MOST_MODES:
-        reason = (
-            f"left out, because it takes long with {modes} modes; it is examined up to "
-            f"{MOST_MODES}."
-        )
+    reason = _too_large(rows, len(loop.modes))
+    if reason is not None:
         return [undecided_check("lure", asked.domain, reason)]
     # shapes and interval bounds; or a large full P_e
     many = asked.everything or SMALL_ROWS < rows <= FULL_ROWS
     work = 3 * STAGE if many else STAGE
     with at_most(work):
-        found, cut = _ladder(asked, report), exhausted()
+        found = _ladder(asked, report)
+        cut = exhausted()
     if not found and cut is not None:
         longer = not many and out_of_time() is None
         return [cut_check("lure", asked.domain, cut, longer=longer)]
     if not found:
-        ball = (
-            f"any ball together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial "
-            "disturbance may help."
-        )
-        reason = (
-            "no quadratic V is "
-            f"found{f' for {ball}' if asked.disturbance else ', not even close to the target.'}"
-        )
-        return [undecided_check("lure", asked.domain, reason)]
+        return [undecided_check("lure", asked.domain, _none_found(asked))]
+    # Only the Lur'e inequalities know how to raise the rate.
     enough = [each for each in found if each.radius >= asked.ball and each.lure.method == "lure"]
     best = max(enough or found, key=lambda each: each.radius)
-    told = ""
+    remark = ""
     if best.radius >= asked.ball:
         report("deciding the region (quadratic, its rate)")
         with at_most(work):
-            best, told = _timed(asked, best)
-    radius, remark = (
-        0.0 if math.isinf(best.radius) else best.radius,
-        told + _remark(asked, best, found),
+            best, remark = _timed(asked, best)
+    remark += _remark(asked, best, found)
+    check = lure_check(
+        loop,
+        asked.W,
+        best.lure,
+        radius=0.0 if math.isinf(best.radius) else best.radius,
+        disturbance=asked.disturbance,
+        domain=asked.domain,
+        remark=remark,
     )
-    starts = {"radius": radius, "disturbance": asked.disturbance}
-    return [lure_check(loop, asked.W, best.lure, **starts, domain=asked.domain, remark=remark)]
+    return [check]
+
+
+def _too_large(rows: int, modes: int) -> str | None:
+    """Why a network of this size is left out; None if it is not."""
+    if rows > MOST_ROWS:
+        return (
+            f"left out, because it takes long with {rows} rows n m; it is examined up to "
+            f"{MOST_ROWS}."
+        )
+    if modes > MOST_MODES:
+        return (
+            f"left out, because it takes long with {modes} modes; it is examined up to "
+            f"{MOST_MODES}."
+        )
+    return None
+
+
+def _none_found(asked: Asked) -> str:
+    """That no ball at all is covered, in words."""
+    if not asked.disturbance:
+        return "no quadratic V is found, not even close to the target."
+    return (
+        "no quadratic V is found for any ball together with "
+        f"|eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help."
+    )
 
 
 def propose(
@@ -144,10 +161,10 @@ def _found(
     with surviving(f"no quadratic proposal ({what})", WorkLimitError):
         spend(_steps(asked.loop))
         lure = search(holds=partial(holds, asked.loop), largest=largest)
-    radius = (
-        0.0 if lure is None else certified_ball(asked.loop, lure, disturbance=asked.disturbance)
-    )
-    return None if lure is None or not radius > accept else Found(name, lure, radius)
+    if lure is None:
+        return None
+    radius = certified_ball(asked.loop, lure, disturbance=asked.disturbance)
+    return Found(name, lure, radius) if radius > accept else None
 
 
 def holds(loop: Loop, lure: Lure) -> bool:
@@ -159,8 +176,10 @@ def holds(loop: Loop, lure: Lure) -> bool:
 def _steps(loop: Loop) -> int:
     """What an exact inverse of the order of the exosystems takes, 27 s for order 200, and a matrix
     for every mode."""
-    modes = MODE * len(loop.modes)
-    return modes if loop.joint_exosystem is None else modes + loop.joint_exosystem.order**3 // 8
+    steps = MODE * len(loop.modes)
+    if loop.joint_exosystem is not None:
+        steps += loop.joint_exosystem.order**3 // 8
+    return steps
 
 
 def _ladder(asked: Asked, report: Progress) -> list[Found]:
@@ -168,13 +187,16 @@ def _ladder(asked: Asked, report: Progress) -> list[Found]:
     request."""
     rows = asked.loop.n * asked.loop.m
     found: list[Found] = []
-    shapes: tuple[Shape, ...] = ("identity", "diagonal", "full")
-    for shape in shapes if rows <= FULL_ROWS else shapes[:2]:
+    shapes: list[Shape] = ["identity", "diagonal"]
+    if rows <= FULL_ROWS:
+        shapes.append("full")
+    for shape in shapes:
         report(f"deciding the region (quadratic, {IN_WORDS[shape]})")
         proposal = propose(asked, shape)
-        if proposal is not None:
-            found.append(proposal)
-        if proposal is not None and proposal.radius >= asked.ball and not asked.everything:
+        if proposal is None:
+            continue
+        found.append(proposal)
+        if proposal.radius >= asked.ball and not asked.everything:
             return found
     if found and not asked.loop.is_linear:
         found += _bounds(asked, found[-1].lure)
@@ -186,27 +208,26 @@ def _bounds(asked: Asked, lure: Lure) -> list[Found]:
     interval bounds."""
     search = partial(bound_lure, asked.loop, P=lure.P, Q=lure.Q)
     found: list[Found | None] = []
-    if max(sum(map(bool, taus)) for taus in lure.multipliers.values()) <= CORNER_CHANNELS:
+    ranges = [sum(map(bool, taus)) for taus in lure.multipliers.values()]
+    if max(ranges) <= CORNER_CHANNELS:
         corners = partial(search, method="vertices", P_e=lure.P_e)
         found.append(_found(asked, corners, "vertices", "the corners of all gains"))
     if asked.everything:
-        found.append(
-            _found(asked, partial(search, method="interval"), "interval", "interval bounds")
-        )
+        interval = partial(search, method="interval")
+        found.append(_found(asked, interval, "interval", "interval bounds"))
     return [each for each in found if each is not None]
 
 
 def _timed(asked: Asked, first: Found) -> tuple[Found, str]:
     """The same region with the least time to one percent that is found, and what the largest rate
     would be."""
+    loop = asked.loop
     seen = _faster(asked, first)
     fastest = seen[-1]
     fast = [each for each in seen if each.lure.rate >= asked.rate] or [fastest]
     best = min([*_flatter(asked, seen), *reversed(fast)], key=_time)
     with suppress(WorkLimitError):
-        best = replace(
-            best, lure=raise_rate(asked.loop, best.lure, holds=partial(holds, asked.loop))
-        )
+        best = replace(best, lure=raise_rate(loop, best.lure, holds=partial(holds, loop)))
     if best.lure.rate >= fastest.lure.rate:
         return best, ""
     return best, fastest_in_words(float(fastest.lure.rate), math.sqrt(condition_of(fastest.lure)))
@@ -222,21 +243,19 @@ def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
     growing rates."""
     timed = [each for each in seen if each.lure.rate]
     first = min(map(_time, timed), default=math.inf)
-    if (
-        not timed
-        or not math.isfinite(first)
-        or first * float(timed[-1].lure.rate) < FLAT * math.log(100)
-    ):
+    if not timed or not math.isfinite(first):
         return []
+    # Its P_e is nearly a multiple of I already: a smaller rate gains nothing.
+    if first * float(timed[-1].lure.rate) < FLAT * math.log(100):
+        return []
+    wanted = Wanted(ball=claimed(asked.ball), disturbance=claimed(asked.disturbance), W=asked.W)
     with surviving("no flatter quadratic proposal", WorkLimitError):
         spend(_steps(asked.loop))
         sooner = sooner_lures(
             asked.loop,
             [each.lure for each in timed],
+            wanted,
             holds=partial(holds, asked.loop),
-            W=asked.W,
-            ball=claimed(asked.ball),
-            disturbance=claimed(asked.disturbance),
             steps=SOONER,
             least=asked.rate * (1 + KEPT),
         )
@@ -251,11 +270,12 @@ def _faster(asked: Asked, best: Found) -> list[Found]:
     """The same region at growing rates, as far as a short bisection finds them."""
     top = linear_rate(asked.loop, asked.W)
     steps = FEWER_STEPS if asked.loop.n * asked.loop.m >= MANY_ROWS else RATE_STEPS
+    accept = math.nextafter(asked.ball, 0.0)
     seen = [best]
 
     def covers_at(part: float) -> bool:
         rate = rounded_down(Fraction(top * part), digits=4)
-        faster = propose(asked, best.lure.shape, rate=rate, accept=math.nextafter(asked.ball, 0.0))
+        faster = propose(asked, best.lure.shape, rate=rate, accept=accept)
         if faster is None:
             return False
         seen.append(faster)
@@ -274,8 +294,10 @@ def _remark(asked: Asked, best: Found, found: Sequence[Found]) -> str:
     """Why the ball is no larger, and what the others reach."""
     if math.isinf(best.radius):
         return ""
-    others = ", ".join(f"{each.name}: {each.radius:.4g}" for each in found)
-    reached = f" Largest |e| by method: {others}." if len(found) > 1 else ""
+    reached = ""
+    if len(found) > 1:
+        others = ", ".join(f"{each.name}: {each.radius:.4g}" for each in found)
+        reached = f" Largest |e| by method: {others}."
     if asked.wanted and best.radius >= asked.ball:
         return reached
     wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"

@@ -24,7 +24,7 @@ _NAMES = {
     "certificate.certificate": "Certificate",
     "certification.certify": "certify certify_settling verify",
     "conditions.check": "Check",
-    "conditions.schedule.decide": "Settling",
+    "conditions.schedule.settling": "Settling",
     "coupling.coupling": "Coupling",
     "description.description": "describe",
     "designer.widget": "Designer",

@@ -10,7 +10,7 @@ from dobc_design.certification.certify import certify as certify
 from dobc_design.certification.certify import certify_settling as certify_settling
 from dobc_design.certification.certify import verify as verify
 from dobc_design.conditions.check import Check as Check
-from dobc_design.conditions.schedule.decide import Settling as Settling
+from dobc_design.conditions.schedule.settling import Settling as Settling
 from dobc_design.coupling.coupling import Coupling as Coupling
 from dobc_design.description.description import describe as describe
 from dobc_design.export import analyse as analyse

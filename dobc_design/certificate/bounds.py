@@ -31,9 +31,8 @@ from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
-from dobc_design.conditions.schedule.claim import Descent
-from dobc_design.conditions.schedule.cycles import Cycles
-from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.claim import Cycles, Descent
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.conditions.stated import LIMIT, TOLERANCE, stated_in, table_words

@@ -25,8 +25,8 @@ from dobc_design.certificate.files import make_folder, require_own, write_togeth
 from dobc_design.certificate.regions import Regions, certified_regions
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.schedule.cycles import Cycles, Weights
-from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.claim import Cycles, Weights
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop

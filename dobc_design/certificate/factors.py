@@ -22,7 +22,7 @@ from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import condition_bound
-from dobc_design.conditions.schedule.cycles import Cycles
+from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.separable.claim import DelayBound, Separable
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike

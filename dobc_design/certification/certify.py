@@ -54,7 +54,7 @@ from dobc_design.conditions.observer.propose import (
     propose_pairs,
 )
 from dobc_design.conditions.quadratic.stage import SMALL_ROWS, quadratic_stage
-from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.schedule.stage import (
     asked_of,
     read_tolerance,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from dobc_design.certificate.claims import Claims
-    from dobc_design.conditions.schedule.decide import Settling
+    from dobc_design.conditions.schedule.settling import Settling
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.problem.problem import Problem
     from dobc_design.report import document as doc

@@ -20,7 +20,7 @@ from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike, NDArray
 
-from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
 from dobc_design.plotting import look
 from dobc_design.plotting.look import (

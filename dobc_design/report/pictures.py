@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from dobc_design._show.text import Fragment, lower
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.regions import RegionClaim, Regions
-from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.plotting import look, runs
 from dobc_design.plotting.look import Sheet

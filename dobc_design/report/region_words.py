@@ -18,7 +18,7 @@ from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import Around
 from dobc_design.conditions.numbers import read_rational
-from dobc_design.conditions.schedule.decide import Settling, Stage
+from dobc_design.conditions.schedule.settling import Settling, Stage
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.reading import counted
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect

@@ -24,7 +24,7 @@ from scipy.linalg import expm
 from scipy.sparse.csgraph import breadth_first_order
 
 from dobc_design import Network, Problem, Region, Switching, Verdict, certify
-from dobc_design.conditions.schedule.cycles import Cycles
+from dobc_design.conditions.schedule.claim import Cycles
 
 KINDS = (
     "sequence, equal",

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from dobc_design.conditions.check import check_from_json
 from dobc_design.conditions.schedule.checks import read_claim, settling_of
 from dobc_design.conditions.schedule.claim import Tube
-from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.loop.make import loop_of
 from dobc_design.report.figures import plot_envelope
 from dobc_design.report.pictures import envelope_pictures

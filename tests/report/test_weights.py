@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 import dobc_design as dd
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.text import read_claims
-from dobc_design.conditions.schedule.cycles import Phase, Weights
+from dobc_design.conditions.schedule.claim import Weights
+from dobc_design.loop.guarantee import Phase
 from dobc_design.plotting.weights import plot_weights
 from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.report.pictures import error_picture, svg_of, weight_pictures

@@ -37,7 +37,8 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.schedule.checks import cycles_from_json, not_as_claimed
-from dobc_design.conditions.schedule.cycles import Cycles, first_unreached, holds_observer, rises
+from dobc_design.conditions.schedule.claim import Cycles
+from dobc_design.conditions.schedule.cycles import first_unreached, holds_observer, rises
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains, observed_in
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite

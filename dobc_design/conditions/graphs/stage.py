@@ -41,7 +41,7 @@ from dobc_design.conditions.numbers import (
     text_above,
     text_below,
 )
-from dobc_design.conditions.schedule.cycles import Cycles
+from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, acts_by_component, holding_gains
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, with_kappa

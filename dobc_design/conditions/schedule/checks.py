@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Final
@@ -24,17 +25,20 @@ from dobc_design.conditions.schedule.claim import (
     QUADRATIC,
     SCHEDULE,
     SEPARABLE,
+    Cycles,
     Descent,
     Last,
     Tube,
+    Weights,
 )
-from dobc_design.conditions.schedule.cycles import Cycles, Weights, holds_starts
+from dobc_design.conditions.schedule.cycles import holds_starts
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
-from dobc_design.conditions.schedule.decide import Settling, guarantee_of, proved_reason, why_not
+from dobc_design.conditions.schedule.decide import why_not
 from dobc_design.conditions.schedule.rounds import confirm_growth
+from dobc_design.conditions.schedule.settling import Settling, guarantee_of, proved_reason
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import error_from_json, observed_in, separable_from_json
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
@@ -46,13 +50,16 @@ def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: 
     UNDECIDED."""
     if settling.claim is None:
         return undecided_check("settling", domain, settling.reason)
-    radius, disturbance = decimal_below(settling.radius), decimal_below(settling.disturbance)
+    # The domain is written in decimals, rounded down: the claim has to be about that box.
+    radius = decimal_below(settling.radius)
+    disturbance = decimal_below(settling.disturbance)
+    claim = replace(settling.claim, radius=claimed(radius), disturbance=claimed(disturbance))
     check = Check(
         id="settling",
         verdict=Verdict.PROVED,
         domain=Box(radius, disturbance),
         reason=proved_reason(loop, settling.claim),
-        claim=replace(settling.claim, radius=claimed(radius), disturbance=claimed(disturbance)),
+        claim=claim,
     )
     wrong = confirm(check, loop, W, domain=domain)
     return check if wrong is None else undecided_check("settling", domain, wrong)
@@ -60,12 +67,19 @@ def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: 
 
 def cycles_check(loop: Loop, W: Matrix | None, claim: Cycles, asked: Region) -> Check:
     """The check of weights that move under a guarantee, decided once more as it is written."""
-    pace = "" if claim.rate is None else f", at least like exp(-{float(claim.rate):.4g} t)"
+    rate = None
+    pace = ""
+    if claim.rate is not None:
+        rate = decimal_below(claim.rate)
+        pace = f", at least like exp(-{float(claim.rate):.4g} t)"
+    domain: Domain = EVERYWHERE
+    if claim.rho is not None:
+        domain = Box(asked.radius, asked.disturbance)
     check = Check(
         id="schedule",
         verdict=Verdict.PROVED,
-        domain=EVERYWHERE if claim.rho is None else Box(asked.radius, asked.disturbance),
-        rate=None if claim.rate is None else decimal_below(claim.rate),
+        domain=domain,
+        rate=rate,
         reason=f"for {loop.guarantee.in_words()}: every error decays{pace}.",
         claim=claim,
     )
@@ -79,19 +93,20 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
     if check.id == "schedule" and check.verdict is Verdict.REFUTED:
         return confirm_growth(check, loop, domain)
     claim = read_claim(check, loop, W)
-    if (
-        reason := obstacle(loop, W, turned=isinstance(claim, Cycles) and claim.T is not None)
-    ) is not None:
+    turned = isinstance(claim, Cycles) and claim.T is not None
+    reason = obstacle(loop, W, turned=turned)
+    if reason is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
     if isinstance(claim, Values):
         return "a settling time is never refuted"
     if isinstance(claim, Cycles):
-        return not_as_claimed(check, loop, claim.rate, claim, domain) or why_not_cycles(
-            loop, W, claim
-        )
-    return "a settling time has no rate" if check.rate is not None else why_not(loop, W, claim)
+        wrong = not_as_claimed(check, loop, claim.rate, claim, domain)
+        return wrong or why_not_cycles(loop, W, claim)
+    if check.rate is not None:
+        return "a settling time has no rate"
+    return why_not(loop, W, claim)
 
 
 def not_as_claimed(
@@ -99,17 +114,17 @@ def not_as_claimed(
 ) -> str | None:
     """What rate and domain of a check say beyond a rate and a claim (None: about every start); None
     if nothing."""
-    if rate is None if check.rate is not None else rate is not None:
+    if (check.rate is None) != (rate is None):
         return "it has a rate iff its claim has one"
     if rate is not None and not follows(check.rate, rate):
         return "its rate is not between 0 and that of its claim"
     if claim is None or claim.rho is None:
         if check.domain != EVERYWHERE or domain != EVERYWHERE:
             return "without rho its domain is global, and so are the couplings"
-    else:
-        radius, disturbance = read_domain(check.domain, loop, kind=Box)
-        if not holds_starts(loop, claim, radius=radius, disturbance=disturbance):
-            return "the box of starts is not in its region"
+        return None
+    radius, disturbance = read_domain(check.domain, loop, kind=Box)
+    if not holds_starts(loop, claim, radius=radius, disturbance=disturbance):
+        return "the box of starts is not in its region"
     return None
 
 
@@ -122,19 +137,13 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Descent | Cycles |
     radius, disturbance = read_domain(check.domain, loop, kind=Box)
     values = read_object(check.exact, ("tolerance", "time", "tube", "last"))
     last = read_object(values["last"], ("kind", "level", "height", "stretch", "certificate"))
-    if last["kind"] not in (SEPARABLE, QUADRATIC, SCHEDULE):
-        raise ValueError(f"kind must be {SEPARABLE}, {QUADRATIC} or {SCHEDULE}")
-    certificate: Last
-    if last["kind"] == QUADRATIC:
-        certificate = lure_from_json(read_object(last["certificate"], names_of(loop)), loop, W)
-    elif last["kind"] == SCHEDULE:
-        certificate = cycles_from_json(last["certificate"], loop)
-    else:
-        certificate = separable_from_json(last["certificate"], loop)
+    certificate = _last_from_json(last["kind"], last["certificate"], loop, W)
     return Descent(
         tube=tube_from_json(values["tube"], loop),
         certificate=certificate,
-        **{name: read_rational(last[name]) for name in ("level", "height", "stretch")},
+        level=read_rational(last["level"]),
+        height=read_rational(last["height"]),
+        stretch=read_rational(last["stretch"]),
         radius=radius,
         disturbance=disturbance,
         tolerance=read_rational(values["tolerance"]),
@@ -142,21 +151,29 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Descent | Cycles |
     )
 
 
+def _last_from_json(kind: object, data: object, loop: Loop, W: Matrix | None) -> Last:
+    """Read the certificate that takes over back; raises as ``read_claim``."""
+    if kind == QUADRATIC:
+        return lure_from_json(read_object(data, names_of(loop)), loop, W)
+    if kind == SCHEDULE:
+        return cycles_from_json(data, loop)
+    if kind == SEPARABLE:
+        return separable_from_json(data, loop)
+    raise ValueError(f"kind must be {SEPARABLE}, {QUADRATIC} or {SCHEDULE}")
+
+
 def tube_from_json(data: object, loop: Loop) -> Tube:
     """Read ``Tube.to_json`` back for this problem; raises as ``read_claim``."""
-    observed = (name for name in observed_in(loop) if name != "kappa")
+    observed = [name for name in observed_in(loop) if name != "kappa"]
     values = read_object(data, ("times", "upper", "lower", *observed))
-    if not all(
-        isinstance(values[name], list) and len(values[name]) <= MOST_TIMES
-        for name in ("times", "upper", "lower")
-    ):
-        raise ValueError(f"times, upper and lower must be lists of at most {MOST_TIMES}")
+    for name in ("times", "upper", "lower"):
+        if not _is_short_list(values[name]):
+            raise ValueError(f"times, upper and lower must be lists of at most {MOST_TIMES}")
+    # The observer's part of a tube has no kappa; any will do.
     error = error_from_json({**values, "kappa": "1"}, loop)
-    upper, lower = (
-        tuple(tuple(vector_from_json(box, loop.n)) for box in values[name])
-        for name in ("upper", "lower")
-    )
-    times = tuple(read_rational(x) for x in values["times"])
+    upper = _vectors(values["upper"], loop.n)
+    lower = _vectors(values["lower"], loop.n)
+    times = _numbers(values["times"])
     return Tube(times=times, upper=upper, lower=lower, error=error)
 
 
@@ -165,27 +182,42 @@ def cycles_from_json(data: object, loop: Loop, *, turned: bool = False) -> Cycle
     ``read_claim``."""
     own = ("T", "ranges") if turned else ()
     values = read_object(data, ("rate", "rho", "phases", *own, *observed_in(loop)))
-    phases = list[Weights]()
-    for each in values["phases"]:
-        one = read_object(each, ("times", "v"))
-        if not all(
-            isinstance(one[name], list) and len(one[name]) <= MOST_TIMES for name in ("times", "v")
-        ):
-            raise ValueError(f"times and v must be lists of at most {MOST_TIMES}")
-        size = loop.n * (loop.m if turned else 1)
-        v = tuple(tuple(vector_from_json(weights, size)) for weights in one["v"])
-        phases.append(Weights(times=tuple(read_rational(x) for x in one["times"]), v=v))
-    rate, rho = (
-        None if values[name] is None else read_rational(values[name]) for name in ("rate", "rho")
-    )
+    size = loop.size if turned else loop.n
+    phases = tuple(_weights_from_json(each, size) for each in values["phases"])
+    rate = _rational_or_none(values["rate"])
+    rho = _rational_or_none(values["rho"])
     return Cycles(
-        phases=tuple(phases),
+        phases=phases,
         rate=rate,
         rho=rho,
         error=error_from_json(values, loop),
         T=form_from_json(values["T"]) if turned else None,
         ranges=ranges_from_json(values["ranges"], loop, rho) if turned else (),
     )
+
+
+def _weights_from_json(data: object, size: int) -> Weights:
+    values = read_object(data, ("times", "v"))
+    if not (_is_short_list(values["times"]) and _is_short_list(values["v"])):
+        raise ValueError(f"times and v must be lists of at most {MOST_TIMES}")
+    v = _vectors(values["v"], size)
+    return Weights(times=_numbers(values["times"]), v=v)
+
+
+def _is_short_list(data: object) -> bool:
+    return isinstance(data, list) and len(data) <= MOST_TIMES
+
+
+def _numbers(data: Sequence[object]) -> Vector:
+    return tuple(read_rational(each) for each in data)
+
+
+def _vectors(data: Sequence[object], size: int) -> tuple[Vector, ...]:
+    return tuple(tuple(vector_from_json(each, size)) for each in data)
+
+
+def _rational_or_none(data: object) -> Fraction | None:
+    return None if data is None else read_rational(data)
 
 
 def settling_of(loop: Loop, claim: Descent, reason: str) -> Settling:

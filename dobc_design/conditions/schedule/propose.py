@@ -16,6 +16,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import rounded_down
@@ -24,10 +25,10 @@ from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differe
 from dobc_design.conditions.quadratic.propose import fast_lures, linear_rate, raise_rate
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.schedule import decide, propose_cycles
-from dobc_design.conditions.schedule.claim import Last, Tube
-from dobc_design.conditions.schedule.cycles import Cycles, why_not
-from dobc_design.conditions.schedule.propose_cycles import ACCURACY, Chords
-from dobc_design.conditions.schedule.rows import Box, MovingRows
+from dobc_design.conditions.schedule.chords import ACCURACY, Chords
+from dobc_design.conditions.schedule.claim import Cycles, Last, Tube
+from dobc_design.conditions.schedule.cycles import why_not
+from dobc_design.conditions.schedule.rows import Box, MovingRows, RowsBySize
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.separable.coordinates import seen_through
 from dobc_design.conditions.separable.decide import composite_rate
@@ -85,10 +86,13 @@ class Asked:
 def observed(loop: Loop, W: Matrix | None, T: Matrix | None = None) -> ErrorBound | None:
     """P, beta, size of the observer, and a kappa for weights of at least 1 (of T e); None if none
     is found, or needed."""
-    exosystem, W = (loop.joint_exosystem, W) if T is None else seen_through(loop, T, W)
+    exosystem = loop.joint_exosystem
+    if T is not None:
+        exosystem, W = seen_through(loop, T, W)
     if exosystem is None or W is None:
         return None
-    error = propose_error_bound(exosystem, W, rate=OBSERVER * decay_rate(exosystem, W))
+    rate = OBSERVER * decay_rate(exosystem, W)
+    error = propose_error_bound(exosystem, W, rate=rate)
     return None if error is None else with_kappa(error)
 
 
@@ -101,27 +105,14 @@ def approach(
     if error is None and loop.groups:
         return
     turns = loop.guarantee.round
-    apart = turns is not None and any(unreached(loop, [arcs]) for arcs in loop.modes.values())
-    candidates = [] if apart else list[Last](_near(loop, W, asked, error))
-    boxes = [each for each in candidates if isinstance(each, Separable)] or candidates
-    fastest = max((float(decide.rate_near(each)) for each in boxes), default=0.0)
-    if turns is not None:
-        candidates += _kept(loop, W, asked, error)
-        fastest = max(fastest, propose_cycles.late_rate(loop))
-    grown = asked.radius + (
-        0 if error is None else asked.disturbance * root_above(error.size, unit=10**6) / error.beta
-    )
-    rows = decide.RowsBySize(loop, grown * Fraction(WIDER))
-    modes = {phase.mode for phase in turns.phases} if turns is not None else {""}
-    if any(rows.get(mode) is None for mode in modes) or not candidates or not fastest > 0:
+    last = _certificates(loop, W, asked, error)
+    rows = RowsBySize(loop, _widest(asked, error))
+    modes = {""} if turns is None else {phase.mode for phase in turns.phases}
+    if any(rows.get(mode) is None for mode in modes) or not last.found or not last.fastest > 0:
         return
-    kappas = [
-        own.error.kappa if own.error else Fraction(0)
-        for own in candidates
-        if isinstance(own, Cycles)
-    ]
-    rests = max(kappas, default=None)
-    for slack, bend in TRIED[0 if turns else 3 :]:
+    # Without a guarantee one row is about all modes; the coarser paths are enough then.
+    tried = TRIED[3:] if turns is None else TRIED
+    for slack, bend in tried:
         path = _Path(
             rows=rows,
             turns=turns,
@@ -129,15 +120,56 @@ def approach(
             asked=asked,
             slack=slack,
             bend=bend,
-            fastest=fastest,
-            rests=rests,
+            fastest=last.fastest,
+            rests=last.rests,
         )
-        whole = path.follow(limit)
-        choice = (
-            _choose(loop, path, candidates, asked) if whole or (slack, bend) == TRIED[-1] else None
-        )
+        arrives = path.follow(limit)
+        if not arrives and (slack, bend) != TRIED[-1]:
+            continue
+        choice = _choose(loop, path, last.found, asked)
         if choice is not None:
-            yield path.tube(choice[0]), choice[1]
+            until, certificate = choice
+            yield path.tube(until), certificate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Certificates:
+    """What may take over near the target, and the fastest rate (1/s) known there, about."""
+
+    found: Sequence[Last]
+    fastest: float
+
+    @property
+    def rests(self) -> Fraction | None:
+        """The largest kappa of weights that keep to the guarantee; None without such."""
+        kappas = list[Fraction]()
+        for own in self.found:
+            if isinstance(own, Cycles):
+                kappas.append(own.error.kappa if own.error else Fraction(0))
+        return max(kappas, default=None)
+
+
+def _certificates(
+    loop: Loop, W: Matrix | None, asked: Asked, error: ErrorBound | None
+) -> _Certificates:
+    is_timed = loop.guarantee.round is not None
+    # Where a mode alone leaves agents without a pin no certificate serves all modes.
+    apart = is_timed and any(unreached(loop, [arcs]) for arcs in loop.modes.values())
+    found = [] if apart else list[Last](_near(loop, W, asked, error))
+    boxes = [each for each in found if isinstance(each, Separable)] or found
+    fastest = max((float(decide.rate_near(each)) for each in boxes), default=0.0)
+    if is_timed:
+        found += _kept(loop, W, asked, error)
+        fastest = max(fastest, propose_cycles.late_rate(loop))
+    return _Certificates(found=found, fastest=fastest)
+
+
+def _widest(asked: Asked, error: ErrorBound | None) -> Fraction:
+    """The largest box that is followed: as far as the estimation error alone may push, and more."""
+    pushed = asked.radius
+    if error is not None:
+        pushed += asked.disturbance * root_above(error.size, unit=10**6) / error.beta
+    return pushed * Fraction(WIDER)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -146,7 +178,7 @@ class _Path:
     modes.  On each chord the faces are as fast as the rows ask at its slower end, and a little
     slower.  ``rests``: kappa of a certificate that keeps its size, None if there is none."""
 
-    rows: decide.RowsBySize
+    rows: RowsBySize
     turns: Round | None
     error: ErrorBound | None
     asked: Asked
@@ -161,67 +193,99 @@ class _Path:
     def follow(self, limit: float | None) -> bool:
         """Go on until the box lies within the tolerance or the ``limit`` is reached; False if it
         does not."""
-        radius, goal = float(self.asked.radius), float(self.asked.tolerance)
-        goal = goal if self.rests is None else goal * ROOM
-        kappa, most = float(self.rests or 0), ROOM * float(self.rows.most)
-        longest = (
-            LONGEST * math.log(max(radius / goal, 2.0)) / self.fastest if limit is None else limit
-        )
-        chords = Chords(bend=self.bend, pace=self.fastest, step=FIRST_STEP / self.fastest)
+        radius = float(self.asked.radius)
+        goal = float(self.asked.tolerance)
+        if self.rests is not None:
+            goal *= ROOM
+        kappa = float(self.rests or 0)
+        longest = limit
+        if longest is None:
+            longest = LONGEST * math.log(max(radius / goal, 2.0)) / self.fastest
+        first = FIRST_STEP / self.fastest
+        chords = Chords(bend=self.bend, pace=self.fastest, step=first)
         self.boxes = [np.full(2 * self.rows.loop.n, radius)]
         while len(self.times) < MOST_TIMES and float(self.times[-1]) < longest:
-            now, box = self.times[-1], self.boxes[-1]
-            rests = goal - kappa * self.load(now)
-            if float(box.max()) <= rests:
+            rests = goal - kappa * self.load(self.times[-1])
+            if float(self.boxes[-1].max()) <= rests:
                 return True
-            mode, change = "", None
-            if self.turns is not None:
-                place, _, change = self.turns.at(now)
-                mode = self.turns.phases[place].mode
-            rows = self.rows.get(mode, self.rows.level(float(box.max())))
-            lands = None if rests <= 0 else rests
-            found = (
-                None
-                if rows is None
-                else chords.next(box, now, change, partial(self._asked, rows), lands=lands)
-            )
-            if found is None or float(found[1].max()) > most:
+            if not self._go_on(chords, lands=rests if rests > 0 else None):
                 return False
-            self.times.append(found[0])
-            self.boxes.append(found[1])
         return limit is not None and len(self.times) < MOST_TIMES
+
+    def _go_on(self, chords: Chords, *, lands: float | None) -> bool:
+        """Add a chord; False where none is found, or where it grows too far."""
+        now = self.times[-1]
+        box = self.boxes[-1]
+        mode = ""
+        change = None
+        if self.turns is not None:
+            place, _, change = self.turns.at(now)
+            mode = self.turns.phases[place].mode
+        rows = self.rows.get(mode, self.rows.level(float(box.max())))
+        if rows is None:
+            return False
+        found = chords.next(box, now, change, partial(self._asked, rows), lands=lands)
+        if found is None:
+            return False
+        after, end = found
+        if float(end.max()) > ROOM * float(self.rows.most):
+            return False
+        self.times.append(after)
+        self.boxes.append(end)
+        return True
 
     def _asked(self, rows: MovingRows, boxes: Array, t: Fraction) -> Array:
         """The slopes of the faces that the rows ask for, and a little more."""
         faces = boxes.reshape(len(boxes), 2, -1)
-        asked = rows.needed(Box.floats(faces), np.full(len(boxes), self.load(t)))
-        return np.asarray(asked + self.slack * (np.abs(asked) + self.fastest * faces)).reshape(
-            boxes.shape
-        )
+        loads = np.full(len(boxes), self.load(t))
+        asked = rows.needed(Box.floats(faces), loads)
+        slower = asked + self.slack * (np.abs(asked) + self.fastest * faces)
+        return np.asarray(slower).reshape(boxes.shape)
 
     def load(self, t: Fraction) -> float:
         """|C eps_i| at most."""
         if self.error is None:
             return 0.0
-        return (
-            math.sqrt(float(self.error.size))
-            * float(self.asked.disturbance)
-            * math.exp(-float(self.error.beta * t))
-        )
+        first = math.sqrt(float(self.error.size)) * float(self.asked.disturbance)
+        return first * math.exp(-float(self.error.beta * t))
 
     def tube(self, until: Fraction) -> Tube:
         """The chords between the boxes up to a time of theirs."""
-        boxes = [
-            tuple(_above(x, digits=9) for x in box.tolist())
-            for box in self.boxes[: self.times.index(until) + 1]
-        ]
-        boxes[0], n = (self.asked.radius,) * len(boxes[0]), len(boxes[0]) // 2
+        n = self.rows.loop.n
+        count = self.times.index(until) + 1
+        boxes = [(self.asked.radius,) * (2 * n)]
+        for box in self.boxes[1:count]:
+            boxes.append(tuple(_above(x, digits=9) for x in box.tolist()))
         return Tube(
-            times=tuple(self.times[: len(boxes)]),
+            times=tuple(self.times[:count]),
             upper=tuple(box[:n] for box in boxes),
             lower=tuple(box[n:] for box in boxes),
             error=self.error,
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Handover:
+    """A certificate at every box of a path, in floats: its size there, and up to which size it
+    holds; ``may_begin`` there; the rate (1/s) of its size after ``wait`` (s); |e|_inf <= ``height``
+    times its size."""
+
+    levels: Array
+    most: float
+    height: float
+    rate: float
+    wait: float = 0.0
+    may_begin: bool | NDArray[np.bool_] = True
+
+    def settled(self, times: Array, tolerance: float) -> Array:
+        """When |e|_inf is within the tolerance if it takes over at each of the times; inf where it
+        cannot."""
+        left = np.maximum(np.log(self.levels * self.height / tolerance), 0.0)
+        lasting = self.wait + left / max(self.rate, SMALLEST)
+        total = times + np.where(left == 0, 0.0, lasting)
+        # A certificate that only keeps its size is entered exactly; others have room to spare.
+        most = ROOM * self.most if self.rate else self.most / ROOM
+        return np.where(self.may_begin & (self.levels <= most), total, np.inf)
 
 
 @np.errstate(all="ignore")
@@ -229,64 +293,102 @@ def _choose(
     loop: Loop, path: _Path, candidates: Sequence[Last], asked: Asked
 ) -> tuple[Fraction, Last] | None:
     """When which certificate takes over, for the earliest settling time."""
-    times, boxes = (
-        np.array([float(t) for t in path.times]),
-        np.stack(path.boxes).reshape(len(path.boxes), 2, -1),
-    )
-    widths, loads = boxes.max(axis=1) * (1 + ACCURACY), np.array([path.load(t) for t in path.times])
-    best: tuple[float, int, Last] | None = None
+    times = np.array([float(t) for t in path.times])
+    faces = np.stack(path.boxes).reshape(len(path.boxes), 2, -1)
+    widths = faces.max(axis=1) * (1 + ACCURACY)
+    loads = np.array([path.load(t) for t in path.times])
+    earliest = math.inf
+    best: tuple[int, Last] | None = None
     for each in candidates:
-        rate, wait, mine = float(decide.rate_near(each)), 0.0, np.ones(len(times), dtype=bool)
-        if isinstance(each, Cycles):
-            v, wait = (
-                np.ones((len(times), len(widths[0]))),
-                float(max((x.times[-1] for x in each.phases), default=0)),
-            )
-            if path.turns is not None and each.phases:
-                at = [path.turns.at(t) for t in path.times]
-                mine = np.array(
-                    [begun == t for (_, begun, _), t in zip(at, path.times, strict=True)]
-                )
-                first = np.array([[float(x) for x in phase.v[0]] for phase in each.phases])
-                v = first[[place for place, _, _ in at]]
-            kappa = 0.0 if each.error is None else float(each.error.kappa)
-            levels, height = (widths / v).max(axis=1) + kappa * loads, float(each.most)
-            most = math.inf if each.rho is None else float(each.rho)
-        elif isinstance(each, Separable):
-            v = np.array([float(x) for x in each.v])
-            kappa = 0.0 if each.error is None else float(each.error.kappa)
-            levels, height = (widths / v).max(axis=1) + kappa * loads, float(v.max())
-            most = math.inf if each.rho is None else float(each.rho)
+        if isinstance(each, Lure):
+            handover = _of_quadratic(loop, path, each, widths, loads)
+        elif isinstance(each, Cycles):
+            handover = _of_cycles(path, each, widths, loads)
         else:
-            P_e, b = np.abs(to_float(each.P_e.to_dense())), np.repeat(widths, loop.m, axis=1)
-            stretch = 1.0
-            if each.P is not None and path.error is not None:
-                stretch = math.sqrt(float(relative_bound(each.P, path.error.P)))
-            levels = np.sqrt(np.einsum("ti,ij,tj->t", b, P_e, b) + loop.n * (stretch * loads) ** 2)
-            height, most = math.sqrt(float(max(diagonal_of_inverse(each.P_e)))), math.inf
-            if each.radius is not None:
-                wide = max(differences(each.P_e, relied_differences(loop)), default=Fraction(0))
-                most = float(each.radius) / math.sqrt(float(wide)) if wide else math.inf
-        left = np.maximum(np.log(levels * height / float(asked.tolerance)), 0.0)
-        total = times + np.where(left == 0, 0.0, wait + left / max(rate, SMALLEST))
-        total = np.where(
-            mine & (levels <= most / ROOM if not rate else levels <= ROOM * most), total, np.inf
-        )
+            handover = _of_separable(each, widths, loads)
+        total = handover.settled(times, float(asked.tolerance))
         k = int(np.argmin(total))
-        if np.isfinite(total[k]) and (best is None or total[k] < best[0]):
-            best = float(total[k]), k, each
-    return None if best is None or not best[1] else (path.times[best[1]], best[2])
+        if total[k] < earliest:
+            earliest = float(total[k])
+            best = (k, each)
+    # At the first time there is no path to follow.
+    if best is None or best[0] == 0:
+        return None
+    place, certificate = best
+    return path.times[place], certificate
+
+
+def _weighted(own: Separable | Cycles, v: Array, widths: Array, loads: Array) -> Array:
+    """The size N + kappa E at every box."""
+    kappa = 0.0 if own.error is None else float(own.error.kappa)
+    return np.asarray((widths / v).max(axis=1) + kappa * loads)
+
+
+def _of_separable(own: Separable, widths: Array, loads: Array) -> _Handover:
+    v = np.array([float(x) for x in own.v])
+    return _Handover(
+        levels=_weighted(own, v, widths, loads),
+        most=math.inf if own.rho is None else float(own.rho),
+        height=float(v.max()),
+        rate=float(decide.rate_near(own)),
+    )
+
+
+def _of_cycles(path: _Path, own: Cycles, widths: Array, loads: Array) -> _Handover:
+    """Weights that move take over with those that a phase begins with."""
+    v = np.ones(widths.shape)
+    may_begin: bool | NDArray[np.bool_] = True
+    if path.turns is not None and own.phases:
+        places = list[int]()
+        begins = list[bool]()
+        for t in path.times:
+            place, begun, _ = path.turns.at(t)
+            places.append(place)
+            begins.append(begun == t)
+        first = np.array([to_float((phase.v[0],))[0] for phase in own.phases])
+        v = first[places]
+        may_begin = np.array(begins)
+    return _Handover(
+        levels=_weighted(own, v, widths, loads),
+        most=math.inf if own.rho is None else float(own.rho),
+        height=float(own.most),
+        rate=float(decide.rate_near(own)),
+        wait=float(max((each.times[-1] for each in own.phases), default=0)),
+        may_begin=may_begin,
+    )
+
+
+def _of_quadratic(loop: Loop, path: _Path, own: Lure, widths: Array, loads: Array) -> _Handover:
+    P_e = np.abs(to_float(own.P_e.to_dense()))
+    b = np.repeat(widths, loop.m, axis=1)
+    stretch = 1.0
+    if own.P is not None and path.error is not None:
+        stretch = math.sqrt(float(relative_bound(own.P, path.error.P)))
+    squares = np.einsum("ti,ij,tj->t", b, P_e, b) + loop.n * (stretch * loads) ** 2
+    most = math.inf
+    if own.radius is not None:
+        wide = max(differences(own.P_e, relied_differences(loop)), default=Fraction(0))
+        if wide:
+            most = float(own.radius) / math.sqrt(float(wide))
+    return _Handover(
+        levels=np.sqrt(squares),
+        most=most,
+        height=math.sqrt(float(max(diagonal_of_inverse(own.P_e)))),
+        rate=float(decide.rate_near(own)),
+    )
 
 
 def _near(
     loop: Loop, W: Matrix | None, asked: Asked, error: ErrorBound | None
 ) -> Iterator[Separable | Lure]:
     """Certificates that may take over near the target."""
-    slowest, levels = (
-        0.0,
-        [part for part in LEVELS if part * asked.radius >= asked.tolerance / 2] or [LEVELS[0]],
-    )
-    for part in [1.0] if loop.is_linear else levels:
+    # Linear couplings look the same from everywhere; else a smaller box may have a faster rate.
+    levels = [1.0]
+    if not loop.is_linear:
+        half = asked.tolerance / 2
+        levels = [part for part in LEVELS if part * asked.radius >= half] or [LEVELS[0]]
+    slowest = 0.0
+    for part in levels:
         plan = propose_separable(loop, rho=Fraction(part) * asked.radius)
         if plan is None:
             continue
@@ -294,22 +396,24 @@ def _near(
         if error is not None:
             rate = min(Fraction(plan.rate), SHARE * error.beta)
             own = with_kappa(error, rate=rate, least=Fraction(float(plan.v.min())))
-        found = first_certificate(loop, W, replace(plan, error=own), everywhere=loop.is_linear)
+        whole_plan = replace(plan, error=own)
+        found = first_certificate(loop, W, whole_plan, everywhere=loop.is_linear)
         if found is not None and composite_rate(found) > 0:
             slowest = max(slowest, float(composite_rate(found)))
             yield found
-    yield from _quadratic(loop, W, [part * float(asked.radius) for part in RADII], slowest)
+    radii = [part * float(asked.radius) for part in RADII]
+    yield from _quadratic(loop, W, radii, slowest)
 
 
 def _kept(loop: Loop, W: Matrix | None, asked: Asked, error: ErrorBound | None) -> Iterator[Cycles]:
     """Weights that move under the guarantee, and the tolerance itself as a box that is never
     left."""
-    rests = Cycles(
-        phases=(), rate=None, rho=None if loop.is_linear else asked.tolerance, error=error
-    )
+    within = None if loop.is_linear else asked.tolerance
+    rests = Cycles(phases=(), rate=None, rho=within, error=error)
     if why_not(loop, W, rests) is None:
         yield rests
-    for part in [1.0] if loop.is_linear else LEVELS:
+    levels = [1.0] if loop.is_linear else LEVELS
+    for part in levels:
         rho = None if loop.is_linear else Fraction(part) * asked.radius
         found = next(propose_cycles.propose(loop, W, rho=rho, error=error), None)
         if found is not None:
@@ -321,21 +425,23 @@ def _quadratic(loop: Loop, W: Matrix | None, radii: list[float], slowest: float)
     """Certificates at the given radii, one each, smallest first; those only whose rate (1/s)
     exceeds ``slowest``. Linear couplings need no radius and have one.  Nothing for networks beyond
     MOST_ROWS or MOST_BLOCK."""
-    size, arcs = loop.n * loop.m, max(len(each) for each in loop.modes.values())
-    if size > MOST_ROWS or size + arcs * loop.m > MOST_BLOCK:
+    arcs = max(len(each) for each in loop.modes.values())
+    if loop.size > MOST_ROWS or loop.size + arcs * loop.m > MOST_BLOCK:
         return
 
     def holds(lure: Lure) -> bool:
         return verify_lure(loop, lure).verdict is Verdict.PROVED
 
-    observer, fastest = Fraction(0), linear_rate(loop, W)
-    if (exosystem := loop.joint_exosystem) is not None:
-        observer = rounded_down(
-            0.0 if W is None else max(0.0, PAIR * decay_rate(exosystem, W)), digits=6
-        )
+    observer = Fraction(0)
+    fastest = linear_rate(loop, W)
+    exosystem = loop.joint_exosystem
+    if exosystem is not None:
+        rate = 0.0 if W is None else max(0.0, PAIR * decay_rate(exosystem, W))
+        observer = rounded_down(rate, digits=6)
         fastest = min(fastest, float(observer))
+    rates = (slowest, fastest)
     for radius in [None] if loop.is_linear else sorted(radii):
-        lures = fast_lures(loop, radius=radius, W=W, observer=observer, rates=(slowest, fastest))
+        lures = fast_lures(loop, radius=radius, W=W, observer=observer, rates=rates)
         lure = next(filter(holds, lures), None)
         if lure is None:
             break  # larger radii are harder

@@ -13,14 +13,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
-from itertools import accumulate, islice
-from typing import Any, Final
+from itertools import accumulate
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
 from dobc_design.conditions.numbers import rounded_up
-from dobc_design.conditions.schedule.cycles import ZERO, Cycles, Weights, why_not
+from dobc_design.conditions.schedule.chords import Chords
+from dobc_design.conditions.schedule.claim import ONE, ZERO, Cycles, Weights
+from dobc_design.conditions.schedule.cycles import why_not
 from dobc_design.conditions.schedule.rows import MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.conditions.separable.coordinates import enclosed_ranges
@@ -40,83 +42,6 @@ from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.solvers.program import Array
-
-ACCURACY: Final = 1e-7  # of a point, as a part of what it falls by
-CLOSE: Final = 0.999  # of a goal, which a chord does not miss by more
-MOST_HALVINGS: Final = 40
-MOST_NEWTON: Final = 12
-CHORD: Final = 40  # steps of work for an attempt at a chord
-
-#: The slopes that are asked for at points (count, size), at one time (s).
-Asked = Callable[[Array, Fraction], Array]
-
-
-@dataclass(slots=True, kw_only=True, eq=False)
-class Chords:
-    """``bend``: by how much the slopes at both ends of a chord may differ, times its length, as a
-    part of the entry, or the ``floor`` if it is less; without one of the largest entry.  ``pace``
-    (1/s): the rate that measures accuracy."""
-
-    bend: float
-    pace: float
-    step: float
-    floor: float | None = None
-    change: Array | None = None  # of the slopes with the point
-
-    def next(
-        self,
-        point: Array,
-        now: Fraction,
-        until: Fraction | None,
-        asked: Asked,
-        *,
-        lands: float | None = None,
-    ) -> tuple[Fraction, Array] | None:
-        """The end of the next chord, at most ``until``, and where its largest entry falls just
-        below ``lands``."""
-        before = asked(point[None], now)[0]
-        for _ in range(MOST_HALVINGS):
-            spend(CHORD)
-            after = now + Fraction(f"{self.step:.4g}")
-            if until is not None and after + (after - now) > until:  # no sliver is left over
-                after = until if after >= until else now + (until - now) / 2
-            length, found = float(after - now), self._end(point, before, now, after, asked)
-            bent = math.inf
-            if found is not None:
-                scale = found[0].max() if self.floor is None else np.maximum(found[0], self.floor)
-                bent = float(np.max(np.abs(found[1] - before) / scale)) * length
-            if found is None or not bent <= 2 * self.bend:
-                self.step = length / 2
-                continue
-            top, left = float(point.max()), float(found[0].max())
-            if lands is None or left >= lands * CLOSE or top <= lands:
-                self.step = length * min(2.0, math.sqrt(self.bend / max(bent, self.bend / 4)))
-                return after, found[0]
-            self.step = length * (top - lands) / (top - left)
-        return None
-
-    def _end(
-        self, point: Array, before: Array, now: Fraction, after: Fraction, asked: Asked
-    ) -> tuple[Array, Array] | None:
-        """The end of a chord and the slopes asked for there, by Newton's method; None if it does
-        not settle."""
-        length, found, last = float(after - now), point.copy(), math.inf
-        for _ in range(MOST_NEWTON):
-            there = asked(found[None], after)[0]
-            missed = point + length * np.maximum(before, there) - found
-            left = float(np.max(np.abs(missed) / found))
-            if left <= ACCURACY * length * self.pace:
-                return found, there
-            if self.change is None or not left <= last / 4:
-                widths = 1e-6 * found
-                self.change = (asked(found + np.diag(widths), after) - there).T / widths
-            last = left
-            J = np.where((there >= before)[:, None], self.change, 0.0)
-            found = np.maximum(
-                found + np.linalg.solve(np.eye(len(point)) - length * J, missed), found / 4
-            )
-        return None
-
 
 STEEPEST: Final = 1e6  # weights at most, the least at a beginning 1
 FAR: Final = 5.0  # and times rho, where couplings are not linear
@@ -160,8 +85,15 @@ ROUNDS: Final = 4  # of weights and gains in turn, and at least of a sequence
 WIDER: Final = 1.05  # than the largest weights seen
 # times that a phase without an end is doubled until its rows hold with weights at rest
 TAILS: Final = 8
+NEARLY: Final = 0.95  # of the largest weights: iterates that come so far do not settle
+ROUNDED_UP: Final = 1 + 1e-10  # weights, before they are written with eleven digits
 
 Way = list[tuple[Fraction, Array]]  # times (s) from the beginning of a phase, and weights there
+
+
+def _steepest(rho: Fraction | None) -> float:
+    """The largest weight that is tried, where the least at a beginning is 1."""
+    return STEEPEST if rho is None else max(FAR, FAR / float(rho))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -174,22 +106,36 @@ class _Turned:
 
     @classmethod
     def of(cls, loop: Loop, T: Matrix, gains: Gains) -> dict[str, _Turned]:
+        """By mode."""
         agents = Agents.of(loop, most=loop.n)
-        each = zip(loop.modes, agents.modes, strict=True)
-        return {
-            mode: cls(agents=replace(agents, modes=(arcs,)), T=to_float(T), gains=gains)
-            for mode, arcs in each
-        }
+        in_floats = to_float(T)
+        found = dict[str, _Turned]()
+        for mode, arcs in zip(loop.modes, agents.modes, strict=True):
+            alone = replace(agents, modes=(arcs,))
+            found[mode] = cls(agents=alone, T=in_floats, gains=gains)
+        return found
 
     def matrix(self) -> Array:
         """What the slopes are for weights of 1, as a matrix."""
         ones = np.ones((self.agents.size, len(self.T)))
-        return np.asarray(self.agents.rows(self.T, self.gains, ones)[1].toarray())
+        _, sparse = self.agents.rows(self.T, self.gains, ones)
+        return np.asarray(sparse.toarray())
 
     def pull(self, v: Array, _: Sequence[float]) -> Array:
         """The slopes (count, n m) that the rows ask of weights v (count, n m)."""
-        found = self.agents.largest(self.T, self.gains, v.reshape(len(v), -1, len(self.T)))
+        by_agent = v.reshape(len(v), -1, len(self.T))
+        found = self.agents.largest(self.T, self.gains, by_agent)
         return np.asarray(found.reshape(v.shape))
+
+
+class _Beginning(NamedTuple):
+    """All that the way of weights through a phase depends on."""
+
+    mode: str
+    shortest: Fraction
+    longest: Fraction | None
+    rate: float
+    start: bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -202,9 +148,7 @@ class _Flow:
     slack: float
     pace: float  # 1/s, about the rate
     bend: float
-    known: dict[tuple[str, Fraction, Fraction | None, float, bytes], Way | None] = field(
-        default_factory=dict
-    )
+    known: dict[_Beginning, Way | None] = field(default_factory=dict)
 
     def asked(self, v: Array, t: Fraction = ZERO) -> Array:
         """The slopes (count, n) that rows ask of weights (count, n), and a little more."""
@@ -214,28 +158,38 @@ class _Flow:
     def way(self, start: Array, rate: float) -> Way | None:
         """Until its longest time; without one until the weights keep their place.  None if none is
         found."""
-        key = self.phase.mode, self.phase.shortest, self.phase.longest, rate, start.tobytes()
+        phase = self.phase
+        key = _Beginning(phase.mode, phase.shortest, phase.longest, rate, start.tobytes())
         if key not in self.known:
             self.known[key] = self._way(start, rate)
         return self.known[key]
 
     def _way(self, start: Array, rate: float) -> Way | None:
-        nodes = _ends(self.phase.shortest, self.phase.longest or self.phase.shortest)
-        way, last = [(ZERO, start)], self.phase.longest
-        chords = Chords(
-            bend=self.bend, pace=self.pace, step=float(self.phase.shortest) / ENDS, floor=1.0
-        )
+        shortest = self.phase.shortest
+        longest = self.phase.longest
+        step = float(shortest) / ENDS
+        chords = Chords(bend=self.bend, pace=self.pace, step=step, floor=1.0)
+        way = [(ZERO, start)]
+        nodes = _ends(shortest, longest or shortest)
         for k in range(TAILS):
-            for node in nodes:
-                while way[-1][0] < node:
-                    found = chords.next(way[-1][1], way[-1][0], node, self.asked)
-                    if found is None or len(way) > MOST_STEPS:
-                        return None
-                    way.append(found)
-            if last is not None or np.all(self.asked(way[-1][1][None])[0] <= -rate * way[-1][1]):
+            if not self._follow(way, nodes, chords):
+                return None
+            _, last = way[-1]
+            if longest is not None or np.all(self.asked(last[None])[0] <= -rate * last):
                 return way
-            nodes = [self.phase.shortest * 2 ** (k + 1)]
+            nodes = [shortest * 2 ** (k + 1)]
         return None
+
+    def _follow(self, way: Way, nodes: Sequence[Fraction], chords: Chords) -> bool:
+        """Go on until the last of some times, by way of the others; False where it gets stuck."""
+        for node in nodes:
+            while way[-1][0] < node:
+                now, point = way[-1]
+                found = chords.next(point, now, node, self.asked)
+                if found is None or len(way) > MOST_STEPS:
+                    return False
+                way.append(found)
+        return True
 
 
 def propose(
@@ -243,19 +197,24 @@ def propose(
 ) -> Iterator[Cycles]:
     """Claims that are proved for weights whose least at the beginning of phases is 1, the fastest
     first."""
-    phases, reach = loop.guarantee.phases, Fraction(1) if rho is None else rho
-    steepest = STEEPEST if rho is None else max(FAR, FAR / float(rho))
+    phases = loop.guarantee.phases
+    widest = (ONE if rho is None else rho) * Fraction(_steepest(rho))
     modes = dict.fromkeys(phase.mode for phase in phases)
-    rows = {mode: moving_rows(loop, reach * Fraction(steepest), [mode]) for mode in modes}
-    known = {mode: found for mode, found in rows.items() if found is not None}
-    if len(known) < len(rows):
+    found = {mode: moving_rows(loop, widest, [mode]) for mode in modes}
+    rows = {mode: each for mode, each in found.items() if each is not None}
+    if len(rows) < len(found):
         return
-    sizes = (1.0,) if rho is None else tuple(part * float(rho) for part in SIZES)
     linear = _Linear.at_the_target(loop, phases)
-    claims = (
-        () if linear is None else _drafts(phases, known, linear, sizes=sizes, rho=rho, error=error)
-    )
-    yield from islice((claim for claim in claims if why_not(loop, W, claim) is None), 1)
+    if linear is None:
+        return
+    sizes: tuple[float, ...] = (1.0,)
+    if rho is not None:
+        sizes = tuple(part * float(rho) for part in SIZES)
+    search = _Search(rows=rows, linear=linear, sizes=sizes, rho=rho, error=error)
+    for claim in search.drafts():
+        if why_not(loop, W, claim) is None:
+            yield claim
+            return
 
 
 def propose_in_coordinates(
@@ -267,42 +226,65 @@ def propose_in_coordinates(
 ) -> Iterator[Cycles]:
     """The same in coordinates z = T e, for starts |e|_inf, |eps_i| <= those of ``box``; None:
     linear couplings."""
-    phases, agents = loop.guarantee.phases, Agents.of(loop, most=loop.n)
-    ones, found = np.ones((loop.n, loop.m)), dict[Matrix, float]()
-    near = agents.gains_at(np.eye(loop.m), ones, float(box[0] if box else 1))
+    agents = Agents.of(loop, most=loop.n)
+    ones = np.ones((loop.n, loop.m))
+    reach = float(box[0] if box else 1)
+    near = agents.gains_at(np.eye(loop.m), ones, reach)
     if near is None:
         return
-    for T in candidates(agents, near):
-        if T is not None and T not in found:
-            found[T] = _Linear.of(phases, _Turned.of(loop, T, near)).estimate(loop.n * loop.m)
-    for T in sorted((T for T in found if found[T] > 0), key=lambda T: -found[T])[:MOST_COORDINATES]:
-        error, size = observed(T), max(sum(map(abs, row), ZERO) for row in T)
+    for T in _fastest_coordinates(loop, agents, near):
+        error = observed(T)
         if loop.groups and error is None:
             continue
-        far = (
-            None
-            if box is None
-            else rounded_up(size * box[0] + 2 * box[1] * _share(error), digits=6)
-        )
-        tallest = np.ones(loop.n * loop.m)
-        for _ in range(1 if box is None else ROUNDS):
-            v = tuple(rounded_up(Fraction(x), digits=6) for x in tallest.tolist())
-            try:
-                ranges = enclosed_ranges(loop, T, v, far)
-            except (UndefinedError, SpecError):
-                break
-            rows = _Turned.of(loop, T, in_floats(ranges))
-            drafts = _drafts(
-                phases, rows, _Linear.of(phases, rows), sizes=(1.0,), rho=far, error=error
-            )
-            draft = next(drafts, None)
-            if draft is None:
-                break
-            claim = replace(draft, T=T, ranges=enclosed_ranges(loop, T, draft.tallest, far))
-            if why_not(loop, W, claim) is None:
-                yield claim
-                return
-            tallest = np.maximum(tallest, WIDER * np.array([float(x) for x in draft.tallest]))
+        rho = None
+        if box is not None:
+            radius, disturbance = box
+            size = max(sum(map(abs, row), ZERO) for row in T)
+            rho = rounded_up(size * radius + 2 * disturbance * _share(error), digits=6)
+        claim = _claim_in(loop, W, T, rho, error)
+        if claim is not None:
+            yield claim
+            return
+
+
+def _fastest_coordinates(loop: Loop, agents: Agents, near: Gains) -> list[Matrix]:
+    """Some T in which weights may fall, those first in which they fall fastest, about."""
+    phases = loop.guarantee.phases
+    rates = dict[Matrix, float]()
+    for T in candidates(agents, near):
+        if T is not None and T not in rates:
+            linear = _Linear.of(phases, _Turned.of(loop, T, near))
+            rates[T] = linear.estimate(loop.size)
+    falling = [T for T, rate in rates.items() if rate > 0]
+    return sorted(falling, key=lambda T: -rates[T])[:MOST_COORDINATES]
+
+
+def _claim_in(
+    loop: Loop, W: Matrix | None, T: Matrix, rho: Fraction | None, error: ErrorBound | None
+) -> Cycles | None:
+    """A proved claim in coordinates: gains belong to weights that are known only afterwards, so
+    both are found in turn."""
+    phases = loop.guarantee.phases
+    tallest = np.ones(loop.size)
+    rounds = 1 if rho is None else ROUNDS
+    for _ in range(rounds):
+        v = tuple(rounded_up(Fraction(x), digits=6) for x in tallest.tolist())
+        try:
+            ranges = enclosed_ranges(loop, T, v, rho)
+        except (UndefinedError, SpecError):
+            return None
+        rows = _Turned.of(loop, T, in_floats(ranges))
+        linear = _Linear.of(phases, rows)
+        search = _Search(rows=rows, linear=linear, sizes=(1.0,), rho=rho, error=error)
+        draft = next(search.drafts(), None)
+        if draft is None:
+            return None
+        claim = replace(draft, T=T, ranges=enclosed_ranges(loop, T, draft.tallest, rho))
+        if why_not(loop, W, claim) is None:
+            return claim
+        seen = np.array([float(x) for x in draft.tallest])
+        tallest = np.maximum(tallest, WIDER * seen)
+    return None
 
 
 def _share(error: ErrorBound | None) -> Fraction:
@@ -310,47 +292,85 @@ def _share(error: ErrorBound | None) -> Fraction:
     return ZERO if error is None else error.kappa * root_above(error.size, unit=10**6)
 
 
-def _drafts(
-    phases: Sequence[Phase],
-    known: Mapping[str, MovingRows | _Turned],
-    linear: _Linear,
-    *,
-    sizes: tuple[float, ...],
-    rho: Fraction | None,
-    error: ErrorBound | None,
-) -> Iterator[Cycles]:
-    """Claims for these rows, the fastest first."""
-    size = linear.ways[0][1].shape[-1]
-    top, steepest = linear.estimate(size), STEEPEST if rho is None else max(FAR, FAR / float(rho))
-    for part, slack, bend in TRIED if rho is None else TRIED_CURVED:
-        most = top if error is None else min(top, float(error.beta))
-        rate, faster = part * most, (1 + part) / 2 * most
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Search:
+    """What weights are looked for: the rows of each mode, for s times the weights, s in ``sizes``;
+    rho and the observer's part of the claim."""
+
+    rows: Mapping[str, MovingRows | _Turned]
+    linear: _Linear
+    sizes: tuple[float, ...]
+    rho: Fraction | None
+    error: ErrorBound | None
+
+    def drafts(self) -> Iterator[Cycles]:
+        """Claims for these rows, the fastest first."""
+        top = self.linear.estimate(self.linear.size)
         if not top > 0:
             return
-        ways: dict[Any, Way | None] = {}  # the same in phases that are alike
-        flows = [
-            _Flow(
+        most = top if self.error is None else min(top, float(self.error.beta))
+        for part, slack, bend in TRIED if self.rho is None else TRIED_CURVED:
+            rate = part * most
+            flows = self._flows(pace=top, slack=slack, bend=bend)
+            faster = (1 + part) / 2 * most
+            x = self._beginnings(flows, rate, faster)
+            claim = None if x is None else self._claim(flows, x, rate)
+            if claim is not None:
+                yield claim
+
+    def _flows(self, *, pace: float, slack: float, bend: float) -> list[_Flow]:
+        """One for each phase; what is known of one serves those that are alike."""
+        known: dict[_Beginning, Way | None] = {}
+        flows = list[_Flow]()
+        for phase in self.linear.phases:
+            flow = _Flow(
                 phase=phase,
-                rows=known[phase.mode],
-                sizes=sizes,
+                rows=self.rows[phase.mode],
+                sizes=self.sizes,
                 slack=slack,
-                pace=top,
+                pace=pace,
                 bend=bend,
-                known=ways,
+                known=known,
             )
-            for phase in phases
-        ]
-        ones = [np.ones(size) for _ in phases]
+            flows.append(flow)
+        return flows
+
+    def _beginnings(self, flows: Sequence[_Flow], rate: float, faster: float) -> list[Array] | None:
+        """The weights with which phases begin; None where they do not settle."""
+        phases = self.linear.phases
+        most = _steepest(self.rho)
         steps = 10 * ITERATIONS
-        steps = max(ROUNDS, 10 * steps // len(phases)) if _in_turn(phases) else steps
-        x = _settled(phases, partial(linear.handed, rate=faster), ones, most=steepest, steps=steps)
-        if x is not None:
-            x = _settled(
-                phases, partial(_handed, flows, rate=rate), x, most=steepest, steps=FOLLOWED
-            )
-        claim = None if x is None else _claim(flows, x, rate, rho, error)
-        if claim is not None:
-            yield claim
+        if _in_turn(phases):
+            steps = max(ROUNDS, 10 * steps // len(phases))
+        # Near the target first, where a phase is a matrix, at a rate that leaves room.
+        ones = [np.ones(self.linear.size) for _ in phases]
+        near = partial(self.linear.handed, rate=faster)
+        x = _settled(phases, near, ones, most=most, steps=steps)
+        if x is None:
+            return None
+        followed = partial(_handed, flows, rate=rate)
+        return _settled(phases, followed, x, most=most, steps=FOLLOWED)
+
+    @np.errstate(all="ignore")
+    def _claim(self, flows: Sequence[_Flow], x: Sequence[Array], rate: float) -> Cycles | None:
+        phases = list[Weights]()
+        for flow, start in zip(flows, x, strict=True):
+            way = flow.way(start, rate)
+            if way is None:
+                return None
+            times = tuple(t for t, _ in way)
+            v = tuple(_written(point) for _, point in way)
+            phases.append(Weights(times=times, v=v))
+        claimed = Fraction(f"{rate * ROOM:.6g}")
+        claim = Cycles(phases=tuple(phases), rate=claimed, rho=self.rho)
+        if self.error is None:
+            return claim
+        return replace(claim, error=with_kappa(self.error, rate=claimed, least=claim.least))
+
+
+def _written(point: Array) -> tuple[Fraction, ...]:
+    """Weights as they are claimed, with few digits, rounded up about."""
+    return tuple(Fraction(f"{x * ROUNDED_UP:.11g}") for x in point.tolist())
 
 
 def late_rate(loop: Loop) -> float:
@@ -361,16 +381,17 @@ def late_rate(loop: Loop) -> float:
 
 def _ends(first: Fraction, last: Fraction) -> list[Fraction]:
     """Times at which a phase may end, as close as its weights are then compared."""
-    return (
-        [first] if first == last else [first + (last - first) * k / ENDS for k in range(ENDS + 1)]
-    )
+    if first == last:
+        return [first]
+    return [first + (last - first) * k / ENDS for k in range(ENDS + 1)]
 
 
 def _most(times: Array, v: Array, rate: float) -> Array:
     """exp(rate t) v(t) at most, for v (count, n), between two times with the larger v and the later
     one."""
     larger = np.vstack([v[:1], np.maximum(v[:-1], v[1:])])
-    return np.asarray(np.max(np.exp(rate * times)[:, None] * larger, axis=0))
+    grown = np.exp(rate * times)[:, None] * larger
+    return np.asarray(np.max(grown, axis=0))
 
 
 def _handed(flows: Sequence[_Flow], p: int, start: Array, rate: float) -> Array | None:
@@ -378,8 +399,16 @@ def _handed(flows: Sequence[_Flow], p: int, start: Array, rate: float) -> Array 
     way = flows[p].way(start, rate)
     if way is None:
         return None
-    ends = [each for each in way if each[0] >= flows[p].phase.shortest]
-    return _most(np.array([float(t) for t, _ in ends]), np.array([v for _, v in ends]), rate)
+    ends = [(t, v) for t, v in way if t >= flows[p].phase.shortest]
+    times = np.array([float(t) for t, _ in ends])
+    return _most(times, np.array([v for _, v in ends]), rate)
+
+
+class _Maps(NamedTuple):
+    """Times (s) at which a phase may end, and the maps (count, size, size) until then."""
+
+    times: Array
+    maps: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -388,12 +417,14 @@ class _Linear:
     of any length."""
 
     phases: Sequence[Phase]
-    # of each phase: times (s) at which it may end, and the maps until then
-    ways: Sequence[tuple[Array, Array]]
+    ways: Sequence[_Maps]  # of each phase
 
     @classmethod
     def at_the_target(cls, loop: Loop, phases: Sequence[Phase]) -> _Linear | None:
-        found, m, K = dict[str, Array](), loop.m, pull_matrix(loop)
+        """By the slopes of one component, which are those of all; None where there are none."""
+        found = dict[str, Array]()
+        m = loop.m
+        K = pull_matrix(loop)
         for mode in {phase.mode for phase in phases}:
             jacobian = consensus_jacobian(loop, mode)
             if jacobian is None:
@@ -403,63 +434,78 @@ class _Linear:
 
     @classmethod
     def of(cls, phases: Sequence[Phase], rows: Mapping[str, _Turned]) -> _Linear:
+        """By rows in coordinates."""
         return cls.along(phases, {mode: each.matrix() for mode, each in rows.items()})
 
     @classmethod
     def along(cls, phases: Sequence[Phase], M: Mapping[str, Array]) -> _Linear:
-        known: dict[tuple[str, Fraction, Fraction], tuple[Array, Array]] = {}
-        ways = list[tuple[Array, Array]]()
+        """By the matrix of every mode; phases that are alike share their maps."""
+        known: dict[tuple[str, Fraction, Fraction], _Maps] = {}
+        ways = list[_Maps]()
         for phase in phases:
             last = phase.shortest * 2 if phase.longest is None else phase.longest
-            key = phase.mode, phase.shortest, last
+            key = (phase.mode, phase.shortest, last)
             if key not in known:
                 known[key] = _maps(M[phase.mode], _ends(phase.shortest, last))
             ways.append(known[key])
         return cls(phases=phases, ways=ways)
 
+    @property
+    def size(self) -> int:
+        """How many weights there are."""
+        return int(self.ways[0].maps.shape[-1])
+
     def handed(self, p: int, start: Array, rate: float) -> Array:
         """The largest weights, times exp(rate t), that phase p hands over when it begins with
         these."""
-        times, maps = self.ways[p]
-        return _most(times, maps @ start, rate)
+        way = self.ways[p]
+        return _most(way.times, way.maps @ start, rate)
 
     def estimate(self, n: int) -> float:
         """About the largest rate: how fast weights shrink that phases hand over, per second."""
         if _in_turn(self.phases):
             return self._of_one_round()
-        mean = float(np.mean([times[-1] for times, _ in self.ways]))
+        mean = float(np.mean([way.times[-1] for way in self.ways]))
         shrinking = list(self._spreading(n))
         late = shrinking[len(shrinking) // 2 :]
-        return sum(late) / len(late) / mean if math.isfinite(sum(late)) else 0.0
+        if not math.isfinite(sum(late)):
+            return 0.0
+        return sum(late) / len(late) / mean
 
     @np.errstate(all="ignore")  # a round may leave the floats
     def _of_one_round(self) -> float:
         """The same where each phase has one end: by the spectral radius of the map of a round."""
-        whole, lost = np.eye(self.ways[0][1].shape[-1]), 0.0
-        for _, maps in self.ways:
+        whole = np.eye(self.size)
+        lost = 0.0
+        for way in self.ways:
             spend(HANDED)
-            whole = maps[-1] @ whole
+            whole = way.maps[-1] @ whole
             size = float(np.abs(whole).max())
             if not (size > 0 and math.isfinite(size)):
                 return 0.0
-            whole, lost = whole / size, lost - math.log(size)
+            whole = whole / size
+            lost -= math.log(size)
         radius = float(np.abs(np.linalg.eigvals(whole)).max())
-        length = sum(float(times[-1]) for times, _ in self.ways)
+        length = sum(float(way.times[-1]) for way in self.ways)
         return (lost - math.log(radius)) / length if radius > 0 else 0.0
 
     def _spreading(self, n: int) -> Iterator[float]:
         """How far weights shrink when every phase hands over at once, as a logarithm."""
         x = [np.ones(n) for _ in self.phases]
+        work = sum(_work(phase) for phase in self.phases)
         for _ in range(ITERATIONS):
-            spend(sum(_work(phase) for phase in self.phases))
+            spend(work)
             found = [np.zeros(n) for _ in self.phases]
             for p, phase in enumerate(self.phases):
                 handed = self.handed(p, x[p], 0.0)
                 for q in phase.successors:
                     found[q] = np.maximum(found[q], handed)
             size = max(float(each.max()) for each in found)
-            yield -math.log(size) if size > 0 else math.inf
-            x = [each / size for each in found] if size > 0 else x
+            if size > 0:
+                yield -math.log(size)
+                x = [each / size for each in found]
+            else:
+                yield math.inf
 
 
 def _work(phase: Phase) -> int:
@@ -469,17 +515,19 @@ def _work(phase: Phase) -> int:
 
 def _in_turn(phases: Sequence[Phase]) -> bool:
     """Whether it is said which phase follows which."""
-    return all(phase.successors == ((p + 1) % len(phases),) for p, phase in enumerate(phases))
+    count = len(phases)
+    return all(phase.successors == ((p + 1) % count,) for p, phase in enumerate(phases))
 
 
 @np.errstate(all="ignore")
-def _maps(M: Array, ends: Sequence[Fraction]) -> tuple[Array, Array]:
-    """Times (s) at which a phase may end, and the maps exp(M t) until then."""
+def _maps(M: Array, ends: Sequence[Fraction]) -> _Maps:
+    """The maps exp(M t) until every time at which a phase may end, ENDS equal steps apart."""
     spend(HANDED * len(ends))
     times = np.array([float(t) for t in ends])
-    first, part = (expm(M * t) for t in (times[0], (times[-1] - times[0]) / ENDS))
-    maps = accumulate([part] * (len(times) - 1), np.matmul, initial=first)
-    return times, np.array(list(maps))
+    first = expm(M * times[0])
+    step = expm(M * ((times[-1] - times[0]) / ENDS))
+    maps = accumulate([step] * (len(times) - 1), np.matmul, initial=first)
+    return _Maps(times, np.array(list(maps)))
 
 
 @np.errstate(all="ignore")  # near the ends of the floats
@@ -498,7 +546,7 @@ def _settled(
         for p, phase in enumerate(phases):
             spend(_work(phase))
             found = handed(p, x[p])
-            if found is None or float(found.max()) > 0.95 * most:
+            if found is None or float(found.max()) > NEARLY * most:
                 return None
             for q in phase.successors:
                 settled = settled and bool(np.all(found <= x[q] * (1 + SETTLED)))
@@ -506,27 +554,3 @@ def _settled(
         if settled:
             return x
     return None
-
-
-@np.errstate(all="ignore")
-def _claim(
-    flows: Sequence[_Flow],
-    x: Sequence[Array],
-    rate: float,
-    rho: Fraction | None,
-    error: ErrorBound | None,
-) -> Cycles | None:
-    phases = []
-    for flow, start in zip(flows, x, strict=True):
-        way = flow.way(start, rate)
-        if way is None:
-            return None
-        v = tuple(
-            tuple(Fraction(f"{x * (1 + 1e-10):.11g}") for x in point.tolist()) for _, point in way
-        )
-        phases.append(Weights(times=tuple(t for t, _ in way), v=v))
-    claimed = Fraction(f"{rate * ROOM:.6g}")
-    if error is not None:
-        least = min(x for each in phases for v in each.v for x in v)
-        error = with_kappa(error, rate=claimed, least=least)
-    return Cycles(phases=tuple(phases), rate=claimed, rho=rho, error=error)

@@ -12,8 +12,8 @@ ends do not show it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any, Final
@@ -47,44 +47,49 @@ PARTS: Final = 8
 FEW: Final = 500
 CELLS: Final = 2048  # of the tables: near the target rows have little room
 MARGIN: Final = Fraction(1, 2**20)  # by which tables reach further than boxes
+FINEST: Final = 16  # tables, each a quarter as wide as the one before
 TOGETHER: Final = 2_000_000  # arcs that are looked at in one go
+A_STEP: Final = 10  # arcs, for one step of work
+
+Faces = Sequence[Sequence[Fraction]]
+Places = NDArray[np.int64]
 
 
-def _sum(a: Any, b: Any) -> Array:
+def _sum(a: Array, b: Array) -> Array:
     """a + b, rounded down; a sum of floats that is 0 is exact."""
     return np.where(a + b == 0, 0.0, down(a + b))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Box:
     """Boxes -lower <= e <= upper, (count, 2 faces, n): lower and upper bounds of what is meant;
     faces as in FACES. Where ``same`` is alike and not 0 so are the numbers."""
 
     below: Array
     above: Array
-    same: Array
+    same: NDArray[Any]
 
     @classmethod
-    def of(cls, upper: Sequence[Sequence[Fraction]], lower: Sequence[Sequence[Fraction]]) -> Box:
+    def of(cls, upper: Faces, lower: Faces) -> Box:
         """Exact boxes, one after the other."""
-        both = [(u, low) for u, low in zip(upper, lower, strict=True)]
-        below, above = (
-            np.array([[[bound(x) for x in face] for face in box] for box in both])
-            for bound in (float_below, float_above)
-        )
+        both = list(zip(upper, lower, strict=True))
         places: dict[Fraction, int] = {}
-        same = [
-            [[places.setdefault(x, len(places) + 1) for x in face] for face in box] for box in both
-        ]
-        return cls(below, above, np.array(same))
+
+        def place(x: Fraction) -> int:
+            return places.setdefault(x, len(places) + 1)
+
+        below = _each_number(float_below, both)
+        above = _each_number(float_above, both)
+        return cls(below=below, above=above, same=_each_number(place, both))
 
     @classmethod
     def floats(cls, values: Array) -> Box:
         """Boxes that are meant as the floats say."""
-        return cls(values, values, np.zeros(values.shape, dtype=np.int64))
+        unknown = np.zeros(values.shape, dtype=np.int64)
+        return cls(below=values, above=values, same=unknown)
 
     def __getitem__(self, places: Any) -> Box:
-        return Box(self.below[places], self.above[places], self.same[places])
+        return Box(below=self.below[places], above=self.above[places], same=self.same[places])
 
     @staticmethod
     def differ(a: Array, b: Array) -> Any:
@@ -94,79 +99,156 @@ class Box:
     def between(self, other: Box, part: Array) -> Box:
         """Where it is after a ``part`` (count,) of the way to ``other``; parts are exact."""
         part = part[:, None, None]
-        same = np.where(part == 0, self.same, np.where(part == 1, other.same, 0))
-        below = np.where(
-            part == 0, self.below, down(down(self.below * (1 - part)) + down(other.below * part))
-        )
-        above = np.where(
-            part == 0, self.above, up(up(self.above * (1 - part)) + up(other.above * part))
-        )
+        left = 1 - part
+        below = down(down(self.below * left) + down(other.below * part))
+        above = up(up(self.above * left) + up(other.above * part))
         return Box(
-            np.where(part == 1, other.below, below), np.where(part == 1, other.above, above), same
+            below=_exact_at_ends(part, self.below, below, other.below),
+            above=_exact_at_ends(part, self.above, above, other.above),
+            same=_exact_at_ends(part, self.same, 0, other.same),
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MovingRows:
-    """The rows of all modes of a problem, for boxes whose numbers are bounded."""
+def _each_number(bound: Callable[[Fraction], float], boxes: Sequence[Faces]) -> Array:
+    """The bound of every number of some boxes, (count, 2 faces, n)."""
+    found = list[list[list[float]]]()
+    for box in boxes:
+        found.append([list(map(bound, face)) for face in box])
+    return np.array(found)
 
-    most: Fraction  # what no number of a box may exceed
+
+def _exact_at_ends(part: Array, start: Array, between: Array | int, end: Array) -> Array:
+    """What is not on the way, but at one of its ends, is not rounded."""
+    return np.where(part == 0, start, np.where(part == 1, end, between))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Motion:
+    """What rows are asked about: ``boxes``, one after the other, and between each and the next, a
+    segment, the ``slopes`` (segments, 2, n) of its faces, rounded down.
+
+    ``load``: an upper bound at each box, and on each segment of its chord.  Rows have to hold for s
+    times the boxes, all s in [low, high]; with a load for s = 1 only.
+    """
+
+    boxes: Box
+    slopes: Array
+    load: Array
+    low: float = 1.0
+    high: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Parts:
+    """Parts of segments: of which, where it begins and how wide it is, as parts of its length."""
+
+    segments: Places
+    first: Array
+    width: Array
+
+    @classmethod
+    def whole(cls, segments: Places) -> _Parts:
+        count = len(segments)
+        return cls(segments=segments, first=np.zeros(count), width=np.ones(count))
+
+    def __len__(self) -> int:
+        return len(self.segments)
+
+    def __getitem__(self, places: slice | Places) -> _Parts:
+        return _Parts(
+            segments=self.segments[places], first=self.first[places], width=self.width[places]
+        )
+
+    @property
+    def halves(self) -> _Parts:
+        """Both halves of each, one after the other."""
+        width = np.repeat(self.width, 2)
+        shift = np.tile([0.0, 0.5], len(self)) * width
+        return _Parts(
+            segments=np.repeat(self.segments, 2),
+            first=np.repeat(self.first, 2) + shift,
+            width=width / 2,
+        )
+
+    @property
+    def numbers(self) -> list[int]:
+        """The segments of which these are parts, rising."""
+        return sorted(set(self.segments.tolist()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MovingRows:
+    """The rows of all modes of a problem, for boxes whose numbers are bounded by ``most``."""
+
+    most: Fraction
     layout: Layout
     kinds: Kinds
-    size: int
+    size: int  # n, of agents
     modes: int
     holds: Array  # what the pin of each agent is worth, rounded down
 
-    def _arcs(self, start: Box, end: Box, face: int) -> ArcRows:
-        """Steps and reaches that hold from one box to the other, box after box; without pulls."""
-        own, other = (0, 1) if face > 0 else (1, 0)
-        owners, speakers = self.layout.rows % self.size, self.layout.speakers
-        count, rows = len(start.below), self.size * self.modes
-        boxes = (start,) if start is end else (start, end)
-        apart = [
-            Box.differ(box.same[:, own][:, speakers], box.same[:, own][:, owners]) for box in boxes
-        ]
-        wide = [up(box.above[:, own][:, speakers] - box.below[:, own][:, owners]) for box in boxes]
-        steps = np.maximum.reduce(
-            [np.where(a, b, 0.0) for a, b in zip(apart, wide, strict=True)]
-        ).ravel()
-        steps = np.maximum(steps, np.tile(self.layout.floor, count))
-        reaches = [
-            up(box.above[:, other][:, speakers] + box.above[:, own][:, owners]) for box in boxes
-        ]
-        reaches = np.maximum.reduce(reaches).ravel()
-        first = (self.layout.start[None, :-1] + len(owners) * np.arange(count)[:, None]).ravel()
-        weights = self.layout.weights
+    def _arcs(self, boxes: Sequence[Box], face: int) -> ArcRows:
+        """Steps and reaches that hold from the first to the last of ``boxes``, place after place;
+        without pulls."""
+        layout = self.layout
+        arcs = len(layout.rows)
+        count = len(boxes[0].below)
+        # Steps and reaches are linear between two boxes: what holds at both ends holds on the way.
+        steps = np.maximum.reduce([self._steps(box, face) for box in boxes]).ravel()
+        steps = np.maximum(steps, np.tile(layout.floor, count))
+        reaches = np.maximum.reduce([self._reaches(box, face) for box in boxes]).ravel()
+        first = layout.start[None, :-1] + arcs * np.arange(count)[:, None]
+        weights = None
+        if layout.weights is not None:
+            below, above = layout.weights
+            weights = (np.tile(below, count), np.tile(above, count))
         return ArcRows(
-            start=np.append(first, count * len(owners)),
+            start=np.append(first.ravel(), count * arcs),
             steps=steps,
             reaches=np.maximum(reaches, -steps),
-            weights=None
-            if weights is None
-            else (np.tile(weights[0], count), np.tile(weights[1], count)),
-            kinds=np.tile(self.layout.kinds, count),
+            weights=weights,
+            kinds=np.tile(layout.kinds, count),
             own=(np.zeros(0), np.zeros(0)),
-            pulls=(Fraction(0),) * (count * rows),
+            pulls=(Fraction(0),) * (count * self.size * self.modes),
         )
+
+    def _steps(self, box: Box, face: int) -> Array:
+        """For every arc how far the speaker's face may be ahead of the listener's, at most."""
+        own = list(FACES).index(face)
+        owners = self.layout.rows % self.size
+        speakers = self.layout.speakers
+        same = box.same[:, own]
+        ahead = up(box.above[:, own][:, speakers] - box.below[:, own][:, owners])
+        return np.where(Box.differ(same[:, speakers], same[:, owners]), ahead, 0.0)
+
+    def _reaches(self, box: Box, face: int) -> Array:
+        """For every arc how far the speaker's other face is behind the listener's, at most."""
+        own = list(FACES).index(face)
+        other = list(FACES).index(-face)
+        owners = self.layout.rows % self.size
+        return up(box.above[:, other][:, self.layout.speakers] + box.above[:, own][:, owners])
 
     def needed(self, box: Box, load: Array) -> Array:
         """The slopes (count, 2, n) that the rows ask of boxes where they stand, ``load`` (count,)
         added; about."""
         found = np.empty(box.below.shape)
         for place, face in enumerate(FACES):
-            arcs = self._arcs(box, box, face)
-            sums = Piece(arcs, face, self.kinds, np.arange(len(arcs.pulls))).at(1.0)
+            arcs = self._arcs([box], face)
+            rows = np.arange(len(arcs.pulls))
+            sums = Piece(arcs, face, self.kinds, rows).at(1.0)
             worst = sums.reshape(len(box.below), self.modes, self.size).max(axis=1)
             found[:, place] = worst + load[:, None] - self.holds * box.below[:, place]
         return found
 
     def pull(self, v: Array, sizes: Sequence[float]) -> Array:
         """The slopes (count, n) that the rows ask of weights v (count, n) at rest, on both faces,
-        about."""
+        at the largest of ``sizes`` times v, about."""
         s = np.repeat(np.array(sizes), len(v))[:, None, None]
-        boxes = np.tile(np.stack([v, v], axis=1), (len(sizes), 1, 1))
-        asked = self.needed(Box.floats(s * boxes), np.zeros(len(boxes))) / s
-        return np.asarray(asked.max(axis=1).reshape(len(sizes), *v.shape).max(axis=0))
+        faces = np.stack([v, v], axis=1)
+        boxes = s * np.tile(faces, (len(sizes), 1, 1))
+        asked = self.needed(Box.floats(boxes), np.zeros(len(boxes))) / s
+        worst = asked.max(axis=1).reshape(len(sizes), *v.shape)
+        return np.asarray(worst.max(axis=0))
 
     def open_segments(
         self,
@@ -178,79 +260,83 @@ class MovingRows:
         high: float = 1.0,
         only: Sequence[int] | None = None,
     ) -> list[int]:
-        """The segments (default: all) from each box to the next that are not proved for all s in
-        [low, high]. ``load``: an upper bound at each time, and on each segment of its chord; with
-        low = high = 1 only."""
-        lengths = [after - before for before, after in pairwise(times)]
-        short, long = (
-            np.array([bound(x) for x in lengths]) for bound in (float_below, float_above)
-        )
-        rise = down(boxes.below[1:] - boxes.above[:-1])
-        rise = np.where(Box.differ(boxes.same[1:], boxes.same[:-1]), rise, 0.0)
-        slopes = np.where(rise >= 0, rise / long[:, None, None], rise / short[:, None, None])
-        slopes = np.where(rise == 0, 0.0, down(slopes))
-        return self.open_for(boxes, slopes, load, low=low, high=high, only=only)
+        """The segments (default: all) from each box to the next that are not proved, as in
+        ``Motion``."""
+        slopes = _slopes(boxes, times)
+        motion = Motion(boxes=boxes, slopes=slopes, load=load, low=low, high=high)
+        return self.open_for(motion, only=only)
 
-    def open_for(
-        self,
-        boxes: Box,
-        slopes: Array,
-        load: Array,
-        *,
-        low: float,
-        high: float,
-        only: Sequence[int] | None = None,
-    ) -> list[int]:
-        """The same for given slopes (segments, 2, n) of the faces."""
-        places: Any = np.arange(len(slopes)) if only is None else np.array(only, dtype=np.int64)
-        parts: tuple[Any, Array, Array] = places, np.zeros(len(places)), np.ones(len(places))
+    def open_for(self, motion: Motion, *, only: Sequence[int] | None = None) -> list[int]:
+        """The segments (default: all) of a motion that are not proved."""
+        segments: Places = np.arange(len(motion.slopes))
+        if only is not None:
+            segments = np.array(only, dtype=np.int64)
+        parts = _Parts.whole(segments)
         for _ in range(HALVINGS + 1):
-            left = self._open_parts(boxes, slopes, load, parts, low, high)
+            left = parts[self._open_parts(motion, parts)]
             if not len(left):
                 return []
             # a row that fails all along, not in one place
-            if len(left) > PARTS * len(places) + FEW:
-                return sorted(set(parts[0][left].tolist()))
-            segments, first, width = (np.repeat(each[left], 2) for each in parts)
-            parts = segments, first + np.tile([0.0, 0.5], len(left)) * width, width / 2
-        return sorted(set(parts[0].tolist()))
+            if len(left) > PARTS * len(segments) + FEW:
+                return left.numbers
+            parts = left.halves
+        return parts.numbers
 
-    def _open_parts(
-        self,
-        boxes: Box,
-        slopes: Array,
-        load: Array,
-        parts: tuple[Any, Array, Array],
-        low: float,
-        high: float,
-    ) -> NDArray[np.int64]:
-        """The parts (segment, where it begins, how wide) that are not proved as they are."""
-        chunk, failed = max(1, TOGETHER // max(1, len(self.layout.rows))), list[Any]()
-        for k in range(0, len(parts[0]), chunk):
-            segments, first, width = (each[k : k + chunk] for each in parts)
-            spend(1 + len(segments) * len(self.layout.rows) // 10)
-            cuts = (first, first + width)
-            ends = [boxes[segments].between(boxes[segments + 1], part) for part in cuts]
-            loads = [
-                up(up(load[segments] * (1 - part)) + up(load[segments + 1] * part)) for part in cuts
-            ]
-            loaded = np.maximum(load[segments], load[segments + 1]) > 0
-            most = np.where(loaded, np.maximum(*loads), 0.0)[:, None]
-            bad = np.zeros(len(segments), dtype=bool)
-            for place, face in enumerate(FACES):
-                sides = [(box.below[:, place], box.above[:, place]) for box in ends]
-                held = np.minimum(*(np.minimum(self.holds * a, self.holds * b) for a, b in sides))
-                held = np.where(self.holds == 0, 0.0, down(held))
-                limits = _sum(_sum(held, slopes[segments, place]), -most)
-                limits = np.repeat(limits[:, None], self.modes, axis=1).ravel()
-                # what is infinite proves nothing
-                with np.errstate(invalid="ignore", over="ignore"):
-                    rows = open_within(
-                        self._arcs(ends[0], ends[1], face), limits, face, self.kinds, high, low
-                    )
-                bad[np.unique(rows // (self.size * self.modes))] = True
+    def _open_parts(self, motion: Motion, parts: _Parts) -> Places:
+        """The parts (places) that are not proved as they are."""
+        chunk = max(1, TOGETHER // max(1, len(self.layout.rows)))
+        failed = list[Places]()
+        for k in range(0, len(parts), chunk):
+            bad = self._fail(motion, parts[k : k + chunk])
             failed.append(k + np.flatnonzero(bad))
         return np.concatenate(failed)
+
+    def _fail(self, motion: Motion, parts: _Parts) -> NDArray[np.bool_]:
+        """Whether a row of each part is not proved."""
+        spend(1 + len(parts) * len(self.layout.rows) // A_STEP)
+        start = motion.boxes[parts.segments]
+        end = motion.boxes[parts.segments + 1]
+        cuts = (parts.first, parts.first + parts.width)
+        ends = [start.between(end, cut) for cut in cuts]
+        load = _largest_load(motion.load, parts.segments, cuts)
+        bad = np.zeros(len(parts), dtype=bool)
+        for place, face in enumerate(FACES):
+            slopes = motion.slopes[parts.segments, place]
+            limits = _sum(_sum(self._held(ends, place), slopes), -load[:, None])
+            limits = np.repeat(limits[:, None], self.modes, axis=1).ravel()
+            arcs = self._arcs(ends, face)
+            # what is infinite proves nothing
+            with np.errstate(invalid="ignore", over="ignore"):
+                rows = open_within(arcs, limits, face, self.kinds, motion.high, motion.low)
+            bad[np.unique(rows // (self.size * self.modes))] = True
+        return bad
+
+    def _held(self, ends: Sequence[Box], place: int) -> Array:
+        """What the pins hold at least between two boxes, which may be less than 0; rounded down."""
+        worth = list[Array]()
+        for box in ends:
+            worth += [self.holds * box.below[:, place], self.holds * box.above[:, place]]
+        return np.where(self.holds == 0, 0.0, down(np.minimum.reduce(worth)))
+
+
+def _slopes(boxes: Box, times: Sequence[Fraction]) -> Array:
+    """The slopes (segments, 2, n) of the faces from each box to the next, rounded down."""
+    lengths = [after - before for before, after in pairwise(times)]
+    shortest = np.array([float_below(x) for x in lengths])[:, None, None]
+    longest = np.array([float_above(x) for x in lengths])[:, None, None]
+    rise = down(boxes.below[1:] - boxes.above[:-1])
+    rise = np.where(Box.differ(boxes.same[1:], boxes.same[:-1]), rise, 0.0)
+    slopes = np.where(rise >= 0, rise / longest, rise / shortest)
+    return np.where(rise == 0, 0.0, down(slopes))
+
+
+def _largest_load(load: Array, segments: Places, cuts: Sequence[Array]) -> Array:
+    """The largest load on each part of a segment, rounded up: linear, so at one of its ends."""
+    before = load[segments]
+    after = load[segments + 1]
+    at_ends = [up(up(before * (1 - cut)) + up(after * cut)) for cut in cuts]
+    is_loaded = np.maximum(before, after) > 0
+    return np.where(is_loaded, np.maximum.reduce(at_ends), 0.0)
 
 
 def moving_rows(
@@ -258,17 +344,58 @@ def moving_rows(
 ) -> MovingRows | None:
     """Rows for boxes with no number beyond ``most``; None where a coupling is not defined or turns
     too often."""
-    layout, radius = arc_layout(loop, modes=modes), 2 * most * (1 + MARGIN)
+    layout = arc_layout(loop, modes=modes)
+    radius = 2 * most * (1 + MARGIN)
+    far = np.full(len(layout.rows), float_above(2 * most))
+    none = far[:0]
+    widest = ArcRows(
+        start=layout.start,
+        steps=far,
+        reaches=far,
+        weights=layout.weights,
+        kinds=layout.kinds,
+        own=(none, none),
+        pulls=(),
+    )
+    # The table of a line is exact with any number of cells.
+    cells = 2 if loop.is_linear else CELLS
     try:
         profiles = tuple(profile(Curve(each.components[0]), radius) for each in loop.functions)
-        far = np.full(len(layout.rows), float_above(2 * most))
-        arcs = ArcRows(layout.start, far, far, layout.weights, layout.kinds, (far[:0], far[:0]), ())
-        kinds = float_kinds(
-            profiles, arcs, rho=1 + MARGIN / 2, cells=2 if loop.is_linear else CELLS
-        )
+        kinds = float_kinds(profiles, widest, rho=1 + MARGIN / 2, cells=cells)
     except UndefinedError:
         return None
     if kinds is None:
         return None
-    holds = np.array([float_below(x) for x in holding_gains(loop)])
-    return MovingRows(most, layout, kinds, loop.n, (len(layout.start) - 1) // loop.n, holds)
+    return MovingRows(
+        most=most,
+        layout=layout,
+        kinds=kinds,
+        size=loop.n,
+        modes=(len(layout.start) - 1) // loop.n,
+        holds=np.array([float_below(x) for x in holding_gains(loop)]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class RowsBySize:
+    """Moving rows of a mode, or under "" of all modes, for boxes up to ``most``, in tables as wide
+    as boxes need: small boxes would see few cells of a wide one."""
+
+    loop: Loop
+    most: Fraction
+    known: dict[tuple[str, int], MovingRows | None] = field(default_factory=dict)
+
+    def level(self, size: float) -> int:
+        """The finest tables that reach as far as a box of this size."""
+        return max((k for k in range(FINEST) if self._reach(k) >= size), default=0)
+
+    def get(self, mode: str, level: int = 0) -> MovingRows | None:
+        """As ``moving_rows``."""
+        key = (mode, level)
+        if key not in self.known:
+            modes = [mode] if mode else None
+            self.known[key] = moving_rows(self.loop, self._reach(level), modes)
+        return self.known[key]
+
+    def _reach(self, level: int) -> Fraction:
+        return self.most / Fraction(4) ** level

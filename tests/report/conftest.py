@@ -35,7 +35,7 @@ from dobc_design.conditions.reason import Reason
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.report import pages
-from dobc_design.report.pictures import svg_of
+from dobc_design.report.pictures import Picture, svg_of
 
 
 def ring_problem(n: int = 10, **changes: Any) -> Problem:
@@ -190,14 +190,15 @@ def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
 def drawn_only(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Of the pictures of a page only those of these names are drawn; the others are empty."""
 
-    def draw(*names: str) -> None:
-        monkeypatch.setattr(
-            pages,
-            "svg_of",
-            lambda picture: (
-                svg_of(picture) if picture.name in names else pages.Fragment("<svg></svg>")
-            ),
-        )
+    def drawn(picture: Picture) -> pages.Fragment:
+        return svg_of(picture) if picture.name in names else pages.Fragment("<svg></svg>")
+
+    names: list[str] = []
+
+    def draw(*chosen: str) -> None:
+        names[:] = chosen
+        # The page's environment is kept, with the filter that it was made with.
+        monkeypatch.setitem(pages._html_template().environment.filters, "svg", drawn)
 
     return draw
 

@@ -15,7 +15,8 @@ assumed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from itertools import product
@@ -33,6 +34,7 @@ from dobc_design.conditions.quadratic.sectors import (
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.separable.claim import Separable, error_sizes
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, kronecker, multiply, zeros
 from dobc_design.exact.number import common_denominator
 from dobc_design.exact.work import spend
@@ -57,34 +59,31 @@ class Slowest(NamedTuple):
 def seen_through(loop: Loop, T: Matrix, W: Matrix | None) -> tuple[Exosystem | None, Matrix | None]:
     """The joint exosystem with the output T C of every group, and the gain W S, so that A - W C is
     the same."""
-    exosystem, every = loop.joint_exosystem, identity(max(1, len(loop.groups)))
+    exosystem = loop.joint_exosystem
     if exosystem is None or W is None:
         return exosystem, W
-    turned = Exosystem(A=exosystem.A, C=multiply(kronecker(every, T), exosystem.C))
-    return turned, multiply(W, kronecker(every, inverse(T)))
+    groups = identity(max(1, len(loop.groups)))
+    turned = Exosystem(A=exosystem.A, C=multiply(kronecker(groups, T), exosystem.C))
+    return turned, multiply(W, kronecker(groups, inverse(T)))
 
 
 def reaches(loop: Loop, T: Matrix, v: Sequence[Fraction], rho: Fraction) -> dict[int, Vector]:
     """For every coupling (its place) the largest |e_jc - e_ic| over its arcs where N <= rho, and
     |e_ic| for that of the nodes, rounded up."""
-    sizes, m = list(error_sizes(T, v)), range(loop.m)
-    found: dict[int, list[Fraction]] = {
-        place: [Fraction(0)] * loop.m for place in used_couplings(loop)
-    }
+    sizes = list(error_sizes(T, v))
+    found = {place: [Fraction(0)] * loop.m for place in used_couplings(loop)}
     for arcs in loop.modes.values():
-        ends = (
-            arcs.listeners.tolist(),
-            arcs.speakers.tolist(),
-            coupling_places(loop, arcs).tolist(),
-        )
-        for i, j, place in zip(*ends, strict=True):
+        listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
+        places = coupling_places(loop, arcs).tolist()
+        for i, j, place in zip(listeners, speakers, places, strict=True):
             known, own, other = found[place], sizes[i], sizes[j]
-            for c in m:
+            for c in range(loop.m):
                 known[c] = max(known[c], own[c] + other[c])
     if loop.drift_place is not None:
         found[loop.drift_place] = [max(column) for column in zip(*sizes, strict=True)]
     return {
-        k: tuple(rounded_up(rho * x, digits=_DIGITS) for x in each) for k, each in found.items()
+        place: tuple(rounded_up(rho * x, digits=_DIGITS) for x in each)
+        for place, each in found.items()
     }
 
 
@@ -96,10 +95,11 @@ def enclosed_ranges(
     if rho is None and not loop.is_linear:
         raise SpecError("rho must be a number, because a coupling is not linear.", key="rho")
     far = reaches(loop, T, v, Fraction(1) if rho is None else rho)
-    gains = {place: widened_gains(loop, place, each) for place, each in far.items()}
-    return tuple(
-        GainRange(coupling=place, radius=rho, entries=each) for place, each in gains.items()
-    )
+    found = []
+    for place, each in far.items():
+        gains = widened_gains(loop, place, each)
+        found.append(GainRange(coupling=place, radius=rho, entries=gains))
+    return tuple(found)
 
 
 def rows_obstacle(loop: Loop, claim: Separable, *, load: Vector = ()) -> str | None:
@@ -114,14 +114,12 @@ def rows_obstacle(loop: Loop, claim: Separable, *, load: Vector = ()) -> str | N
     if (reason := gains_obstacle(loop, claim.T, claim.v, claim.rho, claim.ranges)) is not None:
         return reason
     slowest = slowest_row(loop, claim.T, claim.v, claim.ranges, load=load)
-    where = (
-        f"agent {loop.labels[slowest.agent]}, component {slowest.component + 1}, in "
-        f"mode {slowest.mode}"
-    )
+    if slowest.rate >= claim.alpha:
+        return None
+    agent, component = loop.labels[slowest.agent], slowest.component + 1
     return (
-        None
-        if slowest.rate >= claim.alpha
-        else f"the row of {where} allows only {float(slowest.rate):.4g} 1/s."
+        f"the row of agent {agent}, component {component}, in mode {slowest.mode} allows only "
+        f"{float(slowest.rate):.4g} 1/s."
     )
 
 
@@ -137,11 +135,11 @@ def gains_obstacle(
     far = reaches(loop, T, v, Fraction(1) if rho is None else rho)
     if far.keys() - {each.coupling for each in ranges}:
         return "the gains of a coupling are missing."
-    for place, _, entries in ((each.coupling, each.radius, each.entries) for each in ranges):
-        if (
-            place != loop.drift_place
-            and sum(not x.is_point for row in entries for x in row) > MOST_FREE
-        ):
+    for each in ranges:
+        place, entries = each.coupling, each.entries
+        varying = sum(not x.is_point for row in entries for x in row)
+        # those of the nodes are no corners: each of their entries is taken at its worse end
+        if place != loop.drift_place and varying > MOST_FREE:
             return f"more than {MOST_FREE} gains of a coupling vary."
         if (reason := left_open(loop, place, entries, far[place])) is not None:
             return reason
@@ -159,113 +157,161 @@ def slowest_row(
 ) -> Slowest:
     """The least rate that a row of these modes (default: all) allows, ``load`` (n m,) added,
     exactly, in integers where denominators are short."""
-    m, table, (weights, bottom) = (
-        loop.m,
-        {each.coupling: each.entries for each in ranges},
-        _integers(v),
-    )
-    added = [x * bottom for x in load] or [Fraction(0)] * len(weights)
+    m = loop.m
+    table = {each.coupling: each.entries for each in ranges}
+    weights, bottom = _integers(v)
     own = [weights[first : first + m] for first in range(0, len(weights), m)]
-    signs = [[sign for sign in product((1, -1), repeat=m) if sign[c] > 0] for c in range(m)]
-    corners = {
-        place: _corners(T, entries) for place, entries in table.items() if place != loop.drift_place
-    }
-    every = (x for rows in corners.values() for row in rows for corner in row for x in corner)
-    unit = common_denominator(every, bits=VECTOR_BITS) or 1
-    scaled = {
-        place: {
-            c: [[_times(x, unit) for x in g] for g in row]
-            for c, row in enumerate(rows)
-            if any(map(any, row))
-        }
-        for place, rows in corners.items()
-    }
-
-    @cache
-    def heard(place: int, j: int) -> list[list[Any]]:
-        return [
-            [sum(abs(x) * y for x, y in zip(g, own[j], strict=True)) for g in row]
-            for row in scaled[place].values()
-        ]
-
-    @cache
-    def felt(place: int, i: int) -> list[tuple[int, list[list[Any]]]]:
-        x = [
-            [[a * y for a, y in zip(sign, own[i], strict=True)] for sign in each] for each in signs
-        ]
-        return [
-            (c, [[sum(map(mul, g, at)) for g in row] for at in x[c]])
-            for c, row in scaled[place].items()
-        ]
-
-    alone, found = _rows_alone(loop, T, own, signs, table), list[Slowest]()
+    added = [x * bottom for x in load] or [Fraction(0)] * len(weights)
+    signs = _signs(m)
+    corners = _corners(loop, T, table)
+    sums = _ArcSums(corners, own, signs)
+    alone = _rows_alone(loop, T, own, signs, table)
+    slowest: list[Slowest] = []
     for mode in loop.modes if modes is None else modes:
+        spend(len(loop.modes[mode]) * m * 2 ** (m - 1) * corners.most // _A_STEP)
+        totals, unit = sums.of_mode(loop, mode)
+        for i, (of_own, of_arcs) in enumerate(zip(alone, totals, strict=True)):
+            for c in range(m):
+                pairs = zip(of_own[c], of_arcs[c], strict=True)
+                worst = max(x + Fraction(y) / unit for x, y in pairs)
+                rate = -(worst + added[i * m + c]) / own[i][c]
+                slowest.append(Slowest(rate, i, c, mode))
+        slowest = [min(slowest)]
+    return slowest[0]
+
+
+def _signs(m: int) -> list[list[tuple[int, ...]]]:
+    """For every component c the signs of the corners of |x_c'| <= 1 on the face x_c = 1."""
+    corners = list(product((1, -1), repeat=m))
+    return [[corner for corner in corners if corner[c] > 0] for c in range(m)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Corners:
+    """The rows of G = T J S times ``unit`` at all corners J of the gains: by the place of the
+    coupling, by component, by corner; rows that are always 0 are left out.  ``most``: corners of
+    one coupling."""
+
+    rows: dict[int, dict[int, list[list[Any]]]]
+    unit: int
+    most: int
+
+
+def _corners(loop: Loop, T: Matrix, table: dict[int, Entries]) -> _Corners:
+    """Bring the gains of arcs into coordinates, as integers where denominators are short."""
+    exact = {
+        place: _turned_corners(T, entries)
+        for place, entries in table.items()
+        if place != loop.drift_place
+    }
+    numbers = (x for rows in exact.values() for row in rows for corner in row for x in corner)
+    unit = common_denominator(numbers, bits=VECTOR_BITS) or 1
+    scaled: dict[int, dict[int, list[list[Any]]]] = {}
+    for place, rows in exact.items():
+        scaled[place] = {}
+        for c, row in enumerate(rows):
+            if any(map(any, row)):
+                scaled[place][c] = [[_times(x, unit) for x in corner] for corner in row]
+    most = max((len(rows[0]) for rows in exact.values()), default=1)
+    return _Corners(rows=scaled, unit=unit, most=most)
+
+
+def _turned_corners(T: Matrix, entries: Entries) -> list[list[Vector]]:
+    """The rows of G = T J S for every corner J of the gains: by row, then by corner."""
+    m, S = len(T), inverse(T)
+    ends = [[x.lo] if x.is_point else [x.lo, x.hi] for row in entries for x in row]
+    found = []
+    for corner in product(*ends):
+        J = tuple(corner[c * m : c * m + m] for c in range(m))
+        found.append(multiply(multiply(T, J), S))
+    return [[G[c] for G in found] for c in range(m)]
+
+
+class _ArcSums:
+    """What arcs add to the rows of those who listen.  Agents hear many others by few functions, so
+    each pair of a function and an agent is worked out once."""
+
+    def __init__(
+        self, corners: _Corners, own: Sequence[Any], signs: Sequence[Sequence[tuple[int, ...]]]
+    ) -> None:
+        self.corners = corners
+        self.own = own
+        self.signs = signs
+        self.heard = cache(self._heard)
+        self.felt = cache(self._felt)
+
+    def of_mode(self, loop: Loop, mode: str) -> tuple[list[list[list[Any]]], int]:
+        """The sums by agent, component and signs, and what they are multiplied by."""
         arcs = loop.modes[mode]
-        spend(
-            len(arcs)
-            * m
-            * 2 ** (m - 1)
-            * max((len(rows[0]) for rows in corners.values()), default=1)
-            // _A_STEP
-        )
-        factors, over = _integers(arcs.weights)
-        totals = [[[0] * len(each) for each in signs] for _ in own]
-        places, sure = coupling_places(loop, arcs).tolist(), len(arcs) - arcs.optional
-        ends = zip(arcs.listeners.tolist(), arcs.speakers.tolist(), places, factors, strict=True)
+        factors, bottom = _integers(arcs.weights)
+        totals: list[list[list[Any]]] = [[[0] * len(each) for each in self.signs] for _ in self.own]
+        listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
+        places = coupling_places(loop, arcs).tolist()
+        sure = len(arcs) - arcs.optional
+        ends = zip(listeners, speakers, places, factors, strict=True)
         for number, (i, j, place, w) in enumerate(ends):
             total = totals[i]
-            for theirs, (c, mine) in zip(heard(place, j), felt(place, i), strict=True):
+            for theirs, (c, mine) in zip(self.heard(place, j), self.felt(place, i), strict=True):
                 for s, each in enumerate(mine):
                     most = max(map(sub, theirs, each))
                     # an optional arc may be absent
-                    total[c][s] += w * most if number < sure or most > 0 else 0
-        for i, (of_arcs, of_own) in enumerate(zip(totals, alone, strict=True)):
-            for c in range(m):
-                worst = max(
-                    x + Fraction(y) / (unit * over)
-                    for x, y in zip(of_own[c], of_arcs[c], strict=True)
-                )
-                found.append(Slowest(-(worst + added[i * m + c]) / own[i][c], i, c, mode))
-        found = [min(found)]
-    return found[0]
+                    if number < sure or most > 0:
+                        total[c][s] += w * most
+        return totals, self.corners.unit * bottom
 
+    def _heard(self, place: int, j: int) -> list[list[Any]]:
+        """sum_c' |G_cc'| v_jc', by component and corner."""
+        sizes, found = self.own[j], []
+        for row in self.corners.rows[place].values():
+            found.append([sum(abs(x) * y for x, y in zip(g, sizes, strict=True)) for g in row])
+        return found
 
-def _corners(T: Matrix, entries: Entries) -> list[list[Vector]]:
-    """The rows of G = T J S for every corner J of the gains: by row, then by corner."""
-    m, S, found = len(T), inverse(T), []
-    for ends in product(*([x.lo] if x.is_point else [x.lo, x.hi] for row in entries for x in row)):
-        J = tuple(ends[c * m : c * m + m] for c in range(m))
-        found.append(multiply(multiply(T, J), S))
-    return [[G[c] for G in found] for c in range(m)]
+    def _felt(self, place: int, i: int) -> list[tuple[int, list[list[Any]]]]:
+        """sum_c' G_cc' x_c', by component, by the signs of x, by corner."""
+        found = []
+        for c, row in self.corners.rows[place].items():
+            by_signs = []
+            for sign in self.signs[c]:
+                x = list(map(mul, sign, self.own[i]))
+                by_signs.append([sum(map(mul, g, x)) for g in row])
+            found.append((c, by_signs))
+        return found
 
 
 def _rows_alone(
     loop: Loop, T: Matrix, own: Sequence[Any], signs: Sequence[Any], table: dict[int, Entries]
 ) -> list[list[list[Fraction]]]:
     """For every agent what gains and nodes add to its rows, by component and signs."""
-    m, S, A, none = loop.m, inverse(T), loop.slopes, zeros(loop.m, loop.m)
+    S, none = inverse(T), zeros(loop.m, loop.m)
     # agents often share one matrix
     different = {id(k): k for k in (none, *loop.pulls.gains.values())}
-    known = {key: multiply(multiply(T, k), S) for key, k in different.items()}
-    nodes = () if loop.drift_place is None else table[loop.drift_place]
-    F = [[x - A[a][b] for b, x in enumerate(row)] for a, row in enumerate(nodes)]
+    pulls = {key: multiply(multiply(T, k), S) for key, k in different.items()}
+    F: list[list[Interval]] = []
+    if loop.drift_place is not None:
+        # the slopes A are in the pulls already
+        for slopes, known in zip(table[loop.drift_place], loop.slopes, strict=True):
+            F.append([x - a for x, a in zip(slopes, known, strict=True)])
 
-    def rows(i: int, c: int) -> Iterator[Fraction]:
-        for sign in signs[c]:
-            x = [a * y for a, y in zip(sign, own[i], strict=True)]
-            found = -sum(map(mul, known[id(loop.pulls.gains.get(i, none))][c], x), Fraction(0))
-            e = [sum(map(mul, row, x)) for row in S] if F else []
-            for t, row in zip(T[c] if F else (), F, strict=True):
-                found += sum(max(t * y * z.lo, t * y * z.hi) for z, y in zip(row, e, strict=True))
-            yield found
+    def row(i: int, c: int, sign: Sequence[int]) -> Fraction:
+        x = list(map(mul, sign, own[i]))
+        pull = pulls[id(loop.pulls.gains.get(i, none))][c]
+        found = -sum(map(mul, pull, x), Fraction(0))
+        if F:
+            e = [sum(map(mul, each, x)) for each in S]
+            for t, slopes in zip(T[c], F, strict=True):
+                for slope, y in zip(slopes, e, strict=True):
+                    found += max(t * y * slope.lo, t * y * slope.hi)
+        return found
 
-    return [[list(rows(i, c)) for c in range(m)] for i in range(loop.n)]
+    return [[[row(i, c, sign) for sign in signs[c]] for c in range(loop.m)] for i in range(loop.n)]
 
 
 def _integers(values: Sequence[Fraction]) -> tuple[list[Any], int]:
     """Numbers times a common denominator, as integers; as they are, where that is long."""
     bottom = common_denominator(values, bits=VECTOR_BITS)
-    return (list(values), 1) if bottom is None else ([_times(x, bottom) for x in values], bottom)
+    if bottom is None:
+        return list(values), 1
+    return [_times(x, bottom) for x in values], bottom
 
 
 def _times(x: Fraction, bottom: int) -> Any:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,16 +33,18 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.network import ONE
+from dobc_design.problem.network import ONE, Arcs
 
 Array = NDArray[np.float64]
 
-CELLS, _KEPT = 512, 16  # of a table; tables
+CELLS: Final = 512  # of a table
+_KEPT: Final = 16  # tables
 # by which cells overlap, far more than a float position can be wrong
 _BEYOND: Final = Fraction(1, 2**20)
 _CLOSE: Final = Fraction(1, 2**40)  # as a part of it, how far from g floats may be
 # A result of one operation is within 2^-53 of itself of the truth (2^-1074 near 0).
-_RELATIVE, _TINY = 2.0**-51, 2.0**-1060
+_RELATIVE: Final = 2.0**-51
+_TINY: Final = 2.0**-1060
 
 
 def up(x: Array) -> Array:
@@ -55,14 +57,23 @@ def down(x: Array) -> Array:
     return x - (np.abs(x) * _RELATIVE + _TINY)
 
 
+class Ranges(NamedTuple):
+    """Least g, most g, least g', most g' over 1, 2, 4, ... cells from each on; shape (levels,
+    cells) each."""
+
+    least: Array
+    most: Array
+    falls: Array
+    rises: Array
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class GainTable:
     """Bounds of g and g' on [-radius, radius] in cells of equal width.
 
     ``low`` and ``high`` bound g in the middle of each cell, slack for misplaced positions included;
     ``falls`` and ``rises`` bound g' on it (0 where g' is not bounded: low and high then hold on the
-    whole cell). ``ranges``: least g, most g, least g', most g' over 1, 2, 4, ... cells from each
-    on; shape (levels, cells) each.
+    whole cell).  ``ranges``: over several cells at once.
     """
 
     radius: float
@@ -71,7 +82,7 @@ class GainTable:
     high: Array
     falls: Array
     rises: Array
-    ranges: tuple[Array, ...]
+    ranges: Ranges
 
     def cell(self, y: Array) -> Any:
         """The cell of each y, up to the overlap."""
@@ -86,16 +97,18 @@ class GainTable:
         """Lower and upper bounds of g at y, where y may be wrong in its last digits."""
         cell = self.cell(y)
         beyond = y - ((cell + 0.5) * self.width - self.radius)
-        falls, rises = self.falls[cell] * beyond, self.rises[cell] * beyond
+        falls = self.falls[cell] * beyond
+        rises = self.rises[cell] * beyond
         lower = down(self.low[cell] + down(np.minimum(falls, rises)))
-        return lower, up(self.high[cell] + up(np.maximum(falls, rises)))
+        upper = up(self.high[cell] + up(np.maximum(falls, rises)))
+        return lower, upper
 
-    def over(self, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
-        """Lower and upper bounds of g, then of g', between y and z."""
+    def over(self, y: Array, z: Array) -> Ranges:
+        """Bounds of g and of g' between y and z."""
         first = self.cell(np.minimum(y, z))
         level, second = _span(first, self.cell(np.maximum(y, z)))
         least, most, falls, rises = self.ranges
-        return (
+        return Ranges(
             np.minimum(least[level, first], least[level, second]),
             np.maximum(most[level, first], most[level, second]),
             np.minimum(falls[level, first], falls[level, second]),
@@ -110,16 +123,25 @@ def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) 
     which tables of several radii share; arrays cannot be written to. Raises:
     exact.interval.UndefinedError where g cannot be enclosed."""
     curve = Curve(expression)
+    # 3 or 4 times a power of two: nodes are floats, and tables of many radii share their cells
     part, exponent = math.frexp(float_above(radius) or 2.0**-20)
-    width = Fraction(3 if part < 0.75 else 4) * Fraction(2) ** (exponent - 1) / cells
+    quarters = 3 if part < 0.75 else 4
+    width = Fraction(quarters) * Fraction(2) ** (exponent - 1) / cells
     most = max(1, math.ceil(radius / width))
-    cell = [_cell(curve, k, width) for k in range(-most, most)]
-    low, high, *bounds = (np.array(column) for column in zip(*cell, strict=True))
-    choices = (np.minimum, np.maximum, np.minimum, np.maximum)
-    stacks = tuple(_spans(values, choose) for values, choose in zip(bounds, choices, strict=True))
-    bounded = np.isfinite(bounds[2]) & np.isfinite(bounds[3])
-    falls, rises = (np.where(bounded, each, 0.0) for each in bounds[2:])
-    for array in (low, high, falls, rises, *stacks):
+    found = [_cell(curve, k, width) for k in range(-most, most)]
+    low, high, least, highest, falls, rises = (
+        np.array(column) for column in zip(*found, strict=True)
+    )
+    ranges = Ranges(
+        _spans(least, np.minimum),
+        _spans(highest, np.maximum),
+        _spans(falls, np.minimum),
+        _spans(rises, np.maximum),
+    )
+    bounded = np.isfinite(falls) & np.isfinite(rises)
+    falls = np.where(bounded, falls, 0.0)
+    rises = np.where(bounded, rises, 0.0)
+    for array in (low, high, falls, rises, *ranges):
         array.setflags(write=False)
     return GainTable(
         radius=float(most * width),
@@ -128,7 +150,7 @@ def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) 
         high=high,
         falls=falls,
         rises=rises,
-        ranges=stacks,
+        ranges=ranges,
     )
 
 
@@ -137,11 +159,9 @@ def _spans(values: Array, choose: Any) -> Array:
     that are left."""
     levels, span = [values], 1
     while 2 * span <= len(values):
-        levels.append(
-            choose(
-                levels[-1], np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])
-            )
-        )
+        last = levels[-1]
+        beside = np.concatenate([last[span:], np.repeat(last[-1:], span)])
+        levels.append(choose(last, beside))
         span *= 2
     return np.stack(levels)
 
@@ -160,38 +180,45 @@ def _cell(curve: Curve, k: int, width: Fraction) -> tuple[float, ...]:
     place = Interval(k * width - overlap, (k + 1) * width + overlap)
     middle = Interval.point((k + Fraction(1, 2)) * width)
     try:  # in floats, if they tell g: next to 0 differences as in exp(y) - 1 leave few digits
-        around, node = (secant(curve, Floats.around(each)) for each in (place, middle))
-        close = node.value.width <= _CLOSE * node.value.magnitude
+        around = secant(curve, Floats.around(place))
+        node = secant(curve, Floats.around(middle))
+        is_close = node.value.width <= _CLOSE * node.value.magnitude
     except UndefinedError:
-        close = False
-    if not close:
-        around, node = secant(curve, place), secant(curve, middle)
+        is_close = False
+    if not is_close:
+        around = secant(curve, place)
+        node = secant(curve, middle)
     values = around.value.floats()
     if around.slope is None:
-        return values + values + (-math.inf, math.inf)
+        return (*values, *values, -math.inf, math.inf)
     slack = 4 * overlap * around.slope.magnitude
-    return (
-        float_below(node.value.lo - slack),
-        float_above(node.value.hi + slack),
-        *values,
-        *around.slope.floats(),
-    )
+    low = float_below(node.value.lo - slack)
+    high = float_above(node.value.hi + slack)
+    return (low, high, *values, *around.slope.floats())
 
 
 #: A coupling that turns more often is left to the exact rows.
 MOST_TURNS: Final = 40
 
 
+class Top(NamedTuple):
+    """Where a coupling may have a maximum, from ``low`` to ``high``, and an upper bound of what it
+    takes there."""
+
+    low: float
+    high: float
+    value: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
     """One coupling that is not nondecreasing, for one face (the lower one has -h(-y) in place of
-    h).  ``table`` reaches to the left ends.  ``falls``: where h is not shown to rise.  ``tops``:
-    where it may have a maximum, with an upper bound of what it takes there."""
+    h).  ``table`` reaches to the left ends.  ``falls``: where h is not shown to rise."""
 
     table: GainTable
     face: int
     falls: tuple[tuple[float, float], ...]
-    tops: tuple[tuple[float, float, float], ...]
+    tops: tuple[Top, ...]
 
     def largest(
         self, steps: Array, reaches: Array, right: tuple[Array, Array], s: float, t: float
@@ -199,26 +226,27 @@ class Turning:
         """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of
         it.  ``right``: lower and upper bounds of what the right end gives, step g(s step), on [s,
         t]."""
-        most, smooth = right[1].copy(), np.ones(len(steps), dtype=bool)
+        most = right[1].copy()
+        smooth = np.ones(len(steps), dtype=bool)
         asked = np.flatnonzero(self._may_fall(-up(t * reaches), _right_end(steps, s, t)))
         if len(asked):
             others = self._others(steps[asked], reaches[asked], s, t)
             smooth[asked] = others <= right[0][asked]
-            most[asked] = np.maximum(np.minimum(most[asked], self._end(steps[asked], s, t)), others)
+            at_right = np.minimum(most[asked], self._end(steps[asked], s, t))
+            most[asked] = np.maximum(at_right, others)
         return most, smooth
 
     def _end(self, x: Array, s: float, t: float) -> Array:
         """The largest x g(s x) on [s, t]: from the range of g, or from the middle and the range of
         g'."""
         least, most, falls, rises = self.table.over(self.face * s * x, self.face * t * x)
-        middle = self.table.at(self.face * (s + t) / 2 * x)
-        there = up(np.where(x >= 0, x * middle[1], x * middle[0]))
+        low, high = self.table.at(self.face * (s + t) / 2 * x)
+        there = up(np.where(x >= 0, x * high, x * low))
         half = (t - s) / 2 + t * 2.0**-50
         swing = up(up(np.maximum(-falls, rises) * half) * up(x * x))
-        found = np.minimum(
-            up(np.where(x >= 0, x * most, x * least)), up(there + np.maximum(swing, 0.0))
-        )
-        return np.where(x == 0, 0.0, found)
+        by_range = up(np.where(x >= 0, x * most, x * least))
+        by_middle = up(there + np.maximum(swing, 0.0))
+        return np.where(x == 0, 0.0, np.minimum(by_range, by_middle))
 
     def _may_fall(self, low: Array, high: Array) -> Any:
         """Whether h may fall somewhere on [low, high]."""
@@ -234,6 +262,7 @@ class Turning:
         found = np.where(there, self._end(-reaches, s, t), -np.inf)
         for low, high, value in self.tops:
             begin, end = _when(low, high, steps, reaches, s, t)
+            # h/s is largest at the smallest s if h > 0 there, else at the largest
             with np.errstate(divide="ignore"):
                 here = up(value / begin) if value > 0 else up(value / end)
             found = np.where(begin <= end, np.maximum(found, here), found)
@@ -241,27 +270,25 @@ class Turning:
             return found
         # The largest x g(s x), -reach <= x <= step, s in [0, t], from the range of g.
         end = np.maximum(_right_end(steps, 0.0, t), 0.0)
-        least, most, _, _ = self.table.over(-self.face * up(t * reaches), self.face * end)
-        left, right = (
-            np.maximum(-reaches * least, -reaches * most),
-            np.maximum(steps * least, steps * most),
-        )
+        ranges = self.table.over(-self.face * up(t * reaches), self.face * end)
+        left = np.maximum(-reaches * ranges.least, -reaches * ranges.most)
+        right = np.maximum(steps * ranges.least, steps * ranges.most)
         return np.minimum(found, up(np.maximum(left, right)))
 
 
 def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
     """Bring a coupling into floats; None if it turns too often."""
     tops = kind.tops if face > 0 else kind.bottoms
-    falls = tuple(
-        _joined((cell.place * face).floats() for cell in kind.cells if cell.direction <= 0)
-    )
+    falling = ((cell.place * face).floats() for cell in kind.cells if cell.direction <= 0)
+    falls = tuple(_joined(falling))
     if len(tops) > MOST_TURNS or len(falls) > MOST_TURNS:
         return None
-    values = [float_above(cell.values.hi if face > 0 else -cell.values.lo) for cell in tops]
-    places = tuple(
-        (*(cell.place * face).floats(), value) for cell, value in zip(tops, values, strict=True)
-    )
-    return Turning(table=table, face=face, falls=falls, tops=places)
+    places = []
+    for cell in tops:
+        low, high = (cell.place * face).floats()
+        value = cell.values.hi if face > 0 else -cell.values.lo
+        places.append(Top(low, high, float_above(value)))
+    return Turning(table=table, face=face, falls=falls, tops=tuple(places))
 
 
 def _when(
@@ -269,7 +296,8 @@ def _when(
 ) -> tuple[Array, Array]:
     """The s of [s, t] for which [low, high] may meet [-s reach, s step]; from above to nothing
     where there are none."""
-    begin, end = np.full(len(steps), s), np.full(len(steps), t)
+    begin = np.full(len(steps), s)
+    end = np.full(len(steps), t)
     with np.errstate(divide="ignore", invalid="ignore"):
         if low > 0:
             begin = np.where(steps > 0, np.maximum(begin, down(low / steps)), np.inf)
@@ -280,6 +308,7 @@ def _when(
 
 
 def _right_end(steps: Array, s: float, t: float) -> Array:
+    """How far right an arc looks on [s, t], from above."""
     return np.maximum(up(s * steps), up(t * steps))
 
 
@@ -294,9 +323,8 @@ def _joined(places: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     return joined
 
 
-# Pieces of (0, rho] looked at before the remaining rows are given back, and the narrowest as a part
-# of rho.
-_MOST_PIECES, _NARROWEST = 600, 2.0**-30
+_MOST_PIECES: Final = 600  # of (0, rho], looked at before the remaining rows are given back
+_NARROWEST: Final = 2.0**-30  # piece, as a part of rho
 _SURE: Final = 1e-6  # as a part of its limit, by how much a row fails for certain
 _UNIT: Final = 2.0**-52
 # integers up to that long are floats, and so are they over a power of two as long
@@ -309,8 +337,9 @@ _STEEP: Final = Fraction(1, 1000)
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcRows:
     """The arcs by row, mode after mode: those of row i are start[i]:start[i + 1].  ``steps`` are at
-    least v_j - v_i, ``reaches`` at least v_i + v_j; ``weights`` and ``own`` (v) are lower and upper
-    bounds, None for weights that are all 1.  ``pulls``: as in ``claim.Row``."""
+    least v_j - v_i, ``reaches`` at least v_i + v_j; ``kinds`` are the places of couplings;
+    ``weights`` and ``own`` (v) are lower and upper bounds, None for weights that are all 1.
+    ``pulls``: as in ``claim.Row``."""
 
     start: Any
     steps: Array
@@ -349,26 +378,35 @@ def arc_layout(loop: Loop, *, modes: Sequence[str] | None = None, errors: Errors
     chosen = loop.modes if modes is None else modes
     graphs = tuple(loop.modes[mode] for mode in chosen)
     listeners = _stacked(
+        # no copy of the first mode, which is the only one of most large networks
         [arcs.listeners + k * loop.n if k else arcs.listeners for k, arcs in enumerate(graphs)]
     )
     in_order = bool(np.all(np.diff(listeners) >= 0))
     order = slice(None) if in_order else np.argsort(listeners, kind="stable")
     listeners = listeners[order]
-    weights = None
-    if errors.weights or not all(w is ONE for arcs in graphs for w in arcs.weights):
-        below, above = zip(*(_floats(arcs.weights) for arcs in graphs), strict=True)
-        weights = (_stacked(below)[order], _stacked(above)[order])
-    if weights is not None and errors.weights:
-        least, most = float_below(1 - errors.weights), float_above(1 + errors.weights)
-        weights = (np.maximum(down(weights[0] * least), 0.0), up(weights[1] * most))
+    optional = _stacked([arcs.uncertain for arcs in graphs])
     return Layout(
         rows=listeners,
         speakers=_stacked([arcs.speakers for arcs in graphs])[order],
         start=np.searchsorted(listeners, np.arange(loop.n * len(graphs) + 1)),
         kinds=_stacked([coupling_places(loop, arcs) for arcs in graphs])[order],
-        weights=weights,
-        floor=np.where(_stacked([arcs.uncertain for arcs in graphs]), 0.0, -np.inf)[order],
+        weights=_weights(graphs, order, errors.weights),
+        floor=np.where(optional, 0.0, -np.inf)[order],
     )
+
+
+def _weights(graphs: Sequence[Arcs], order: Any, error: Fraction) -> tuple[Array, Array] | None:
+    """Lower and upper bounds of the weights of arcs in this order, each off by the relative
+    ``error``; None if all are 1."""
+    if not error and all(w is ONE for arcs in graphs for w in arcs.weights):
+        return None
+    bounds = [_floats(arcs.weights) for arcs in graphs]
+    below = _stacked([low for low, _ in bounds])[order]
+    above = _stacked([high for _, high in bounds])[order]
+    if not error:
+        return below, above
+    least, most = float_below(1 - error), float_above(1 + error)
+    return np.maximum(down(below * least), 0.0), up(above * most)
 
 
 def arc_rows(
@@ -381,21 +419,23 @@ def arc_rows(
 ) -> ArcRows:
     """Bring all modes into arrays, rounded so that rows only become harder to satisfy.  ``held`` as
     in ``rows``.  Arcs to the fixed node have to be linear."""
-    modes, layout = len(loop.modes), arc_layout(loop, errors=errors)
-    listeners, speakers = layout.rows, layout.speakers
+    modes = len(loop.modes)
+    layout = arc_layout(loop, errors=errors)
     low, high = _floats(v)
-    heard = high if stretch == 1 else _floats([stretch * x for x in v])[1]
+    stretched = high if stretch == 1 else _floats([stretch * x for x in v])[1]
     low, high = _stacked([low] * modes), _stacked([high] * modes)
-    own, other = low[listeners], heard[speakers]
+    own, other = low[layout.rows], stretched[layout.speakers]
     steps = other - own
     # The difference of two floats within a factor of two of each other has no rounding.
-    near = (other <= 2 * own) & (own <= 2 * other)
-    steps = np.where(near, steps, up(steps))
+    is_exact = (other <= 2 * own) & (own <= 2 * other)
+    steps = np.where(is_exact, steps, up(steps))
+    if not held:
+        steps = np.maximum(steps, layout.floor)
     pulls = held_gains(loop) if held else holding_gains(loop, error=errors.gains)
     return ArcRows(
         start=layout.start,
-        steps=steps if held else np.maximum(steps, layout.floor),
-        reaches=up(other + high[listeners]),
+        steps=steps,
+        reaches=up(other + high[layout.rows]),
         weights=layout.weights,
         kinds=layout.kinds,
         own=(low, high),
@@ -434,7 +474,11 @@ def float_kinds(
 def _shared_table(kind: Profile, radius: Fraction, cells: int) -> GainTable:
     """A table that reaches a little further if it can, so that vectors that differ in a few digits
     share it."""
-    unit = Fraction(2) ** (math.frexp(float_above(radius))[1] - 6) if radius else Fraction(1)
+    if not radius:
+        unit = Fraction(1)
+    else:
+        exponent = math.frexp(float_above(radius))[1]
+        unit = Fraction(2) ** (exponent - 6)
     try:
         return gain_table(kind.curve.expression, math.ceil(radius / unit) * unit, cells=cells)
     except UndefinedError:
@@ -449,51 +493,61 @@ def open_rows(
     limits = np.where(rates >= 0, rates * arcs.own[0], rates * arcs.own[1])
     limits = np.where(rates == 0, 0.0, down(limits))
     above = float_above(rho)
+    found: list[tuple[int, int]] = []
     # cells beyond the table are infinite and prove nothing
     with np.errstate(invalid="ignore", over="ignore"):
-        return [
-            (agent, face)
-            for face in FACES
-            for agent in open_within(arcs, limits, face, kinds, above).tolist()
-        ]
+        for face in FACES:
+            agents = open_within(arcs, limits, face, kinds, above)
+            found += [(agent, face) for agent in agents.tolist()]
+    return found
 
 
 def stiffest_row(arcs: ArcRows, profiles: Sequence[Profile], *, rho: Fraction) -> Fraction:
     """An upper bound of the largest sum_j w L_ij + k over rows and faces, of arcs that are held.
     Raises: UndefinedError."""
     counts = np.diff(arcs.start)
-    rows, held = np.repeat(np.arange(len(counts)), counts), _floats(arcs.pulls)[1]
-    own, mean, largest = arcs.own[1][rows], np.zeros(len(rows)), Fraction(0)
+    rows = np.repeat(np.arange(len(counts)), counts)
+    pulls = _floats(arcs.pulls)[1]
+    own = arcs.own[1][rows]
+    mean = np.zeros(len(rows))
+    largest = Fraction(0)
     for face in FACES:
         for number, kind in enumerate(profiles):
-            if np.any(mine := arcs.kinds == number):
-                mean[mine] = _mean_slopes(
-                    kind, face, rho, (arcs.steps[mine], arcs.reaches[mine], own[mine])
-                )
+            mine = arcs.kinds == number
+            if np.any(mine):
+                ends = HeldArcs(arcs.steps[mine], arcs.reaches[mine], own[mine])
+                mean[mine] = _mean_slopes(kind, face, rho, ends)
         values = mean if arcs.weights is None else up(mean * arcs.weights[1])
-        largest = max(largest, Fraction(float(np.max(up(_sums(values, rows, counts) + held)))))
+        highest = np.max(up(_sums(values, rows, counts) + pulls))
+        largest = max(largest, Fraction(float(highest)))
     return largest
 
 
-def _mean_slopes(
-    kind: Profile, face: int, rho: Fraction, ends: tuple[Array, Array, Array]
-) -> Array:
-    """Upper bounds of the mean slopes, slice by slice, for (steps, reaches, own) of arcs."""
-    steps, reaches, own = ends
-    scale, total = float(rho / kind.radius * SLOPES), np.zeros(len(steps))
-    start, highest = (
-        np.minimum(steps, 0.0) if kind.is_nondecreasing else -reaches,
-        _slopes(kind.curve, kind.radius),
-    )
+class HeldArcs(NamedTuple):
+    """Where arcs look that are held: v_j - v_i, v_i + v_j and v_i."""
+
+    steps: Array
+    reaches: Array
+    own: Array
+
+
+def _mean_slopes(kind: Profile, face: int, rho: Fraction, arcs: HeldArcs) -> Array:
+    """Upper bounds of the mean slopes, slice by slice, of each arc."""
+    scale = float(rho / kind.radius * SLOPES)
+    highest = _slopes(kind.curve, kind.radius)
+    # where h rises, the worst e_j is s v_j
+    start = np.minimum(arcs.steps, 0.0) if kind.is_nondecreasing else -arcs.reaches
+    # Positions are wrong by far less than half the overlap.
+    overlap = float(_BEYOND / 2)
+    last_part = 2 * SLOPES - 1
+    total = np.zeros(len(arcs.steps))
     for k in range(SLICES):
-        end = np.maximum(steps + 2 * (k + 1) / SLICES * own, 0.0)
+        end = np.maximum(arcs.steps + 2 * (k + 1) / SLICES * arcs.own, 0.0)
         low, high = (start, end) if face > 0 else (-end, -start)
-        # Positions are wrong by far less than half the overlap.
-        first = np.clip(
-            np.floor(low * scale + float(_BEYOND / 2)).astype(np.int64) + SLOPES, 0, 2 * SLOPES - 1
-        )
-        last = np.floor(high * scale - float(_BEYOND / 2)).astype(np.int64) + SLOPES
-        level, second = _span(first, np.clip(last, first, 2 * SLOPES - 1))
+        first = np.floor(low * scale + overlap).astype(np.int64) + SLOPES
+        first = np.clip(first, 0, last_part)
+        last = np.floor(high * scale - overlap).astype(np.int64) + SLOPES
+        level, second = _span(first, np.clip(last, first, last_part))
         total = up(total + np.maximum(highest[level, first], highest[level, second]))
     return total / SLICES
 
@@ -502,7 +556,9 @@ def _mean_slopes(
 def _slopes(curve: Curve, radius: Fraction) -> Array:
     """Upper bounds of h', at least 0, over 1, 2, 4, ... of the 2 SLOPES parts of [-radius, radius]
     from each on."""
-    width, whole, found = radius / SLOPES, Interval(-radius, radius), list[float]()
+    width = radius / SLOPES
+    whole = Interval(-radius, radius)
+    found: list[float] = []
     for k in range(-SLOPES, SLOPES):
         place = whole.meet(Interval((k - _BEYOND) * width, (k + 1 + _BEYOND) * width))
         try:
@@ -519,12 +575,16 @@ def open_within(
     """Rows that are not proved to be at most their limits for s in [start, rho], after a
     subdivision of s."""
     failed: list[Any] = [_rows_beyond(arcs, face, kinds, rho)]
-    waiting, count = [(start, rho, np.arange(len(limits)))], 0
+    waiting = [(start, rho, np.arange(len(limits)))]
+    count = 0
     while waiting:
         s, t, agents = waiting.pop()
         count += 1
-        middle, piece, most = (s + t) / 2, Piece(arcs, face, kinds, agents), limits[agents]
-        agents = agents[left := ~piece.proves(s, t, most)]
+        middle = (s + t) / 2
+        piece = Piece(arcs, face, kinds, agents)
+        most = limits[agents]
+        left = ~piece.proves(s, t, most)
+        agents = agents[left]
         if not len(agents):
             continue
         # No smaller piece proves what fails at one s.
@@ -559,18 +619,19 @@ class Piece:
         picked: Any = slice(None)
         if len(agents) < len(arcs.pulls):
             ends = np.cumsum(self.counts)
-            picked = np.arange(len(self.rows)) + np.repeat(
-                arcs.start[agents] - ends + self.counts, self.counts
-            )
-        self.steps, self.reaches, self.kinds = (
-            arcs.steps[picked],
-            arcs.reaches[picked],
-            arcs.kinds[picked],
-        )
-        self.weights = (
-            None if arcs.weights is None else (arcs.weights[0][picked], arcs.weights[1][picked])
-        )
-        self.face, self.tables, self.turning = face, kinds.tables, kinds.turning
+            # from places among the picked arcs to places among all
+            shift = arcs.start[agents] - ends + self.counts
+            picked = np.arange(len(self.rows)) + np.repeat(shift, self.counts)
+        self.steps = arcs.steps[picked]
+        self.reaches = arcs.reaches[picked]
+        self.kinds = arcs.kinds[picked]
+        self.weights = None
+        if arcs.weights is not None:
+            low, high = arcs.weights
+            self.weights = (low[picked], high[picked])
+        self.face = face
+        self.tables = kinds.tables
+        self.turning = kinds.turning
 
     def proves(self, s: float, t: float, limits: Array) -> Any:
         """Which rows are at most their limits on [s, t]: by the whole piece, by one end, or by its
@@ -580,25 +641,27 @@ class Piece:
         )
         most, smooth = self._largest(low, high, s, t)
         proved = self._total(most) <= limits
-        square = (
-            self.steps * self.steps
-            if smooth is None
-            else np.where(smooth, self.steps * self.steps, 0.0)
-        )
+        square = self.steps * self.steps
+        if smooth is not None:
+            square = np.where(smooth, square, 0.0)
         below, above = (falls, rises) if self.face > 0 else (-rises, -falls)
+        # Bounds of the slope of the sum: rows that only rise are largest at t, others at s.
         least = -self._total(np.where(square == 0, 0.0, up(-below * square)))
-        if np.any(rising := ~proved & (least >= 0)):
+        rising = ~proved & (least >= 0)
+        if np.any(rising):
             proved |= rising & (self._at(t, most, smooth) <= limits)
         if np.all(proved):
             return proved
         highest = self._total(np.where(square == 0, 0.0, up(above * square)))
-        if np.any(falling := ~proved & (highest <= 0)):
+        falling = ~proved & (highest <= 0)
+        if np.any(falling):
             proved |= falling & (self._at(s, most, smooth) <= limits)
         if np.all(proved):
             return proved
         half = (t - s) / 2 + t * 4 * _UNIT
         swing = up(np.maximum(np.maximum(highest, -least), 0.0) * half)
-        return proved | (up(self._at((s + t) / 2, most, smooth) + swing) <= limits)
+        at_middle = self._at((s + t) / 2, most, smooth)
+        return proved | (up(at_middle + swing) <= limits)
 
     def at(self, s: float) -> Array:
         """Upper bounds at one s."""
@@ -625,12 +688,12 @@ class Piece:
     def _right(self, low: Array, high: Array) -> tuple[Array, Array]:
         """The least and the largest step g for g in [low, high]."""
         rising, still = self.steps >= 0, self.steps == 0
-        least = (
-            np.where(still, 0.0, down(self.steps * np.where(rising, low, high)))
-            if self.turning
-            else low
-        )
-        return least, np.where(still, 0.0, up(self.steps * np.where(rising, high, low)))
+        most = np.where(still, 0.0, up(self.steps * np.where(rising, high, low)))
+        # the least is asked for where couplings turn only
+        if not self.turning:
+            return low, most
+        least = np.where(still, 0.0, down(self.steps * np.where(rising, low, high)))
+        return least, most
 
     def _largest(self, low: Array, high: Array, s: float, t: float) -> tuple[Array, Any]:
         """Upper bounds of phi on [s, t] for g in [low, high] at right ends; where phi is the right
@@ -671,13 +734,15 @@ def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tupl
         return values.array, values.array
     places = np.fromiter(map(id, values), dtype=np.int64, count=len(values))
     _, first, inverse = np.unique(places, return_index=True, return_inverse=True)
-    low, high = np.empty(len(first)), np.empty(len(first))
+    low = np.empty(len(first))
+    high = np.empty(len(first))
     for k, place in enumerate(first.tolist()):
         value = values[place] if less is None else values[place] - less
         top, bottom = value.numerator, value.denominator
         # The same number as a float where that is seen at once: few bits over a power of two, as v
         # has them.
-        if not bottom & (bottom - 1) and max(top.bit_length(), bottom.bit_length()) <= _FLOAT_BITS:
+        bits = max(top.bit_length(), bottom.bit_length())
+        if not bottom & (bottom - 1) and bits <= _FLOAT_BITS:
             low[k] = high[k] = top / bottom
         else:
             low[k], high[k] = float_below(value), float_above(value)

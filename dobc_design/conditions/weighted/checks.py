@@ -31,8 +31,14 @@ def id_for(loop: Loop) -> str:
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     alike = "R" in (check.exact or {})
-    names = ("D", "w", "c", "R") if alike else ("D", "w", "P") if loop.groups else ("D", "w")
-    values, size = read_object(check.exact, names), loop.n * (1 if alike else loop.m)
+    names = ["D", "w"]
+    if alike:
+        names += ["c", "R"]
+    elif loop.groups:
+        names.append("P")
+    values = read_object(check.exact, names)
+    # With R the weights are those of a network with one component.
+    size = loop.n if alike else loop.n * loop.m
     known = read_object(values["w"], loop.modes)
     w = {mode: vector_from_json(vector, size) for mode, vector in known.items()}
     P = form_from_json(values["P"]) if "P" in names else None
@@ -66,31 +72,27 @@ def weighted_check(
     undecided."""
     undecided = Check(id=id, verdict=Verdict.UNDECIDED, domain=statements.domain, reason="")
     reason = why_not(statements)
-    if (
-        reason is not None
-        and not isinstance(claim, Alike)
-        and isinstance(network_of(statements), str)
-    ):
+    # Agents with dynamics that feel their neighbours alike may still have the other form.
+    alike = isinstance(claim, Alike)
+    if reason is not None and not alike and isinstance(network_of(statements), str):
         return replace(undecided, reason=reason, applies=False)
     if claim is None or not holds(claim, statements, W, rate=claimed(rate)):
-        return replace(
-            undecided, reason="no weights D were found for which the condition is proved."
-        )
-    where = (
-        " everywhere (the couplings are linear)"
-        if statements.domain == EVERYWHERE
-        else " near the target"
-    )
+        reason = "no weights D were found for which the condition is proved."
+        return replace(undecided, reason=reason)
+    V = "e'(D (x) R)e" if isinstance(claim, Alike) else "e'De"
+    if statements.loop.groups:
+        V += " + sum eps_i' P eps_i"
+    where = "near the target"
+    if statements.domain == EVERYWHERE:
+        where = "everywhere (the couplings are linear)"
     pace = f", V' <= -2 ({text_below(rate)}) V" if rate else ""
-    observer = " + sum eps_i' P eps_i" if statements.loop.groups else ""
-    form = "e'(D (x) R)e" if isinstance(claim, Alike) else "e'De"
     return Check(
         id=id,
         verdict=Verdict.PROVED,
         domain=statements.domain,
         rate=rate or None,
         claim=claim,
-        reason=f"V = {form}{observer} with a weight for each agent decreases{where}{pace}.",
+        reason=f"V = {V} with a weight for each agent decreases {where}{pace}.",
     )
 
 
@@ -106,10 +108,11 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, statements: Statement
         return f"the domain must be {str(statements.domain)!r}"
     if check.rate is not None and check.rate <= 0:
         return "a rate must be > 0"
-    if not isinstance(claim, Alike) and (reason := why_not(statements)) is not None:
-        return reason
-    if not isinstance(claim, Weighted | Alike) or not holds(
-        claim, statements, W, rate=claimed(check.rate or 0.0)
-    ):
+    if not isinstance(claim, Alike):
+        reason = why_not(statements)
+        if reason is not None:
+            return reason
+    rate = claimed(check.rate or 0.0)
+    if not isinstance(claim, Weighted | Alike) or not holds(claim, statements, W, rate=rate):
         return "the rows N w > 0 do not hold with that rate"
     return None

@@ -60,7 +60,9 @@ class Weighted:
             "D": vector_to_json(self.D),
             "w": {mode: vector_to_json(vector) for mode, vector in self.w.items()},
         }
-        return values if self.P is None else {**values, "P": matrix_text(self.P)}
+        if self.P is not None:
+            values["P"] = matrix_text(self.P)
+        return values
 
 
 ZERO = Fraction(0)
@@ -74,9 +76,9 @@ def why_not(statements: Statements) -> str | None:
         return statements.inapplicable
     if not all(mode.is_nonnegative_diagonal for mode in statements.jacobians.modes):
         return "does not apply: a coupling has a negative slope at the target, or mixes components."
-    pins = statements.loop.pulls.gains.values()
-    if any(x for k in pins for c, row in enumerate(k) for d, x in enumerate(row) if c != d):
-        return "does not apply: a pinning gain mixes components."
+    for k in statements.loop.pulls.gains.values():
+        if any(x for c, row in enumerate(k) for d, x in enumerate(row) if c != d):
+            return "does not apply: a pinning gain mixes components."
     return None
 
 
@@ -95,11 +97,13 @@ def network_holds(
     sigma: Sequence[Fraction] | None = None,
 ) -> bool:
     """The same for sigma of every group; for the network alone (eps = 0) without."""
-    sigma = (ZERO,) * max(1, len(statements.loop.groups)) if sigma is None else sigma
+    loop = statements.loop
     if why_not(statements) is not None or statements.jacobians is None:
         return False
+    if sigma is None:
+        sigma = (ZERO,) * max(1, len(loop.groups))
     return all(
-        rows_hold(mode, statements.loop, claim.D, claim.w[mode.name], rate=rate, sigma=sigma)
+        rows_hold(mode, loop, claim.D, claim.w[mode.name], rate=rate, sigma=sigma)
         for mode in statements.jacobians.modes
     )
 
@@ -116,14 +120,19 @@ def observer_bounds(
         return None
     if decide_positive_definite(SparseSymmetric.from_dense(P)).verdict is not Verdict.PROVED:
         return None
+    # A P that mixes groups says nothing of a group by itself.
     orders = [(group.exosystem.order,) * 2 for group in loop.groups]
     if blocks_of(P, orders) is None:
         return None
     S = schur_block(Pair(P=P, Q=multiply(P, W)), exosystem, rate=rate)
     if S is None:
         return None
-    blocks = group_blocks(S, len(loop.groups))
-    return tuple(max(sum((abs(x) for x in row), ZERO) for row in block) for block in blocks)
+    return tuple(map(_largest_row_sum, group_blocks(S, len(loop.groups))))
+
+
+def _largest_row_sum(block: Matrix) -> Fraction:
+    """The largest sum of the absolute values of a row: no eigenvalue is larger."""
+    return max(sum((abs(x) for x in row), ZERO) for row in block)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -166,33 +175,36 @@ def rows_hold(
     sigma: Sequence[Fraction],
 ) -> bool:
     """Whether N w > 0 holds in this mode for every gain in its enclosure."""
-    n, m = loop.n, loop.m
-    exact = n * m <= MANY_AGENTS or not (isinstance(D, Doubles) and isinstance(w, Doubles))
-    below, above = ((lambda x: x), (lambda x: x)) if exact else (float_below, float_above)
-    d, v = (_entries(each, exact=exact) for each in (D, w))
+    m = loop.m
+    size = loop.n * m
+    exact = size <= MANY_AGENTS or not (isinstance(D, Doubles) and isinstance(w, Doubles))
+    ends = _Ends(exact=exact)
+    d = _entries(D, exact=exact)
+    v = _entries(w, exact=exact)
+    slow = ends.above([2 * rate])
+    # An agent of no group has the number after the last one, and nothing from an observer.
+    of_groups = ends.above([*sigma, ZERO])
     owners = np.array(group_numbers(loop.groups, loop.labels), dtype=np.int64)
-    slow = np.array([above(2 * rate)], dtype=object if exact else np.float64)[0]
-    of_groups = [*map(above, sigma), above(ZERO)]  # an agent without a disturbance has nothing
-    weights = np.array(of_groups, dtype=object if exact else np.float64)[np.repeat(owners, m)]
-    pins = np.array([(i * m + c) for i in loop.pulls.gains for c in range(m)], dtype=np.int64)
-    gains = np.array(
-        [below(2 * k[c][c]) for k in loop.pulls.gains.values() for c in range(m)],
-        dtype=d.dtype,
-    )
-    if not exact and not _keeps_digits(d, v, weights, gains, np.array([slow])):
+    weights = of_groups[np.repeat(owners, m)]
+    pulls = loop.pulls.gains
+    pins = np.array([i * m + c for i in pulls for c in range(m)], dtype=np.int64)
+    gains = ends.below([2 * k[c][c] for k in pulls.values() for c in range(m)])
+    if not exact and not _keeps_digits(d, v, weights, gains, slow):
         return False
-    sums = _Sums.of(n * m, exact=exact)
-    everyone = np.arange(n * m)
+    sums = _Sums.of(size, exact=exact)
+    everyone = np.arange(size)
     with np.errstate(over="ignore", invalid="ignore"):
-        sums.add(everyone, -slow * d * v)
+        sums.add(everyone, -slow[0] * d * v)
         sums.add(everyone, -weights * d * d * v)
         sums.add(pins, gains * d[pins] * v[pins])
         for c in range(m):
-            low = np.array([below(gain[c][c].lo) for gain in mode.gains], dtype=d.dtype)
-            high = np.array([above(gain[c][c].hi) for gain in mode.gains], dtype=d.dtype)
+            low = ends.below([gain[c][c].lo for gain in mode.gains])
+            high = ends.above([gain[c][c].hi for gain in mode.gains])
             if not exact and not _keeps_digits(low, high):
                 return False
-            i, j = mode.arcs.listeners * m + c, mode.arcs.speakers * m + c
+            i = mode.arcs.listeners * m + c
+            j = mode.arcs.speakers * m + c
+            # The end of the gain that makes the row smallest.
             pull = 2 * v[i] - v[j]
             gain = np.where(pull >= 0, low[mode.kind], high[mode.kind])
             sums.add(i, gain * d[i] * pull)
@@ -200,10 +212,32 @@ def rows_hold(
     return sums.are_positive()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Ends:
+    """Numbers as they enter the sums: themselves, or the next float on the side that is asked."""
+
+    exact: bool
+
+    def below(self, numbers: Sequence[Fraction]) -> NDArray[Any]:
+        """The numbers, or floats at most as large."""
+        if self.exact:
+            return np.array(numbers, dtype=object)
+        return np.array([float_below(x) for x in numbers], dtype=np.float64)
+
+    def above(self, numbers: Sequence[Fraction]) -> NDArray[Any]:
+        """The numbers, or floats at least as large."""
+        if self.exact:
+            return np.array(numbers, dtype=object)
+        return np.array([float_above(x) for x in numbers], dtype=np.float64)
+
+
 def _entries(vector: Vector | Doubles, *, exact: bool) -> NDArray[Any]:
-    if exact and isinstance(vector, Doubles):
+    """The vector as fractions where ``exact``, else as the floats it is made of."""
+    if not isinstance(vector, Doubles):
+        return np.array(vector, dtype=object)
+    if exact:
         return np.array(tuple(vector), dtype=object)
-    return vector.array if isinstance(vector, Doubles) else np.array(vector, dtype=object)
+    return vector.array
 
 
 def _keeps_digits(*arrays: NDArray[Any]) -> bool:

@@ -109,9 +109,9 @@ def _scalar_loop(
 
 def _part(M: Matrix, G: Matrix) -> Fraction | None:
     """The number g with M = g G; None if there is none."""
-    pairs = [
-        (x, y) for row, other in zip(M, G, strict=True) for x, y in zip(row, other, strict=True)
-    ]
+    pairs: list[tuple[Fraction, Fraction]] = []
+    for row, other in zip(M, G, strict=True):
+        pairs += zip(row, other, strict=True)
     g = next(x / y for x, y in pairs if y)
     return g if all(x == g * y for x, y in pairs) else None
 
@@ -122,27 +122,28 @@ def alike_holds(claim: Alike, statements: Statements, W: Matrix | None, *, rate:
     if isinstance(network, str):
         return False
     exosystem = statements.loop.joint_exosystem
-    if exosystem is not None and (
-        W is None or not hurwitz_with_rate(error_matrix(exosystem, W), rate)
-    ):
+    if exosystem is not None and W is None:
         return False
-    return holds_of_agents(claim.R, network, claim.strength, rate) and network_holds(
-        claim.weights, network.statements, rate=claim.strength
-    )
+    if exosystem is not None and W is not None:
+        error = error_matrix(exosystem, W)
+        if not hurwitz_with_rate(error, rate):
+            return False
+    if not holds_of_agents(claim.R, network, claim.strength, rate):
+        return False
+    return network_holds(claim.weights, network.statements, rate=claim.strength)
 
 
 def holds_of_agents(R: Matrix, network: Network, strength: Fraction, rate: Fraction) -> bool:
     """The three conditions on R."""
     RG = multiply(R, network.G)
-    if not (is_symmetric(R) and len(R) == len(network.A) and is_symmetric(RG)):
+    if not is_symmetric(R) or len(R) != len(network.A) or not is_symmetric(RG):
         return False
     RA = multiply(R, network.A)
-    F = add(subtract(add(RA, transpose(RA)), scale(2 * strength, RG)), scale(2 * rate, R))
-    definite = all(
-        decide_positive_definite(SparseSymmetric.from_dense(each)).verdict is Verdict.PROVED
-        for each in (R, scale(-1, F))
-    )
-    return (
-        definite
-        and decide_positive_semidefinite(SparseSymmetric.from_dense(RG)).verdict is Verdict.PROVED
-    )
+    pulled = subtract(add(RA, transpose(RA)), scale(2 * strength, RG))
+    F = add(pulled, scale(2 * rate, R))
+    for matrix in (R, scale(-1, F)):
+        symmetric = SparseSymmetric.from_dense(matrix)
+        if decide_positive_definite(symmetric).verdict is not Verdict.PROVED:
+            return False
+    pull = SparseSymmetric.from_dense(RG)
+    return decide_positive_semidefinite(pull).verdict is Verdict.PROVED

@@ -9,7 +9,7 @@ I)^-T 1 are positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -48,7 +48,9 @@ CLOSEST = 0.99995  # of mu where eigenvalues are known
 NEARLY = 0.995
 SHARPENINGS = 30  # of the rate towards mu
 SAFE = 1 - 1e-5  # of a rate that floats show
-DROPPED, FILL = 1e-4, 10  # of incomplete factorisations
+# Of incomplete factorisations: which entries are dropped, and how much they may fill up.
+DROPPED = 1e-4
+FILL = 10
 FEW_ENTRIES = 3  # per row, up to which a factorisation stays sparse
 FLOOR = 0.1  # the right side of inverse iteration is at least this part of its largest entry
 BISECTIONS = 8
@@ -56,16 +58,19 @@ COMPARED = 8  # modes that are compared two by two
 # states^3 times modes for which common weights are sought by a semidefinite program
 LARGEST_PROGRAM = 10 * 60**3
 LONGEST = 60.0  # s, for that program
-# steps of work for a solver and each solution; cubed rows for a step
-SOLVER, EIGENVALUES = 10, 3000
+SOLVER = 10  # steps of work for a solver, and for each solution
+EIGENVALUES = 3000  # cubed rows for a step of work
 EVEN_PROGRAM = 2 * 12**3  # the same, where the most even ones are sought for several rates
-# Times to one percent: those next to that of D = I, rates that are tried for few and for many
-# states, what is worth it.
-FLAT, SOONER, SOONER_LARGE, EARLIER = 1.01, 8, 2, 0.95
-MARGIN = 1e-6
-# a row is met when these parts of its right side and of its terms are left at most
-LEFT, ROUNDED = 0.25, 1e-9
-CLOSE, QUICK = (1e-2, 1e-5), 400  # where iterations stop
+FLAT = 1.01  # times next to that of D = I, which need not be looked for
+SOONER = 8  # rates that are tried for the least time to one percent ...
+SOONER_LARGE = 2  # ... and with many states
+EARLIER = 0.95  # the part of the time that is worth a slower rate
+MARGIN = 1e-6  # relative: how far the program stays from singular forms
+# A row is met when these parts of its right side and of its terms are left at most.
+LEFT = 0.25
+ROUNDED = 1e-9
+CLOSE = (1e-2, 1e-5)  # where iterations stop
+QUICK = 400  # steps of an iteration
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.LinAlgError)
 
 
@@ -78,41 +83,50 @@ def proposals(
     tables = {mode: stiffness(loop, mode) for mode in loop.modes}
     if any(table is None for table in tables.values()) or (loop.groups and W is None):
         return
-    pairs = dict[str, Perron | None]()
-    with suppress(*GIVEN_UP):
-        pairs = {mode: perron(table) for mode, table in tables.items()}
-    if not pairs or any(pair is None for pair in pairs.values()):
+    pairs = _perron_pairs(tables)
+    if not pairs:
         return
-    most = SAFE * min(pair.rate for pair in pairs.values() if pair is not None)
+    most = SAFE * min(pair.rate for pair in pairs)
     if W is not None and loop.groups:
-        most = min(
-            most,
-            0.9995 * min(decay_rate(group.exosystem, gain) for group, gain in _gains(loop, W)),
-        )
-    (first, *others) = pairs.values()
-    if others:  # the largest rate that common weights can have, about
-        most = bisected(
-            lambda rate: _weights(tables, rate) is not None, 0.0, most, steps=BISECTIONS
-        )[0]
-    best = None
+        decays = [decay_rate(group.exosystem, gain) for group, gain in _gains(loop, W)]
+        most = min(most, 0.9995 * min(decays))
+    # Of one mode the pair gives weights for every rate below its own.
+    alone = pairs[0] if len(pairs) == 1 else None
+    if alone is None:  # the largest rate that common weights can have, about
+
+        def have_weights(rate: float) -> bool:
+            return _weights(tables, rate) is not None
+
+        most, _ = bisected(have_weights, 0.0, most, steps=BISECTIONS)
+    planned: list[tuple[float, Array | None]] = []
     if sooner:
-        best = soonest_weights(
-            tables, most, None if others or first is None else first.u / first.w, least
-        )
-    planned = [] if best is None else [(best.rate, best.D)]
-    for rate, D in [*planned, *((shorten(part * most, digits=6), None) for part in PARTS)]:
+        best = soonest_weights(tables, most, None if alone is None else alone.u / alone.w, least)
+        if best is not None:
+            planned.append((best.rate, best.D))
+    planned += [(shorten(part * most, digits=6), None) for part in PARTS]
+    for rate, D in planned:
         with suppress(*GIVEN_UP):
             P = _lyapunov(loop, W, rate) if loop.groups and W is not None else None
             sigma = observer_bounds(loop, P, W, rate=Fraction(repr(rate)))
-            own = (
-                (None,)
-                if others or D is not None
-                else _pairs(next(iter(tables.values())), first, rate)
-            )
+            if sigma is None:
+                continue
+            aim = _Aim(rate=rate, sigma=sigma, P=P)
+            own: Iterable[Perron | None] = (None,)
+            if alone is not None and D is None:
+                own = _pairs(next(iter(tables.values())), alone, rate)
             for pair in own:
-                found = None if sigma is None else _scaled(loop, tables, rate, sigma, P, pair, D)
+                found = _scaled(loop, tables, aim, pair=pair, D=D)
                 if found is not None:
                     yield found, rate
+
+
+def _perron_pairs(tables: Mapping[str, Any]) -> list[Perron]:
+    """The pair of every mode; empty if one of them has none."""
+    pairs = []
+    with suppress(*GIVEN_UP):
+        pairs = [perron(table) for table in tables.values()]
+    known = [pair for pair in pairs if pair is not None]
+    return known if len(known) == len(tables) else []
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,55 +147,63 @@ def soonest_weights(
 
     ``fastest``: weights for the rate ``most``, where they are known.  None where a slower rate is
     not worth it."""
-    size, found = next(iter(tables.values())).shape[0], list[Sooner]()
+    size = _rows(tables)
+    found: list[Sooner] = []
 
-    def at(rate: float) -> float:
+    def time_at(rate: float) -> float:
         rate = shorten(rate, digits=6)
         with suppress(*GIVEN_UP):
             D = even_weights(tables, rate)
             if D is not None:
-                found.append(
-                    Sooner(time_to_one_percent(rate, math.sqrt(D.max() / D.min())), rate, D)
-                )
-                return found[-1].time
+                time = _promised_time(rate, D)
+                found.append(Sooner(time, rate, D))
+                return time
         return math.inf
 
-    first = (
-        at(most)
-        if fastest is None
-        else time_to_one_percent(most, math.sqrt(fastest.max() / fastest.min()))
-    )
+    first = time_at(most) if fastest is None else _promised_time(most, fastest)
     if not most > 0 or not math.isfinite(first) or first * most < FLAT * math.log(100):
         return None
     shortest = max(math.log(100) / first, least)  # slower ones are later even with D = I
     if shortest >= most:
         return None
-    golden_section(at, shortest, most, steps=SOONER if size <= DENSE else SOONER_LARGE)
+    golden_section(time_at, shortest, most, steps=SOONER if size <= DENSE else SOONER_LARGE)
     best = min(found, key=lambda each: each.time, default=None)
-    return best if best is not None and best.time < EARLIER * first else None
+    if best is None or not best.time < EARLIER * first:
+        return None
+    return best
+
+
+def _promised_time(rate: float, D: Array) -> float:
+    """The time to one percent (s) of V = e'De at a rate (1/s)."""
+    return time_to_one_percent(rate, math.sqrt(D.max() / D.min()))
+
+
+def _rows(tables: Mapping[str, Any]) -> int:
+    """The rows n m, which all modes share."""
+    return int(next(iter(tables.values())).shape[0])
 
 
 def promised_factor(claim: Weighted | Alike) -> float:
     """The square root of max D / min D, times that of the condition of R, about."""
-    D = claim.D if isinstance(claim, Weighted) else claim.weights.D
+    if isinstance(claim, Weighted):
+        return math.sqrt(float(largest(claim.D)) / float(least(claim.D)))
+    D = claim.weights.D
     ratio = float(largest(D)) / float(least(D))
-    return math.sqrt(
-        ratio if isinstance(claim, Weighted) else ratio * float(np.linalg.cond(to_float(claim.R)))
-    )
+    return math.sqrt(ratio * float(np.linalg.cond(to_float(claim.R))))
 
 
 def even_weights(tables: Mapping[str, Any], rate: float) -> Array | None:
     """Weights for this rate, as even as is seen."""
-    size = next(iter(tables.values())).shape[0]
     D = _weights(tables, rate)
-    if D is None or D.max() <= D.min() * FLAT or size**3 * len(tables) > EVEN_PROGRAM:
+    if D is None or D.max() <= D.min() * FLAT or _rows(tables) ** 3 * len(tables) > EVEN_PROGRAM:
         return D
-    even = (
-        each
-        for each in _program(tables, rate)
-        if all(_height(M, each, rate) for M in tables.values())
-    )
+    even = [each for each in _program(tables, rate) if _do(tables, each, rate)]
     return min((D, *even), key=lambda each: float(each.max() / each.min()))
+
+
+def _do(tables: Mapping[str, Any], D: Array, rate: float) -> bool:
+    """Whether these weights seem to do in every mode."""
+    return all(_height(M, D, rate) is not None for M in tables.values())
 
 
 def _pairs(table: Any, first: Perron | None, rate: float) -> Iterator[Perron | None]:
@@ -209,8 +231,10 @@ def stiffness(loop: Loop, mode: str) -> Any:
     """M = K - dh/de at the target, (n m, n m) sparse; None where it cannot be had."""
     with np.errstate(all="ignore"), suppress(SpecError):
         jacobian = consensus_jacobian(loop, mode)
-        table = None if jacobian is None else sparse.csc_array(pull_matrix(loop) - jacobian)
-        return table if table is not None and np.all(np.isfinite(table.data)) else None
+        if jacobian is None:
+            return None
+        table = sparse.csc_array(pull_matrix(loop) - jacobian)
+        return table if np.all(np.isfinite(table.data)) else None
     return None
 
 
@@ -229,21 +253,30 @@ def perron(table: Any) -> Perron | None:
     """The pair of an M-matrix with a rate close to mu, its least Re of an eigenvalue; None if mu >
     0 is not seen."""
     size = table.shape[0]
-    w = u = ones = np.ones(size)
-    acyclic = csgraph.connected_components(table, connection="strong")[0] == size
+    ones = np.ones(size)
+    parts, _ = csgraph.connected_components(table, connection="strong")
+    acyclic = parts == size
     if size <= DENSE or acyclic:
         spend(0 if acyclic else size**3 // EIGENVALUES)
-        mu = float(
-            table.diagonal().min() if acyclic else np.linalg.eigvals(table.toarray()).real.min()
-        )
-        pairs = (_pair(table, part * mu, ones, ones) for part in (CLOSEST, *PARTS[1:-1]) if mu > 0)
-        return next((pair for pair in pairs if pair is not None), None)
-    best, low = None, 0.0
+        # Without cycles the eigenvalues stand on the diagonal.
+        values = table.diagonal() if acyclic else np.linalg.eigvals(table.toarray()).real
+        mu = float(values.min())
+        if not mu > 0:
+            return None
+        for part in (CLOSEST, *PARTS[1:-1]):
+            pair = _pair(table, part * mu, ones, ones)
+            if pair is not None:
+                return pair
+        return None
+    best = None
+    low = 0.0
+    w = u = ones
     for _ in range(SHARPENINGS):
         pair = _pair(table, low, w, u)
         if pair is None or (best is not None and pair.rate <= best.rate * (1 + 1e-3)):
             break
-        best, w = pair, pair.w / np.max(pair.w)
+        best = pair
+        w = pair.w / np.max(pair.w)
         u = w if pair.u is pair.w else pair.u / np.max(pair.u)
         if pair.rate >= NEARLY * float(u @ (table @ w)) / float(u @ w):
             break
@@ -255,72 +288,102 @@ def _pair(table: Any, shift: float, w: Array, u: Array) -> Perron | None:
     """One step of inverse iteration on both sides; None where it gives no positive vectors or no
     rate > 0."""
     solve = _solver(table, shift)
-    floors = [np.maximum(x, FLOOR if table.shape[0] > DENSE else 1.0) for x in (w, u)]
-    x = None if solve is None else solve(floors[0], "N")
-    y = x
-    if solve is not None and x is not None and (w is not u or not is_symmetric(table)):
-        y = solve(floors[1], "T")
-    if x is None or y is None:
+    if solve is None:
+        return None
+    floor = FLOOR if table.shape[0] > DENSE else 1.0
+    x = solve(np.maximum(w, floor), "N")
+    if x is None:
+        return None
+    # Of a symmetric matrix both sides are the same.
+    y: Array | None = x
+    if w is not u or not is_symmetric(table):
+        y = solve(np.maximum(u, floor), "T")
+    if y is None:
         return None
     with np.errstate(all="ignore"):
         rate = float(np.min((table @ x) / x + (table.T @ y) / y)) / 2
     return Perron(x, y, rate) if rate > 0 else None
 
 
-def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | None:
+def _solver(table: Any, rate: float) -> _Solver | None:
     """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"), about: by a factorisation
     where the network is small or stays sparse, else by iteration.  None where none is positive,
     each row met up to a part of its terms."""
     size = table.shape[0]
     spend(SOLVER)
     shifted = sparse.csc_array(table - rate * sparse.eye_array(size))
-    matrices = {"N": sparse.csr_array(shifted), "T": sparse.csr_array(shifted.T)}
     scale = shifted.diagonal()
     if not np.all(scale > 0):
         return None
     iterates = size > DENSE and table.nnz > FEW_ENTRIES * size
-    iterate = sparse.linalg.bicgstab
-    if iterates and is_symmetric(table):
-        iterate = sparse.linalg.cg  # one product a step, and no breakdown
-    factors: list[Any] = []
+    return _Solver(
+        shifted=shifted,
+        matrices={"N": sparse.csr_array(shifted), "T": sparse.csr_array(shifted.T)},
+        scale=scale,
+        iterates=iterates,
+        symmetric=iterates and is_symmetric(table),
+    )
 
-    def answers(right: Array, which: str) -> Iterator[Array]:
-        matrix, start = matrices[which], right / scale
-        for close in CLOSE if iterates and not factors else ():
-            near = sparse.diags_array(1 / scale)
-            start = iterate(matrix, right, x0=start, M=near, rtol=close, maxiter=QUICK)[0]
-            yield start
-        if not factors:
-            if iterates:
-                factors.append(sparse.linalg.spilu(shifted, drop_tol=DROPPED, fill_factor=FILL))
-            # without exchanges, which an M-matrix does not need, no digits of small entries are
-            # lost
-            else:
-                factors.append(factored(shifted, diag_pivot_thresh=0.0))
-        start = factors[0].solve(right, which)
-        yield start
-        if iterates:
-            near = sparse.linalg.LinearOperator(
-                matrix.shape, matvec=lambda x: factors[0].solve(x, which)
-            )
-            yield sparse.linalg.bicgstab(
-                matrix, right, x0=start, M=near, rtol=CLOSE[-1], maxiter=QUICK
-            )[0]
 
-    def solve(right: Array, which: str) -> Array | None:
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Solver:
+    """A shifted matrix with its transpose, and a factor once one was needed."""
+
+    shifted: Any
+    matrices: Mapping[str, Any]
+    scale: Array
+    iterates: bool
+    symmetric: bool
+    factor: Any = None
+
+    def __call__(self, right: Array, which: str) -> Array | None:
+        """The first answer > 0 that meets every row; None if none does."""
         spend(SOLVER)
         with np.errstate(all="ignore"), suppress(*GIVEN_UP):
-            for x in answers(right, which):
-                missed = np.abs(matrices[which] @ x - right)
-                if (
-                    np.all(np.isfinite(x))
-                    and np.all(x > 0)
-                    and np.all(missed <= LEFT * right + ROUNDED * scale * x)
-                ):
+            for x in self._answers(right, which):
+                if self._is_met(x, right, which):
                     return np.asarray(x)
         return None
 
-    return solve
+    def _is_met(self, x: Array, right: Array, which: str) -> bool:
+        missed = np.abs(self.matrices[which] @ x - right)
+        if not np.all(np.isfinite(x)) or not np.all(x > 0):
+            return False
+        return bool(np.all(missed <= LEFT * right + ROUNDED * self.scale * x))
+
+    def _answers(self, right: Array, which: str) -> Iterator[Array]:
+        """Answers, the cheapest first."""
+        matrix = self.matrices[which]
+        start = right / self.scale
+        if self.iterates and self.factor is None:
+            iterate = sparse.linalg.bicgstab
+            if self.symmetric:
+                iterate = sparse.linalg.cg  # one product a step, and no breakdown
+            near = sparse.diags_array(1 / self.scale)
+            for close in CLOSE:
+                start, _ = iterate(matrix, right, x0=start, M=near, rtol=close, maxiter=QUICK)
+                yield start
+        factor = self._factored()
+        start = factor.solve(right, which)
+        yield start
+        if self.iterates:
+            near = sparse.linalg.LinearOperator(
+                matrix.shape, matvec=lambda x: factor.solve(x, which)
+            )
+            start, _ = sparse.linalg.bicgstab(
+                matrix, right, x0=start, M=near, rtol=CLOSE[-1], maxiter=QUICK
+            )
+            yield start
+
+    def _factored(self) -> Any:
+        """A factor of the matrix, an incomplete one where it only speeds up iterations."""
+        if self.factor is None and self.iterates:
+            self.factor = sparse.linalg.spilu(self.shifted, drop_tol=DROPPED, fill_factor=FILL)
+        elif self.factor is None:
+            # without exchanges, which an M-matrix does not need, no digits of small entries are
+            # lost
+            self.factor = factored(self.shifted, diag_pivot_thresh=0.0)
+        return self.factor
 
 
 def _weights(tables: Mapping[str, Any], rate: float) -> Array | None:
@@ -331,42 +394,45 @@ def _weights(tables: Mapping[str, Any], rate: float) -> Array | None:
         return np.ones(first.shape[0])  # u = w
     logarithms = []
     for M in tables.values():
-        solve, ones = _solver(M, rate), np.ones(M.shape[0])
-        w, u = (None, None) if solve is None else (solve(ones, "N"), solve(ones, "T"))
+        solve = _solver(M, rate)
+        ones = np.ones(M.shape[0])
+        w = None if solve is None else solve(ones, "N")
+        u = None if solve is None else solve(ones, "T")
         if w is None or u is None:
             return None
         logarithms.append(np.log(u) - np.log(w))
-    found = [np.mean(logarithms, axis=0), *(logarithms[:COMPARED] if len(logarithms) > 1 else ())]
-    weights: list[Array] = [np.exp(each - each.max()) for each in found]
-    if len(tables) == 1:
-        return weights[0]
-    tried = chain(weights, _program(tables, rate))
-    return next(
-        (D for D in tried if all(_height(M, D, rate) is not None for M in tables.values())), None
-    )
+    if not others:
+        return _largest_one(np.mean(logarithms, axis=0))
+    # The geometric mean of the weights of all modes may serve them all, or those of one mode.
+    found = [np.mean(logarithms, axis=0), *logarithms[:COMPARED]]
+    tried = chain(map(_largest_one, found), _program(tables, rate))
+    return next((D for D in tried if _do(tables, D, rate)), None)
+
+
+def _largest_one(logarithms: Array) -> Array:
+    """The weights with these logarithms, scaled so that the largest is 1."""
+    return np.asarray(np.exp(logarithms - logarithms.max()))
 
 
 def _program(tables: Mapping[str, Any], rate: float) -> Iterator[Array]:
     """The most even D >= 1 with D (M - rate I) + (M - rate I)'D > 0, by a semidefinite program;
     none for large ones."""
-    size = next(iter(tables.values())).shape[0]
+    size = _rows(tables)
     if size**3 * len(tables) > LARGEST_PROGRAM:
         return
+    eye = np.eye(size)
+    # The unknowns are D and its largest entry, which is minimised.
     cones = [
-        Cone("nonnegative", np.column_stack([-np.eye(size), np.zeros(size)]), -np.ones(size)),
-        Cone("nonnegative", np.column_stack([np.eye(size), -np.ones(size)]), np.zeros(size)),
+        Cone("nonnegative", np.column_stack([-eye, np.zeros(size)]), -np.ones(size)),
+        Cone("nonnegative", np.column_stack([eye, -np.ones(size)]), np.zeros(size)),
     ]
     for M in tables.values():
-        rows = M.toarray() - rate * np.eye(size)
-        units = [
-            np.outer(e, row) + np.outer(row, e) for e, row in zip(np.eye(size), rows, strict=True)
-        ]
-        columns = np.column_stack(
-            [*(-svec(unit) for unit in units), np.zeros(size * (size + 1) // 2)]
-        )
-        cones.append(
-            Cone("semidefinite", columns, -svec(MARGIN * float(np.abs(rows).max()) * np.eye(size)))
-        )
+        rows = M.toarray() - rate * eye
+        units = [np.outer(e, row) + np.outer(row, e) for e, row in zip(eye, rows, strict=True)]
+        nothing = np.zeros(size * (size + 1) // 2)
+        columns = np.column_stack([*(-svec(unit) for unit in units), nothing])
+        room = MARGIN * float(np.abs(rows).max())
+        cones.append(Cone("semidefinite", columns, -svec(room * eye)))
     answer = solve_cones(np.append(np.zeros(size), 1.0), cones, time_limit=LONGEST)
     found = answer.x[:size] if answer.found else np.zeros(0)
     if len(found) and found.min() > 0:
@@ -381,66 +447,83 @@ def _height(
     if pair is not None:
         rise = D * (M @ pair.w) + M.T @ pair.u - 2 * rate * pair.u
         return (pair.w, rise) if np.all(rise > 0) else None
-    root = np.sqrt(D)  # N = diag(root) (X + X') diag(root), and X is scaled alike in all rows
-    X = sparse.diags_array(root) @ M @ sparse.diags_array(1 / root) - rate * sparse.eye_array(
-        len(D)
-    )
+    # N = diag(root) (X + X') diag(root), and X is scaled alike in all rows
+    root = np.sqrt(D)
+    scaled = sparse.diags_array(root) @ M @ sparse.diags_array(1 / root)
+    X = scaled - rate * sparse.eye_array(len(D))
     even = sparse.csc_array(X + X.T)
     solve = _solver(even, 0.0)
     z = None if solve is None else solve(np.ones(len(D)), "N")
-    rise = np.zeros(len(D)) if z is None else root * np.asarray(even @ z)
-    return None if z is None or not np.all(rise > 0) else (z / root, rise)
+    if z is None:
+        return None
+    rise = root * np.asarray(even @ z)
+    return (z / root, rise) if np.all(rise > 0) else None
 
 
 def network_claim(loop: Loop, rate: float) -> Weighted | None:
     """Weights of the network alone (eps = 0) for a rate (1/s), common to all modes; None if none
     are seen."""
     tables = {mode: stiffness(loop, mode) for mode in loop.modes}
-    try:
-        sigma = (Fraction(0),) * max(1, len(loop.groups))
-        return (
-            None
-            if any(table is None for table in tables.values())
-            else _scaled(loop, tables, rate, sigma, None)
-        )
-    except GIVEN_UP:
+    if any(table is None for table in tables.values()):
         return None
+    with suppress(*GIVEN_UP):
+        return _scaled(loop, tables, _alone(loop, rate))
+    return None
 
 
 def weights_claim(loop: Loop, tables: Mapping[str, Any], rate: float, D: Array) -> Weighted | None:
     """The same with these weights."""
-    try:
-        return _scaled(loop, tables, rate, (Fraction(0),) * max(1, len(loop.groups)), None, None, D)
-    except GIVEN_UP:
-        return None
+    with suppress(*GIVEN_UP):
+        return _scaled(loop, tables, _alone(loop, rate), D=D)
+    return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Aim:
+    """A rate (1/s), and the observers beside it: P, and of each group a bound ``sigma`` of what its
+    errors take."""
+
+    rate: float
+    sigma: Sequence[Fraction]
+    P: Matrix | None
+
+
+def _alone(loop: Loop, rate: float) -> _Aim:
+    """The network without errors of observers."""
+    return _Aim(rate=rate, sigma=(Fraction(0),) * max(1, len(loop.groups)), P=None)
 
 
 def _scaled(
     loop: Loop,
     tables: Mapping[str, Any],
-    rate: float,
-    sigma: Sequence[Fraction],
-    P: Matrix | None,
+    aim: _Aim,
+    *,
     pair: Perron | None = None,
     D: Array | None = None,
 ) -> Weighted | None:
     """The claim, its weights D small enough for the observer; of one mode perhaps those of its
     ``pair``."""
     owners = np.repeat(group_numbers(loop.groups, loop.labels), loop.m)
-    weight = np.array([*map(float, sigma), 0.0])[owners]  # 0 for an agent without a disturbance
+    weight = np.array([*map(float, aim.sigma), 0.0])[owners]  # 0 for an agent without a disturbance
     if D is None:
-        D = _weights(tables, rate) if pair is None else pair.u / pair.w
-    known = {} if D is None else {mode: _height(M, D, rate, pair) for mode, M in tables.items()}
-    heights = {mode: found for mode, found in known.items() if found is not None}
-    if D is None or len(heights) < len(tables):
+        D = _weights(tables, aim.rate) if pair is None else pair.u / pair.w
+    if D is None:
         return None
+    w: dict[str, Array] = {}
+    rooms = []
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in heights.values())
-    scale = min(1.0, room / 2)
+        for mode, M in tables.items():
+            found = _height(M, D, aim.rate, pair)
+            if found is None:
+                return None
+            w[mode], rise = found
+            rooms.append(float(np.min(rise / (weight * D * D * w[mode]))))
+    # Half of the room, so that what the observers take leaves every row clearly positive.
+    scale = min(1.0, min(rooms) / 2)
     if not scale * D.min() > 0:
         return None
     return Weighted(
-        D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in heights.items()}, P=P
+        D=rounded(scale * D), w={mode: rounded(each) for mode, each in w.items()}, P=aim.P
     )
 
 
@@ -459,9 +542,11 @@ def _lyapunov(loop: Loop, W: Matrix, rate: float) -> Matrix | None:
     """P with (A - WC)'P + P(A - WC) + 2 rate P about -I, for each group."""
     blocks = []
     for group, gain in _gains(loop, W):
-        A, C = to_float(group.exosystem.A), to_float(group.exosystem.C)
-        error = A - to_float(gain) @ C + rate * np.eye(len(A))
-        P = linalg.solve_continuous_lyapunov(error.T, -np.eye(len(A)))
+        A = to_float(group.exosystem.A)
+        C = to_float(group.exosystem.C)
+        eye = np.eye(len(A))
+        error = A - to_float(gain) @ C + rate * eye
+        P = linalg.solve_continuous_lyapunov(error.T, -eye)
         if not np.all(np.isfinite(P)):
             return None
         blocks.append(round_matrix((P + P.T) / 2, 9))

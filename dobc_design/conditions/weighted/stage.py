@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from dobc_design.conditions.check import (
@@ -15,12 +16,13 @@ from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.weighted.checks import id_for, weighted_check
 from dobc_design.conditions.weighted.decide import Weighted, why_not
-from dobc_design.conditions.weighted.network import Alike, network_of
+from dobc_design.conditions.weighted.network import Alike, Network, network_of
 from dobc_design.conditions.weighted.propose import disagreeing, promised_factor, proposals
 from dobc_design.conditions.weighted.propose_alike import MOST_STATES, alike_proposals
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
 from dobc_design.loop.arcs import unreached
+from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 KEPT = 0.002  # how much faster than wanted, for digits that are cut
@@ -51,24 +53,20 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
     alone = loop if network is None else network.statements.loop
     if any(unreached(alone, [arcs]) for arcs in modes.values()):
         return []
-    if (late := out_of_time()) is not None:
+    late = out_of_time()
+    if late is not None:
         return [cut_check(id, statements.domain, late)]
-    reasons = [too_large(group.exosystem) for group in loop.groups]
-    if network is not None and loop.m > MOST_STATES:
-        reasons.append(
-            f"left out, because it takes long with {loop.m} states per agent; it is "
-            f"examined up to {MOST_STATES}."
-        )
-    if (reason := next(filter(None, reasons), None)) is not None:
+    reason = _too_large(loop, network)
+    if reason is not None:
         return [undecided_check(id, statements.domain, reason)]
 
     def decided() -> Check:
         least = rate * (1 + KEPT)
-        found = (
-            alike_proposals(loop, network, W, least=least)
-            if network
-            else proposals(statements, W, least=least)
-        )
+        found: Iterator[tuple[Weighted | Alike, float]]
+        if network is None:
+            found = proposals(statements, W, least=least)
+        else:
+            found = alike_proposals(loop, network, W, least=least)
         for claim, speed in found:
             check = weighted_check(id, statements, W, claim, rate=speed)
             if check.verdict is Verdict.PROVED:
@@ -77,9 +75,21 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
         pair = disagreeing(alone) if len(modes) > 1 else None
         if pair is None:
             return check
-        return replace(
-            check,
-            reason=f"no weights D are found that serve the modes {pair[0]} and {pair[1]} together.",
-        )
+        reason = f"no weights D are found that serve the modes {pair[0]} and {pair[1]} together."
+        return replace(check, reason=reason)
 
     return [limited(id, statements.domain, decided)]
+
+
+def _too_large(loop: Loop, network: Network | None) -> str | None:
+    """Why a loop of this size is left out; None if it is not."""
+    for group in loop.groups:
+        reason = too_large(group.exosystem)
+        if reason is not None:
+            return reason
+    if network is not None and loop.m > MOST_STATES:
+        return (
+            f"left out, because it takes long with {loop.m} states per agent; it is "
+            f"examined up to {MOST_STATES}."
+        )
+    return None

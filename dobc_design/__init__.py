@@ -22,7 +22,7 @@ __version__ = "0.1.0"
 _NAMES = {
     "analysis.analysis": "Analysis",
     "certificate.certificate": "Certificate",
-    "certification.certify": "certify certify_settling verify",
+    "certification.certify": "certify verify",
     "conditions.check": "Check",
     "conditions.schedule.settling": "Settling",
     "coupling.coupling": "Coupling",
@@ -68,29 +68,8 @@ _TYPES = (
 )
 __all__ = sorted({"__version__", *_HOMES} - set(_TYPES.split()))  # noqa: PLE0605
 
-#: Old names and where they are now.
-_MOVED = {
-    **dict.fromkeys(
-        ("Fixed", "Markov", "Mobile", "Periodic", "RandomDwell", "Schedule", "Waypoints"), "signals"
-    ),
-    **dict.fromkeys(("Cone", "Disk", "HalfPlane", "NoiseLimit"), "poles"),
-    **dict.fromkeys(("to_c", "to_casadi", "to_control", "to_fmu", "to_latex"), "export"),
-    **dict.fromkeys(("to_numpy", "to_sdpa", "to_sympy"), "export"),
-    "plot_regions": "Certificate",
-}
-
 
 def __getattr__(name: str) -> Any:
-    if name in _MOVED:
-        from warnings import warn
-
-        new = name.removesuffix("_regions")
-        warn(
-            f"dobc_design.{name} is now dobc_design.{_MOVED[name]}.{new}",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return getattr(__getattr__(_MOVED[name]), new)
     home = _HOMES.get(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -7,7 +7,6 @@ from dobc_design import export as export
 from dobc_design.analysis.analysis import Analysis as Analysis
 from dobc_design.certificate.certificate import Certificate as Certificate
 from dobc_design.certification.certify import certify as certify
-from dobc_design.certification.certify import certify_settling as certify_settling
 from dobc_design.certification.certify import verify as verify
 from dobc_design.conditions.check import Check as Check
 from dobc_design.conditions.schedule.settling import Settling as Settling

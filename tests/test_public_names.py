@@ -19,7 +19,7 @@ import dobc_design
 _NAMES = """
 Certificate Check Coupling Design Dynamics Ensemble Exosystem Failure Group Network Observer
 Problem Region Stress
-Switching Trajectory Verdict __version__ analyse build_model certify certify_settling
+Switching Trajectory Verdict __version__ analyse build_model certify
 describe design design_observer
 design_pinning exact exosystems export falsify from_pandapower load_problem load_trajectory poles
 problem_from_file
@@ -152,15 +152,6 @@ def test_the_examples_in_docstrings_are_true():
         runner.run(each, out=failed.append)
     assert "".join(failed) == ""
     assert runner.tries >= 40
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [("Markov", "signals.Markov"), ("to_c", "export.to_c"), ("plot_regions", "Certificate.plot")],
-)
-def test_a_name_that_moved_still_works_and_says_where_it_is(old: str, new: str):
-    with pytest.warns(DeprecationWarning, match=rf"dobc_design\.{old} is now dobc_design\.{new}"):
-        assert getattr(dobc_design, old) is attrgetter(new)(dobc_design)
 
 
 def test_dir_shows_the_public_names():

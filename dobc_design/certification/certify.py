@@ -50,17 +50,15 @@ from dobc_design.conditions.observer.propose import (
     GainDesign,
     chosen_gains,
     design_gains,
-    observer_gain,
     propose_pairs,
 )
 from dobc_design.conditions.quadratic.stage import SMALL_ROWS, quadratic_stage
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.propose import Asked as SettlingStarts
 from dobc_design.conditions.schedule.stage import (
-    asked_of,
     read_tolerance,
     schedule_stage,
-    settle,
     settling_stage,
+    starts_given,
 )
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.stage import separable_stage
@@ -99,6 +97,8 @@ def certify(
     *,
     everything: bool = False,
     settling: Number | None = None,
+    settling_radius: Number | None = None,
+    settling_disturbance: Number | None = None,
     rate: Number | None = None,
     time_limit: Number | None = None,
     progress: Reports[str] = None,
@@ -108,7 +108,9 @@ def certify(
     ``problem`` is a Problem, a path or a built-in name.  The region asked for is examined cheapest
     first, until a proof covers it; ``everything``: all of it, also where no region is asked for.
     ``settling``: a tolerance in the unit of x; the time after which |e(t)|_inf stays below it is
-    proved as well (with ``everything`` and a region a hundredth of its radius by default).
+    proved as well (with ``everything`` and a region a hundredth of its radius by default), from the
+    [region], or from |e(0)|_inf <= ``settling_radius`` and, with an exosystem, |eps_i(0)| <=
+    ``settling_disturbance``.  The proved time and a bound on the way: ``Certificate.settling``.
     ``time_limit`` (s): stages that would begin later are left out, and long ones cut off; without
     one every stage has a limit that is counted, so that the same input gives the same claims.
     ``rate`` (1/s): proofs with at least this rate are looked for; without it those with the least
@@ -123,25 +125,31 @@ def certify(
         ('proved', 'theorem1-weighted')
     """
     stated = load_problem(problem)
+    loop = loop_of(stated)
     options = _Options(
         everything=everything,
         settling=None if settling is None else read_tolerance(settling),
+        settling_starts=starts_given(
+            loop, tolerance=settling, radius=settling_radius, disturbance=settling_disturbance
+        ),
         rate=None if rate is None else _read_rate(rate),
         time_limit=None if time_limit is None else read_time_limit(time_limit),
     )
     seconds = None if options.time_limit is None else float(options.time_limit)
     with until(seconds):
         return _Certification(
-            problem=stated, loop=loop_of(stated), options=options, report=report_to(progress)
+            problem=stated, loop=loop, options=options, report=report_to(progress)
         ).run()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Options:
-    """What ``certify`` was asked beside the problem; numbers as they were given."""
+    """What ``certify`` was asked beside the problem; numbers as they were given.
+    ``settling_starts``: None unless the settling time is about other starts than the region."""
 
     everything: bool
     settling: Fraction | None
+    settling_starts: SettlingStarts | None
     rate: Fraction | None
     time_limit: Fraction | None
 
@@ -219,7 +227,9 @@ class _Certification:
         asked = read_region(loop, case.W, domain=case.domain, everything=everything)
         case = case.and_(safety_stage(asked, report))
         if tolerance is not None or (everything and loop.starts is not None):
-            case = case.and_([settling_stage(case, tolerance=tolerance, report=report)])
+            starts = self.options.settling_starts
+            settled = settling_stage(case, tolerance=tolerance, starts=starts, report=report)
+            case = case.and_([settled])
         # Inputs may rest on the final box, so they come after it.
         case = case.and_(_ending(ACCURACY, case.domain, partial(accuracy_stage, case, report)))
         inputs = partial(inputs_stage, asked, case.checks, report)
@@ -297,36 +307,6 @@ def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Rechec
     """
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     return verify_twice(claims, load_problem(problem))
-
-
-@shows_progress
-def certify_settling(
-    problem: Source,
-    *,
-    tolerance: Number = "1/1000",
-    radius: Number | None = None,
-    disturbance: Number | None = None,
-    progress: Reports[str] = None,
-) -> Settling:
-    """Prove a settling time: |e(t)|_inf <= tolerance for all t >= time, and an envelope of
-    |e(t)|_inf on the way.
-
-    ``tolerance`` in the unit of x.  The starts are |e(0)|_inf <= ``radius`` and |eps_i(0)| <=
-    ``disturbance`` (Euclidean), by default the smallest such set that holds the [region].  It holds
-    for arbitrary switching among the modes.  A missing W is designed first, as ``certify`` does.
-    ``progress``: as in ``certify``.
-    Returns: a Settling with ``time`` (s), ``envelope(t)``, ``stages`` and ``verdict``: PROVED, or
-    UNDECIDED with the reason.  Raises: SpecError for a wrong number, or without a [region] and
-    without a radius.
-    Source: theory, section 11.
-    Example:
-        >>> settling = dd.certify_settling("clock-sync", radius=1, disturbance=1, tolerance="1/10")
-        >>> settling.verdict.value, settling.envelope(settling.time) <= 0.1
-        ('proved', True)
-    """
-    loop = loop_of(load_problem(problem))
-    asked = asked_of(loop, tolerance=tolerance, radius=radius, disturbance=disturbance)
-    return settle(loop, observer_gain(loop), asked, progress=report_to(progress))
 
 
 def region_checks(

@@ -178,7 +178,7 @@ class Trajectory(Simulated):
 
         ``certificate``: what it proves about |e|_inf from this start is drawn into the errors.
         ``envelope``: other bounds of |e|_inf, as points (t, bound), (k, 2), or as a function of
-        times, such as ``certify_settling(problem).envelope``.  ``pinned``: indices to be drawn in
+        times, such as ``certificate.settling.envelope``.  ``pinned``: indices to be drawn in
         blue.  Returns: a Sheet; with Matplotlib's ``ax`` these axes, with the errors.
         """
         from dobc_design.plotting.runs import plot_error, trajectory_sheet

@@ -24,6 +24,13 @@ LONGEST_HTML, LONGEST_TEXT = 30_000, 4_000  # characters
 #: Classes of other packages, or of this one, that show themselves in a way of their own.
 OTHERWISE = {"Designer": "_repr_mimebundle_", "Sheet": "_repr_png_", "ConsensusLoop": "_repr_html_"}
 
+#: Public names of modules that have others as well.
+INSIDE = {
+    dd.signals: "Fixed Markov Mobile Periodic RandomDwell Schedule Waypoints",
+    dd.poles: "Cone Disk HalfPlane NoiseLimit",
+    dd.export: "to_c to_casadi to_control to_fmu to_latex to_numpy to_sdpa to_sympy",
+}
+
 
 def public() -> Iterator[object]:
     """All public names, those of the public modules included."""
@@ -32,11 +39,8 @@ def public() -> Iterator[object]:
     )
     yield from (getattr(dd.exact, name) for name in dd.exact.__all__)
     yield from (value for name, value in vars(dd.exosystems).items() if not name.startswith("_"))
-    yield from (
-        getattr(getattr(dd, home), name)
-        for name, home in dd._MOVED.items()
-        if home != "Certificate"
-    )
+    for module, names in INSIDE.items():
+        yield from (getattr(module, name) for name in names.split())
 
 
 def is_ours(each: type) -> bool:

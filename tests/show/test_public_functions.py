@@ -25,7 +25,6 @@ def test_rates_pins_and_tolerances_have_types():
         f"{name}({given.name})"
         for name in (
             "certify",
-            "certify_settling",
             "design",
             "design_observer",
             "design_pinning",

@@ -27,7 +27,11 @@ from dobc_design.certification.recheck import confirm
 from dobc_design.conditions.check import Check, check_from_json
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.domain import Domain
+from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule import propose, propose_cycles, rows
+from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.stage import settle, starts_given
 from dobc_design.conditions.separable import propose_coordinates
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.make import loop_of
@@ -222,3 +226,22 @@ def rough_settling() -> Any:
 def only(*stages: Callable[..., Any]) -> Any:
     """`certify` looks for regions by these stages alone.  A context, or a decorator of a test."""
     return _in_place((certification, "STAGES", stages))
+
+
+def settling_alone(
+    problem: Problem | str,
+    *,
+    tolerance: object = "1/1000",
+    radius: object = None,
+    disturbance: object = None,
+) -> Settling:
+    """The settling time that `certify` proves, without its other conditions; by default from the
+    [region]."""
+    loop = loop_of(load_problem(problem) if isinstance(problem, str) else problem)
+    asked = starts_given(
+        loop,
+        tolerance=tolerance,
+        radius=max(asked_radius(loop)) if radius is None else radius,
+        disturbance=disturbance,
+    )
+    return settle(loop, observer_gain(loop), asked, progress=lambda stage: None)

@@ -1,4 +1,4 @@
-"""What ``certify_settling`` returns: a settling time, and the bound of |e| until then and after.
+"""A proved settling time, and the bound of |e| until then and after.
 
 It evaluates what ``decide`` has proved, and proves nothing itself.
 """

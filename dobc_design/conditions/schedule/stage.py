@@ -67,38 +67,56 @@ SMALLEST: Final = Fraction(1, 10**300)
 TIMES: Final = 10**4  # settling times have four decimals
 
 
-def asked_of(loop: Loop, *, tolerance: Any, radius: Any = None, disturbance: Any = None) -> Asked:
-    """Read the numbers; what is None comes from the [region].  Raises: SpecError for one that is
-    wrong or missing."""
-    region = loop.starts
-    if region is None and radius is None:
-        raise _missing("radius")
-    if region is None and disturbance is None and loop.groups:
-        raise _missing("disturbance")
-    reach = max(asked_radius(loop)) if radius is None else parse_number(radius, key="radius")
-    error = ZERO
-    if disturbance is not None:
-        error = parse_number(disturbance, key="disturbance")
-    elif region is not None:
-        error = region.disturbance or ZERO
-    if reach <= 0:
-        raise SpecError(f"radius must be > 0; got {float(reach):.6g}.", key="radius")
-    if error < 0:
-        raise SpecError("disturbance must be >= 0, because it is a length.", key="disturbance")
-    if error and not loop.groups:
-        what = "disturbance must be 0, because without an [exosystem] there is no observer error."
-        raise SpecError(what, key="disturbance")
-    limit = read_tolerance(tolerance, key="tolerance")
-    return Asked(radius=reach, disturbance=error, tolerance=limit)
-
-
-def _missing(key: str) -> SpecError:
-    what = "must be given, because the problem has no [region] that says where it starts."
-    cure = (
-        "Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance, the largest"
-        " |xi_i(0) - xihat_i(0)|; or add a [region]."
+def starts_given(loop: Loop, *, tolerance: Any, radius: Any, disturbance: Any) -> Asked | None:
+    """The starts that somebody names for a settling time; None where none are named.  A number that
+    is left out comes from the [region].  Raises: SpecError for one that is wrong or missing."""
+    if radius is None and disturbance is None:
+        return None
+    if tolerance is None:
+        raise wrong(
+            "settling",
+            "must be given where starts of a settling time are.",
+            "Give the tolerance, in the unit of x.",
+        )
+    return Asked(
+        radius=_radius_given(loop, radius),
+        disturbance=_disturbance_given(loop, disturbance),
+        tolerance=read_tolerance(tolerance),
     )
-    return wrong(key, what, cure)
+
+
+def _radius_given(loop: Loop, value: Any) -> Fraction:
+    key = "settling_radius"
+    if value is None:
+        _require_region(loop, key, "Give it, the largest |e(0)|_inf, or add a [region].")
+        return max(asked_radius(loop))
+    radius = parse_number(value, key=key)
+    if radius <= 0:
+        raise SpecError(f"{key} must be > 0; got {float(radius):.6g}.", key=key)
+    return radius
+
+
+def _disturbance_given(loop: Loop, value: Any) -> Fraction:
+    key = "settling_disturbance"
+    if value is None:
+        if not loop.groups:
+            return ZERO
+        cure = "Give it, the largest |xi_i(0) - xihat_i(0)|, or add a [region]."
+        _require_region(loop, key, cure)
+        return ZERO if loop.starts is None else loop.starts.disturbance or ZERO
+    error = parse_number(value, key=key)
+    if error < 0:
+        raise SpecError(f"{key} must be >= 0, because it is a length.", key=key)
+    if error and not loop.groups:
+        why = "without an [exosystem] there is no observer error"
+        raise SpecError(f"{key} must be 0, because {why}.", key=key)
+    return error
+
+
+def _require_region(loop: Loop, key: str, cure: str) -> None:
+    if loop.starts is None:
+        what = "must be given, because the problem has no [region] that says where it starts."
+        raise wrong(key, what, cure)
 
 
 def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
@@ -265,9 +283,11 @@ def _up(value: Fraction) -> Fraction:
     return rounded_up(more, digits=DIGITS)
 
 
-def settling_stage(case: Case, *, tolerance: Fraction | None, report: Progress) -> Check:
-    """The check `settling` beside those of a case; ``tolerance`` None: a hundredth of the
-    radius."""
+def settling_stage(
+    case: Case, *, tolerance: Fraction | None, report: Progress, starts: Asked | None = None
+) -> Check:
+    """The check `settling` beside those of a case, from the ``starts`` that somebody names or from
+    those of ``asked_beside``; ``tolerance`` None: a hundredth of the radius."""
     loop = case.loop
     undecided = partial(undecided_check, "settling", case.domain)
     reason = obstacle(loop, case.W)
@@ -278,7 +298,7 @@ def settling_stage(case: Case, *, tolerance: Fraction | None, report: Progress) 
             f"left out, because it takes long with {loop.size} rows n m; it is examined up to "
             f"{MOST_ROWS}."
         )
-    asked = asked_beside(case, tolerance=tolerance)
+    asked = starts or asked_beside(case, tolerance=tolerance)
     if isinstance(asked, str):
         return undecided(asked)
     report("deciding the settling time")

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from certified import HALF_AS_FAST, coarse_tables, few_chords, few_coordinates, only
+from certified import HALF_AS_FAST, coarse_tables, few_chords, few_coordinates, only, settling_alone
 from checker_files.files import accepted_by, second_loop
 from scipy.linalg import expm
 
-from dobc_design import Network, Problem, Switching, Verdict, certify, certify_settling, simulate
+from dobc_design import Network, Problem, Switching, Verdict, certify, simulate
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck, verify_twice
 from dobc_design.checker import cycles as checker_cycles
@@ -320,7 +320,7 @@ def test_half_a_ring_at_a_time_settles_nearly_as_soon_as_its_slowest_run(pins, d
     """Known answers: from 4 to 0.04 after so many rounds.  Runs of rising couplings lie between
     those from corners."""
     own = ring(dict.fromkeys(pins, 5), dwell)
-    settling = certify_settling(own, tolerance="1/25", radius=4)
+    settling = settling_alone(own, tolerance="1/25", radius=4)
     assert settling.verdict is Verdict.PROVED
     assert "for the signal odd" in settling.reason
     assert settling.time <= 2 * dwell * (rounds + 1)

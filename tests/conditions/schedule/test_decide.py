@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from certified import coarse_tables, rough_settling
+from certified import coarse_tables, rough_settling, settling_alone
 from checker_files.separable import problems
 from checker_files.settling import CUBIC, GOOD, LINE, MIXED, SEEN, STRETCHED, UNEVEN, bent, moved
 from networks import listening, pair
@@ -193,7 +193,7 @@ def test_no_run_leaves_a_tube_that_is_proved_and_some_leave_one_that_is_refused(
     """Sin falls beyond pi/2 and y (1 + exp(-y^2)) near 1.2, both within |y| <= 1.8."""
     problem = pair(h, k=2)
     with search():
-        tube = dd.certify_settling(problem, radius="9/10", tolerance=tolerance).claim.tube
+        tube = settling_alone(problem, radius="9/10", tolerance=tolerance).claim.tube
         tight = replace(
             tube,
             upper=(tube.upper[0], *(tuple(x * F(9, 10) for x in box) for box in tube.upper[1:])),

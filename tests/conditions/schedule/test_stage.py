@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from certified import coarse_tables, few_chords, rough_settling
+from certified import coarse_tables, few_chords, rough_settling, settling_alone
 from networks import cycle, pair
 from regional_problems import HARMONIC, listening_pair
 from simulated_runs import INTEGRATION, compare
@@ -132,7 +132,7 @@ def test_couplings_that_do_not_act_by_component_leave_it_undecided():
     check = stage.settling_stage(case, tolerance=F(1), report=lambda name: None)
     assert check.verdict is Verdict.UNDECIDED
     assert check.reason.startswith("does not apply")
-    assert dd.certify_settling(problem, radius=1).reason.startswith("does not apply")
+    assert settling_alone(problem, radius=1).reason.startswith("does not apply")
 
 
 @few_chords()
@@ -170,7 +170,7 @@ def test_everything_with_a_region_includes_it_at_a_hundredth_of_the_radius():
 
 @pytest.fixture(scope="module")
 def fixed():
-    return dd.certify_settling("paper-fixed")
+    return settling_alone("paper-fixed")
 
 
 @pytest.mark.evidence
@@ -221,7 +221,7 @@ def test_no_run_of_example_1_crosses_the_envelope(fixed):
 def test_example_2_settles_three_times_sooner_than_one_rate_says_and_no_run_crosses_the_envelope():
     """Found: 83.5 s for arbitrary switching among the four modes; the runs switch as the problem
     says."""
-    settling = dd.certify_settling("paper-switching")
+    settling = settling_alone("paper-switching")
     assert settling.verdict is Verdict.PROVED
     assert settling.time <= 84
     assert settling.single_time / settling.time >= 3
@@ -234,14 +234,14 @@ def test_example_2_settles_three_times_sooner_than_one_rate_says_and_no_run_cros
 @pytest.mark.slow
 def test_all_pinned_alike_settle_as_their_gain_says():
     """V = 1 and alpha = k = 5: |e| <= R exp(-5 t), so ln(2000)/5 s."""
-    settling = dd.certify_settling(cycle(4, gains=5), radius=2, tolerance="1/1000")
+    settling = settling_alone(cycle(4, gains=5), radius=2, tolerance="1/1000")
     assert settling.time == pytest.approx(np.log(2000) / 5, abs=1e-3)
 
 
 @few_chords()
 def test_a_linear_problem_settles_for_every_radius():
     """Agent 1 alone: e' = -5 e; agent 2 follows: e_2' = e_1 - e_2."""
-    settling = dd.certify_settling(pair("y"), radius=100)
+    settling = settling_alone(pair("y"), radius=100)
     assert settling.verdict is Verdict.PROVED
     times = np.linspace(0, settling.time, 200)
     slowest = 100 * np.exp(-times) + 25 * (np.exp(-times) - np.exp(-5 * times))
@@ -252,7 +252,7 @@ def test_a_linear_problem_settles_for_every_radius():
 @rough_settling()
 def test_starts_that_no_certificate_holds_leave_the_answer_undecided():
     """Sin, one pin: from |e| <= 4 other equilibria may be reached."""
-    settling = dd.certify_settling(cycle(3, h="sin(y)"), radius=4, tolerance=2)
+    settling = settling_alone(cycle(3, h="sin(y)"), radius=4, tolerance=2)
     assert settling.verdict is Verdict.UNDECIDED
     assert "no moving box was found from |e|_inf <= 4" in settling.reason
     assert settling.time is None and settling.stages == ()
@@ -260,29 +260,43 @@ def test_starts_that_no_certificate_holds_leave_the_answer_undecided():
         settling.envelope(1.0)
 
 
+@few_chords()
+def test_starts_that_are_named_take_the_place_of_the_region_and_both_programs_accept_it():
+    """The pair above, from a larger box than its [region]; alone it gives the same time."""
+    problem = listening_pair(reach=1)
+    certificate = dd.certify(problem, settling="1/100", settling_radius="11/10")
+    check = certificate.check("settling")
+    assert check.domain == {"kind": "box", "radius": 1.1, "disturbance": 0.0}
+    assert dd.verify(certificate, problem).holds
+    alone = settling_alone(problem, tolerance="1/100", radius="11/10")
+    assert certificate.settling.time == alone.time > certified().settling.time
+
+
 def test_without_a_region_the_starts_have_to_be_given():
+    without = cycle(3, exosystem=HARMONIC)
     with pytest.raises(
-        SpecError, match=r"radius must be given, because the problem has no \[region\]"
+        SpecError, match=r"settling_radius must be given, because the problem has no \[region\]"
     ):
-        dd.certify_settling(cycle(3))
-    with pytest.raises(SpecError, match="disturbance must be given"):
-        dd.certify_settling(cycle(3, exosystem=HARMONIC), radius=1)
+        dd.certify(without, settling=1, settling_disturbance=1)
+    with pytest.raises(SpecError, match="settling_disturbance must be given"):
+        dd.certify(without, settling=1, settling_radius=1)
 
 
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [
-        ({"radius": 0}, "radius must be > 0"),
-        ({"radius": 1, "tolerance": 0}, "tolerance must be > 0"),
-        ({"radius": 1, "tolerance": float("nan")}, "tolerance must be"),
-        ({"radius": 1, "disturbance": -1}, "disturbance must be >= 0"),
-        ({"radius": 1, "disturbance": 1}, "disturbance must be 0"),
-        ({"radius": "far"}, "radius must be"),
+        ({"settling_radius": 0}, "settling_radius must be > 0"),
+        ({"settling": 0}, "settling must be > 0"),
+        ({"settling": float("nan")}, "settling must be"),
+        ({"settling": None}, "settling must be given"),
+        ({"settling_disturbance": -1}, "settling_disturbance must be >= 0"),
+        ({"settling_disturbance": 1}, "settling_disturbance must be 0"),
+        ({"settling_radius": "far"}, "settling_radius must be"),
     ],
 )
 def test_wrong_numbers_are_refused_by_name(numbers, message):
     with pytest.raises(SpecError, match=message):
-        dd.certify_settling(cycle(3), **numbers)
+        dd.certify(cycle(3), **({"settling": 1, "settling_radius": 1} | numbers))
 
 
 def test_the_envelope_has_no_other_times_than_those_from_zero_on():

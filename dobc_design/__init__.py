@@ -16,7 +16,7 @@ TYPE_CHECKING = False  # typing takes longer to import than this package
 if TYPE_CHECKING:
     from typing import Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 #: Module -> its public names; exact, export, exosystems, poles and signals are modules themselves.
 _NAMES = {

@@ -26,8 +26,8 @@ from dobc_design.certification import certify as certification
 from dobc_design.certification.recheck import confirm
 from dobc_design.conditions.check import Check, check_from_json
 from dobc_design.conditions.consensus.claim import Statements
-from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.domain import NEAR_TARGET, Domain
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule import propose, propose_cycles, rows
 from dobc_design.conditions.schedule.settling import Settling
@@ -147,7 +147,7 @@ def confirmed(
     problem: Problem,
     *,
     W: Matrix | None = None,
-    domain: Domain = "consensus",
+    domain: Domain = NEAR_TARGET,
     beside: Check | None = None,
 ) -> str | None:
     """None, or what is wrong with a regional check; errors count as refusals.  ``beside``: the

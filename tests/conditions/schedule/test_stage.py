@@ -266,7 +266,7 @@ def test_starts_that_are_named_take_the_place_of_the_region_and_both_programs_ac
     problem = listening_pair(reach=1)
     certificate = dd.certify(problem, settling="1/100", settling_radius="11/10")
     check = certificate.check("settling")
-    assert check.domain == {"kind": "box", "radius": 1.1, "disturbance": 0.0}
+    assert check.domain == Box(1.1, 0.0)
     assert dd.verify(certificate, problem).holds
     alone = settling_alone(problem, tolerance="1/100", radius="11/10")
     assert certificate.settling.time == alone.time > certified().settling.time

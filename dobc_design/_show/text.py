@@ -149,3 +149,8 @@ def visible(text: str) -> str:
         each if each.isprintable() else each.encode("unicode_escape").decode("ascii")
         for each in text
     )
+
+
+def capitalize_first(text: str) -> str:
+    """Make the first letter a capital and leave the others alone."""
+    return text[:1].upper() + text[1:]

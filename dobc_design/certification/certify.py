@@ -16,6 +16,7 @@ from itertools import zip_longest
 
 from dobc_design import __version__
 from dobc_design._show.progress import Reports, report_to, shows_progress
+from dobc_design._show.text import capitalize_first
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.factors import with_factors
@@ -36,7 +37,7 @@ from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_
 from dobc_design.conditions.domain import EVERYWHERE, Domain
 from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
-from dobc_design.conditions.kinds import ids_in
+from dobc_design.conditions.kinds import LEMMA, ids_in
 from dobc_design.conditions.linearisation.stage import linearisation_stage
 from dobc_design.conditions.margins.stage import inputs_stage, is_asked, margins_stage
 from dobc_design.conditions.numbers import claimed, is_writable
@@ -162,12 +163,12 @@ class _Options:
     def as_typed(self) -> tuple[str, ...]:
         """The options of `dobc certify` that ask the same."""
         typed = ["--all"] if self.everything else []
-        numbers = (
-            ("--settling", self.settling),
-            ("--rate", self.rate),
-            ("--time-limit", self.time_limit),
-        )
-        typed += [f"{name} {number_text(x)}" for name, x in numbers if x is not None]
+        if self.settling is not None:
+            typed.append(f"--settling {number_text(self.settling)}")
+        if self.rate is not None:
+            typed.append(f"--rate {number_text(self.rate)}")
+        if self.time_limit is not None:
+            typed.append(f"--time-limit {number_text(self.time_limit)}")
         return tuple(typed)
 
 
@@ -184,13 +185,17 @@ class _Certification:
         """All checks in their order, what follows from them, and what the second checker says."""
         loop = self.loop
         found = decide(loop, self.report, rate=self.options.least_rate)
-        checks = self._with_stages(found)
         domain = found.statements.domain
-        checks = with_factors(loop, tuple(writable(check, domain) for check in checks), found.W)
+        written = tuple(writable(check, domain) for check in self._with_stages(found))
+        checks = with_factors(loop, written, found.W)
         overall = decide_overall(loop, checks, found.W)
         source = None
         if found.W is not None:
             source = "designed" if any(found.designs) else "given"
+        notes = [
+            *notes_of(self.problem, found.designs, found.how),
+            *_asked_rate(loop, checks, overall, self.options.rate),
+        ]
         claims = Claims(
             problem_name=loop.name,
             problem_sha256=problem_sha256(self.problem),
@@ -204,10 +209,7 @@ class _Certification:
             gain_source=source,
             P=None if found.pair is None else found.pair.P,
             Q=None if found.pair is None else found.pair.Q,
-            notes=(
-                *notes_of(self.problem, found.designs, found.how),
-                *_asked_rate(loop, checks, overall, self.options.rate),
-            ),
+            notes=tuple(notes),
             version=__version__,
             options=self.options.as_typed,
         )
@@ -273,12 +275,12 @@ def _asked_rate(
     if wanted is None or claimed(overall.rate or 0.0) >= wanted:
         return
     asked = f"A rate of at least {float(wanted):.6g} 1/s was asked for"
-    fast = [check for check in checks if check.rate is not None and claimed(check.rate) >= wanted]
-    having = next((check.title for check in fast if covers(loop, check, checks)), None)
-    if having is None:
-        yield f"{asked} and is not proved. `dobc design FILE --rate` looks for gains that have it."
-    else:
-        yield f"{asked}: {having} proves it. The verdict rests on another condition."
+    for check in checks:
+        is_fast = check.rate is not None and claimed(check.rate) >= wanted
+        if is_fast and covers(loop, check, checks):
+            yield f"{asked}: {check.title} proves it. The verdict rests on another condition."
+            return
+    yield f"{asked} and is not proved. `dobc design FILE --rate` looks for gains that have it."
 
 
 def _read_rate(value: Number) -> Fraction:
@@ -470,39 +472,48 @@ class _Run:
         """Lemma 1, mode by mode."""
         checks = []
         for mode in self.loop.modes:
-            if (late := out_of_time()) is not None:
-                checks.append(cut_check("lemma1", self.statements.domain, late, mode=mode))
-                continue
-            top = self.tops.get(mode)
-            if top is None or not top.value < -DOUBT:
-                self.found[mode] = []
-                with surviving("no small directions"):
-                    if len(self.found) <= MOST_SEARCHED:
-                        self.found[mode] = estimates.witness_directions(self.loop, mode)
-            vectors = [*self.found.get(mode, ()), *([] if top is None else [top.vector.tolist()])]
-            proposal = Proposal(margin=0.0 if top is None else -top.value, vectors=vectors)
-            checks.append(consensus.lemma1_check(self.statements, mode, proposal))
+            late = out_of_time()
+            if late is None:
+                checks.append(self.lemma(mode))
+            else:
+                checks.append(cut_check(LEMMA, self.statements.domain, late, mode=mode))
         return checks
+
+    def lemma(self, mode: str) -> Check:
+        """Lemma 1 in one mode, with directions to try where it looks doubtful."""
+        top = self.tops.get(mode)
+        if top is None or not top.value < -DOUBT:
+            self.found[mode] = []
+            with surviving("no small directions"):
+                if len(self.found) <= MOST_SEARCHED:
+                    self.found[mode] = estimates.witness_directions(self.loop, mode)
+        vectors = [*self.found.get(mode, ())]
+        margin = 0.0
+        if top is not None:
+            vectors.append(top.vector.tolist())
+            margin = -top.value
+        proposal = Proposal(margin=margin, vectors=vectors)
+        return consensus.lemma1_check(self.statements, mode, proposal)
 
     def observer_checks(self, gains: Sequence[Matrix | None]) -> list[Check]:
         """Observability, detectability, Hurwitz, for every group of agents."""
+        groups = self.loop.groups
         if not self.loop.is_grouped:
-            return _checks_of(self.loop.groups[0], gains[0], self.loop)
-        lacking = next((g for g, W in zip(self.loop.groups, gains, strict=True) if W is None), None)
+            return _checks_of(groups[0], gains[0], self.loop)
+        lacking = next((g for g, W in zip(groups, gains, strict=True) if W is None), None)
         checks = []
-        for group, W in zip(self.loop.groups, gains, strict=True):
+        for group, W in zip(groups, gains, strict=True):
             own = _checks_of(group, None if lacking is not None else W, None)
             if W is not None and lacking is not None:  # a certificate holds all gains or none
                 reason = (
                     f"it is left open, because the group of agent {lacking.name} has no gain W."
                 )
                 own[-1] = undecided_check("hurwitz", EVERYWHERE, reason)
-            # without its fix, which names keys that all agents share
             who = f"Of {name_some(group.agents)}: "
-            checks += [
-                replace(check, group=group.name, fix=None, reason=who + check.reason)
-                for check in own
-            ]
+            for check in own:
+                # Without its fix, which names keys that all agents share.
+                named = replace(check, group=group.name, fix=None, reason=who + check.reason)
+                checks.append(named)
         return checks
 
     def theorem_checks(
@@ -514,32 +525,39 @@ class _Run:
     ) -> tuple[list[Check], Pair | None, str]:
         """The printed P where there is one, then the theorem with a P of our own; how that came
         about."""
-        loop, checks = self.loop, []
-        name = "theorem2" if loop.switches else "theorem1"
+        name = "theorem2" if self.loop.switches else "theorem1"
         check = partial(consensus.theorem_check, statements=self.statements, lemmas=lemmas)
-        own = loop.joint_observer
+        checks = []
+        own = self.loop.joint_observer
         if own.P is not None and own.W is not None:
             given = Pair(P=own.P, Q=multiply(own.P, own.W))
-            proposal = self.proposal(given, exosystem)
-            checks.append(
-                check(f"{name}-printed", pair=given, proposal=proposal, obstacle=None, printed=True)
+            tried = self.proposal(given, exosystem)
+            printed = check(
+                f"{name}-printed", pair=given, proposal=tried, obstacle=None, printed=True
             )
-        obstacle = next(
-            (c for c in observer if c.id in OBSTACLES and c.verdict is Verdict.REFUTED), None
-        )
-        blocked = obstacle is not None or any(c.verdict is not Verdict.PROVED for c in lemmas)
+            checks.append(printed)
+        failing = (each for each in observer if each.id in OBSTACLES)
+        obstacle = next((each for each in failing if each.verdict is Verdict.REFUTED), None)
         known = [W for W in gains if W is not None]
-        blocked = blocked or len(known) < len(gains)
-        large = next(filter(None, (too_large(group.exosystem) for group in loop.groups)), None)
-        late = large or (None if blocked else out_of_time())
-        pair, how = (None, "") if blocked or late is not None else self.find_pair(exosystem, known)
+        unproved = any(lemma.verdict is not Verdict.PROVED for lemma in lemmas)
+        blocked = obstacle is not None or unproved or len(known) < len(gains)
+        large = next(filter(None, (too_large(group.exosystem) for group in self.loop.groups)), None)
+        late = large
+        if late is None and not blocked:
+            late = out_of_time()
+        pair: Pair | None = None
+        how = ""
+        if not blocked and late is None:
+            pair, how = self.find_pair(exosystem, known)
         proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
-        checks.append(check(name, pair=pair, proposal=proposal, obstacle=obstacle))
-        started = not blocked or any(lemma.cut for lemma in lemmas)
-        why = late or (out_of_time() if started else None)
-        if pair is None and why is not None and checks[-1].verdict is Verdict.UNDECIDED:
-            checks[-1] = replace(checks[-1], reason=why, cut=large is None)
-        return checks, pair, how
+        theorem = check(name, pair=pair, proposal=proposal, obstacle=obstacle)
+        if pair is None and theorem.verdict is Verdict.UNDECIDED:
+            # Time that ended is a reason only where the search had a chance to begin.
+            started = not blocked or any(lemma.cut for lemma in lemmas)
+            why = late or (out_of_time() if started else None)
+            if why is not None:
+                theorem = replace(theorem, reason=why, cut=large is None)
+        return [*checks, theorem], pair, how
 
     def find_pair(self, exosystem: Exosystem, gains: Sequence[Matrix]) -> tuple[Pair | None, str]:
         """The first proposed pair for which Psi < 0 is proved, and a sentence if it did not come
@@ -548,11 +566,8 @@ class _Run:
         for P, Q, how in _proposed_pairs(self.loop.groups, gains, bound=bound):
             pair = Pair(P=P, Q=Q)
             S = consensus.schur_block(pair, exosystem)
-            if (
-                S is not None
-                and is_writable(P, Q, S)
-                and consensus.psi_is_negative(self.statements, exosystem, pair)
-            ):
+            written = S is not None and is_writable(P, Q, S)
+            if written and consensus.psi_is_negative(self.statements, exosystem, pair):
                 return pair, how
             if out_of_time() is not None:
                 break
@@ -566,28 +581,28 @@ class _Run:
             P, Q = to_float(pair.P), to_float(pair.Q)
         except DobcError:  # entries too large for floats: the exact side does without
             return Proposal()
-        margin, rate = (
-            f(self.tops, P, Q, exosystem) for f in (estimates.pair_margin, estimates.pair_rate)
-        )
         slowest_first = sorted(self.tops.values(), key=lambda top: -top.value)
         return Proposal(
-            margin=margin, rate=rate, vectors=[top.vector.tolist() for top in slowest_first]
+            margin=estimates.pair_margin(self.tops, P, Q, exosystem),
+            rate=estimates.pair_rate(self.tops, P, Q, exosystem),
+            vectors=[top.vector.tolist() for top in slowest_first],
         )
 
 
 def _checks_of(group: Group, W: Matrix | None, loop: Loop | None) -> list[Check]:
-    """The checks of one exosystem and its gain; ``problem`` where cures may change its keys."""
+    """The checks of one exosystem and its gain; ``loop`` where cures may change the keys of its
+    problem."""
     exosystem = group.exosystem
-    if (reason := too_large(exosystem)) is not None:
+    reason = too_large(exosystem)
+    if reason is not None:
         return [undecided_check(id, EVERYWHERE, reason) for id in ids_in("observer")]
     source = "given" if group.observer.W is not None else "designed"
     estimate = 0.0 if W is None else decay_rate(exosystem, W)
     key = "W of the group" if loop is None else "observer.W"
-    hurwitz = hurwitz_check(exosystem, W, estimate=estimate, source=source, loop=loop, key=key)
     return [
         observability_check(exosystem, loop),
         detectability_check(exosystem, loop),
-        hurwitz,
+        hurwitz_check(exosystem, W, estimate=estimate, source=source, loop=loop, key=key),
     ]
 
 
@@ -596,21 +611,20 @@ def _proposed_pairs(
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
     """Pairs in turn, block diagonal; the last of a group, which must do, stands in when its others
     are used up."""
-    each = [
-        propose_pairs(group.exosystem, W, bound=bound, decay=decay_rate(group.exosystem, W))
-        for group, W in zip(groups, gains, strict=True)
-    ]
+    each = []
+    for group, W in zip(groups, gains, strict=True):
+        decay = decay_rate(group.exosystem, W)
+        each.append(propose_pairs(group.exosystem, W, bound=bound, decay=decay))
     last: list[tuple[Matrix, Matrix, str] | None] = [None] * len(each)
     for found in zip_longest(*each):
         last = [new or old for new, old in zip(found, last, strict=True)]
         known = [pair for pair in last if pair is not None]
-        if len(known) == len(each):
-            words = dict.fromkeys(how for _, _, how in known if how)
-            yield (
-                block_diagonal([P for P, _, _ in known]),
-                block_diagonal([Q for _, Q, _ in known]),
-                " ".join(words),
-            )
+        if len(known) < len(each):  # a group without any proposal
+            continue
+        words = dict.fromkeys(how for _, _, how in known if how)
+        P = block_diagonal([P for P, _, _ in known])
+        Q = block_diagonal([Q for _, Q, _ in known])
+        yield P, Q, " ".join(words)
 
 
 def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -> Iterator[str]:
@@ -618,6 +632,22 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     usual way."""
     loop = loop_of(problem)
     yield from problem.notes
+    yield from _observer_notes(problem, loop, designs)
+    if how:
+        yield how
+    yield from _loop_notes(loop)
+    why = out_of_time()
+    if why is not None:
+        yield (
+            f"What was not decided in time was {why} On another machine, or with more time, "
+            "more may be proved."
+        )
+
+
+def _observer_notes(
+    problem: Problem, loop: Loop, designs: Sequence[GainDesign | None]
+) -> Iterator[str]:
+    """Of the exosystem and of each gain W."""
     if not loop.groups:
         yield "No exosystem was given: there is no disturbance and no observer."
     if loop.is_grouped:
@@ -626,52 +656,40 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
             "this order."
         )
     if problem.undisturbed:
-        who, has = (
-            name_some(problem.undisturbed),
-            "has" if len(problem.undisturbed) == 1 else "have",
-        )
-        yield f"{who[0].upper()}{who[1:]} {has} no disturbance and no observer."
+        who = name_some(problem.undisturbed)
+        has = "has" if len(problem.undisturbed) == 1 else "have"
+        yield f"{capitalize_first(who)} {has} no disturbance and no observer."
     for group, design in zip(loop.groups, designs, strict=True):
-        who = (
-            f"Group of agent {group.name} ({name_some(group.agents)}): " if loop.is_grouped else ""
-        )
+        who = ""
+        if loop.is_grouped:
+            who = f"Group of agent {group.name} ({name_some(group.agents)}): "
         if design is None:
             yield f"{who}The observer gain W was given."
         else:
-            yield f"{who}No W was given. {design.note[0].upper()}{design.note[1:]}"
-    own, linear = loop.joint_observer, loop.is_linear
-    local = "the verdict is about the consensus itself, from close enough starts."
-    for applies, note in (
-        (how, how),
-        (not loop.pulls.nodes, "No agent is pinned."),
-        (
-            own.W is not None and own.rate is not None,
-            "observer.rate is not used, because W was given.",
-        ),
-        (loop.starts is None and not linear, f"No region was asked for: {local}"),
-        (
-            len(loop.modes) > 1 and not loop.guarantee.phases and generator_of(loop) is None,
-            "The modes may switch in any way, so one V has to serve them all.",
-        ),
-        (
-            loose := [name for name, arcs in loop.modes.items() if arcs.optional],
-            f"The optional arcs of mode {', '.join(loose)} may come and go at any time, "
-            "also while the mode lasts.",
-        ),
-        (linear, "Every coupling is exactly linear: what holds near the target holds everywhere."),
-        (
-            loop.exceptions,
-            f"{counted(len(loop.exceptions), 'arc')} with a coupling of their own.",
-        ),
-        (
-            loop.goals.offsets,
-            "Agents go to the target plus their formation offset; couplings act on x - offset.",
-        ),
-    ):
-        if applies:
-            yield note
-    if (why := out_of_time()) is not None:
+            yield f"{who}No W was given. {capitalize_first(design.note)}"
+
+
+def _loop_notes(loop: Loop) -> Iterator[str]:
+    """Of pins, region, modes and couplings."""
+    if not loop.pulls.nodes:
+        yield "No agent is pinned."
+    own = loop.joint_observer
+    if own.W is not None and own.rate is not None:
+        yield "observer.rate is not used, because W was given."
+    if loop.starts is None and not loop.is_linear:
+        local = "the verdict is about the consensus itself, from close enough starts."
+        yield f"No region was asked for: {local}"
+    if len(loop.modes) > 1 and not loop.guarantee.phases and generator_of(loop) is None:
+        yield "The modes may switch in any way, so one V has to serve them all."
+    loose = [name for name, arcs in loop.modes.items() if arcs.optional]
+    if loose:
         yield (
-            f"What was not decided in time was {why} On another machine, or with more time, "
-            "more may be proved."
+            f"The optional arcs of mode {', '.join(loose)} may come and go at any time, "
+            "also while the mode lasts."
         )
+    if loop.is_linear:
+        yield "Every coupling is exactly linear: what holds near the target holds everywhere."
+    if loop.exceptions:
+        yield f"{counted(len(loop.exceptions), 'arc')} with a coupling of their own."
+    if loop.goals.offsets:
+        yield "Agents go to the target plus their formation offset; couplings act on x - offset."

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from dobc_design._show.text import significant_away_from_zero
+from dobc_design._show.text import capitalize_first, significant_away_from_zero
 from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.agreement import agreement_words
@@ -19,6 +19,7 @@ from dobc_design.conditions.consensus.network import cure_in_words, name_agents,
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.domain import NEAR_TARGET, Around
 from dobc_design.conditions.graphs.decide import absorbing, generator_of, signals_in_words
+from dobc_design.conditions.kinds import REACHABILITY
 from dobc_design.conditions.numbers import read_rational, rounded_up, text_below
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
 from dobc_design.conditions.reason import Reason
@@ -38,10 +39,13 @@ from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.exact.work import out_of_time, time_limit
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
+from dobc_design.problem.network import Arcs
 from dobc_design.verdict import Verdict
 
 MOST_PHASES = 40  # of a guarantee, of which cycles are examined
 MOST = Fraction(10) ** 300  # what a sentence can show of a number
+#: Whose reason is given where nothing is proved or refuted, the most telling first.
+SPEAKING = ("detectability", "hurwitz", "theorem2-weighted", "theorem2", "theorem1", "lemma1")
 ALONE = "Without [region] the verdict is about the consensus alone."
 
 
@@ -196,105 +200,134 @@ def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> st
         for check in checks
         if check.kind.role == "safety" and check.verdict is Verdict.PROVED and check is not best
     ]
-    return words + "".join(f" {check.reason[:1].upper()}{check.reason[1:]}" for check in safe)
+    return words + "".join(f" {capitalize_first(check.reason)}" for check in safe)
 
 
 def _refuted_reason(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> str | None:
+    """What a given W or a refuted check says against consensus itself."""
     region = loop.starts
-    for group in loop.groups if region is None or (region.disturbance or 0) > 0 else ():
-        own = group.observer.W if loop.is_grouped or group.observer.W == W else None
-        if own is None or too_large(group.exosystem) is not None:
+    if region is None or (region.disturbance or 0) > 0:
+        failing = _failing_gain(loop, W)
+        if failing is not None:
+            return failing
+    refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
+    if region is None or _target_is_interior(loop):
+        for check in refuting:
+            reason = _instability(loop, check)
+            if reason is not None:
+                return reason
+    # Without a region the question is about every neighbourhood of the target, and an equilibrium
+    # is some way off.
+    if region is None:
+        return None
+    return next((check.reason for check in refuting if check.kind.role == "rest"), None)
+
+
+def _failing_gain(loop: Loop, W: Matrix | None) -> str | None:
+    """That an error of the estimates does not decay with a W that was given.  A designed one says
+    nothing against the problem."""
+    for group in loop.groups:
+        own = group.observer.W
+        is_given = own is not None and (loop.is_grouped or own == W)
+        if not is_given or own is None or too_large(group.exosystem) is not None:
             continue
         if not observable_part_is_hurwitz(group.exosystem, own):
             whose = f" of the group of agent {group.name}" if loop.is_grouped else ""
-            told = (
+            return (
                 f"Consensus fails: with this W{whose} the estimation error does not decay, and "
-                "it reaches the"
+                "it reaches the agents. Choose another W, or leave W out to have one designed."
             )
-            return told + " agents. Choose another W, or leave W out to have one designed."
-    refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
-    for check in refuting if region is None or _target_is_interior(loop) else ():
-        stays = loop.may_stay(check.mode or next(iter(loop.modes)))
-        if isinstance(check.claim, Unstable) and check.claim.roots and stays:
-            where = "" if check.mode is None else f"in mode {check.mode} "
-            text = f"Consensus fails: {where}the linearisation at the target is unstable"
-            return text + f" ({check.claim.roots} eigenvalue(s) with positive real part)."
-        if check.kind.topic == "schedule":
-            return f"Consensus fails: {check.reason}"
-    # Without a region the question is about every neighbourhood of the target, and this one is some
-    # way off.
-    resting = [
-        check.reason for check in refuting if check.kind.role == "rest" and region is not None
-    ]
-    return resting[0] if resting else None
+    return None
+
+
+def _instability(loop: Loop, check: Check) -> str | None:
+    """What a refuted check says against close starts: an unstable linearisation in a mode that may
+    stay on, or growth under the guarantee."""
+    stays = loop.may_stay(check.mode or next(iter(loop.modes)))
+    if isinstance(check.claim, Unstable) and check.claim.roots and stays:
+        where = "" if check.mode is None else f"in mode {check.mode} "
+        return (
+            f"Consensus fails: {where}the linearisation at the target is unstable "
+            f"({check.claim.roots} eigenvalue(s) with positive real part)."
+        )
+    if check.kind.topic == "schedule":
+        return f"Consensus fails: {check.reason}"
+    return None
 
 
 def _apart_reason(loop: Loop) -> str | None:
     """Agents that nothing pulls to the target, always, in a cycle of modes, or in modes that a
     Markov chain never leaves, if the region lets them start so."""
-    labels, phases = loop.labels, loop.guarantee.phases
+    phases = loop.guarantee.phases
     # what no gain and no slope of f acts on, f itself may still pull: x' = -x**3
     if loop.drift_place is not None:
         return None
     cycles = cycles_of(phases) if len(phases) <= MOST_PHASES else []
     for cycle in ((), *cycles, *absorbing(loop)):
-        reason = _apart_in(loop, cycle, labels)
+        reason = _apart_in(loop, cycle)
         if reason is not None:
             return reason
     return None
 
 
-def _apart_in(loop: Loop, cycle: Sequence[str], labels: Sequence[str]) -> str | None:
+def _apart_in(loop: Loop, cycle: Sequence[str]) -> str | None:
     """The same for these modes, or for all with every arc there; what an allowed signal may leave
     out is left out."""
-    modes = loop.modes
-    arcs, whole = [modes[mode] for mode in cycle], len(cycle) in (0, len(modes))
-    arcs = arcs or [each.present for each in modes.values()]
+    arcs = [loop.modes[mode] for mode in cycle]
+    if not arcs:
+        arcs = [each.present for each in loop.modes.values()]
     apart = unreached(loop, arcs)
     for group, free in unheld_groups(loop, arcs):
         c = _start_apart(loop, group, free)
         if c is None:
             continue
         if set(group) <= set(apart):
-            who, them = (
-                name_agents(tuple(labels[i] for i in apart)),
-                "it" if len(apart) == 1 else "them",
-            )
-            sure = " by arcs that are always there" if any(each.optional for each in arcs) else ""
-            pins = f"no pinned agent reaches {who}{sure}"
-            if not whole:
-                turns = (
-                    f"mode {cycle[0]} stays"
-                    if len(cycle) == 1
-                    else f"modes {' and '.join(cycle)} are"
-                )
-                while_on = f"while {turns} on, as the guarantee allows"
-                if generator_of(loop) is not None:
-                    on = f"mode {cycle[0]}" if len(cycle) == 1 else f"modes {', '.join(cycle)}"
-                    while_on = f"once the Markov signal is in {on}, which it never leaves"
-                pins = f"{while_on}, {pins}, so nothing pulls {them}"
-            else:
-                pins += f", in any mode, so nothing pulls {them}"
-            if not loop.pulls.nodes:
-                text = (
-                    f"The target is not reached: no agent is pinned, so nothing pulls {who} to it."
-                )
-                return " ".join(
-                    filter(None, (text, agreement_words(loop), cure_in_words(loop, arcs)))
-                )
-            return f"Consensus fails: {pins} to the target. {cure_in_words(loop, arcs)}"
-        direction = ", ".join(number_text(x) for x in c)
-        own = "the gains" if loop.drift is None else "the gains and the dynamics"
-        text = (
-            f"Consensus fails: {own} of {name_agents(tuple(labels[i] for i in group))} leave "
-            "the direction"
-        )
-        text += (
-            f" ({direction}) free, and no other agent acts on it: an error in this direction "
-            "never decays."
-        )
-        return text + " Give one of them a gain k with k c != 0 for that direction c."
+            return _unreached_words(loop, cycle, arcs, apart)
+        return _free_words(loop, group, c)
     return None
+
+
+def _unreached_words(
+    loop: Loop, cycle: Sequence[str], arcs: Sequence[Arcs], apart: Sequence[int]
+) -> str:
+    """That no pinned agent reaches the agents ``apart`` by these arcs, those of a cycle of modes or
+    of all modes."""
+    who = name_agents(tuple(loop.labels[i] for i in apart))
+    if not loop.pulls.nodes:
+        text = f"The target is not reached: no agent is pinned, so nothing pulls {who} to it."
+        sentences = (text, agreement_words(loop), cure_in_words(loop, arcs))
+        return " ".join(filter(None, sentences))
+    them = "it" if len(apart) == 1 else "them"
+    sure = " by arcs that are always there" if any(each.optional for each in arcs) else ""
+    pins = f"no pinned agent reaches {who}{sure}"
+    if len(cycle) in (0, len(loop.modes)):
+        pins += f", in any mode, so nothing pulls {them}"
+    else:
+        pins = f"{_while_on(loop, cycle)}, {pins}, so nothing pulls {them}"
+    return f"Consensus fails: {pins} to the target. {cure_in_words(loop, arcs)}"
+
+
+def _while_on(loop: Loop, cycle: Sequence[str]) -> str:
+    """When only these modes are on."""
+    if generator_of(loop) is not None:
+        on = f"mode {cycle[0]}" if len(cycle) == 1 else f"modes {', '.join(cycle)}"
+        return f"once the Markov signal is in {on}, which it never leaves"
+    turns = f"mode {cycle[0]} stays"
+    if len(cycle) > 1:
+        turns = f"modes {' and '.join(cycle)} are"
+    return f"while {turns} on, as the guarantee allows"
+
+
+def _free_words(loop: Loop, group: Sequence[int], c: Vector) -> str:
+    """That no gain of these agents acts on a common error c."""
+    own = "the gains" if loop.drift is None else "the gains and the dynamics"
+    who = name_agents(tuple(loop.labels[i] for i in group))
+    direction = ", ".join(number_text(x) for x in c)
+    return (
+        f"Consensus fails: {own} of {who} leave the direction ({direction}) free, and no other "
+        "agent acts on it: an error in this direction never decays. Give one of them a gain k "
+        "with k c != 0 for that direction c."
+    )
 
 
 def _adrift_reason(loop: Loop) -> str | None:
@@ -476,48 +509,44 @@ def _cut_reason(checks: Sequence[Check]) -> Reason | None:
 
 
 def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
+    """Why nothing is decided: what ran out, an agent out of reach, how far proofs reach, or the
+    first condition that is not met."""
     cut = _cut_reason(checks)
     if cut is not None:
         return cut
-    unmet = [
-        check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED
-    ]
-    somewhere = any(
-        check.kind.role == "region" and check.verdict is Verdict.PROVED for check in checks
-    )
-    if unmet and loop.switches and not somewhere:
-        text = f"in mode {unmet[0].mode} {unmet[0].reason}"
-        rest = "Consensus may still hold for signals that leave that mode often enough."
-        if loop.modes[str(unmet[0].mode)].optional:
-            where = 'with a guarantee in [switching] on time (such as "dwell"), in another one'
-            always = "An arc that is always there would help as well"
-            rest = f"{always}: in this mode or, {where} that comes often enough."
-        return Reason(head=f"{text} {rest}", is_open=True)
+    proved = [check for check in checks if check.verdict is Verdict.PROVED]
+    somewhere = any(check.kind.role == "region" for check in proved)
+    if loop.switches and not somewhere:
+        for check in checks:
+            if check.id == REACHABILITY and check.verdict is Verdict.REFUTED:
+                return _unmet_reason(loop, check)
     reached = None if loop.starts is None else _reached(loop, checks)
     if reached is not None:
         return reached
+    # Lemma 1 says nothing about the disturbance.
     local = [
-        c
-        for c in checks
-        if c.kind.is_consensus and c.verdict is Verdict.PROVED and c.domain == NEAR_TARGET
+        check
+        for check in proved
+        if check.kind.is_consensus and not (loop.groups and check.kind.is_lemma)
     ]
-    complete = [c for c in local if not c.kind.is_lemma] if loop.groups else local
-    if complete and loop.starts is not None:
+    if loop.starts is not None and any(check.domain == NEAR_TARGET for check in local):
         near = "consensus is proved near the target only, and the region asked for is larger."
         return Reason(head=f"{near} {ALONE}", is_open=True)
-    ids: tuple[str, ...] = (
-        "detectability",
-        "hurwitz",
-        "theorem2-weighted",
-        "theorem2",
-        "theorem1",
-        "lemma1",
-    )
-    ids = ("lure", *ids) if loop.slopes_move else ids
-    unproved = [
-        check for check in checks if check.id in ids and check.verdict is not Verdict.PROVED
-    ]
-    first = min(unproved, key=lambda check: ids.index(check.id), default=None)
+    ids = ("lure", *SPEAKING) if loop.slopes_move else SPEAKING
+    unproved = [check for check in checks if check.verdict is not Verdict.PROVED]
+    speaking = [check for check in unproved if check.id in ids]
+    first = min(speaking, key=lambda check: ids.index(check.id), default=None)
     if first is None:
         return Reason(head="no condition that applies covers what is asked.", is_open=True)
     return Reason(head=first.reason, is_open=True)
+
+
+def _unmet_reason(loop: Loop, check: Check) -> Reason:
+    """In one of several modes no pinned agent reaches some agent."""
+    text = f"in mode {check.mode} {check.reason}"
+    rest = "Consensus may still hold for signals that leave that mode often enough."
+    if loop.modes[str(check.mode)].optional:
+        where = 'with a guarantee in [switching] on time (such as "dwell"), in another one'
+        always = "An arc that is always there would help as well"
+        rest = f"{always}: in this mode or, {where} that comes often enough."
+    return Reason(head=f"{text} {rest}", is_open=True)

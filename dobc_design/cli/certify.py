@@ -406,8 +406,11 @@ def _check_parts(rows: Sequence[_Row], width: int) -> Iterator[RenderableType]:
     terminal."""
     from rich.text import Text
 
-    from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
-    from dobc_design.report.words import capitalize_first
+    from dobc_design._show.text import (
+        capitalize_first,
+        significant_away_from_zero,
+        significant_towards_zero,
+    )
 
     def below(value: float | None) -> str:
         return "" if value is None else significant_towards_zero(value)

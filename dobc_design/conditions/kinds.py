@@ -24,6 +24,8 @@ Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling",
 
 #: The only proof of consensus that every mode has for itself.
 LEMMA: Final = "lemma1"
+#: Whether every agent is reached from a pinned one, in one mode.
+REACHABILITY: Final = "reachability"
 #: The box that shrinks, on which other checks rest.
 MAX_SEPARABLE: Final = "max-separable"
 

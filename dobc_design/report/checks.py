@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from dobc_design._show.text import significant_towards_zero
+from dobc_design._show.text import capitalize_first, significant_towards_zero
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
@@ -145,7 +145,7 @@ def _reason(check: Check, *, own_cure: bool) -> doc.Reason:
 
 
 def _brief_reason(check: Check) -> str:
-    parts = [words.capitalize_first(words.shortened(check.reason))]
+    parts = [capitalize_first(words.shortened(check.reason))]
     for name, value in _exact(check):
         parts.append(f"{name}: {value}.")
     return " ".join(parts)

@@ -9,10 +9,9 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
-from dobc_design._show.text import Fragment, mathml, typeset
+from dobc_design._show.text import Fragment, capitalize_first, mathml, typeset
 from dobc_design.report import document as doc
 from dobc_design.report.pictures import svg_of
-from dobc_design.report.words import capitalize_first
 
 _MATRIX = re.compile(r"<mo>&#x00028;</mo><mtable>(.*?)</mtable><mo>&#x00029;</mo>", re.DOTALL)
 _SPECIAL = re.compile(r"[\\`*_\[\]|<>~$&#]")

@@ -22,11 +22,10 @@ from xml.etree import ElementTree
 import matplotlib
 from matplotlib.ft2font import FT2Font
 
-from dobc_design._show.text import significant, typeset
+from dobc_design._show.text import capitalize_first, significant, typeset
 from dobc_design.errors import SpecError
 from dobc_design.report import document as doc
 from dobc_design.report.pictures import svg_of
-from dobc_design.report.words import capitalize_first
 
 STANDARD: Final[Literal["ua-1"]] = "ua-1"  # PDF/UA-1: readable by assistive technology
 #: Names of matrices in the template, by their LaTeX; the others have the same.

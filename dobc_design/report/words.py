@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from dobc_design._show.cards import SIGNS
 from dobc_design._show.text import (
+    capitalize_first,
     lower,
     significant,
     significant_away_from_zero,
@@ -220,11 +221,6 @@ def sentence(text: str) -> str:
     for pattern, sign in _SIGNS:
         text = pattern.sub(sign, text)
     return capitalize_first(text)
-
-
-def capitalize_first(text: str) -> str:
-    """Make the first letter a capital and leave the others alone."""
-    return text[:1].upper() + text[1:]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

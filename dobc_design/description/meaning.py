@@ -27,12 +27,11 @@ from dobc_design.exact.matrix import Vector, identity, to_float
 from dobc_design.exact.number import nearest, to_fmpq_mat
 from dobc_design.exact.observability import observable_reduction
 from dobc_design.loop.arcs import unreached
-from dobc_design.loop.arrays import pinning_matrix, require_floats
+from dobc_design.loop.arrays import require_floats
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array, consensus_jacobian
+from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region
@@ -169,15 +168,15 @@ def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
     """1/|s| of the fastest eigenvalue and -1/Re(s) of the slowest of each part of the linearised
     loop."""
     spectra: list[tuple[str, NDArray[Any]]] = []
-    problem = as_integrators(problem)
+    loop = loop_of(problem)
     # Dense eigenvalues: beyond that they would take longer than all else that check says.
-    if problem.n * problem.m <= LARGEST_NETWORK:
-        K = pinning_matrix(problem)
-        for mode in list(problem.network.modes)[:MOST_MODES]:
-            J = consensus_jacobian(loop_of(problem), mode)
+    if loop.size <= LARGEST_NETWORK:
+        K = pull_matrix(loop)
+        for mode in list(loop.modes)[:MOST_MODES]:
+            J = consensus_jacobian(loop, mode)
             if J is not None:
                 spectra.append(("network", np.linalg.eigvals((J - K).toarray())))
-    for group in problem.groups:
+    for group in loop.groups:
         if group.exosystem.order <= LARGEST_ORDER:
             sines = np.array([part[1] for part in disturbance_parts(group.exosystem)])
             spectra.append(("disturbance", 1j * sines))
@@ -312,9 +311,9 @@ def _about_network(problem: Problem) -> Iterator[str]:
 def _about_pins(problem: Problem, alone: Sequence[int]) -> Iterator[str]:
     """Agents that no pin reaches; ``alone``: those without any arc, of which it is said."""
     modes, labels = problem.network.modes, problem.network.labels
-    held = as_integrators(problem)  # agents with [dynamics] are held by A, too
-    if not held.pinning.agents:
-        among = agreement_words(loop_of(problem)) or "The group can drift as a whole."
+    loop = loop_of(problem)
+    if not loop.pulls.nodes:  # agents with [dynamics] are held by A, too
+        among = agreement_words(loop) or "The group can drift as a whole."
         yield (
             f"No agent is pinned, so nothing pulls the agents to the target. {among} For the "
             "target give an agent a gain in [pinning]; agreement without a target cannot be "
@@ -322,13 +321,13 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Iterator[str]:
         )
         return
     apart = set(alone)
-    unheard = unreached(loop_of(held), [each.present for each in modes.values()])
+    unheard = unreached(loop, [each.present for each in modes.values()])
     missing = [labels[i] for i in unheard if i not in apart]
     if not missing:
         return
     # Mixed-up directions are the commonest slip: try them the other way round.
     turned = [Arcs(arcs.speakers, arcs.listeners, arcs.weights) for arcs in modes.values()]
-    if unreached(loop_of(held), turned):
+    if unreached(loop, turned):
         yield (
             f"No path of arcs leads from a pinned agent to {listed(missing)}. Add an arc, or a "
             "gain there."
@@ -514,7 +513,7 @@ def _about_goals(problem: Problem) -> Iterator[str]:
 
 def _about_observers(problem: Problem) -> Iterator[str]:
     """A given W whose estimation error does not decay, and what stands beside it in vain."""
-    for group in as_integrators(problem).groups:
+    for group in loop_of(problem).groups:
         A, C, own = to_float(group.exosystem.A), to_float(group.exosystem.C), group.observer
         if own.W is None or group.exosystem.order > LARGEST_ORDER:
             continue

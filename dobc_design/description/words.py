@@ -16,8 +16,7 @@ from dobc_design.exact.number import decimal_text
 from dobc_design.exact.reading import counted, named, some
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.integrators import as_integrators, enclosed
-from dobc_design.problem.leader import enclosure, not_enclosed
+from dobc_design.problem.leader import enclosed, enclosure, not_enclosed
 from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, table_words
 from dobc_design.problem.settings import Pair
@@ -145,12 +144,12 @@ def _rows_text(matrix: Sequence[Sequence[Any]]) -> str:
 
 def leader_words(problem: Problem) -> str:
     """What a leader is, where it starts and stays, and who knows it."""
-    own, leader = problem.dynamics, enclosed(problem)
+    own, leader = problem.dynamics, enclosed(problem.leader, problem.dynamics)
     if own is None or leader is None:
         return ""
     moves = "A s" if own.f is None else "f(s)"
     said = f"a leader, s' = {moves} from s(0) in {_box_text(leader.initial)}"
-    if as_integrators(problem).slopes_move and enclosure(own, leader) is None:
+    if loop_of(problem).slopes_move and enclosure(own, leader) is None:
         why = not_enclosed(own, leader).rstrip(".")
         return f"{said}; {_who_knows(problem)}; {why}"
     if leader.stays_in:

@@ -112,6 +112,20 @@ def enclosure(dynamics: Dynamics, leader: Leader) -> Box | None:
     return None
 
 
+def enclosed(leader: Leader | None, dynamics: Dynamics | None) -> Leader | None:
+    """The leader with the box that it stays in, where slopes of f move with it and a box is given
+    or found."""
+    if leader is None or dynamics is None or leader.stays_in:
+        return leader
+    target = (Fraction(0),) * dynamics.dimension  # beside which a leader moves
+    if dynamics.about(target)[1] is None:
+        return leader
+    box = enclosure(dynamics, leader)
+    if box is None:
+        return leader
+    return Leader(initial=leader.initial, stays_in=tuple((x.lo, x.hi) for x in box))
+
+
 def open_faces(dynamics: Dynamics, box: Box) -> Iterator[tuple[int, bool]]:
     """The faces (component, whether it is the upper one) on which f is not shown to point inwards
     or along them.

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dobc_design._show.text import latex_decimal
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.integrators import as_integrators
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
 from dobc_design.report import words
@@ -90,7 +90,7 @@ def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
     problem, claims = certificate.problem, certificate.claims
     exosystem = problem.joint_exosystem
     # what the condition is about: with [dynamics] the disturbance enters through B
-    felt = as_integrators(problem).joint_exosystem
+    felt = loop_of(problem).joint_exosystem
     if exosystem is None or felt is None:
         return
     yield doc.ShownMatrix("A", "generator of the disturbance", exosystem.A)

@@ -17,8 +17,8 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
+from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -93,8 +93,8 @@ def _computed(certificate: Certificate, say: Callable[[str], None]) -> Findings:
     """A certificate with its diagnostics and one simulation, or two, where it is not too large."""
     from dobc_design.report.findings import Findings
 
-    problem = as_integrators(certificate.problem)
-    found = Findings(certificate=certificate, lambdas=_shown_lambdas(problem))
+    problem = certificate.problem
+    found = Findings(certificate=certificate, lambdas=_shown_lambdas(loop_of(problem)))
     if problem.n * problem.m > DRAWN or problem.q > DRAWN_ORDER:
         return found
     from dobc_design.analysis.analysis import analyse as run_analysis
@@ -188,14 +188,14 @@ def render_latex(certificate: Certificate) -> dict[str, bytes]:
     from dobc_design.report.findings import Findings
     from dobc_design.report.latex import latex_fragments
 
-    lambdas = _shown_lambdas(as_integrators(certificate.problem))
+    lambdas = _shown_lambdas(loop_of(certificate.problem))
     document = report_document(Findings(certificate=certificate, lambdas=lambdas))
     return latex_fragments(document, certificate.claims.version)
 
 
-def _shown_lambdas(problem: Problem) -> dict[str, Matrix]:
+def _shown_lambdas(loop: Loop) -> dict[str, Matrix]:
     """Lambda at the target by mode, where it is small enough to be printed."""
-    if problem.n * problem.m > SHOWN:
+    if loop.size > SHOWN:
         return {}
-    lambdas = state_theorems(loop_of(problem)).lambdas
+    lambdas = state_theorems(loop).lambdas
     return {mode: pencil.constant.to_dense() for mode, pencil in lambdas.items()}

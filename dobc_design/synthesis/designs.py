@@ -13,7 +13,7 @@ from dobc_design.certification.certify import certify
 from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import Number
-from dobc_design.problem.integrators import observed
+from dobc_design.loop.make import observed
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.claim import (

@@ -23,10 +23,9 @@ from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.exact.reading import counted
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import loop_of, observed
 from dobc_design.problem.changes import changed_problem, gain_changes, typed_number
 from dobc_design.problem.dynamics import Dynamics
-from dobc_design.problem.integrators import as_integrators, observed
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint import agents
 from dobc_design.synthesis.joint.claim import (
@@ -386,8 +385,8 @@ def _rate_of(proof: Certificate) -> float | None:
     verdict, with the least time to one percent, may have a smaller one."""
     if proof.rate is None:
         return None
-    problem = as_integrators(proof.problem)
-    covering = [each for each in proof.checks if covers(loop_of(problem), each, proof.checks)]
+    loop = loop_of(proof.problem)
+    covering = [each for each in proof.checks if covers(loop, each, proof.checks)]
     return max((each.rate for each in covering if each.rate is not None), default=proof.rate)
 
 

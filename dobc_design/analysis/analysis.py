@@ -23,10 +23,10 @@ from dobc_design.conditions.weighted.network import Network as Alike
 from dobc_design.conditions.weighted.network import network_of
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
 from dobc_design.loop.arcs import closed_groups, split_by, unreached
-from dobc_design.loop.arrays import Gain, chosen_gain, pinning_matrix
+from dobc_design.loop.arrays import Gain, chosen_gain
+from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 
 
@@ -259,11 +259,10 @@ class Analysis(Headed):
 
 def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
     """Collect the diagnostics; ``gain`` (q, m) takes the place of problem.observer.W.  Of agents
-    with [dynamics] Lambda and J - K are those of the integrators with the same errors.  Raises:
-    SpecError."""
-    problem = as_integrators(problem)
-    W = chosen_gain(problem, gain)
-    exosystem = problem.joint_exosystem
+    with [dynamics] Lambda and J - K are those of their errors.  Raises: SpecError."""
+    loop = loop_of(problem)
+    W = chosen_gain(loop, gain)
+    exosystem = loop.joint_exosystem
     observability, spectrum = None, None
     if exosystem is not None:
         observability = check_observability(exosystem.A, exosystem.C)
@@ -271,29 +270,28 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
             spectrum = check_spectrum(exosystem.A, exosystem.C, W)
     # Where they feel their neighbours alike, the eigenvalues of the network alone are enough.
     alike = None
-    if problem.origin is not None and problem.n <= MAX_DENSE:
-        alike = network_of(state_theorems(loop_of(problem)))
+    if problem.dynamics is not None and problem.n <= MAX_DENSE:
+        alike = network_of(state_theorems(loop))
     modes = tuple(problem.network.modes)
     return Analysis(
         name=problem.name,
         observability=observability,
         spectrum=spectrum,
-        graphs=tuple(graph_facts(problem.origin or problem, mode) for mode in modes),
-        modes=tuple(mode_spectrum(problem, mode, alike) for mode in modes),
+        graphs=tuple(graph_facts(problem, mode) for mode in modes),
+        modes=tuple(mode_spectrum(loop, mode, alike) for mode in modes),
     )
 
 
-def mode_spectrum(problem: Problem, mode: str, alike: Alike | str | None = None) -> ModeSpectrum:
+def mode_spectrum(loop: Loop, mode: str, alike: Alike | str | None = None) -> ModeSpectrum:
     """Compute the eigenvalues of Lambda(J(0)) and of J(0) - K of one mode, up to 2000 rows; up to
     2000 agents that feel their neighbours ``alike``: then those are of A - mu G, with mu of the
     network alone."""
     ascending = found = second_order = None
-    if problem.n * problem.m <= MAX_DENSE:
-        jacobian = consensus_jacobian(loop_of(problem), mode)
+    if loop.size <= MAX_DENSE:
+        jacobian = consensus_jacobian(loop, mode)
         if jacobian is not None:
-            loop = (jacobian - pinning_matrix(problem)).toarray()
-            ascending = tuple(np.linalg.eigvalsh(loop + loop.T).tolist())
-            found = loop
+            found = (jacobian - pull_matrix(loop)).toarray()
+            ascending = tuple(np.linalg.eigvalsh(found + found.T).tolist())
     if isinstance(alike, Alike):
         mu = _of_network(alike, mode)
         if mu is not None:

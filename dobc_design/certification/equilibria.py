@@ -18,7 +18,6 @@ from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.arrays import no_gain
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.boxes import CORNERS, RANDOM, asked_box
 from dobc_design.simulation.trials import (
@@ -44,14 +43,14 @@ def equilibrium_check(problem: Problem) -> Check | None:
     """Look for a second equilibrium in the region asked for; the check that refutes, or None, which
     says nothing.  It takes the work of one stage: of very many modes only the first are looked
     at."""
-    problem = as_integrators(problem)
-    known = problem.region is not None and problem.node is None and problem.leader is None
-    if not known or problem.n * problem.m > LARGEST:
+    loop = loop_of(problem)
+    known = loop.starts is not None and loop.drift_place is None and not loop.goals.moves
+    if not known or loop.size > LARGEST:
         return None
     best = None
     with surviving("the search for equilibria failed"), np.errstate(all="ignore"):
         best = _nearest(problem)
-    return None if best is None else refuting_check(loop_of(problem), best)
+    return None if best is None else refuting_check(loop, best)
 
 
 def _nearest(problem: Problem) -> Equilibrium | None:
@@ -65,10 +64,11 @@ def _nearest(problem: Problem) -> Equilibrium | None:
 
 def _in_modes(problem: Problem) -> Iterator[Equilibrium]:
     """The nearest proved equilibrium of each mode that has one."""
-    arena = make_arena(problem, no_gain(problem))  # eps = 0
+    loop = loop_of(problem)
+    arena = make_arena(problem, no_gain(loop))  # eps = 0
     box = asked_box(problem, arena.loop, disturbance=0.0)
     count = _starts_per_mode(problem)
-    length = sum(len(text) for coupling in problem.couplings for text in coupling.texts)
+    length = sum(len(text) for function in loop.functions for text in function.texts)
     effort = Effort(
         horizon=settling_horizon(problem),
         tolerance=ROUGH,
@@ -78,7 +78,6 @@ def _in_modes(problem: Problem) -> Iterator[Equilibrium]:
     rng = np.random.default_rng(0)
     for number, mode in enumerate(arena.modes):
         # what rests in such a mode is moved by others: no refutation by the contract
-        loop = loop_of(problem)
         if not loop.may_stay(mode) or unreached(loop, [loop.modes[mode]]):
             continue
         spend(RUNS_WORK)
@@ -92,7 +91,7 @@ def _in_modes(problem: Problem) -> Iterator[Equilibrium]:
         trials = run_starts(arena, starts, effort)
         points = [*trials.resting_points, *e.T]
         yield from proved_equilibria(
-            problem, mode, points, holds=box.holds, within_region=True, most=1
+            loop, mode, points, holds=box.holds, within_region=True, most=1
         )
 
 

@@ -19,7 +19,6 @@ from dobc_design.export.c_text import template
 from dobc_design.loop import arrays
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -280,14 +279,16 @@ def python_script(problem: Source) -> str:
     for more than 20 000 arcs."""
     problem = _loaded(problem)
     problem.require_no_leader("the Python file")
-    gain = observer_gain(loop_of(problem))
+    loop = loop_of(problem)
+    gain = observer_gain(loop)
     arcs = sum(len(each) for each in problem.network.modes.values())
     if arcs > MOST_ARCS:
         message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
         cure = "Use dobc_design.to_control(problem) in Python: it needs no file."
         raise SpecError(message, key="--python-control", cure=cure)
-    A, C = arrays.exosystem_arrays(problem)
-    W = arrays.required_gain(as_integrators(problem), gain)
+    problem.require_one_exosystem()
+    A, C = arrays.exosystem_arrays(loop)
+    W = arrays.required_gain(loop, gain)
     named = {"A": A, "C": C, "W": W, "GOALS": arrays.goals(problem)}
     plant = arrays.plant_arrays(problem)
     if plant is not None:
@@ -329,7 +330,7 @@ def _imports() -> list[str]:
 
 def _numbered_groups(problem: Problem, mode: str) -> list[tuple[int, arrays.ArcGroup]]:
     """The arcs of each coupling, with its place among the couplings."""
-    groups = arrays.arc_groups(problem, mode)
+    groups = arrays.plant_arcs(problem, mode)
     return [(problem.couplings.index(group.coupling), group) for group in groups]
 
 

@@ -53,7 +53,6 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
-from dobc_design.problem.integrators import as_integrators, slopes_of_nodes
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.sampled import check_sampled_gain
@@ -142,12 +141,11 @@ def _network_verdict(
     if problem.n * problem.m > MOST_SYMMETRIC:
         text = f"the sampled network is not decided for more than {MOST_SYMMETRIC} rows."
         return Verdict.UNDECIDED, text
-    integrators = as_integrators(problem)
     try:
-        modes = jacobians_at_consensus(loop_of(integrators)).modes
+        modes = jacobians_at_consensus(loop_of(problem)).modes
     except UndefinedError:
         return Verdict.UNDECIDED, "the coupling has no derivative at the consensus."
-    found = {mode.name: _mode_verdict(integrators, mode, period, written) for mode in modes}
+    found = {mode.name: _mode_verdict(problem, mode, period, written) for mode in modes}
     bad = [name for name, verdict in found.items() if verdict is Verdict.REFUTED]
     unknown = [name for name, verdict in found.items() if verdict is Verdict.UNDECIDED]
     which = "I + T (J - K)" if written is None else "its matrix (with the numbers as written)"
@@ -198,9 +196,8 @@ def _mode_verdict(
     rows = range(size)
     loop = tuple(tuple(entries.get((i, j), Fraction(0)) for j in rows) for i in rows)
     F = add(identity(size), scale(period, loop))
-    origin = problem.origin
-    if written is not None and origin is not None and origin.dynamics is not None:
-        F = _held(problem, origin.dynamics, loop, written)
+    if written is not None and problem.dynamics is not None:
+        F = _held(problem, problem.dynamics, loop, written)
     # Definiteness decides many more rows than a characteristic polynomial does.
     if transpose(F) == F:
         return _symmetric_in_unit_disk(F)
@@ -213,7 +210,7 @@ def _held(problem: Problem, dynamics: Dynamics, loop: Matrix, written: Step) -> 
     That is the X of loop = I (x) A + (I (x) B) X, times B.
     """
     n = problem.n
-    A = slopes_of_nodes(problem)
+    A, _ = dynamics.about(problem.target)
     felt = subtract(loop, block_diagonal([A] * n))
     onto_inputs = multiply(written.push, dynamics.left_inverse)
     alone = add(identity(problem.m), written.motion)
@@ -322,7 +319,7 @@ def make_controller(
     if precision not in PRECISIONS:
         message = f"precision must be double or float; got {shown(precision)}."
         raise SpecError(message, key="--precision", cure="double is the default.")
-    W = chosen_gain(as_integrators(problem), gain)
+    W = chosen_gain(loop_of(problem), gain)
     if problem.groups and W is None:
         message = "observer.W must be known to write the observer."
         raise SpecError(message, key="observer.W", cure="Give or design W.")
@@ -377,7 +374,7 @@ def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Obs
     if place == len(problem.groups):  # agents in no group
         return _Observed(exosystem=None, W=None, states=range(0))
     exosystem = problem.groups[place].exosystem
-    own = gains_of(as_integrators(problem).groups, W)[place]
+    own = gains_of(loop_of(problem).groups, W)[place]
     before = sum(group.exosystem.order for group in problem.groups[:place])
     states = range(before, before + exosystem.order)
     return _Observed(exosystem=exosystem, W=own, states=states)

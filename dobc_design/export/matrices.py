@@ -98,7 +98,7 @@ def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, A
     to ym."""
     import sympy
 
-    from dobc_design.model.model import to_sympy
+    from dobc_design.model.algebras import to_sympy
 
     def rationals(M: Matrix) -> Any:
         rows = [[sympy.Rational(x.numerator, x.denominator) for x in row] for row in M]

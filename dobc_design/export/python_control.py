@@ -13,11 +13,11 @@ from typing import Any
 import control
 import numpy as np
 
-from dobc_design.loop.arrays import Gain, arc_groups
+from dobc_design.loop.arrays import Gain, error_arcs
+from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.field import Loop, Network, applied, make_loop, network_of
+from dobc_design.simulation.field import ClosedLoop, Network, applied, make_closed_loop, network_of
 from dobc_design.simulation.signals import Fixed, Scheduled
 from dobc_design.simulation.switches import scheduled_switches
 from dobc_design.simulation.trajectory import Trajectory
@@ -33,7 +33,11 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
     of a leader are states, too, after the others."""
 
     def __init__(
-        self, loop: Loop, update: Callable[..., Array], output: Callable[..., Array], name: str
+        self,
+        loop: ClosedLoop,
+        update: Callable[..., Array],
+        output: Callable[..., Array],
+        name: str,
     ) -> None:
         n, m, q = loop.n, loop.m, loop.q
         p = len(loop.output)
@@ -77,14 +81,14 @@ def to_control(
     Raises: SpecError for an unknown mode, or if there is an exosystem and no W.
     """
     problem.require_one_exosystem()
-    problem = as_integrators(problem)
     names = tuple(problem.network.modes)
-    loop = make_loop(problem, gain)
+    exact = loop_of(problem)
+    loop = make_closed_loop(problem, gain)
     signal = Fixed(mode=mode) if signal is None else signal
     switches = scheduled_switches(signal, names, float(problem.simulation.t_final), seed)
     # Networks of modes that never are on need not be built.
     used = np.unique(switches.modes).tolist()
-    networks = {number: network_of(loop, arc_groups(problem, names[number])) for number in used}
+    networks = {number: network_of(loop, error_arcs(exact, names[number])) for number in used}
 
     def network_at(time: float) -> Network:
         return networks[int(switches.at(np.array([time]))[0])]
@@ -92,7 +96,9 @@ def to_control(
     return _system(problem, loop, network_at)
 
 
-def _system(problem: Problem, loop: Loop, network_at: Callable[[float], Network]) -> ConsensusLoop:
+def _system(
+    problem: Problem, loop: ClosedLoop, network_at: Callable[[float], Network]
+) -> ConsensusLoop:
     size = loop.n * (loop.m + 2 * loop.q)
 
     @np.errstate(all="ignore")  # trial steps far from the target overflow
@@ -129,7 +135,7 @@ def _system(problem: Problem, loop: Loop, network_at: Callable[[float], Network]
     return ConsensusLoop(loop, update, output, name)
 
 
-def exosystem_of(loop: Loop) -> Any:
+def exosystem_of(loop: ClosedLoop) -> Any:
     """(12) of one agent as control.StateSpace: output d_i; the input is a dummy that does
     nothing."""
     p = len(loop.output)
@@ -141,7 +147,7 @@ def exosystem_of(loop: Loop) -> Any:
     )
 
 
-def observer_of(loop: Loop) -> Any:
+def observer_of(loop: ClosedLoop) -> Any:
     """(13) of one agent as control.StateSpace: inputs x_i and v_i = couplings + u_i, output
     dhat_i."""
     p = len(loop.output)

@@ -20,7 +20,6 @@ from dobc_design.falsification.levels import regional_check
 from dobc_design.falsification.search import RUNS, Question, search_starts
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.verdict import Verdict
 
 #: Starts of the default search: rows n m times starts are at most so many, but there are a few
@@ -57,7 +56,7 @@ def search_beside(
     """Look for starts that contradict: in the region asked for, or up to twice the largest
     certified box; and on the boundary of the certified set."""
     certificate = _marked(certificate)
-    problem = as_integrators(certificate.problem)
+    problem = certificate.problem
     W = certificate.claims.W
     if problem.groups and W is None:
         return Searched(certificate=certificate, searches=())
@@ -96,7 +95,7 @@ def _refuted(certificate: Certificate, refuting: Check) -> Certificate:
     if known or certificate.verdict is not Verdict.UNDECIDED:
         return certificate
     checks = (*certificate.checks, refuting)
-    problem = as_integrators(certificate.problem)
+    problem = certificate.problem
     overall = decide_overall(loop_of(problem), checks, certificate.claims.W)
     claims = with_verdict(replace(certificate.claims, checks=checks), overall)
     return replace(certificate, claims=claims)

@@ -13,7 +13,6 @@ from dobc_design.falsification.levels import Certified, regional_check
 from dobc_design.falsification.search import RUNS, Question, search_starts
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 
 
@@ -86,7 +85,7 @@ def falsify(
                 message = "must be left out with a certificate, which says where to start."
                 raise wrong(name, message, "Or give the problem in place of its certificate.")
         return search_beside(problem, runs=runs, seed=seed, progress=report)
-    problem = as_integrators(load_problem(problem))
+    problem = load_problem(problem)
     gain = observer_gain(loop_of(problem))
     if isinstance(certified, Certificate):
         gain = certified.claims.W

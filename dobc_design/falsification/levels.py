@@ -23,7 +23,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.boxes import RANDOM, Box, Pair, sphere, unit_cube
-from dobc_design.simulation.field import Loop
+from dobc_design.simulation.field import ClosedLoop
 from dobc_design.simulation.starts import TINY
 from dobc_design.verdict import Verdict
 
@@ -215,7 +215,7 @@ class Boundary:
     """V = 1 for a certified set; a third of the starts has eps = 0.  Everything as in ``Box``."""
 
     level: Level
-    loop: Loop
+    loop: ClosedLoop
 
     @property
     def owned(self) -> Array:

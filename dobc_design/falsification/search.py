@@ -38,7 +38,7 @@ from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsifi
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
-from dobc_design.model.model import Flow, build_flow
+from dobc_design.model.flow import Flow, build_flow
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
@@ -128,7 +128,7 @@ def search_starts(
                 problem, loop, radius=question.radius, disturbance=question.disturbance
             )
         else:
-            W = chosen_gain(problem, gain)
+            W = chosen_gain(loop_of(problem), gain)
             level = level_of(problem, question.certified, W)
             starts = Boundary(level=level, loop=loop)
         search = _Search(
@@ -260,7 +260,7 @@ class _Search:
         horizon = min(ASCENT_PART * self.horizon, most / fastest)
         steps = min(most, max(LEAST_STEPS, math.ceil(horizon * fastest)))
         name = self.arena.modes[mode]
-        return build_flow(self.problem, name, horizon=horizon, steps=steps, gain=self.gain)
+        return build_flow(loop_of(self.problem), name, horizon=horizon, steps=steps, gain=self.gain)
 
     def beyond(self, trials: Trials) -> list[Suspect]:
         """Runs in which V exceeds its certified bound, the worst first."""
@@ -297,7 +297,8 @@ class _Search:
         """Equilibria within the set of starts, proved: from where runs stall, and from other
         starts."""
         # linear couplings have the target alone, or a whole space
-        if self.problem.is_linear or not self.is_small:
+        loop = loop_of(self.problem)
+        if loop.is_linear or not self.is_small:
             return []
         count = max(1, NEWTON_STARTS // len(self.arena.modes))
         stalled: list[Array] = []
@@ -308,7 +309,7 @@ class _Search:
             corners, _ = self.starts.draw(rng, count, CORNERS)
             others, _ = self.starts.draw(rng, count, RANDOM)
             points = [*stalled[:count], *corners.T, *others.T]
-            found += proved_equilibria(self.problem, mode, points, holds=self.starts.holds)
+            found += proved_equilibria(loop, mode, points, holds=self.starts.holds)
         return sorted(found, key=distance_of)
 
     def suspect(self, kind: str, trials: Trials, run: int) -> Suspect:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
@@ -19,9 +19,10 @@ from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.exact.reading import shown
 from dobc_design.loop.arcs import places_at, split_by
+from dobc_design.loop.loop import Arc, Loop
 from dobc_design.loop.matrices import Array, block_sparse
 from dobc_design.problem.groups import gains_of, group_numbers
-from dobc_design.problem.network import IndexArray, distinct_weights
+from dobc_design.problem.network import Arcs, IndexArray, distinct_weights
 from dobc_design.problem.problem import Problem
 
 LARGEST_FLOAT = Fraction(np.finfo(np.float64).max.item())
@@ -153,60 +154,66 @@ def mode_index(mode: str, names: Sequence[str]) -> int:
     return names.index(mode)
 
 
-def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
-    """Return the observer gain W (q, m): ``gain`` if given, else the problem's; None if there is
+def chosen_gain(loop: Loop, gain: Gain | None) -> Matrix | None:
+    """Return the observer gain W (q, m): ``gain`` if given, else the loop's; None if there is
     neither.  Where agents have different exosystems, W is block diagonal, (q, m times the number of
     groups). Raises: SpecError for a gain without an exosystem, ShapeError for one of the wrong
     shape."""
     if gain is None:
-        return problem.joint_observer.W
-    if not problem.groups:
+        return loop.joint_observer.W
+    if not loop.groups:
         what = "has no meaning without an [exosystem]: there is no disturbance to estimate."
         raise wrong("gain", what, "Leave it out, or give the problem an exosystem.")
     W = matrix(gain, name="gain")
     because = "one row per exosystem state, one column per state component"
-    require_shape(W, (problem.q, problem.m * len(problem.groups)), name="gain", because=because)
+    require_shape(W, (loop.q, loop.m * len(loop.groups)), name="gain", because=because)
     return W
 
 
-def no_gain(problem: Problem) -> Matrix | None:
+def no_gain(loop: Loop) -> Matrix | None:
     """W = 0, for what does not depend on it; None without an exosystem."""
-    row = (Fraction(0),) * (problem.m * len(problem.groups))
-    return (row,) * problem.q or None
+    row = (Fraction(0),) * (loop.m * len(loop.groups))
+    return (row,) * loop.q or None
 
 
-def required_gain(problem: Problem, gain: Gain | None) -> Array:
+def required_gain(loop: Loop, gain: Gain | None) -> Array:
     """Return W (q, m) as floats, with no rows without an exosystem.  Raises: SpecError, also where
     there is no W."""
-    W = chosen_gain(problem, gain)
+    W = chosen_gain(loop, gain)
     if W is not None:
         return to_float(W)
-    if problem.groups:
+    if loop.groups:
         what = (
-            f'must be known to build the observer (13); problem "{problem.name}" has an '
+            f'must be known to build the observer (13); problem "{loop.name}" has an '
             "exosystem but no W."
         )
         raise wrong(
             "observer.W", what, "Give W in [observer], or design one and hand it over as gain=W."
         )
-    return np.zeros((0, problem.m))
+    return np.zeros((0, loop.m))
 
 
-def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
+def disturbance_arrays(loop: Loop, gain: Gain | None) -> Disturbance:
     """Exosystem and observer for the gain W.  Raises: SpecError or ShapeError, also for entries
     outside the blocks."""
-    W = required_gain(problem, gain)
-    if not problem.is_grouped:
-        A, C = exosystem_arrays(problem)
+    W = required_gain(loop, gain)
+    if not loop.is_grouped:
+        A, C = exosystem_arrays(loop)
         return Disturbance(A=A, C=C, F=A - W @ C, W=W)
-    n, m, q = problem.n, problem.m, problem.q
-    numbers = np.array(group_numbers(problem.groups, problem.network.labels))
-    A, F, C, gains = np.zeros((q, q)), np.zeros((q, q)), np.zeros((m, q)), np.zeros((n, q, m))
-    own, before = np.zeros((n, q), dtype=bool), 0
-    for g, exact in enumerate(gains_of(problem.groups, chosen_gain(problem, gain) or ())):
-        system, block = problem.groups[g].exosystem, to_float(exact)
+    n, m, q = loop.n, loop.m, loop.q
+    numbers = np.array(group_numbers(loop.groups, loop.labels))
+    A = np.zeros((q, q))
+    F = np.zeros((q, q))
+    C = np.zeros((m, q))
+    gains = np.zeros((n, q, m))
+    own = np.zeros((n, q), dtype=bool)
+    before = 0
+    for g, exact in enumerate(gains_of(loop.groups, chosen_gain(loop, gain) or ())):
+        system = loop.groups[g].exosystem
+        block = to_float(exact)
         rows = slice(before, before + system.order)
-        A[rows, rows], C[:, rows] = to_float(system.A), to_float(system.C)
+        A[rows, rows] = to_float(system.A)
+        C[:, rows] = to_float(system.C)
         F[rows, rows] = A[rows, rows] - block @ C[:, rows]
         gains[numbers == g, rows] = block
         own[numbers == g, rows] = True
@@ -214,12 +221,13 @@ def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
     return Disturbance(A=A, C=C, F=F, W=gains, own=own)
 
 
-def exosystem_arrays(problem: Problem) -> tuple[Array, Array]:
-    """Return A (q, q) and C (m, q) of (12), q = 0 without an exosystem.  Raises: SpecError where
-    there are several."""
-    if problem.exosystem is None:
-        return np.zeros((0, 0)), np.zeros((problem.m, 0))
-    return to_float(problem.exosystem.A), to_float(problem.exosystem.C)
+def exosystem_arrays(loop: Loop) -> tuple[Array, Array]:
+    """Return A (q, q) and C (m, q) of (12) where all nodes share them; q = 0 without an
+    exosystem."""
+    if not loop.groups:
+        return np.zeros((0, 0)), np.zeros((loop.m, 0))
+    shared = loop.groups[0].exosystem
+    return to_float(shared.A), to_float(shared.C)
 
 
 def goals(problem: Problem) -> Array:
@@ -232,28 +240,45 @@ def goals(problem: Problem) -> Array:
 
 def leaders_drift(problem: Problem) -> Array:
     """f(0) of [dynamics], or 0: (m,)."""
-    own = (problem.origin or problem).dynamics
+    own = problem.dynamics
     drift = None if own is None else own.drift_at(problem.target)
     return np.zeros(problem.m) if drift is None else np.ravel(to_float((drift,)))
 
 
-def arc_groups(
-    problem: Problem, mode: str, there: NDArray[np.bool_] | None = None
+def error_arcs(
+    loop: Loop, mode: str, there: NDArray[np.bool_] | None = None
 ) -> tuple[ArcGroup, ...]:
-    """Split the arcs of one mode, or those ``there`` (arcs,), by coupling, in the order of
-    ``couplings``; empty groups are left out."""
-    arcs_of_mode = problem.network.modes[mode]
+    """Split the arcs of one mode, or those ``there`` (arcs,), by what errors feel along them: by
+    functions of the loop, in their order; empty groups are left out."""
+    return _split(loop.modes[mode], loop.functions, loop.exceptions, size=loop.n, there=there)
+
+
+def plant_arcs(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
+    """The same by couplings of the file, which act on the inputs of agents with [dynamics]."""
+    return _split(
+        problem.network.modes[mode], problem.couplings, problem.exception_places, size=problem.n
+    )
+
+
+def _split(
+    arcs_of_mode: Arcs,
+    functions: Sequence[Coupling],
+    places: Mapping[Arc, int],
+    *,
+    size: int,
+    there: NDArray[np.bool_] | None = None,
+) -> tuple[ArcGroup, ...]:
     which, different = distinct_weights(arcs_of_mode.weights)
     weights = to_float((different,))[0][which]
-    codes = arcs_of_mode.listeners * problem.n + arcs_of_mode.speakers
-    kinds = places_at(problem.exception_places, codes, size=problem.n)
+    codes = arcs_of_mode.listeners * size + arcs_of_mode.speakers
+    kinds = places_at(places, codes, size=size)
     if there is not None:
         kinds = np.where(there, kinds, -1)
     groups = []
     for place, arcs in split_by(kinds):
         if place >= 0:
             group = ArcGroup(
-                coupling=problem.couplings[place],
+                coupling=functions[place],
                 listeners=arcs_of_mode.listeners[arcs],
                 speakers=arcs_of_mode.speakers[arcs],
                 weights=weights[arcs],

@@ -13,7 +13,7 @@ import numpy as np
 from dobc_design.exact.matrix import to_float
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.field import Loop
+from dobc_design.simulation.field import ClosedLoop
 from dobc_design.simulation.starts import AWAY, TINY
 
 Pair = tuple[Array, Array]  # e and eps
@@ -27,7 +27,7 @@ class Box:
     """low <= e <= high, both (n m,), and |eps_i| <= radius for every agent of the loop."""
 
     words: str
-    loop: Loop
+    loop: ClosedLoop
     low: Array
     high: Array
     radius: float
@@ -69,7 +69,11 @@ class Box:
 
 
 def asked_box(
-    problem: Problem, loop: Loop, *, radius: float | None = None, disturbance: float | None = None
+    problem: Problem,
+    loop: ClosedLoop,
+    *,
+    radius: float | None = None,
+    disturbance: float | None = None,
 ) -> Box:
     """|e|_inf <= radius, else the region, else |e|_inf <= 1; |eps_i| as asked, else the region's,
     else 0."""

@@ -21,10 +21,9 @@ from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError, wrong
-from dobc_design.loop.arrays import arc_groups
+from dobc_design.loop.arrays import error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.simulation._arguments import positive
 from dobc_design.simulation.integrate import fastest_decay, observer_decay
@@ -195,7 +194,7 @@ def what_breaks_first(
     options = _known(OPTIONS if options is None else options)
     tolerance = positive(tolerance, "tolerance", example="0.1")
     report = report_to(progress)
-    problem = as_integrators(load_problem(problem))
+    problem = load_problem(problem)
     problem.require_no_leader("the search for the stress that breaks a loop")
     remark = None
     if signal is None:
@@ -308,7 +307,7 @@ class _Tried:
                 break
             survives = step.severity
         unit = UNITS[option]
-        if self.setting.problem.origin is not None and option in OF_INPUTS:
+        if self.setting.problem.dynamics is not None and option in OF_INPUTS:
             unit = "unit of u"
         return Sweep(
             option=option,
@@ -347,9 +346,9 @@ class _Tried:
     def periods(self, multiples: Array) -> Iterator[_Step]:
         """Sampling periods in multiples of the fastest time constant, four of which fit into the
         horizon."""
-        problem = self.setting.problem
+        exact = self.setting.exact
         loop = self.setting.loop
-        decays = [fastest_decay(loop, arc_groups(problem, mode)) for mode in problem.network.modes]
+        decays = [fastest_decay(loop, error_arcs(exact, mode)) for mode in exact.modes]
         fastest = max(observer_decay(loop), *decays, 1 / self.calm.t_final)
         for k in multiples:
             period = k / fastest

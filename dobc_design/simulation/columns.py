@@ -18,7 +18,7 @@ from scipy.integrate import DOP853
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.closed_form import ClosedForm
-from dobc_design.simulation.field import Loop, Network
+from dobc_design.simulation.field import ClosedLoop, Network
 from dobc_design.simulation.integrate import FARTHEST
 from dobc_design.simulation.switches import ModeTable
 
@@ -347,7 +347,7 @@ class CalmColumns:
     after them, and eps (n, q, R) at the start, which is known in closed form; ``networks``: the
     right-hand side without eps by mode."""
 
-    loop: Loop
+    loop: ClosedLoop
     networks: Callable[[int], Network]
     closed: ClosedForm | None
     e: Array

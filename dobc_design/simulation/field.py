@@ -21,8 +21,8 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import NumpyAlgebra
 from dobc_design.loop import arrays
 from dobc_design.loop.arrays import ArcGroup, Gain, Plant
-from dobc_design.loop.matrices import Array
-from dobc_design.problem.integrators import as_integrators
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import Array, pull_matrix
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 
@@ -239,12 +239,12 @@ class Links:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Loop:
+class ClosedLoop:
     """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in
     ``loop.arrays.Disturbance``.
     Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q
-    may be 0.  Of agents with [dynamics] these are those of integrators with the same errors, and
-    ``plant`` has their own; ``bend`` is f(goal + e) - f(goal) less its slopes at e = 0 for e (n, m,
+    may be 0.  They are those of the error system (``loop.loop.Loop``), and ``plant`` has those of
+    agents with [dynamics]; ``bend`` is f(goal + e) - f(goal) less its slopes at e = 0 for e (n, m,
     R), None where that is 0.  ``lead`` is s' of a leader s (m, R), whose m numbers follow those of
     e in what is integrated; ``bend`` is of s, too, then."""
 
@@ -320,19 +320,19 @@ def act(matrix: Array, y: Array) -> Array:
     return np.asarray(matrix @ y)
 
 
-def make_loop(problem: Problem, gain: Gain | None) -> Loop:
-    """Read the problem's numbers as floats.  Raises: SpecError without a W, or for a gain that does
-    not fit."""
-    problem = as_integrators(problem)
-    plant = arrays.plant_arrays(problem.origin or problem)
-    disturbance = arrays.disturbance_arrays(problem, gain)
+def make_closed_loop(problem: Problem, gain: Gain | None) -> ClosedLoop:
+    """Read the numbers of the plant and of its errors as floats.  Raises: SpecError without a W, or
+    for a gain that does not fit."""
+    loop = loop_of(problem)
+    plant = arrays.plant_arrays(problem)
+    disturbance = arrays.disturbance_arrays(loop, gain)
     own = None
-    if plant is not None and problem.node is not None:
-        own = compile_coupling(problem.couplings[problem.node])
+    if loop.drift_place is not None:
+        own = compile_coupling(loop.functions[loop.drift_place])
     lead = None
     if plant is not None and problem.leader is not None:
         lead = _lead(plant, own, arrays.leaders_drift(problem))
-    return Loop(
+    return ClosedLoop(
         n=problem.n,
         m=problem.m,
         q=problem.q,
@@ -340,7 +340,7 @@ def make_loop(problem: Problem, gain: Gain | None) -> Loop:
         C=disturbance.C,
         F=disturbance.F,
         W=disturbance.W,
-        K=arrays.pinning_matrix(problem),
+        K=pull_matrix(loop),
         goal=arrays.goals(problem),
         own=disturbance.own,
         plant=plant,
@@ -375,7 +375,7 @@ def _lead(
 class Network:
     """h(e) - K e of one graph: e' of (22) without the observer's error."""
 
-    loop: Loop
+    loop: ClosedLoop
     groups: Sequence[ArcGroup]
     blocks: tuple[_Block, ...]
 
@@ -404,7 +404,7 @@ class Network:
         return result
 
 
-def network_of(loop: Loop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
+def network_of(loop: ClosedLoop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
     """h(e) - K e on arcs that are grouped by coupling."""
     size = max(1, BLOCK // (loop.m * runs))
     blocks = [block for group in groups for block in _blocks(group, size)]
@@ -420,7 +420,7 @@ def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
     return sp.csr_array(marks != 0).astype(np.float64)
 
 
-def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
+def full_pattern(loop: ClosedLoop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     """Who may influence whom: agents by neighbourhood, and all states of one agent among
     themselves."""
     m, q = loop.m, loop.q
@@ -436,7 +436,7 @@ def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     return sp.block_array(rows, format="csr")
 
 
-def errors_pattern(loop: Loop, groups: Sequence[ArcGroup], *, both: bool) -> sp.csr_array:
+def errors_pattern(loop: ClosedLoop, groups: Sequence[ArcGroup], *, both: bool) -> sp.csr_array:
     """Who may influence whom in e, or in ``both`` [e; eps]."""
     m, q = loop.m, loop.q
     alone = _filled(hears(groups, loop.n), m, m)

@@ -20,7 +20,7 @@ from dobc_design.errors import wrong
 from dobc_design.loop.arrays import ArcGroup
 from dobc_design.loop.matrices import Array
 from dobc_design.simulation.closed_form import ClosedForm
-from dobc_design.simulation.field import Loop, Network, errors_pattern, network_of
+from dobc_design.simulation.field import ClosedLoop, Network, errors_pattern, network_of
 from dobc_design.simulation.mobile import LOOKS, Modes
 from dobc_design.simulation.switches import Stay
 
@@ -64,7 +64,9 @@ class Plan(NamedTuple):
         return float(np.abs(self.positions(state) - self.goal).max())
 
 
-def errors(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array, F: Array) -> Plan:
+def errors(
+    loop: ClosedLoop, modes: Modes, closed: ClosedForm | None, eps0: Array, F: Array
+) -> Plan:
     """State e, flat (n m,), where the observer's error is known in closed form (22); else [e; eps],
     eps' = F eps (17). Both may die out, while xi and z go on; nor is eps lost in the difference of
     two states that grow.  A leader s stands after e, and positions are relative to it."""
@@ -364,7 +366,7 @@ def _stepped(solver: Any) -> bool:
     return bool(solver.status != "failed")
 
 
-def fastest_decay(loop: Loop, groups: Sequence[ArcGroup]) -> float:
+def fastest_decay(loop: ClosedLoop, groups: Sequence[ArcGroup]) -> float:
     """A Gershgorin bound on the fastest decay of e at the consensus, 1/s; at a kink the steeper
     side counts."""
     rows = np.asarray(abs(loop.K).sum(axis=1)).reshape(loop.n, loop.m)
@@ -378,7 +380,7 @@ def fastest_decay(loop: Loop, groups: Sequence[ArcGroup]) -> float:
     return float(rows.max())
 
 
-def observer_decay(loop: Loop) -> float:
+def observer_decay(loop: ClosedLoop) -> float:
     """The fastest decay of the observer's error, 1/s."""
     if loop.q == 0 or not np.isfinite(loop.F).all():
         return 0.0

@@ -17,9 +17,9 @@ from dobc_design.conditions.numbers import bisected
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.loop.arcs import places_at, split_by
 from dobc_design.loop.arrays import ArcGroup
+from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.signals import Mobile, Waypoints
 from dobc_design.simulation.switches import Planned, Stay, Switches
 
@@ -68,14 +68,14 @@ def _nearest(positions: Array, count: int, hysteresis: float, kept: IndexArray) 
     return np.sort(codes[order[rank < count]])
 
 
-def groups_of(problem: Problem, codes: IndexArray) -> tuple[ArcGroup, ...]:
-    """The links as arcs of weight 1, grouped by coupling."""
+def groups_of(loop: Loop, codes: IndexArray) -> tuple[ArcGroup, ...]:
+    """The links as arcs of weight 1, grouped by function."""
     found = []
-    for place, links in split_by(places_at(problem.exception_places, codes, size=problem.n)):
+    for place, links in split_by(places_at(loop.exceptions, codes, size=loop.n)):
         group = ArcGroup(
-            coupling=problem.couplings[place],
-            listeners=codes[links] // problem.n,
-            speakers=codes[links] % problem.n,
+            coupling=loop.functions[place],
+            listeners=codes[links] // loop.n,
+            speakers=codes[links] % loop.n,
             weights=np.ones(len(links)),
         )
         found.append(group)
@@ -85,9 +85,9 @@ def groups_of(problem: Problem, codes: IndexArray) -> tuple[ArcGroup, ...]:
 class Nearby:
     """The graphs of one run as they follow from positions, each kept once."""
 
-    def __init__(self, signal: Mobile, problem: Problem, horizon: float) -> None:
+    def __init__(self, signal: Mobile, loop: Loop, horizon: float) -> None:
         self.signal = signal
-        self.problem = problem
+        self.loop = loop
         self.horizon = horizon
         self.now: IndexArray | None = None
         self.times: list[float] = []
@@ -123,7 +123,7 @@ class Nearby:
 
     def groups(self, number: int) -> tuple[ArcGroup, ...]:
         """The arcs of a graph by its number."""
-        return groups_of(self.problem, self.codes[number])
+        return groups_of(self.loop, self.codes[number])
 
     def change(self, times: Array, positions_at: Callable[[float], Array]) -> float | None:
         """The first float at which the graph is another one and still is at the next of the
@@ -157,7 +157,7 @@ class Nearby:
     @property
     def switches(self) -> Switches:
         """What was looked at so far."""
-        n = self.problem.n
+        n = self.loop.n
         return Switches(
             times=np.array(self.times),
             modes=np.array(self.modes, dtype=np.int64),
@@ -169,16 +169,14 @@ class Nearby:
 Modes = Planned | Nearby
 
 
-def motion_switches(
-    signal: Mobile, motion: Waypoints, problem: Problem, horizon: float
-) -> Switches:
+def motion_switches(signal: Mobile, motion: Waypoints, loop: Loop, horizon: float) -> Switches:
     """The switches under a given motion.  Raises: ShapeError, SpecError."""
     places = np.asarray(motion.positions)
-    if places.shape[1] != problem.n:
-        message = f"must have one position per agent, {problem.n}; got {places.shape[1]}."
+    if places.shape[1] != loop.n:
+        message = f"must have one position per agent, {loop.n}; got {places.shape[1]}."
         cure = "Give positions of shape (times, agents, coordinates)."
         raise wrong("motion", message, cure, kind=ShapeError)
-    nearby = Nearby(signal, problem, horizon)
+    nearby = Nearby(signal, loop, horizon)
     positions = partial(motion.at, places=places)
     nearby.look(0.0, positions(0.0))
     # between two of these instants all agents move along straight lines

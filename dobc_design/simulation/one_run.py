@@ -79,7 +79,7 @@ def _modes(setting: Setting, seed: int) -> Modes:
     """The modes of the run of one seed."""
     signal = setting.signal
     if isinstance(signal, Mobile) and signal.motion is None:
-        return Nearby(signal, setting.problem, setting.horizon)
+        return Nearby(signal, setting.exact, setting.horizon)
     drawn = settings.switches_for(setting, seed)
     return Planned(drawn, partial(settings.groups_for, setting, drawn), setting.horizon)
 

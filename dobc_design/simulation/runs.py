@@ -18,7 +18,6 @@ from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import loop_sha256
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
@@ -83,7 +82,7 @@ def simulate(
         >>> run.x.shape, run.diverged, run.final_error < 0.3
         ((61, 10, 1), False, True)
     """
-    problem = as_integrators(load_problem(problem))
+    problem = load_problem(problem)
     remarks: list[str] = []
     if signal is None and mode is None:
         if stress == "worst":

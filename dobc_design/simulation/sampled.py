@@ -35,7 +35,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.agents import Agents, StressedRuns
 from dobc_design.simulation.columns import RightHandSide, Stretch
-from dobc_design.simulation.field import Loop, act
+from dobc_design.simulation.field import ClosedLoop, act
 from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, Samples
 from dobc_design.simulation.stressed import LEAST_STEPS, StressedColumns, sample_instants
 from dobc_design.simulation.switches import ModeTable
@@ -43,7 +43,7 @@ from dobc_design.simulation.switches import ModeTable
 REPORTED = 64  # one of so many steps is reported
 
 
-def flow(loop: Loop, times: float | Array) -> Array:
+def flow(loop: ClosedLoop, times: float | Array) -> Array:
     """What so much time (s) adds to x with v held: a matrix (..., m, m + q) of x' - d at its begin,
     and of xi."""
     m = loop.m
@@ -71,7 +71,7 @@ class Discrete(NamedTuple):
     L: Array
 
 
-def discretised(loop: Loop, period: float, gain: Array | None = None) -> Discrete:
+def discretised(loop: ClosedLoop, period: float, gain: Array | None = None) -> Discrete:
     """The observer for ``period`` in s.  Raises: ShapeError for a wrong gain."""
     added = flow(loop, period)
     B = np.eye(loop.m) if loop.plant is None else loop.plant.B

@@ -10,13 +10,14 @@ from typing import Any, Literal, TypedDict, Unpack
 import numpy as np
 
 from dobc_design.errors import SpecError, wrong
-from dobc_design.loop.arrays import ArcGroup, Gain, arc_groups, mode_index, no_gain, require_floats
+from dobc_design.loop.arrays import ArcGroup, Gain, error_arcs, mode_index, no_gain, require_floats
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import finite_array, positive, seconds, whole
 from dobc_design.simulation.closed_form import ClosedForm, make_closed_form
-from dobc_design.simulation.field import Loop, make_loop
+from dobc_design.simulation.field import ClosedLoop, make_closed_loop
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
 from dobc_design.simulation.mobile import groups_of, motion_switches
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
@@ -48,10 +49,12 @@ class Options(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setting:
-    """The checked arguments of a simulation, and what all its runs share."""
+    """The checked arguments of a simulation, and what all its runs share.  ``exact``: the error
+    system, of which ``loop`` has the numbers in floats."""
 
     problem: Problem
-    loop: Loop
+    exact: Loop
+    loop: ClosedLoop
     groups: Callable[[str], Sequence[ArcGroup]]
     signal: Signal
     starts: Starts
@@ -91,7 +94,7 @@ class Setting:
 
 def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options]) -> Setting:
     """Check the arguments of ``simulate``.  Raises: SpecError."""
-    problem = as_integrators(problem)
+    exact = loop_of(problem)
     stress = _stress(problem, given.get("stress"))
     signal = _signal(problem, given.get("signal"), given.get("mode"))
     observer = given.get("observer", CLOSED_FORM)
@@ -101,8 +104,8 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     horizon = _horizon(problem, given.get("t_final"))
     require_floats(problem)
     if observer == WITHOUT and gain is None:
-        gain = no_gain(problem)
-    loop = make_loop(problem, gain)
+        gain = no_gain(exact)
+    loop = make_closed_loop(problem, gain)
     if observer == FULL_LOOP or stress is not None:
         problem.require_no_leader("a stress, or the full loop as printed,")
     width = loop.n * (4 * loop.m + 2 * loop.q)
@@ -117,8 +120,9 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     seed = given.get("seed")
     return Setting(
         problem=problem,
+        exact=exact,
         loop=loop,
-        groups=cache(_arcs_by_name(problem)),
+        groups=cache(_arcs_by_name(problem, exact)),
         signal=signal,
         starts=starts,
         horizon=horizon,
@@ -163,15 +167,15 @@ def _horizon(problem: Problem, given: float | None) -> float:
     return horizon
 
 
-def _arcs_by_name(problem: Problem) -> Callable[[str], Sequence[ArcGroup]]:
+def _arcs_by_name(problem: Problem, exact: Loop) -> Callable[[str], Sequence[ArcGroup]]:
     """The arcs of a mode, or of one of its drawn graphs, by name."""
     drawn = drawn_graphs(problem)
 
     def arcs(name: str) -> Sequence[ArcGroup]:
         graph = drawn.get(name)
         if graph is None:
-            return arc_groups(problem, name)
-        return arc_groups(problem, graph.mode, graph.there)
+            return error_arcs(exact, name)
+        return error_arcs(exact, graph.mode, graph.there)
 
     return arcs
 
@@ -229,7 +233,7 @@ def switches_for(setting: Setting, seed: int) -> Switches:
     if signal.motion is None:
         message = "the switches follow from the states."
         raise SpecError(message, key="signal", cure="Give a motion.")
-    return motion_switches(signal, signal.motion, setting.problem, setting.horizon)
+    return motion_switches(signal, signal.motion, setting.exact, setting.horizon)
 
 
 def groups_for(setting: Setting, switches: Switches, mode: int) -> Sequence[ArcGroup]:
@@ -237,7 +241,7 @@ def groups_for(setting: Setting, switches: Switches, mode: int) -> Sequence[ArcG
     if not switches.graphs:
         return setting.groups(switches.names[mode])
     listeners, speakers = switches.graphs[mode]
-    return groups_of(setting.problem, listeners * setting.problem.n + speakers)
+    return groups_of(setting.exact, listeners * setting.exact.n + speakers)
 
 
 def describe(signal: Signal, problem: Problem) -> str:

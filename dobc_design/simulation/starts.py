@@ -24,7 +24,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import finite_array
-from dobc_design.simulation.field import Loop
+from dobc_design.simulation.field import ClosedLoop
 from dobc_design.simulation.npz import Shapes, UnfitError, describing, read_arrays, require
 
 Given = Mapping[str, Any] | Array | list[Any] | str | PathLike[str]
@@ -44,7 +44,7 @@ class Start:
     xihat: Array
     s: Array
 
-    def errors(self, loop: Loop) -> Array:
+    def errors(self, loop: ClosedLoop) -> Array:
         """e = x - goal, with a leader x - s - goal: (n, m)."""
         return np.asarray(self.x - loop.goal - (self.s if len(self.s) else 0.0))
 
@@ -101,7 +101,7 @@ class _Width(NamedTuple):
     what: str
 
 
-def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
+def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Starts:
     """Decide where runs start: as given, by [simulation], by the region, or around the goal.
     Raises: SpecError."""
     rows = _given_rows(given, loop)
@@ -135,7 +135,7 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     )
 
 
-def _given_rows(given: Given | None, loop: Loop) -> dict[str, Array]:
+def _given_rows(given: Given | None, loop: ClosedLoop) -> dict[str, Array]:
     """The parts of a start that were given, a row for every agent.  Raises: SpecError."""
     state = _Width(loop.q, "exosystem state")
     widths = {"x": _Width(loop.m, "component"), "xi": state, "xihat": state}
@@ -155,7 +155,7 @@ def _given_rows(given: Given | None, loop: Loop) -> dict[str, Array]:
     return rows
 
 
-def _placed(rows: Sequence[Vector], loop: Loop) -> Array:
+def _placed(rows: Sequence[Vector], loop: ClosedLoop) -> Array:
     """xi0 of the problem, one row for all agents or one each, where the states of an agent's own
     exosystem are."""
     if loop.own is None:

@@ -12,9 +12,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.loop.arrays import Gain, arc_groups, pinning_matrix
+from dobc_design.loop.arrays import Gain, error_arcs
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array, consensus_jacobian
+from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.closed_form import make_closed_form
@@ -26,7 +26,7 @@ from dobc_design.simulation.columns import (
     MOST_STEPS,
     CalmColumns,
 )
-from dobc_design.simulation.field import Loop, Network, make_loop, network_of
+from dobc_design.simulation.field import ClosedLoop, Network, make_closed_loop, network_of
 from dobc_design.simulation.switches import ModeTable
 
 BoolArray = NDArray[np.bool_]
@@ -46,7 +46,7 @@ class Arena:
     modes, ``networks`` the right-hand sides by their index."""
 
     problem: Problem
-    loop: Loop
+    loop: ClosedLoop
     modes: tuple[str, ...]
     networks: Callable[[int], Network]
 
@@ -59,12 +59,13 @@ class Arena:
 def make_arena(problem: Problem, gain: Gain | None) -> Arena:
     """Prepare the loop; ``gain`` (q, m) is W.  Raises: SpecError if there is an exosystem and no
     W."""
-    loop = make_loop(problem, gain)
+    exact = loop_of(problem)
+    loop = make_closed_loop(problem, gain)
     names = tuple(problem.network.modes)
 
     @cache
     def network(mode: int) -> Network:
-        return network_of(loop, arc_groups(problem, names[mode]), runs=arena.chunk)
+        return network_of(loop, error_arcs(exact, names[mode]), runs=arena.chunk)
 
     arena = Arena(problem=problem, loop=loop, modes=names, networks=network)
     return arena
@@ -146,12 +147,14 @@ def settling_horizon(problem: Problem) -> float:
     horizon = float(problem.simulation.t_final)
     if problem.n * problem.m > LARGEST_SPECTRUM:
         return horizon
+    loop = loop_of(problem)
+    pulls = pull_matrix(loop).toarray()
     slowest = np.inf
-    for mode in problem.network.modes:
-        jacobian = consensus_jacobian(loop_of(problem), mode)
+    for mode in loop.modes:
+        jacobian = consensus_jacobian(loop, mode)
         if jacobian is not None:
-            loop = jacobian.toarray() - pinning_matrix(problem).toarray()
-            slowest = min(slowest, -float(np.linalg.eigvals(loop).real.max()))
+            eigenvalues = np.linalg.eigvals(jacobian.toarray() - pulls)
+            slowest = min(slowest, -float(eigenvalues.real.max()))
     if not slowest > 0:
         return horizon
     return float(min(max(horizon, TIME_CONSTANTS / slowest), LONGEST * horizon))

@@ -12,13 +12,12 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 
 from dobc_design.exact.number import nearest
-from dobc_design.loop.arrays import pinning_matrix
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array, consensus_jacobian
+from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.field import Loop
+from dobc_design.simulation.field import ClosedLoop
 from dobc_design.simulation.signals import Periodic
 
 STEPS = 500  # stretches of constant sign in a run
@@ -54,7 +53,7 @@ class Signs:
 
 
 def worst_signs(
-    problem: Problem, loop: Loop, *, horizon: float, seeds: Sequence[int], observed: bool
+    problem: Problem, loop: ClosedLoop, *, horizon: float, seeds: Sequence[int], observed: bool
 ) -> Signs:
     """For each run the signs of the impulse response, from every residual to the agent whose turn
     it is (the seed modulo n), reversed in time: they attain the largest error at the horizon of the
@@ -84,7 +83,7 @@ def worst_signs(
     return Signs(values, length)
 
 
-def _with_observer(loop: Loop, pulled: Array) -> tuple[Array, Array]:
+def _with_observer(loop: ClosedLoop, pulled: Array) -> tuple[Array, Array]:
     """The matrix of [e; eps] with that of e in it, and where a residual enters: at e, and through W
     at eps."""
     cut = len(pulled)
@@ -102,13 +101,15 @@ def worst_signal(problem: Problem) -> Periodic | None:
     longest: 1, 2 and 4 times the shortest, or a mode for ever), the one under which e, linearised,
     decays most slowly.  None without this guarantee, with too many agents or modes, and where a
     coupling has no slope at the target."""
-    phases = loop_of(problem).guarantee.phases
+    loop = loop_of(problem)
+    phases = loop.guarantee.phases
     own = problem.switching
     most = min(MOST_ROUNDS, MOST_WORK // (problem.n * problem.m) ** 3)
     if not phases or own is None or own.guarantee != "dwell" or (2 * len(phases)) ** 2 > most:
         return None
-    slopes = [consensus_jacobian(loop_of(problem), phase.mode) for phase in phases]
-    flows = [(each - pinning_matrix(problem)).toarray() for each in slopes if each is not None]
+    slopes = [consensus_jacobian(loop, phase.mode) for phase in phases]
+    pulls = pull_matrix(loop)
+    flows = [(each - pulls).toarray() for each in slopes if each is not None]
     if len(flows) < len(phases):
         return None
     ends = _stays(phases[0])

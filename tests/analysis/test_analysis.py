@@ -12,8 +12,8 @@ from dobc_design.analysis import analysis as diag
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.observability import decide_observable
+from dobc_design.loop.make import loop_of
 from dobc_design.model.model import build_model
-from dobc_design.problem.integrators import as_integrators
 
 PAPER_A = matrix([[0, 2], [-2, 0]])
 PAPER_C = matrix([[1, 0]])
@@ -172,7 +172,7 @@ def test_the_linearised_loop_is_that_of_the_symbolic_model():
         target=[0, 0],
         gains={"2": [[2, 1], [-1, 1]]},
     )
-    spectrum = diag.mode_spectrum(problem, "G")
+    spectrum = diag.mode_spectrum(loop_of(problem), "G")
     error_dynamics = build_model(problem).error_dynamics
     step = 1e-6
     columns = []
@@ -189,13 +189,13 @@ def test_the_linearised_loop_is_that_of_the_symbolic_model():
 
 def test_large_problems_and_kinks_at_zero_get_no_eigenvalues():
     network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=diag.MAX_DENSE + 1)
-    spectrum = diag.mode_spectrum(Problem(network=network, coupling="y"), "G")
+    spectrum = diag.mode_spectrum(loop_of(Problem(network=network, coupling="y")), "G")
     assert spectrum.lambda_eigenvalues is spectrum.loop_eigenvalues is None
     assert spectrum.lambda_max is spectrum.decay_rate is None
     assert "not computed" in str(spectrum)
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
     bent = Problem(network=network, coupling="y + abs(y)")
-    assert diag.mode_spectrum(bent, "G").lambda_max is None
+    assert diag.mode_spectrum(loop_of(bent), "G").lambda_max is None
 
 
 @pytest.mark.parametrize(
@@ -217,7 +217,7 @@ def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(
         found = diag.analyse(problem).modes[0]
         assert found.second_order == pytest.approx((factor * needed, needed), rel=1e-6)
         assert (found.decay_rate > 0) is (factor > 1)
-        whole = diag.mode_spectrum(as_integrators(problem), "G").loop_eigenvalues
+        whole = diag.mode_spectrum(loop_of(problem), "G").loop_eigenvalues
         polynomials = np.poly(found.loop_eigenvalues), np.poly(whole)
         np.testing.assert_allclose(*polynomials, rtol=1e-7, atol=1e-7)
     monkeypatch.setattr(diag, "MAX_DENSE", 10)  # as many agents, but twice the rows

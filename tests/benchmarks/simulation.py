@@ -13,8 +13,9 @@ import scipy.sparse as sp
 from simulated_runs import simulate, simulate_many
 
 from dobc_design import Exosystem, Network, Observer, Problem, Stress, load_problem
-from dobc_design.loop.arrays import arc_groups
-from dobc_design.simulation.field import make_loop, network_of
+from dobc_design.loop.arrays import error_arcs
+from dobc_design.loop.make import loop_of
+from dobc_design.simulation.field import make_closed_loop, network_of
 from dobc_design.simulation.signals import RandomDwell
 
 DEGREE = 6
@@ -94,7 +95,7 @@ def stacked(stress: Stress | None, what: str, *, bar: float) -> dict[str, Any]:
 def right_hand_side() -> dict[str, Any]:
     """h(e) - K e + C eps against copying what it reads once: states, arc arrays, weights."""
     problem = large(100_000)
-    loop, groups = make_loop(problem, None), arc_groups(problem, "G0")
+    loop, groups = make_closed_loop(problem, None), error_arcs(loop_of(problem), "G0")
     network, eps = network_of(loop, groups), np.zeros((problem.n, problem.q))
     e = np.random.default_rng(0).normal(size=problem.n)
     arrays = [

@@ -16,6 +16,7 @@ from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import verify_separable
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
 from dobc_design.conditions.separable.propose_limits import largest_rate
+from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 
 F = Fraction
@@ -72,9 +73,9 @@ def test_of_more_modes_than_the_work_is_for_the_first_are_looked_at(
     after it."""
     looked = list[str]()
 
-    def roots(problem: Problem, mode: str, points: list[np.ndarray]):
+    def roots(loop: Loop, mode: str, points: list[np.ndarray]):
         looked.append(mode)
-        yield from find_roots(problem, mode, points)
+        yield from find_roots(loop, mode, points)
 
     monkeypatch.setattr(propose, "find_roots", roots)
     monkeypatch.setattr(equilibria, "STAGE", 3 * equilibria.RUNS_WORK + 40 * propose.ROOT_WORK)
@@ -110,7 +111,7 @@ def test_roots_are_roots_of_the_field_and_none_is_the_target(seed: int, m: int):
     problem = random_folded(seed, m=m)
     rng = np.random.default_rng(seed)
     points = rng.uniform(-6, 6, (20, problem.n * m))
-    roots = list(find_roots(problem, "G", points))
+    roots = list(find_roots(loop_of(problem), "G", points))
     for root in roots:
         assert np.max(np.abs(field(problem, "G", root))) < 1e-9 * (1 + np.max(np.abs(root)))
         assert np.max(np.abs(root)) > 1e-4

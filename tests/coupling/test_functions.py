@@ -18,7 +18,7 @@ from dobc_design.coupling.functions import FUNCTIONS, NONSMOOTH
 from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.exact.interval import Interval
 from dobc_design.export.c_text import CAlgebra, Piece
-from dobc_design.model.model import CasadiAlgebra, to_sympy
+from dobc_design.model.algebras import CasadiAlgebra, to_sympy
 
 ROOT = Path(__file__).resolve().parents[2]
 SMOOTH = [name for name in FUNCTIONS if name not in NONSMOOTH]

@@ -31,7 +31,6 @@ from dobc_design.errors import SpecError
 from dobc_design.export import python_script, to_control
 from dobc_design.export.c_controller import make_controller
 from dobc_design.problem.changes import problem_text
-from dobc_design.problem.integrators import as_integrators
 
 PROBLEMS = {
     each.name: each for each in (double_integrators(), three_states(), pendulums(), resonators())
@@ -141,11 +140,19 @@ def test_matrices_are_those_of_theory(name):
     ) and "Ax" in dd.export.to_sympy(problem)
 
 
-def test_diagnostics_and_searches_are_those_of_the_integrators():
+def test_diagnostics_and_searches_are_those_of_the_errors():
     """Eigenvalues of the linearised loop; the graph is that of the pins that are given."""
     problem = PROBLEMS["plants"]
-    own, other = dd.analyse(problem), dd.analyse(as_integrators(problem))
-    assert own.modes == other.modes and own.spectrum == other.spectrum
+    own, data = dd.analyse(problem), matrices(problem)
+    pulled = [-data["B"] @ K for K in data["K"]]
+    steps = 1e-6 * np.eye(9)
+    columns = [felt(problem, (step.reshape(3, 3))).ravel() / 1e-6 for step in steps]
+    loop = np.kron(np.eye(3), data["A"]) + block_diag(*pulled)
+    loop += np.kron(np.eye(3), data["B"]) @ np.array(columns).T
+    found = np.poly(own.modes[0].loop_eigenvalues)
+    assert found == pytest.approx(np.poly(np.linalg.eigvals(loop)), rel=1e-5)
+    F = data["S"] - data["W"] @ data["B"] @ data["C"]
+    assert np.poly(own.spectrum.eigenvalues) == pytest.approx(np.poly(F))
     lonely = problem.replace(
         network=dd.Network.from_arcs([], arrow="listens_to", agents=["a", "b", "c"])
     )

@@ -14,7 +14,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.falsification.levels import Boundary, level_of
 from dobc_design.simulation.boxes import CORNERS, EDGES, RANDOM, asked_box
-from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.field import make_closed_loop
 
 F = Fraction
 P = ((F(2), F(1, 2)), (F(1, 2), F(1)))
@@ -74,7 +74,7 @@ def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim,
 @pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
 @pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
 def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, truth, kind: str):
-    starts = Boundary(level=level_of(problem(), claim), loop=make_loop(problem(), None))
+    starts = Boundary(level=level_of(problem(), claim), loop=make_closed_loop(problem(), None))
     e, eps = starts.draw(np.random.default_rng(1), 60, kind)
     for run in range(60):
         assert truth(e[:, run], eps[:, :, run]) == pytest.approx(1.0, rel=1e-12)
@@ -87,7 +87,7 @@ def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, tr
 
 def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem():
     claim = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5))
-    starts = Boundary(level=level_of(problem(), claim), loop=make_loop(problem(), None))
+    starts = Boundary(level=level_of(problem(), claim), loop=make_closed_loop(problem(), None))
     assert not np.any(starts.draw(np.random.default_rng(1), 10, RANDOM)[1])
     everywhere = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=None)
     known = np.zeros((3, 0, 1))
@@ -115,7 +115,7 @@ def test_starts_keep_to_the_states_of_the_own_group():
     P = np.diag([F(2), F(1), F(3)]).tolist()
     claim = replace(SEPARABLE, error=ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3)))
     level = level_of(given, claim)
-    loop = make_loop(given, None)
+    loop = make_closed_loop(given, None)
     box = asked_box(given, loop, radius=2.0, disturbance=0.5)
     edge = Boundary(level=level, loop=loop)
     for starts in (box, edge):

@@ -28,10 +28,10 @@ from dobc_design.falsification.ascent import ascend, final_error, final_level
 from dobc_design.falsification.levels import Boundary, level_of
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification
 from dobc_design.loop.make import loop_of
-from dobc_design.model.model import build_flow
+from dobc_design.model.flow import build_flow
 from dobc_design.problem.changes import changed_problem, gain_changes
 from dobc_design.simulation.boxes import asked_box
-from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.field import make_closed_loop
 
 F = Fraction
 SADDLE = float(half_difference(3.3))
@@ -199,8 +199,8 @@ def test_the_ascent_leaves_the_basin_from_a_start_that_converges():
     """In the box of 1.7 only two corners lie beyond the saddle; uphill leads there from (1.5,
     -1.5)."""
     problem = listening_pair(reach=1.7)
-    box = asked_box(problem, make_loop(problem, None))
-    flow = build_flow(problem, horizon=8.0, steps=200)
+    box = asked_box(problem, make_closed_loop(problem, None))
+    flow = build_flow(loop_of(problem), "G", horizon=8.0, steps=200)
     start = np.array([1.5, -1.5])
     e, _ = ascend(flow, box, (start, np.zeros((2, 0))), partial(final_error, 2))
     assert np.all(np.abs(e) <= 1.7)
@@ -217,8 +217,8 @@ def test_the_ascent_never_ends_lower_than_it_began(seed: int):
     """On the boundary of a certified set, V after a second."""
     problem = random_problem(80 + seed, couplings=("tanh(y)", "atan(2*y)"), modes=1, n=3, held=True)
     level = level_of(problem, certificate_of(problem, F(2)))
-    starts = Boundary(level=level, loop=make_loop(problem, None))
-    flow = build_flow(problem, horizon=1.0, steps=200)
+    starts = Boundary(level=level, loop=make_closed_loop(problem, None))
+    flow = build_flow(loop_of(problem), "G0", horizon=1.0, steps=200)
     objective = partial(final_level, level, 3, 0)
     e, eps = starts.draw(np.random.default_rng(seed), 5, "random")
     gains = []

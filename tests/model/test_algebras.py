@@ -8,7 +8,7 @@ import sympy
 
 from dobc_design.coupling.expression import parse_expression
 from dobc_design.coupling.tree import evaluate
-from dobc_design.model.model import CasadiAlgebra, to_sympy
+from dobc_design.model.algebras import CasadiAlgebra, to_sympy
 
 
 @pytest.mark.parametrize("kind", [ca.SX, ca.MX])

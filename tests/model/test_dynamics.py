@@ -6,8 +6,11 @@ import pytest
 import sympy
 from agents import double_integrators, drift, full_loop, matrices, pendulums, three_states
 
+from dobc_design.loop.arrays import disturbance_arrays
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.matrices import pull_matrix
+from dobc_design.model.couplings import felt_errors
 from dobc_design.model.model import build_model
-from dobc_design.problem.integrators import as_integrators
 
 PROBLEMS = [double_integrators(), three_states(), pendulums()]
 
@@ -29,14 +32,20 @@ def test_closed_loop_is_the_plant_the_observer_and_the_controller(problem):
 
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
-def test_closed_loop_is_that_of_the_integrators(problem):
-    """x, xi and z have the same derivatives; the inputs are p for each agent."""
-    model, integrators = build_model(problem), build_model(as_integrators(problem))
-    x, xi, z = drawn(model, model.m, model.q, model.q)
-    for own, other in zip(
-        model.closed_loop(x, xi, z), integrators.closed_loop(x, xi, z), strict=True
-    ):
-        assert np.allclose(own, other, rtol=1e-12, atol=1e-12)
+def test_errors_of_the_plant_are_those_of_its_loop(problem):
+    """e' = h(e) - (B K - A) e + B C eps, where h has all that is curved; the inputs are p for each
+    agent."""
+    model, loop = build_model(problem), loop_of(problem)
+    felt, residual = felt_errors(loop, "G"), disturbance_arrays(loop, None)
+    e, eps = drawn(model, model.m, model.q)
+    e_dot, eps_dot = (np.asarray(each).ravel() for each in model.error_dynamics(e, eps))
+    pulled = np.asarray(felt.h(e)).ravel() - pull_matrix(loop) @ e
+    unknown = eps.reshape(model.n, -1) @ residual.C.T
+    assert np.allclose(pulled + unknown.ravel(), e_dot, rtol=1e-12, atol=1e-12)
+    assert np.allclose((eps.reshape(model.n, -1) @ residual.F.T).ravel(), eps_dot)
+    steps = 1e-6 * np.eye(len(e))
+    columns = [np.asarray(felt.h(e + step) - felt.h(e - step)).ravel() / 2e-6 for step in steps]
+    assert np.allclose(np.asarray(ca.DM(felt.jacobian(e))), np.array(columns).T, atol=1e-7)
     assert model.controller.size_out("u") == (model.n * problem.inputs, 1)
 
 

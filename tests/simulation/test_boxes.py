@@ -5,13 +5,13 @@ import pytest
 
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.simulation.boxes import CORNERS, EDGES, RANDOM, asked_box, unit_cube
-from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.field import make_closed_loop
 
 
 def boxed(**more) -> tuple[Problem, object]:
     network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     given = Problem(network=network, coupling="y", gains={1: 1}, target=1, offsets={2: 2}, **more)
-    return given, make_loop(given, None)
+    return given, make_closed_loop(given, None)
 
 
 def test_the_box_is_the_region_less_the_goals():
@@ -35,7 +35,7 @@ def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
     given = Problem(
         network=network, coupling="tanh(y)", gains={1: 1}, exosystem=sine, observer=observer
     )
-    box = asked_box(given, make_loop(given, None), radius=2.0, disturbance=0.5)
+    box = asked_box(given, make_closed_loop(given, None), radius=2.0, disturbance=0.5)
     e, eps = box.draw(np.random.default_rng(2), 40, kind)
     lengths = np.linalg.norm(eps, axis=1)
     assert np.all(np.abs(e) <= 2)

@@ -9,7 +9,8 @@ import pytest
 
 from dobc_design import Exosystem, Network, Observer, Problem, build_model, load_problem
 from dobc_design.coupling.coupling import make_coupling
-from dobc_design.loop.arrays import arc_groups
+from dobc_design.loop.arrays import error_arcs
+from dobc_design.loop.make import loop_of
 from dobc_design.simulation import field as fields
 from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.setting import groups_for, make_setting, switches_for
@@ -61,11 +62,11 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=IDS)
 def test_the_pattern_covers_the_jacobian_of_the_closed_loop(problem: Problem):
-    groups = arc_groups(problem, next(iter(problem.network.modes)))
+    groups = error_arcs(loop_of(problem), next(iter(problem.network.modes)))
     symbols = [ca.SX.sym("s", problem.n * width) for width in (problem.m, problem.q, problem.q)]
     closed_loop = ca.vertcat(*build_model(problem).closed_loop(*symbols))
     rows, columns = ca.jacobian(closed_loop, ca.vertcat(*symbols)).sparsity().get_triplet()
-    pattern = fields.full_pattern(fields.make_loop(problem, None), groups).toarray() != 0
+    pattern = fields.full_pattern(fields.make_closed_loop(problem, None), groups).toarray() != 0
     assert pattern.shape == (closed_loop.numel(),) * 2
     assert pattern[rows, columns].all()
 
@@ -123,7 +124,9 @@ def by_hand(problem: Problem, e):
 
 def graph(problem: Problem, runs: int = 1) -> fields.Network:
     """Without pins, so that h(e) - K e is h(e)."""
-    return fields.network_of(fields.make_loop(problem, None), arc_groups(problem, "G"), runs=runs)
+    return fields.network_of(
+        fields.make_closed_loop(problem, None), error_arcs(loop_of(problem), "G"), runs=runs
+    )
 
 
 @pytest.mark.parametrize(("n", "arcs", "m"), [(5, 4, 1), (40, 200, 1), (30, 100, 2)])

@@ -13,7 +13,7 @@ import dobc_design as dd
 from dobc_design import Failure, Stress
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.simulation.agents import Heard, StressedRuns
-from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.field import make_closed_loop
 from dobc_design.simulation.sampled import discretised, integral
 from dobc_design.simulation.setting import groups_for, make_setting, switches_for
 from dobc_design.simulation.signals import Mobile, Periodic
@@ -59,7 +59,7 @@ def test_the_discretised_observer_lies_in_its_exact_enclosure():
     problem = planar()
     W = tuple(tuple(entry / 10 for entry in row) for row in problem.observer.W)
     exact = sampled_matrix(problem.exosystem, W, Fraction(1, 4))
-    loop = make_loop(problem, None)
+    loop = make_closed_loop(problem, None)
     Ad = integral(loop.A, 0.25)[0]
     (_, Cd, L) = discretised(loop, 0.25, np.array(W, dtype=float))
     middle = np.array([[float(entry.midpoint) for entry in row] for row in exact])

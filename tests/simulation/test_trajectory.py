@@ -9,7 +9,7 @@ from simulated_runs import simulate
 
 import dobc_design as dd
 from dobc_design.errors import CertificateError, ShapeError, SpecError
-from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.field import make_closed_loop
 from dobc_design.simulation.signals import Mobile, Periodic
 from dobc_design.simulation.starts import make_starts
 from dobc_design.simulation.trajectory import PLAIN, SAMPLED
@@ -204,7 +204,7 @@ def problem(**settings) -> dd.Problem:
 
 def drawn(given=None, seed: int = 0, **settings):
     one = problem(**settings)
-    return make_starts(one, make_loop(one, None), given).draw(seed)
+    return make_starts(one, make_closed_loop(one, None), given).draw(seed)
 
 
 def test_the_disturbance_of_a_region_is_drawn_in_its_ball_and_fills_it():

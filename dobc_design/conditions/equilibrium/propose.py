@@ -14,11 +14,9 @@ from scipy import optimize
 
 from dobc_design.conditions.equilibrium.decide import Equilibrium, enclose_equilibrium
 from dobc_design.exact.work import spend
-from dobc_design.loop.arrays import no_gain, pinning_matrix
-from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array
-from dobc_design.model.model import build_model
-from dobc_design.problem.problem import Problem
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.matrices import Array, pull_matrix
+from dobc_design.model.couplings import felt_errors
 
 Vectors = Callable[[Array], Array]
 
@@ -31,7 +29,7 @@ SAME = 1e-6  # relative distance of roots that are one
 
 
 def proved_equilibria(
-    problem: Problem,
+    loop: Loop,
     mode: str,
     points: Sequence[Array],
     *,
@@ -41,9 +39,9 @@ def proved_equilibria(
 ) -> list[Equilibrium]:
     """Proved equilibria of one mode that the points lead to, among those of which ``holds`` is
     true, the nearest to the target first."""
-    roots = [root for root in find_roots(problem, mode, points) if holds(root)]
+    roots = [root for root in find_roots(loop, mode, points) if holds(root)]
     roots.sort(key=largest)
-    enclose = partial(enclose_equilibrium, loop_of(problem), mode, within_region=within_region)
+    enclose = partial(enclose_equilibrium, loop, mode, within_region=within_region)
     found: list[Equilibrium] = []
     for root in roots[:MOST_PROVED]:
         claim = enclose(root.tolist())
@@ -72,17 +70,17 @@ def largest(e: Array) -> float:
     return float(np.max(np.abs(e)))
 
 
-def find_roots(problem: Problem, mode: str, points: Sequence[Array]) -> Iterator[Array]:
+def find_roots(loop: Loop, mode: str, points: Sequence[Array]) -> Iterator[Array]:
     """Roots other than the target that the points lead to, each once, as they are found."""
-    model = build_model(problem, mode, gain=no_gain(problem))  # eps = 0
-    K = pinning_matrix(problem).toarray()
+    felt = felt_errors(loop, mode)  # eps = 0
+    K = pull_matrix(loop).toarray()
     known: list[Array] = []
 
     def value(e: Array) -> Array:
-        return np.asarray(np.asarray(model.h(e)).ravel() - K @ e)
+        return np.asarray(np.asarray(felt.h(e)).ravel() - K @ e)
 
     def slope(e: Array) -> Array:
-        return np.asarray(model.jacobian(e).full() - K)
+        return np.asarray(felt.jacobian(e).full() - K)
 
     least = AT_TARGET * max(map(largest, points), default=0.0)
     for point in points:

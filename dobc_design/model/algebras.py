@@ -1,0 +1,62 @@
+"""What expressions are evaluated with to become those of CasADi and SymPy."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dobc_design.coupling.expression import Expression
+from dobc_design.coupling.functions import FUNCTIONS, applied
+from dobc_design.coupling.tree import Operators, evaluate, variable_names
+from dobc_design.exact.number import nearest
+
+
+class CasadiAlgebra(Operators):
+    """Algebra (``coupling.tree.Algebra``) of CasADi expressions, element by element on vectors."""
+
+    def constant(self, value: Fraction) -> Any:
+        return ca.DM(nearest(value))
+
+    def pi(self) -> Any:
+        return ca.DM(np.pi)
+
+    def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
+        return applied(name, arguments, self, self._called)
+
+    def _called(self, name: str, *operands: Any) -> Any:
+        return FUNCTIONS[name].found_in(ca, "casadi")(*operands)
+
+
+class SympyAlgebra(Operators):
+    """The same of SymPy expressions, number for number: 3.2 arrives as 16/5."""
+
+    def __init__(self) -> None:
+        import sympy  # which nothing else here needs
+
+        self.library: Any = sympy
+
+    def constant(self, value: Fraction) -> Any:
+        return self.library.Rational(value.numerator, value.denominator)
+
+    def pi(self) -> Any:
+        return self.library.pi
+
+    def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
+        return applied(name, arguments, self, self._called)
+
+    def _called(self, name: str, *operands: Any) -> Any:
+        return FUNCTIONS[name].found_in(self.library, "sympy")(*operands)
+
+
+def to_sympy(expression: Expression) -> tuple[Any, tuple[Any, ...]]:
+    """Return the expression in SymPy and its variables, real symbols: y, or y1 to ym.  No text is
+    parsed."""
+    import sympy
+
+    names = variable_names(expression.dimension)
+    variables = tuple(sympy.Symbol(name, real=True) for name in names)
+    found = evaluate(expression.node, variables, SympyAlgebra())
+    return found, variables

@@ -58,7 +58,7 @@ def loop_of(problem: Problem) -> Loop:
 
 @lru_cache(maxsize=16)
 def _made_once(same: _Same) -> Loop:
-    problem = same.problem.origin or same.problem
+    problem = same.problem
     dynamics = problem.dynamics
     if dynamics is not None:
         return _loop_with_dynamics(problem, dynamics)

@@ -26,8 +26,7 @@ from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.foreign_json import PROBLEM, not_a
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
-from dobc_design.problem.integrators import enclosed
-from dobc_design.problem.leader import Leader
+from dobc_design.problem.leader import Leader, enclosed
 from dobc_design.problem.network import (
     Arcs,
     Network,
@@ -62,9 +61,8 @@ _ALWAYS = ("observer", "simulation")  # tables that are never null
 
 
 def canonical_bytes(problem: Problem) -> bytes:
-    """The UTF-8 bytes of problem.json; of integrators that stand for agents with [dynamics] those
-    of these."""
-    document = canonical_document(problem.origin or problem)
+    """The UTF-8 bytes of problem.json."""
+    document = canonical_document(problem)
     text = json.dumps(document, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
     return text.encode("utf-8") + b"\n"
 
@@ -154,7 +152,9 @@ def settings_of(problem: Problem) -> dict[str, Any]:
     for name in ("region", "switching", "simulation"):
         found[name] = _table_of(getattr(problem, name))
     for name in _LATER_TABLES:
-        noun = enclosed(problem) if name == "leader" else getattr(problem, name)
+        noun = getattr(problem, name)
+        if name == "leader":
+            noun = enclosed(problem.leader, problem.dynamics)
         if noun is not None:
             found[name] = _table_of(noun)
     return found

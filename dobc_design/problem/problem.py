@@ -92,8 +92,6 @@ class Problem(Shown):
     Further attributes:
         couplings: the default one and those of the exceptions, each once.
         exception_places: the place among them of the coupling of every arc with its own.
-        origin: the problem with [dynamics] whose errors this one has (``as_integrators``), or None.
-        node: the place of what every agent feels of its own error, or None.
     Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
     Example:
         >>> network = dd.Network.from_arcs([["tail", "head"]], arrow="listens_to")
@@ -120,8 +118,6 @@ class Problem(Shown):
     notes: tuple[str, ...]
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
     exception_places: Mapping[Arc, int] = field(init=False, compare=False)
-    origin: Problem | None = field(init=False)
-    node: int | None = field(init=False, compare=False)
 
     def __init__(
         self,
@@ -209,7 +205,7 @@ class Problem(Shown):
         # Arcs name a coupling by its place, so that equal ones are bounded once.
         couplings = dict.fromkeys((self.coupling, *self.exceptions.values()))
         places = {each: place for place, each in enumerate(couplings)}
-        put(self, couplings=tuple(places), origin=None, node=None)
+        put(self, couplings=tuple(places))
         put(self, exception_places={arc: places[each] for arc, each in self.exceptions.items()})
 
     def _check_dynamics(self) -> None:
@@ -462,12 +458,6 @@ class Problem(Shown):
                 "give every agent the same A and C."
             )
             raise about("exosystem.groups", what, cure)
-
-    @property
-    def slopes_move(self) -> bool:
-        """Whether the slopes of f move with a leader (``as_integrators``): those at one point prove
-        nothing then."""
-        return self.node is not None and self.leader is not None
 
     @property
     def leads(self) -> tuple[settings.Pair, ...]:

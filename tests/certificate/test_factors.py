@@ -20,7 +20,6 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import Box
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.integrators import as_integrators
 
 WATCHED: dict[str, Any] = {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[2]])}
 LESS = 1 - 1e-6
@@ -92,7 +91,7 @@ def document(name: str) -> dict[str, Any]:
 
 def unreadable(name: str, changed: dict[str, Any]) -> bool:
     """Whether both programs cannot read a certificate of this problem."""
-    data, problem = json.dumps(changed).encode(), as_integrators(CASES[name][0])
+    data, problem = json.dumps(changed).encode(), CASES[name][0]
     with pytest.raises(CertificateError):
         read_claims(data)
     with pytest.raises(checker.Refused):
@@ -102,7 +101,7 @@ def unreadable(name: str, changed: dict[str, Any]) -> bool:
 
 def accepted(name: str, changed: dict[str, Any]) -> tuple[bool, bool]:
     """Whether the package and the second program accept a certificate of this problem."""
-    data, problem = json.dumps(changed).encode(), as_integrators(CASES[name][0])
+    data, problem = json.dumps(changed).encode(), CASES[name][0]
     lone = checker.examine(data, canonical_bytes(problem))
     return recheck(data, problem).holds, all(holds for holds, _ in lone)
 
@@ -174,7 +173,7 @@ def test_a_factor_is_never_read_as_more_than_is_written(text: str, read: float):
 @pytest.mark.parametrize("name", ["coordinates", "ball"])
 def test_no_motion_of_a_linear_loop_leaves_the_bound(name: str):
     """The matrix exponential of the loop, in the norm of the check."""
-    problem = as_integrators(CASES[name][0])
+    problem = CASES[name][0]
     loop = _loop(name)
     order = {"|e|": 2, "|e|_inf": np.inf}
     bounds = [each for each in certified(CASES[name][0]).checks if each.factor is not None]

@@ -40,7 +40,6 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.leader import Leader, enclosure, open_faces
 
 TENTHS: dict[str, Any] = {"initial": [["-1/4", "1/4"]] * 2, "stays_in": [["-3/10", "3/10"]] * 2}
@@ -127,7 +126,7 @@ def test_both_programs_agree_on_who_follows(name: str):
     own = ("reachability", "lure", "observability", "hurwitz")
     others = [each.reason for each in certificate.checks if each.id not in own]
     about = all(each.startswith("does not apply: the leader moves") for each in others)
-    assert about is as_integrators(problem).slopes_move
+    assert about is loop_of(problem).slopes_move
 
 
 def test_a_linear_leader_leaves_the_claims_of_a_constant_target():
@@ -216,7 +215,7 @@ def test_slopes_of_nodes_hold_those_between_leader_and_agents():
     """(f(s + e) - f(s)) = F e: for f = x - x^3 F = 1 - 3 s^2 - 3 s e - e^2, seen in [1 - 3 (1 +
     2)^2, 1]."""
     own = Dynamics(f=["x - x**3"])
-    problem = as_integrators(spiking(4, dynamics=own, leader={"initial": 0, "stays_in": [-1, 1]}))
+    problem = spiking(4, dynamics=own, leader={"initial": 0, "stays_in": [-1, 1]})
     ((found,),) = slopes_of_node(loop_of(problem), (Interval(Fraction(-2), Fraction(2)),))
     s, e = np.random.default_rng(0).uniform([[-1], [-2]], [[1], [2]], (2, 500))
     means = 1 - 3 * s**2 - 3 * s * e - e**2

@@ -9,7 +9,7 @@ from published import LORENZ, PENDULUM, ring
 from scipy.integrate import solve_ivp
 
 from dobc_design import Dynamics, Exosystem, Network, Problem, Verdict, certify, verify
-from dobc_design.problem.integrators import as_integrators
+from dobc_design.loop.make import loop_of
 
 
 def pendulums(reach: str = "1/5", **given) -> Problem:
@@ -34,11 +34,11 @@ def slope(_, e):
     return np.stack([x[:, 1], pull - np.sin(x[:, 0]) - x[:, 1] / 2], axis=1).ravel()
 
 
-def test_gains_of_the_integrators_hold_the_slopes_at_the_target():
-    own = as_integrators(pendulums())
-    assert own.pinning.gains[1] == ((0, -1), (1, Fraction(1, 2)))
-    assert own.pinning.gains[0] == ((0, -1), (1 + 6, Fraction(1, 2) + 9))
-    assert own.node == 1 and own.couplings[1].texts == ("y2 - 0", "-sin(y1) - y2/2 - 0")
+def test_pulls_of_the_loop_hold_the_slopes_at_the_target():
+    own = loop_of(pendulums())
+    assert own.pulls.gains[1] == ((0, -1), (1, Fraction(1, 2)))
+    assert own.pulls.gains[0] == ((0, -1), (1 + 6, Fraction(1, 2) + 9))
+    assert own.drift_place == 1 and own.functions[1].texts == ("y2 - 0", "-sin(y1) - y2/2 - 0")
 
 
 @pytest.mark.evidence
@@ -90,7 +90,7 @@ def test_a_scalar_node_away_from_the_origin():
     nodes = Dynamics(f=["x - x**3/3"])
     problem = Problem(network=ring(3), coupling="tanh(y)", gains=1, dynamics=nodes, target=1)
     assert nodes.feedforward((Fraction(1),)) == (Fraction(-2, 3),)
-    assert as_integrators(problem).pinning.gains[0] == ((1,),)
+    assert loop_of(problem).pulls.gains[0] == ((1,),)
     certificate = certify(problem.replace(region={"initial_states": ["4/5", "6/5"]}))
     assert certificate.verdict is Verdict.PROVED and verify(certificate, certificate.problem).holds
 

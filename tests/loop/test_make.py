@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import dobc_design as dd
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import loop_of, observed
 
 ARCS = {"a": [[2, 1], [3, 2, 2]], "b": [[3, 1], [1, 3, "1/2"]]}
 CART = dd.Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [2]])
@@ -152,3 +152,37 @@ def test_equal_functions_of_arcs_stand_there_once():
     loop = loop_of(problem)
     assert len(loop.functions) == 1
     assert loop.place_of(1, 0) == 0
+
+
+def test_a_gain_acts_on_the_inputs_where_they_are_fewer_than_the_states():
+    """C of the inputs, as in the file; B C where W acts on x."""
+    problem = with_dynamics(CART)
+    assert observed(problem) is problem.groups
+    square = problem.replace(
+        dynamics=dd.Dynamics(A=[[0, 1], [-1, 0]], B=[[2, 0], [0, 3]]),
+        coupling="y",
+        exceptions={},
+        gains=1,
+        exosystem=dd.Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 1]]),
+        observer=None,
+    )
+    assert observed(square)[0].exosystem.C == ((2, 0), (0, 3))
+
+
+def test_agents_that_pull_alike_differ_in_their_drift():
+    """B K - A = 1 for both."""
+
+    def pulled(*, A: int, gain: int) -> Loop:
+        agents = dd.Dynamics(A=[[A]])
+        return loop_of(dd.Problem(network=network(), coupling="y", gains=gain, dynamics=agents))
+
+    one = pulled(A=1, gain=2)
+    other = pulled(A=0, gain=1)
+    assert one.pulls.gains == other.pulls.gains
+    assert one.slopes != other.slopes and one.pins.gains != other.pins.gains
+
+
+def test_a_curved_drift_is_the_last_function():
+    loop = loop_of(with_dynamics(PENDULUM))
+    assert loop.drift_place == len(loop.functions) - 1
+    assert loop.slopes == ((0, 1), (-1, 0)) and not loop.is_linear and not loop.slopes_move

@@ -22,7 +22,6 @@ from dobc_design import (
 )
 from dobc_design.errors import ExpressionError, ShapeError, SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
-from dobc_design.problem.integrators import as_integrators
 
 DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
 NET = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
@@ -286,7 +285,6 @@ def test_what_is_written_is_read_back(given):
     assert json.loads(data)["version"] == 2
     again = problem_from_canonical(data)
     assert again == problem and canonical_bytes(again) == data
-    assert canonical_bytes(as_integrators(problem)) == data
 
 
 def test_version_2_and_dynamics_belong_together():
@@ -298,32 +296,3 @@ def test_version_2_and_dynamics_belong_together():
     for document in (old | {"version": 2}, new | {"version": 1}):
         with pytest.raises(SpecError, match="version"):
             problem_from_canonical(json.dumps(document).encode())
-
-
-def test_without_dynamics_nothing_changes():
-    problem = load_problem("paper-fixed")
-    assert problem.dynamics is None and problem.origin is None
-    assert as_integrators(problem) is problem
-
-
-def test_integrators_with_the_same_errors():
-    """B h, B K - A, B C and W B+; those of agents without a pin are -A."""
-    problem = agents(exosystem=HARMONIC, observer=Observer(W=[[3], [1]]))
-    same = as_integrators(problem)
-    assert same.origin == problem and same.dynamics is None
-    assert same.is_linear and [
-        [float(x.lo) for x in row] for row in same.coupling.jacobian_at_zero()
-    ] == [
-        [0, 0],
-        [1, 2],
-    ]
-    assert same.pinning.gains == {0: ((0, -1), (3, 6)), 1: ((0, -1), (0, 0)), 2: ((0, -1), (0, 0))}
-    assert same.groups[0].exosystem.C == ((0, 0), (1, 0))
-    assert same.groups[0].observer.W == ((0, 3), (0, 1))
-
-
-def test_integrators_of_other_agents_are_not_equal():
-    """B K - A = 1 for both, but they are other problems."""
-    one = as_integrators(agents(dynamics={"A": [[1]]}, coupling="y", gains=2))
-    other = as_integrators(agents(dynamics={"A": [[0]]}, coupling="y", gains=1))
-    assert one.pinning == other.pinning and one != other

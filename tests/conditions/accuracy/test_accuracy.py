@@ -28,7 +28,6 @@ from dobc_design.exact.peaks import peak_gains
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
-from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import read_problem_text
 
 certify = cache(certified)
@@ -405,7 +404,7 @@ def test_the_response_of_two_states_is_that_of_quadrature():
     M, kernel = np.array([[-1.0, 5.0], [0.0, -2.0]]), partial(np.sum, axis=1)
     exact = 0.1 * integrate.quad_vec(lambda t: kernel(np.abs(linalg.expm(M * t))), 0, 40)[0]
     assert exact == pytest.approx([0.35, 0.05])
-    (found,) = shown_bounds(as_integrators(problem), steps=4000)
+    (found,) = shown_bounds(problem, steps=4000)
     assert np.all((exact <= found) & (found <= exact * 1.001))
 
 

@@ -21,7 +21,6 @@ from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import to_float
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.integrators import as_integrators
 
 ONE = Fraction(1)
 T = ((ONE, Fraction(0)), (ONE, ONE / 2))
@@ -51,9 +50,9 @@ def pair(c: object = 3, h: str = "y1", k: object = 1, **given) -> Problem:
 
 
 def claim_of(problem: Problem, v: object, rho: object = None, alpha: object = "1/7") -> Separable:
-    own, weights = as_integrators(problem), tuple(map(Fraction, v))
+    own, weights = loop_of(problem), tuple(map(Fraction, v))
     far = None if rho is None else Fraction(rho)
-    ranges = enclosed_ranges(loop_of(own), T, weights, far)
+    ranges = enclosed_ranges(own, T, weights, far)
     return Separable(T=T, v=weights, alpha=Fraction(alpha), rho=far, ranges=ranges)
 
 
@@ -74,12 +73,12 @@ def claim_of(problem: Problem, v: object, rho: object = None, alpha: object = "1
     ],
 )
 def test_the_slowest_rows_that_a_hand_finds(problem, v, rate):
-    own = as_integrators(problem)
+    own = loop_of(problem)
     found = slowest_row(
-        loop_of(own),
+        own,
         T,
         tuple(map(Fraction, v)),
-        enclosed_ranges(loop_of(own), T, tuple(map(Fraction, v)), None),
+        enclosed_ranges(own, T, tuple(map(Fraction, v)), None),
     )
     assert found.rate == rate
 
@@ -92,7 +91,7 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
     m, nodes = (2, 3)[seed % 2], seed % 3 == 0
     f = ["x2", "-sin(x1) - 4*x2"] if m == 2 else ["x2", "x3 - x1", "-x1 - sin(x2) - 3*x3"]
     A = [[0, 1], [-1, -4]] if m == 2 else [[0, 1, 0], [-1, 0, 1], [-1, -1, -3]]
-    own = as_integrators(
+    own = loop_of(
         Problem(
             network=Network.from_arcs(
                 [[1, 2], [2, 3, "3/2"], [3, 1, 2], [1, 3]], arrow="listens_to", agents=3
@@ -107,21 +106,21 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
         for row in (4 * np.eye(m) + r.integers(-1, 2, (m, m))).tolist()
     )
     v = tuple(Fraction(int(x), 8) for x in r.integers(4, 20, 3 * m))
-    ranges = enclosed_ranges(loop_of(own), turn, v, Fraction(1, 2))
+    ranges = enclosed_ranges(own, turn, v, Fraction(1, 2))
     X, weights, worst = to_float(turn), np.array(v, dtype=float), np.inf
-    S, (arcs,) = np.linalg.inv(X), own.network.modes.values()
+    S, (arcs,) = np.linalg.inv(X), own.modes.values()
     ends = {
         each.coupling: np.array([[x.floats() for x in row] for row in each.entries])
         for each in ranges
     }
-    shared = next(each for place, each in ends.items() if place != own.node)
+    shared = next(each for place, each in ends.items() if place != own.drift_place)
     for corner in np.ndindex((2,) * (4 + nodes)):
         Z = np.zeros((3 * m, 3 * m))
         for i in range(3):
             F = np.array(A, dtype=float)
             if nodes:
-                F = ends[own.node][:, :, corner[4]]
-            K = to_float(own.pinning.gains[i]) + np.array(A)
+                F = ends[own.drift_place][:, :, corner[4]]
+            K = to_float(own.pulls.gains[i]) + np.array(A)
             Z[i * m : i * m + m, i * m : i * m + m] += X @ (F - K) @ S
         for (i, j, w), end in zip(arcs, corner, strict=False):
             G = float(w) * X @ shared[:, :, end] @ S
@@ -130,7 +129,7 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
         metzler = np.where(np.eye(3 * m, dtype=bool), Z, np.abs(Z))
         worst = min(worst, np.min(-(metzler @ weights) / weights))
     # all gains are 1e-5 wider
-    assert worst - 1e-3 <= float(slowest_row(loop_of(own), turn, v, ranges).rate) <= worst + 1e-9
+    assert worst - 1e-3 <= float(slowest_row(own, turn, v, ranges).rate) <= worst + 1e-9
 
 
 def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
@@ -151,8 +150,8 @@ def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
 
 def test_differences_reach_as_far_as_the_weights_say():
     """S = [[1, 0], [-2, 2]]: |e_i| <= rho (v_1, 2 v_1 + 2 v_2), and differences as the sums."""
-    own = as_integrators(pair(h="tanh(y1)"))
-    assert reaches(loop_of(own), T, tuple(map(Fraction, (4, 3, 8, 7))), Fraction(1, 2)) == {
+    own = loop_of(pair(h="tanh(y1)"))
+    assert reaches(own, T, tuple(map(Fraction, (4, 3, 8, 7))), Fraction(1, 2)) == {
         0: (6, Fraction(22))
     }
 
@@ -161,16 +160,14 @@ def test_a_claim_is_proved_for_what_it_says_and_not_for_a_little_more():
     """tanh(r)/r >= 3/4 up to r = 1.0 and a little, where r = 12 rho; the last row allows 1/14
     then."""
     problem, v = pair(h="tanh(y1)"), (4, 3, 8, 7)
-    own, claim = as_integrators(problem), claim_of(pair(h="tanh(y1)"), v, "1/12", "1/14")
-    assert verify_composite(loop_of(own), None, claim).verdict is Verdict.PROVED
+    own, claim = loop_of(problem), claim_of(pair(h="tanh(y1)"), v, "1/12", "1/14")
+    assert verify_composite(own, None, claim).verdict is Verdict.PROVED
     more = [
         replace(claim, alpha=Fraction(1, 12)),
         replace(claim, rho=Fraction(1, 10)),
         replace(claim, rho=None),
     ]
-    assert all(
-        verify_composite(loop_of(own), None, each).verdict is not Verdict.PROVED for each in more
-    )
+    assert all(verify_composite(own, None, each).verdict is not Verdict.PROVED for each in more)
     assert claim.spread == Fraction(1, 2) and claim.reach == 30
     assert covers(claim, radius=Fraction(1, 6), disturbance=Fraction(0))
     assert not covers(claim, radius=Fraction(1001, 6000), disturbance=Fraction(0))
@@ -207,9 +204,9 @@ def test_a_claim_is_proved_for_what_it_says_and_not_for_a_little_more():
 def test_overdamped_agents_are_proved_and_others_are_left_open(problem, verdict):
     """z is cooperative where c^2/4 > 3, the largest degree and gain times the slope: for c >
     3.46."""
-    own = as_integrators(problem)
+    own = loop_of(problem)
     asked = read_region(
-        loop_of(own), None, domain=EVERYWHERE if own.is_linear else NEAR_TARGET, everything=False
+        own, None, domain=EVERYWHERE if own.is_linear else NEAR_TARGET, everything=False
     )
     with few_coordinates() if verdict is Verdict.PROVED else nullcontext():
         (check,) = separable_stage(asked, str)
@@ -221,10 +218,8 @@ def test_overdamped_agents_are_proved_and_others_are_left_open(problem, verdict)
 @pytest.mark.evidence
 def test_the_largest_box_is_found_where_the_region_is_too_wide():
     """sin(y)/y > 0 up to y = pi, where differences are twice the errors."""
-    own = as_integrators(agents(h="sin(y1)", reach=10))
-    (check,) = separable_stage(
-        read_region(loop_of(own), None, domain=NEAR_TARGET, everything=False), str
-    )
+    own = loop_of(agents(h="sin(y1)", reach=10))
+    (check,) = separable_stage(read_region(own, None, domain=NEAR_TARGET, everything=False), str)
     assert check.verdict is Verdict.PROVED and 0.5 < check.domain.radius < 1.58
 
 
@@ -281,8 +276,8 @@ def test_an_optional_arc_counts_only_where_it_pulls_outward(gain, rate):
     """Without the arc agent 2 has z_2' = -z_2 + (1 - k/2) z_1: 8 - 7 > 0, and with k = 1 4 - 7."""
     loose = Network.from_arcs([], optional=[[2, 1]], arrow="listens_to", agents=2)
     problem = agents(c=3, h="y1", network=loose, gains={1: [[1, 0]], 2: [[gain, 0]]}, reach=None)
-    own, v = as_integrators(problem), tuple(map(Fraction, (4, 3, 8, 7)))
-    assert slowest_row(loop_of(own), T, v, enclosed_ranges(loop_of(own), T, v, None)).rate == rate
+    own, v = loop_of(problem), tuple(map(Fraction, (4, 3, 8, 7)))
+    assert slowest_row(own, T, v, enclosed_ranges(own, T, v, None)).rate == rate
     certificate = certify(problem)
     assert verify(certificate, problem).holds
     assert (certificate.check("max-separable").verdict is Verdict.PROVED) is bool(gain)

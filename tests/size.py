@@ -37,8 +37,7 @@ DOCUMENTED = (ast.Module, ast.ClassDef, *FUNCTION)
 
 #: These rooms see what a proof is about, not the kind of network that it was made of.
 PROOF_ROOMS = ("conditions", "certification", "certificate")
-KINDS_OF_NETWORK = {"dynamics", "leader", "origin", "node"}
-KINDS_BY_NAME = {"as_integrators"}
+KINDS_OF_NETWORK = {"dynamics", "leader"}
 
 
 @dataclass(frozen=True)
@@ -132,8 +131,7 @@ def folders_of_tests() -> dict[str, Size]:
 
 
 def knows_kinds_of_network(house: House) -> Iterator[str]:
-    """The modules of the proofs that name [dynamics], a leader, `origin` or `node`, with the
-    names."""
+    """The modules of the proofs that name [dynamics] or a leader, with the names."""
     for module, tree in house.trees.items():
         if module.partition(".")[0] not in PROOF_ROOMS:
             continue
@@ -141,8 +139,6 @@ def knows_kinds_of_network(house: House) -> Iterator[str]:
         for node in ast.walk(tree):
             if isinstance(node, ast.Attribute) and node.attr in KINDS_OF_NETWORK:
                 names.add(f".{node.attr}")
-            elif isinstance(node, ast.Name) and node.id in KINDS_BY_NAME:
-                names.add(node.id)
         if names:
             yield f"{module}: {', '.join(sorted(names))}"
 
@@ -168,7 +164,7 @@ def size_of_the_house() -> Iterator[str]:
     yield from counted_list("circles of rooms", list(circles(house)))
     yield from counted_list("circles of modules inside a room", list(inner_circles(house)))
     yield from counted_list(
-        "files of the proofs that know [dynamics], a leader, origin or node",
+        "files of the proofs that know [dynamics] or a leader",
         list(knows_kinds_of_network(house)),
     )
 

@@ -42,12 +42,12 @@ def test_tokens_statements_comments_and_wide_functions_of_a_made_up_file():
 
 def test_a_file_of_the_proofs_that_names_a_leader_is_listed_and_one_of_problem_is_not():
     sources = {
-        "conditions.lure.claim": "def f(problem):\n    return problem.leader or as_integrators",
+        "conditions.lure.claim": "def f(problem):\n    return problem.leader or problem.dynamics",
         "certificate.text": "def f(loop):\n    return loop.rows",
         "problem.leader": "def f(problem):\n    return problem.leader",
     }
     listed = list(size.knows_kinds_of_network(House(sources)))
-    assert listed == ["conditions.lure.claim: .leader, as_integrators"]
+    assert listed == ["conditions.lure.claim: .dynamics, .leader"]
 
 
 def test_rooms_are_added_up_with_topics_apart():

@@ -524,6 +524,13 @@ class Statements:
     inapplicable: str | None
     shown: Mapping[str, Shown] = field(default_factory=dict)
 
+    @property
+    def where(self) -> str:
+        """The starts for which slopes at the target decide, in words."""
+        if self.domain == EVERYWHERE:
+            return "everywhere (the couplings are linear)"
+        return "near the target"
+
     def psi(self, *, rate: Fraction = ZERO) -> tuple[Pencil, ...]:
         """Psi of every mode, (28), with shared unknowns.  Raises: SpecError without an
         exosystem."""

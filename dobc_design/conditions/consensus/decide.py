@@ -35,7 +35,6 @@ from dobc_design.conditions.consensus.network import (
     lowest_quotient,
     refutes,
 )
-from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import (
     claimed,
     has_short_denominator,
@@ -183,7 +182,7 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
             margin=margin,
             rate=shorten(claimed(margin) / 2) or None,
             claim=statements.shown.get(mode),
-            reason=f"Lambda(J) < 0{most}: V = e'e decreases{_where(statements)}.",
+            reason=f"Lambda(J) < 0{most}: V = e'e decreases {statements.where}.",
         )
     loop = statements.loop
     arcs = loop.modes[mode]
@@ -309,7 +308,7 @@ class _Theorem:
             rate=rate or None,
             claim=self.facts,
             reason=f"Psi < 0 holds exactly for {name}: V = e'e + sum eps_i' P eps_i"
-            f" decreases{_where(statements)}{pace}",
+            f" decreases {statements.where}{pace}",
         )
 
     def refuted(self) -> Check | None:
@@ -416,12 +415,6 @@ def _refuted_for_every_pair(
             reason = f"Lambda(J) < 0 could not be decided: {lemma.reason}"
             return Check(id=id, verdict=Verdict.UNDECIDED, domain=statements.domain, reason=reason)
     return None
-
-
-def _where(statements: Statements) -> str:
-    if statements.domain == EVERYWHERE:
-        return " everywhere (the couplings are linear)"
-    return " near the target"
 
 
 def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | None:

@@ -13,7 +13,6 @@ from functools import partial
 from dobc_design.conditions.check import Check, differs
 from dobc_design.conditions.consensus.claim import Statements, Unstable
 from dobc_design.conditions.consensus.decide import linear_part, unstable_roots
-from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import claimed, largest_proved, text_below
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.exact.matrix import Matrix
@@ -29,6 +28,7 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
     undecided = partial(check, verdict=Verdict.UNDECIDED)
     if statements.inapplicable is not None:
         return undecided(reason=statements.inapplicable, applies=False)
+    # Of several modes eigenvalues say nothing: only a common V does.
     if len(statements.lambdas) > 1:
         reason = (
             "does not apply: several modes may be stable one by one and unstable under switching."
@@ -45,14 +45,9 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
     rate = largest_proved(estimate, lambda b: all(hurwitz_with_rate(part, b) for part in parts))
     if rate is not None:
         pace = f", at every rate below {text_below(rate)} 1/s" if rate else ""
-        where = (
-            "everywhere (the couplings are linear)"
-            if statements.domain == EVERYWHERE
-            else "near the target"
-        )
         reason = (
             "every eigenvalue of the linearised loop has a negative real part: the errors "
-            f"decay {where}{pace}."
+            f"decay {statements.where}{pace}."
         )
         return check(verdict=Verdict.PROVED, rate=rate or None, reason=reason)
     roots = unstable_roots(statements, mode)
@@ -70,7 +65,9 @@ def decaying_parts(statements: Statements, W: Matrix | None, matrix: Matrix) -> 
     exosystem = statements.loop.joint_exosystem
     if exosystem is None:
         return [matrix]
-    return None if W is None else [matrix, error_matrix(exosystem, W)]
+    if W is None:
+        return None
+    return [matrix, error_matrix(exosystem, W)]
 
 
 def confirm(check: Check, statements: Statements, W: Matrix | None) -> str | None:
@@ -85,7 +82,7 @@ def confirm(check: Check, statements: Statements, W: Matrix | None) -> str | Non
     (mode,) = statements.lambdas
     matrix = linear_part(statements, mode)
     parts = None if matrix is None else decaying_parts(statements, W, matrix)
-    proved = parts is not None and all(
-        hurwitz_with_rate(part, claimed(check.rate)) for part in parts
-    )
-    return None if proved and check.rate > 0 else f"the rate {check.rate} is not reached"
+    rate = claimed(check.rate)
+    if parts is None or not all(hurwitz_with_rate(part, rate) for part in parts) or rate <= 0:
+        return f"the rate {check.rate} is not reached"
+    return None

@@ -34,29 +34,25 @@ MOST_WORK = 5 * 10**13
 def too_large(exosystem: Exosystem) -> str | None:
     """Why exact arithmetic with (A, C) is left out: its numbers would fill the memory; None where
     they do not."""
-    rows = (*exosystem.A, *exosystem.C)
-    common = math.lcm(*(x.denominator for row in rows for x in row))
-    largest = max((abs(x) for row in rows for x in row), default=Fraction(0))
+    numbers = [x for row in (*exosystem.A, *exosystem.C) for x in row]
+    common = math.lcm(*(x.denominator for x in numbers))
+    largest = max(map(abs, numbers), default=Fraction(0))
     bits = common.bit_length() + math.ceil(largest).bit_length()
     if exosystem.order**7 * bits**2 <= MOST_WORK:
         return None
-    reason = (
-        "left out, because exact arithmetic takes long with an exosystem of order "
-        f"{exosystem.order} and numbers of"
-    )
     return (
-        f"{reason} {bits} bits over a common denominator; fewer digits or a lower order would help."
+        "left out, because exact arithmetic takes long with an exosystem of order "
+        f"{exosystem.order} and numbers of {bits} bits over a common denominator; "
+        "fewer digits or a lower order would help."
     )
 
 
 def observability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check:
-    """Decide whether (A, C) is observable.  Here and below ``problem`` lets the cure project what
-    it says of states."""
+    """Decide whether (A, C) is observable.  Here and below the cure projects what the ``loop``
+    says of states."""
     found = decide_observable(exosystem.A, exosystem.C)
-    check, q = (
-        partial(_check, id="observability", claim=Values({"rank": str(found.rank)})),
-        exosystem.order,
-    )
+    q = exosystem.order
+    check = partial(_check, id="observability", claim=Values({"rank": str(found.rank)}))
     if found.verdict is Verdict.PROVED:
         reason = f"(A, C) is observable: its observability matrix has rank {found.rank} of {q}."
         return check(verdict=Verdict.PROVED, reason=reason)
@@ -64,7 +60,7 @@ def observability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check
         verdict=Verdict.REFUTED,
         reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown do not "
         "appear in d.",
-        witness=Witness(kind="vector", values=tuple(number_text(x) for x in found.unobservable[0])),
+        witness=Witness(kind="vector", values=tuple(map(number_text, found.unobservable[0]))),
         fix=_reduction(exosystem, loop),
     )
 
@@ -73,22 +69,18 @@ def detectability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check
     """Decide whether (A, C) is detectable: what C never sees has to die out by itself."""
     found = decide_detectable(exosystem.A, exosystem.C)
     polynomial = found.unobservable_text
-    check = partial(
-        _check, id="detectability", claim=Values({"unobservable_polynomial": polynomial})
-    )
+    values = Values({"unobservable_polynomial": polynomial})
+    check = partial(_check, id="detectability", claim=values)
     if found.verdict is Verdict.PROVED:
-        hidden = (
-            "no part is unobservable"
-            if polynomial == "1"
-            else f"the unobservable part {polynomial} decays"
-        )
+        hidden = "no part is unobservable"
+        if polynomial != "1":
+            hidden = f"the unobservable part {polynomial} decays"
         return check(verdict=Verdict.PROVED, reason=f"(A, C) is detectable: {hidden}.")
     return check(
         verdict=Verdict.REFUTED,
         reason=f"(A, C) is not detectable: the part {polynomial} of the exosystem never reaches d "
-        "= C xi and does"
-        " not decay, so no gain W can estimate it. It does not act on the agents either: "
-        "leave it out.",
+        "= C xi and does not decay, so no gain W can estimate it. It does not act on the agents "
+        "either: leave it out.",
         witness=Witness(kind="polynomial", values=(polynomial,)),
         fix=_reduction(exosystem, loop),
     )
@@ -105,9 +97,12 @@ def hurwitz_check(
 ) -> Check:
     """Decide whether A - WC is Hurwitz (Routh), with a rate near ``estimate`` (1/s).  ``key``:
     where W is given."""
-    error = None if W is None else error_matrix(exosystem, W)
-    table = None if error is None else decide_hurwitz(error)
-    if error is not None and table is not None and table.verdict is Verdict.PROVED:
+    if W is None:
+        return _no_gain(exosystem, loop, key)
+    error = error_matrix(exosystem, W)
+    decided = decide_hurwitz(error)
+    routh = tuple(map(number_text, decided.first_column))
+    if decided.verdict is Verdict.PROVED:
         rate = largest_proved(estimate, lambda a: hurwitz_with_rate(error, a))
         decay = f" at least like exp(-{text_below(rate)} t)" if rate else ""
         return _check(
@@ -115,44 +110,61 @@ def hurwitz_check(
             verdict=Verdict.PROVED,
             rate=rate or None,
             reason=f"A - WC is Hurwitz ({source} W): the estimation error decays{decay}.",
-            claim=Values({"routh": [number_text(x) for x in table.first_column]}),
+            claim=Values({"routh": list(routh)}),
         )
-    exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
-    fix = None if exists else _reduction(exosystem, loop)
-    if table is None:
-        none = f"was found; give one as {key}." if exists else "exists for this exosystem."
-        reason = f"there is no observer gain W to test: none was given, and none {none}"
-        return _check(id="hurwitz", verdict=Verdict.UNDECIDED, reason=reason, fix=fix)
-    advice = (
-        "Choose another W, or leave W out to have one designed."
-        if exists
-        else "No W does: see detectability."
-    )
-    if fix is None:
-        given_p = loop is not None and loop.observer.P is not None
-        removal = {"observer.W": None} | ({"observer.P": None} if given_p else {})
-        fix = Fix(
-            kind="gain",
-            set=removal,
-            text="Remove observer.W (and P, if given): a gain is then designed.",
-        )
+    if _has_gains(exosystem):
+        advice = "Choose another W, or leave W out to have one designed."
+        fix = _designed_instead(loop)
+    else:
+        advice = "No W does: see detectability."
+        fix = _reduction(exosystem, loop)
     return _check(
         id="hurwitz",
         verdict=Verdict.REFUTED,
-        reason=f"A - WC is not Hurwitz: entry {len(table.first_column)} of the first column of "
-        "Routh's table is"
+        reason=f"A - WC is not Hurwitz: entry {len(routh)} of the first column of Routh's table is"
         f" not positive, so the estimation error does not decay. {advice}",
-        witness=Witness(kind="routh_row", values=tuple(number_text(x) for x in table.first_column)),
+        witness=Witness(kind="routh_row", values=routh),
         fix=fix,
     )
+
+
+def _has_gains(exosystem: Exosystem) -> bool:
+    """Whether some W makes A - WC Hurwitz."""
+    return decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
+
+
+def _no_gain(exosystem: Exosystem, loop: Loop | None, key: str) -> Check:
+    """The check where there is no W, undecided."""
+    none = "exists for this exosystem."
+    fix = None
+    if _has_gains(exosystem):
+        none = f"was found; give one as {key}."
+    else:
+        fix = _reduction(exosystem, loop)
+    reason = f"there is no observer gain W to test: none was given, and none {none}"
+    return _check(id="hurwitz", verdict=Verdict.UNDECIDED, reason=reason, fix=fix)
+
+
+def _designed_instead(loop: Loop | None) -> Fix:
+    """The removal of W and of the P that belongs to it."""
+    removal: dict[str, Any] = {"observer.W": None}
+    if loop is not None and loop.observer.P is not None:
+        removal["observer.P"] = None
+    text = "Remove observer.W (and P, if given): a gain is then designed."
+    return Fix(kind="gain", set=removal, text=text)
 
 
 def confirm(check: Check, loop: Loop, W: Matrix | None) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
     exosystem, own_gain = group_of(check.group, loop, W)
-    own = {"observability": observability_check, "detectability": detectability_check}.get(check.id)
-    wrong = differs(check, hurwitz_check(exosystem, own_gain) if own is None else own(exosystem))
+    if check.id == "observability":
+        own = observability_check(exosystem)
+    elif check.id == "detectability":
+        own = detectability_check(exosystem)
+    else:
+        own = hurwitz_check(exosystem, own_gain)
+    wrong = differs(check, own)
     if wrong is not None:
         return wrong
     if check.margin is not None or (check.rate is not None and check.id != "hurwitz"):
@@ -205,38 +217,50 @@ def _reduction(exosystem: Exosystem, loop: Loop | None) -> Fix:
     """The observable part in place of the exosystem; what the problem says of the old states is
     projected along."""
     A_o, C_o, T = observable_reduction(exosystem.A, exosystem.C)
-    change: dict[str, Any] = {}
     if not A_o:
-        change["exosystem"] = None
-        if loop is not None:
-            observer, region = loop.observer, loop.starts
-            if observer.W or observer.P or observer.rate:
-                change["observer"] = None
-            if loop.xi0 is not None:
-                change["simulation.xi0"] = None
-            if region is not None and region.disturbance is not None:
-                change["region.initial_disturbance"] = None
-            if loop.m > 1:  # C no longer says how many components there are
-                change["target"] = [typed_number(x) for x in loop.goals.target]
         text = "Remove [exosystem]: C sees nothing of it, so there is no disturbance."
-        return Fix(kind="exosystem", set=change, text=text)
-    change |= {"exosystem.A": typed_matrix(A_o), "exosystem.C": typed_matrix(C_o)}
+        return Fix(kind="exosystem", set=_without_exosystem(loop), text=text)
+    change: dict[str, Any] = {"exosystem.A": typed_matrix(A_o), "exosystem.C": typed_matrix(C_o)}
     if loop is not None:
-        observer, region, xi0 = loop.observer, loop.starts, loop.xi0
-        if observer.W is not None:
-            change["observer.W"] = typed_matrix(multiply(T, observer.W))
-        if observer.P is not None:
-            change["observer.P"] = None
-        if xi0 is not None:
-            rows = typed_matrix(tuple(tuple(row) for row in multiply(xi0, transpose(T))))
-            change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
-        if region is not None and region.disturbance:
-            # |T| to six decimals, rounded up
-            squares = sum((x * x for row in T for x in row), Fraction(0))
-            norm = root_above(squares, unit=10**6)
-            change["region.initial_disturbance"] = typed_number(region.disturbance * norm)
+        change |= _projected(loop, T)
     order = f"order {len(A_o)} instead of {exosystem.order}"
     text = (
         f"Use the observable part of the exosystem ({order}): it generates the same disturbances."
     )
     return Fix(kind="exosystem", set=change, text=text)
+
+
+def _without_exosystem(loop: Loop | None) -> dict[str, Any]:
+    """The keys that change where a problem has no exosystem any more."""
+    change: dict[str, Any] = {"exosystem": None}
+    if loop is None:
+        return change
+    observer = loop.observer
+    if observer.W or observer.P or observer.rate:
+        change["observer"] = None
+    if loop.xi0 is not None:
+        change["simulation.xi0"] = None
+    if loop.starts is not None and loop.starts.disturbance is not None:
+        change["region.initial_disturbance"] = None
+    if loop.m > 1:  # C no longer says how many components there are
+        change["target"] = [typed_number(x) for x in loop.goals.target]
+    return change
+
+
+def _projected(loop: Loop, T: Matrix) -> dict[str, Any]:
+    """What a problem says of the states xi, said of T xi."""
+    change: dict[str, Any] = {}
+    observer = loop.observer
+    if observer.W is not None:
+        change["observer.W"] = typed_matrix(multiply(T, observer.W))
+    if observer.P is not None:
+        change["observer.P"] = None
+    if loop.xi0 is not None:
+        rows = typed_matrix(tuple(tuple(row) for row in multiply(loop.xi0, transpose(T))))
+        change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
+    if loop.starts is not None and loop.starts.disturbance:
+        # |T| to six decimals, rounded up
+        squares = sum((x * x for row in T for x in row), Fraction(0))
+        norm = root_above(squares, unit=10**6)
+        change["region.initial_disturbance"] = typed_number(loop.starts.disturbance * norm)
+    return change

@@ -44,28 +44,23 @@ from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
 
-# Of W: random choices (each fails with probability zero; small integers may need a few), digits,
-# and how much more than the rate is asked of a proposal.
-# order up to which semidefinite programs are solved: their unknowns grow with its square
+# Order up to which semidefinite programs are solved: their unknowns grow with its square.
 LARGEST_PROGRAM = 16
-TRIES, DIGITS, SLACK = 20, (3, 4, 6, 9, 15), (Fraction(21, 20), Fraction(1001, 1000))
-# Of P: digits, parts of the rate, the work for an exact equation, and powers of ten (the last for
-# an unknown bound).
-PAIR_DIGITS, PAIR_SLACK, MOST_WORK, LADDER = (
-    (3, 4, 6, 9, 14),
-    (0.9, 0.5, 0.1),
-    300_000,
-    (0, 2, 6, 15, 40, 400),
-)
-# Of norms: steps to a relative accuracy, the least one (its square is still a float), points of t,
-# and frequencies that are tried, in parts of the size of each pole.
-STEPS, TOLERANCE, SMALLEST, SAMPLES, AROUND = (
-    60,
-    1e-10,
-    1e-140,
-    400,
-    (0.3, 0.7, 1.0, 1.4, 3.0, 10.0),
-)
+# Of W:
+TRIES = 20  # random choices (each fails with probability zero; small integers may need a few)
+DIGITS = (3, 4, 6, 9, 15)
+SLACK = (Fraction(21, 20), Fraction(1001, 1000))  # how much more than the rate is asked for
+# Of P:
+PAIR_DIGITS = (3, 4, 6, 9, 14)
+PAIR_SLACK = (0.9, 0.5, 0.1)  # parts of the rate
+MOST_WORK = 300_000  # for an exact equation
+LADDER = (0, 2, 6, 15, 40, 400)  # powers of ten, the last for an unknown bound
+# Of norms:
+STEPS = 60
+TOLERANCE = 1e-10  # relative
+SMALLEST = 1e-140  # its square is still a float
+SAMPLES = 400  # points of t
+AROUND = (0.3, 0.7, 1.0, 1.4, 3.0, 10.0)  # frequencies tried, in parts of the size of each pole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,21 +75,21 @@ class Scaled:
 
 def natural_units(exosystem: Exosystem, *, rate: Fraction) -> tuple[Fraction, Fraction]:
     """Powers of ten near the largest of (A, rate) and of C."""
-    return _unit([*(x for row in exosystem.A for x in row), rate]), _unit(
-        [x for row in exosystem.C for x in row]
-    )
+    rates = [x for row in exosystem.A for x in row]
+    outputs = [x for row in exosystem.C for x in row]
+    return _unit([*rates, rate]), _unit(outputs)
 
 
 def scaled_exosystem(exosystem: Exosystem, *, time: Fraction, output: Fraction) -> Scaled:
     """(A / time, C / output), rounded to floats; the exosystem itself where both are 1."""
     if not time == output == 1:
-        units = {"A": (exosystem.A, time), "C": (exosystem.C, output)}
-        copies = {
-            key: [[repr(float(x / unit)) for x in row] for row in M]
-            for key, (M, unit) in units.items()
-        }
-        exosystem = Exosystem(**copies)
+        exosystem = Exosystem(A=_texts(exosystem.A, time), C=_texts(exosystem.C, output))
     return Scaled(exosystem=exosystem, time=time, gain=time / output)
+
+
+def _texts(M: Matrix, unit: Fraction) -> list[list[str]]:
+    """The entries in a unit, as shortest decimals of floats."""
+    return [[repr(float(x / unit)) for x in row] for row in M]
 
 
 def _unit(numbers: list[Fraction]) -> Fraction:
@@ -118,25 +113,28 @@ def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
     back = multiply(transpose(T), inverse(multiply(T, transpose(T))))
     random = Random(0)  # the same choice every time
     for attempt in range(TRIES):
+        # From a single mixed output everything has to be observable: a random first gain helps.
         first = _small(random, len(A), len(C), attempt)
         mix = _small(random, 1, len(C), max(1, attempt))
-        error, output = subtract(A, multiply(first, C)), multiply(mix, C)
-        if observability.decide_observable(error, output).verdict is Verdict.PROVED:
-            gain = multiply(
-                back, add(first, multiply(_ackermann(error, output, pole=rate + 1), mix))
-            )
-            with suppress(*GIVEN_UP):  # beyond the floats; the exact one is still there
-                yield from (round_matrix(to_float(gain), digits) for digits in (6, 12))
-            yield gain
-            return
+        error = subtract(A, multiply(first, C))
+        output = multiply(mix, C)
+        if observability.decide_observable(error, output).verdict is not Verdict.PROVED:
+            continue
+        placed = multiply(_ackermann(error, output, pole=rate + 1), mix)
+        gain = multiply(back, add(first, placed))
+        with suppress(*GIVEN_UP):  # beyond the floats; the exact one is still there
+            yield from (round_matrix(to_float(gain), digits) for digits in (6, 12))
+        yield gain
+        return
 
 
 def _ackermann(A: Matrix, c: Matrix, *, pole: Fraction) -> Matrix:
     """L (r, 1) with det(sI - A + L c) = (s + pole)^r, for an observable pair of one output."""
     r = len(A)
+    shifted = add(A, scale(pole, identity(r)))
     polynomial = identity(r)
     for _ in range(r):
-        polynomial = multiply(polynomial, add(A, scale(pole, identity(r))))
+        polynomial = multiply(polynomial, shifted)
     last = tuple((Fraction(int(i == r - 1)),) for i in range(r))
     return multiply(polynomial, multiply(inverse(observability.observability_matrix(A, c)), last))
 
@@ -151,12 +149,15 @@ def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = Fal
     """The gain W (q, m) for process noise ``process`` I and measurement noise I, of the predictor
     where ``sampled``."""
     m, q = C.shape
+    noise = process * np.eye(q)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            solve = linalg.solve_discrete_are if sampled else linalg.solve_continuous_are
-            X = solve(A.T, C.T, process * np.eye(q), np.eye(m))
-            gain = np.linalg.solve(C @ X @ C.T + np.eye(m), C @ X @ A.T).T if sampled else X @ C.T
+            if sampled:
+                X = linalg.solve_discrete_are(A.T, C.T, noise, np.eye(m))
+                gain = np.linalg.solve(C @ X @ C.T + np.eye(m), C @ X @ A.T).T
+            else:
+                gain = linalg.solve_continuous_are(A.T, C.T, noise, np.eye(m)) @ C.T
     except GIVEN_UP:
         return None
     return gain if np.all(np.isfinite(gain)) else None
@@ -165,8 +166,10 @@ def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = Fal
 def half_rate(A: Array, C: Array, gain: Array | None) -> Fraction:
     """Half the decay rate of A - gain C, to three digits; 0 if that fails (any W that decays will
     do)."""
+    if gain is None:
+        return Fraction(0)
     try:
-        decay = 0.0 if gain is None else float(-np.max(np.linalg.eigvals(A - gain @ C).real))
+        decay = float(-np.max(np.linalg.eigvals(A - gain @ C).real))
     except GIVEN_UP:
         return Fraction(0)
     return Fraction(f"{decay / 2:.3g}") if 0 < decay < np.inf else Fraction(0)
@@ -189,10 +192,9 @@ def hinf_norm(F: Array, B: Array, C: Array, D: Array) -> float:
             return low
         # With D not 0 the gain may stay above the level up to infinity: look beyond the last
         # crossing as well.
-        middles = np.array(
-            [*(crossings[1:] + crossings[:-1]) / 2, crossings[0] / 2, 2 * crossings[-1]]
-        )
-        better = max(_gain(F, B, C, D, float(w)) for w in middles)
+        middles = (crossings[1:] + crossings[:-1]) / 2
+        looked_at = np.array([*middles, crossings[0] / 2, 2 * crossings[-1]])
+        better = max(_gain(F, B, C, D, float(w)) for w in looked_at)
         if better <= level:
             return max(low, better)
         low = better
@@ -206,7 +208,8 @@ def transient_peak(F: Array) -> float:
         return math.inf
     slowest = float(-np.max(np.linalg.eigvals(F).real))
     step = linalg.expm(F * (8.0 / slowest / SAMPLES))
-    peak, power = 1.0, np.eye(len(F))
+    peak = 1.0
+    power = np.eye(len(F))
     for _ in range(SAMPLES):
         power = step @ power
         peak = max(peak, float(np.linalg.norm(power, 2)))
@@ -228,12 +231,12 @@ def _crossings(F: Array, B: Array, C: Array, D: Array, level: float) -> Array:
     room = level**2 * np.eye(B.shape[1]) - D.T @ D
     R = np.linalg.inv(room)
     closed = F + B @ R @ D.T @ C
-    hamiltonian = np.block(
-        [[closed, B @ R @ B.T], [-C.T @ (np.eye(len(C)) + D @ R @ D.T) @ C, -closed.T]]
-    )
+    output = C.T @ (np.eye(len(C)) + D @ R @ D.T) @ C
+    hamiltonian = np.block([[closed, B @ R @ B.T], [-output, -closed.T]])
     values = np.linalg.eigvals(hamiltonian)
     scale = max(1.0, float(np.max(np.abs(values))))
-    return np.sort(values.imag[(np.abs(values.real) < 1e-8 * scale) & (values.imag >= 0)])
+    imaginary = np.abs(values.real) < 1e-8 * scale
+    return np.sort(values.imag[imaginary & (values.imag >= 0)])
 
 
 def propose_pairs(
@@ -252,30 +255,44 @@ def propose_pairs(
                     P = round_matrix(answer.values["P"], digits)
                     yield P, multiply(P, W), ""
     error = error_matrix(exosystem, W)
-    size = _square(exosystem)  # at least lambda_max(C C')
-    wanted = 2 * size / Fraction(-bound) if bound < 0 and math.isfinite(bound) else size
+    # What S = C C' / a needs of a; the sum is at least lambda_max(C C').
+    wanted = _square(exosystem)
+    if bound < 0 and math.isfinite(bound):
+        wanted = 2 * wanted / Fraction(-bound)
     if not small:
         why = f"a semidefinite program of order {exosystem.order} takes long"
-        with suppress(*GIVEN_UP):
-            near = linalg.solve_continuous_lyapunov(to_float(error).T, -np.eye(exosystem.order))
-            for factor, digits in product((1, 10, 1000), (6, 12)):
-                P = round_matrix(float(wanted * factor) * (near + near.T) / 2, digits)
-                yield P, multiply(P, W), f"P solves a Lyapunov equation about, because {why}."
+        for P in _near_solutions(exosystem, error, wanted):
+            yield P, multiply(P, W), f"P solves a Lyapunov equation about, because {why}."
+    for P in _exact_solutions(error, wanted):
+        yield P, multiply(P, W), f"P solves a Lyapunov equation exactly, because {why}."
+
+
+def _near_solutions(exosystem: Exosystem, error: Matrix, wanted: Fraction) -> Iterator[Matrix]:
+    """Roundings of the P of a Lyapunov equation, of growing sizes from ``wanted`` on."""
+    with suppress(*GIVEN_UP):
+        near = linalg.solve_continuous_lyapunov(to_float(error).T, -np.eye(exosystem.order))
+        for factor, digits in product((1, 10, 1000), (6, 12)):
+            yield round_matrix(float(wanted * factor) * (near + near.T) / 2, digits)
+
+
+def _exact_solutions(error: Matrix, wanted: Fraction) -> Iterator[Matrix]:
+    """The P of a Lyapunov equation times growing powers of ten; none where that takes hours."""
+    q = len(error)
     common = math.lcm(*(x.denominator for row in error for x in row))
-    # Beyond so much work the exact equation takes hours, and P has more digits than a certificate
-    # can hold in any case.
-    if len(error) * (len(error) + 1) // 2 * common.bit_length() > MOST_WORK:
+    # Beyond so much work P has more digits than a certificate can hold in any case.
+    if q * (q + 1) // 2 * common.bit_length() > MOST_WORK:
         return
-    exact = solve_lyapunov(error, identity(len(error)))
+    exact = solve_lyapunov(error, identity(q))
+    if exact is None:
+        return
     # a (P, P W) has Omega0 = -a I and S = C C' / a, so every a large enough will do
-    if exact is not None:
-        start = max(0, decimal_exponent(wanted) + 2) if wanted else 0
-        for step in LADDER:
-            P = scale(Fraction(10) ** (start + step), exact)
-            yield P, multiply(P, W), f"P solves a Lyapunov equation exactly, because {why}."
+    start = max(0, decimal_exponent(wanted) + 2) if wanted else 0
+    for step in LADDER:
+        yield scale(Fraction(10) ** (start + step), exact)
 
 
 def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[Program]:
+    """Programs for P, at falling rates."""
     # P is kept away from singular where C sees nothing, and the bound has a little slack for the
     # rounding of P.
     natural = _square(exosystem) / (Fraction(-bound) * Fraction(max(decay, -bound))) / 1000
@@ -305,38 +322,47 @@ class GainDesign:
 def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDesign:
     """Design W (q, m) so that A - WC decays at ``rate`` (1/s), by default half that of a Kalman
     gain."""
-    if (reason := too_large(exosystem)) is not None:
+    reason = too_large(exosystem)
+    if reason is not None:
         return GainDesign(W=None, rate=None, note=f"no W is designed: it is {reason}")
     if observability.decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
         return GainDesign(W=None, rate=None, note="no W exists: (A, C) is not detectable.")
-    prefix, asked, kalman, wanted = "", "as asked", None, rate
-    if wanted is not None:
-        shifted = add(exosystem.A, scale(wanted, identity(exosystem.order)))
-        if observability.decide_detectable(shifted, exosystem.C).verdict is not Verdict.PROVED:
-            reason = "a part of the exosystem that C does not see decays no faster."
-            prefix = f"the rate asked, {_short(wanted)} 1/s, cannot be reached: {reason} "
-    if wanted is None or prefix:
-        kalman, wanted = _kalman(exosystem), Fraction(0)
+    prefix = ""
+    asked = "as asked"
+    wanted = rate
+    kalman = None
+    if rate is not None and not _can_reach(exosystem, rate):
+        reason = "a part of the exosystem that C does not see decays no faster."
+        prefix = f"the rate asked, {_short(rate)} 1/s, cannot be reached: {reason} "
+        wanted = None
+    if wanted is None:
+        kalman = _kalman(exosystem)
+        wanted = Fraction(0)
         if kalman is not None:
             wanted = half_rate(to_float(exosystem.A), to_float(exosystem.C), kalman)
-        asked = (
-            "half that of the Kalman gain with unit weights"
-            if wanted
-            else "the least that can be asked"
-        )
+        asked = "the least that can be asked"
+        if wanted:
+            asked = "half that of the Kalman gain with unit weights"
     for W, how in _candidates(exosystem, wanted, kalman):
         if hurwitz_with_rate(error_matrix(exosystem, W), wanted):
             note = (
                 f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
             )
             return GainDesign(W=W, rate=wanted, note=note)
-    cure = f"{'ask for a lower observer.rate, or ' if wanted else ''}give one as observer.W."
+    cure = "give one as observer.W."
+    if wanted:
+        cure = f"ask for a lower observer.rate, or {cure}"
     note = (
         f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small "
-        "SDP nor as"
+        f"SDP nor as a Kalman gain nor by exact pole placement; {cure}"
     )
-    note += f" a Kalman gain nor by exact pole placement; {cure}"
     return GainDesign(W=None, rate=wanted, note=note)
+
+
+def _can_reach(exosystem: Exosystem, rate: Fraction) -> bool:
+    """Whether some W gives the decay rate: (A + rate I, C) is detectable."""
+    shifted = add(exosystem.A, scale(rate, identity(exosystem.order)))
+    return observability.decide_detectable(shifted, exosystem.C).verdict is Verdict.PROVED
 
 
 def _candidates(
@@ -348,19 +374,23 @@ def _candidates(
     units = scaled_exosystem(exosystem, time=time, output=output)
     systems = [units]
     with suppress(OverflowError):  # A is beyond the floats
-        systems.insert(
-            0, scaled_exosystem(exosystem, time=Fraction(1), output=max(Fraction(1), output))
-        )
-    systems = systems if exosystem.order <= LARGEST_PROGRAM else []
+        tame = max(Fraction(1), output)
+        systems.insert(0, scaled_exosystem(exosystem, time=Fraction(1), output=tame))
+    if exosystem.order > LARGEST_PROGRAM:
+        systems = []
     asked = list(product(systems, SLACK))
     answers = solve_in_turn(_program(each, rate / each.time * slack) for each, slack in asked)
     for (each, _), answer in zip(asked, answers, strict=False):
-        yield from ((scale(each.gain, W), "small SDP") for W in _roundings(_gain_of(answer)))
-    yield from ((W, "Kalman gain") for W in _roundings(kalman))
+        for W in _roundings(_gain_of(answer)):
+            yield scale(each.gain, W), "small SDP"
+    for W in _roundings(kalman):
+        yield W, "Kalman gain"
     for slack in SLACK:
-        for W in _roundings(_kalman(units.exosystem, shift=float(rate / units.time * slack))):
+        shift = float(rate / units.time * slack)
+        for W in _roundings(_kalman(units.exosystem, shift=shift)):
             yield scale(units.gain, W), "Kalman gain of A + rate I"
-    yield from ((W, "exact pole placement") for W in placed_gains(exosystem, rate=rate))
+    for W in placed_gains(exosystem, rate=rate):
+        yield W, "exact pole placement"
 
 
 def _program(units: Scaled, rate: Fraction) -> Program:
@@ -370,11 +400,11 @@ def _program(units: Scaled, rate: Fraction) -> Program:
 
 def _gain_of(answer: Solution) -> Array | None:
     """P^-1 Q, or None."""
+    if not answer.found:
+        return None
     with suppress(*GIVEN_UP):
-        if answer.found:
-            return np.asarray(
-                np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64
-            )
+        gain = np.linalg.solve(answer.values["P"], answer.values["Q"])
+        return np.asarray(gain, dtype=np.float64)
     return None
 
 
@@ -387,9 +417,8 @@ def _kalman(exosystem: Exosystem, *, shift: float = 0.0) -> Array | None:
     """The Kalman gain of (A + shift I, C) with unit weights; A - WC then decays faster than
     ``shift``."""
     with suppress(ValueError):  # beyond the floats
-        return kalman_gain(
-            to_float(exosystem.A) + shift * np.eye(exosystem.order), to_float(exosystem.C)
-        )
+        A = to_float(exosystem.A) + shift * np.eye(exosystem.order)
+        return kalman_gain(A, to_float(exosystem.C))
     return None
 
 
@@ -401,10 +430,12 @@ def _short(rate: Fraction) -> str:
 
 def design_gains(loop: Loop) -> tuple[GainDesign | None, ...]:
     """A designed gain for every group of agents; None where W is given."""
-    pairs = [(group.exosystem, group.observer) for group in loop.groups]
-    return tuple(
-        None if own.W is not None else design_gain(system, rate=own.rate) for system, own in pairs
-    )
+    designs = []
+    for group in loop.groups:
+        own = group.observer
+        design = None if own.W is not None else design_gain(group.exosystem, rate=own.rate)
+        designs.append(design)
+    return tuple(designs)
 
 
 def chosen_gains(loop: Loop, designs: Sequence[GainDesign | None]) -> tuple[Matrix | None, ...]:

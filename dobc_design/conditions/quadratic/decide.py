@@ -106,14 +106,9 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
                 step="observer",
                 reason="P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).",
             )
-    for mode in sectors.modes:
-        for matrix in _inequalities(sectors, mode, lure, S):
-            decision = decide_positive_definite(matrix.negated())
-            if decision.verdict is not Verdict.PROVED:
-                reason = f"the matrix inequality fails in mode {mode} for these multipliers."
-                return refuted(
-                    step="inequality", mode=mode, reason=reason, witness=decision.witness
-                )
+    failing = _failing_inequality(sectors, lure, S)
+    if failing is not None:
+        return failing
     if not region_holds(lure, sectors):
         return refuted(
             step="region",
@@ -127,6 +122,22 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
         where = f"while V <= {float(lure.level):.6g}"
     reason = f"V decreases, V' <= -2 ({float(lure.rate):.4g}) V, {where}."
     return LureDecision(verdict=Verdict.PROVED, reason=reason)
+
+
+def _failing_inequality(sectors: Sectors, lure: Lure, S: Matrix | None) -> LureDecision | None:
+    """The refutation by the first matrix that is not negative definite; None if all are."""
+    for mode in sectors.modes:
+        for matrix in _inequalities(sectors, mode, lure, S):
+            decision = decide_positive_definite(matrix.negated())
+            if decision.verdict is not Verdict.PROVED:
+                return LureDecision(
+                    verdict=Verdict.REFUTED,
+                    step="inequality",
+                    mode=mode,
+                    reason=f"the matrix inequality fails in mode {mode} for these multipliers.",
+                    witness=decision.witness,
+                )
+    return None
 
 
 def _inequalities(

@@ -219,10 +219,7 @@ def bound_lure(
     """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's
     pair (None: eps = 0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices"
     with too many arcs."""
-    metric = P_e
-    if metric is None:
-        size = loop.n * loop.m
-        metric = SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)})
+    metric = _identity(loop.n * loop.m) if P_e is None else P_e
 
     def at(radius: float, _: object = None) -> Lure | None:
         exact = rounded_down(radius, digits=6)
@@ -248,6 +245,10 @@ def bound_lure(
         return None
     _, lure = last_found(at, best, low, min(high, float(largest)), steps=HALVINGS)
     return lure
+
+
+def _identity(size: int) -> SparseSymmetric:
+    return SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)})
 
 
 def _level(P_e: SparseSymmetric, loop: Loop, radius: Fraction) -> Fraction:

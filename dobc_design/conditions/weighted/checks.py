@@ -7,7 +7,6 @@ from fractions import Fraction
 
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.consensus.claim import Statements
-from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import (
     claimed,
     form_from_json,
@@ -82,9 +81,6 @@ def weighted_check(
     V = "e'(D (x) R)e" if isinstance(claim, Alike) else "e'De"
     if statements.loop.groups:
         V += " + sum eps_i' P eps_i"
-    where = "near the target"
-    if statements.domain == EVERYWHERE:
-        where = "everywhere (the couplings are linear)"
     pace = f", V' <= -2 ({text_below(rate)}) V" if rate else ""
     return Check(
         id=id,
@@ -92,7 +88,7 @@ def weighted_check(
         domain=statements.domain,
         rate=rate or None,
         claim=claim,
-        reason=f"V = {V} with a weight for each agent decreases {where}{pace}.",
+        reason=f"V = {V} with a weight for each agent decreases {statements.where}{pace}.",
     )
 
 

@@ -106,11 +106,9 @@ def proposals(
     planned += [(shorten(part * most, digits=6), None) for part in PARTS]
     for rate, D in planned:
         with suppress(*GIVEN_UP):
-            P = _lyapunov(loop, W, rate) if loop.groups and W is not None else None
-            sigma = observer_bounds(loop, P, W, rate=Fraction(repr(rate)))
-            if sigma is None:
+            aim = _aim(loop, W, rate)
+            if aim is None:
                 continue
-            aim = _Aim(rate=rate, sigma=sigma, P=P)
             own: Iterable[Perron | None] = (None,)
             if alone is not None and D is None:
                 own = _pairs(next(iter(tables.values())), alone, rate)
@@ -486,6 +484,13 @@ class _Aim:
     rate: float
     sigma: Sequence[Fraction]
     P: Matrix | None
+
+
+def _aim(loop: Loop, W: Matrix | None, rate: float) -> _Aim | None:
+    """The rate with the observers of the gain W (q, m); None where these are too slow for it."""
+    P = _lyapunov(loop, W, rate) if loop.groups and W is not None else None
+    sigma = observer_bounds(loop, P, W, rate=Fraction(repr(rate)))
+    return None if sigma is None else _Aim(rate=rate, sigma=sigma, P=P)
 
 
 def _alone(loop: Loop, rate: float) -> _Aim:

@@ -24,7 +24,7 @@ from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box
-from dobc_design.conditions.graphs.decide import Kept
+from dobc_design.conditions.graphs.claim import Kept
 from dobc_design.conditions.kinds import LEMMA, MAX_SEPARABLE
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed

@@ -16,7 +16,7 @@ from functools import partial
 
 from dobc_design.certificate.claims import claim_of
 from dobc_design.conditions.check import Check, Claim
-from dobc_design.conditions.graphs.decide import Kept
+from dobc_design.conditions.graphs.claim import Kept
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed, decimal_above

@@ -19,6 +19,7 @@ from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements
 from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.equilibrium import decide as equilibrium
+from dobc_design.conditions.graphs import claim as graphs_claimed
 from dobc_design.conditions.graphs import decide as graphs
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.linearisation import decide as linearisation
@@ -147,7 +148,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     "margins": Topic(confirm=_margins, read=margins.read_claim),
     "quadratic": Topic(confirm=_alone(quadratic.confirm), read=quadratic.read_claim),
     "schedule": Topic(confirm=_alone(schedule.confirm), read=schedule.read_claim),
-    "graphs": Topic(confirm=_alone(graphs.confirm), read=graphs.read_claim),
+    "graphs": Topic(confirm=_alone(graphs.confirm), read=graphs_claimed.read_claim),
     "accuracy": Topic(confirm=_alone(accuracy.confirm), read=accuracy.read_claim),
     "equilibrium": Topic(confirm=_alone(equilibrium.confirm), read=equilibrium.read_claim),
 }

@@ -35,7 +35,6 @@ from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_region
 from dobc_design.conditions.domain import EVERYWHERE, Domain
-from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
 from dobc_design.conditions.kinds import LEMMA, ids_in
 from dobc_design.conditions.linearisation.stage import linearisation_stage
@@ -679,7 +678,7 @@ def _loop_notes(loop: Loop) -> Iterator[str]:
     if loop.starts is None and not loop.is_linear:
         local = "the verdict is about the consensus itself, from close enough starts."
         yield f"No region was asked for: {local}"
-    if len(loop.modes) > 1 and not loop.guarantee.phases and generator_of(loop) is None:
+    if len(loop.modes) > 1 and not loop.guarantee.phases and loop.guarantee.generator is None:
         yield "The modes may switch in any way, so one V has to serve them all."
     loose = [name for name, arcs in loop.modes.items() if arcs.optional]
     if loose:

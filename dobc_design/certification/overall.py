@@ -18,7 +18,8 @@ from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.domain import NEAR_TARGET, Around
-from dobc_design.conditions.graphs.decide import absorbing, generator_of, signals_in_words
+from dobc_design.conditions.graphs.claim import signals_in_words
+from dobc_design.conditions.graphs.decide import absorbing
 from dobc_design.conditions.kinds import REACHABILITY
 from dobc_design.conditions.numbers import read_rational, rounded_up, text_below
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
@@ -309,7 +310,7 @@ def _unreached_words(
 
 def _while_on(loop: Loop, cycle: Sequence[str]) -> str:
     """When only these modes are on."""
-    if generator_of(loop) is not None:
+    if loop.guarantee.generator is not None:
         on = f"mode {cycle[0]}" if len(cycle) == 1 else f"modes {', '.join(cycle)}"
         return f"once the Markov signal is in {on}, which it never leaves"
     turns = f"mode {cycle[0]} stays"

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
@@ -27,7 +26,7 @@ def drawn_signals(
     phases = loop_of(problem).guarantee.phases
     if phases:
         return table_of([_kept(rng, problem, phases, lasting) for _ in range(count)])
-    generator = generator_of(loop_of(problem))
+    generator = loop_of(problem).guarantee.generator
     if generator is not None:
         rates = tuple(tuple(map(float, row)) for row in generator)
         return table_of([_chained(rng, problem, rates, lasting) for _ in range(count)])

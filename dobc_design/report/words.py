@@ -24,7 +24,7 @@ from dobc_design._show.text import (
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Around, Domain
-from dobc_design.conditions.graphs.decide import signals_in_words
+from dobc_design.conditions.graphs.claim import signals_in_words
 from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational, time_to_one_percent
 from dobc_design.description.meaning import disturbance_words, time_words

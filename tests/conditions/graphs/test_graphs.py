@@ -17,7 +17,8 @@ from dobc_design.checker.reading import read
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.graphs.decide import closed_classes, why_not
-from dobc_design.conditions.graphs.stage import markov_stage, mean_claim, square_claim
+from dobc_design.conditions.graphs.propose import mean_claim, square_claim
+from dobc_design.conditions.graphs.stage import markov_stage
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
 from dobc_design.loop.make import loop_of

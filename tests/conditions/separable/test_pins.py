@@ -18,7 +18,7 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.equilibrium.decide import Equilibrium
 from dobc_design.conditions.equilibrium.decide import why_not as not_an_equilibrium
-from dobc_design.conditions.graphs.decide import Kept
+from dobc_design.conditions.graphs.claim import Kept
 from dobc_design.conditions.graphs.decide import why_not as not_kept
 from dobc_design.conditions.linearisation.decide import linearisation_check
 from dobc_design.conditions.margins.decide import why_not_local

@@ -1,0 +1,118 @@
+"""What `safety` and `markov` claim, and its JSON (theory, sections 5, 6 and 11).
+
+safety: V = max |e_ic| + kappa E never grows while V <= rho, for every graph, also one that moves;
+or decays at a rate.
+
+markov, of the Markov chain of [switching] and whatever its first mode; A_p = J_p - K, g its
+generator:
+
+almost sure   V as above never grows, and modes that the chain does not leave reach every agent:
+              all errors decay.
+mean          w_p > 0 for every mode, A_p'w_p + sum_q g_pq w_q <= -rate w_p, A_p with what the
+              gains hold at least: E[sum w_i |e_i|] decays at the rate (up to what the estimation
+              error adds, which decays faster).
+mean square   P_p > 0 for every mode, A_p'P_p + P_p A_p + sum_q g_pq P_q + 2 rate P_p < 0:
+              E[e'P e] at twice the rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Final
+
+from dobc_design.conditions.check import Check, Values, read_object
+from dobc_design.conditions.numbers import (
+    form_from_json,
+    read_rational,
+    vector_from_json,
+    vector_to_json,
+)
+from dobc_design.conditions.schedule.checks import cycles_from_json
+from dobc_design.conditions.schedule.claim import Cycles
+from dobc_design.conditions.separable.claim import observed_in
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import number_text
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.loop.loop import Loop
+from dobc_design.problem.canonical import matrix_text
+from dobc_design.verdict import Verdict
+
+SURE: Final = "almost sure"
+MEAN: Final = "mean"
+SQUARE: Final = "mean square"
+HOW: Final = {SURE: "almost surely", MEAN: "in the mean", SQUARE: "in mean square"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kept:
+    """A claim as above: ``kind`` "" for safety; ``box`` has rho and the observer's part; ``w`` or
+    ``P`` by mode."""
+
+    kind: str = ""
+    rate: Fraction | None = None
+    box: Cycles | None = None
+    w: Mapping[str, Vector | Doubles] | None = None
+    P: Mapping[str, Matrix] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        if self.kind:
+            values["kind"] = self.kind
+        if self.box is not None:
+            values |= self.box.to_json()
+            # v = 1 throughout, and the rate is the one below.
+            del values["phases"]
+            del values["rate"]
+        if self.kind != SURE:
+            values["rate"] = None if self.rate is None else number_text(self.rate)
+        if self.w is not None:
+            values["w"] = {mode: vector_to_json(v) for mode, v in self.w.items()}
+        if self.P is not None:
+            values["P"] = {mode: matrix_text(P) for mode, P in self.P.items()}
+        return values
+
+
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Kept | Values:
+    """What a check of this topic claims, for this problem; a refutation: modes that are never
+    left."""
+    exact = check.exact or {}
+    if check.verdict is Verdict.REFUTED:
+        return Values(exact)
+    kind = "" if check.id == "safety" else exact["kind"]
+    if kind in ("", SURE):
+        return _box_from_json(exact, kind, loop)
+    name = {MEAN: "w", SQUARE: "P"}[kind]
+    values = read_object(exact, ("kind", "rate", name))
+    each = read_object(values[name], loop.modes.keys())
+    rate = read_rational(values["rate"])
+    if kind == MEAN:
+        w = {mode: vector_from_json(each[mode], loop.n) for mode in loop.modes}
+        return Kept(kind=kind, rate=rate, w=w)
+    P = {mode: form_from_json(each[mode]) for mode in loop.modes}
+    return Kept(kind=kind, rate=rate, P=P)
+
+
+def _box_from_json(data: object, kind: str, loop: Loop) -> Kept:
+    """A claim with v = 1, which has a rate only for safety."""
+    own = "kind" if kind else "rate"
+    values = read_object(data, ("rho", own, *observed_in(loop)))
+    rate = values.get("rate")
+    as_weights = {**values, "rate": None, "phases": []}
+    as_weights.pop("kind", None)
+    box = cycles_from_json(as_weights, loop)
+    return Kept(kind=kind, rate=None if rate is None else read_rational(rate), box=box)
+
+
+def signals_in_words(loop: Loop, check: Check) -> str:
+    """For which signals a proof holds, and in which sense: "for ..."; nothing where there is one
+    graph."""
+    if check.id == "schedule":
+        return f"for {loop.guarantee.in_words()}"
+    if check.id == "markov":
+        kind = str((check.exact or {}).get("kind"))
+        return f"{HOW.get(kind, HOW[SURE])} for the Markov signal, whatever its first mode"
+    if check.id == "safety":
+        return "for every graph and every motion"
+    return "under arbitrary switching of the modes" if loop.switches else ""

@@ -20,7 +20,7 @@ from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
-from dobc_design.conditions.domain import EVERYWHERE
+from dobc_design.conditions.domain import EVERYWHERE, Domain
 from dobc_design.conditions.kinds import ids_in
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.reason import Reason
@@ -52,6 +52,18 @@ UNSURE: Final = (
     "more than",
     "may be none",
 )
+#: What a malformed claim raises where it is read or decided.
+MALFORMED: Final = (
+    DobcError,
+    ArithmeticError,
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    AttributeError,
+)
+#: Whether a claim holds, and which it is or why it fails.
+Finding = tuple[bool, str]
 HOW = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
@@ -74,23 +86,24 @@ class Recheck(Shown):
 
     def _card(self) -> Card:
         failed = [(text, "NOT confirmed") for text in self.failures]
+        confirmed = [(title, "confirmed") for title in self.confirmed]
+        text = "Every claim holds."
+        if failed:
+            text = f"{len(failed)} claim(s) do not hold."
         return Card(
             title="Recheck",
             verdict=self.verdict.value if self.holds else None,
-            text="Every claim holds."
-            if self.holds
-            else f"{len(self.failures)} claim(s) do not hold.",
+            text=text,
             heads=("claim", "outcome"),
-            rows=[*failed, *((title, "confirmed") for title in self.confirmed)],
+            rows=[*failed, *confirmed],
             lines=(f"Second checker: {self.lone_checker}",),
         )
 
     def __str__(self) -> str:
-        head = "every claim holds" if self.holds else f"{len(self.failures)} claim(s) do not hold"
-        rows = [
-            f"{head}; "
-            f"{f'verdict {self.verdict.value}' if self.holds else 'no verdict is confirmed'}."
-        ]
+        head = f"{len(self.failures)} claim(s) do not hold; no verdict is confirmed."
+        if self.holds:
+            head = f"every claim holds; verdict {self.verdict.value}."
+        rows = [head]
         rows += [f"  confirmed: {title}" for title in self.confirmed]
         rows += [f"  NOT confirmed: {text}" for text in self.failures]
         return "\n".join([*rows, f"  second checker: {self.lone_checker}"])
@@ -104,27 +117,19 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
     try:
         own = recheck(certificate, problem)
     except CertificateError as error:
-        unreadable, own = (
-            error,
-            Recheck(verdict=Verdict.UNDECIDED, confirmed=(), failures=(str(error),)),
-        )
-    arcs = sum(len(mode) for mode in problem.network.modes.values())
+        unreadable = error
+        own = Recheck(verdict=Verdict.UNDECIDED, confirmed=(), failures=(str(error),))
     data = certificate if isinstance(certificate, bytes) else certificate_bytes(certificate)
     document = canonical_bytes(problem)
-    many = arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS
-    if many or max(len(data), len(document)) > checker.MAX_BYTES:
+    left_out = _why_not_asked(problem, data, document)
+    if left_out is not None:
         if unreadable is not None:
             raise unreadable
-        why = f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
-        return replace(
-            own,
-            lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}"
-            if many
-            else why,
-        )
+        return replace(own, lone_checker=left_out)
     try:
         refusals = [text for holds, text in checker.examine(data, document) if not holds]
     except checker.Refused as error:
+        # What neither program can read is no certificate, unless it is about another problem.
         foreign = unreadable is None and read_claims(data).problem_sha256 != problem_sha256(problem)
         if not own.holds and not foreign:
             raise unreadable or CertificateError(
@@ -134,14 +139,26 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
     said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
-    own_view, lone_view = (
-        ("accepts", f"refuses ({refusals[0]})") if refusals else ("refuses", "accepts")
-    )
-    view = f"the package {own_view}, the second checker {lone_view}"
-    disagreement = (
-        f"two programs that decide the same claims disagree: {view}. {_what_follows(*refusals)}"
-    )
-    return replace(own, failures=(*own.failures, disagreement), lone_checker=said)
+    return replace(own, failures=(*own.failures, _disagreement(refusals)), lone_checker=said)
+
+
+def _why_not_asked(problem: Problem, data: bytes, document: bytes) -> str | None:
+    """Why the lone checker is not asked about these two files; None if it is."""
+    arcs = sum(len(mode) for mode in problem.network.modes.values())
+    if arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS:
+        return f"left to you, because it takes long with {arcs} arcs: {HOW}"
+    if max(len(data), len(document)) > checker.MAX_BYTES:
+        return f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
+    return None
+
+
+def _disagreement(refusals: Sequence[str]) -> str:
+    """That one program accepts what the other refuses; without ``refusals`` that is the second."""
+    view = "the package refuses, the second checker accepts"
+    if refusals:
+        view = f"the package accepts, the second checker refuses ({refusals[0]})"
+    told = f"two programs that decide the same claims disagree: {view}."
+    return f"{told} {_what_follows(*refusals)}"
 
 
 def _what_follows(*refusals: str) -> str:
@@ -159,47 +176,67 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         return claims
     document, domain = canonical_bytes(problem), state_theorems(loop).domain
     while True:  # what rests on a check that is withdrawn falls in the next round
-        data, checks = certificate_bytes(claims), claims.checks
+        data = certificate_bytes(claims)
         if max(len(data), len(document)) > checker.MAX_BYTES:
             return claims
-        try:
-            found = checker.examine(data, document, until=last_call() or math.inf)
-        except checker.Refused as error:
-            found = [(False, f"it cannot read the files: {error}")]
-        whole = next((text for holds, text in found[:FIRST] if not holds), None)
-        said = (
-            [(whole is None, whole or "")] * len(checks)
-            if whole
-            else found[FIRST : FIRST + len(checks)]
-        )
-        unasked = checks[len(said) :]
-        said += [(True, "")] * len(unasked)
-        decided = (check.verdict is not Verdict.UNDECIDED for check in checks)
-        refused = [known and not holds for known, (holds, _) in zip(decided, said, strict=True)]
-        if not any(refused):
+        found = _second_findings(data, document)
+        said = _said_of_checks(found, len(claims.checks))
+        checks = _without_refused(claims.checks, said, domain)
+        if checks is None:
             break
-        checks = tuple(
-            withdrawn(
-                check, domain, DISAGREE.format(check.verdict.value, text, _what_follows(text))
-            )
-            if bad
-            else check
-            for check, bad, (_, text) in zip(checks, refused, said, strict=True)
-        )
-        overall = decide_overall(loop, checks, claims.W)
         pair = _theorem_is_proved(checks)
         claims = replace(
             claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None
         )
-        claims = with_verdict(claims, overall)
+        claims = with_verdict(claims, decide_overall(loop, checks, claims.W))
+    unasked = claims.checks[len(said) :]
     if any(check.verdict is not Verdict.UNDECIDED for check in unasked):
         claims = replace(claims, notes=(*claims.notes, _unasked_words(unasked)))
-    lacking = next((text for holds, text in found if not holds), None)
+    lacking = _first_refusal(found)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
-    told = DISAGREE.format(claims.verdict.value, lacking, _what_follows(lacking))
-    why = Reason(head=told, is_open=True)
+    why = Reason(head=_disagrees(claims.verdict, lacking), is_open=True)
     return with_verdict(claims, Overall(verdict=Verdict.UNDECIDED, why=why))
+
+
+def _second_findings(data: bytes, document: bytes) -> list[Finding]:
+    """What the second checker says, as far as the time goes."""
+    try:
+        return checker.examine(data, document, until=last_call() or math.inf)
+    except checker.Refused as error:
+        return [(False, f"it cannot read the files: {error}")]
+
+
+def _first_refusal(found: Sequence[Finding]) -> str | None:
+    """What the second checker refuses first, in words."""
+    return next((text for holds, text in found if not holds), None)
+
+
+def _said_of_checks(found: Sequence[Finding], count: int) -> list[Finding]:
+    """What it says of each of so many checks, of fewer where its time ran out; where it refuses the
+    files as a whole, that."""
+    whole = _first_refusal(found[:FIRST])
+    if whole:
+        return [(False, whole)] * count
+    return list(found[FIRST : FIRST + count])
+
+
+def _without_refused(
+    checks: Sequence[Check], said: Sequence[Finding], domain: Domain
+) -> tuple[Check, ...] | None:
+    """The checks, decided ones that are refused as undecided; None if that is none of them."""
+    kept = list(checks)
+    refused = False
+    for place, (holds, text) in enumerate(said):
+        check = checks[place]
+        if not holds and check.verdict is not Verdict.UNDECIDED:
+            kept[place] = withdrawn(check, domain, _disagrees(check.verdict, text))
+            refused = True
+    return tuple(kept) if refused else None
+
+
+def _disagrees(verdict: Verdict, refusal: str) -> str:
+    return DISAGREE.format(verdict.value, refusal, _what_follows(refusal))
 
 
 def _theorem_is_proved(checks: Iterable[Check]) -> bool:
@@ -218,17 +255,9 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
     CertificateError."""
     loop = loop_of(problem)
     claims = read_claims(certificate) if isinstance(certificate, bytes) else certificate
-    failures: list[str] = []
-    if claims.problem_sha256 != problem_sha256(problem):
-        failures.append("problem: the certificate is about another problem (its hash differs)")
-    elif claims.problem_name != loop.name:
-        failures.append("problem: its name is not what it says")
-    if claims.notes[: len(problem.notes)] != problem.notes:
-        failures.append("notes: those of the problem are missing or changed")
-    found = [(check.id, check.mode, check.group) for check in claims.checks]
-    if len(set(found)) != len(found):  # one that is expensive could stand there a thousand times
-        failures.append("checks: a check stands there twice")
-    failures += _matrix_failures(claims, loop) if not failures else []
+    failures = _foreign_parts(claims, problem)
+    if not failures:
+        failures += _matrix_failures(claims, loop)
     confirmed: list[Check] = []
     if not failures:
         trusted = trust(claims, loop)
@@ -237,24 +266,11 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
                 reason = confirm(check, trusted) or factor_obstacle(
                     check, claims.checks, loop, claims.W
                 )
-                read = (
-                    replace(check, claim=claim_of(check, loop, claims.W))
-                    if reason is None
-                    else check
-                )
-            except (
-                DobcError,
-                ArithmeticError,
-                ValueError,
-                TypeError,
-                KeyError,
-                IndexError,
-                AttributeError,
-            ) as error:
+                if reason is None:
+                    confirmed.append(replace(check, claim=claim_of(check, loop, claims.W)))
+            except MALFORMED as error:
                 reason = f"it cannot be evaluated ({reason_of(error)[:120]})"
-            if reason is None:
-                confirmed.append(read)
-            else:
+            if reason is not None:
                 failures.append(f"{check.title}: {reason}")
         failures += _overall_failures(claims, loop, confirmed)
     return Recheck(
@@ -262,6 +278,21 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
         confirmed=tuple(check.title for check in confirmed),
         failures=tuple(failures),
     )
+
+
+def _foreign_parts(claims: Claims, problem: Problem) -> list[str]:
+    """What is not about this problem, or stands there twice."""
+    failures = []
+    if claims.problem_sha256 != problem_sha256(problem):
+        failures.append("problem: the certificate is about another problem (its hash differs)")
+    elif claims.problem_name != problem.name:
+        failures.append("problem: its name is not what it says")
+    if claims.notes[: len(problem.notes)] != problem.notes:
+        failures.append("notes: those of the problem are missing or changed")
+    found = [(check.id, check.mode, check.group) for check in claims.checks]
+    if len(set(found)) != len(found):  # one that is expensive could stand there a thousand times
+        failures.append("checks: a check stands there twice")
+    return failures
 
 
 def trust(claims: Claims, loop: Loop) -> Trusted:
@@ -320,7 +351,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     wanted = EVERYWHERE if check.kind.role == "part" else domain
     if (expected or check.verdict is not Verdict.PROVED) and check.domain != wanted:
         # a proof for a region names its starts; every other domain is known
-        return f"the domain must be {wanted!r}"
+        return f"the domain must be '{wanted}'"
     if check.verdict is Verdict.UNDECIDED:
         claims = (check.margin, check.rate, check.factor, check.claim, check.witness)
         return (
@@ -334,40 +365,17 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
 def _matrix_failures(claims: Claims, loop: Loop) -> list[str]:
     """W must be the problem's own where it has one, P symmetric, and Q = P W; of several groups,
     block diagonal."""
-    q, outputs = loop.q, loop.m * max(1, len(loop.groups))
-    shapes = {"W": (claims.W, (q, outputs)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, outputs))}
-    failures = [
-        f"{name}: expected shape {shape}"
-        for name, (matrix, shape) in shapes.items()
-        if matrix is not None and (len(matrix), len(matrix[0])) != shape
-    ]
+    failures = _size_failures(claims, loop)
     if failures:
         return failures
     own = loop.joint_observer.W
-    for name, matrix in (("P", claims.P), ("W", claims.W if own is None else None)):
-        if matrix is not None and not is_short(matrix):
-            return [
-                f"{name}: its entries need a common denominator of more than {MATRIX_BITS} bits"
-            ]
     if own not in (None, claims.W):
         failures.append("W: not the gain of the problem")
-    orders = [group.exosystem.order for group in loop.groups] if loop.is_grouped else []
-    if (
-        orders
-        and claims.P is not None
-        and blocks_of(claims.P, [(each, each) for each in orders]) is None
-    ):
-        failures.append("P: not block diagonal")
-    if orders and claims.W is not None:
-        blocks = blocks_of(claims.W, [(each, loop.m) for each in orders])
-        given = [group.observer.W for group in loop.groups]
-        if blocks is None:
-            failures.append("W: not block diagonal")
-        elif any(
-            mine is not None and mine != block for mine, block in zip(given, blocks, strict=True)
-        ):
-            failures.append("W: not the gains of the problem")
-    source = None if claims.W is None else ("designed" if own is None else "given")
+    if loop.is_grouped:
+        failures += _block_failures(claims, loop)
+    source = None
+    if claims.W is not None:
+        source = "designed" if own is None else "given"
     if claims.gain_source != source:
         failures.append("W: its source is not what it says")
     if (claims.P is None) != (claims.Q is None):
@@ -377,6 +385,43 @@ def _matrix_failures(claims: Claims, loop: Loop) -> list[str]:
             failures.append("P: not symmetric")
         elif claims.W is None or multiply(claims.P, claims.W) != claims.Q:
             failures.append("Q: not equal to P W")
+    return failures
+
+
+def _size_failures(claims: Claims, loop: Loop) -> list[str]:
+    """Shapes that do not fit; else the first matrix whose entries take too long to decide about."""
+    q, outputs = loop.q, loop.m * max(1, len(loop.groups))
+    shapes = {"W": (claims.W, (q, outputs)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, outputs))}
+    failures = []
+    for name, (matrix, shape) in shapes.items():
+        if matrix is not None and (len(matrix), len(matrix[0])) != shape:
+            failures.append(f"{name}: expected shape {shape}")
+    if failures:
+        return failures
+    designed = claims.W if loop.joint_observer.W is None else None
+    for name, matrix in (("P", claims.P), ("W", designed)):
+        if matrix is not None and not is_short(matrix):
+            return [
+                f"{name}: its entries need a common denominator of more than {MATRIX_BITS} bits"
+            ]
+    return []
+
+
+def _block_failures(claims: Claims, loop: Loop) -> list[str]:
+    """Where agents have different exosystems: P and W have a block for each group, and a gain that
+    is given stands in its block."""
+    orders = [group.exosystem.order for group in loop.groups]
+    failures = []
+    if claims.P is not None and blocks_of(claims.P, [(each, each) for each in orders]) is None:
+        failures.append("P: not block diagonal")
+    if claims.W is None:
+        return failures
+    blocks = blocks_of(claims.W, [(each, loop.m) for each in orders])
+    if blocks is None:
+        return [*failures, "W: not block diagonal"]
+    for group, block in zip(loop.groups, blocks, strict=True):
+        if group.observer.W not in (None, block):
+            return [*failures, "W: not the gains of the problem"]
     return failures
 
 

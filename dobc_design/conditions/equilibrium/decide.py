@@ -253,7 +253,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
     """None if everything that a refuted check of this topic claims is confirmed, else what is
     not."""
     if check.verdict is not Verdict.REFUTED or check.domain != domain:
-        return f"an equilibrium can only refute, with the domain {domain!r}"
+        return f"an equilibrium can only refute, with the domain '{domain}'"
     if loop.groups and W is None:
         return "without W there is no loop that could rest"
     if loop.drift_place is not None or loop.goals.moves:

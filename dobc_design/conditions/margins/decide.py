@@ -187,7 +187,7 @@ def confirm(
     if claim.v is not None:
         if check.domain != domain or (loop.groups and (W is None or check.rate is not None)):
             return (
-                f"the domain must be {domain!r}; with an observer, which is needed, rows give "
+                f"the domain must be '{domain}'; with an observer, which is needed, rows give "
                 "no rate of the loop"
             )
         wrong = _not_local(loop, claim, claim.v)

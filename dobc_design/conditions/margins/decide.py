@@ -231,16 +231,14 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
         return _ZERO
     columns = transpose(W)
     squares = [multiply((c,), multiply(base.error.P, transpose((c,))))[0][0] for c in columns]
-    roots, m, rho = (
-        [root_above(square, unit=ROOTS) for square in squares],
-        loop.m,
-        base.rho or _ONE,
-    )
+    roots = [root_above(square, unit=ROOTS) for square in squares]
+    m, rho = loop.m, base.rho or _ONE
     norm = max(sum(roots[k : k + m], _ZERO) for k in range(0, len(roots), m))  # of every group
-    reaches = [rho * reach for reach in claims.largest_reach(loop, base.v)]
-    curves = [Curve(coupling.components[0]) for coupling in loop.functions]
-    pairs = zip(curves, reaches, strict=True)
-    steepest = [secant_range(curve, Interval(-y, y)).magnitude for curve, y in pairs]
+    steepest = []
+    for coupling, reach in zip(loop.functions, claims.largest_reach(loop, base.v), strict=True):
+        y = rho * reach
+        curve = Curve(coupling.components[0])
+        steepest.append(secant_range(curve, Interval(-y, y)).magnitude)
     sums = (
         sum(x.weight * x.reach * steepest[x.coupling] for x in row.terms)
         for row, _ in claims.rows(loop, base.v)
@@ -280,25 +278,26 @@ def _not_local(loop: Loop, claim: Tolerance, v: Vector | Doubles) -> str | None:
 def largest_disturbance(loop: Loop) -> tuple[Fraction, ...] | None:
     """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor
     xi0 gives one, as where amplitudes drift."""
-    given, starts = loop.actuators and loop.actuators.amplitude, loop.xi0
+    given = None if loop.actuators is None else loop.actuators.amplitude
     if given is not None or not loop.groups:
         return (given or _ZERO,) * loop.n
     if loop.uncertainty is not None and loop.uncertainty.drift:
         return None
-    numbers = group_numbers(loop.groups, loop.labels)
-    pairs = (
-        list(zip(numbers, starts if len(starts) > 1 else starts * loop.n, strict=True))
-        if starts
-        else []
-    )
-    known = {
-        pair: _ZERO
-        if pair[0] == len(loop.groups)
-        else _amplitude(loop.groups[pair[0]].exosystem, pair[1])
-        for pair in dict.fromkeys(pairs)
-    }
-    found = [known[pair] for pair in pairs]
-    return tuple(x for x in found if x is not None) if found and None not in found else None
+    if not loop.xi0:
+        return None
+    starts = loop.xi0 if len(loop.xi0) > 1 else loop.xi0 * loop.n
+    known: dict[tuple[int, Vector], Fraction | None] = {}  # agents often start alike
+    found: list[Fraction] = []
+    for pair in zip(group_numbers(loop.groups, loop.labels), starts, strict=True):
+        number, start = pair
+        if pair not in known:
+            is_free = number == len(loop.groups)  # of disturbances
+            known[pair] = _ZERO if is_free else _amplitude(loop.groups[number].exosystem, start)
+        amplitude = known[pair]
+        if amplitude is None:
+            return None
+        found.append(amplitude)
+    return tuple(found)
 
 
 def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
@@ -306,22 +305,22 @@ def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
     what the components with one w^2 add is a sine, or with w = 0 constant where its slope is 0.
     None for others."""
     A, q = exosystem.A, exosystem.order
-    squares, slopes = (
-        multiply(A, A),
-        tuple(row[0] for row in multiply(A, tuple((x,) for x in start))),
-    )
+    squares = multiply(A, A)
     if any(squares[i][j] for i in range(q) for j in range(q) if i != j):
         return None
+    slopes = tuple(row[0] for row in multiply(A, tuple((x,) for x in start)))
     sums = [_ZERO] * exosystem.outputs
     for square in {-squares[i][i] for i in range(q)}:
+        alike = [i for i in range(q) if squares[i][i] == -square]
         for row, c in enumerate(exosystem.C):
-            alike = [i for i in range(q) if squares[i][i] == -square]
-            value, slope = (sum((c[i] * x[i] for i in alike), _ZERO) for x in (start, slopes))
+            value = sum((c[i] * start[i] for i in alike), _ZERO)
+            slope = sum((c[i] * slopes[i] for i in alike), _ZERO)
             if square < 0 or (square == 0 and slope):
                 return None
-            sums[row] += (
-                root_above(value**2 + slope**2 / square, unit=ROOTS) if square else abs(value)
-            )
+            if square:
+                sums[row] += root_above(value**2 + slope**2 / square, unit=ROOTS)
+            else:
+                sums[row] += abs(value)
     return max(sums)
 
 
@@ -329,6 +328,11 @@ def blind(loop: Loop) -> bool:
     """Whether errors of the weights act on the estimates."""
     plant = loop.uncertainty
     return plant is not None and bool(loop.groups and plant.weights) and not plant.known_to_agents
+
+
+def limit_of(loop: Loop, label: str) -> Fraction | None:
+    """The limit of an agent's inputs; None without one."""
+    return None if loop.actuators is None else loop.actuators.limit_of(label)
 
 
 def pin_sizes(loop: Loop) -> tuple[Fraction, ...]:
@@ -397,11 +401,11 @@ def _too_small(
     found: Sequence[Fraction],
 ) -> str | None:
     """None if no input is larger than ``claim`` says, nor a bound above its limit."""
-    limits = loop.actuators
     for label, (a, b), largest in zip(loop.labels, parts, found, strict=True):
-        limit = None if limits is None else limits.limit_of(label)
+        limit = limit_of(loop, label)
         most = claim.inputs[label]
-        if not a * claim.rho + b + largest <= most <= (most if limit is None else limit):
+        is_below = limit is None or most <= limit
+        if not is_below or a * claim.rho + b + largest > most:
             return f"the input of agent {label} may be larger, or exceed its limit"
     return None
 

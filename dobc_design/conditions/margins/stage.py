@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -48,7 +49,8 @@ from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array, factored
 from dobc_design.verdict import Verdict
 
-ROUNDS, CLOSE = 100, 1e-9
+ROUNDS = 100  # of policy iteration
+CLOSE = 1e-9  # relative, of v from round to round
 
 
 @np.errstate(all="ignore")
@@ -57,14 +59,14 @@ def common_vector(loop: Loop, errors: Errors) -> Array | None:
     is seen.  Policy iteration: given v every agent takes the mode and the ends of its weights that
     pull it out most.
     Raises: OverflowError beyond the floats."""
-    n, spread, v = loop.n, float(errors.weights), np.ones(loop.n)
-    slopes = np.array(
-        [float(coupling.jacobian_at_zero()[0][0].midpoint) for coupling in loop.functions]
-    )
-    gains, modes = np.array([float(k) for k in holding_gains(loop, error=errors.gains)]), []
+    n, spread = loop.n, float(errors.weights)
+    slopes = np.array([float(each.jacobian_at_zero()[0][0].midpoint) for each in loop.functions])
+    gains = np.array([float(k) for k in holding_gains(loop, error=errors.gains)])
+    modes = []
     for arcs in loop.modes.values():
         weights = np.array([float(w) for w in arcs.weights]) * slopes[coupling_places(loop, arcs)]
         modes.append(sparse.csr_array((weights, (arcs.listeners, arcs.speakers)), shape=(n, n)))
+    v = np.ones(n)
     for _ in range(ROUNDS):
         tables = []
         for mode in modes:
@@ -73,9 +75,8 @@ def common_vector(loop: Loop, errors: Errors) -> Array | None:
             table = sparse.csr_array((ends, mode.indices, mode.indptr), shape=(n, n))
             tables.append(sparse.csr_array(sparse.diags_array(gains + table.sum(axis=1)) - table))
         worst = np.argmin([table @ v for table in tables], axis=0)
-        M = sum(
-            sparse.diags_array((worst == k).astype(float)) @ table for k, table in enumerate(tables)
-        )
+        chosen = [sparse.diags_array((worst == k).astype(float)) for k in range(len(tables))]
+        M = sum(own @ table for own, table in zip(chosen, tables, strict=True))
         try:
             found = factored(M).solve(np.ones(n))
         except RuntimeError:  # singular
@@ -88,7 +89,9 @@ def common_vector(loop: Loop, errors: Errors) -> Array | None:
     return None
 
 
-LARGEST, HALVINGS, STEPS = Fraction(999, 1000), 30, 12  # of the errors that are tried
+LARGEST = Fraction(999, 1000)  # of the errors that are tried, as parts of 1 or of those stated
+HALVINGS = 30  # until one is small enough
+STEPS = 12  # of bisection between the last two
 KEPT = Fraction(1, 100)  # of the rate, which the largest error leaves; half of that is claimed
 LEAST_KEPT = Fraction(1, 10**6)  # the same, where the file states the errors
 WIDER = Fraction(21, 20)  # eta, for a second program with wider enclosures
@@ -114,82 +117,90 @@ def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> li
     """The tolerance beside ``checks``, where there is one."""
     if asked.loop.drift is not None:
         return []
-    known = (
-        check for check in checks if isinstance(check.claim, Separable) and check.claim.T is None
-    )
-    proof, found = (
-        next((check for check in known if check.verdict is Verdict.PROVED), None),
-        list[Check](),
-    )
+    proof = None
+    for check in checks:
+        is_plain = isinstance(check.claim, Separable) and check.claim.T is None
+        if is_plain and check.verdict is Verdict.PROVED:
+            proof = check
+            break
     report("deciding the tolerance")
-    check = limited("tolerance", asked.domain, lambda: _tolerance(asked, proof))
-    found += [check] if check.verdict is Verdict.PROVED or _given(asked) is not None else []
-    return found
+    found = limited("tolerance", asked.domain, lambda: _tolerance(asked, proof))
+    if found.verdict is not Verdict.PROVED and _given(asked) is None:
+        return []  # nobody asked for it
+    return [found]
 
 
 def _given(asked: Asked) -> Errors | None:
     """The errors of [uncertainty]; None without any."""
     table = asked.loop.uncertainty
-    return (
-        Errors(table.weights, table.gains)
-        if table is not None and (table.weights or table.gains)
-        else None
-    )
+    if table is None or not (table.weights or table.gains):
+        return None
+    return Errors(table.weights, table.gains)
 
 
 def _tolerance(asked: Asked, proof: Check | None) -> Check:
-    loop, given, why = asked.loop, _given(asked), decide.why_not_local(asked.loop)
-    large = sum(map(len, loop.modes.values())) > TIMED_ARCS
-    if large and given is None:
-        reason = f"left out: the network is large; tolerances are examined up to {TIMED_ARCS} arcs."
-        return undecided_check("tolerance", asked.domain, reason)
-    if _given(asked) is not None and (apart := why_no_weights(loop)) is not None:
-        return undecided_check("tolerance", asked.domain, apart)
-    local = why is None and (not loop.groups or asked.W is not None)
-    if (not asked.wanted or proof is None) and local:
+    """The errors of [uncertainty] if these are tolerated, else about the largest that are; beside
+    ``proof``, a max-separable check, or at the target."""
+    loop, given = asked.loop, _given(asked)
+    why = decide.why_not_local(loop)
+    undecided = partial(undecided_check, "tolerance", asked.domain)
+    is_large = sum(map(len, loop.modes.values())) > TIMED_ARCS
+    if is_large and given is None:
+        return undecided(
+            f"left out: the network is large; tolerances are examined up to {TIMED_ARCS} arcs."
+        )
+    if given is not None and (apart := why_no_weights(loop)) is not None:
+        return undecided(apart)
+    is_local = why is None and (not loop.groups or asked.W is not None)
+    if (not asked.wanted or proof is None) and is_local:
         # without a region the question is about the target, not about the box that was found
         proof = None
         if asked.wanted and asked.domain != EVERYWHERE:
-            return undecided_check("tolerance", asked.domain, NO_PROOF)
+            return undecided(NO_PROOF)
     elif proof is None:
-        return undecided_check("tolerance", asked.domain, why or NO_PROOF, applies=why is None)
+        return undecided(why or NO_PROOF, applies=why is None)
     base = proof.claim if proof is not None and isinstance(proof.claim, Separable) else None
     try:
         find = _at_target(asked) if base is None else _in_region(asked, base)
     except UndefinedError as error:
-        return undecided_check(
-            "tolerance", asked.domain, f"the slopes of the coupling are not bounded: {error}"
-        )
-    claim, part = (find(given), _ZERO) if given is not None else (None, _ZERO)
-    if claim is None and not large:
+        return undecided(f"the slopes of the coupling are not bounded: {error}")
+    claim, part = None, _ZERO
+    if given is not None:
+        claim = find(given)
+    if claim is None and not is_large:
         direction = given or Errors(Fraction(1), Fraction(1))
         part, claim = _largest(lambda part: find(Errors(*(part * x for x in direction))))
-    if claim is None or (given is not None and part):
-        less = (
-            f"; for {float(part):.3g} times these errors it is proved" if claim is not None else ""
+    if claim is None:
+        return undecided("the errors are too large for the certificate.")
+    if given is not None and part:
+        return undecided(
+            "the errors are too large for the certificate; for "
+            f"{float(part):.3g} times these errors it is proved."
         )
-        return undecided_check(
-            "tolerance", asked.domain, f"the errors are too large for the certificate{less}."
-        )
-    w, k = (f"{float(rounded_down(100 * x, digits=4)):.4g} %" for x in claim.errors)
-    reason = (
-        f"the proof holds for all arc weights that are off by up to {w} and all gains by up to "
-        f"{k}, each on its"
-    )
-    reason += " own, constant or varying" + (
-        ", while A - WC is Hurwitz." if base is None and loop.groups else "."
-    )
-    reason += " These are about the largest common errors that it allows." if part else ""
+    has_rate = base is not None or not loop.groups
     rate = claim.alpha if base is None else decide.tolerated_rate(base, claim)
     check = Check(
         id="tolerance",
         verdict=Verdict.PROVED,
         domain=asked.domain if proof is None else proof.domain,
-        rate=None if base is None and loop.groups else decimal_below(rate),
+        rate=decimal_below(rate) if has_rate else None,
         claim=claim,
-        reason=reason,
+        reason=_tolerated(claim, is_largest=bool(part), needs_hurwitz=not has_rate),
     )
     return _confirmed(asked, check, proof)
+
+
+def _tolerated(claim: Tolerance, *, is_largest: bool, needs_hurwitz: bool) -> str:
+    """What is tolerated, in words."""
+    w, k = (f"{float(rounded_down(100 * x, digits=4)):.4g} %" for x in claim.errors)
+    reason = (
+        f"the proof holds for all arc weights that are off by up to {w} and all gains by up to "
+        f"{k}, each on its own, constant or varying"
+    )
+    reason += ", while A - WC is Hurwitz." if needs_hurwitz else "."
+    if is_largest:
+        reason += " These are about the largest common errors that it allows."
+    return reason
 
 
 def _confirmed(asked: Asked, check: Check, proof: Check | None) -> Check:
@@ -201,7 +212,8 @@ def _largest(find: Callable[[Fraction], Tolerance | None]) -> tuple[Fraction, To
     """About the largest part <= LARGEST (three digits) for which something is found, and that."""
     low = high = LARGEST
     for _ in range(HALVINGS):
-        if (best := find(low)) is not None:
+        best = find(low)
+        if best is not None:
             break
         low, high = rounded_down(low / 2, digits=3), low
     if best is None:
@@ -232,17 +244,14 @@ def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | 
         kept = base.alpha * (KEPT if _given(asked) is None else LEAST_KEPT)
         eta = None if known else rounded_up(errors.weights * pull * WIDER, digits=6)
         alpha = kappa * (eta or _ZERO) + kept
-        if (
-            verify_separable(loop, replace(base, alpha=alpha), errors=errors).verdict
-            is not Verdict.PROVED
-        ):
+        answer = verify_separable(loop, replace(base, alpha=alpha), errors=errors)
+        if answer.verdict is not Verdict.PROVED:
             return None
         alpha -= kept / 2
-        best = None
         if errors == _given(asked):
-            best = largest_rate(loop, base.v, rho=base.rho, errors=errors)
-        best = best or _ZERO
-        return Tolerance(errors=errors, alpha=max(alpha, best * (1 - IN_HAND)), eta=eta)
+            best = largest_rate(loop, base.v, rho=base.rho, errors=errors) or _ZERO
+            alpha = max(alpha, best * (1 - IN_HAND))
+        return Tolerance(errors=errors, alpha=alpha, eta=eta)
 
     return find
 
@@ -317,29 +326,39 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     plans: Iterable[_Plan] = ()
     if proof is not None and base is not None and not stated.absolute and not at_target:
         plans = _box_of_proof(asked, proof, base, found)
-    plan: _Plan | None = None
+    plan, least = None, _ZERO
     for each in chain(plans, _boxes_of_their_own(asked, base, final)):
-        if plan is None or _worst(loop, each.inputs(found)) < _worst(loop, plan.inputs(found)):
-            plan = each
-        if _worst(loop, plan.inputs(found)) <= 1:
+        worst = _worst(loop, each.inputs(found))
+        if plan is None or worst < least:
+            plan, least = each, worst
+        if least <= 1:
             break
     if plan is None:
         return undecided_check("actuators", asked.domain, NO_BOX)
-    if _worst(loop, plan.inputs(found)) > 1:
+    if least > 1:
         return undecided_check("actuators", asked.domain, _too_large(asked, plan, found))
-    labels = loop.labels
-    most = dict(zip(labels, plan.inputs(found), strict=True))
+    return _bounded(asked, plan, found, proof, final)
+
+
+def _bounded(
+    asked: Asked,
+    plan: _Plan,
+    found: Sequence[Fraction],
+    proof: Check | None,
+    final: Check | None,
+) -> Check:
+    """The check of a plan whose inputs keep their limits, if it is confirmed."""
+    loop = asked.loop
+    most = dict(zip(loop.labels, plan.inputs(found), strict=True))
     worst = max(most, key=lambda label: most[label])
     reason = (
         f"from these starts no component of an input exceeds {float(most[worst]):.6g} (agent "
         f"{worst})"
     )
-    reason += (
-        "; no actuator with a limit saturates." if loop.actuators and loop.actuators.limit else "."
-    )
-    claim = Inputs(
-        rho=plan.rho, inputs=most, stage=plan.stage, error=plan.error if plan.stage else None
-    )
+    is_limited = loop.actuators is not None and loop.actuators.limit
+    reason += "; no actuator with a limit saturates." if is_limited else "."
+    error = None if plan.stage is None else plan.error
+    claim = Inputs(rho=plan.rho, inputs=most, stage=plan.stage, error=error)
     domain = Box(*plan.starts)
     check = Check(id="actuators", verdict=Verdict.PROVED, domain=domain, claim=claim, reason=reason)
     wrong = decide.confirm(check, loop, asked.W, domain=asked.domain, proof=proof, final=final)
@@ -348,23 +367,23 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
 
 def _worst(loop: Loop, inputs: Sequence[Fraction]) -> Fraction:
     """The largest input as a part of its limit; 0 without limits."""
-    limits = loop.actuators
-    each = zip(loop.labels, inputs, strict=True)
-    known = ((most, None if limits is None else limits.limit_of(label)) for label, most in each)
-    return max((most / limit for most, limit in known if limit is not None), default=_ZERO)
+    worst = _ZERO
+    for label, most in zip(loop.labels, inputs, strict=True):
+        limit = decide.limit_of(loop, label)
+        if limit is not None:
+            worst = max(worst, most / limit)
+    return worst
 
 
 def _starts(asked: Asked, domain: Domain) -> tuple[float, float]:
     """The starts asked for, if a domain holds them, else its own; without a region the largest that
     are tried."""
-    if isinstance(domain, Around):
-        held = (
-            asked.wanted
-            and domain.radius >= asked.radius
-            and domain.disturbance >= asked.disturbance
-        )
-        return (asked.radius, asked.disturbance) if held else (domain.radius, domain.disturbance)
-    return asked.radius, asked.disturbance
+    if not isinstance(domain, Around):
+        return asked.radius, asked.disturbance
+    holds = domain.radius >= asked.radius and domain.disturbance >= asked.disturbance
+    if asked.wanted and holds:
+        return asked.radius, asked.disturbance
+    return domain.radius, domain.disturbance
 
 
 def _level_of(
@@ -372,9 +391,9 @@ def _level_of(
 ) -> Fraction:
     """The least rho, about, with these starts and the level in {V <= rho}."""
     radius, disturbance = map(claimed, starts)
-    size = (
-        _ZERO if error is None else error.kappa * disturbance * root_above(error.size, unit=10**12)
-    )
+    size = _ZERO
+    if error is not None:
+        size = error.kappa * disturbance * root_above(error.size, unit=10**12)
     return rounded_up(max(radius / min(v), level) + size, digits=9)
 
 
@@ -400,15 +419,15 @@ def _smaller(
     loop: Loop, plan: _Plan, starts: tuple[float, float], found: Sequence[Fraction]
 ) -> tuple[float, float]:
     """Starts so much smaller that no input exceeds its limit, if the disturbance leaves room."""
-    part, limits = Fraction(1), loop.actuators
+    part = Fraction(1)
     for label, (a, b), d in zip(loop.labels, plan.parts, found, strict=True):
-        limit = None if limits is None else limits.limit_of(label)
+        limit = decide.limit_of(loop, label)
         if limit is not None and a * plan.rho + b > 0:
             part = min(part, (limit - d) / (a * plan.rho + b) / 2)
     part = max(part, Fraction(1, 10**9))
-    return decimal_below(claimed(starts[0]) * part), decimal_below(
-        claimed(starts[1]) * part
-    ) if starts[1] else 0.0
+    radius = decimal_below(claimed(starts[0]) * part)
+    disturbance = decimal_below(claimed(starts[1]) * part) if starts[1] else 0.0
+    return radius, disturbance
 
 
 def _boxes_of_their_own(
@@ -467,21 +486,21 @@ def _kappa(error: ErrorBound, v: Sequence[Fraction]) -> Fraction:
 
 def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
     """Which input may exceed its limit, and what would keep it below."""
-    loop, limits = asked.loop, asked.loop.actuators
-    over = list[tuple[Fraction, str, Fraction]]()
-    for label, (a, b), d, most in zip(
-        loop.labels, plan.parts, found, plan.inputs(found), strict=True
-    ):
-        limit = None if limits is None else limits.limit_of(label)
+    loop = asked.loop
+    inputs = plan.inputs(found)
+    over: list[tuple[Fraction, str]] = []  # the rho at which an input keeps its limit
+    for label, (a, b), d, most in zip(loop.labels, plan.parts, found, inputs, strict=True):
+        limit = decide.limit_of(loop, label)
         if limit is not None and most > limit:
-            over.append(((limit - b - d) / a if a else _ZERO, label, limit - b - d))
-    lower, label, room = min(over)
-    least = _level_of(
-        plan.v, plan.error, (0.0, plan.starts[1]), plan.stage.level if plan.stage else _ZERO
-    )
+            over.append(((limit - b - d) / a if a else _ZERO, label))
+    lower, label = min(over)
+    from_target = (0.0, plan.starts[1])
+    level = plan.stage.level if plan.stage else _ZERO
+    least = _level_of(plan.v, plan.error, from_target, level)
     place = loop.index[label]
-    allowed = _ZERO if limits is None else limits.limit_of(label) or _ZERO
-    most = plan.inputs(found)[place]
+    allowed = decide.limit_of(loop, label) or _ZERO
+    per_rho, rest = plan.parts[place]
+    most = inputs[place]
     reason = (
         f"the input of agent {label} may reach {float(most):.6g}, more than its limit of "
         f"{float(allowed):.6g}."
@@ -489,30 +508,30 @@ def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
     if allowed <= found[place]:
         alone = float(found[place])
         return f"{reason} The disturbance alone may need {alone:.6g}, {NO_ROOM}"
-    if room <= 0:
-        rest = float(plan.parts[place][1])
+    if allowed - rest - found[place] <= 0:
         return (
             f"{reason} The disturbance may need {float(found[place]):.6g}, errors of estimates "
-            f"and noise {rest:.6g}."
+            f"and noise {float(rest):.6g}."
         )
     if plan.stage is not None and lower < least:  # no smaller box is known to be kept
         if not stated_in(loop).absolute:
             return reason
-        alone = float(plan.parts[place][0] * least + plan.parts[place][1] + found[place])
+        alone = float(per_rho * least + rest + found[place])
         reason += f" From starts at the target its bound is still {alone:.6g}:"
         return f"{reason} what [uncertainty] states brings it there."
-    box = (lower - _level_of(plan.v, plan.error, (0.0, plan.starts[1]), _ZERO)) * min(plan.v)
-    starts = f"from starts with |e_i| <= {_told(box)}" + (
-        " and the same |eps_i|" if loop.groups else ""
-    )
-    late = f"once V of the check max-separable is at most {_told(lower)}"
-    reason += f" It never saturates {starts if box > 0 else late}."
-    if plan.stage is None and asked.wanted and (pinned := decide.pin_sizes(loop)[place]):
+    box = (lower - _level_of(plan.v, plan.error, from_target, _ZERO)) * min(plan.v)
+    if box > 0:
+        when = f"from starts with |e_i| <= {_told(box)}"
+        when += " and the same |eps_i|" if loop.groups else ""
+    else:
+        when = f"once V of the check max-separable is at most {_told(lower)}"
+    reason += f" It never saturates {when}."
+    gain = decide.pin_sizes(loop)[place]
+    if plan.stage is None and asked.wanted and gain:
         reason += (
             " For the whole region it would need a gain of at most "
-            f"{_told(pinned * lower / plan.rho)} and a new"
+            f"{_told(gain * lower / plan.rho)} and a new proof."
         )
-        reason += " proof."
     return reason
 
 

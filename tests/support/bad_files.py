@@ -92,7 +92,7 @@ A, C = "A = [[0, 2], [-2, 0]]", "C = [[1, 0]]"
 ONE = "A = [[0]]\nC = [[1]]"
 W, P = 'W = [["16/5"], ["12/5"]]', 'P = [["1/2", "-1/4"], ["-1/4", "1/3"]]'
 GAINS, OFFSETS = 'gains = { 1 = 5.0, 3 = "9/16" }', "offsets = { 2 = 1.5, 4 = -1.5 }"
-STATES, XI0 = "initial_states = [0, 5]", 'xi0 = ["0.420735492", "0.270151153"]'
+XI0 = 'xi0 = ["0.420735492", "0.270151153"]'
 FILE = "network.modes.Ga.file"
 SECOND = f"{EXCEPTION}\n[[coupling.exceptions]]\n"
 GROUPS = "exosystem.groups"

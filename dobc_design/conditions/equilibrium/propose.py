@@ -6,13 +6,18 @@ Points to begin with come from elsewhere, such as the ends of simulated runs.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
 from functools import partial
+from typing import Final
 
 import numpy as np
 from scipy import optimize
 
-from dobc_design.conditions.equilibrium.decide import Equilibrium, enclose_equilibrium
+from dobc_design.conditions.equilibrium.claim import LARGEST, Box, Equilibrium
+from dobc_design.conditions.equilibrium.decide import ONE, lies_in_region, why_not
+from dobc_design.exact.interval import Interval
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array, pull_matrix
@@ -26,6 +31,15 @@ CLOSE = 1e-11  # |F|_inf of a root, relative to the slopes and to the size of e
 ROOT_WORK = 300  # steps of work for one root
 AT_TARGET = 1e-4  # |e|_inf below which a root is the target, relative to the farthest point
 SAME = 1e-6  # relative distance of roots that are one
+
+# Half widths tried, as powers of ten of the size of the equilibrium, and the digits of the middle
+# beyond them.
+HALF_WIDTHS: Final = (6, 8, 10, 4, 3)
+EXTRA_DIGITS: Final = 4
+BITS: Final = (0, 1, 2, 4, 8, 16)  # of the numbers of a point that is an equilibrium exactly
+# of each half width is used by boxes made here: other enclosures may be wider
+IN_HAND: Final = Fraction(9, 10)
+LEAST: Final = 1e-200  # of |e|_inf of an equilibrium that is looked at
 
 
 def proved_equilibria(
@@ -53,6 +67,42 @@ def proved_equilibria(
         farthest = enclose(roots[-1].tolist())
         return found if farthest is None else [farthest]
     return found
+
+
+def enclose_equilibrium(
+    loop: Loop, mode: str, point: Sequence[float], *, within_region: bool = False
+) -> Equilibrium | None:
+    """A proved box, in the region asked for if ``within_region``, around an equilibrium that
+    floating point sees at ``point`` (n m,), or one of short numbers near it; None if none is
+    proved.  Half widths are powers of ten, about 1e-6 of |e|_inf first."""
+    if len(point) != loop.size or loop.size > LARGEST or not all(map(math.isfinite, point)):
+        return None
+    if max(map(abs, point)) < LEAST:
+        return None
+    for box, part in _boxes_around(point):
+        claim = Equilibrium(mode=mode, box=box)
+        if within_region and not lies_in_region(loop, claim):
+            continue
+        if why_not(loop, claim, part=part) is None:
+            return claim
+    return None
+
+
+def _boxes_around(point: Sequence[float]) -> Iterator[tuple[Box, Fraction]]:
+    """Boxes worth a proof, each with the part of its half widths that the proof is to use."""
+    exact = [Fraction(x) for x in point]
+    size = math.ceil(math.log10(max(map(abs, point))))
+    for digits in HALF_WIDTHS:
+        half = Fraction(10) ** (size - digits)
+        unit = Fraction(10) ** (digits + EXTRA_DIGITS - size)
+        middle = [Fraction(round(x * unit)) / unit for x in exact]
+        yield tuple(Interval(c - half, c + half) for c in middle), IN_HAND
+    # one of many, as in a dead zone: some short numbers may be one, too
+    farthest = max(map(abs, exact))
+    magnitude = farthest.numerator.bit_length() - farthest.denominator.bit_length()
+    for bits in BITS:
+        unit = Fraction(2) ** (magnitude - bits)
+        yield tuple(Interval.point(round(x / unit) * unit) for x in exact), ONE
 
 
 def point_of(claim: Equilibrium) -> Array:

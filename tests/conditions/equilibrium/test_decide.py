@@ -24,9 +24,8 @@ from scipy.optimize import fsolve
 
 from dobc_design import Observer, Problem, Verdict
 from dobc_design.conditions.check import check_from_json
+from dobc_design.conditions.equilibrium.claim import Equilibrium
 from dobc_design.conditions.equilibrium.decide import (
-    Equilibrium,
-    enclose_equilibrium,
     field_at,
     krawczyk_holds,
     lies_in_region,
@@ -34,6 +33,7 @@ from dobc_design.conditions.equilibrium.decide import (
     slopes_on,
     why_not,
 )
+from dobc_design.conditions.equilibrium.propose import enclose_equilibrium
 from dobc_design.exact.interval import Interval
 from dobc_design.loop.make import loop_of
 

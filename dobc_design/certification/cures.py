@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._show.text import capitalize_first
 from dobc_design.conditions.check import Check, Fix
 from dobc_design.conditions.consensus import cures
 from dobc_design.conditions.consensus.claim import PairFacts, Statements, state_theorems
@@ -34,6 +35,7 @@ from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.matrix import Matrix, Vector, scale
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.arcs import unreached
+from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem, gain_table, typed_matrix, typed_number
 from dobc_design.problem.problem import Problem
@@ -198,65 +200,73 @@ def _model_parts(problem: Problem) -> list[Fix]:
         parts.append(reduction)
         problem = changed_problem(problem, reduction.set)
     exosystem, observer = problem.exosystem, problem.observer
-    if (
-        exosystem is None
-        or observer.W is None
-        or hurwitz_check(exosystem, observer.W).verdict is Verdict.PROVED
-    ):
+    if exosystem is None or observer.W is None:
+        return parts
+    if hurwitz_check(exosystem, observer.W).verdict is Verdict.PROVED:
         return parts
     W = design_gain(exosystem, rate=observer.rate).W
     check = None if W is None else hurwitz_check(exosystem, W)
-    if W is not None and check is not None and check.verdict is Verdict.PROVED:
-        pace = f" at least like exp(-{text_below(check.rate)} t)" if check.rate else ""
-        gone = "" if observer.P is None else " and drop P, which was meant for the old W"
-        changes: dict[str, Any] = {"observer.W": typed_matrix(W)}
-        text = f"Use the observer gain W below{gone}: with it the estimation error decays{pace}."
-        parts.append(
-            Fix(kind="gain", set=changes | ({"observer.P": None} if gone else {}), text=text)
-        )
-    return parts
+    if W is None or check is None or check.verdict is not Verdict.PROVED:
+        return parts
+    pace = f" at least like exp(-{text_below(check.rate)} t)" if check.rate else ""
+    changes: dict[str, Any] = {"observer.W": typed_matrix(W)}
+    gone = ""
+    if observer.P is not None:
+        gone = " and drop P, which was meant for the old W"
+        changes["observer.P"] = None
+    text = f"Use the observer gain W below{gone}: with it the estimation error decays{pace}."
+    return [*parts, Fix(kind="gain", set=changes, text=text)]
 
 
 def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fix | None:
     """The cheapest pins and gains proved to hold the network: with weights of V for one mode, else
     with Lambda < 0."""
-    present = list(_proved(problem, cures.on_present_pins(loop_of(problem))))
+    loop = loop_of(problem)
+    present = list(_proved(problem, cures.on_present_pins(loop)))
     if present:
         other = None
         if problem.n <= LARGEST_LOOK and len(problem.pinning.agents) < problem.n:
-            more = _proved(problem, cures.one_more(loop_of(problem)))
+            more = _proved(problem, cures.one_more(loop))
             other = next((each for each in more if not each.proposal.keeps), None)
-        cheaper = other is not None and other.total < CHEAPER * present[0].total
-        return _pin_fix(problem, present[0], faster=present[1:], other=other if cheaper else None)
-    held_back = None
-    apart = {agent for group in cures.groups_without_pin(loop_of(problem)) for agent in group}
-    if (
-        problem.pinning.agents
-        and apart
-        and why_not(findings.statements) is None
-        and len(problem.network.modes) == 1
-    ):
-        rows = (Fraction(row // problem.m in apart) for row in range(problem.n * problem.m))
-        held_back = next(iter(problem.network.modes)), tuple(rows)
-    elif problem.pinning.agents:
-        matrices = {
-            mode: enclosed_lambda(findings.statements, mode) for mode in findings.statements.lambdas
-        }
-        held_back = unpinned_witness(loop_of(problem), matrices, findings.directions)
+        if other is not None and other.total >= CHEAPER * present[0].total:
+            other = None
+        return _pin_fix(problem, present[0], faster=present[1:], other=other)
+    held_back = _held_back(problem, loop, findings)
     for search in (cures.one_more, cures.several_more):
-        proved = _proved(problem, search(loop_of(problem), progress=progress))
+        proved = _proved(problem, search(loop, progress=progress))
         accepted = next(proved, None)
-        if accepted is not None:
-            least = accepted.proposal
-            after = next(proved, None) if least.smallest else None
-            same = after is not None and (after.proposal.added, after.proposal.keeps) == (
-                least.added,
-                least.keeps,
-            )
-            faster = [after] if after is not None and same and not after.proposal.smallest else []
-            groups = cures.groups_without_pin(loop_of(problem)) if len(least.added) > 1 else []
-            return _pin_fix(problem, accepted, faster=faster, held_back=held_back, groups=groups)
+        if accepted is None:
+            continue
+        # After the smallest gains may come recommended ones, on the same agents.
+        faster = []
+        if accepted.proposal.smallest:
+            after = next(proved, None)
+            if after is not None and _is_faster(after.proposal, accepted.proposal):
+                faster.append(after)
+        several = len(accepted.proposal.added) > 1
+        groups = cures.groups_without_pin(loop) if several else []
+        return _pin_fix(problem, accepted, faster=faster, held_back=held_back, groups=groups)
     return None
+
+
+def _is_faster(after: PinProposal, least: PinProposal) -> bool:
+    """Whether a proposal has other gains than the smallest ones, on the same agents."""
+    same = (after.added, after.keeps) == (least.added, least.keeps)
+    return same and not after.smallest
+
+
+def _held_back(problem: Problem, loop: Loop, findings: Findings) -> tuple[str, Vector] | None:
+    """A mode and a direction there that no gain on the present pins changes."""
+    if not problem.pinning.agents:
+        return None
+    statements = findings.statements
+    apart = {agent for group in cures.groups_without_pin(loop) for agent in group}
+    # With weights of V in one mode, only agents that no pin reaches can hold it back.
+    if apart and why_not(statements) is None and len(loop.modes) == 1:
+        rows = tuple(Fraction(row // loop.m in apart) for row in range(loop.size))
+        return next(iter(loop.modes)), rows
+    matrices = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
+    return unpinned_witness(loop, matrices, findings.directions)
 
 
 def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Accepted]:
@@ -298,39 +308,19 @@ def _pin_fix(
     """What to do and what was considered: ``accepted`` are the smallest gains, ``faster`` those
     that are recommended on the same agents; ``other``, one more pin though the present ones do; a
     direction that ``held_back`` all gains there; ``groups`` each of which needs a pin."""
-    several_modes = len(problem.network.modes) > 1
     chosen = faster[0] if faster else accepted
     parts = [_task(problem, chosen, minimum=accepted if faster else None)]
     if held_back is not None:
-        mode, vector = held_back
-        who, pins = (
-            name_agents(carriers(loop_of(problem), vector)),
-            name_agents(_labels(problem, problem.pinning.agents)),
-        )
-        where = f" in mode {mode}" if several_modes else ""
-        parts.append(f"No gain on {pins} can help: the error of {who} would not decrease{where}.")
-    sets = [set(group) for group in groups]  # within one mode no smallest group contains another
-    pairs = zip(groups, sets, strict=True)
-    least = [
-        group for group, own in pairs if not (several_modes and any(each < own for each in sets))
-    ]
+        parts.append(_held_back_words(problem, *held_back))
+    least = _smallest_groups(problem, groups)
     if len(least) > 1:
-        named = " and ".join(
-            f"({', '.join(_labels(problem, group[:SHOWN]))}{', ...' if len(group) > SHOWN else ''})"
-            for group in least[:RIVALS]
-        )
-        more = f" and {len(least) - RIVALS} more" if len(least) > RIVALS else ""
-        where = "in one of the modes " if several_modes else ""
-        parts.append(
-            f"These groups listen {where}to nobody else, so each needs a pin of its own: "
-            f"{named}{more}."
-        )
+        parts.append(_groups_words(problem, least))
     rivals = _labels(problem, accepted.proposal.rivals)
     if len(rivals) > 1 and len(rivals) + 1 == problem.n - len(set(problem.pinning.agents)):
         parts.append("Any other agent would do as well.")
     elif rivals:
         many = f"{len(rivals)} other agents" if len(rivals) > RIVALS else name_agents(rivals)
-        parts.append(f"{many[0].upper()}{many[1:]} would do as well.")
+        parts.append(f"{capitalize_first(many)} would do as well.")
     if other is not None:
         new = name_agents(_labels(problem, other.proposal.added))
         total = f", in total {_short(other.total)}" if len(other.gains) > 1 else ""
@@ -341,26 +331,61 @@ def _pin_fix(
     return Fix(kind="pinning", set=_gain_changes(problem, chosen), text=" ".join(parts))
 
 
+def _held_back_words(problem: Problem, mode: str, vector: Vector) -> str:
+    """Why gains on the present pins do not do."""
+    who = name_agents(carriers(loop_of(problem), vector))
+    pins = name_agents(_labels(problem, problem.pinning.agents))
+    where = f" in mode {mode}" if len(problem.network.modes) > 1 else ""
+    return f"No gain on {pins} can help: the error of {who} would not decrease{where}."
+
+
+def _smallest_groups(problem: Problem, groups: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
+    """Those that hold no other one; within one mode no group does."""
+    if len(problem.network.modes) == 1:
+        return list(groups)
+    sets = [set(group) for group in groups]
+    least = []
+    for group in groups:
+        if not any(each < set(group) for each in sets):
+            least.append(group)
+    return least
+
+
+def _groups_words(problem: Problem, groups: Sequence[tuple[int, ...]]) -> str:
+    """That each of these groups needs a pin."""
+    named = []
+    for group in groups[:RIVALS]:
+        labels = ", ".join(_labels(problem, group[:SHOWN]))
+        named.append(f"({labels}, ...)" if len(group) > SHOWN else f"({labels})")
+    more = f" and {len(groups) - RIVALS} more" if len(groups) > RIVALS else ""
+    where = "in one of the modes " if len(problem.network.modes) > 1 else ""
+    return (
+        f"These groups listen {where}to nobody else, so each needs a pin of its own: "
+        f"{' and '.join(named)}{more}."
+    )
+
+
 def _task(problem: Problem, accepted: Accepted, *, minimum: Accepted | None) -> str:
     """What to do; ``minimum``: the smallest gains on the same agents, where these are the
     recommended ones."""
     proposal, gains, pins = accepted.proposal, accepted.gains, problem.pinning.agents
-    new, plural = (
-        name_agents(_labels(problem, proposal.added)) if proposal.added else "",
-        len(gains) > 1,
-    )
+    plural = len(gains) > 1
+    new = name_agents(_labels(problem, proposal.added)) if proposal.added else ""
     if new and set(gains) == set(proposal.added):
         as_well = " as well" if pins and proposal.keeps else ""
         how = f"with {_gains(problem, gains)}"
         if len(set(gains.values())) == 1:
-            how = f"{'each ' if plural else ''}with k = {_short(next(iter(gains.values())))}"
+            each = "each " if plural else ""
+            how = f"{each}with k = {_short(next(iter(gains.values())))}"
         head = f"Pin {new}{as_well}, {how}"
     elif new:
         head = f"Pin {new} as well, and use {_gains(problem, gains)}"
     else:
         s = "s" if len(pins) > 1 else ""
         head = f"Change the gain{s} of the present pin{s}: {_gains(problem, gains)}"
-    head += (f" (in total {_short(accepted.total)})" if plural else "") + _none(problem, accepted)
+    if plural:
+        head += f" (in total {_short(accepted.total)})"
+    head += _none(problem, accepted)
     if proposal.rate:
         aim = (
             f"a decay rate of at least {proposal.rate:.2g} 1/s near the target (V = e'De, a "
@@ -378,11 +403,9 @@ def _task(problem: Problem, accepted: Accepted, *, minimum: Accepted | None) -> 
 def _none(problem: Problem, accepted: Accepted) -> str:
     """The pins that are no longer needed."""
     idle = [agent for agent in problem.pinning.agents if agent not in accepted.gains]
-    return (
-        f", none for {name_agents(_labels(problem, idle))}"
-        if idle and not accepted.proposal.keeps
-        else ""
-    )
+    if not idle or accepted.proposal.keeps:
+        return ""
+    return f", none for {name_agents(_labels(problem, idle))}"
 
 
 def _gains(problem: Problem, gains: Mapping[int, Fraction]) -> str:
@@ -393,10 +416,9 @@ def _gains(problem: Problem, gains: Mapping[int, Fraction]) -> str:
         return f"k = {_short(values[0])} for {who}"
     if len(gains) > SHOWN:
         return f"gains from {_short(values[0])} to {_short(values[-1])} for {name_agents(labels)}"
-    each = [
-        f"k = {_short(k)} for agent {label}"
-        for label, k in zip(labels, gains.values(), strict=True)
-    ]
+    each = []
+    for label, k in zip(labels, gains.values(), strict=True):
+        each.append(f"k = {_short(k)} for agent {label}")
     return f"{', '.join(each[:-1])} and {each[-1]}"
 
 
@@ -417,30 +439,26 @@ def _printed(
 ) -> dict[str, Fix]:
     """A printed P that fails by its scale, times the smallest factor that does; any other, the P
     that was found."""
-    check = next(
-        (c for c in checks if c.id.endswith("-printed") and c.verdict is Verdict.REFUTED), None
-    )
+    given = (check for check in checks if check.kind.role == "given")
+    check = next((check for check in given if check.verdict is Verdict.REFUTED), None)
     own = problem.observer.P
     if check is None or own is None or not _holds(problem, checks):
         return {}
     progress("looking for a P")
-    factor = (
-        cures.scale_needed(loop_of(problem), check.claim.S)
-        if isinstance(check.claim, PairFacts)
-        else None
-    )
     tries: list[tuple[Matrix, str]] = []
-    for more in FACTORS if factor else ():
-        a = rounded_up(Fraction(factor or 1) * Fraction(more))
-        why = "only its scale is wrong, and this is the smallest sufficient factor, rounded up."
-        tries.append((scale(a, own), f"Multiply P by {_short(a)}: {why}"))
+    if isinstance(check.claim, PairFacts):
+        factor = cures.scale_needed(loop_of(problem), check.claim.S)
+        for more in FACTORS if factor else ():
+            a = rounded_up(Fraction(factor or 1) * Fraction(more))
+            why = "only its scale is wrong, and this is the smallest sufficient factor, rounded up."
+            tries.append((scale(a, own), f"Multiply P by {_short(a)}: {why}"))
     if findings.P is not None:
-        tries.append(
-            (findings.P, "Use the P that was found for this W, for which the condition is proved.")
-        )
+        text = "Use the P that was found for this W, for which the condition is proved."
+        tries.append((findings.P, text))
     for P, text in tries:
         fix = Fix(kind="pair", set={"observer.P": typed_matrix(P)}, text=text)
-        cured = next(c for c in decide(changed_problem(problem, fix.set)) if c.id == check.id)
+        decided = decide(changed_problem(problem, fix.set))
+        cured = next(each for each in decided if each.id == check.id)
         if cured.verdict is Verdict.PROVED:
             return {check.id: fix}
     return {}

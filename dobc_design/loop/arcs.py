@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,11 +32,10 @@ def arc_table(loop: Loop, mode: str) -> ArcTable:
     """Return the arcs of one mode."""
     arcs = loop.modes[mode]
     weight, weights = distinct_weights(arcs.weights)
-    places = coupling_places(loop, arcs)
     return ArcTable(
         listeners=arcs.listeners,
         speakers=arcs.speakers,
-        coupling=places,
+        coupling=coupling_places(loop, arcs),
         weight=weight,
         weights=weights,
     )
@@ -43,7 +43,8 @@ def arc_table(loop: Loop, mode: str) -> ArcTable:
 
 def coupling_places(loop: Loop, arcs: Arcs) -> IndexArray:
     """For every arc the place of its coupling in loop.functions."""
-    return places_at(loop.exceptions, arcs.listeners * loop.n + arcs.speakers, size=loop.n)
+    codes = arcs.listeners * loop.n + arcs.speakers
+    return places_at(loop.exceptions, codes, size=loop.n)
 
 
 def places_at(places: Mapping[Arc, int], codes: IndexArray, *, size: int) -> IndexArray:
@@ -52,49 +53,69 @@ def places_at(places: Mapping[Arc, int], codes: IndexArray, *, size: int) -> Ind
     if not places:
         return np.zeros(len(codes), dtype=np.int64)
     special = np.array([i * size + j for i, j in places], dtype=np.int64)
+    found = np.array(list(places.values()), dtype=np.int64)
     order = np.argsort(special)
-    at = order[np.minimum(np.searchsorted(special, codes, sorter=order), len(order) - 1)]
-    return np.where(special[at] == codes, np.array(list(places.values()), dtype=np.int64)[at], 0)
+    # Where a code would stand among the special ones; it is one of them if it stands there.
+    rank = np.searchsorted(special, codes, sorter=order)
+    at = order[np.minimum(rank, len(order) - 1)]
+    return np.where(special[at] == codes, found[at], 0)
 
 
 def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
     """Every number that occurs, rising, with its positions in their order."""
+    if not len(kinds):
+        return
     order = np.argsort(kinds, kind="stable")
     numbers, starts = np.unique(kinds[order], return_index=True)
-    return (
-        zip(numbers.tolist(), np.split(order, starts[1:]), strict=True) if len(kinds) else iter(())
-    )
+    yield from zip(numbers.tolist(), np.split(order, starts[1:]), strict=True)
 
 
 def unreached(loop: Loop, arcs: Iterable[Arcs], *, pins: Pins | None = None) -> tuple[int, ...]:
     """Nodes that nothing which hears the fixed node reaches along the arcs of all given modes,
     without those that come and go; ``pins``: by default what pulls in ``pulls``."""
-    listeners, speakers = _ends(arcs)
+    pulled = loop.pulls if pins is None else pins
+    pinned = np.array(pulled.nodes, dtype=np.int64)
+    # The fixed node is one more node, which those with a pin listen to.
     fixed = loop.n
-    pinned = np.array((loop.pulls if pins is None else pins).nodes, dtype=np.int64)
-    speakers = np.append(speakers, np.full(len(pinned), fixed))
-    listeners = np.append(listeners, pinned)
+    ends = _ends(arcs)
+    speakers = np.append(ends.speakers, np.full(len(pinned), fixed))
+    listeners = np.append(ends.listeners, pinned)
     links = np.ones(len(speakers))
     graph = sp.csr_array((links, (speakers, listeners)), shape=(loop.n + 1, loop.n + 1))
     met = breadth_first_order(graph, fixed, return_predecessors=False)
     return tuple(np.setdiff1d(np.arange(loop.n), met).tolist())
 
 
-def _ends(arcs: Iterable[Arcs]) -> tuple[IndexArray, IndexArray]:
+class _Ends(NamedTuple):
+    listeners: IndexArray
+    speakers: IndexArray
+
+
+def _ends(arcs: Iterable[Arcs]) -> _Ends:
     """Listeners and speakers of the arcs of several modes together, without those that come and
     go."""
-    chosen = [each.always for each in arcs]
     none = np.zeros(0, dtype=np.int64)
-    listeners = np.concatenate([none, *(each.listeners for each in chosen)])
-    return listeners, np.concatenate([none, *(each.speakers for each in chosen)])
+    listeners = [none]
+    speakers = [none]
+    for each in arcs:
+        always = each.always
+        listeners.append(always.listeners)
+        speakers.append(always.speakers)
+    return _Ends(np.concatenate(listeners), np.concatenate(speakers))
 
 
 def closed_groups(loop: Loop, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
     """The smallest sets of agents that listen to nobody outside, strong components that hear no
     other; rising."""
     listeners, speakers = _ends(arcs)
-    graph = sp.coo_array((np.ones(len(listeners)), (listeners, speakers)), shape=(loop.n, loop.n))
-    component = connected_components(graph, connection="strong")[1].astype(np.int64)
-    listening = set(component[listeners[component[listeners] != component[speakers]]].tolist())
-    closed = (members for number, members in split_by(component) if number not in listening)
-    return tuple(sorted(tuple(members.tolist()) for members in closed))
+    links = np.ones(len(listeners))
+    graph = sp.coo_array((links, (listeners, speakers)), shape=(loop.n, loop.n))
+    _, labels = connected_components(graph, connection="strong")
+    component = labels.astype(np.int64)
+    hearer = component[listeners]
+    listening = set(hearer[hearer != component[speakers]].tolist())
+    closed = list[tuple[int, ...]]()
+    for number, members in split_by(component):
+        if number not in listening:
+            closed.append(tuple(members.tolist()))
+    return tuple(sorted(closed))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 from dobc_design._show.cards import Shown
 from dobc_design.exact.matrix import Matrix
@@ -70,10 +71,10 @@ class Guarantee:
         if self.kind in ("arbitrary", "dwell"):
             return f"every signal whose modes last {lasting(self.dwell or ZERO, self.longest)}"
         shown = self.phases[:SHOWN_TURNS]
-        turns = ", ".join(f"{phase.mode} for {float(phase.shortest):.6g} s" for phase in shown)
-        return (
-            f"the signal {turns}{', ...' if len(self.phases) > SHOWN_TURNS else ''}, over and over"
-        )
+        turns = [f"{phase.mode} for {float(phase.shortest):.6g} s" for phase in shown]
+        if len(self.phases) > SHOWN_TURNS:
+            turns.append("...")
+        return f"the signal {', '.join(turns)}, over and over"
 
     def modes_on(self, times: Sequence[Fraction]) -> list[str | None]:
         """The mode that is on from each time (s) to the next: "" where any may be, None where it
@@ -83,8 +84,8 @@ class Guarantee:
             return [""] * (len(times) - 1)
         modes: list[str | None] = []
         for before, after in pairwise(times):
-            place, _, end = turns.at(before)
-            modes.append(turns.phases[place].mode if after <= end else None)
+            turn = turns.at(before)
+            modes.append(turns.phases[turn.place].mode if after <= turn.ends else None)
         return modes
 
     def may_stay(self, mode: str, modes: Sequence[str]) -> bool:
@@ -92,8 +93,20 @@ class Guarantee:
         if self.kind == "markov" and self.generator is not None:
             place = list(modes).index(mode)
             return self.generator[place][place] == 0
-        lasting = {each.mode for each in self.phases if each.longest is None}
-        return not self.phases or mode in lasting or {each.mode for each in self.phases} == {mode}
+        if not self.phases:
+            return True
+        # Phases of one mode may follow each other, which is the same as to stay in it.
+        if {each.mode for each in self.phases} == {mode}:
+            return True
+        return any(each.mode == mode and each.longest is None for each in self.phases)
+
+
+class Turn(NamedTuple):
+    """Which phase is on: its place among the phases, when it began and when it ends (s)."""
+
+    place: int
+    begun: Fraction
+    ends: Fraction
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +116,13 @@ class Round:
     phases: tuple[Phase, ...]
     starts: tuple[Fraction, ...]  # of each phase, and of the next round
 
-    def at(self, time: Fraction) -> tuple[int, Fraction, Fraction]:
-        """The place of the phase that is on from ``time`` (s) on, when it began and when it
-        ends."""
-        begun = time - time % self.starts[-1]
-        place = bisect.bisect_right(self.starts, time - begun) - 1
-        return place, begun + self.starts[place], begun + self.starts[place + 1]
+    def at(self, time: Fraction) -> Turn:
+        """The phase that is on from ``time`` (s) on."""
+        round_begun = time - time % self.starts[-1]
+        place = bisect.bisect_right(self.starts, time - round_begun) - 1
+        begun = round_begun + self.starts[place]
+        ends = round_begun + self.starts[place + 1]
+        return Turn(place, begun, ends)
 
 
 def guarantee_of(stated: Switching | None, modes: Sequence[str]) -> Guarantee:

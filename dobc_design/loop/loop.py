@@ -55,6 +55,7 @@ class Pins:
 
 def pins_of(gains: Mapping[int, Matrix]) -> Pins:
     """Linear pins; gains that are 0 are no arcs."""
+    # In the order of nodes, so that two files that say the same give the same sums.
     kept = {i: gain for i, gain in sorted(gains.items()) if any(map(any, gain))}
     return Pins(gains=MappingProxyType(kept), curved={})
 
@@ -114,7 +115,9 @@ class Goals:
 
     def different(self, nodes: Iterable[int]) -> set[Vector]:
         """The goals of these nodes, each once."""
-        return {self.of(node) for node in nodes} if self.offsets else {self.target}
+        if not self.offsets:
+            return {self.target}
+        return {self.of(node) for node in nodes}
 
 
 def zero_goals(m: int) -> Goals:
@@ -186,6 +189,7 @@ class Loop:
     @property
     def switches(self) -> bool:
         """Whether there are several modes, or arcs that come and go."""
+        # What may come and go at any time switches among all graphs in between.
         return len(self.modes) > 1 or self.loose is not None
 
     @property
@@ -217,9 +221,10 @@ class Loop:
     @property
     def is_grouped(self) -> bool:
         """Whether nodes differ in their exosystems."""
-        return len(self.groups) > 1 or (
-            len(self.groups) == 1 and len(self.groups[0].agents) < self.n
-        )
+        if len(self.groups) != 1:
+            return len(self.groups) > 1
+        # One group that leaves nodes out: these have no disturbance.
+        return len(self.groups[0].agents) < self.n
 
     @property
     def observer(self) -> Observer:

@@ -123,8 +123,10 @@ def _loop(
 
 def _goals(problem: Problem, *, is_curved: bool) -> Goals:
     """Where agents are to go; the box of a leader is looked for only where slopes move with it."""
-    dynamics, leader = problem.dynamics, problem.leader
-    stays_in: tuple[Interval, ...] | None = (Interval.point(Fraction(0)),) * problem.m
+    dynamics = problem.dynamics
+    leader = problem.leader
+    at_target = Interval.point(Fraction(0))
+    stays_in: tuple[Interval, ...] | None = (at_target,) * problem.m
     unbounded = ""
     if leader is not None and dynamics is not None and is_curved:
         stays_in = enclosure(dynamics, leader)
@@ -144,20 +146,27 @@ def _pins_with_dynamics(problem: Problem, dynamics: Dynamics, A: Matrix) -> tupl
     """The pins B K_i, and B K_i - A of every agent; agents often share one matrix."""
     stated = problem.pinning.gains
     none = zeros(dynamics.inputs, dynamics.dimension)
-    acting = {id(K): multiply(dynamics.B, K) for K in (none, *stated.values())}
-    pulling = {key: subtract(BK, A) for key, BK in acting.items()}
+    acting = dict[int, Matrix]()
+    pulling = dict[int, Matrix]()
+    for K in (none, *stated.values()):
+        acting[id(K)] = multiply(dynamics.B, K)
+        pulling[id(K)] = subtract(acting[id(K)], A)
     pins = {i: acting[id(K)] for i, K in stated.items()}
+    # An agent without a pin has its drift all the same.
     pulls = {i: pulling[id(stated.get(i, none))] for i in range(problem.n)}
     return pins_of(pins), pins_of(pulls)
 
 
 def _seen_in_states(group: Group, dynamics: Dynamics) -> Group:
     """A group whose disturbance acts on the states, and whose gain W acts on them."""
-    exosystem, observer = group.exosystem, group.observer
+    exosystem = group.exosystem
+    observer = group.observer
+    seen = multiply(dynamics.B, exosystem.C)
+    W = on_states(observer.W, dynamics)
     return Group(
         agents=group.agents,
-        exosystem=Exosystem(A=exosystem.A, C=multiply(dynamics.B, exosystem.C)),
-        observer=Observer(W=on_states(observer.W, dynamics), P=observer.P, rate=observer.rate),
+        exosystem=Exosystem(A=exosystem.A, C=seen),
+        observer=Observer(W=W, P=observer.P, rate=observer.rate),
     )
 
 
@@ -177,11 +186,11 @@ def on_states(W: Matrix | None, dynamics: Dynamics) -> Matrix | None:
 
 def _acting(problem: Problem, dynamics: Dynamics) -> Functions:
     """The functions B h of the arcs, each different one once."""
-    first = _times(dynamics.B, problem.coupling, dynamics.dimension)
-    special = {
-        arc: _times(dynamics.B, coupling, dynamics.dimension)
-        for arc, coupling in problem.exceptions.items()
-    }
+    B = dynamics.B
+    m = dynamics.dimension
+    first = _times(B, problem.coupling, m)
+    special = {arc: _times(B, coupling, m) for arc, coupling in problem.exceptions.items()}
+    # Couplings of the file that differ may be the same after B, and count once then.
     different = tuple(dict.fromkeys((first, *special.values())))
     places = {function: place for place, function in enumerate(different)}
     exceptions = {arc: places[function] for arc, function in special.items()}
@@ -196,8 +205,9 @@ def _times(B: Matrix, coupling: Coupling, m: int) -> Coupling:
             return coupling
         return _made(f"({number_text(B[0][0])})*({texts[0]})", m)
     if coupling.by_component:
+        # y of the file stands for every component in turn.
         texts = tuple(re.sub(r"\by\b", f"y{c + 1}", texts[0]) for c in range(m))
-    rows = []
+    rows = list[str]()
     for row in B:
         parts = [f"({number_text(b)})*({h})" for b, h in zip(row, texts, strict=True) if b]
         rows.append(" + ".join(parts) or "0")

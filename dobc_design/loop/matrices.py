@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.matrix import to_float
 from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop
@@ -32,15 +33,15 @@ def consensus_jacobian(loop: Loop, mode: str) -> sp.csr_array | None:
     if loop.slopes_move:
         return None
     table = arc_table(loop, mode)
-    slopes = {}
+    slopes = dict[int, Array]()
     for place in np.unique(table.coupling).tolist():
-        enclosed = loop.functions[place].jacobian_at_zero()
-        entries = [entry for row in enclosed for entry in row]
-        if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for entry in entries):
+        found = _slope(loop.functions[place])
+        if found is None:
             return None
-        slopes[place] = to_float(tuple(tuple(entry.midpoint for entry in row) for row in enclosed))
+        slopes[place] = found
     n = loop.n
-    weights = to_float((table.weights,))[0][table.weight]
+    different = to_float((table.weights,))[0]
+    weights = different[table.weight]
     # What a node loses is added up by function first.
     own, back = np.unique(table.coupling * n + table.listeners, return_inverse=True)
     lost = -np.bincount(back, weights=weights, minlength=len(own))
@@ -56,14 +57,27 @@ def consensus_jacobian(loop: Loop, mode: str) -> sp.csr_array | None:
     return block_sparse(blocks, rows, columns, size=n)
 
 
+def _slope(function: Coupling) -> Array | None:
+    """The middle of the slopes at 0, (m, m); None where they are not close, as at a kink."""
+    middles = list[tuple[Fraction, ...]]()
+    for row in function.jacobian_at_zero():
+        if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for entry in row):
+            return None
+        middles.append(tuple(entry.midpoint for entry in row))
+    return to_float(tuple(middles))
+
+
 def block_sparse(
     blocks: Array, rows: IndexArray, columns: IndexArray, *, size: int
 ) -> sp.csr_array:
     """Add up blocks (count, p, m) at block places of a sparse matrix (size p, size m); zeros are
     left out."""
     _, p, m = blocks.shape
-    i = np.broadcast_to(rows[:, None, None] * p + np.arange(p)[:, None], blocks.shape)
-    j = np.broadcast_to(columns[:, None, None] * m + np.arange(m), blocks.shape)
-    result = sp.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(size * p, size * m))
+    within_rows = np.arange(p)[:, None]
+    within_columns = np.arange(m)
+    i = np.broadcast_to(rows[:, None, None] * p + within_rows, blocks.shape)
+    j = np.broadcast_to(columns[:, None, None] * m + within_columns, blocks.shape)
+    places = (i.ravel(), j.ravel())
+    result = sp.csr_array((blocks.ravel(), places), shape=(size * p, size * m))
     result.eliminate_zeros()
     return result

@@ -34,7 +34,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region
+from dobc_design.problem.region import Region
 from dobc_design.problem.signs import opposition_advice, turned_text
 from dobc_design.verdict import Verdict
 

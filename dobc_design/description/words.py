@@ -19,7 +19,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.leader import enclosed, enclosure, not_enclosed
 from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, table_words
-from dobc_design.problem.settings import Pair
+from dobc_design.problem.region import Pair
 from dobc_design.problem.tables import LISTED, gain_text, switching_words, vector_text
 
 FIRST = 8  # labels and modes in the first line

@@ -16,7 +16,9 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.network import Network, labels_of
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region, Simulation, Switching
+from dobc_design.problem.region import Region
+from dobc_design.problem.simulation import Simulation
+from dobc_design.problem.switching import Switching
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
 WIDTH = 100

@@ -7,7 +7,7 @@ an error names the same key.
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -139,3 +139,31 @@ def is_scalar_matrix(matrix: Sequence[Sequence[Fraction]]) -> bool:
         for i, row in enumerate(matrix)
         for j, entry in enumerate(row)
     )
+
+
+def items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
+    """The items of a mapping.  Raises: SpecError for anything else."""
+    if not isinstance(value, Mapping):
+        raise wrong(key, f"must be a table; got {shown(value)}.", "Give a mapping, as a dict.")
+    return value.items()
+
+
+def keyed(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
+    """What a table, which may have no other keys than these, or a noun has under them; None where
+    it has nothing."""
+    if type(value).__name__.lower() == key:
+        return [getattr(value, name) for name in keys]
+    for name, _ in items(value, key=key):
+        if name not in keys:
+            cure = f"Known keys: {', '.join(keys)}."
+            raise wrong(f"{key}.{named(str(name))}", "is an unknown key.", cure)
+    return [value.get(name) for name in keys]
+
+
+def positive_number(value: Any, *, key: str, unit: str) -> Fraction:
+    """Read a number > 0 in ``unit``.  Raises: SpecError."""
+    number = parse_number(value, key=key)
+    if number <= 0:
+        cure = "Give a positive time." if unit == "s" else "Give a positive number."
+        raise wrong(key, f"must be > 0 ({unit}); got {shown_number(number)}.", cure)
+    return number

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from dobc_design._show.cards import Shown
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.settings import Switching
+from dobc_design.problem.switching import Switching
 from dobc_design.problem.tables import lasting
 
 ZERO = Fraction(0)

@@ -37,7 +37,9 @@ from dobc_design.problem.network import (
     parse_weights,
 )
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region, Simulation, Switching
+from dobc_design.problem.region import Region
+from dobc_design.problem.simulation import Simulation
+from dobc_design.problem.switching import Switching
 
 FORMAT = "dobc-problem"
 #: Other problems keep their version, and their hash.

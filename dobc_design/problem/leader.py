@@ -21,9 +21,9 @@ from dobc_design.coupling.tree import IntervalAlgebra, Node, evaluate
 from dobc_design.errors import wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import is_list
+from dobc_design.exact.reading import is_list, keyed
 from dobc_design.problem.dynamics import Dynamics, expressions_of
-from dobc_design.problem.settings import Pair, keyed, read_pairs
+from dobc_design.problem.region import Pair, read_pairs
 
 Box = tuple[Interval, ...]
 

@@ -43,7 +43,7 @@ from dobc_design.problem.network import (
 from dobc_design.problem.problem import Problem, dimension_of, is_name
 from dobc_design.problem.schema import SCHEMA_VERSION, ProblemFile
 from dobc_design.problem.schema_errors import explain
-from dobc_design.problem.settings import Switching
+from dobc_design.problem.switching import Switching
 
 MAX_BYTES = 16 * 1024 * 1024
 MAX_NESTING = 50

@@ -26,12 +26,12 @@ from dobc_design.exact.reading import (
     counted,
     is_list,
     is_scalar_matrix,
+    items,
     named,
     shown,
     shown_number,
 )
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem import settings
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.network import Network, one_form
 from dobc_design.verdict import Verdict
@@ -224,7 +224,7 @@ def by_label(
     index = {label: i for i, label in enumerate(labels)}
     result: dict[int, T] = {}
     errors: list[SpecError] = []
-    for label, entry in settings.items(value, key=key):
+    for label, entry in items(value, key=key):
         own = f"{key}.{named(str(label))}"
         with kept(errors):
             place = None if isinstance(label, bool) else index.get(one_form(label))

@@ -26,11 +26,11 @@ from dobc_design.exact.reading import (
     is_list,
     is_scalar_matrix,
     is_text,
+    items,
     named,
     shown,
     some,
 )
-from dobc_design.problem import settings
 from dobc_design.problem.dynamics import Dynamics, check_goal
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import (
@@ -44,7 +44,9 @@ from dobc_design.problem.groups import (
 from dobc_design.problem.leader import Leader, read_leader
 from dobc_design.problem.network import Network
 from dobc_design.problem.pinning import GainForm, Pinning, by_label, read_pinning
-from dobc_design.problem.settings import Region, Simulation, Switching
+from dobc_design.problem.region import Pair, Region, read_region
+from dobc_design.problem.simulation import Simulation, read_simulation
+from dobc_design.problem.switching import Switching, check_switching
 from dobc_design.problem.tables import (
     LISTED,
     amplitude_words,
@@ -181,16 +183,16 @@ class Problem(Shown):
         with kept(errors):
             put(self, offsets=_read_offsets(offsets, labels=labels, dimension=m))
         with kept(errors):
-            asked = settings.read_region(region, dimension=m, with_exosystem=first is not None)
+            asked = read_region(region, dimension=m, with_exosystem=first is not None)
             put(self, region=asked)
         with kept(errors):
-            put(self, switching=settings.check_switching(switching, tuple(network.modes)))
+            put(self, switching=check_switching(switching, tuple(network.modes)))
         # With a mistake in the groups nobody knows how long the rows of xi0 have to be.
         known: tuple[Group, ...] | None = getattr(self, "groups", None)
         if known is not None or not groups:
             orders = _orders(known, labels, exosystem)
             with kept(errors):
-                run = settings.read_simulation(simulation, n=network.size, orders=orders, m=m)
+                run = read_simulation(simulation, n=network.size, orders=orders, m=m)
                 put(self, simulation=run)
         with kept(errors):
             put(self, uncertainty=read_uncertainty(uncertainty))
@@ -460,7 +462,7 @@ class Problem(Shown):
             raise about("exosystem.groups", what, cure)
 
     @property
-    def leads(self) -> tuple[settings.Pair, ...]:
+    def leads(self) -> tuple[Pair, ...]:
         """Where a leader may start, m pairs, which a goal is to be moved by; 0 without one."""
         if self.leader is not None:
             return self.leader.initial
@@ -638,7 +640,7 @@ def _read_exceptions(
     codes, n = network.arc_codes() if value else set(), network.size
     result: dict[Arc, Coupling] = {}
     errors: list[SpecError] = []
-    for position, (arc, h) in enumerate(settings.items(value or {}, key="coupling.exceptions")):
+    for position, (arc, h) in enumerate(items(value or {}, key="coupling.exceptions")):
         key = f"coupling.exceptions[{position}]"
         with kept(errors):
             if not _is_arc(arc, n) or arc[0] * n + arc[1] not in codes:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchem
 
 from dobc_design.problem.exosystems import KINDS, PARTS
 from dobc_design.problem.network import ARROWS, LONGEST_LABEL, MOST_AGENTS
-from dobc_design.problem.settings import GUARANTEES, SIGNALS
+from dobc_design.problem.switching import GUARANTEES, SIGNALS
 
 SCHEMA_VERSION = 1
 

@@ -16,7 +16,9 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import decimal_text
 from dobc_design.exact.reading import counted, is_scalar_matrix, some
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.settings import Region, Simulation, Switching
+from dobc_design.problem.region import Region
+from dobc_design.problem.simulation import Simulation
+from dobc_design.problem.switching import Switching
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
 LISTED = 30  # agents, modes, limits, ... in one sentence

@@ -14,8 +14,7 @@ from dobc_design._checks import put
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError, kept, raise_all, wrong
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import shown, shown_number
-from dobc_design.problem.settings import items, positive_number
+from dobc_design.exact.reading import items, positive_number, shown, shown_number
 
 RELATIVE = ("weights", "gains")
 ABSOLUTE = ("disturbance", "drift", "measurement")

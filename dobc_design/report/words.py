@@ -35,7 +35,7 @@ from dobc_design.exact.reading import counted, is_scalar_matrix, some
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region
+from dobc_design.problem.region import Region
 from dobc_design.problem.tables import switching_words
 from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict

@@ -19,7 +19,9 @@ from random_problems import random_problem
 from dobc_design import Exosystem, Network, Observer, Pinning, Problem, load_problem
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import ExpressionError, ShapeError, SpecError
-from dobc_design.problem.settings import Region, Simulation, Switching
+from dobc_design.problem.region import Region
+from dobc_design.problem.simulation import Simulation
+from dobc_design.problem.switching import Switching
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])

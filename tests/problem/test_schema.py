@@ -14,7 +14,7 @@ from dobc_design.problem.load import builtin_names, builtin_text
 from dobc_design.problem.network import ARROWS
 from dobc_design.problem.schema import RESERVED, json_schema
 from dobc_design.problem.schema_errors import known_keys
-from dobc_design.problem.settings import GUARANTEES, KEYS, SIGNALS
+from dobc_design.problem.switching import GUARANTEES, KEYS, SIGNALS
 
 TABLES = (
     "network",

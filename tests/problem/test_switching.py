@@ -20,7 +20,7 @@ from dobc_design.problem.canonical import (
 )
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import read_problem_text
-from dobc_design.problem.settings import KEYS, SIGNALS, Switching
+from dobc_design.problem.switching import KEYS, SIGNALS, Switching
 
 MODES = ("Ga", "Gb", 'a."b"')
 NETWORK = Network.from_arcs(

@@ -22,7 +22,7 @@ from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.exosystems import harmonics
-from dobc_design.problem.settings import Simulation
+from dobc_design.problem.simulation import Simulation
 
 PAPER = load_problem("paper-switching")
 #: mu of theory, section 10: gains {label: k}, then by mode.

@@ -1,236 +1,32 @@
-"""What is asked: the region of starts; and settings of simulations, which never enter a proof."""
+"""What [switching] states: the signal of simulations, and the guarantee that proofs may assume.
+
+What a proof makes of a guarantee is in ``loop/guarantee.py``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from itertools import accumulate, pairwise
 from typing import Any
 
 from dobc_design._checks import LATER, put
-from dobc_design._show.cards import Card, Shown, listed
+from dobc_design._show.cards import Shown
 from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import MAX_CHARACTERS, number_text, parse_number
 from dobc_design.exact.reading import (
     counted,
     is_list,
     is_text,
-    named,
+    positive_number,
     read_matrix,
-    read_vector,
     shown,
     shown_number,
 )
 
-Pair = tuple[Fraction, Fraction]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Region(Shown):
-    """Starts asked for: lo_c <= x_ic(0) <= hi_c for every agent i, and |xi_i(0) - xihat_i(0)| <=
-    disturbance.
-
-    ``initial_states`` holds m pairs; ``initial_disturbance`` is Euclidean, None without an
-    exosystem.
-    """
-
-    initial_states: tuple[Pair, ...]
-    initial_disturbance: Fraction | None
-
-    def _card(self) -> Card:
-        pairs = [f"[{shown_number(lo)}, {shown_number(hi)}]" for lo, hi in self.initial_states]
-        facts: list[tuple[str, Any]] = [("initial states", listed(pairs))]
-        if self.initial_disturbance is not None:
-            facts.append(("|xi_i - xihat_i| at most", self.initial_disturbance))
-        return Card(title="Region", text="asked for", facts=facts)
-
-
-def items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
-    """The items of a mapping.  Raises: SpecError for anything else."""
-    if not isinstance(value, Mapping):
-        raise wrong(key, f"must be a table; got {shown(value)}.", "Give a mapping, as a dict.")
-    return value.items()
-
-
-def keyed(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
-    """What a table, which may have no other keys than these, or a noun has under them; None where
-    it has nothing."""
-    if type(value).__name__.lower() == key:
-        return [getattr(value, name) for name in keys]
-    for name, _ in items(value, key=key):
-        if name not in keys:
-            cure = f"Known keys: {', '.join(keys)}."
-            raise wrong(f"{key}.{named(str(name))}", "is an unknown key.", cure)
-    return [value.get(name) for name in keys]
-
-
-def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region | None:
-    """Read the [region] table, with one pair for all components or m pairs.  Raises SpecError
-    naming the key."""
-    if value is None:
-        return None
-    keys = ("initial_states", "initial_disturbance")
-    states, disturbance = keyed(value, keys, key="region")
-    errors: list[SpecError] = []
-    with kept(errors):
-        states = read_pairs(states, key=f"region.{keys[0]}", dimension=dimension)
-    with kept(errors):
-        disturbance = _read_disturbance(disturbance, with_exosystem=with_exosystem)
-    raise_all(errors)
-    return Region(initial_states=states, initial_disturbance=disturbance)
-
-
-def read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
-    """One pair for all components, or one for each.  Raises: SpecError naming the key."""
-    lists = [is_list(entry) for entry in value] if is_list(value) else [False, True]
-    nested = all(lists)
-    rows = list(value) if nested else [value] * dimension
-    if len(rows) != dimension or (any(lists) and not nested):
-        several = ""
-        if dimension > 1:
-            several = f" for all state components, or {dimension} such pairs"
-        what = f"must be a pair [lo, hi]{several}; got {shown(value)}."
-        raise wrong(key, what, "For example [0, 5].", kind=ShapeError)
-    pairs = []
-    for position, row in enumerate(rows):
-        place = f"{key}[{position}]" if nested else key
-        if len(row) != 2:
-            what = f"must be a pair [lo, hi]; got {shown(row)}."
-            raise wrong(place, what, "For example [0, 5].", kind=ShapeError)
-        lo = parse_number(row[0], key=f"{place}[0]")
-        hi = parse_number(row[1], key=f"{place}[1]")
-        if lo > hi:
-            got = f"[{shown_number(lo)}, {shown_number(hi)}]"
-            what = f"must be a pair [lo, hi] with lo <= hi; got {got}."
-            raise wrong(place, what, "Exchange the two numbers.")
-        pairs.append((lo, hi))
-    return tuple(pairs)
-
-
-def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
-    """The largest estimation error at the start; required with an exosystem, refused without."""
-    key = "region.initial_disturbance"
-    if value is None and with_exosystem:
-        what = (
-            "is required when there is an [exosystem]: a large estimation error can push the "
-            "states out of it."
-        )
-        cure = "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known."
-        raise wrong(key, what, cure)
-    if value is None:
-        return None
-    number = parse_number(value, key=key)
-    if number < 0:
-        what = f"must be >= 0, because it is a length; got {shown_number(number)}."
-        raise wrong(key, what, "Give 0 or more.")
-    if not with_exosystem:
-        what = "has no meaning without an [exosystem]."
-        raise wrong(key, what, "Remove it, or give the exosystem.")
-    return number
-
-
-Rows = tuple[Vector, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Simulation:
-    """Simulation settings: horizon in s, seed, and starts of the exosystem and of the states, where
-    they are given. ``xi0`` (q numbers) and ``x0`` (m numbers): one row for all agents, or n
-    rows."""
-
-    t_final: Fraction
-    seed: int
-    xi0: Rows | None
-    x0: Rows | None = field(default=None, metadata=LATER)
-
-
-def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
-    """Read the [simulation] table; ``orders``: that of the exosystem, or n of them where agents
-    have different ones."""
-    table = {} if value is None else value
-    t_final, seed, xi0, x0 = keyed(table, ("t_final", "seed", "xi0", "x0"), key="simulation")
-    time = Fraction(20)
-    if t_final is not None:
-        time = positive_number(t_final, key="simulation.t_final", unit="s")
-    seed = 0 if seed is None else seed
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
-        what = f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}."
-        raise wrong("simulation.seed", what, "For example seed = 0.")
-    disturbances = None if xi0 is None else _read_xi0(xi0, n=n, orders=orders)
-    states = None if x0 is None else _read_x0(x0, n=n, m=m)
-    return Simulation(t_final=time, seed=seed, xi0=disturbances, x0=states)
-
-
-def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
-    """Where the exosystems start: one row for all agents, or one for each."""
-    key = "simulation.xi0"
-    if len(orders) > 1:
-        return _read_different_xi0(value, key, orders)
-    q = orders[0]
-    if q == 0:
-        raise wrong(key, "has no meaning without an [exosystem].", "Remove it.")
-    return _rows(value, key=key, n=n, width=q, because="one per exosystem state")
-
-
-def _read_different_xi0(value: Any, key: str, orders: tuple[int, ...]) -> Rows:
-    """Starts of exosystems that differ in order, 0 for agents without a disturbance."""
-    lists = [is_list(row) for row in value] if is_list(value) else []
-    alike = set(orders) - {0}
-    if len(alike) == 1 and lists and not any(lists):
-        (width,) = alike  # one row for all agents that have a disturbance
-        row = read_vector(value, key=key, length=width, because="one per exosystem state")
-        return tuple(row if order else () for order in orders)
-    # one row per agent, as long as the order of its own exosystem
-    if len(lists) != len(orders) or not all(lists):
-        what = (
-            f"must have {counted(len(orders), 'row')}, one per agent, because the groups of "
-            f"exosystem.groups differ in order; got {shown(value)}."
-        )
-        cure = "Give every agent a row with one number per state of its own exosystem."
-        raise wrong(key, what, cure, kind=ShapeError)
-    because = "one per state of this agent's exosystem"
-    rows = []
-    for i, (row, q) in enumerate(zip(value, orders, strict=True)):
-        rows.append(read_vector(row, key=f"{key}[{i}]", length=q, because=because))
-    return tuple(rows)
-
-
-def _read_x0(value: Any, *, n: int, m: int) -> Rows:
-    """With one state component n plain numbers are one for each agent."""
-    key = "simulation.x0"
-    if m == 1 and is_list(value) and len(value) > 1 and not any(is_list(row) for row in value):
-        if len(value) != n:
-            numbers = counted(n, "number")
-            what = f"must have {numbers}, one per agent, or 1 for all; got {len(value)}."
-            raise wrong(key, what, "Give one number per agent.", kind=ShapeError)
-        return tuple((parse_number(number, key=f"{key}[{i}]"),) for i, number in enumerate(value))
-    return _rows(value, key=key, n=n, width=m, because="one per state component")
-
-
-def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
-    """One list of ``width`` numbers for all agents, or a list for each."""
-    if not is_list(value):
-        cure = f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...]."
-        what = f"must be a list of {counted(width, 'number')}; got {shown(value)}."
-        raise wrong(key, what, cure, kind=ShapeError)
-    if len(value) == 0 or not all(is_list(row) for row in value):
-        return (read_vector(value, key=key, length=width, because=because),)
-    if len(value) not in (1, n):
-        what = (
-            f"must have {counted(n, 'row')}, one per agent, or be one list of "
-            f"{counted(width, 'number')}; got {counted(len(value), 'row')}."
-        )
-        raise wrong(key, what, "Give one row for all agents, or one each.", kind=ShapeError)
-    rows = []
-    for i, row in enumerate(value):
-        rows.append(read_vector(row, key=f"{key}[{i}]", length=width, because=because))
-    return tuple(rows)
-
-
 Schedule = tuple[tuple[Fraction, str], ...]
-
 #: Which keys each signal may have besides ``signal`` and ``dwell``.
 KEYS: Mapping[str, tuple[str, ...]] = {
     "random": (),
@@ -541,15 +337,6 @@ def _read_schedule(value: Any, key: str) -> Schedule:
             what += f" got {shown_number(after)}."
             raise wrong(f"{key}[{k}][0]", what, "Sort the instants.")
     return tuple(rows)
-
-
-def positive_number(value: Any, *, key: str, unit: str) -> Fraction:
-    """Read a number > 0 in ``unit``.  Raises: SpecError."""
-    number = parse_number(value, key=key)
-    if number <= 0:
-        cure = "Give a positive time." if unit == "s" else "Give a positive number."
-        raise wrong(key, f"must be > 0 ({unit}); got {shown_number(number)}.", cure)
-    return number
 
 
 def _mode(value: Any, key: str) -> str:

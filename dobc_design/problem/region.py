@@ -1,0 +1,104 @@
+"""The region of starts that a proof has to hold for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from dobc_design._show.cards import Card, Shown, listed
+from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
+from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import (
+    is_list,
+    keyed,
+    shown,
+    shown_number,
+)
+
+Pair = tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Region(Shown):
+    """Starts asked for: lo_c <= x_ic(0) <= hi_c for every agent i, and |xi_i(0) - xihat_i(0)| <=
+    disturbance.
+
+    ``initial_states`` holds m pairs; ``initial_disturbance`` is Euclidean, None without an
+    exosystem.
+    """
+
+    initial_states: tuple[Pair, ...]
+    initial_disturbance: Fraction | None
+
+    def _card(self) -> Card:
+        pairs = [f"[{shown_number(lo)}, {shown_number(hi)}]" for lo, hi in self.initial_states]
+        facts: list[tuple[str, Any]] = [("initial states", listed(pairs))]
+        if self.initial_disturbance is not None:
+            facts.append(("|xi_i - xihat_i| at most", self.initial_disturbance))
+        return Card(title="Region", text="asked for", facts=facts)
+
+
+def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region | None:
+    """Read the [region] table, with one pair for all components or m pairs.  Raises SpecError
+    naming the key."""
+    if value is None:
+        return None
+    keys = ("initial_states", "initial_disturbance")
+    states, disturbance = keyed(value, keys, key="region")
+    errors: list[SpecError] = []
+    with kept(errors):
+        states = read_pairs(states, key=f"region.{keys[0]}", dimension=dimension)
+    with kept(errors):
+        disturbance = _read_disturbance(disturbance, with_exosystem=with_exosystem)
+    raise_all(errors)
+    return Region(initial_states=states, initial_disturbance=disturbance)
+
+
+def read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
+    """One pair for all components, or one for each.  Raises: SpecError naming the key."""
+    lists = [is_list(entry) for entry in value] if is_list(value) else [False, True]
+    nested = all(lists)
+    rows = list(value) if nested else [value] * dimension
+    if len(rows) != dimension or (any(lists) and not nested):
+        several = ""
+        if dimension > 1:
+            several = f" for all state components, or {dimension} such pairs"
+        what = f"must be a pair [lo, hi]{several}; got {shown(value)}."
+        raise wrong(key, what, "For example [0, 5].", kind=ShapeError)
+    pairs = []
+    for position, row in enumerate(rows):
+        place = f"{key}[{position}]" if nested else key
+        if len(row) != 2:
+            what = f"must be a pair [lo, hi]; got {shown(row)}."
+            raise wrong(place, what, "For example [0, 5].", kind=ShapeError)
+        lo = parse_number(row[0], key=f"{place}[0]")
+        hi = parse_number(row[1], key=f"{place}[1]")
+        if lo > hi:
+            got = f"[{shown_number(lo)}, {shown_number(hi)}]"
+            what = f"must be a pair [lo, hi] with lo <= hi; got {got}."
+            raise wrong(place, what, "Exchange the two numbers.")
+        pairs.append((lo, hi))
+    return tuple(pairs)
+
+
+def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
+    """The largest estimation error at the start; required with an exosystem, refused without."""
+    key = "region.initial_disturbance"
+    if value is None and with_exosystem:
+        what = (
+            "is required when there is an [exosystem]: a large estimation error can push the "
+            "states out of it."
+        )
+        cure = "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known."
+        raise wrong(key, what, cure)
+    if value is None:
+        return None
+    number = parse_number(value, key=key)
+    if number < 0:
+        what = f"must be >= 0, because it is a length; got {shown_number(number)}."
+        raise wrong(key, what, "Give 0 or more.")
+    if not with_exosystem:
+        what = "has no meaning without an [exosystem]."
+        raise wrong(key, what, "Remove it, or give the exosystem.")
+    return number

@@ -17,7 +17,7 @@ reaches over their whole enclosure.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any, Final
@@ -78,12 +78,14 @@ class ModeJacobian:
     def is_nonnegative_diagonal(self) -> bool:
         """Whether every gain is diagonal and >= 0: then -Lambda is a Z-matrix and J - K cannot be
         unstable."""
-        return all(
-            entry.lo >= 0 if i == j else entry.lo == entry.hi == 0
-            for gain in self.gains
-            for i, row in enumerate(gain)
-            for j, entry in enumerate(row)
-        )
+        for gain in self.gains:
+            for i, row in enumerate(gain):
+                if row[i].lo < 0:
+                    return False
+                beside = (*row[:i], *row[i + 1 :])
+                if any(entry.lo != 0 or entry.hi != 0 for entry in beside):
+                    return False
+        return True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,6 +162,7 @@ def lemma1_in_arrays(
         return None
     entries = [entry for gain in jacobian.gains for row in gain for entry in row]
     points = (entry.lo for entry in entries if entry.is_point)
+    # Exact slopes stay exact only where one denominator holds them all.
     exact = common_denominator(points, bits=sparse.DENOMINATOR_BITS, start=below) is not None
     middles = np.array([_middle(entry, exact) for entry in entries], dtype=object)
     # A middle may be rounded, so the enclosure reaches differently far on its two sides.
@@ -207,6 +210,7 @@ def _pin_triplets(
     pulls: Pins, held: Mapping[int, Sequence[Sequence[Fraction]]], common: int, dimension: int
 ) -> Iterable[Triplets]:
     """-(K + K'), on and above the diagonal."""
+    # A table of different gains, and for each agent its place there.
     count = len(pulls.gains)
     agents = np.fromiter(pulls.gains, dtype=np.int64, count=count) * dimension
     numbers = {key: number for number, key in enumerate(held)}
@@ -251,6 +255,7 @@ def _deviations(
     kinds: list[Places] = []
     for c, d in np.ndindex(dimension, dimension):
         place = c * dimension + d
+        # Only slopes that are not known exactly.
         wide = np.array([bool(x) for x in spreads[place::entries]], dtype=bool)
         chosen = wide[jacobian.kind]
         hearers = jacobian.arcs.listeners[chosen] * dimension
@@ -273,6 +278,7 @@ def linearisation(jacobian: ModeJacobian, pulls: Pins, dimension: int) -> Entrie
     """The entries of J - K of one mode, with the middle of a slope that is not rational."""
     entries: Entries = {}
 
+    # Several arcs may fall on the same entry.
     def put(agent: int, other: int, c: int, d: int, value: Fraction) -> None:
         place = agent * dimension + c, other * dimension + d
         entries[place] = entries.get(place, ZERO) + value
@@ -301,20 +307,23 @@ def lemma1(jacobian: ModeJacobian, pulls: Pins, *, size: int, dimension: int) ->
     entries: Entries = {}
     for (i, j), value in linearisation(jacobian, pulls, dimension).items():
         add_to(entries, i, j, 2 * value if i == j else value)
-    deviations = tuple(
-        Deviation(i * dimension + c, j * dimension + d, i * dimension + d, slope.width / 2)
-        for (i, j, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True)
-        for c, row in enumerate(jacobian.gains[kind])
-        for d, slope in enumerate(row)
-        if not slope.is_point
-    )
     return Pencil(
         name=f"lemma1 ({jacobian.name})",
         constant=SparseSymmetric(size * dimension, entries),
         unknowns=(),
         coefficients={},
-        deviations=deviations,
+        deviations=() if jacobian.is_point else tuple(_slope_deviations(jacobian, dimension)),
     )
+
+
+def _slope_deviations(jacobian: ModeJacobian, m: int) -> Iterator[Deviation]:
+    """What every slope that is not rational may differ by from its middle."""
+    for (listener, speaker, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True):
+        for c, row in enumerate(jacobian.gains[kind]):
+            for d, slope in enumerate(row):
+                if not slope.is_point:
+                    places = listener * m + c, speaker * m + d, listener * m + d
+                    yield Deviation(*places, slope.width / 2)
 
 
 def theorem1(
@@ -333,7 +342,7 @@ def theorem1(
     entries: Entries = dict(lambda_.constant.entries)
     size = len(numbers) * m
     if rate:
-        for i in range(size):
+        for i in range(size):  # the errors of the agents; those of observers come with P below
             add_to(entries, i, i, 2 * rate)
     starts: list[list[int]] = [[] for _ in known]  # where the blocks of the agents begin
     for agent, number in enumerate(numbers):
@@ -349,6 +358,7 @@ def theorem1(
         for unknown in _unknowns(name, exosystem.order, m):
             unknowns.append(unknown)
             for place in unknown.places():
+                # The same block for every agent of this exosystem.
                 of_one = unknown.name[0], place[1], place[2]
                 block = omega_coefficient(exosystem, of_one, rate=rate)
                 values = {(start + i, start + j): x for start in own for (i, j), x in block.items()}
@@ -420,6 +430,7 @@ def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
     for place in P.places():
         _, k, l = place  # noqa: E741
         total = pencil.coefficients[place]
+        # Both entries of a symmetric P that this unknown stands for.
         for row, other in {(k, l), (l, k)}:  # P_row,other stands in row `row` of P W
             for j, w in enumerate(W[other][: Q.columns]):
                 if w:
@@ -541,7 +552,11 @@ class Statements:
                 key="exosystem",
                 cure="Without one, Lemma 1 is the condition.",
             )
-        systems = {group.name if self.loop.is_grouped else "": group.exosystem for group in groups}
+        # A single exosystem has no name: its unknowns are P and Q.
+        if self.loop.is_grouped:
+            systems = {group.name: group.exosystem for group in groups}
+        else:
+            systems = {"": groups[0].exosystem}
         numbers = group_numbers(groups, self.loop.labels)
         return tuple(theorem1(each, systems, numbers, rate=rate) for each in self.lambdas.values())
 
@@ -584,6 +599,7 @@ def _why_inapplicable(loop: Loop) -> str | None:
         )
     if (curved := pins_obstacle(loop)) is not None:
         return curved
+    # The theorems ask for a derivative on a neighbourhood, not only at the consensus.
     kinked = next((coupling for coupling in loop.functions if coupling.nonsmooth), None)
     if kinked is None:
         return None

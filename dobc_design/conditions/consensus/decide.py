@@ -76,6 +76,7 @@ def unstable_roots(statements: Statements, mode: str) -> int:
     """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity;
     0 if not examined. With diagonal slopes >= 0 and scalar gains >= 0 there are none (rows weakly
     dominated by a diagonal <= 0)."""
+    # A gain < 0 pushes its agent away, so that there may be some.
     nonnegative = (each.is_nonnegative_diagonal for each in _modes(statements, mode))
     pulls = statements.loop.pulls
     if all(nonnegative) and pulls.is_scalar and all(k[0][0] >= 0 for k in pulls.gains.values()):
@@ -186,6 +187,7 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
         )
     loop = statements.loop
     arcs = loop.modes[mode]
+    # A group that nothing holds reads better than any other witness.
     vector = find_witness(matrix, [*network.group_directions(loop, arcs), *proposal.vectors])
     if vector is None:
         reason = f"lambda_max(Lambda) {network.why_undecided(loop, matrix)}"
@@ -292,6 +294,7 @@ class _Theorem:
         def has_rate(rate: Fraction) -> bool:
             return psi_is_negative(statements, _exosystem(statements), pair, rate=rate)
 
+        # Proposals of floating point are lowered a little until they are proved.
         margin = largest_proved(self.proposal.margin, has_margin)
         if margin is None:
             return None
@@ -346,7 +349,7 @@ def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> M
     if decide_positive_definite(block).verdict is not Verdict.PROVED:
         return None
     C = exosystem.C
-    if not C or not C[0]:
+    if not C or not C[0]:  # nothing to solve for
         return multiply(C, transpose(C))
     solved = to_fmpq_mat(block.to_dense()).solve(to_fmpq_mat(transpose(C)))
     return multiply(C, from_fmpq_mat(solved))
@@ -427,6 +430,7 @@ def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | No
         return differs(check, network.reachability_check(loop, str(check.mode)))
     if statements.inapplicable is not None:
         return "the theorems do not apply to this coupling"
+    # The printed check is about the pair of the problem, not about that of the certificate.
     if check.kind.role == "given":
         own = loop.joint_observer
         pair = None if own.P is None or own.W is None else Pair(P=own.P, Q=multiply(own.P, own.W))
@@ -439,6 +443,7 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
         return "a proof must claim a margin >= 0, and a rate > 0 or none"
     if check.witness is not None:
         return "a proof has no witness"
+    # The decimals as they are written, not the floats nearest to them.
     margin = claimed(check.margin)
     rate = claimed(check.rate or 0.0)
     if check.id == "lemma1":
@@ -455,6 +460,7 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
         return "Psi < 0 is not true with that margin"
     if rate and not psi_is_negative(statements, exosystem, pair, rate=rate):
         return f"the rate {check.rate} is not reached"
+    # S and the bound are for readers, and must be what follows from P and Q.
     S = schur_block(pair, exosystem)
     if S is None or not agrees(check.exact, PairFacts(pair=pair, S=S).to_json()):
         return OTHER_VALUES
@@ -468,6 +474,7 @@ def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) ->
         return _confirm_unstable(check, statements)
     if check.kind.role == "given":
         return _confirm_printed(check, statements, pair, _vector(check))
+    # Without Lambda < 0 there is no pair at all (theory, the Reduction).
     exact = check.exact or {}
     mode = str(exact.get("mode", check.mode))
     if mode not in statements.lambdas or exact != {"block": "Lambda", "mode": mode}:
@@ -485,6 +492,7 @@ def _confirm_unstable(check: Check, statements: Statements) -> str | None:
     vector = _vector(check)
     if not _has_roots(said.roots, statements, mode, vector):
         return OTHER_VALUES
+    # Of irrational slopes only a lower end is known.
     if said.value is not None:
         lowest = enclosed_lambda(statements, mode).value(vector).lo
         if said.value > lowest:

@@ -124,6 +124,7 @@ def shown_bound(matrix: Enclosed, vector: NDArray[np.float64]) -> Fraction | Non
     """A number that v > 0 (rows,) proves to be at least the largest eigenvalue of all but the
     blocks; None if none."""
     middle = matrix.middle
+    # Row sums of integers are exact.
     integers = middle if isinstance(middle, IntegerSymmetric) else in_integers(middle)
     if integers is None:
         return None
@@ -147,6 +148,7 @@ def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
                 return False
         return True
     whole = matrix.total.shifted(matrix.radius + shift).negated()
+    # Elimination multiplies digits: a matrix of short entries below it is tried first.
     tried: list[Symmetric] = [whole]
     if not isinstance(whole, IntegerSymmetric):
         short = _shorter(whole)
@@ -365,6 +367,7 @@ def refutation(loop: Loop, vector: Vector, *, alone: Sequence[int], roots: int) 
     mode."""
     moved = carriers(loop, vector)
     labels = tuple(loop.labels[i] for i in alone)
+    # Where the vector moves only agents that hear no pin, the graph is the reason.
     if labels and set(moved) <= set(labels):
         text = _unheard(loop, labels, moved)
     else:

@@ -113,7 +113,7 @@ def network_blocks(loop: Loop, *, pins: bool = False, weighted: bool = False) ->
             return None
         whole.append(table)
     # Where no component acts on another, each is a smaller problem by itself.
-    apart = all(np.all((table.row % m == table.col % m) | (table.data == 0)) for table in whole)
+    apart = all(_is_apart(table, m) for table in whole)
     width = 1 if apart else m
     step = m // width
     tables: dict[bytes, Any] = {}
@@ -136,6 +136,12 @@ def network_blocks(loop: Loop, *, pins: bool = False, weighted: bool = False) ->
         sources=tuple(sources.values()),
         weighted=weighted,
     )
+
+
+def _is_apart(table: Any, m: int) -> bool:
+    """Whether every entry stands between equal components."""
+    same = table.row % m == table.col % m
+    return bool(np.all(same | (table.data == 0)))
 
 
 def _is_z_matrix(table: Any) -> bool:

@@ -39,6 +39,7 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
     if matrix is None:
         reason = "does not apply: it is decided for rational slopes and up to 60 states n m."
         return undecided(reason=reason, applies=False)
+    # The linearised loop is block triangular: its eigenvalues are those of these parts.
     parts = decaying_parts(statements, W, matrix)
     if parts is None:
         return undecided(reason="there is no observer gain W.")
@@ -74,6 +75,7 @@ def confirm(check: Check, statements: Statements, W: Matrix | None) -> str | Non
     """None if the claim holds, else what does not."""
     if check.domain != statements.domain or check.margin is not None:
         return f"the domain must be {str(statements.domain)!r}, and there is no margin"
+    # Everything but the rate, which was an estimate of floating point, is decided once more.
     own = linearisation_check(statements, W, estimate=0.0)
     if (reason := differs(check, own)) is not None or check.rate is None:
         return reason

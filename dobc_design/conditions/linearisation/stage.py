@@ -23,8 +23,10 @@ def linearisation_stage(
 ) -> list[Check]:
     """The check, where the question is local and open: one mode, all agents reached, nothing proved
     so far."""
+    # Where no pin reaches an agent, other checks say so.
     if loop.switches or any(unreached(loop, [arcs]) for arcs in loop.modes.values()):
         return []
+    # It says nothing of a region, and less than a proof with a Lyapunov function.
     if (loop.starts is not None and not loop.is_linear) or any(
         covers(loop, check, checks) for check in checks
     ):

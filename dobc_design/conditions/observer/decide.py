@@ -100,6 +100,7 @@ def hurwitz_check(
     if W is None:
         return _no_gain(exosystem, loop, key)
     error = error_matrix(exosystem, W)
+    # Routh's table ends at the first entry of its first column that is not positive.
     decided = decide_hurwitz(error)
     routh = tuple(map(number_text, decided.first_column))
     if decided.verdict is Verdict.PROVED:
@@ -157,6 +158,7 @@ def _designed_instead(loop: Loop | None) -> Fix:
 def confirm(check: Check, loop: Loop, W: Matrix | None) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
+    # Exact and quick: all of it is decided once more, and compared.
     exosystem, own_gain = group_of(check.group, loop, W)
     if check.id == "observability":
         own = observability_check(exosystem)
@@ -185,6 +187,7 @@ def group_of(name: object, loop: Loop, W: Matrix | None) -> tuple[Exosystem, Mat
         if name is not None or not groups:
             raise ValueError("there are no groups" if groups else "there is no exosystem")
         return groups[0].exosystem, W
+    # W of all groups is block diagonal, in their order.
     place = [group.name for group in groups].index(str(name))
     system = groups[place].exosystem
     if W is None:
@@ -251,6 +254,7 @@ def _projected(loop: Loop, T: Matrix) -> dict[str, Any]:
     """What a problem says of the states xi, said of T xi."""
     change: dict[str, Any] = {}
     observer = loop.observer
+    # A W for the old states acts on the new ones as T W; a P has no such image.
     if observer.W is not None:
         change["observer.W"] = typed_matrix(multiply(T, observer.W))
     if observer.P is not None:

@@ -64,13 +64,13 @@ class Lure:
     def __post_init__(self) -> None:
         object.__setattr__(self, "multipliers", MappingProxyType(dict(self.multipliers)))
         if self.method not in METHODS:
-            raise SpecError(
-                f"method must be one of {', '.join(METHODS)}; got {self.method!r}.", key="method"
-            )
+            known = ", ".join(METHODS)
+            raise SpecError(f"method must be one of {known}; got {self.method!r}.", key="method")
+        signs = "rate must be >= 0 and level > 0."
         if self.rate < 0:
-            raise SpecError("rate must be >= 0 and level > 0.", key="rate")
+            raise SpecError(signs, key="rate")
         if self.level is not None and self.level <= 0:
-            raise SpecError("rate must be >= 0 and level > 0.", key="level")
+            raise SpecError(signs, key="level")
         if (self.P is None) is not (self.Q is None):
             raise ShapeError("P and Q must both be given, or neither.", key="P")
 
@@ -79,20 +79,19 @@ class Lure:
         """What P_e is: a multiple of I, diagonal or full."""
         if any(i != j for i, j in self.P_e.entries):
             return "full"
+        # An entry that is left out is 0.
         values = {self.P_e.entries.get((i, i), ZERO) for i in range(self.P_e.size)}
         return "identity" if len(values) == 1 else "diagonal"
 
     def to_json(self) -> dict[str, Any]:
         entries = sorted(self.P_e.entries.items())
-        values: dict[str, Any] = {
-            "method": self.method,
-            "P_e": [[i, j, number_text(value)] for (i, j), value in entries],
-            "level": None if self.level is None else number_text(self.level),
-            "radius": None if self.radius is None else number_text(self.radius),
-            "ranges": ranges_to_json(self.ranges),
-            "multipliers": {mode: _texts(taus) for mode, taus in self.multipliers.items()},
-            "rate": number_text(self.rate),
-        }
+        values: dict[str, Any] = {"method": self.method}
+        values["P_e"] = [[i, j, number_text(value)] for (i, j), value in entries]
+        values["level"] = None if self.level is None else number_text(self.level)
+        values["radius"] = None if self.radius is None else number_text(self.radius)
+        values["ranges"] = ranges_to_json(self.ranges)
+        values["multipliers"] = {mode: _texts(taus) for mode, taus in self.multipliers.items()}
+        values["rate"] = number_text(self.rate)
         if self.P is not None:
             values["P"] = matrix_text(self.P)
         return values
@@ -120,10 +119,10 @@ def lure_matrix(
     if len(multipliers) != len(channels):
         many = f"{len(channels)} entries, one per channel; got {len(multipliers)}"
         raise ShapeError(f"mode {mode}: multipliers must have {many}.", key="multipliers")
-    added: Entries = {}
-    inner = _observer_block(sectors.loop, S)
+    added: Entries = {}  # sum 2 tau d^2 c c'
+    inner = _observer_block(sectors.loop, S)  # and sum b b'/(2 tau): what stands between P_e
     for channel, tau in zip(channels, multipliers, strict=True):
-        if not channel.spread:
+        if not channel.spread:  # a linear channel is in A0 already
             continue
         if tau <= 0:
             raise ShapeError(
@@ -193,6 +192,7 @@ def vertex_matrices(
     for channel in free:
         step = SparseSymmetric(size, _rank_two(rows[channel.target], channel, size))
         steps.append(step.scaled(2 * channel.spread))
+    # The derivative is affine in every gain, so that it is largest at a corner.
     for corner in itertools.product((False, True), repeat=len(free)):
         yield sum(itertools.compress(steps, corner), lowest)
 
@@ -232,6 +232,7 @@ def _derivative(
 def _sandwich(P_e: SparseSymmetric, inner: Entries) -> SparseSymmetric:
     """P_e N P_e for a sparse symmetric N."""
     size = P_e.size
+    # A full P_e is multiplied as a whole, a diagonal one entry by entry.
     if len(P_e.entries) > 4 * size:
         dense = P_e.to_dense()
         product = multiply(multiply(dense, SparseSymmetric(size, inner).to_dense()), dense)
@@ -255,10 +256,11 @@ def _without_target(entries: Entries, size: int) -> Entries:
 
 def _rank_two(row: Mapping[int, Fraction], channel: Channel, size: int) -> Entries:
     """P_e b c' + c b'P_e, where ``row`` is the row of P_e at the channel's target."""
+    # c has 1 at plus and -1 at minus; on the diagonal both terms fall on the same entry.
     entries: Entries = {}
     for i, p in row.items():
-        add(entries, i, channel.plus, 2 * p if i == channel.plus else p)
-        add(entries, i, channel.minus, -2 * p if i == channel.minus else -p)
+        for place, x in ((channel.plus, p), (channel.minus, -p)):
+            add(entries, i, place, 2 * x if i == place else x)
     return _without_target(entries, size)
 
 

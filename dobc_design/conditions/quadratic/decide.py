@@ -89,6 +89,7 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
     if lure.P_e.size != loop.n * loop.m:
         what = f"P_e must have {loop.n * loop.m} rows, one per component of e; got {lure.P_e.size}."
         raise ShapeError(what, key="P_e")
+    # First what is quick: the claimed gains are taken as they are, and shown last.
     sectors = build_sectors(loop, lure.ranges, radius=lure.radius)
     unsettled = partial(LureDecision, verdict=Verdict.UNDECIDED, step="gains")
     for each in lure.ranges:
@@ -173,6 +174,7 @@ def differences(P_e: SparseSymmetric, places: Iterable[tuple[int, int]]) -> Iter
     -u_i for the target, whose place is after the last.  P_e > 0."""
     size = P_e.size
     diagonal = all(i == j for i, j in P_e.entries)
+    # Of a diagonal P_e the entries beside the diagonal of the inverse are 0.
     Y = () if diagonal else inverse(P_e.to_dense())
     own = diagonal_of_inverse(P_e) if diagonal else [Y[i][i] for i in range(size)]
 
@@ -208,6 +210,7 @@ def covers(loop: Loop, lure: Lure, *, radius: Fraction, disturbance: Fraction = 
     """Whether all starts |e| <= radius, |eps_i| <= disturbance lie in {V <= level}: proved, or
     not.  lambda_max(P_e) radius^2 + n lambda_max(P) disturbance^2 <= level, with rational upper
     bounds of the eigenvalues."""
+    # e'P_e e <= lambda_max(P_e) R^2 has to fit into what the observers leave of the level.
     room = _room(loop, lure, disturbance)
     return room is None or (room >= 0 and eigenvalue_bound(lure.P_e) * radius**2 <= room)
 
@@ -221,6 +224,7 @@ def covered_radius(loop: Loop, lure: Lure, *, disturbance: Fraction = ZERO) -> f
     if room <= 0:
         return 0.0
     estimate = math.sqrt(float_below(room / eigenvalue_bound(lure.P_e)))
+    # The square root was rounded: the first number that is proved.
     for part in (0.0, 1e-12, 1e-9):
         radius = shorten(estimate * (1 - part))
         if covers(loop, lure, radius=claimed(radius), disturbance=disturbance):
@@ -253,6 +257,7 @@ def condition_bound(M: SparseSymmetric) -> Fraction | None:
     if all(i == j for i, j in M.entries):
         diagonal = M.diagonal()
         return max(diagonal) / min(diagonal)
+    # The estimate says only which bound is tried.
     smallest = float(np.linalg.eigvalsh(to_float(M.to_dense()))[0])
     for part in numbers.SHRINK:
         bound = numbers.rounded_down(smallest * (1 - part), digits=12)
@@ -275,7 +280,7 @@ def _gains_left_open(loop: Loop, lure: Lure) -> str | None:
 def _room(loop: Loop, lure: Lure, disturbance: Fraction) -> Fraction | None:
     """What the observer errors leave of the level for e'P_e e; None: no limit.  Negative:
     nothing."""
-    if disturbance and lure.P is None:
+    if disturbance and lure.P is None:  # eps = 0 is claimed only
         return Fraction(-1)
     if lure.level is None:
         return None
@@ -482,6 +487,7 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
 
 
 def _multipliers(values: Mapping[str, Any], loop: Loop) -> dict[str, tuple[Fraction, ...]]:
+    # Other methods have no multipliers.
     names = tuple(loop.modes) if values["method"] == "lure" else ()
     taus = read_object(values["multipliers"], names)
     found = {mode: tuple(map(read_rational, taus[mode])) for mode in names}

@@ -91,6 +91,7 @@ def design_lure(
     search = _begun(loop, W, shape=shape, rate=rate, observer=rate, disturbance=disturbance)
     if search is None:
         return None
+    # Sampled gains are quick, and mostly close enough.
     tried: Lure | None = None
     for tried in search.candidates(float(largest)):
         if holds(tried):
@@ -118,6 +119,7 @@ def fast_lures(
     search = _begun(loop, W, shape="full", rate=start, observer=observer, disturbance=ZERO)
     if search is None:
         return
+    # The first point is at the slowest rate itself, which is known already.
     growing = list(islice(search.faster(radius, fastest), MOST_CENTRES))
     for there, point in reversed(growing[1:]):
         yield from there.roundings(point)
@@ -150,6 +152,7 @@ def sooner_lures(
 
     def time_at(rate: float) -> float:
         exact = rounded_down(rate, digits=4)
+        # What holds at a rate holds at a slower one: the search begins inside.
         near = next((each for each in lures if each.rate >= exact), lures[-1])
         flat = _flattest(loop, near, wanted, rate=exact)
         if flat is None:
@@ -231,6 +234,7 @@ def bound_lure(
         lure = Lure(P_e=metric, ranges=ranges, radius=exact, level=level, P=P, Q=Q, method=method)
         return lure if holds(lure) else None
 
+    # Growing radii until one fails, then bisection between the last two.
     low = 1e-6
     high = 1e-3
     best = at(low)
@@ -289,17 +293,24 @@ def rate_estimate(loop: Loop, lure: Lure) -> float:
         return 0.0
     sectors = build_sectors(loop, lure.ranges, radius=lure.radius)
     P_e = to_float(lure.P_e.to_dense())
-    exact = [lure_matrix(sectors, mode, lure.P_e, lure.multipliers[mode]) for mode in sectors.modes]
-    fixed = [to_float(each.to_dense()) for each in exact]
+    fixed = []
+    for mode in sectors.modes:
+        matrix = lure_matrix(sectors, mode, lure.P_e, lure.multipliers[mode])
+        fixed.append(to_float(matrix.to_dense()))
 
     def decreases(beta: float) -> bool:
+        # The border of the observer's pair grows with the rate.
         observer = np.zeros_like(P_e)
         if lure.P is not None and lure.Q is not None:
             S = _border(loop, lure.P, lure.Q, rate=beta)
             if S is None:
                 return False
             observer = P_e @ S @ P_e
-        return all(float(np.linalg.eigvalsh(X + 2 * beta * P_e + observer)[-1]) < 0 for X in fixed)
+        for X in fixed:
+            highest = np.linalg.eigvalsh(X + 2 * beta * P_e + observer)[-1]
+            if not float(highest) < 0:
+                return False
+        return True
 
     most = min(-float(linalg.eigh(X, P_e, eigvals_only=True)[-1]) for X in fixed) / 2
     rate, _ = bisected(decreases, 0.0, most, steps=50)
@@ -343,6 +354,7 @@ def scaled_pair(
     F = to_float(exosystem.A) - to_float(W) @ C + float(rate) * np.eye(exosystem.order)
     if not float(np.max(np.linalg.eigvals(F).real)) < 0:
         return None
+    # C'C alone need not be definite.
     square = C.T @ C
     right = square + _EDGE * max(float(np.linalg.norm(square, 2)), 1e-300) * np.eye(len(F))
     floats = linalg.solve_continuous_lyapunov(F.T, -right)
@@ -469,6 +481,7 @@ class _Search:
         lowest = min(
             float(np.linalg.eigvalsh(each.value(Y, scalars))[0]) for each in program.blocks
         )
+        # Large enough a theta makes every start one inside.
         start[-1] = max(1.0, -2 * lowest)
         if not program.holds(start):
             return None
@@ -491,6 +504,7 @@ class _Search:
         if system is None:
             return None
         widest = float(np.max(system.widths(start.Y) / system.reach**2, initial=0.0))
+        # The inequalities do not depend on the scale, the radii do: well inside of all of them.
         inner = start.scaled(0.5 / max(widest, 1e-12))
         # How far the eigenvalues of Y may lie apart: enough for the point that it starts from.
         values = np.linalg.eigvalsh(start.Y)
@@ -505,6 +519,7 @@ class _Search:
         lowest = float(np.linalg.eigvalsh(inner.Y)[0])
         scalars = [*inner.scalars, 0.5 * lowest]
         if disturbed and inner.kappa is not None:
+            # Between what the disturbance takes and all of it; a small R fits into the rest.
             share = (1 + self.disturbance / inner.kappa) / 2
             scalars += [0.1 * math.sqrt(lowest * (1 - share)), share]
         program = cover(disturbance=self.disturbance)
@@ -673,6 +688,7 @@ class _Search:
             found.append(ball)
             return -ball.value
 
+        # Near the largest radius the set is thin: the largest ball may be at a smaller one.
         if any(lost(part * top) for part in TRIED):
             bounds = (0.5 * top, top)
             options = {"maxiter": 12, "xatol": 1e-3 * top}
@@ -700,6 +716,7 @@ class _Search:
         if system is None or ranges is None:
             return
         sectors = build_sectors(loop, ranges, radius=radius)
+        # P_e = Y^-1, scaled so that its largest eigenvalue is 1.
         unit = float(np.linalg.eigvalsh(point.Y)[0])
         inverse = np.linalg.inv(point.Y)
         for digits in DIGITS:

@@ -31,10 +31,10 @@ from dobc_design.solvers.program import Array
 
 Gains = tuple[Array, Array]  # lowest and highest, (couplings, m, m)
 
-POINTS: Final = 401
+POINTS: Final = 401  # along each axis
 SCATTERED: Final = 600  # points in a box of several dimensions, besides its corners
 WIDER: Final = 2e-5  # about what enclosures are widened and rounded by
-_STEP: Final = 1e-6
+_STEP: Final = 1e-6  # of a central difference, relative to the radius
 # Half-width of a range that is a point at this radius, relative to the gain, so that the unknowns
 # stay the same.
 _NARROW: Final = 1e-9
@@ -118,16 +118,21 @@ class FloatSystem:
 def sample_gains(loop: Loop, radius: float) -> Gains | None:
     """Lowest and highest gains of every coupling on |y_c| <= radius, about, of nodes for every
     state of a leader; None where one is not finite."""
-    known = loop.functions[: loop.drift_place if loop.slopes_move else None]
+    # Where slopes move with a leader, those of the nodes are asked for around every state of it.
+    known = loop.functions
+    if loop.slopes_move:
+        known = known[: loop.drift_place]
     found = [_sampled(each, radius) for each in known]
     if loop.slopes_move:
         box = loop.goals.leaders_box()
         half = np.array([nearest(side.width / 2) for side in box])
         middle = np.array([nearest(side.midpoint) for side in box])
         found.append(_of_vectors(loop.functions[-1], radius + half, middle))
-    low, high = (np.array(ends) for ends in zip(*found, strict=True))
+    low = np.array([ends[0] for ends in found])
+    high = np.array([ends[1] for ends in found])
     if not np.all(np.isfinite(low)) or not np.all(np.isfinite(high)):
         return None
+    # As wide as the enclosures that certificates claim, so that what fits here fits there.
     bent = np.array([not each.is_linear for each in loop.functions])[:, None, None]
     largest = np.maximum(np.abs(low), np.abs(high))
     margin = WIDER * np.where(bent, largest, 0.0)
@@ -154,19 +159,20 @@ def _sampled(coupling: Coupling, radius: float) -> Gains:
     else:
         low, high = _of_vectors(coupling, radius)
     slopes = coupling.jacobian_at_zero() if summed else ()
-    if coupling.is_linear:
+    if coupling.is_linear:  # its gains are its slopes
         for c in summed:
             for d in range(m):
                 low[c, d] = high[c, d] = nearest(slopes[c][d].midpoint)
-        return _flattened(low, high, 1e-9 * (np.abs(high) + np.abs(low)))
+        return _flattened(low, high, 1e-9)
     y = np.delete(np.linspace(-radius, radius, POINTS), POINTS // 2)  # without 0
     for d, axis in enumerate(np.eye(m)):
         with np.errstate(all="ignore"):
             gains = coupling.value(np.outer(y, axis)) / y[:, None]
+        # The slope at 0 is the gain there, between the points.
         for c in summed:
             low[c, d] = min(float(np.min(gains[:, c])), nearest(slopes[c][d].lo))
             high[c, d] = max(float(np.max(gains[:, c])), nearest(slopes[c][d].hi))
-    return _flattened(low, high, 1e-9 * (np.abs(high) + np.abs(low)))
+    return _flattened(low, high, 1e-9)
 
 
 def _is_summed(coupling: Coupling, c: int) -> bool:
@@ -174,9 +180,10 @@ def _is_summed(coupling: Coupling, c: int) -> bool:
     return coupling.by_component or is_sum_of_curves(coupling.components[c].node)
 
 
-def _flattened(low: Array, high: Array, noise: Array) -> Gains:
-    """The middle for both ends where they differ by less than the noise of floats."""
-    flat = high - low < noise
+def _flattened(low: Array, high: Array, part: float, least: float = 0.0) -> Gains:
+    """The middle for both ends where they differ by less than this part of themselves, which is the
+    noise of floats."""
+    flat = high - low < part * (np.abs(high) + np.abs(low) + least)
     middle = (low + high) / 2
     return np.where(flat, middle, low), np.where(flat, middle, high)
 
@@ -196,6 +203,7 @@ def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array 
     if m <= 4:  # beyond, there are too many
         corners = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=m)))
     scattered = np.random.default_rng(0).uniform(-1, 1, (SCATTERED, m))
+    # A step inside, so that differences stay in the box.
     points = about + radius * np.concatenate([corners, scattered]) * (1 - _STEP)
     low = np.zeros((m, m))
     high = np.zeros((m, m))
@@ -207,7 +215,7 @@ def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array 
             slopes = rise / (2 * step[d])
         low[:, d] = np.min(slopes, axis=0)
         high[:, d] = np.max(slopes, axis=0)
-    return _flattened(low, high, 1e-7 * (np.abs(high) + np.abs(low) + 1e-300))
+    return _flattened(low, high, 1e-7, 1e-300)
 
 
 def make_templates(loop: Loop) -> Templates:
@@ -258,6 +266,7 @@ def _template(
     m = loop.m
     arcs = loop.modes[name]
     gains: list[_Gain] = []
+    # Arc (i, j): agent i takes the difference e_j - e_i.
     for (i, j, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
         coupling = loop.place_of(i, j)
         for c, d, curved in entries[coupling]:
@@ -273,6 +282,7 @@ def _template(
                 known=0.0,
             )
             gains.append(gain)
+    # One column of a table for every gain: the first six entries are places, the others numbers.
     columns = np.array([*gains, *nodes], dtype=float).reshape(-1, len(_Gain._fields)).T
     place, where = np.split(columns[:6].astype(np.intp), 2)
     return _Template(
@@ -308,15 +318,12 @@ def float_system(
     modes = [_float_mode(templates, mode, gains) for mode in templates.modes]
     ends = np.zeros((0, 2), dtype=np.intp)
     if radius is not None:
+        # Gains are bounded while these differences stay below the radius.
         pairs = [np.sort(mode.where[1:].T, axis=1) for mode in modes]
         ends = np.unique(np.concatenate(pairs), axis=0)
+    reach = np.full(len(ends), radius or 0.0)
     return FloatSystem(
-        size=templates.size,
-        modes=tuple(modes),
-        S=S,
-        rate=rate,
-        ends=ends,
-        reach=np.full(len(ends), radius or 0.0),
+        size=templates.size, modes=tuple(modes), S=S, rate=rate, ends=ends, reach=reach
     )
 
 
@@ -332,6 +339,7 @@ def _float_mode(templates: Templates, mode: _Template, gains: Gains) -> FloatMod
     above = np.where(loose, np.maximum(above, 0), above)
     middle = (bottom + above) / 2
     target, plus, minus = mode.where
+    # A last row and column for the target, dropped in the end.
     A = np.pad(-templates.K, (0, 1))
     np.add.at(A, (target, plus), middle)
     np.add.at(A, (target, minus), -middle)
@@ -390,7 +398,9 @@ def _decrease_in(system: FloatSystem, mode: FloatMode, start: int, shift: int | 
 def centring(system: FloatSystem, basis: Basis, *, shift: bool = False) -> Inequalities:
     """Find Y, t, kappa with 0 < Y < I: the inequalities do not change when all are scaled.
     Scalars: t, with an observer kappa, and with ``shift`` theta."""
-    count = system.multipliers + (system.S is not None)
+    count = system.multipliers
+    if system.S is not None:
+        count += 1
     blocks = _decrease(system, shift=count if shift else None)
     blocks.append(Block(constant=np.eye(system.size), plain=-1.0))
     if shift:
@@ -410,6 +420,7 @@ def covering(
     lambda_ = kappa + (system.S is not None)
     eye = np.eye(system.size)
     blocks = _decrease(system)
+    # lambda I < Y < condition lambda I
     blocks.append(Block(constant=np.zeros_like(eye), plain=1.0, dense={lambda_: -1.0 * eye}))
     blocks.append(Block(constant=np.zeros_like(eye), plain=-1.0, dense={lambda_: condition * eye}))
     disturbed = system.S is not None and disturbance > 0
@@ -440,7 +451,8 @@ def _unit_forms() -> tuple[Array, Array, Array]:
 def _disturbance_block(disturbance: float, *, kappa: int, share: int) -> Block:
     """b kappa > disturbance: what the errors of the observers take of the level."""
     corner, other, off = _unit_forms()
-    return Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other})
+    root = np.sqrt(disturbance)
+    return Block(constant=root * off, dense={kappa: corner, share: other})
 
 
 def flattening(
@@ -455,6 +467,7 @@ def flattening(
     mu = first + 2 * disturbed
     eye = np.eye(system.size)
     blocks = _decrease(system)
+    # Y < mu I; and Y > ball^2 I, or with the part that the disturbance takes
     blocks.append(Block(constant=np.zeros_like(eye), plain=-1.0, dense={mu: eye}))
     if disturbed:
         share = first + 1
@@ -464,6 +477,7 @@ def flattening(
         blocks.append(_disturbance_block(disturbance, kappa=kappa, share=share))
     else:
         blocks.append(Block(constant=-(ball**2) * eye, plain=1.0))
+    # The unknown scalars in this order: t, kappa, lambda and b, mu.
     forms, limits = _radii(system, basis)
     return Inequalities(
         basis=basis,
@@ -479,6 +493,7 @@ def _radii(system: FloatSystem, basis: Basis) -> tuple[Array, Array]:
     """c'E c for every pair of ends and every unit matrix E, and the squares of the radii."""
     count = len(system.ends)
     pairs = np.arange(count)
+    # One column c = u_i - u_j for each pair; the row of the target is dropped.
     c = np.zeros((system.size + 1, count))
     c[system.ends[:, 0], pairs] = 1.0
     c[system.ends[:, 1], pairs] = -1.0

@@ -115,9 +115,10 @@ def gains_on(
     hull: Entries | None = None
     for c, component in enumerate(coupling.components):
         if is_sum_of_curves(component.node):
+            # One secant along each axis is sharper than slopes over the whole box.
             sides = enumerate(box)
             rows.append(tuple(_secants_along(component, d, side, tolerance) for d, side in sides))
-        else:
+        else:  # one hull for all such components
             hull = hull or _jacobian_hull(coupling, box)
             rows.append(hull[c])
     return tuple(rows)
@@ -181,6 +182,7 @@ def slopes_of_node(loop: Loop, errors: Box) -> Entries:
     if loop.drift_place is None:
         A = loop.slopes
         return tuple(tuple(map(Interval.point, row)) for row in A)
+    # Where the leader and the node are, and everything between them.
     box = tuple(s + e for s, e in zip(loop.goals.leaders_box(), errors, strict=True))
     return _jacobian_hull(loop.functions[loop.drift_place], box)
 
@@ -199,6 +201,7 @@ def enclose_ranges(loop: Loop, *, radius: Fraction | None) -> tuple[GainRange, .
         if radius is None and not coupling.is_linear:
             what = f'must be a number, because h = "{coupling.texts[0]}" is not linear; got None.'
             raise wrong("radius", what, "Give the largest |e_j - e_i| to be considered.")
+        # Linear gains are the same on every radius.
         entries = widened_gains(loop, place, radius or Fraction(1))
         found.append(GainRange(coupling=place, radius=radius, entries=entries))
     return tuple(found)
@@ -426,6 +429,7 @@ class _Hull:
             tuple(side.midpoint for side in box),
             tuple(side.hi for side in box),
         )
+        # A value at a point is a lower bound of the highest one.
         attained = max(bounds(tuple(map(Interval.point, each))).lo for each in ends)
         # The part with the highest bound comes first; numbers tell parts apart.
         heap = [(-bounds(box).hi, 0, box)]
@@ -440,6 +444,7 @@ class _Hull:
                 piece = (*part[:longest], half, *part[longest + 1 :])
                 middle = tuple(Interval.point(each.midpoint) for each in piece)
                 attained = max(attained, bounds(middle).lo)
+                # No part can go higher than the whole that it was cut from.
                 bound = min(bounds(piece).hi, -top)
                 heapq.heappush(heap, (-bound, 2 * count + number, piece))
         return -heap[0][0]
@@ -453,5 +458,6 @@ def _widened(gain: Interval, room: Fraction) -> Interval:
     largest = max(abs(low), abs(high))
     if math.isinf(largest):
         return gain
+    # Rounded outwards at the digits that count for the larger end.
     unit = Fraction(10) ** (DIGITS - 1 - math.floor(math.log10(largest)))
     return Interval(math.floor(gain.lo * unit) / unit, math.ceil(gain.hi * unit) / unit)

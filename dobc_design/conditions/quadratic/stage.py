@@ -155,6 +155,7 @@ def _found(
     asked: Asked, search: Callable[..., Lure | None], what: str, name: str, accept: float = 0.0
 ) -> Found | None:
     """What a search among proved certificates finds, if it is larger than ``accept``."""
+    # No |e_j - e_i| far beyond the ball asked for is looked at.
     ball = claimed(asked.ball)
     largest = max(2 * ball, min(10 * ball, _LARGEST))
     lure = None
@@ -198,6 +199,7 @@ def _ladder(asked: Asked, report: Progress) -> list[Found]:
         found.append(proposal)
         if proposal.radius >= asked.ball and not asked.everything:
             return found
+    # Linear couplings have no range of gains that other bounds could use better.
     if found and not asked.loop.is_linear:
         found += _bounds(asked, found[-1].lure)
     return found
@@ -225,6 +227,7 @@ def _timed(asked: Asked, first: Found) -> tuple[Found, str]:
     seen = _faster(asked, first)
     fastest = seen[-1]
     fast = [each for each in seen if each.lure.rate >= asked.rate] or [fastest]
+    # Of equal times the flatter, then the faster one.
     best = min([*_flatter(asked, seen), *reversed(fast)], key=_time)
     with suppress(WorkLimitError):
         best = replace(best, lure=raise_rate(loop, best.lure, holds=partial(holds, loop)))

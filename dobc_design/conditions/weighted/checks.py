@@ -38,6 +38,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     values = read_object(check.exact, names)
     # With R the weights are those of a network with one component.
     size = loop.n if alike else loop.n * loop.m
+    # One D serves all modes, each has a w of its own.
     known = read_object(values["w"], loop.modes)
     w = {mode: vector_from_json(vector, size) for mode, vector in known.items()}
     P = form_from_json(values["P"]) if "P" in names else None

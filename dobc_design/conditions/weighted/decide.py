@@ -149,7 +149,7 @@ class _Sums:
         return cls(total=zeros, sizes=np.zeros(size), counts=np.zeros(size))
 
     def add(self, rows: NDArray[np.int64], terms: NDArray[Any]) -> None:
-        if self.total.dtype == object:
+        if self.total.dtype == object:  # fractions have no roundings to be counted
             np.add.at(self.total, rows, terms)
             return
         size = len(self.total)
@@ -161,6 +161,7 @@ class _Sums:
         if self.total.dtype == object:
             return bool((self.total > 0).all())
         with np.errstate(invalid="ignore", over="ignore"):
+            # Every term may be off by its own roundings and by those of the sum.
             slack = (self.counts + _ROUNDINGS) * 2.0**-52 * self.sizes
             return bool((self.total > slack).all())
 
@@ -191,6 +192,7 @@ def rows_hold(
     gains = ends.below([2 * k[c][c] for k in pulls.values() for c in range(m)])
     if not exact and not _keeps_digits(d, v, weights, gains, slow):
         return False
+    # Row by row: -2 rate d w - sigma d^2 w + 2 k d w, and what every arc adds to its two rows.
     sums = _Sums.of(size, exact=exact)
     everyone = np.arange(size)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -68,6 +68,7 @@ def network_of(statements: Statements) -> Network | str:
     slopes = [function.jacobian_at_zero() for function in loop.functions[: drift.place]]
     if not all(x.is_point for each in slopes for row in each for x in row):
         return "does not apply: a slope of a coupling at the target is not rational."
+    # All have to be multiples of the first that is not 0.
     blocks = [tuple(tuple(x.lo for x in row) for row in each) for each in slopes]
     G = next((each for each in blocks if any(map(any, each))), None)
     if G is None:
@@ -121,6 +122,7 @@ def alike_holds(claim: Alike, statements: Statements, W: Matrix | None, *, rate:
     network = network_of(statements)
     if isinstance(network, str):
         return False
+    # Errors of observers that decay faster than the rate are a summand of V (see above).
     exosystem = statements.loop.joint_exosystem
     if exosystem is not None and W is None:
         return False
@@ -135,12 +137,14 @@ def alike_holds(claim: Alike, statements: Statements, W: Matrix | None, *, rate:
 
 def holds_of_agents(R: Matrix, network: Network, strength: Fraction, rate: Fraction) -> bool:
     """The three conditions on R."""
+    # Neighbours pull with R G: it has to be symmetric and >= 0.
     RG = multiply(R, network.G)
     if not is_symmetric(R) or len(R) != len(network.A) or not is_symmetric(RG):
         return False
     RA = multiply(R, network.A)
     pulled = subtract(add(RA, transpose(RA)), scale(2 * strength, RG))
     F = add(pulled, scale(2 * rate, R))
+    # R > 0 and A'R + R A - 2 c R G + 2 rate R < 0
     for matrix in (R, scale(-1, F)):
         symmetric = SparseSymmetric.from_dense(matrix)
         if decide_positive_definite(symmetric).verdict is not Verdict.PROVED:

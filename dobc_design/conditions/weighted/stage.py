@@ -47,6 +47,7 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
     loop = statements.loop
     modes = loop.modes
     id = id_for(loop)
+    # Where gains are not diagonal, agents may still feel their neighbours alike.
     network = network_of(statements) if why_not(statements) is not None else None
     if isinstance(network, str):
         return []
@@ -67,6 +68,7 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
             found = proposals(statements, W, least=least)
         else:
             found = alike_proposals(loop, network, W, least=least)
+        # The first that exact arithmetic proves; the next one tells how fast it could be.
         for claim, speed in found:
             check = weighted_check(id, statements, W, claim, rate=speed)
             if check.verdict is Verdict.PROVED:

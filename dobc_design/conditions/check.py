@@ -67,10 +67,12 @@ class Witness(Shown):
     values: tuple[str, ...] | None = None
 
     def to_json(self) -> dict[str, Any]:
-        lists = {"labels": self.labels, "values": self.values}
-        return {"kind": self.kind} | {
-            name: list(found) for name, found in lists.items() if found is not None
-        }
+        result: dict[str, Any] = {"kind": self.kind}
+        if self.labels is not None:
+            result["labels"] = list(self.labels)
+        if self.values is not None:
+            result["values"] = list(self.values)
+        return result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -164,53 +166,45 @@ class Check(Shown):
 
     def _card(self) -> Card:
         facts = [("holds for", str(self.domain))]
-        numbers = (("margin", self.margin), ("rate in 1/s", self.rate))
-        facts += [
-            (name, significant_towards_zero(value, 6))
-            for name, value in numbers
-            if value is not None
-        ]
+        if self.margin is not None:
+            facts.append(("margin", significant_towards_zero(self.margin, 6)))
+        if self.rate is not None:
+            facts.append(("rate in 1/s", significant_towards_zero(self.rate, 6)))
         if self.factor is not None:
             facts.append((f"factor of {self.norm}", significant_away_from_zero(self.factor, 6)))
-        facts += [
-            (name, str(value))
-            for name, value in (self.exact or {}).items()
-            if isinstance(value, (str, int))
-        ]
-        if self.witness is not None:
-            facts.append(
-                (
-                    f"witness, {self.witness.kind}",
-                    listed(self.witness.labels or self.witness.values or ()),
-                )
-            )
+        # Lists and tables of a claim are too long for a card.
+        for name, value in (self.exact or {}).items():
+            if isinstance(value, (str, int)):
+                facts.append((name, str(value)))
+        witness = self.witness
+        if witness is not None:
+            named = listed(witness.labels or witness.values or ())
+            facts.append((f"witness, {witness.kind}", named))
         if self.fix is not None:
             facts.append(("cure", self.fix.text))
         return Card(title=self.title, verdict=self.verdict.value, text=self.reason, facts=facts)
 
     def to_json(self) -> dict[str, Any]:
         """JSON object of the contract."""
-        places = {
-            name: text
-            for name, text in (("mode", self.mode), ("group", self.group))
-            if text is not None
-        }
-        parts: dict[str, Claim | None] = {
-            "exact": self.claim,
-            "witness": self.witness,
-            "fix": self.fix,
-        }
-        return {
-            "id": self.id,
-            **places,
-            "verdict": self.verdict.value,
-            "domain": self.domain.to_json(),
-            "margin": self.margin,
-            "rate": self.rate,
-            "factor": self.factor,
-            "reason": self.reason,
-            **{name: part.to_json() for name, part in parts.items() if part is not None},
-        }
+        result: dict[str, Any] = {"id": self.id}
+        if self.mode is not None:
+            result["mode"] = self.mode
+        if self.group is not None:
+            result["group"] = self.group
+        result["verdict"] = self.verdict.value
+        result["domain"] = self.domain.to_json()
+        result["margin"] = self.margin
+        result["rate"] = self.rate
+        result["factor"] = self.factor
+        result["reason"] = self.reason
+        # What is not there leaves no key: readers refuse null in its place.
+        if self.claim is not None:
+            result["exact"] = self.claim.to_json()
+        if self.witness is not None:
+            result["witness"] = self.witness.to_json()
+        if self.fix is not None:
+            result["fix"] = self.fix.to_json()
+        return result
 
 
 def undecided_check(id: str, domain: Domain, reason: str, *, applies: bool = True) -> Check:
@@ -266,9 +260,10 @@ def surviving(what: str, *beside: type[Exception]) -> Iterator[None]:
 def fastest_in_words(rate: float, factor: float) -> str:
     """What a proof with the largest rate would say, as a sentence for the reason of one that
     settles earlier."""
-    shown = significant_towards_zero(rate), significant_away_from_zero(factor, 3)
+    fastest = significant_towards_zero(rate)
+    larger = significant_away_from_zero(factor, 3)
     return (
-        f" The largest rate is about {shown[0]} 1/s, with a factor of {shown[1]}: it reaches "
+        f" The largest rate is about {fastest} 1/s, with a factor of {larger}: it reaches "
         "one percent later."
     )
 
@@ -278,7 +273,8 @@ def read_domain(domain: Domain, loop: Loop, *, kind: type[Around]) -> tuple[Frac
     TypeError."""
     if not isinstance(domain, kind):
         raise ValueError(f"the domain must be a {kind.kind} with radius and disturbance")
-    radius, disturbance = number_or_none(domain.radius), number_or_none(domain.disturbance)
+    radius = number_or_none(domain.radius)
+    disturbance = number_or_none(domain.disturbance)
     if radius is None or radius <= 0 or disturbance is None or disturbance < 0:
         raise ValueError("the radius must be > 0 and the disturbance >= 0")
     if disturbance and not loop.groups:
@@ -305,12 +301,17 @@ def main_cure(checks: Sequence[Check]) -> Check | None:
 def other_cures(checks: Sequence[Check]) -> list[Check]:
     """Checks with a fix that sets other keys than the main one and than those before, which
     supersede it."""
+    seen = list[set[str]]()
     main = main_cure(checks)
-    seen = [] if main is None or main.fix is None else [set(main.fix.set)]
-    result = []
+    if main is not None and main.fix is not None:
+        seen.append(set(main.fix.set))
+    result = list[Check]()
     for check in checks:
-        if check.fix is not None and not any(set(check.fix.set) <= other for other in seen):
-            seen.append(set(check.fix.set))
+        if check.fix is None:
+            continue
+        keys = set(check.fix.set)
+        if not any(keys <= other for other in seen):
+            seen.append(keys)
             result.append(check)
     return result
 
@@ -319,22 +320,12 @@ def check_from_json(data: Any) -> Check:
     """Read a check back.  Raises: KeyError, TypeError or ValueError, also for a field that is not
     known here."""
     require_keys(data, "a check", needed=NEEDED, allowed=OPTIONAL)
-    witness, fix = data.get("witness"), data.get("fix")
     domain = data["domain"]
     if not isinstance(domain, str):
         _object(domain, "domain")
-    if "witness" in data:
-        require_keys(witness, "witness", needed=("kind",), allowed=("labels", "values"))
-        lists = {
-            name: read_texts(witness[name], f"witness.{name}")
-            for name in ("labels", "values")
-            if name in witness
-        }
-        witness = Witness(kind=read_text(witness["kind"], "witness.kind"), **lists)
-    if "fix" in data:
-        require_keys(fix, "fix", needed=("kind", "set", "text"))
-        kind, text = (read_text(fix[name], f"fix.{name}") for name in ("kind", "text"))
-        fix = Fix(kind=kind, set=_object(fix["set"], "fix.set"), text=text)
+    # null is no witness and no fix, and refused where a key stands.
+    witness = _witness_from_json(data["witness"]) if "witness" in data else None
+    fix = _fix_from_json(data["fix"]) if "fix" in data else None
     texts: dict[str, Any] = {name: read_text(data[name], name) for name in TEXTS if name in data}
     return Check(
         **texts,
@@ -349,6 +340,21 @@ def check_from_json(data: Any) -> Check:
     )
 
 
+def _witness_from_json(data: Any) -> Witness:
+    require_keys(data, "witness", needed=("kind",), allowed=("labels", "values"))
+    labels = read_texts(data["labels"], "witness.labels") if "labels" in data else None
+    values = read_texts(data["values"], "witness.values") if "values" in data else None
+    kind = read_text(data["kind"], "witness.kind")
+    return Witness(kind=kind, labels=labels, values=values)
+
+
+def _fix_from_json(data: Any) -> Fix:
+    require_keys(data, "fix", needed=("kind", "set", "text"))
+    kind = read_text(data["kind"], "fix.kind")
+    text = read_text(data["text"], "fix.text")
+    return Fix(kind=kind, set=_object(data["set"], "fix.set"), text=text)
+
+
 def differs(check: Check, own: Check) -> str | None:
     """What a claimed check says otherwise than our own one for the same question; None if
     nothing."""
@@ -356,25 +362,22 @@ def differs(check: Check, own: Check) -> str | None:
         return f"it is {own.verdict.value}"
     if not agrees(check.exact, own.exact):
         return "exact differs from what the problem gives"
-    return (
-        None
-        if same_witness(check.witness, own.witness)
-        else "witness differs from what the problem gives"
-    )
+    if not same_witness(check.witness, own.witness):
+        return "witness differs from what the problem gives"
+    return None
 
 
 def agrees(claim: object, own: object, *, as_text: bool = False) -> bool:
     """Whether a part of a check says the same: rationals as numbers, names and polynomials as they
     are written."""
     if isinstance(own, Mapping) and isinstance(claim, Mapping):
-        return set(claim) == set(own) and all(
-            agrees(claim[key], own[key], as_text=key in NAMES) for key in own
-        )
+        if set(claim) != set(own):
+            return False
+        return all(agrees(claim[key], own[key], as_text=key in NAMES) for key in own)
     if isinstance(own, Sequence) and isinstance(claim, Sequence) and not isinstance(own, str):
-        same_length = not isinstance(claim, str) and len(claim) == len(own)
-        return same_length and all(
-            agrees(a, b, as_text=as_text) for a, b in zip(claim, own, strict=True)
-        )
+        if isinstance(claim, str) or len(claim) != len(own):
+            return False
+        return all(agrees(a, b, as_text=as_text) for a, b in zip(claim, own, strict=True))
     if claim == own or as_text or not isinstance(own, str):
         return claim == own
     return read_rational(claim) == read_rational(own)
@@ -420,11 +423,9 @@ def number_or_none(value: Any) -> float | None:
     if not math.isfinite(value):
         raise ValueError(f"expected a finite number, got {value!r}")
     nearest = float(value)
-    return (
-        math.nextafter(nearest, math.copysign(math.inf, value))
-        if abs(nearest) < abs(value)
-        else nearest
-    )
+    if abs(nearest) < abs(value):
+        return math.nextafter(nearest, math.copysign(math.inf, value))
+    return nearest
 
 
 class Written(float):

@@ -24,25 +24,27 @@ def covers(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
     safe = check.kind.role == "safety" and check.rate is not None
     if check.verdict is not Verdict.PROVED or not (check.kind.is_consensus or safe):
         return False
-    if check.kind.is_lemma:
-        if loop.groups:
-            return False
-        lemmas = [other for other in checks if other.kind.is_lemma]
-        if {other.mode for other in lemmas} != set(loop.modes):
-            return False
-        # One V = e'e serves every mode, so all have to hold; the slowest speaks for them.
-        if not all(other.verdict is Verdict.PROVED for other in lemmas):
-            return False
-        if check is not min(lemmas, key=lambda other: other.rate or 0.0):
-            return False
+    if check.kind.is_lemma and not _speaks_for_all_modes(loop, check, checks):
+        return False
+    if loop.starts is not None:
+        return holds_region(loop, check.domain)
     # others are about some starts, and the question is about the consensus itself
-    if loop.starts is None:
-        return (
-            check.kind.role not in ("region", "safety")
-            or check.domain == EVERYWHERE
-            or _is_near(loop, check)
-        )
-    return holds_region(loop, check.domain)
+    if check.kind.role not in ("region", "safety"):
+        return True
+    return check.domain == EVERYWHERE or _is_near(loop, check)
+
+
+def _speaks_for_all_modes(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
+    """Whether Lemma 1 is proved for every mode, and this check is the slowest of them."""
+    if loop.groups:
+        return False
+    lemmas = [other for other in checks if other.kind.is_lemma]
+    if {other.mode for other in lemmas} != set(loop.modes):
+        return False
+    # One V = e'e serves every mode, so all have to hold; the slowest speaks for them.
+    if not all(other.verdict is Verdict.PROVED for other in lemmas):
+        return False
+    return check is min(lemmas, key=lambda other: other.rate or 0.0)
 
 
 def holds_region(loop: Loop, domain: Domain) -> bool:
@@ -50,12 +52,13 @@ def holds_region(loop: Loop, domain: Domain) -> bool:
     region = loop.starts
     if region is None or not isinstance(domain, Around):
         return domain == EVERYWHERE
-    radius, reach = claimed(domain.radius), asked_radius(loop)
+    radius = claimed(domain.radius)
+    reach = asked_radius(loop)
     if isinstance(domain, Box):
         inside = radius >= max(reach)
     else:
-        square = loop.n * sum((r * r for r in reach), Fraction(0))
-        inside = radius >= 0 and radius**2 >= square
+        # A ball has to hold the corners of the box of all starts.
+        inside = radius >= 0 and radius**2 >= _corner(loop, reach)
     if region.disturbance is None:
         return inside
     return inside and claimed(domain.disturbance) >= region.disturbance
@@ -74,10 +77,9 @@ def _is_near(loop: Loop, check: Check) -> bool:
     that answers the local question, too; so does a ball where the slopes of f move with a
     leader."""
     is_safety = check.kind.role == "safety"
+    known = is_safety or check.kind.role == "region"
     if check.kind.topic == "quadratic":
         known = loop.slopes_move
-    else:
-        known = is_safety or check.kind.role == "region"
     several = loop.switches or is_safety or loop.drift is not None
     return several and known and is_box_near(loop, check.domain)
 
@@ -85,23 +87,30 @@ def _is_near(loop: Loop, check: Check) -> bool:
 def asked_radius(loop: Loop) -> tuple[Fraction, ...]:
     """R_c, per component: the largest |e_ic(0)| that the region allows, wherever a leader
     starts."""
-    pairs = loop.starts.states if loop.starts is not None else ()
-    goals = (
-        {loop.goals.of(agent) for agent in range(loop.n)}
-        if loop.goals.offsets
-        else {loop.goals.target}
-    )
-    return tuple(
-        max(max(abs(lo - goal[c] - leads[1]), abs(hi - goal[c] - leads[0])) for goal in goals)
-        # no pairs without a region
-        for c, ((lo, hi), leads) in enumerate(zip(pairs, loop.goals.starts, strict=False))
-    )
+    if loop.starts is None:
+        return ()
+    goals = loop.goals.different(range(loop.n))
+    reach = list[Fraction]()
+    states = zip(loop.starts.states, loop.goals.starts, strict=True)
+    for c, ((lo, hi), (least, most)) in enumerate(states):
+        # An error is largest where the agent and its leader start at opposite ends.
+        below = max(abs(lo - goal[c] - most) for goal in goals)
+        above = max(abs(hi - goal[c] - least) for goal in goals)
+        reach.append(max(below, above))
+    return tuple(reach)
+
+
+def _corner(loop: Loop, reach: Sequence[Fraction]) -> Fraction:
+    """The largest e'e where every |e_ic| is at most ``reach[c]``."""
+    return loop.n * sum((r * r for r in reach), Fraction(0))
 
 
 Progress = Callable[[str], None]
 
 #: Both radii of the box that is tried first for the local question of several modes.
 NEAR = 1e-3
+#: The radius of a region that is a point.
+POINT = 1e-6
 #: The largest box that is tried where no region is asked for, in the unit of the states.
 CAP = Fraction(10)
 
@@ -133,25 +142,31 @@ def read_region(
 ) -> Asked:
     """Decimals that are not below what is asked; a point counts as a small region."""
     region = loop.starts
-    reach = (CAP,) * loop.m if region is None else asked_radius(loop)
-    if region is None:  # the largest |xi_i(0)| of the simulation, about, where xihat begins at 0
-        rows = loop.xi0 or ()
-        largest = max((sum((x * x for x in row), Fraction(0)) for row in rows), default=Fraction(0))
-        disturbance = root_above(largest, unit=10**6)
-        if loop.groups and not disturbance and (loop.actuators or loop.uncertainty):
-            # a box answers for a table if it holds errors of the estimates, too
-            disturbance = claimed(NEAR)
+    if region is None:
+        reach = (CAP,) * loop.m
+        disturbance = _disturbance_of_runs(loop)
     else:
+        reach = asked_radius(loop)
         disturbance = region.disturbance or Fraction(0)
-    square = loop.n * sum((r * r for r in reach), Fraction(0))
+    ball = root_above(_corner(loop, reach), unit=10**9)
     return Asked(
         loop=loop,
         W=W,
-        radius=decimal_above(max(reach)) or 1e-6,
-        ball=decimal_above(root_above(square, unit=10**9)) or 1e-6,
+        radius=decimal_above(max(reach)) or POINT,
+        ball=decimal_above(ball) or POINT,
         disturbance=decimal_above(disturbance),
         domain=domain,
         wanted=region is not None,
         everything=everything,
         rate=rate,
     )
+
+
+def _disturbance_of_runs(loop: Loop) -> Fraction:
+    """The largest |xi_i(0)| of the simulation, about, where xihat begins at 0."""
+    squares = [sum((x * x for x in row), Fraction(0)) for row in loop.xi0 or ()]
+    largest = root_above(max(squares, default=Fraction(0)), unit=10**6)
+    if loop.groups and not largest and (loop.actuators or loop.uncertainty):
+        # a box answers for a table if it holds errors of the estimates, too
+        return claimed(NEAR)
+    return largest

@@ -55,7 +55,7 @@ class Pins:
 
 def pins_of(gains: Mapping[int, Matrix]) -> Pins:
     """Linear pins; gains that are 0 are no arcs."""
-    # In the order of nodes, so that two files that say the same give the same sums.
+    # By node, whatever the order in which the file names them.
     kept = {i: gain for i, gain in sorted(gains.items()) if any(map(any, gain))}
     return Pins(gains=MappingProxyType(kept), curved={})
 

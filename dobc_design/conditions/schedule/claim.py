@@ -72,7 +72,7 @@ def shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:
     """Enclose value exp(-rate time) for value, rate, time >= 0."""
     power = rate * time
     if power > FARTHEST:
-        # So small a number would have more digits than anybody reads; 0 stands for its lower end.
+        # Rationals of such a size are long, and slow to compute with; 0 is a lower bound, too.
         least = exp(Interval.point(Fraction(-FARTHEST)))
         return Interval(ZERO, (least * value).hi)
     return exp(Interval.point(-power)) * value

@@ -34,6 +34,8 @@ from checker_files.files import (
     Document,
     about,
     bend,
+    conclude,
+    fastest_proof,
     network,
     scalar,
 )
@@ -172,35 +174,26 @@ def case(
     """The certificate of a small problem with this one claim of the topic, and the verdict that
     follows; ``more``: changes of the check with an id."""
     document = json.loads(certified(problem))
-    document["checks"] = [each for each in document["checks"] if each["id"] not in OWN] + [
-        check
-    ] * (check is not None)
+    document["checks"] = [each for each in document["checks"] if each["id"] not in OWN]
+    if check is not None:
+        document["checks"].append(check)
     for id, changes in more:
         bend(next(each for each in document["checks"] if each["id"] == id), changes)
-    ids = (*OWN[:4], "lure", "theorem1" if document["observer"]["W"] else "lemma1")
-    covering = [
-        each for each in document["checks"] if each["id"] in ids and each["verdict"] == "proved"
-    ]
-    best = max(covering, key=lambda each: each["rate"] or 0, default=None)
-    # the verdict is about [uncertainty]
+
+    theorem = "theorem1" if document["observer"]["W"] else "lemma1"
+    best = fastest_proof(document, (*OWN[:4], "lure", theorem))
+    counts = [(each.get("exact") or {}).get("unstable_roots", "0") for each in document["checks"]]
+    refuted = any(count != "0" for count in counts)
+    if check is not None and check["verdict"] == "refuted":
+        best, refuted = None, True
+    # With [uncertainty] the verdict is about the plant that it states.
     if best is not None and check is not None and check["id"] == "accuracy":
         best = check
-    failed = any("unstable_roots" in (each.get("exact") or {}) for each in document["checks"])
-    failed = failed and any(
-        (each.get("exact") or {}).get("unstable_roots", "0") != "0" for each in document["checks"]
-    )
-    if check is not None and check["verdict"] == "refuted":
-        best, failed = None, True
-    document["verdict"] = "proved" if best else "refuted" if failed else "undecided"
-    document["rate"], document["covered_by"] = (best["rate"], best["id"]) if best else (None, None)
+    conclude(document, best, refuted=refuted)
     if best is check:
         document.pop("factor", None)
-    return Case(
-        f"{problem}: {name}",
-        json.dumps(document).encode(),
-        canonical_bytes(problems()[problem]),
-        code,
-    )
+    data = canonical_bytes(problems()[problem])
+    return Case(f"{problem}: {name}", json.dumps(document).encode(), data, code)
 
 
 def changed(name: str, problem: str, code: int = UNREADABLE, **changes: Any) -> Case:

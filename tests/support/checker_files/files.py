@@ -12,7 +12,7 @@ import shutil
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -216,6 +216,23 @@ def bend(holder: Document, changes: Document) -> None:
             holder.pop(key, None)
         else:
             holder[key] = value
+
+
+def fastest_proof(document: Document, ids: Sequence[str]) -> Document | None:
+    """The proved check with the largest rate among these ids, the first of several."""
+    proofs = [
+        each for each in document["checks"] if each["id"] in ids and each["verdict"] == "proved"
+    ]
+    return max(proofs, key=lambda each: each["rate"] or 0, default=None)
+
+
+def conclude(document: Document, proof: Document | None, *, refuted: bool) -> None:
+    """The verdict that this proof gives, or without one that somebody has ``refuted`` it."""
+    document |= {"verdict": "undecided", "rate": None, "covered_by": None}
+    if proof is not None:
+        document |= {"verdict": "proved", "rate": proof["rate"], "covered_by": proof["id"]}
+    elif refuted:
+        document["verdict"] = "refuted"
 
 
 def bare(document: Document) -> Document:

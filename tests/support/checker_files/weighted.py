@@ -7,7 +7,16 @@ from typing import Any
 
 from certified import consensus_claims
 
-from checker_files.files import FAILS, HOLDS, Case, Document, bend, network, scalar
+from checker_files.files import (
+    FAILS,
+    HOLDS,
+    Case,
+    Document,
+    conclude,
+    fastest_proof,
+    network,
+    scalar,
+)
 from checker_files.separable import claim
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
@@ -71,33 +80,18 @@ def problems() -> dict[str, Problem]:
     }
 
 
-def case(name: str, problem: str, check: Document, code: int, **changes: Any) -> Case:
-    """The certificate of a small problem with this one claim of the topic; the verdict follows, but
-    for ``changes``."""
+def case(name: str, problem: str, check: Document, code: int) -> Case:
+    """The certificate of a small problem with this one claim of the topic, and the verdict that
+    follows."""
     document = json.loads(certificate_bytes(consensus_claims(problems()[problem])))
     topics = ("theorem1-weighted", "theorem2-weighted", "linearisation")
     document["checks"] = [each for each in document["checks"] if each["id"] not in topics] + [check]
-    ids = (
-        *topics,
-        *(("theorem1", "theorem2") if document["observer"]["W"] else ("lemma1",)),
-        "max-separable",
-        "lure",
-    )
-    covering = [
-        each for each in document["checks"] if each["id"] in ids and each["verdict"] == "proved"
-    ]
-    best = max(covering, key=lambda each: each["rate"] or 0, default=None)
-    failed = check["verdict"] == "refuted" or "unstable_roots" in json.dumps(document["checks"])
-    document["verdict"] = "proved" if best else "refuted" if failed else "undecided"
-    document["rate"], document["covered_by"] = (best["rate"], best["id"]) if best else (None, None)
-    for path, value in changes.items():
-        document = bend(document, path, value)
-    return Case(
-        f"{problem}: {name}",
-        json.dumps(document).encode(),
-        canonical_bytes(problems()[problem]),
-        code,
-    )
+    theorems = ("theorem1", "theorem2") if document["observer"]["W"] else ("lemma1",)
+    best = fastest_proof(document, (*topics, *theorems, "max-separable", "lure"))
+    counted = "unstable_roots" in json.dumps(document["checks"])
+    conclude(document, best, refuted=check["verdict"] == "refuted" or counted)
+    data = canonical_bytes(problems()[problem])
+    return Case(f"{problem}: {name}", json.dumps(document).encode(), data, code)
 
 
 @cache

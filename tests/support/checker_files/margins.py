@@ -12,7 +12,6 @@ from certified import certified
 from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, scalar
 from dobc_design import Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem, harmonics
 
@@ -204,15 +203,15 @@ def margins_cases() -> list[Case]:
         bent(one(region=REGION), "tolerance", gains="-1/10"),
         bent(near, "tolerance", rate=None),
         bent(near, "tolerance", eta="0"),
-        bent(near, "tolerance", v=["1"], alpha="2", rate=1, domain=NEAR_TARGET, code=HOLDS),
-        bent(near, "tolerance", v=["0"], alpha="2", rate=1, domain=NEAR_TARGET),
-        bent(kinked, "tolerance", v=["1"], domain=NEAR_TARGET),
-        bent(unknown, "tolerance", v=["1", "2"], alpha="1/10", rate=None, domain=NEAR_TARGET),
+        bent(near, "tolerance", v=["1"], alpha="2", rate=1, domain="consensus", code=HOLDS),
+        bent(near, "tolerance", v=["0"], alpha="2", rate=1, domain="consensus"),
+        bent(kinked, "tolerance", v=["1"], domain="consensus"),
+        bent(unknown, "tolerance", v=["1", "2"], alpha="1/10", rate=None, domain="consensus"),
         bent(limited, "actuators", without="max-separable"),
         bent(limited, "actuators", without="actuators"),
         bent(near, "tolerance", rate=4),
         bent(seen, "tolerance", alpha="-1"),
-        bent(seen, "tolerance", domain=EVERYWHERE),
+        bent(seen, "tolerance", domain="global"),
         bent(seen, "tolerance", rate=0.001),
         bent(unknown, "tolerance", eta="0"),
         bent(unknown, "tolerance", **_slower(unknown, "2/5"), code=HOLDS),

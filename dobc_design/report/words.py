@@ -25,7 +25,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Around, Domain
 from dobc_design.conditions.graphs.claim import signals_in_words
-from dobc_design.conditions.kinds import KINDS, ids_of
+from dobc_design.conditions.kinds import KINDS, REACHABILITY, ids_of
 from dobc_design.conditions.numbers import read_rational, time_to_one_percent
 from dobc_design.description.meaning import disturbance_words, time_words
 from dobc_design.description.words import leader_words
@@ -623,7 +623,7 @@ def _first(rows: list[str]) -> list[str]:
 def unreached_agents(certificate: Certificate, mode: str) -> set[int]:
     """Agents that no pin reaches in this mode, as the refuted check names them."""
     for check in certificate.checks:
-        if check.id == "reachability" and check.mode == mode and check.verdict is Verdict.REFUTED:
+        if check.id == REACHABILITY and check.mode == mode and check.verdict is Verdict.REFUTED:
             witness = check.witness
             named = set() if witness is None else set(witness.labels or ())
             labels = certificate.problem.network.labels

@@ -12,6 +12,7 @@ from dobc_design import Certificate, Check, Exosystem, Observer, Verdict, certif
 from dobc_design.certification.overall import decide_overall
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.coverage import asked_radius, covers
+from dobc_design.conditions.domain import domain_from_json
 from dobc_design.loop.make import loop_of
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -97,7 +98,9 @@ def test_a_global_proof_covers_every_region():
 
 
 def made_up(domain, **more):
-    return Check(id="lure", verdict=PROVED, domain=domain, reason="", margin=0.0, rate=1.0, **more)
+    """A proof of a region; ``domain`` as a certificate has it."""
+    where = domain_from_json(domain)
+    return Check(id="lure", verdict=PROVED, domain=where, reason="", margin=0.0, rate=1.0, **more)
 
 
 @pytest.mark.parametrize(
@@ -130,8 +133,12 @@ def test_coverage_is_compared_exactly(domain, answer):
 def test_a_radius_that_is_a_decimal_is_read_as_its_text():
     """0.1 + 0.2 is 0.30000000000000004 as it is written, and 0.1 is 1/10."""
     asked = problem(h="tanh(y)", region=region(0, "1/10"))
-    assert covers(loop_of(asked), made_up({"kind": "box", "radius": 0.1}), [])
-    assert not covers(loop_of(asked), made_up({"kind": "box", "radius": 0.09999999999999999}), [])
+    assert covers(loop_of(asked), made_up({"kind": "box", "radius": 0.1, "disturbance": 0.0}), [])
+    assert not covers(
+        loop_of(asked),
+        made_up({"kind": "box", "radius": 0.09999999999999999, "disturbance": 0.0}),
+        [],
+    )
     # formation offsets enlarge the radius that is asked for
     asked = problem(h="tanh(y)", target=1, offsets={2: -3}, region=region(0, 5))
     assert asked_radius(loop_of(asked)) == (Fraction(7),)

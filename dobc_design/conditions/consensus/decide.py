@@ -35,6 +35,7 @@ from dobc_design.conditions.consensus.network import (
     lowest_quotient,
     refutes,
 )
+from dobc_design.conditions.kinds import REACHABILITY
 from dobc_design.conditions.numbers import (
     claimed,
     has_short_denominator,
@@ -424,7 +425,7 @@ def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | No
     """None if all that a check of this topic claims is confirmed; one refuted by the observer is
     not for here."""
     loop = statements.loop
-    if check.id == "reachability":
+    if check.id == REACHABILITY:
         if check.margin is not None or check.rate is not None:
             return NO_NUMBER
         return differs(check, network.reachability_check(loop, str(check.mode)))
@@ -446,7 +447,7 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
     # The decimals as they are written, not the floats nearest to them.
     margin = claimed(check.margin)
     rate = claimed(check.rate or 0.0)
-    if check.id == "lemma1":
+    if check.kind.is_lemma:
         mode = str(check.mode)
         if check.exact is not None and mode not in statements.shown:
             return "the vector does not show that Lambda < 0"
@@ -470,7 +471,7 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
 def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) -> str | None:
     if check.rate is not None or (check.margin is not None and check.margin > 0):
         return "a refuted check must claim no rate and no positive margin"
-    if check.id == "lemma1":
+    if check.kind.is_lemma:
         return _confirm_unstable(check, statements)
     if check.kind.role == "given":
         return _confirm_printed(check, statements, pair, _vector(check))

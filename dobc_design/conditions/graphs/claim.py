@@ -80,7 +80,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Kept | Values:
     exact = check.exact or {}
     if check.verdict is Verdict.REFUTED:
         return Values(exact)
-    kind = "" if check.id == "safety" else exact["kind"]
+    kind = "" if check.kind.role == "safety" else exact["kind"]
     if kind in ("", SURE):
         return _box_from_json(exact, kind, loop)
     name = {MEAN: "w", SQUARE: "P"}[kind]
@@ -113,6 +113,6 @@ def signals_in_words(loop: Loop, check: Check) -> str:
     if check.id == "markov":
         kind = str((check.exact or {}).get("kind"))
         return f"{HOW.get(kind, HOW[SURE])} for the Markov signal, whatever its first mode"
-    if check.id == "safety":
+    if check.kind.role == "safety":
         return "for every graph and every motion"
     return "under arbitrary switching of the modes" if loop.switches else ""

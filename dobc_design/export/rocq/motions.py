@@ -25,6 +25,7 @@ from dobc_design.certificate.claims import claim_of, reading_claims
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.domain import Around
+from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.numbers import claimed, rounded_up
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, holding_gains
@@ -348,7 +349,7 @@ def proved_in_states(certificate: Certificate) -> tuple[Check, Separable] | None
     # Coordinates T change what a row is: the library is about the states themselves.
     for check in certificate.checks:
         proved = check.verdict is Verdict.PROVED and check.rate is not None
-        if check.id == "max-separable" and proved:
+        if check.id == MAX_SEPARABLE and proved:
             with reading_claims():
                 claim = claim_of(check, loop_of(problem), certificate.claims.W)
             if isinstance(claim, Separable) and claim.T is None:

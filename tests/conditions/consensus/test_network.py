@@ -134,12 +134,18 @@ def test_a_direction_that_gains_leave_free_is_that_of_the_group():
     (direction,) = network.group_directions(loop_of(problem), problem.network.modes["G"])
     assert direction == [1, 0, 1, 0]
     assert certify(problem).check("lemma1").witness.values == ("1", "0", "1", "0")
-    assert (
-        network.group_directions(
-            loop_of(linked([[1, 2], [2, 1]], gains={1: 1})), problem.network.modes["G"]
-        )
-        == []
-    )
+    held = loop_of(linked([[1, 2], [2, 1]], gains={1: 1}))
+    assert network.group_directions(held, problem.network.modes["G"]) == []
+
+
+def test_how_many_groups_a_sentence_names_does_not_limit_the_witnesses(monkeypatch):
+    """Six agents that hear nobody, none of them pinned: each is a group of its own."""
+    loop = loop_of(linked([[7, k] for k in range(1, 7)]))
+    arcs = loop.modes["G"]
+    monkeypatch.setattr(network, "SHOWN", 1)
+    assert "one of each of 5 more groups" in network.cure_in_words(loop, [arcs])
+    moved = {tuple(direction) for direction in network.group_directions(loop, arcs)}
+    assert len(moved) == 6
 
 
 def test_that_no_gains_on_the_present_pins_can_do_is_shown_by_agents_without_a_pin():

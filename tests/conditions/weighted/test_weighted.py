@@ -33,9 +33,16 @@ KNOWN = [
 
 
 def row(problem: Problem) -> Check | None:
-    return next(
-        (check for check in certified(problem).checks if check.id.endswith("weighted")), None
-    )
+    """The check of a weighted theorem, if the certificate has one."""
+    for check in certified(problem).checks:
+        if check.id.endswith("weighted"):
+            return check
+    return None
+
+
+def true_rate(problem: Problem) -> float:
+    """Mu: the least real part of an eigenvalue of M, by NumPy; slopes at 0 are 2."""
+    return float(np.linalg.eigvals(-loop_by_hand(problem, slope=2.0)).real.min())
 
 
 def fastest(problem: Problem) -> Check:
@@ -65,15 +72,10 @@ def digraph(
     if seed % 2:
         arcs |= {(i, (i + 1) % n): r.randint(1, 40) for i in range(n)}
     listed = [[i + 1, j + 1, Fraction(w, 8)] for (i, j), w in sorted(arcs.items()) if i != j]
-    gains = {
-        r.randint(1, n): Fraction(r.randint(1, 40), 4) for _ in range(r.randint(1, max(1, n // 4)))
-    }
-    return Problem(
-        network=Network.from_arcs(listed, arrow="listens_to", agents=n),
-        coupling=h,
-        gains=gains,
-        **more,
-    )
+    pins = r.randint(1, max(1, n // 4))
+    gains = {r.randint(1, n): Fraction(r.randint(1, 40), 4) for _ in range(pins)}
+    network = Network.from_arcs(listed, arrow="listens_to", agents=n)
+    return Problem(network=network, coupling=h, gains=gains, **more)
 
 
 @pytest.mark.parametrize(("gains", "rates"), KNOWN)
@@ -133,29 +135,31 @@ def test_a_long_way_from_the_pin_is_proved_though_no_doubles_hold_the_fastest_we
     """Chain and ring that hear one way: near the true rate, weights grow by a factor from agent to
     agent."""
     n = 1200
-    arcs = [[i + 1, i] for i in range(1, n)] + [[1, n]] * ends
-    long = Problem(
-        network=Network.from_arcs({"G": arcs}, arrow="listens_to", agents=n),
-        coupling="y",
-        gains={1: 2},
-    )
-    statements = state_theorems(loop_of(long))
+    arcs = [[i + 1, i] for i in range(1, n)]
+    if ends:
+        arcs.append([1, n])
+    network = Network.from_arcs({"G": arcs}, arrow="listens_to", agents=n)
+    loop = loop_of(Problem(network=network, coupling="y", gains={1: 2}))
+    statements = state_theorems(loop)
     (check,) = weighted_stage(statements, None)
     assert check.verdict is Verdict.PROVED
     assert check.rate > 0
-    assert confirm(check, loop_of(long), None, statements=statements) is None
-    assert confirm(replace(check, rate=2.0), loop_of(long), None, statements=statements) is not None
+    assert confirm(check, loop, None, statements=statements) is None
+    too_fast = replace(check, rate=2.0)
+    assert confirm(too_fast, loop, None, statements=statements) is not None
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_random_digraphs_are_proved_iff_reached_and_at_the_true_rate(seed):
     problem = digraph(seed)
-    mu = float(np.linalg.eigvals(-loop_by_hand(problem, slope=2.0)).real.min())
+    mu = true_rate(problem)
     certificate = certified(problem)
-    assert certificate.verdict is (Verdict.PROVED if mu > 1e-9 else Verdict.REFUTED)
     if mu > 1e-9:
+        assert certificate.verdict is Verdict.PROVED
         assert 0.99 * mu < fastest(problem).rate < mu * (1 + 1e-9)
         assert recheck(certificate.claims, problem).holds
+    else:
+        assert certificate.verdict is Verdict.REFUTED
 
 
 def proposal(problem, W=None):
@@ -168,32 +172,38 @@ def proposal(problem, W=None):
 def test_a_claim_fails_above_the_true_rate_and_with_a_wrong_number(seed):
     problem = digraph(seed)
     statements, claim, rate = proposal(problem)
-    mu = Fraction(float(np.linalg.eigvals(-loop_by_hand(problem, slope=2.0)).real.min()))
+    mu = Fraction(true_rate(problem))
     assert holds(claim, statements, None, rate=rate)
     assert not holds(claim, statements, None, rate=mu * (1 + Fraction(1, 10**6)))
     (mode,) = claim.w
     w = list(claim.w[mode])
     w[0] *= 100
-    assert not holds(replace(claim, w={mode: tuple(w)}), statements, None, rate=rate)
+    wrong = replace(claim, w={mode: tuple(w)})
+    assert not holds(wrong, statements, None, rate=rate)
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_what_is_accepted_is_definite_for_an_eigenvalue_solver(seed):
     """D around the proposed ones, and other rates; w from a linear solve."""
-    r, problem = Random(seed), digraph(2 * seed + 1, n=6)
-    M, tally = -loop_by_hand(problem, slope=2.0), []
+    r = Random(seed)
+    problem = digraph(2 * seed + 1, n=6)
+    M = -loop_by_hand(problem, slope=2.0)
     statements, start, best = proposal(problem)
     (mode,) = problem.network.modes
+    tally = []
     for _ in range(40):
         D = [x * Fraction(r.randint(97, 103), 100) for x in start.D]
         rate = best * Fraction(r.randint(5, 100), 100)
-        N = np.diag(np.array(D, float)) @ (M - float(rate) * np.eye(6))
-        w = np.linalg.lstsq(N + N.T, np.ones(6), rcond=None)[0]
-        least = float(np.linalg.eigvalsh(N + N.T).min())
+        half = np.diag(np.array(D, float)) @ (M - float(rate) * np.eye(6))
+        N = half + half.T
+        w = np.linalg.lstsq(N, np.ones(6), rcond=None)[0]
+        least = float(np.linalg.eigvalsh(N).min())
         if min(w) > 0 and abs(least) > 1e-9:
-            claim = Weighted(D=tuple(D), w={mode: tuple(Fraction(float(x)) for x in w)})
-            tally.append(holds(claim, statements, None, rate=rate))
-            assert tally[-1] is (least > 0)
+            exact = tuple(Fraction(float(x)) for x in w)
+            claim = Weighted(D=tuple(D), w={mode: exact})
+            accepted = holds(claim, statements, None, rate=rate)
+            assert accepted is (least > 0)
+            tally.append(accepted)
     assert any(tally)
 
 
@@ -201,35 +211,45 @@ def test_the_block_condition_of_the_observer_holds():
     """[[-(DM + M'D) + 2 beta D, D (x) C], [., I (x) (Omega0 + 2 beta P)]] < 0 by an eigenvalue
     solver."""
     certificate = certified("paper-fixed")
-    problem, check = certificate.problem, certificate.check("theorem1-weighted")
-    D, P = np.diag(np.array(check.claim.D, float)), np.array(check.claim.P, float)
-    A, C, W = (
-        np.array(x, float) for x in (problem.exosystem.A, problem.exosystem.C, certificate.claims.W)
-    )
-    M, beta, F = -loop_by_hand(problem, slope=2.0), check.rate, A - W @ C
+    problem = certificate.problem
+    check = certificate.check("theorem1-weighted")
+    D = np.diag(np.array(check.claim.D, float))
+    P = np.array(check.claim.P, float)
+    A = np.array(problem.exosystem.A, float)
+    C = np.array(problem.exosystem.C, float)
+    W = np.array(certificate.claims.W, float)
+    M = -loop_by_hand(problem, slope=2.0)
+    F = A - W @ C
+    beta = check.rate
     corner = -(D @ M + M.T @ D) + 2 * beta * D
     omega = P @ F + F.T @ P + 2 * beta * P
-    unit = linalg.block_diag(
-        np.diag(np.diag(D) ** -0.5), np.kron(np.eye(10), np.linalg.inv(linalg.cholesky(P).T).T)
-    )
-    block = np.block([[corner, np.kron(D, C)], [np.kron(D, C).T, np.kron(np.eye(10), omega)]])
+    border = np.kron(D, C)
+    block = np.block([[corner, border], [border.T, np.kron(np.eye(10), omega)]])
+    # In coordinates in which V is the square of the length, so that entries are of one size.
+    observers = np.kron(np.eye(10), np.linalg.inv(linalg.cholesky(P).T).T)
+    unit = linalg.block_diag(np.diag(np.diag(D) ** -0.5), observers)
     assert np.linalg.eigvalsh(unit.T @ block @ unit).max() < 0
 
 
 @pytest.mark.parametrize("seed", [1, 3, 4, 7])
 def test_rounded_rows_of_large_networks_agree_with_exact_ones(seed, monkeypatch):
     problem = digraph(seed, n=40, h="sin(y)")
-    statements, claim, rate = proposal(problem) if seed % 2 else proposal(problem.replace(gains=1))
+    if seed % 2 == 0:
+        problem = problem.replace(gains=1)
+    statements, claim, rate = proposal(problem)
     (mode,) = statements.jacobians.modes
-    D, w = (Doubles(np.array([float(x) for x in v])) for v in (claim.D, claim.w[mode.name]))
-    common = {"rate": rate, "sigma": (Fraction(0),)}
-    assert rows_hold(mode, statements.loop, D, w, **common)
+    D = Doubles(np.array([float(x) for x in claim.D]))
+    w = Doubles(np.array([float(x) for x in claim.w[mode.name]]))
+
+    def hold(weights: Doubles, rate: Fraction) -> bool:
+        return rows_hold(mode, statements.loop, weights, w, rate=rate, sigma=(Fraction(0),))
+
+    assert hold(D, rate)
     monkeypatch.setattr(decide, "MANY_AGENTS", 0)
-    assert rows_hold(mode, statements.loop, D, w, **common)
-    assert not rows_hold(mode, statements.loop, D, w, rate=rate * 2, sigma=(Fraction(0),))
-    tiny = Doubles(D.array * 1e-150)
+    assert hold(D, rate)
+    assert not hold(D, rate * 2)
     # products below the smallest float
-    assert not rows_hold(mode, statements.loop, tiny, w, **common)
+    assert not hold(Doubles(D.array * 1e-150), rate)
 
 
 @pytest.mark.parametrize("h", ["-y", "y**3 - y"])

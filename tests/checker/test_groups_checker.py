@@ -59,7 +59,7 @@ QUICK = (3, 5)  # seeds of a problem that is proved, in three components, and of
 
 @pytest.fixture
 def certified_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("campaigns.certify", certify_once)
+    monkeypatch.setattr("campaigns.certificates.certify", certify_once)
 
 
 @pytest.mark.usefixtures("certified_once")

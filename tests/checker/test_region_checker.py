@@ -231,7 +231,7 @@ FAST_PAIR = 3
 
 @pytest.fixture
 def certified_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("region_campaigns.certify", certify_once)
+    monkeypatch.setattr("campaigns.regions.certify", certify_once)
 
 
 @pytest.mark.usefixtures("certified_once")

@@ -188,6 +188,7 @@ class _Certification:
         written = tuple(writable(check, domain) for check in self._with_stages(found))
         checks = with_factors(loop, written, found.W)
         overall = decide_overall(loop, checks, found.W)
+        # With several groups one designed block is enough.
         source = None
         if found.W is not None:
             source = "designed" if any(found.designs) else "given"
@@ -212,6 +213,7 @@ class _Certification:
             version=__version__,
             options=self.options.as_typed,
         )
+        # Last of all, because it reads the certificate as it will be written.
         self.report("asking the second checker")
         return Certificate(problem=self.problem, claims=agreed(claims, self.problem))
 
@@ -219,6 +221,7 @@ class _Certification:
         """The checks that are ``found``, with cures, and those of every later stage in turn."""
         loop, report = self.loop, self.report
         everything, tolerance = self.options.everything, self.options.settling
+        # In this order, because each stage may rest on what those before it have proved.
         case = Case(
             loop=loop,
             W=found.W,
@@ -250,6 +253,7 @@ class _Certification:
         case = Case(loop=loop, W=found.W, domain=found.statements.domain, checks=checks)
         first = loop.guarantee.is_given
         own = tuple(regions(case)) if first else ()
+        # Cures name gains of integrators, and take the time of further decisions.
         curable = loop.drift is None and out_of_time() is None
         if curable and not any(covers(loop, check, own) for check in own):
             P = None if found.pair is None else found.pair.P
@@ -425,6 +429,7 @@ def decide(loop: Loop, report: Progress, *, rate: float = 0.0) -> Decided:
     """Run every condition that applies; no cures.  ``rate``: as in ``certify``."""
     report("stating the theorems")
     statements = state_theorems(loop)
+    # Without estimates everything is still decided, with poorer proposals.
     tops: dict[str, Top] = {}
     with surviving("eigenvalue estimate failed"):
         tops = estimates.lambda_tops(statements)
@@ -481,6 +486,7 @@ class _Run:
     def lemma(self, mode: str) -> Check:
         """Lemma 1 in one mode, with directions to try where it looks doubtful."""
         top = self.tops.get(mode)
+        # Few agents along which V grows are a witness that a reader can follow.
         if top is None or not top.value < -DOUBT:
             self.found[mode] = []
             with surviving("no small directions"):
@@ -527,9 +533,8 @@ class _Run:
         name = "theorem2" if self.loop.switches else "theorem1"
         check = partial(consensus.theorem_check, statements=self.statements, lemmas=lemmas)
         checks = []
-        own = self.loop.joint_observer
-        if own.P is not None and own.W is not None:
-            given = Pair(P=own.P, Q=multiply(own.P, own.W))
+        given = self.printed_pair()
+        if given is not None:
             tried = self.proposal(given, exosystem)
             printed = check(
                 f"{name}-printed", pair=given, proposal=tried, obstacle=None, printed=True
@@ -537,10 +542,12 @@ class _Run:
             checks.append(printed)
         failing = (each for each in observer if each.id in OBSTACLES)
         obstacle = next((each for each in failing if each.verdict is Verdict.REFUTED), None)
+        # Psi < 0 needs Lambda < 0 in every mode, and a W in every group.
         known = [W for W in gains if W is not None]
         unproved = any(lemma.verdict is not Verdict.PROVED for lemma in lemmas)
         blocked = obstacle is not None or unproved or len(known) < len(gains)
         large = next(filter(None, (too_large(group.exosystem) for group in self.loop.groups)), None)
+        # Time is asked for where a search would begin, and nowhere else.
         late = large
         if late is None and not blocked:
             late = out_of_time()
@@ -558,6 +565,13 @@ class _Run:
                 theorem = replace(theorem, reason=why, cut=large is None)
         return [*checks, theorem], pair, how
 
+    def printed_pair(self) -> Pair | None:
+        """P and Q = P W of the problem file; None where it lacks one of P and W."""
+        own = self.loop.joint_observer
+        if own.P is None or own.W is None:
+            return None
+        return Pair(P=own.P, Q=multiply(own.P, own.W))
+
     def find_pair(self, exosystem: Exosystem, gains: Sequence[Matrix]) -> tuple[Pair | None, str]:
         """The first proposed pair for which Psi < 0 is proved, and a sentence if it did not come
         the usual way."""
@@ -565,6 +579,7 @@ class _Run:
         for P, Q, how in _proposed_pairs(self.loop.groups, gains, bound=bound):
             pair = Pair(P=P, Q=Q)
             S = consensus.schur_block(pair, exosystem)
+            # What no certificate can hold is no proof for anybody else.
             written = S is not None and is_writable(P, Q, S)
             if written and consensus.psi_is_negative(self.statements, exosystem, pair):
                 return pair, how
@@ -615,6 +630,7 @@ def _proposed_pairs(
         decay = decay_rate(group.exosystem, W)
         each.append(propose_pairs(group.exosystem, W, bound=bound, decay=decay))
     last: list[tuple[Matrix, Matrix, str] | None] = [None] * len(each)
+    # Each group has its own list, of its own length.
     for found in zip_longest(*each):
         last = [new or old for new, old in zip(found, last, strict=True)]
         known = [pair for pair in last if pair is not None]

@@ -122,12 +122,14 @@ def _model_and_network(
     if model is not None:
         found["hurwitz"] = model
     network = None
+    # Weights of V hold many networks that V = e'e does not; then no pin is missing.
     failed = any(check.kind.is_lemma and check.verdict is not Verdict.PROVED for check in checks)
     if failed and not _has_weights(checks) and not _held_with_weights(problem, findings.statements):
         progress("looking for a cure")
         network = _network_fix(problem, findings, progress)
         if network is not None:
             found |= {"reachability": network, "lemma1": network}
+    # The theorem needs the model and the network; each alone may leave it open.
     both = _merged([fix for fix in (model, network) if fix is not None])
     theorem = next((check for check in checks if check.kind.is_theorem), None)
     if both is not None and theorem is not None and theorem.verdict is Verdict.REFUTED:
@@ -195,6 +197,7 @@ def _model_parts(problem: Problem) -> list[Fix]:
     parts: list[Fix] = []
     if problem.is_grouped or problem.exosystem is None or too_large(problem.exosystem) is not None:
         return parts
+    # States that d never shows can be left out of the model.
     reduction = detectability_check(problem.exosystem, loop_of(problem)).fix
     if reduction is not None:
         parts.append(reduction)
@@ -222,6 +225,7 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
     """The cheapest pins and gains proved to hold the network: with weights of V for one mode, else
     with Lambda < 0."""
     loop = loop_of(problem)
+    # Other gains cost less than another agent that has to know the target.
     present = list(_proved(problem, cures.on_present_pins(loop)))
     if present:
         other = None
@@ -232,6 +236,7 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
             other = None
         return _pin_fix(problem, present[0], faster=present[1:], other=other)
     held_back = _held_back(problem, loop, findings)
+    # Fewer new pins first.
     for search in (cures.one_more, cures.several_more):
         proved = _proved(problem, search(loop, progress=progress))
         accepted = next(proved, None)
@@ -273,6 +278,7 @@ def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Acce
     """The proposals for which Lambda < 0 is proved in every mode, or weights of V, with the rounded
     gains that do."""
     for proposal in proposals:
+        # A gain at the boundary may be rounded to the wrong side of it.
         for factor in FACTORS:
             spend(CURE)
             accepted = Accepted(proposal=proposal, gains=proposal.rounded(factor=factor))
@@ -289,6 +295,7 @@ def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Acce
 
 def _gain_changes(problem: Problem, accepted: Accepted) -> dict[str, Any]:
     gains, labels = accepted.gains, problem.network.labels
+    # One number stands for all agents in the file.
     if len(gains) == problem.n > 1 and len(set(gains.values())) == 1:
         return {"pinning.gains": typed_number(gains[0])}
     table = gain_table(problem.pinning.gains, labels) if accepted.proposal.keeps else {}

@@ -76,6 +76,7 @@ def _in_modes(problem: Problem) -> Iterator[Equilibrium]:
         samples=SAMPLES,
         most=max(1, min(ROUGH_STEPS, ROUGH_WORK // length)),
     )
+    # The same starts every time: the same problem has the same answer.
     rng = np.random.default_rng(0)
     for number, mode in enumerate(arena.modes):
         # what rests in such a mode is moved by others: no refutation by the contract
@@ -90,6 +91,7 @@ def _in_modes(problem: Problem) -> Iterator[Equilibrium]:
             switches=constant_signals(np.full(2 * count, number)),
         )
         trials = run_starts(arena, starts, effort)
+        # Both where runs come to rest and where they begin: an unstable equilibrium draws no run.
         points = [*trials.resting_points, *e.T]
         yield from proved_equilibria(
             loop, mode, points, holds=box.holds, within_region=True, most=1

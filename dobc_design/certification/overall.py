@@ -84,6 +84,7 @@ def decide_overall(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> Ove
     instabilities enter, never a text; the rest is exact facts of ``problem``.  A designed W that
     fails says nothing against the problem."""
     stated = stated_in(loop)
+    # A proof that covers what is asked ends the question; whatever else fails is only a method.
     covering = [check for check in checks if covers(loop, check, checks)]
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
         covering = [check for check in covering if check.kind.role != "safety"]
@@ -130,6 +131,7 @@ def _with_tables(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
         cures = "; ".join(dict.fromkeys(gap.cure for gap in open_tables))
         why = Reason(head=f"{told}.", advice=f"{cures}.", is_open=True)
         return Overall(verdict=Verdict.UNDECIDED, why=why)
+    # The rate is that of the plant with all that is stated, not that of the model alone.
     carrier = best
     for id in (ACCURACY, TOLERANCE):
         if id in stated.wanted:
@@ -277,6 +279,7 @@ def _apart_in(loop: Loop, cycle: Sequence[str]) -> str | None:
     arcs = [loop.modes[mode] for mode in cycle]
     if not arcs:
         arcs = [each.present for each in loop.modes.values()]
+    # A group listens to nobody outside it, so a common error that no gain there acts on stays.
     apart = unreached(loop, arcs)
     for group, free in unheld_groups(loop, arcs):
         c = _start_apart(loop, group, free)
@@ -333,6 +336,7 @@ def _free_words(loop: Loop, group: Sequence[int], c: Vector) -> str:
 
 def _adrift_reason(loop: Loop) -> str | None:
     """Agents that no pin reaches, in any mode, have e' = A e if they start alike."""
+    # A common error obeys e' = A e only where the dynamics of an agent are linear.
     A = loop.slopes
     if not A or loop.drift_place is not None or not _target_is_interior(loop):
         return None
@@ -355,6 +359,7 @@ def _start_apart(loop: Loop, group: Sequence[int], free: Sequence[Vector]) -> Ve
     if loop.starts is None:
         return free[0]
     box = _room(loop, group)
+    # With different offsets a common error may not exist at all.
     if any(lo > hi for lo, hi in box):
         return None
     box = [
@@ -436,6 +441,7 @@ def _pace_in_words(loop: Loop, check: Check) -> str:
 
 def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
     """How far the regional proofs reach, and what would help; None if none was tried or applies."""
+    # Those that are not about such a problem at all would only distract.
     tried = [check for check in checks if check.kind.role == "region" and check.applies]
     proved = [check for check in tried if check.verdict is Verdict.PROVED]
     if not tried:
@@ -485,6 +491,7 @@ def _cut_reason(checks: Sequence[Check]) -> Reason | None:
     ]
     if not cut:
         return None
+    # Lemma 1 stands there once for every mode.
     names = list(dict.fromkeys(check.id for check in cut))
     listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
     seconds = time_limit()
@@ -512,6 +519,7 @@ def _cut_reason(checks: Sequence[Check]) -> Reason | None:
 def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
     """Why nothing is decided: what ran out, an agent out of reach, how far proofs reach, or the
     first condition that is not met."""
+    # Nothing else may be blamed while some check had no time.
     cut = _cut_reason(checks)
     if cut is not None:
         return cut

@@ -184,6 +184,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         checks = _without_refused(claims.checks, said, domain)
         if checks is None:
             break
+        # P and Q belong to a proof, and go with it.
         pair = _theorem_is_proved(checks)
         claims = replace(
             claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None
@@ -192,6 +193,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
     unasked = claims.checks[len(said) :]
     if any(check.verdict is not Verdict.UNDECIDED for check in unasked):
         claims = replace(claims, notes=(*claims.notes, _unasked_words(unasked)))
+    # No check is refused by now; what is left is about the file or the verdict as a whole.
     lacking = _first_refusal(found)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
@@ -299,6 +301,7 @@ def trust(claims: Claims, loop: Loop) -> Trusted:
     """What the claims are confirmed against, with the vectors v > 0 that proved checks of Lemma 1
     bring."""
     pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
+    # Nothing is believed of a vector: it only says where to look, and is multiplied out.
     statements = state_theorems(loop)
     vectors = {}
     for check in claims.checks:
@@ -352,6 +355,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     if (expected or check.verdict is not Verdict.PROVED) and check.domain != wanted:
         # a proof for a region names its starts; every other domain is known
         return f"the domain must be '{wanted}'"
+    # What nobody decided has nothing that others could rest on.
     if check.verdict is Verdict.UNDECIDED:
         claims = (check.margin, check.rate, check.factor, check.claim, check.witness)
         return (
@@ -368,6 +372,7 @@ def _matrix_failures(claims: Claims, loop: Loop) -> list[str]:
     failures = _size_failures(claims, loop)
     if failures:
         return failures
+    # Another W than the file's would be a proof about another loop.
     own = loop.joint_observer.W
     if own not in (None, claims.W):
         failures.append("W: not the gain of the problem")
@@ -437,6 +442,7 @@ def _overall_failures(claims: Claims, loop: Loop, confirmed: Sequence[Check]) ->
     failures = []
     if claims.P is not None and not _theorem_is_proved(claims.checks):
         failures.append("P, Q: they belong to no proof")
+    # Only what was confirmed counts, so that a forged proof cannot carry the verdict.
     overall = decide_overall(loop, confirmed, claims.W)
     if overall.verdict is not claims.verdict:
         failures.append(

@@ -31,50 +31,68 @@ LARGEST_FLOAT = Fraction(np.finfo(np.float64).max.item())
 def require_floats(problem: Problem) -> Problem:
     """The problem, whose numbers all fit into floats.  Raises: SpecError that names the key of one
     that does not."""
-    region, start, labels = problem.region, problem.simulation, problem.network.labels
-    nodes = (
-        node
-        for each in problem.couplings
-        for part in each.components
-        for node in postorder(part.node)
-    )
-    parts: dict[str, Any] = {
-        "target": problem.target,
-        "coupling": [node.own for node in nodes if node.kind == "constant"],
-        "exosystem": [(each.exosystem.A, each.exosystem.C) for each in problem.groups],
-        "observer.W": [each.observer.W or () for each in problem.groups],
-        "dynamics": ()
-        if problem.dynamics is None
-        else (problem.dynamics.A or (), problem.dynamics.B),
-        "leader": problem.leads,
-        "region": ()
-        if region is None
-        else (region.initial_states, region.initial_disturbance or 0),
-        "simulation": (start.x0 or (), start.xi0 or ()),
-    }
-    modes = problem.network.modes.items()
-    parts |= {f"network.modes.{mode}": distinct_weights(arcs.weights)[1] for mode, arcs in modes}
-    parts |= {
-        f"pinning.gains.{labels[agent]}": gain for agent, gain in problem.pinning.gains.items()
-    }
-    parts |= {
-        f"formation.offsets.{labels[agent]}": offset for agent, offset in problem.offsets.items()
-    }
-    for key, numbers in parts.items():
-        if not all(-LARGEST_FLOAT <= x <= LARGEST_FLOAT for x in _flat(numbers)):
-            cure = "Choose other units; `dobc certify` and `dobc check` compute exactly."
-            raise wrong(
-                key, "must be at most 1.8e308 in size, because floats are computed with here.", cure
-            )
+    for key, numbers in _stated(problem):
+        _refuse_large(key, numbers)
     return problem
 
 
+def require_float_errors(loop: Loop) -> None:
+    """Refuse products of numbers of the file that do not fit into floats, such as B K of agents
+    with [dynamics].  Raises: SpecError that names the key of one."""
+    if loop.drift is None:
+        return  # the numbers of the file as they stand
+    _refuse_large("coupling", _constants(loop.functions))
+    _refuse_large("exosystem", [group.exosystem.C for group in loop.groups])
+    _refuse_large("observer.W", [group.observer.W or () for group in loop.groups])
+    for node, gain in loop.pulls.gains.items():
+        _refuse_large(f"pinning.gains.{loop.labels[node]}", gain)
+
+
+def _stated(problem: Problem) -> Iterator[tuple[str, Any]]:
+    """All numbers of a problem file, by their keys."""
+    labels = problem.network.labels
+    dynamics, region, start = problem.dynamics, problem.region, problem.simulation
+    yield "target", problem.target
+    yield "coupling", _constants(problem.couplings)
+    yield "exosystem", [(each.exosystem.A, each.exosystem.C) for each in problem.groups]
+    yield "observer.W", [each.observer.W or () for each in problem.groups]
+    if dynamics is not None:
+        yield "dynamics", (dynamics.A or (), dynamics.B)
+    yield "leader", problem.leads
+    if region is not None:
+        yield "region", (region.initial_states, region.initial_disturbance or 0)
+    yield "simulation", (start.x0 or (), start.xi0 or ())
+    for mode, arcs in problem.network.modes.items():
+        # each different weight once: there may be a million arcs
+        yield f"network.modes.{mode}", distinct_weights(arcs.weights)[1]
+    for agent, gain in problem.pinning.gains.items():
+        yield f"pinning.gains.{labels[agent]}", gain
+    for agent, offset in problem.offsets.items():
+        yield f"formation.offsets.{labels[agent]}", offset
+
+
+def _constants(functions: Sequence[Coupling]) -> list[Any]:
+    """The numbers that stand in these functions."""
+    found = []
+    for function in functions:
+        for part in function.components:
+            nodes = postorder(part.node)
+            found += [node.own for node in nodes if node.kind == "constant"]
+    return found
+
+
+def _refuse_large(key: str, numbers: Any) -> None:
+    if all(-LARGEST_FLOAT <= x <= LARGEST_FLOAT for x in _flat(numbers)):
+        return
+    what = "must be at most 1.8e308 in size, because floats are computed with here."
+    cure = "Choose other units; `dobc certify` and `dobc check` compute exactly."
+    raise wrong(key, what, cure)
+
+
 def _flat(numbers: Any) -> Iterator[Any]:
-    return (
-        chain.from_iterable(map(_flat, numbers))
-        if isinstance(numbers, (list, tuple))
-        else iter((numbers,))
-    )
+    if not isinstance(numbers, (list, tuple)):
+        return iter((numbers,))
+    return chain.from_iterable(map(_flat, numbers))
 
 
 Gain = Sequence[Sequence[Any]] | NDArray[Any]
@@ -114,15 +132,15 @@ def plant_arrays(problem: Problem) -> Plant | None:
     own = problem.dynamics
     if own is None:
         return None
-    goals, C = (
-        list(map(problem.goal_of, range(problem.n))),
-        [to_float(group.exosystem.C) for group in problem.groups],
-    )
+    goals = [problem.goal_of(agent) for agent in range(problem.n)]
+    # agents mostly share their goal, and u0 solves a system
     u0 = {goal: problem.input_at(goal) for goal in goals}
+    none = np.zeros((own.inputs, 0))
+    outputs = [to_float(group.exosystem.C) for group in problem.groups]
     return Plant(
         A=to_float(own.about(problem.target)[0]),
         B=to_float(own.B),
-        C=np.hstack([np.zeros((own.inputs, 0)), *C]),
+        C=np.hstack([none, *outputs]),
         K=pinning_matrix(problem),
         u0=to_float(tuple(u0[goal] for goal in goals)),
     )

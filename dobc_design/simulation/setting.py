@@ -10,7 +10,15 @@ from typing import Any, Literal, TypedDict, Unpack
 import numpy as np
 
 from dobc_design.errors import SpecError, wrong
-from dobc_design.loop.arrays import ArcGroup, Gain, error_arcs, mode_index, no_gain, require_floats
+from dobc_design.loop.arrays import (
+    ArcGroup,
+    Gain,
+    error_arcs,
+    mode_index,
+    no_gain,
+    require_float_errors,
+    require_floats,
+)
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
@@ -102,6 +110,7 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
         message = f"must be one of {', '.join(OBSERVERS)}; got {str(observer)[:40]}."
         raise wrong("observer", message, '"closed-form" is the fast one.')
     horizon = _horizon(problem, given.get("t_final"))
+    require_float_errors(exact)
     require_floats(problem)
     if observer == WITHOUT and gain is None:
         gain = no_gain(exact)

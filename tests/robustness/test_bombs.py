@@ -133,6 +133,27 @@ def test_a_number_beyond_floats_is_refused_by_its_key(key: str):
         require_floats(problem)
 
 
+@pytest.mark.parametrize("key", ["pinning.gains.1", "exosystem", "observer.W"])
+def test_products_beyond_floats_are_refused_by_the_key_of_one_factor(key: str):
+    """B K, B C and W B+ of agents with [dynamics], of numbers that all are floats."""
+    huge = {name: "1e200" if name == key else 1 for name in ("pinning.gains.1", "exosystem")}
+    problem = dd.Problem(
+        network=dd.Network.from_arcs([[1, 2]], arrow="listens_to"),
+        coupling="y1",
+        dynamics={
+            "A": [[0, 1], [0, 0]],
+            "B": [[0], ["1e-200" if key == "observer.W" else "1e200"]],
+        },
+        gains={"1": [[huge["pinning.gains.1"], 0]]},
+        exosystem=dd.Exosystem(A=[[0, 1], [-1, 0]], C=[[huge["exosystem"], 0]]),
+        observer=dd.Observer(W=[["1e200"], [1]] if key == "observer.W" else [[0], [0]]),
+    )
+    assert require_floats(problem) is problem
+    with pytest.raises(SpecError, match=r"1\.8e308") as caught:
+        dd.simulate(problem)
+    assert caught.value.key == key
+
+
 def test_a_billion_runs_are_refused_with_the_limit():
     with pytest.raises(SpecError, match="runs must be at most 249376 with 401 samples"):
         dd.simulate("paper-fixed", runs=1_000_000_000)

@@ -37,6 +37,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache, partial
+from itertools import pairwise
 from typing import Any, Final
 
 from dobc_design.conditions.check import Check, read_domain, read_object, undecided_check
@@ -104,14 +105,15 @@ class Level:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values as text."""
-        numbers = {name: number_text(getattr(self, name)) for name in ("alpha", "level")}
-        gains = {"ranges": ranges_to_json(self.ranges)} if self.ranges else {}
-        return {
+        values: dict[str, Any] = {
             "v": vector_to_json(self.v),
-            **numbers,
-            "rho": self.rho and number_text(self.rho),
-            **gains,
+            "alpha": number_text(self.alpha),
+            "level": number_text(self.level),
+            "rho": None if self.rho is None else number_text(self.rho),
         }
+        if self.ranges:
+            values["ranges"] = ranges_to_json(self.ranges)
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,8 +131,13 @@ class Peaks:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values as text."""
-        names = ("disturbance", "drift", "measurement", "step")
-        return {**{name: number_text(getattr(self, name)) for name in names}, "steps": self.steps}
+        return {
+            "disturbance": number_text(self.disturbance),
+            "drift": number_text(self.drift),
+            "measurement": number_text(self.measurement),
+            "step": number_text(self.step),
+            "steps": self.steps,
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,7 +180,9 @@ class Accuracy:
     def ends(self) -> Iterator[list[Fraction]]:
         """What the last stage leaves of the error of every agent, by component."""
         last = self.stages[-1]
-        sizes = ([x] for x in last.v) if self.T is None else error_sizes(self.T, tuple(last.v))
+        if self.T is None:
+            return ([last.level * x] for x in last.v)
+        sizes = error_sizes(self.T, tuple(last.v))
         return ([last.level * x for x in each] for each in sizes)
 
     def in_stage(self, stage: Level) -> Separable:
@@ -195,9 +204,10 @@ class Accuracy:
         else:
             values["response"] = self.response.to_json()
         texts = {label: [number_text(x) for x in each] for label, each in self.listed.items()}
-        values["bounds"] = (
-            {label: each[0] for label, each in texts.items()} if not self.by_component else texts
-        )
+        if self.by_component:
+            values["bounds"] = texts
+        else:
+            values["bounds"] = {label: each[0] for label, each in texts.items()}
         if self.T is not None:
             values["T"] = matrix_text(self.T)
         if self.peaks is not None:
@@ -275,6 +285,7 @@ MOST_ROWS: Final = 60  # n m of a loop whose response is followed
 MOST_PRODUCTS: Final = 20_000_000  # of numbers, along all steps of a response
 INPUTS: Final = ("disturbance", "drift", "measurement")
 _SHOWN: Final = 6  # bounds told in the reason
+_NO_HANDOVER: Final = "a stage does not hold the box in which the one before ends."
 
 
 def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | None:
@@ -324,10 +335,8 @@ def loop_matrix(loop: Loop) -> Matrix | None:
     (jacobian,) = jacobians_at_consensus(loop).modes
     if not jacobian.is_point:
         return None
-    entries, size = (
-        linearisation(jacobian, loop.pulls, loop.m),
-        range(loop.n * loop.m),
-    )
+    entries = linearisation(jacobian, loop.pulls, loop.m)
+    size = range(loop.n * loop.m)
     return tuple(tuple(entries.get((a, b), Fraction(0)) for b in size) for a in size)
 
 
@@ -358,18 +367,21 @@ def response_bounds(
 def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peaks | None:
     """The peak gains, the worst of all groups, for the gain W (q, m); None where they are not
     shown."""
-    worst, own = dict.fromkeys(INPUTS, Fraction(0)), loop.drift
+    worst = dict.fromkeys(INPUTS, Fraction(0))
+    own = loop.drift
     for group, gain in zip(loop.groups, gains_of(loop.groups, W), strict=True):
-        F, C, W_own = error_matrix(group.exosystem, gain), group.exosystem.C, gain
+        F, C = error_matrix(group.exosystem, gain), group.exosystem.C
+        entering = gain
         if own is not None:  # w acts on the inputs, and what is asked is C eps in the inputs
-            C, W_own = multiply(own.left_inverse, C), multiply(gain, own.B)
-        found = peak_gains(F, C, [W_own, multiply(F, W_own)], step=step, steps=steps)
+            C = multiply(own.left_inverse, C)
+            entering = multiply(gain, own.B)
+        found = peak_gains(F, C, [entering, multiply(F, entering)], step=step, steps=steps)
         if found is None:
             return None
-        drift, disturbance, measurement = found
-        measurement += row_norm(multiply(C, W_own))
-        found = (disturbance, drift, measurement)
-        worst = {name: max(value, x) for (name, value), x in zip(worst.items(), found, strict=True)}
+        drift, disturbance, by_change = found
+        measurement = by_change + row_norm(multiply(C, entering))
+        for name, x in zip(INPUTS, (disturbance, drift, measurement), strict=True):
+            worst[name] = max(worst[name], x)
     return Peaks(**worst, step=step, steps=steps)
 
 
@@ -377,17 +389,16 @@ def input_of(loop: Loop, peaks: Peaks | None) -> Fraction:
     """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in the
     end."""
     plant = loop.uncertainty or Uncertainty()
-    return plant.disturbance + (
-        plant.disturbance * peaks.disturbance + plant.drift * peaks.drift if peaks else 0
-    )
+    if not peaks:
+        return plant.disturbance
+    return plant.disturbance + (plant.disturbance * peaks.disturbance + plant.drift * peaks.drift)
 
 
 def load_in_coordinates(loop: Loop, peaks: Peaks | None, T: Matrix) -> Vector:
     """|T B| b by agent and component of z, (n m,): what acts on every agent."""
-    own, b = loop.drift, input_of(loop, peaks)
-    return (
-        tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B))) * loop.n
-    )
+    b = input_of(loop, peaks)
+    acts = T if loop.drift is None else multiply(T, loop.drift.B)
+    return tuple(b * sum(map(abs, row)) for row in acts) * loop.n
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -405,7 +416,7 @@ class Load:
 
     @property
     def held(self) -> Row:
-        """The row with what grows like s taken off its gain."""
+        """The row with what grows like s taken off its pull."""
         return replace(self.row, pull=self.row.pull - self.growing / self.row.own)
 
 
@@ -416,62 +427,74 @@ def loads(
     observer passes on it has seen in any mode: there the largest over the modes counts.  Raises:
     UndefinedError where a slope has no bound as far out."""
     plant = loop.uncertainty or Uncertainty()
-    errors, nubar = stated_errors(loop), plant.measurement
-    curves = coupling_profiles(loop, stage.v, rho=stage.rho)
+    errors, noise = stated_errors(loop), plant.measurement
+    slopes = _Slopes(loop, stage, noise)
     passed = Fraction(0) if peaks is None else peaks.disturbance
     unknown = Fraction(0) if plant.known_to_agents else errors.weights * passed * (1 + room)
-
-    @cache
-    def steepest(coupling: int, reach: Fraction) -> Fraction:
-        """A bound of |h'| as far as noise takes an argument."""
-        Y = (
-            ZERO
-            if stage.rho is None
-            else Interval(Fraction(-1), Fraction(1)) * (stage.rho * reach + 2 * nubar)
-        )
-        return jet(curves[coupling].curve, Y).slope.magnitude
-
-    @cache
-    def secant(coupling: int, reach: Fraction) -> Fraction:
-        """A bound of |h(y)/y| in the box."""
-        if stage.rho is None:
-            return steepest(coupling, reach)
-        return secant_range(
-            curves[coupling].curve, Interval(-stage.rho * reach, stage.rho * reach)
-        ).magnitude
-
-    @cache
-    def heard(mode: str, agent: int) -> tuple[Term, ...]:
-        """The arcs of an agent as the file states them."""
-        ((row, _),) = separable.rows(loop, stage.v, modes=[mode], agents=[agent])
-        return row.terms
-
-    def slopes(mode: str, agent: int) -> Fraction:
-        terms = heard(mode, agent) if nubar else ()
-        return sum(
-            (term.weight * steepest(term.coupling, term.reach) for term in terms), Fraction(0)
-        )
-
-    def pull(mode: str, agent: int) -> Fraction:
-        terms = heard(mode, agent) if unknown else ()
-        return sum(
-            (term.weight * term.reach * secant(term.coupling, term.reach) for term in terms),
-            Fraction(0),
-        )
-
+    # of all sums of slopes: neighbours' noise, and their own
+    twice = 2 * noise * (1 + errors.weights)
+    by_model = plant.disturbance * passed
+    if peaks is not None:
+        by_model += plant.drift * peaks.drift + noise * peaks.measurement
     for agent in range(loop.n):
-        H = {mode: slopes(mode, agent) for mode in loop.modes}
-        eta = unknown * max(pull(mode, agent) for mode in loop.modes)
+        steepest = {mode: slopes.at_noise(mode, agent) for mode in loop.modes}
+        eta = Fraction(0)
+        if unknown:
+            eta = unknown * max(slopes.in_box(mode, agent) for mode in loop.modes)
         k = loop.pulls.gains.get(agent)
-        b = plant.disturbance * passed
-        if peaks is not None:
-            b += plant.drift * peaks.drift + nubar * peaks.measurement
         pinned = Fraction(0) if k is None else (1 + errors.gains) * row_norm(k)
-        b += nubar * pinned + 2 * nubar * (1 + errors.weights) * passed * max(H.values())
+        b = by_model + noise * pinned + twice * passed * max(steepest.values())
         for mode in loop.modes:
             ((row, _),) = separable.rows(loop, stage.v, modes=[mode], agents=[agent], errors=errors)
-            own = b + plant.disturbance + 2 * nubar * (1 + errors.weights) * H[mode]
+            own = b + plant.disturbance + twice * steepest[mode]
             yield Load(mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=b)
+
+
+class _Slopes:
+    """How steep what an agent hears is, in the box of a stage.  Agents hear others by few
+    functions, so each function and reach is bounded once."""
+
+    def __init__(self, loop: Loop, stage: Level, noise: Fraction) -> None:
+        self.loop = loop
+        self.stage = stage
+        self.noise = noise
+        self.curves = coupling_profiles(loop, stage.v, rho=stage.rho)
+        self.steepest = cache(self._steepest)
+        self.secant = cache(self._secant)
+        self.heard = cache(self._heard)
+
+    def at_noise(self, mode: str, agent: int) -> Fraction:
+        """A bound of sum w |h'|, as far as noise takes arguments; 0 without noise."""
+        total = Fraction(0)
+        for term in self.heard(mode, agent) if self.noise else ():
+            total += term.weight * self.steepest(term.coupling, term.reach)
+        return total
+
+    def in_box(self, mode: str, agent: int) -> Fraction:
+        """A bound of sum w |h| / s."""
+        total = Fraction(0)
+        for term in self.heard(mode, agent):
+            total += term.weight * term.reach * self.secant(term.coupling, term.reach)
+        return total
+
+    def _heard(self, mode: str, agent: int) -> tuple[Term, ...]:
+        """The arcs of an agent as the file states them."""
+        ((row, _),) = separable.rows(self.loop, self.stage.v, modes=[mode], agents=[agent])
+        return row.terms
+
+    def _steepest(self, coupling: int, reach: Fraction) -> Fraction:
+        """A bound of |h'| as far as noise takes an argument."""
+        Y = ZERO
+        if self.stage.rho is not None:
+            Y = Interval(Fraction(-1), Fraction(1)) * (self.stage.rho * reach + 2 * self.noise)
+        return jet(self.curves[coupling].curve, Y).slope.magnitude
+
+    def _secant(self, coupling: int, reach: Fraction) -> Fraction:
+        """A bound of |h(y)/y| in the box."""
+        if self.stage.rho is None:
+            return self.steepest(coupling, reach)
+        far = self.stage.rho * reach
+        return secant_range(self.curves[coupling].curve, Interval(-far, far)).magnitude
 
 
 def not_shrinking(
@@ -484,13 +507,13 @@ def not_shrinking(
         holds = cache(partial(_row_holds, profiles=profiles, stage=stage))
         for load in loads(loop, peaks, stage, room=room):
             row = load.held
-            face = next((face for face in FACES if not holds(row, load.constant, face)), None)
-            if face is not None:
-                who = f"agent {loop.labels[load.agent]} in mode {load.mode}"
-                return (
-                    f"the {FACES[face]} row of {who} is not shown for all s from "
-                    f"{float(stage.level):.6g} on."
-                )
+            for face in FACES:
+                if not holds(row, load.constant, face):
+                    who = f"agent {loop.labels[load.agent]} in mode {load.mode}"
+                    return (
+                        f"the {FACES[face]} row of {who} is not shown for all s from "
+                        f"{float(stage.level):.6g} on."
+                    )
     except UndefinedError as error:
         return f"does not apply: {error}"
     return None
@@ -530,10 +553,13 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
     """The final bounds in words, agents with the same bound together."""
     agents: dict[Vector, list[str]] = {}
     for label, bounds in claim.listed.items():
-        agents.setdefault(tuple(rounded_up(x, digits=4) for x in bounds), []).append(label)
+        rounded = tuple(rounded_up(x, digits=4) for x in bounds)
+        agents.setdefault(rounded, []).append(label)
     told = []
     for ends, who in sorted(agents.items()):
-        names = ", ".join(who[:_SHOWN]) + (" and others" if len(who) > _SHOWN else "")
+        names = ", ".join(who[:_SHOWN])
+        if len(who) > _SHOWN:
+            names += " and others"
         shown = " and ".join(f"{float(x):.6g}" for x in ends)
         told.append(f"{shown} (agent{'s' if len(who) > 1 else ''} {names})")
     if len(told) > _SHOWN:
@@ -542,11 +568,10 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
     if isinstance(domain, Around):
         starts += f" with |e_i| <= {domain.radius:.6g}"
         starts += f" and |eps_i| <= {domain.disturbance:.6g}" if loop.groups else ""
-    inputs = ", ".join(
-        f"{name} {float(x):.6g}" for name in INPUTS if (x := getattr(loop.uncertainty, name))
-    )
+    sizes = {name: getattr(loop.uncertainty, name) for name in INPUTS}
+    inputs = ", ".join(f"{name} {float(x):.6g}" for name, x in sizes.items() if x)
     listed = ", ".join(told).replace(", ..., ", " ... ")
-    each = "|e_i|" if not claim.by_component else "the components of |e_i|"
+    each = "the components of |e_i|" if claim.by_component else "|e_i|"
     return (
         f"{starts} ends with {each} <= {listed}, whatever acts within the bounds of "
         f"[uncertainty]: {inputs}."
@@ -566,42 +591,51 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
     if claim.response is None and not 1 <= len(claim.stages) <= MOST_STAGES:
         return f"it needs between 1 and {MOST_STAGES} stages"
     if claim.peaks is not None and W is not None:
-        own = observer_peaks(loop, W, step=claim.peaks.step, steps=claim.peaks.steps)
-        if own is None:
-            return "the peak gains of the observer are not shown with these steps."
-        for name in INPUTS:
-            if getattr(own, name) > getattr(claim.peaks, name):
-                return (
-                    f"the peak gain of {name} is not shown to be at most "
-                    f"{float(getattr(claim.peaks, name)):.6g}."
-                )
+        wrong = _wrong_peaks(loop, W, claim.peaks)
+        if wrong is not None:
+            return wrong
     if claim.response is not None:
         return _wrong_response(check, loop, claim, claim.response, domain)
-    if (wrong := _wrong_starts(check, loop, W, claim, domain)) is not None:
+    wrong = _wrong_starts(check, loop, W, claim, domain)
+    if wrong is not None:
         return wrong
-    for before, stage in zip(claim.stages, claim.stages[1:], strict=False):
-        if stage.rho is None or any(
-            before.level * x >= stage.rho * y for x, y in zip(before.v, stage.v, strict=True)
-        ):
-            return "a stage does not hold the box in which the one before ends."
-    pairs = (
-        zip(*each, strict=True) for each in zip(claim.listed.values(), claim.ends, strict=True)
-    )
-    if any(bound < end for each in pairs for bound, end in each):
-        return "a bound is below that of the last stage."
-    if claim.T is None:
-        return next(
-            (why for stage in claim.stages if (why := not_shrinking(loop, claim.peaks, stage))),
-            None,
-        )
-    load, each = (
-        load_in_coordinates(loop, claim.peaks, claim.T),
-        ((x, claim.in_stage(x)) for x in claim.stages),
-    )
-    found = (
-        rows_obstacle(loop, own, load=tuple(b / stage.level for b in load)) for stage, own in each
-    )
-    return next((why for why in found if why is not None), None)
+    return _wrong_stages(loop, claim)
+
+
+def _wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
+    """None if the observer passes on no more than these peak gains say."""
+    own = observer_peaks(loop, W, step=peaks.step, steps=peaks.steps)
+    if own is None:
+        return "the peak gains of the observer are not shown with these steps."
+    for name in INPUTS:
+        claimed = getattr(peaks, name)
+        if getattr(own, name) > claimed:
+            return f"the peak gain of {name} is not shown to be at most {float(claimed):.6g}."
+    return None
+
+
+def _wrong_stages(loop: Loop, claim: Accuracy) -> str | None:
+    """None if the stages hand over to each other, all shrink, and the last leaves no more than the
+    bounds."""
+    for before, stage in pairwise(claim.stages):
+        if stage.rho is None:
+            return _NO_HANDOVER
+        sizes = zip(before.v, stage.v, strict=True)
+        if any(before.level * x >= stage.rho * y for x, y in sizes):
+            return _NO_HANDOVER
+    for bounds, ends in zip(claim.listed.values(), claim.ends, strict=True):
+        if any(bound < end for bound, end in zip(bounds, ends, strict=True)):
+            return "a bound is below that of the last stage."
+    for stage in claim.stages:
+        if claim.T is None:
+            wrong = not_shrinking(loop, claim.peaks, stage)
+        else:
+            load = load_in_coordinates(loop, claim.peaks, claim.T)
+            at_level = tuple(b / stage.level for b in load)
+            wrong = rows_obstacle(loop, claim.in_stage(stage), load=at_level)
+        if wrong is not None:
+            return wrong
+    return None
 
 
 def _wrong_response(
@@ -621,13 +655,11 @@ def _wrong_response(
     found = response_bounds(loop, claim.peaks, response)
     if found is None:
         return "the response of the loop is not shown to decay in these steps."
-    pairs = ((label, zip(claim.listed[label], ends, strict=True)) for label, ends in found.items())
-    low = next((label for label, each in pairs if any(bound < end for bound, end in each)), None)
-    return (
-        None
-        if low is None
-        else f"a bound of agent {low} is below what the response of the loop reaches."
-    )
+    listed = claim.listed
+    for label, ends in found.items():
+        if any(bound < end for bound, end in zip(listed[label], ends, strict=True)):
+            return f"a bound of agent {label} is below what the response of the loop reaches."
+    return None
 
 
 def _wrong_starts(
@@ -636,11 +668,8 @@ def _wrong_starts(
     """Whether the first stage holds all starts of the domain until their estimates are right."""
     first, error = claim.stages[0], claim.error
     if first.rho is None:
-        return (
-            None
-            if check.domain == EVERYWHERE == domain
-            else "without rho the domain must be global"
-        )
+        is_global = check.domain == EVERYWHERE == domain
+        return None if is_global else "without rho the domain must be global"
     radius, disturbance = read_domain(check.domain, loop, kind=Box)
     as_separable, exosystem = claim.in_stage(first), loop.joint_exosystem
     if claim.T is not None:

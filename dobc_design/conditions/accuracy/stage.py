@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import chain, islice
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy import linalg, sparse
@@ -75,26 +75,32 @@ from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
 
 DECAYED: Final = 12.0  # exponents of the slowest mode that the steps follow
-FINEST, COARSEST = 0.012, 0.3  # of |F| h
+FINEST: Final = 0.012  # |F| h of a step
+COARSEST: Final = 0.3  # the same, where there are not enough finer ones
 LEFT: Final = 1e-4  # of the response of a whole loop, after the steps that follow it
-FINE, COARSE = 0.08, 0.4  # of |M| h
+FINE: Final = 0.08  # |M| h of a step
+COARSE: Final = 0.4  # the same, where there are not enough finer ones
 #: How much more than b_i v is made for, where it has to reach further out.
 SPREADS: Final = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
 ABOVE: Final = Fraction(1, 50_000)  # of a level, left to two programs that round apart
 MORE: Final = Fraction(1, 10**6)  # the same, of a peak gain
 WORTH: Final = Fraction(998, 1000)  # what a stage has to leave of the largest bound, or less
 HALVINGS: Final = 10
-DEEPEST, HIGHEST = 1e-4, 0.98  # parts of rho between which the lowest level is looked for
+DEEPEST: Final = 1e-4  # part of rho down to which the lowest level is looked for
+HIGHEST: Final = 0.98  # part of rho at which a stage has to hold
 SLOW: Final = Fraction(1, 10**7)  # the rate of a stage, as a part of b_i/(level v_i)
-# the first guess of v, as a part of what b_i does to an agent alone; where slopes are taken
-LEAST, NEAR = 1e-3, 1e-6
+LEAST: Final = 1e-3  # the first guess of v, as a part of what b_i does to an agent alone
+NEAR: Final = 1e-6  # where slopes are taken
 V_DIGITS: Final = 12
-CHOICES, SETTLED = 30, 1e-9  # choices of rows at most; of v, when none of them changes any more
+CHOICES: Final = 30  # of rows, one after the other
+SETTLED: Final = 1e-9  # of v, when none of them changes any more
 SLACK: Final = 1e-5  # of the largest input, for rows in which nothing acts
 MOST_COORDINATES: Final = 3  # in which rows are decided
 FROM: Final = (0.9, 0.5, 0.98)  # parts of rho from which the first stage is looked for
 ROOM: Final = Fraction(1, 100)  # of eta, for a second program with wider enclosures
-POINTS, SAMPLES, TIGHTER = 9, 500, 1 + 1e-6  # of s and of h, and what is left to rounding
+POINTS: Final = 9  # of s
+SAMPLES: Final = 500  # of h
+TIGHTER: Final = 1 + 1e-6  # what is left to rounding
 
 
 def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
@@ -149,6 +155,7 @@ def _inside(loop: Loop, peaks: Peaks | None, before: Level) -> Iterator[Level]:
     for spread, v in zip(spreads, _vectors(loop, peaks, within, spreads), strict=True):
         if v is None:
             continue
+        # The box in which the stage before ends has to lie inside this one.
         ratio = max(before.level * x / y for x, y in zip(before.v, v, strict=True))
         rho = None if before.rho is None else rounded_up(ratio * (1 + ABOVE), digits=9)
         tight = _with_rate(loop, peaks, Level(v=v, alpha=SLOW, level=1 + ABOVE, rho=rho))
@@ -176,11 +183,12 @@ def _vectors(
             own = -field.rows(b * NEAR, alpha=0.0)[1].diagonal()
             lower = LEAST * spread * b / np.where(own > 0, own, 1.0)
             v = least_solution(replace(field, load=spread * b), alpha=0.0, start=lower, lower=lower)
-        yield (
-            None
-            if v is None
-            else tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
-        )
+        yield None if v is None else _raised_weights(v)
+
+
+def _raised_weights(v: Array) -> Vector:
+    """Weights as decimals a little above."""
+    return tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
 
 
 def _pulls(loop: Loop, peaks: Peaks | None, reach: float) -> Any:
@@ -190,18 +198,18 @@ def _pulls(loop: Loop, peaks: Peaks | None, reach: float) -> Any:
     if plant is None or plant.known_to_agents or not plant.weights or peaks is None:
         return None
     y = np.linspace(0, 2 * reach, SAMPLES)[1:]
-    functions = [numpy_function(each.components[0]) for each in loop.functions]
-    steepest = np.array(
-        [max(np.max(np.abs(h(y) / y)), np.max(np.abs(h(-y) / y))) for h in functions]
-    )
+    secants = []
+    for function in loop.functions:
+        h = numpy_function(function.components[0])
+        secants.append(max(np.max(np.abs(h(y) / y)), np.max(np.abs(h(-y) / y))))
+    steepest = np.array(secants)
     total = sparse.csr_array((loop.n, loop.n))
     for arcs in loop.modes.values():
         w = np.array([float(x) for x in arcs.weights]) * steepest[coupling_places(loop, arcs)]
         w *= float(plant.weights * peaks.disturbance * (1 + ROOM) * (1 + ABOVE))
-        places = (
-            np.concatenate([arcs.listeners] * 2),
-            np.concatenate([arcs.listeners, arcs.speakers]),
-        )
+        rows = np.concatenate([arcs.listeners, arcs.listeners])
+        columns = np.concatenate([arcs.listeners, arcs.speakers])
+        places = (rows, columns)
         found = sparse.csr_array((np.concatenate([w, w]), places), shape=total.shape)
         total = total.maximum(found)
     return total
@@ -231,15 +239,16 @@ def covering_boxes(
                 b = _loads(loop, peaks, Level(v=v, alpha=SLOW, level=rho, rho=rho))
                 field = field_of(loop, rho=float(rho), errors=stated_errors(loop))
                 grid = float(rho) * np.linspace(part, 1, POINTS)
+                load = b * TIGHTER / (part * float(rho))
                 extra = _pulls(loop, peaks, float(rho) * float(max(v)))
-                field = replace(
-                    field, grid=grid, load=b * TIGHTER / (part * float(rho)), extra=extra
-                )
-                rate = slowly * max(0.0, linear_rate(replace(field, load=0.0))) if slowly else 0.0
+                field = replace(field, grid=grid, load=load, extra=extra)
+                rate = 0.0
+                if slowly:
+                    rate = slowly * max(0.0, linear_rate(replace(field, load=0.0)))
                 found = least_solution(field, alpha=rate, start=np.ones(loop.n))
                 if found is None:
                     break
-                v = tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in found.tolist())
+                v = _raised_weights(found)
             else:
                 alpha = rounded_down(Fraction(rate) / 2, digits=3) or SLOW
                 level = min(radius, rounded_down(rho * Fraction(part), digits=9))
@@ -282,6 +291,7 @@ def _with_rate(loop: Loop, peaks: Peaks | None, stage: Level) -> Level:
 
 
 def _holds(loop: Loop, peaks: Peaks | None, stage: Level) -> bool:
+    """Whether the rows of a stage are proved, with room for a second program."""
     return not_shrinking(loop, peaks, stage, room=ROOM) is None
 
 
@@ -351,31 +361,42 @@ def _claims(case: Case, peaks: Peaks | None) -> Iterator[Check]:
     loop, W, domain = case.loop, case.W, case.domain
     if domain == EVERYWHERE:
         one = Level(v=(Fraction(1),) * loop.n, alpha=Fraction(1), level=Fraction(1), rho=None)
-        yield from _proved(
-            loop,
-            W,
-            Accuracy(stages=_stages(loop, peaks, one), bounds={}, peaks=peaks),
-            domain,
-        )
+        claim = Accuracy(stages=_stages(loop, peaks, one), bounds={}, peaks=peaks)
+        yield from _proved(loop, W, claim, domain)
         return
     known, starts = _outer(case)
     error = None if known is None else known.error
-    boxes: list[tuple[Level, ErrorBound | None, Domain]] = []
+    boxes: list[_First] = []
     if known is not None and known.rho is not None:
         for part in PARTS:
             radius, disturbance = (decimal_below(x * part) if x else 0.0 for x in starts)
             outer = Level(v=known.v, alpha=known.alpha, level=known.rho, rho=known.rho * part)
-            boxes.append((outer, error, Box(radius, disturbance)))
+            boxes.append(_First(outer, error, Box(radius, disturbance)))
     exosystem = loop.joint_exosystem
     if exosystem is not None and W is not None and error is None:
         error = propose_error_bound(exosystem, W)
     near = () if exosystem is not None and error is None else near_target(loop, peaks)
     whole = Box(*(decimal_below(x) if x else 0.0 for x in starts))
     held = covering_boxes(loop, peaks, error, starts) if boxes else ()
-    first = chain(boxes[:1], ((*each, whole) for each in held), boxes[1:])
-    for outer, bound, box in chain(first, (_near_box(each, error, starts[1]) for each in near)):
-        claim = Accuracy(stages=_stages(loop, peaks, outer), bounds={}, peaks=peaks, error=bound)
-        yield from _proved(loop, W, claim, box, domain)
+    tried = chain(
+        boxes[:1],
+        (_First(level, bound, whole) for level, bound in held),
+        boxes[1:],
+        (_near_box(level, error, starts[1]) for level in near),
+    )
+    for first in tried:
+        stages = _stages(loop, peaks, first.level)
+        claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=first.error)
+        yield from _proved(loop, W, claim, first.starts, domain)
+
+
+class _First(NamedTuple):
+    """The stage from which others are looked for inwards, the observer's part, and the starts that
+    it holds."""
+
+    level: Level
+    error: ErrorBound | None
+    starts: Domain
 
 
 def _turned(case: Case, peaks: Peaks | None) -> Iterator[Check]:
@@ -496,7 +517,7 @@ def _near(loop: Loop, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
             acts = np.array([float(x) for x in load_in_coordinates(loop, peaks, T)])
             v = _least_weights(agents, to_float(T), gains, acts + np.max(acts) * SLACK)
             if v is not None:
-                weights = tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
+                weights = _raised_weights(v)
                 sizes = np.array([[float(x) for x in each] for each in error_sizes(T, weights)])
                 found[T] = float(np.sum(np.log(sizes))), weights
     return [(T, found[T][1]) for T in sorted(found, key=lambda T: found[T][0])]
@@ -531,12 +552,10 @@ def propose_turned(
 ) -> Iterator[Level]:
     """Stages in coordinates from the box N <= rho inwards, for linear couplings (without rho)
     one."""
-    load, agents, turned = (
-        load_in_coordinates(loop, peaks, T),
-        Agents.of(loop, most=loop.n),
-        to_float(T),
-    )
-    acts, last = np.array([float(x) for x in load]), float("inf")
+    load = load_in_coordinates(loop, peaks, T)
+    acts = np.array([float(x) for x in load])
+    agents, turned = Agents.of(loop, most=loop.n), to_float(T)
+    last = math.inf
 
     def stage(
         weights: Sequence[Fraction], rho: Fraction | None
@@ -548,19 +567,17 @@ def propose_turned(
         better = solved(M, acts + np.max(acts) * SLACK, np.ones(u.size, dtype=bool))
         if not np.all(best < 0):
             return None, better
-        level = rounded_up(Fraction(float(np.max(acts / -best.ravel()))) * (1 + ABOVE), digits=9)
+        lowest = Fraction(float(np.max(acts / -best.ravel())))
+        level = rounded_up(lowest * (1 + ABOVE), digits=9)
         if level <= 0 or (rho is not None and level > rho):
             return None, better
-        rate = slowest_row(loop, T, weights, ranges, load=tuple(x / level for x in load)).rate
+        at_level = tuple(x / level for x in load)
+        rate = slowest_row(loop, T, weights, ranges, load=at_level).rate
         if rate <= 0:
             return None, better
-        return Level(
-            v=tuple(weights),
-            alpha=rounded_down(rate, digits=2),
-            level=level,
-            rho=rho,
-            ranges=ranges,
-        ), better
+        alpha = rounded_down(rate, digits=2)
+        found = Level(v=tuple(weights), alpha=alpha, level=level, rho=rho, ranges=ranges)
+        return found, better
 
     found, better = stage(v, rho)
     while found is not None:
@@ -570,25 +587,27 @@ def propose_turned(
         yield found
         if better is None or not np.all(better > 0):
             return
-        last, u = size, tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in better.tolist())
+        last = size
+        u = _raised_weights(better)
         if rho is not None:
+            # the box in which this stage ends has to lie inside the next one
             ratio = max(found.level * x / y for x, y in zip(found.v, u, strict=True))
             rho = rounded_up(ratio * (1 + ABOVE), digits=9)
         found, better = stage(u, rho)
 
 
-def _near_box(
-    outer: Level, error: ErrorBound | None, disturbance: Fraction
-) -> tuple[Level, ErrorBound | None, Domain]:
+def _near_box(outer: Level, error: ErrorBound | None, disturbance: Fraction) -> _First:
     """A stage |e_i| <= v_i with starts in it: half of what its level leaves is for the errors of
     the estimates."""
-    smallest, room = min(outer.v), (1 - outer.level) / 2
+    smallest = min(outer.v)
+    room = (1 - outer.level) / 2
     if error is None:
-        return outer, None, Box(decimal_below(smallest), 0.0)
+        return _First(outer, None, Box(decimal_below(smallest), 0.0))
     kappa = rounded_up(1 / (error.beta * smallest) * NEARLY, digits=9)
     most = min(disturbance, room / (kappa * root_above(error.size, unit=10**9)))
-    box = Box(decimal_below(smallest * (1 - room)), decimal_below(most) if most else 0.0)
-    return outer, replace(error, kappa=kappa), box
+    radius = decimal_below(smallest * (1 - room))
+    starts = Box(radius, decimal_below(most) if most else 0.0)
+    return _First(outer, replace(error, kappa=kappa), starts)
 
 
 def _outer(case: Case) -> tuple[Separable | None, tuple[Fraction, Fraction]]:
@@ -630,16 +649,14 @@ def _proved(
     loop: Loop, W: Matrix | None, claim: Accuracy, starts: Domain, local: Domain = EVERYWHERE
 ) -> Iterator[Check]:
     """The check of a claim with its bounds, if it is proved."""
-    if claim.stages:
-        labels = loop.labels
-        ends = zip(labels, claim.ends, strict=True)
-        bounds = {label: _raised(each) for label, each in ends}
-        whole = replace(
-            claim,
-            bounds=bounds if claim.T is not None else {x: each[0] for x, each in bounds.items()},
-        )
-        check = limited(
-            ID, local, lambda: accuracy_check(loop, W, whole, domain=starts, local=local)
-        )
-        if check.verdict is Verdict.PROVED:
-            yield check
+    if not claim.stages:
+        return
+    ends = zip(loop.labels, claim.ends, strict=True)
+    vectors = {label: _raised(each) for label, each in ends}
+    bounds: Mapping[str, Fraction | Vector] = vectors
+    if claim.T is None:
+        bounds = {label: each[0] for label, each in vectors.items()}
+    whole = replace(claim, bounds=bounds)
+    check = limited(ID, local, lambda: accuracy_check(loop, W, whole, domain=starts, local=local))
+    if check.verdict is Verdict.PROVED:
+        yield check

@@ -109,8 +109,10 @@ class Separable:
             raise ShapeError(
                 "v must have one entry > 0 per agent, or per component of z = T e.", key="v"
             )
-        if self.alpha <= 0 or (self.rho is not None and self.rho <= 0):
-            raise SpecError("alpha and rho must be > 0.", key="alpha" if self.alpha <= 0 else "rho")
+        if self.alpha <= 0:
+            raise SpecError("alpha and rho must be > 0.", key="alpha")
+        if self.rho is not None and self.rho <= 0:
+            raise SpecError("alpha and rho must be > 0.", key="rho")
 
     @property
     def least(self) -> Fraction:
@@ -141,16 +143,18 @@ class Separable:
             "rho": None if self.rho is None else number_text(self.rho),
         }
         if self.T is not None:
-            values |= {"T": matrix_text(self.T), "ranges": ranges_to_json(self.ranges)}
+            values["T"] = matrix_text(self.T)
+            values["ranges"] = ranges_to_json(self.ranges)
         return values if self.error is None else values | self.error.to_json()
 
 
 def require_coordinates(T: Matrix | None) -> None:
     """Raise ShapeError unless T is None or invertible, of few rows."""
-    m = len(T or ())
-    if T is not None and (
-        any(len(row) != m for row in T) or rank(T) < m or not 0 < m <= MOST_COMPONENTS
-    ):
+    if T is None:
+        return
+    m = len(T)
+    is_square = all(len(row) == m for row in T)
+    if not is_square or rank(T) < m or not 0 < m <= MOST_COMPONENTS:
         raise ShapeError(
             f"T must be an invertible matrix of at most {MOST_COMPONENTS} rows.", key="T"
         )
@@ -159,9 +163,11 @@ def require_coordinates(T: Matrix | None) -> None:
 def spread(T: Matrix | None, v: Vector | Doubles) -> Fraction:
     """The largest N of errors with |e|_inf <= 1, for weights v of e or of T e."""
     rows = T or ((Fraction(1),),)
-    return max(
-        sum(map(abs, row), Fraction(0)) / least(v[c :: len(rows)]) for c, row in enumerate(rows)
-    )
+    found = []
+    for c, row in enumerate(rows):
+        own = v[c :: len(rows)]  # of every agent
+        found.append(sum(map(abs, row), Fraction(0)) / least(own))
+    return max(found)
 
 
 def reach(T: Matrix | None, v: Sequence[Fraction]) -> Fraction:
@@ -171,9 +177,11 @@ def reach(T: Matrix | None, v: Sequence[Fraction]) -> Fraction:
 
 def error_sizes(T: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
     """For every agent the largest |e_ic| where |(T e_i)_c| <= v_ic, c = 1, ..., m."""
-    S, values = [[abs(x) for x in row] for row in inverse(T)], tuple(v)
+    S = [[abs(x) for x in row] for row in inverse(T)]
+    values = tuple(v)
     for first in range(0, len(values), len(T)):
-        yield [sum(map(mul, row, values[first : first + len(T)]), Fraction(0)) for row in S]
+        own = values[first : first + len(T)]
+        yield [sum(map(mul, row, own), Fraction(0)) for row in S]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,8 +208,13 @@ class SamplingBound:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check of sampling."""
-        own = {} if self.own is None else {OWN: self.own.to_json()}
-        return {"period": number_text(self.period), "factor": number_text(self.factor), **own}
+        values: dict[str, Any] = {
+            "period": number_text(self.period),
+            "factor": number_text(self.factor),
+        }
+        if self.own is not None:
+            values[OWN] = self.own.to_json()
+        return values
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -22,8 +23,8 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import Cone, solve_cones, svec, symmetric_basis
 from dobc_design.solvers.program import Array, round_matrix
 
-GRID = 24
-REFINEMENTS = 3
+GRID = 24  # values of beta that are tried at a time
+REFINEMENTS = 3  # of the grid, each around the best beta of the one before
 LARGEST_PROGRAM = 12  # order up to which semidefinite programs (q^2/2 unknowns) are solved
 # What is given away so that rounding cannot cross a constraint that is active; more where P is
 # badly conditioned.
@@ -32,7 +33,8 @@ INSIDE = 1e-12  # relative to the entries: eigenvalues that are told from 0
 DIGITS = 8
 UNIT = 10**6  # beta and kappa have six decimals
 FLOOR = 1e-6
-NEARLY, LARGEST = 1e-5, 1e100
+NEARLY = 1e-5  # relative to the entries: how far a solver may miss a constraint
+LARGEST = 1e100  # entry of a P that is used
 
 
 def with_kappa(
@@ -40,7 +42,8 @@ def with_kappa(
 ) -> ErrorBound:
     """The same error with the kappa for V at this rate (1/s), and weights of at least ``least``;
     rounded up."""
-    return replace(error, kappa=Fraction(math.ceil(UNIT / ((error.beta - rate) * least)), UNIT))
+    kappa = 1 / ((error.beta - rate) * least)
+    return replace(error, kappa=Fraction(math.ceil(UNIT * kappa), UNIT))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,17 +63,21 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
     if not math.isfinite(fastest) or fastest <= rate:
         return None
     bound_at = _least_bound if len(error) <= LARGEST_PROGRAM else _lyapunov_bound
-    low, high, found = rate, fastest, list[_Bound]()
+    low, high = rate, fastest
+    best = None
     for _ in range(REFINEMENTS):
         betas = np.linspace(low, high, GRID + 2)[1:-1].tolist()
-        found = [bound for beta in betas if (bound := bound_at(error, C, beta)) is not None] + found
-        if not found:
+        found = [bound_at(error, C, beta) for beta in betas]
+        bounds = [bound for bound in (*found, best) if bound is not None]
+        if not bounds:
             return None
-        found = [min(found, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))]
+        best = min(bounds, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))
         width = (high - low) / (GRID + 1)
-        low, high = max(rate, found[0].beta - width), min(fastest, found[0].beta + width)
+        low, high = max(rate, best.beta - width), min(fastest, best.beta + width)
+    if best is None:
+        return None
     for slack in SLACKS:
-        rounded = _rounded(found[0], rate=rate, slack=slack)
+        rounded = _rounded(best, rate=rate, slack=slack)
         if rounded is None or _is_inside(error, C, rounded):
             return rounded
     return None
@@ -82,7 +89,8 @@ def radius_needed(radius: Fraction, error: ErrorBound | None, disturbance: Fract
     if error is None:
         return radius
     root = math.nextafter(math.sqrt(float_above(error.size)), math.inf)
-    return Fraction(math.ceil((radius + error.kappa * disturbance * Fraction(root)) * 10**4), 10**4)
+    needed = radius + error.kappa * disturbance * Fraction(root)
+    return Fraction(math.ceil(needed * 10**4), 10**4)
 
 
 def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
@@ -94,38 +102,43 @@ def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
         return None
     kappa = Fraction(math.ceil((1 + slack) / (float(beta) - rate) * UNIT), UNIT)
     top = float(np.linalg.eigvalsh(to_float(P))[-1])
-    return ErrorBound(
-        P=P, beta=beta, kappa=kappa, size=Fraction(math.ceil(top * (1 + 1e-9) * 10**9), 10**9)
-    )
+    size = Fraction(math.ceil(top * (1 + 1e-9) * 10**9), 10**9)
+    return ErrorBound(P=P, beta=beta, kappa=kappa, size=size)
+
+
+class _Side(NamedTuple):
+    """What a constraint wants to be >= 0: the coefficient of each entry of P, that of t, and the
+    constant."""
+
+    entries: list[Array]
+    t: Array
+    constant: Array
+
+    def cone(self) -> Cone:
+        """The constraint as the solver takes it."""
+        columns = [*(-svec(M) for M in self.entries), -svec(self.t)]
+        return Cone("semidefinite", np.column_stack(columns), svec(self.constant))
 
 
 def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
     """Minimise t subject to P <= t I, c'c <= P, error' P + P error <= -2 beta P, by Clarabel."""
     q = len(error)
     unit = float(np.max(np.abs(C), initial=0.0)) or 1.0
-    C = C / unit
+    C = C / unit  # so that P is about 1
     basis = symmetric_basis(q)
-    blocks = [
-        # (coefficient of each entry of P, coefficient of t, constant), each to be >= 0
-        ([-M for M in basis], np.eye(q), np.zeros((q, q))),
-        (basis, np.zeros((q, q)), -FLOOR * np.eye(q)),
-        (
-            [-(error.T @ M + M @ error) - 2 * beta * M for M in basis],
-            np.zeros((q, q)),
-            np.zeros((q, q)),
-        ),
-        *((basis, np.zeros((q, q)), -np.outer(c, c)) for c in C),
+    none = np.zeros((q, q))
+    decay = [-(error.T @ M + M @ error) - 2 * beta * M for M in basis]
+    sides = [
+        _Side([-M for M in basis], np.eye(q), none),
+        _Side(basis, none, -FLOOR * np.eye(q)),
+        _Side(decay, none, none),
+        *(_Side(basis, none, -np.outer(c, c)) for c in C),
     ]
-    cones = [
-        Cone(
-            "semidefinite",
-            np.column_stack([*(-svec(M) for M in entries), -svec(t)]),
-            svec(constant),
-        )
-        for entries, t, constant in blocks
-    ]
-    answer = solve_cones(np.append(np.zeros(len(basis)), 1.0), cones)
-    P = sum((x * M for x, M in zip(answer.x.tolist(), basis, strict=False)), np.zeros((q, q)))
+    cost = np.append(np.zeros(len(basis)), 1.0)
+    answer = solve_cones(cost, [side.cone() for side in sides])
+    P = np.zeros((q, q))
+    for x, M in zip(answer.x.tolist(), basis, strict=False):
+        P = P + x * M
     if not answer.found or not _nearly_holds(P, error, C, beta):
         return _lyapunov_bound(error, unit * C, beta)
     return _Bound(beta=beta, P=unit**2 * P, size=unit**2 * float(np.linalg.eigvalsh(P)[-1]))
@@ -138,11 +151,11 @@ def _sides(P: Array, error: Array, C: Array, beta: float) -> list[Array]:
 
 def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
     """Whether the rounded numbers satisfy the constraints as far as floats can tell."""
-    sides = _sides(to_float(bound.P), error, C, float(bound.beta))
-    return all(
-        float(np.linalg.eigvalsh(x)[0]) >= INSIDE * float(np.max(np.abs(x), initial=0.0))
-        for x in sides
-    )
+    for side in _sides(to_float(bound.P), error, C, float(bound.beta)):
+        lowest, size = np.linalg.eigvalsh(side)[0], np.max(np.abs(side), initial=0.0)
+        if not float(lowest) >= INSIDE * float(size):
+            return False
+    return True
 
 
 def _nearly_holds(P: Array, error: Array, C: Array, beta: float) -> bool:
@@ -165,12 +178,12 @@ def _lyapunov_bound(error: Array, C: Array, beta: float) -> _Bound | None:
     with np.errstate(all="ignore"):
         try:
             X = linalg.solve_continuous_lyapunov(shifted.T, -np.eye(len(error)))
-            P = (X + X.T) / 2 * max((float(c @ np.linalg.solve(X, c)) for c in C), default=0.0)
+            # c'c <= a X iff c X^-1 c' <= a
+            larger = max((float(c @ np.linalg.solve(X, c)) for c in C), default=0.0)
+            P = (X + X.T) / 2 * larger
             values = np.linalg.eigvalsh(P)
         except (ValueError, np.linalg.LinAlgError):
             return None
-    return (
-        _Bound(beta=beta, P=P, size=float(values[-1]))
-        if values[0] > 0 and math.isfinite(values[-1])
-        else None
-    )
+    if not values[0] > 0 or not math.isfinite(values[-1]):
+        return None
+    return _Bound(beta=beta, P=P, size=float(values[-1]))

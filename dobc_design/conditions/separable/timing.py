@@ -54,29 +54,35 @@ def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAn
     ``bound.delay``.  With an observer every smaller rate holds, from the time on at which its error
     has become small, up to beta."""
     if bound.delay < 0 or bound.rate <= 0:
-        raise SpecError(
-            "a delay must be >= 0 and its rate > 0.", key="delay" if bound.delay < 0 else "rate"
-        )
+        key = "delay" if bound.delay < 0 else "rate"
+        raise SpecError("a delay must be >= 0 and its rate > 0.", key=key)
     if claim.error is not None and bound.rate > claim.error.beta:
         reason = "the rate exceeds beta, at which the observer error decays."
         return SeparableAnswer(verdict=Verdict.REFUTED, reason=reason)
     if loop.goals.moves:
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=LEADER_GOES_ON)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
-    return verify_separable(loop, slower, stretch=exp(Interval.point(bound.rate * bound.delay)).hi)
+    stretch = exp(Interval.point(bound.rate * bound.delay)).hi
+    return verify_separable(loop, slower, stretch=stretch)
 
 
 def largest_period(loop: Loop, claim: Separable) -> SamplingBound | None:
     """The largest sampling period, about, that is certified by ``claim`` (proved before).  The
     period is at most 1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a
     face. None where the certificate does not apply, or the slopes are not bounded."""
-    found = _stiffest(
-        loop,
-        claim,
-        enough=lambda x: x > 0 and rounded_down(1 / x) == rounded_down((1 + _UNSURE) / x),
-    )
-    period = _ZERO if isinstance(found, str) or found <= 0 else rounded_down(1 / found)
-    return SamplingBound(period=period, factor=1 - period * claim.alpha) if period > 0 else None
+
+    def has_nine_digits(stiffest: Fraction) -> bool:
+        if stiffest <= 0:
+            return False
+        return rounded_down(1 / stiffest) == rounded_down((1 + _UNSURE) / stiffest)
+
+    found = _stiffest(loop, claim, enough=has_nine_digits)
+    if isinstance(found, str) or found <= 0:
+        return None
+    period = rounded_down(1 / found)
+    if period <= 0:
+        return None
+    return SamplingBound(period=period, factor=1 - period * claim.alpha)
 
 
 def verify_sampling(loop: Loop, claim: Separable, bound: SamplingBound) -> SeparableAnswer:
@@ -129,7 +135,8 @@ def _stiffest(
             )
 
         with suppress(UndefinedError):
-            if enough(found := largest(Floats.around)):
+            found = largest(Floats.around)
+            if enough(found):
                 return found
         return largest(lambda place: place)
     except UndefinedError as error:
@@ -151,13 +158,17 @@ class _Steepest:
         self.on = cache(self._on)
 
     def __call__(self, term: Term, own: Fraction, face: int) -> Fraction:
-        ends = (term.step + 2 * Fraction(k + 1, SLICES) * own for k in range(SLICES))
-        return sum((self._largest(term, max(end, _ZERO), face) for end in ends), _ZERO) / SLICES
+        total = _ZERO
+        for k in range(SLICES):
+            end = term.step + 2 * Fraction(k + 1, SLICES) * own
+            total += self._largest(term, max(end, _ZERO), face)
+        return total / SLICES
 
     def _largest(self, term: Term, end: Fraction, face: int) -> Fraction:
-        start = (
-            min(term.step, _ZERO) if self.profiles[term.coupling].is_nondecreasing else -term.reach
-        )
+        if self.profiles[term.coupling].is_nondecreasing:
+            start = min(term.step, _ZERO)
+        else:
+            start = -term.reach
         return self.on(term.coupling, Interval(self.rho * start, self.rho * end) * face)
 
     def _on(self, coupling: int, place: Interval) -> Fraction:

@@ -169,14 +169,12 @@ def confirm(
     base, claim = None, read_claim(check, loop, W)
     if proof is not None and proof.verdict is Verdict.PROVED:
         base = claims.separable_from_json(proof.exact, loop)
-    if isinstance(claim, Inputs) and claim.stage is not None:
-        return _not_held(check, loop, W, claim, claim.stage, final)
     if isinstance(claim, Inputs):
-        return (
-            "it needs a proved max-separable check"
-            if base is None
-            else _not_inputs(check, loop, base, claim)
-        )
+        if claim.stage is not None:
+            return _not_held(check, loop, W, claim, claim.stage, final)
+        if base is None:
+            return "it needs a proved max-separable check"
+        return _not_inputs(check, loop, base, claim)
     if not isinstance(claim, Tolerance):
         return "it is not known here"
     table, errors = loop.uncertainty, claim.errors
@@ -185,19 +183,40 @@ def confirm(
     if (claim.eta is None) is not agents_know(loop):
         return "eta belongs to observers that do not know the weights, and to no others"
     if claim.v is not None:
-        if check.domain != domain or (loop.groups and (W is None or check.rate is not None)):
-            return (
-                f"the domain must be '{domain}'; with an observer, which is needed, rows give "
-                "no rate of the loop"
-            )
-        wrong = _not_local(loop, claim, claim.v)
-        return (
-            wrong
-            if wrong or loop.groups or follows(check.rate, claim.alpha)
-            else "the rate does not follow"
-        )
+        return _not_tolerated_at_target(check, loop, W, claim, claim.v, domain)
     if base is None or proof is None or proof.domain != check.domain:
         return "it needs a proved max-separable check with its domain"
+    return _not_tolerated(check, loop, W, claim, base)
+
+
+def _not_tolerated_at_target(
+    check: Check,
+    loop: Loop,
+    W: Matrix | None,
+    claim: Tolerance,
+    v: Vector | Doubles,
+    domain: Domain,
+) -> str | None:
+    """None if the rows at the target hold for all errors of the claim."""
+    if check.domain != domain or (loop.groups and (W is None or check.rate is not None)):
+        return (
+            f"the domain must be '{domain}'; with an observer, which is needed, rows give no rate "
+            "of the loop"
+        )
+    wrong = _not_local(loop, claim, v)
+    if wrong is not None:
+        return wrong
+    # with an observer the rows say nothing about the rate of the whole loop
+    if not loop.groups and not follows(check.rate, claim.alpha):
+        return "the rate does not follow"
+    return None
+
+
+def _not_tolerated(
+    check: Check, loop: Loop, W: Matrix | None, claim: Tolerance, base: Separable
+) -> str | None:
+    """None if the rows of ``base`` hold for all errors of the claim, and V falls."""
+    errors = claim.errors
     answer = verify_separable(loop, replace(base, alpha=claim.alpha), errors=errors)
     if answer.verdict is not Verdict.PROVED:
         return answer.reason
@@ -205,11 +224,9 @@ def confirm(
         return (
             "eta is not shown to bound what the errors of the weights add to the estimation error"
         )
-    return (
-        None
-        if follows(check.rate, tolerated_rate(base, claim))
-        else f"the rate {check.rate} does not follow"
-    )
+    if not follows(check.rate, tolerated_rate(base, claim)):
+        return f"the rate {check.rate} does not follow"
+    return None
 
 
 def agents_know(loop: Loop) -> bool:

@@ -81,10 +81,10 @@ def reaches(loop: Loop, T: Matrix, v: Sequence[Fraction], rho: Fraction) -> dict
                 known[c] = max(known[c], own[c] + other[c])
     if loop.drift_place is not None:
         found[loop.drift_place] = [max(column) for column in zip(*sizes, strict=True)]
-    return {
-        place: tuple(rounded_up(rho * x, digits=_DIGITS) for x in each)
-        for place, each in found.items()
-    }
+    rounded = {}
+    for place, each in found.items():
+        rounded[place] = tuple(rounded_up(rho * x, digits=_DIGITS) for x in each)
+    return rounded
 
 
 def enclosed_ranges(
@@ -199,12 +199,12 @@ class _Corners:
 
 def _corners(loop: Loop, T: Matrix, table: dict[int, Entries]) -> _Corners:
     """Bring the gains of arcs into coordinates, as integers where denominators are short."""
-    exact = {
-        place: _turned_corners(T, entries)
-        for place, entries in table.items()
-        if place != loop.drift_place
-    }
+    exact = {}
+    for place, entries in table.items():
+        if place != loop.drift_place:
+            exact[place] = _turned_corners(T, entries)
     numbers = (x for rows in exact.values() for row in rows for corner in row for x in corner)
+    # Where a common denominator is long, fractions are no slower than integers.
     unit = common_denominator(numbers, bits=VECTOR_BITS) or 1
     scaled: dict[int, dict[int, list[list[Any]]]] = {}
     for place, rows in exact.items():
@@ -252,18 +252,21 @@ class _ArcSums:
         for number, (i, j, place, w) in enumerate(ends):
             total = totals[i]
             for theirs, (c, mine) in zip(self.heard(place, j), self.felt(place, i), strict=True):
+                sums = total[c]
                 for s, each in enumerate(mine):
                     most = max(map(sub, theirs, each))
                     # an optional arc may be absent
                     if number < sure or most > 0:
-                        total[c][s] += w * most
+                        sums[s] += w * most
         return totals, self.corners.unit * bottom
 
     def _heard(self, place: int, j: int) -> list[list[Any]]:
         """sum_c' |G_cc'| v_jc', by component and corner."""
-        sizes, found = self.own[j], []
+        own = self.own[j]
+        found = []
         for row in self.corners.rows[place].values():
-            found.append([sum(abs(x) * y for x, y in zip(g, sizes, strict=True)) for g in row])
+            sizes = [list(map(abs, g)) for g in row]
+            found.append([sum(map(mul, g, own)) for g in sizes])
         return found
 
     def _felt(self, place: int, i: int) -> list[tuple[int, list[list[Any]]]]:

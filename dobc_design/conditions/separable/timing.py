@@ -79,6 +79,7 @@ def largest_period(loop: Loop, claim: Separable) -> SamplingBound | None:
     found = _stiffest(loop, claim, enough=has_nine_digits)
     if isinstance(found, str) or found <= 0:
         return None
+    # No search: the largest period is the inverse of that bound.
     period = rounded_down(1 / found)
     if period <= 0:
         return None

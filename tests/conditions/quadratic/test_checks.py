@@ -21,7 +21,6 @@ from dobc_design.conditions.quadratic.decide import (
     certified_ball,
     lure_check,
     lure_from_json,
-    verify_lure,
 )
 from dobc_design.conditions.quadratic.propose import design_lure
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
@@ -56,15 +55,14 @@ def ring(
 def by_hand(problem: Problem, *, radius: str = "2", tau: str = "1/4", **changes: Any) -> Lure:
     """P_e = I, one tau for all arcs, the level that fits the radius exactly."""
     r = Fraction(radius)
+    modes = problem.network.modes.items()
     given = {
         "P_e": identity(problem.n * problem.m),
         "ranges": enclose_ranges(loop_of(problem), radius=r),
         "radius": r,
         "level": r * r / 2,
         "rate": Fraction(1, 10),
-        "multipliers": {
-            mode: (Fraction(tau),) * len(arcs) for mode, arcs in problem.network.modes.items()
-        },
+        "multipliers": {mode: (Fraction(tau),) * len(arcs) for mode, arcs in modes},
     }
     return Lure(**(given | changes))
 
@@ -73,9 +71,8 @@ def observed() -> tuple[Problem, Lure]:
     """The printed pair, doubled: S = 9/16 (theory, section 9)."""
     problem = ring(10, exosystem=HARMONIC, observer=Observer(W=PAPER_GAIN))
     P = tuple(tuple(2 * x for x in row) for row in PAIR)
-    return problem, by_hand(
-        problem, radius="3", tau="0.12", rate=Fraction(0), P=P, Q=multiply(P, PAPER_GAIN)
-    )
+    Q = multiply(P, PAPER_GAIN)
+    return problem, by_hand(problem, radius="3", tau="0.12", rate=Fraction(0), P=P, Q=Q)
 
 
 def check_of(problem: Problem, lure: Lure, radius: float, disturbance: float = 0.0) -> Check:
@@ -101,94 +98,94 @@ def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
     """P_e = I, level 2: the ball is sqrt 2."""
     problem = ring()
     lure = by_hand(problem)
-    assert verify_lure(loop_of(problem), lure).verdict is Verdict.PROVED
+    assert is_proved(problem, lure)
     check = check_of(problem, lure, 1.41421)
-    assert (check.verdict, check.rate) == (Verdict.PROVED, 0.1)
+    assert check.verdict is Verdict.PROVED
+    assert check.rate == 0.1
     assert check.domain == Ball(1.41421, 0.0)
     assert refusal(problem, check) is None
     assert check_of(problem, lure, 1.41422).verdict is Verdict.UNDECIDED
-    assert "not inside" in str(
-        refusal(problem, replace(check, domain=replace(check.domain, radius=1.41422)))
-    )
-    assert certified_ball(loop_of(problem), lure, disturbance=0.0) == pytest.approx(
-        math.sqrt(2), rel=1e-5
-    )
-    # A ball covers the region iff it holds its corners: side 1/2, three agents, R^2 >= 3/4.
-    for radius, inside in ((0.8660254, False), (0.8660255, True)):
-        check = check_of(problem, by_hand(problem), radius)
-        assert check.verdict is Verdict.PROVED
-        assert covers(loop_of(problem), check, [check]) is inside
+    larger = replace(check, domain=replace(check.domain, radius=1.41422))
+    assert "not inside" in str(refusal(problem, larger))
+    ball = certified_ball(loop_of(problem), lure, disturbance=0.0)
+    assert ball == pytest.approx(math.sqrt(2), rel=1e-5)
+
+
+@pytest.mark.parametrize(("radius", "inside"), [(0.8660254, False), (0.8660255, True)])
+def test_a_ball_covers_a_region_iff_it_holds_its_corners(radius, inside):
+    """Side 1/2, three agents: R^2 >= 3/4."""
+    problem = ring()
+    check = check_of(problem, by_hand(problem), radius)
+    assert check.verdict is Verdict.PROVED
+    assert covers(loop_of(problem), check, [check]) is inside
 
 
 def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
     """R^2 + 10 s^2 (5 + sqrt 10)/6 <= 9/2: s = 1/2 leaves R = 1.04754."""
     problem, lure = observed()
     radius = certified_ball(loop_of(problem), lure, disturbance=0.5)
-    assert radius == pytest.approx(math.sqrt(4.5 - 2.5 * (5 + math.sqrt(10)) / 6), rel=1e-5)
+    taken = 2.5 * (5 + math.sqrt(10)) / 6
+    assert radius == pytest.approx(math.sqrt(4.5 - taken), rel=1e-5)
     check = check_of(problem, lure, radius, 0.5)
     assert refusal(problem, check) is None
-    assert "not inside" in str(
-        refusal(problem, replace(check, domain=replace(check.domain, disturbance=0.50001)))
-    )
-    assert "P" in check.exact
-    exact = {name: value for name, value in check.exact.items() if name != "P"}
+    larger = replace(check, domain=replace(check.domain, disturbance=0.50001))
+    assert "not inside" in str(refusal(problem, larger))
+    exact = dict(check.exact)
+    exact.pop("P")
     assert "lacks P" in str(refusal(problem, replace(check, claim=Values(exact))))
-    assert "matrix inequality fails" in str(
-        refusal(problem, check, P=[["1/8", "-1/16"], ["-1/16", "1/12"]])
-    )
-    assert "symmetric" in str(refusal(problem, check, P=[["1", "-1/2"], ["-1/3", "2/3"]]))
+    small = [["1/8", "-1/16"], ["-1/16", "1/12"]]
+    assert "matrix inequality fails" in str(refusal(problem, check, P=small))
+    crooked = [["1", "-1/2"], ["-1/3", "2/3"]]
+    assert "symmetric" in str(refusal(problem, check, P=crooked))
 
 
 def test_without_a_level_every_coupling_has_to_be_linear():
     """h = 2 y, all k = 3: everywhere; tanh with the same claim is not shown, and "consensus" is no
     such domain."""
     linear = ring(coupling="2*y")
-    everywhere = {
-        "ranges": enclose_ranges(loop_of(linear), radius=None),
-        "multipliers": {"G": (Fraction(0),) * 3},
-    }
-    lure = replace(by_hand(linear, radius="1", **everywhere), radius=None, level=None)
-    check = check_of(linear, lure, 0.0)
-    assert (check.verdict, check.domain) == (Verdict.PROVED, EVERYWHERE)
+    ranges = enclose_ranges(loop_of(linear), radius=None)
+    multipliers = {"G": (Fraction(0),) * 3}
+    lure = by_hand(linear, radius="1", ranges=ranges, multipliers=multipliers)
+    check = check_of(linear, replace(lure, radius=None, level=None), 0.0)
+    assert check.verdict is Verdict.PROVED
+    assert check.domain == EVERYWHERE
     assert refusal(linear, check, domain=EVERYWHERE) is None
     assert "must be global" in str(refusal(linear, check))
     in_ball = replace(check, domain=Ball(1.0, 0.0))
     assert "must be global" in str(refusal(linear, in_ball, domain=EVERYWHERE))
     assert "need a radius" in str(refusal(ring(coupling="2*tanh(y)"), check, domain=EVERYWHERE))
-    assert "is not 0" in str(
-        refusal(linear, check, domain=EVERYWHERE, multipliers={"G": ["0", "0", "1"]})
-    )
+    needless = {"G": ["0", "0", "1"]}
+    said = refusal(linear, check, domain=EVERYWHERE, multipliers=needless)
+    assert "is not 0" in str(said)
 
 
 def test_a_list_of_expressions_has_one_channel_for_every_gain():
     """h = (y1 + tanh(y2)/5, y2): off-diagonal gains take part."""
     problem = ring(coupling=["y1 + tanh(y2)/5", "y2"])
-    lure = design_lure(
-        loop_of(problem), holds=partial(is_proved, problem), shape="identity", largest=Fraction(3)
-    )
+    loop = loop_of(problem)
+    holds = partial(is_proved, problem)
+    lure = design_lure(loop, holds=holds, shape="identity", largest=Fraction(3))
     assert lure is not None
-    check = check_of(problem, lure, certified_ball(loop_of(problem), lure, disturbance=0.0))
+    check = check_of(problem, lure, certified_ball(loop, lure, disturbance=0.0))
     assert check.verdict is Verdict.PROVED
     assert refusal(problem, check) is None
     gains = [[["1", "1"], ["0.1", "0.2"]], [["0", "0"], ["1", "1"]]]
     assert "not shown" in str(refusal(problem, check, ranges=[{"coupling": 0, "gains": gains}]))
 
 
-def test_a_claim_comes_back_from_json_as_it_went_in_and_without_a_gain_it_does_not_apply():
+def test_a_claim_comes_back_from_json_as_it_went_in():
     problem, lure = observed()
-    check = lure_check(
-        loop_of(problem), None, lure, radius=1.0, disturbance=0.0, domain=NEAR_TARGET
-    )
-    assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
+    entries = {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}
+    full = replace(lure, P_e=SparseSymmetric(10, entries), rate=Fraction(2, 9))
+    for claim in (lure, full):
+        values = json.loads(json.dumps(claim.to_json()))
+        assert lure_from_json(values, loop_of(problem), PAPER_GAIN) == claim
+
+
+def test_without_a_gain_the_check_does_not_apply():
+    problem, lure = observed()
+    loop = loop_of(problem)
+    check = lure_check(loop, None, lure, radius=1.0, disturbance=0.0, domain=NEAR_TARGET)
+    assert check.verdict is Verdict.UNDECIDED
+    assert check.reason.startswith("does not apply:")
     assert "does not apply" in str(confirmed(check_of(problem, lure, 1.0), problem))
-    assert (
-        lure_from_json(json.loads(json.dumps(lure.to_json())), loop_of(problem), PAPER_GAIN) == lure
-    )
-    full = replace(
-        lure,
-        P_e=SparseSymmetric(10, {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}),
-        rate=Fraction(2, 9),
-    )
-    assert (
-        lure_from_json(json.loads(json.dumps(full.to_json())), loop_of(problem), PAPER_GAIN) == full
-    )

@@ -28,36 +28,42 @@ ONE = Fraction(1)
 
 
 def random_metric(size: int, shape: str, seed: int) -> SparseSymmetric:
+    """A positive definite matrix of small fractions."""
     r = Random(seed)
     if shape == "diagonal":
-        return SparseSymmetric(
-            size, {(i, i): Fraction(r.randint(1, 9), r.randint(1, 5)) for i in range(size)}
-        )
+        entries = {(i, i): Fraction(r.randint(1, 9), r.randint(1, 5)) for i in range(size)}
+        return SparseSymmetric(size, entries)
     rows = [[Fraction(r.randint(-3, 3)) for _ in range(size)] for _ in range(size)]
     square = multiply(tuple(map(tuple, rows)), tuple(zip(*rows, strict=True)))
     return SparseSymmetric.from_dense(square) + identity(size)
 
 
+def random_taus(r: Random, count: int) -> list[Fraction]:
+    return [Fraction(r.randint(1, 9), r.randint(1, 9)) for _ in range(count)]
+
+
+def floats(M: SparseSymmetric) -> np.ndarray:
+    return to_float(M.to_dense())
+
+
 def at_radius(problem: Problem, radius: Fraction = ONE) -> Sectors:
-    return build_sectors(
-        loop_of(problem), enclose_ranges(loop_of(problem), radius=radius), radius=radius
-    )
+    """The channels of a problem at a radius."""
+    loop = loop_of(problem)
+    return build_sectors(loop, enclose_ranges(loop, radius=radius), radius=radius)
 
 
 def arrays(sectors: Sectors, mode: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """B (n m, channels), C_E (channels, n m), low and high gains."""
     channels = sectors.modes[mode]
-    B, C = np.zeros((sectors.size, len(channels))), np.zeros((len(channels), sectors.size))
+    B = np.zeros((sectors.size, len(channels)))
+    C = np.zeros((len(channels), sectors.size))
     for k, channel in enumerate(channels):
         B[channel.target, k] = 1
         C[k, channel.plus] += 1
         C[k, channel.minus] -= 1
-    return (
-        B,
-        C,
-        np.array([float(c.low) for c in channels]),
-        np.array([float(c.high) for c in channels]),
-    )
+    low = np.array([float(channel.low) for channel in channels])
+    high = np.array([float(channel.high) for channel in channels])
+    return B, C, low, high
 
 
 @pytest.mark.parametrize("shape", ["diagonal", "full"])
@@ -68,22 +74,26 @@ def test_the_reduced_inequality_is_the_schur_complement_of_the_one_in_theory(see
     problem = random_problem(seed, m=1 + seed % 2)
     sectors = at_radius(problem)
     B, C_E, low, high = arrays(sectors, "G0")
-    size, m, count = sectors.size, problem.m, len(low)
+    size = sectors.size
+    m = problem.m
     r = Random(seed)
-    tau = [Fraction(r.randint(1, 9), r.randint(1, 9)) for _ in range(count)]
-    P_e, beta = random_metric(size, shape, seed), Fraction(r.randint(0, 5), 7)
+    tau = random_taus(r, len(low))
+    P_e = random_metric(size, shape, seed)
+    beta = Fraction(r.randint(0, 5), 7)
     S = tuple(tuple(Fraction(3 if i == j else 1, 2) for j in range(m)) for i in range(m))
-    P, K, T = to_float(P_e.to_dense()), pins(problem), np.diag([float(t) for t in tau])
+    P = floats(P_e)
+    K = pins(problem)
+    T = np.diag([float(t) for t in tau])
     first = -P @ K - K.T @ P - 2 * C_E.T @ np.diag(low * high) @ T @ C_E + 2 * float(beta) * P
     second = P @ B + C_E.T @ np.diag(low + high) @ T
     border = P @ np.kron(np.eye(problem.n), np.eye(m))
     # C = I, so C (-Omega)^-1 C' = S
     omega = -np.kron(np.eye(problem.n), np.linalg.inv(to_float(S)))
-    none = np.zeros((count, border.shape[1]))
+    none = np.zeros((len(low), border.shape[1]))
     block = np.block([[first, second, border], [second.T, -2 * T, none], [border.T, none.T, omega]])
-    rest = block[size:, size:]
-    schur = first - block[:size, size:] @ np.linalg.solve(rest, block[size:, :size])
-    ours = to_float(lure_matrix(sectors, "G0", P_e, tau, rate=beta, S=S).to_dense())
+    beside = block[:size, size:]
+    schur = first - beside @ np.linalg.solve(block[size:, size:], beside.T)
+    ours = floats(lure_matrix(sectors, "G0", P_e, tau, rate=beta, S=S))
     assert np.allclose(ours, schur, rtol=1e-9, atol=1e-9 * np.max(np.abs(schur)))
 
 
@@ -96,9 +106,8 @@ def test_the_border_of_the_observer_enters_as_the_paper_has_it():
     assert S is not None
     assert S[0][0] == Fraction(9, 8)
     with_it = lure_matrix(sectors, "G", identity(3), (ONE,) * 3, S=S)
-    assert with_it + lure_matrix(sectors, "G", identity(3), (ONE,) * 3).negated() == identity(
-        3
-    ).scaled(Fraction(9, 8))
+    without = lure_matrix(sectors, "G", identity(3), (ONE,) * 3)
+    assert with_it + without.negated() == identity(3).scaled(Fraction(9, 8))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -108,30 +117,30 @@ def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above
     sectors = at_radius(problem)
     B, C_E, low, high = arrays(sectors, "G0")
     P_e = random_metric(sectors.size, "full", seed)
-    P, K = to_float(P_e.to_dense()), pins(problem)
-    beta, corners = Fraction(1, 3), itertools.product((0, 1), repeat=len(low))
-    loops = [B @ np.diag(np.where(corner, high, low)) @ C_E - K for corner in corners]
-    wanted = [P @ J + J.T @ P + 2 / 3 * P for J in loops]
-    ours = [to_float(each.to_dense()) for each in vertex_matrices(sectors, "G0", P_e, rate=beta)]
+    P = floats(P_e)
+    K = pins(problem)
+    beta = Fraction(1, 3)
+    wanted = []
+    for corner in itertools.product((0, 1), repeat=len(low)):
+        J = B @ np.diag(np.where(corner, high, low)) @ C_E - K
+        wanted.append(P @ J + J.T @ P + 2 / 3 * P)
+    ours = [floats(each) for each in vertex_matrices(sectors, "G0", P_e, rate=beta)]
     assert np.allclose(ours, wanted)
-    r = Random(seed)
-    taus = [Fraction(r.randint(1, 9), r.randint(1, 9)) for _ in low]
+    taus = random_taus(Random(seed), len(low))
     for upper in (
         interval_matrix(sectors, "G0", P_e, rate=beta),
         lure_matrix(sectors, "G0", P_e, taus, rate=beta),
     ):
-        bound = to_float(upper.to_dense())
-        assert min(np.linalg.eigvalsh(bound - corner)[0] for corner in wanted) > -1e-9 * np.max(
-            np.abs(bound)
-        )
+        bound = floats(upper)
+        least = min(np.linalg.eigvalsh(bound - corner)[0] for corner in wanted)
+        assert least > -1e-9 * np.max(np.abs(bound))
 
 
 def test_a_linear_channel_needs_no_multiplier_and_moves_into_the_linear_part():
     sectors = at_radius(cycle(4, 2, coupling="3*y"))
     J = 3 * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - 2 * np.eye(4)
-    assert np.array_equal(
-        to_float(lure_matrix(sectors, "G", identity(4), (Fraction(0),) * 4).to_dense()), J + J.T
-    )
+    ours = lure_matrix(sectors, "G", identity(4), (Fraction(0),) * 4)
+    assert np.array_equal(floats(ours), J + J.T)
 
 
 def test_multipliers_have_to_be_as_many_as_channels_and_positive_and_corners_not_too_many():
@@ -159,15 +168,15 @@ def test_what_cannot_be_a_claim_is_refused(change, words):
         Lure(**(given | change))
 
 
-def test_a_certificate_says_what_shape_its_p_has():
-    for dense, shape in (
+@pytest.mark.parametrize(
+    ("dense", "shape"),
+    [
         ([[2, 0], [0, 2]], "identity"),
         ([[2, 0], [0, 3]], "diagonal"),
         ([[2, 1], [1, 2]], "full"),
-    ):
-        assert (
-            Lure(
-                P_e=SparseSymmetric.from_dense(matrix(dense)), ranges=(), radius=ONE, level=ONE
-            ).shape
-            == shape
-        )
+    ],
+)
+def test_a_certificate_says_what_shape_its_p_has(dense, shape):
+    P_e = SparseSymmetric.from_dense(matrix(dense))
+    lure = Lure(P_e=P_e, ranges=(), radius=ONE, level=ONE)
+    assert lure.shape == shape

@@ -2,6 +2,7 @@
 finds."""
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -35,7 +36,11 @@ def phases_of(problem):
     return loop_of(problem).guarantee.phases
 
 
-HALF, ONE, TWO = Fraction(1, 2), Fraction(1), Fraction(2)
+ZERO = Fraction(0)
+HALF = Fraction(1, 2)
+ONE = Fraction(1)
+TWO = Fraction(2)
+BARE = Cycles(phases=(), rate=None, rho=None)  # linear couplings, by the graphs alone
 PAPER = "exp(y) - 1 + y"
 MODES = {"A": [[3, 2]], "B": [[2, 1]], "C": []}
 RING = [[i, i % 10 + 1] for i in range(1, 11)]
@@ -119,12 +124,8 @@ def test_there_are_no_phases_without_a_guarantee_or_with_one_mode():
     assert phases_of(problem(signal="random", dwell=1)) == ()
     assert phases_of(problem(guarantee="arbitrary", dwell=1)) == ()
     assert phases_of(problem({"A": [[2, 1]]}, guarantee="dwell", dwell=1)) == ()
-    assert (
-        why_not(
-            loop_of(problem(signal="random", dwell=1)), None, Cycles(phases=(), rate=None, rho=None)
-        )
-        is not None
-    )
+    any_mode = loop_of(problem(signal="random", dwell=1))
+    assert why_not(any_mode, None, BARE) is not None
 
 
 def test_asking_for_phases_does_not_hash_the_generator_of_a_chain(monkeypatch):
@@ -141,40 +142,34 @@ def test_asking_for_phases_does_not_hash_the_generator_of_a_chain(monkeypatch):
 @pytest.mark.filterwarnings("error")
 def test_a_round_that_leaves_the_floats_is_undecided():
     turns = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": 10_000}
-    found = schedule_of(certify(problem({"A": [[2, 1]], "B": [[3, 2]]}, coupling="-y", **turns)))
-    assert found.verdict is Verdict.UNDECIDED
+    repelling = problem({"A": [[2, 1]], "B": [[3, 2]]}, coupling="-y", **turns)
+    assert schedule_of(certify(repelling)).verdict is Verdict.UNDECIDED
 
 
 def test_a_sequence_that_repeats_a_shorter_one_has_its_phases():
     """Also in the second program; other lengths make another sequence."""
     for times, dwell, once in ((50, 1, 1), (2, [1, 2, 1, 2], [1, 2])):
         own = problem(guarantee="sequence", sequence=["A", "B"] * times, dwell=dwell)
-        assert lengths(own) == lengths(
-            problem(guarantee="sequence", sequence=["A", "B"], dwell=once)
-        )
+        shorter = problem(guarantee="sequence", sequence=["A", "B"], dwell=once)
+        assert lengths(own) == lengths(shorter)
         found = second_loop(own).guarantee.phases
-        assert [(each.mode, each.shortest) for each in found] == [
-            (each.mode, each.shortest) for each in phases_of(own)
-        ]
-    assert (
-        len(phases_of(problem(guarantee="sequence", sequence=["A", "B"] * 2, dwell=[1, 2, 1, 1])))
-        == 4
-    )
-    assert len(phases_of(problem(guarantee="sequence", sequence=["A", "B", "A"], dwell=1))) == 3
+        again = [(each.mode, each.shortest) for each in found]
+        assert again == [(each.mode, each.shortest) for each in phases_of(own)]
+    uneven = problem(guarantee="sequence", sequence=["A", "B"] * 2, dwell=[1, 2, 1, 1])
+    assert len(phases_of(uneven)) == 4
+    odd = problem(guarantee="sequence", sequence=["A", "B", "A"], dwell=1)
+    assert len(phases_of(odd)) == 3
 
 
 def test_the_work_of_a_sequence_grows_like_its_phases():
     """30 and 100 phases, none of which repeats: at most 3.6 times the steps."""
 
     def steps(count: int) -> int:
-        turns = [
-            "A",
-            "A",
-            *(mode for k in range(count // 2 - 1) for mode in ("B", "A" if k % 3 else "B")),
-        ]
-        own = problem(
-            {"A": [[2, 1]], "B": [[3, 2]]}, guarantee="sequence", sequence=turns, dwell="1/10"
-        )
+        turns = ["A", "A"]
+        for k in range(count // 2 - 1):
+            turns += ["B", "A" if k % 3 else "B"]
+        arcs = {"A": [[2, 1]], "B": [[3, 2]]}
+        own = problem(arcs, guarantee="sequence", sequence=turns, dwell="1/10")
         assert len(phases_of(own)) == count
         with at_most(10**9):
             claim = next(propose_cycles.propose(loop_of(own), None, rho=None, error=None))
@@ -210,9 +205,8 @@ def test_a_guarantee_in_words():
             "dwell": 1,
         },
     }
-    assert {loop_of(problem(**turns)).guarantee.in_words() for turns in words.values()} == set(
-        words
-    )
+    for expected, turns in words.items():
+        assert loop_of(problem(**turns)).guarantee.in_words() == expected
 
 
 @pytest.mark.parametrize(
@@ -230,36 +224,37 @@ def test_a_guarantee_in_words():
 )
 @few_chords()
 def test_cycles_that_do_not_reach_every_agent(own: Problem, missed):
-    assert list(unreached_cycles(loop_of(own), phases_of(own))) == missed
-    assert (why_not(loop_of(own), None, Cycles(phases=(), rate=None, rho=None)) is None) == (
-        not missed
-    )
+    loop = loop_of(own)
+    assert list(unreached_cycles(loop, phases_of(own))) == missed
+    assert (why_not(loop, None, BARE) is None) == (not missed)
     certificate = certify(own)
     assert certificate.verdict is (Verdict.REFUTED if missed else Verdict.PROVED)
     assert recheck(certificate.claims, own).holds
     if missed and own.pinning.agents:
-        assert f"agent {missed[0][1]}" in certificate.reason
-        assert ("as the guarantee allows" in certificate.reason) == (
-            "in any mode" not in certificate.reason
-        )
+        _, agent = missed[0]
+        reason = certificate.reason
+        assert f"agent {agent}" in reason
+        by_guarantee = "as the guarantee allows" in reason
+        assert by_guarantee == ("in any mode" not in reason)
 
 
 def test_claims_that_cannot_be_are_refused():
-    one = Weights(times=(Fraction(0), ONE), v=((ONE,), (ONE,)))
-    for changes in ({"rate": None}, {"phases": ()}, {"rate": Fraction(0)}, {"rho": Fraction(0)}):
+    one = Weights(times=(ZERO, ONE), v=((ONE,), (ONE,)))
+    good = Cycles(phases=(one,), rate=ONE, rho=ONE)
+    for changes in ({"rate": None}, {"phases": ()}, {"rate": ZERO}, {"rho": ZERO}):
         with pytest.raises(SpecError):
-            Cycles(**{"phases": (one,), "rate": ONE, "rho": ONE} | changes)
-    for times, v in (
-        ((), ()),
-        ((ONE,), ((ONE,),)),
-        ((Fraction(0),) * 2, one.v),
-        (one.times, one.v[:1]),
-    ):
+            replace(good, **changes)
+    not_weights = [
+        Weights(times=(), v=()),
+        Weights(times=(ONE,), v=((ONE,),)),
+        Weights(times=(ZERO, ZERO), v=one.v),
+        Weights(times=one.times, v=one.v[:1]),
+        Weights(times=one.times, v=((ONE,), (ZERO,))),
+    ]
+    for each in not_weights:
         with pytest.raises(SpecError):
-            Cycles(phases=(Weights(times=times, v=v),), rate=ONE, rho=None)
-    with pytest.raises(SpecError):
-        Cycles(phases=(Weights(times=one.times, v=((ONE,), (Fraction(0),))),), rate=ONE, rho=None)
-    assert Cycles(phases=(), rate=None, rho=None).least == 1
+            Cycles(phases=(each,), rate=ONE, rho=None)
+    assert BARE.least == 1
 
 
 @pytest.fixture(scope="module")
@@ -282,12 +277,14 @@ def test_three_agents_that_are_never_connected(found):
 
 def test_half_a_ring_at_a_time_holds_by_the_graphs():
     own = ring({1: 5, 6: 5}, region={"initial_states": [-4, 4]})
+    loop = loop_of(own)
     claim = Cycles(phases=(), rate=None, rho=Fraction(4))
-    assert why_not(loop_of(own), None, claim) is None
-    assert holds_starts(loop_of(own), claim, radius=Fraction(4), disturbance=Fraction(0))
-    assert not holds_starts(loop_of(own), claim, radius=Fraction("4.001"), disturbance=Fraction(0))
-    assert why_not(loop_of(own), None, Cycles(phases=(), rate=None, rho=None)) is not None
-    assert "no pin reaches agent 1" in str(why_not(loop_of(ring({})), None, claim))
+    assert why_not(loop, None, claim) is None
+    assert holds_starts(loop, claim, radius=Fraction(4), disturbance=ZERO)
+    assert not holds_starts(loop, claim, radius=Fraction("4.001"), disturbance=ZERO)
+    assert why_not(loop, None, BARE) is not None
+    without_pins = loop_of(ring({}))
+    assert "no pin reaches agent 1" in str(why_not(without_pins, None, claim))
 
 
 @pytest.mark.slow
@@ -327,8 +324,10 @@ def test_half_a_ring_at_a_time_settles_nearly_as_soon_as_its_slowest_run(pins, d
     for sign in (-4, 4):
         run = simulate(own, start=[[sign]] * 10, t_final=settling.time, samples=2000)
         largest = np.abs(run.x[:, :, 0]).max(axis=1)
-        assert np.all(largest <= settling.envelope(run.times) * (1 + 1e-6))
-        assert run.times[np.flatnonzero(largest > 0.04)[-1]] <= settling.time
+        bound = settling.envelope(run.times)
+        assert np.all(largest <= bound * (1 + 1e-6))
+        outside = np.flatnonzero(largest > 0.04)
+        assert run.times[outside[-1]] <= settling.time
 
 
 @few_chords()
@@ -345,35 +344,33 @@ def test_weights_that_move_take_over_from_a_box_and_both_programs_accept_it():
     assert accepted_by(document, own) == (True, True)
     for start in ([[1], [1]], [[1], [-1]]):
         run = simulate(own, start=start, t_final=settling.time)
-        assert np.all(run.error() <= settling.envelope(run.times) * (1 + 1e-6))
+        bound = settling.envelope(run.times)
+        assert np.all(run.error() <= bound * (1 + 1e-6))
     (early,) = [each for each in document["checks"] if each["id"] == "settling"]
-    early["exact"]["time"] = str(Fraction(early["exact"]["time"]) * Fraction(99, 100))
+    time = Fraction(early["exact"]["time"])
+    early["exact"]["time"] = str(time * Fraction(99, 100))
     assert accepted_by(document, own) == (False, False)
 
 
 def test_starts_are_those_of_phases_that_may_be_first():
-    flat = Weights(times=(Fraction(0), ONE), v=((ONE,) * 3,) * 2)
-    high = Weights(times=(Fraction(0), ONE), v=((HALF,) * 3,) * 2)
+    times = (ZERO, ONE)
+    flat = Weights(times=times, v=((ONE,) * 3,) * 2)
+    high = Weights(times=times, v=((HALF,) * 3,) * 2)
     claim = Cycles(phases=(flat, high), rate=ONE, rho=ONE)
-    zero = Fraction(0)
-    assert holds_starts(
-        loop_of(chain(guarantee="sequence", dwell=1)), claim, radius=ONE, disturbance=zero
-    )
-    assert not holds_starts(
-        loop_of(chain(guarantee="dwell", dwell=1)), claim, radius=ONE, disturbance=zero
-    )
-    assert holds_starts(
-        loop_of(chain(guarantee="dwell", dwell=1)), claim, radius=HALF, disturbance=zero
-    )
-    assert Phase(mode="A", shortest=ONE, longest=None, successors=(1,), first=True) in phases_of(
-        chain(guarantee="dwell", dwell=1)
-    )
+    in_turn = loop_of(chain(guarantee="sequence", dwell=1))
+    lasting = loop_of(chain(guarantee="dwell", dwell=1))
+    assert holds_starts(in_turn, claim, radius=ONE, disturbance=ZERO)
+    assert not holds_starts(lasting, claim, radius=ONE, disturbance=ZERO)
+    assert holds_starts(lasting, claim, radius=HALF, disturbance=ZERO)
+    first = Phase(mode="A", shortest=ONE, longest=None, successors=(1,), first=True)
+    assert first in lasting.guarantee.phases
 
 
 @pytest.mark.slow
 def test_an_unstable_mode_refutes_only_where_it_may_stay_on():
     """Agent 1 runs away from agent 2 in B, at 4: exp(0.4 - 2) over 2.1 s where B lasts 0.1 s."""
-    arcs, gains = {"A": [], "B": [[1, 2]]}, {1: 1, 2: 1}
+    arcs = {"A": [], "B": [[1, 2]]}
+    gains = {1: 1, 2: 1}
     for turns in ({"guarantee": "dwell", "dwell": 1}, {"signal": "random", "dwell": 1}):
         unstable = problem(arcs, n=2, coupling="-5*y", gains=gains, **turns)
         assert certify(unstable).verdict is Verdict.REFUTED
@@ -388,10 +385,8 @@ def test_an_unstable_mode_refutes_only_where_it_may_stay_on():
 def test_what_holds_for_every_signal_carries_the_verdict_also_where_it_is_slower():
     arcs = {"A": [[2, 1], [3, 2]], "B": [[2, 1], [3, 1]]}
     found = certify(problem(arcs, guarantee="sequence", dwell=1), everything=True)
-    assert {each.id for each in found.claims.checks if each.verdict is Verdict.PROVED} >= {
-        "max-separable",
-        "schedule",
-    }
+    proved = {each.id for each in found.claims.checks if each.verdict is Verdict.PROVED}
+    assert proved >= {"max-separable", "schedule"}
     assert found.claims.covered_by not in ("schedule", None)
     assert "arbitrary switching" in found.reason
     assert recheck(found.claims, found.problem).holds
@@ -416,7 +411,8 @@ def test_double_integrators_that_are_never_connected(
 ):
     """p'' = h(p_j - p_i) - 3 p' (- p of the first): the rate is close to that of the exact flow
     over a round, or to half of it where few chords are asked for."""
-    dynamics, gains = Dynamics(A=[[0, 1], [0, -3]], B=[[0], [1]]), {1: [[1, 0]]}
+    dynamics = Dynamics(A=[[0, 1], [0, -3]], B=[[0], [1]])
+    gains = {1: [[1, 0]]}
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=2)
     network = Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
     own = Problem(
@@ -430,19 +426,26 @@ def test_double_integrators_that_are_never_connected(
     )
     with few_chords(tried), few_coordinates(), only(schedule_stage):
         result = certify(own)
-    check, round_ = schedule_of(result), np.eye(6)
+    check = schedule_of(result)
     assert result.verdict is check.verdict is Verdict.PROVED
+    alone = np.kron(np.eye(3), [[0.0, 1.0], [0.0, -3.0]])
+    felt = np.array([[0.0, 0.0], [1.0, 0.0]])
+    round_ = np.eye(6)
     for i, j in ((2, 1), (1, 0)):
         L = np.zeros((3, 3))
-        L[i, i], L[i, j], L[0, 0] = 1, -1, 1
-        A = np.kron(np.eye(3), [[0.0, 1.0], [0.0, -3.0]]) - np.kron(L, [[0.0, 0.0], [1.0, 0.0]])
-        round_ = expm(2 * A) @ round_
-    rate = -np.log(max(abs(np.linalg.eigvals(round_)))) / 4
+        L[i, i] = 1
+        L[i, j] = -1
+        L[0, 0] = 1
+        round_ = expm(2 * (alone - np.kron(L, felt))) @ round_
+    radius = max(abs(np.linalg.eigvals(round_)))
+    rate = -np.log(radius) / 4
     assert least * rate <= float(check.rate) <= rate
     assert accepted_by(json.loads(certificate_bytes(result.claims)), own) == (True, True)
     assert result.weights == ()
     run = simulate(own, start={"x": [[0.05, -0.05]] * 3}, t_final=12)
-    assert np.all(np.abs(run.x).max(axis=(1, 2)) <= result.envelope(run)(run.times) + 1e-12)
+    largest = np.abs(run.x).max(axis=(1, 2))
+    envelope = result.envelope(run)
+    assert np.all(largest <= envelope(run.times) + 1e-12)
 
 
 @pytest.mark.slow
@@ -456,12 +459,15 @@ def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
         network=network, coupling="y", gains={1: 1}, target=[0, 0], switching=turns, dynamics=agents
     )
     result = certify(own)
-    check, round_ = schedule_of(result), np.eye(4)
+    check = schedule_of(result)
     assert result.verdict is check.verdict is Verdict.PROVED
+    alone = np.kron(np.eye(2), [[0, 1], [0, -3]])
+    round_ = np.eye(4)
     for w in (0, 1):
         L = np.array([[1, 0], [-w, w]])
-        round_ = expm(np.kron(np.eye(2), [[0, 1], [0, -3]]) - np.kron(L, np.eye(2))) @ round_
-    rate = -np.log(max(abs(np.linalg.eigvals(round_)))) / 2
+        round_ = expm(alone - np.kron(L, np.eye(2))) @ round_
+    radius = max(abs(np.linalg.eigvals(round_)))
+    rate = -np.log(radius) / 2
     assert 0.9 * rate <= float(check.rate) <= rate
     said = next(each.reason for each in result.checks if each.id == "max-separable")
     assert (
@@ -487,10 +493,8 @@ def test_weights_settle_where_the_map_shrinks_and_end_where_it_grows_or_takes_to
     assert settled(0.5, most=1.5) is None  # too large
     assert settled(1.1) is None  # grows for ever
     assert settled(0.9, steps=2) is None  # not within so many steps
-    # no way on
-    assert (
-        propose_cycles._settled(alone, lambda p, x: None, [np.ones(2)], most=1.0, steps=1) is None
-    )
+    stuck = propose_cycles._settled(alone, lambda p, x: None, [np.ones(2)], most=1.0, steps=1)
+    assert stuck is None  # no way on
 
 
 def switched_pair(k: Any, dwell: Any, **more: Any) -> Problem:
@@ -505,7 +509,8 @@ def switched_pair(k: Any, dwell: Any, **more: Any) -> Problem:
 def test_errors_that_grow_from_round_to_round_refute_consensus_and_others_do_not(dwell):
     """Oracle: the eigenvalues of the product of SciPy's exponentials."""
     for k in ("1/2", "19/20", "1", "21/20", "3/2"):
-        gain, time = float(Fraction(k)), float(Fraction(dwell))
+        gain = float(Fraction(k))
+        time = float(Fraction(dwell))
         A = expm(time * np.array([[1 - gain, -1], [0, -gain]]))
         B = expm(time * np.array([[-gain, 0], [-1, 1 - gain]]))
         radius = np.abs(np.linalg.eigvals(B @ A)).max()
@@ -524,10 +529,8 @@ def test_a_sequence_whose_round_expands_is_refuted_in_seconds_by_both_programs()
         "Consensus fails: errors grow by a factor of about 20.09 in every round of the signal A"
     )
     assert verify_twice(found.claims, own).holds
-    assert (
-        certify(switched_pair("1/2", 3, region={"initial_states": [0, 0]})).verdict
-        is not Verdict.REFUTED
-    )
+    at_the_target = switched_pair("1/2", 3, region={"initial_states": [0, 0]})
+    assert certify(at_the_target).verdict is not Verdict.REFUTED
 
 
 def test_the_second_program_encloses_an_exponential():
@@ -535,22 +538,20 @@ def test_the_second_program_encloses_an_exponential():
     X = [[Fraction(1, 3), Fraction(-2)], [Fraction(5, 2), Fraction(-7, 4)]]
     rows, missed = checker_cycles.exponential(X)
     unit = 2**checker_cycles.BITS
-    assert np.array(
-        [[Fraction(x, unit) for x in row] for row in rows], dtype=float
-    ) == pytest.approx(expm(np.array(X, dtype=float)), rel=1e-12)
+    found = np.array(rows, dtype=object) / unit
+    wanted = expm(np.array(X, dtype=float))
+    assert found.astype(float) == pytest.approx(wanted, rel=1e-12)
     assert Fraction(missed, unit) < Fraction(1, 10**60)
 
 
 def test_a_false_claim_is_not_halved_all_along():
     """A row that fails everywhere on 1000 segments: without a bound 2^11 parts of each are looked
     at."""
-    own = problem(
-        {"A": [[2, 1]], "B": [[3, 2]]}, guarantee="sequence", sequence=["A", "B"], dwell=1
-    )
+    arcs = {"A": [[2, 1]], "B": [[3, 2]]}
+    own = problem(arcs, guarantee="sequence", sequence=["A", "B"], dwell=1)
     rows = moving_rows(loop_of(own), ONE, ["A"])
-    v = [
-        tuple(Fraction(2000 - k, 2000) for _ in range(3)) for k in range(1001)
-    ]  # all weights fall, agent 2 is held by 1
+    # all weights fall, agent 2 is held by 1
+    v = [(Fraction(2000 - k, 2000),) * 3 for k in range(1001)]
     times = [Fraction(k, 1000) for k in range(1001)]
     with at_most(10**6):
         open_ones = rows.open_segments(Box.of(v, v), times, np.zeros(1001))

@@ -1,6 +1,7 @@
 """`safety` and `markov`: what `certify` proves, beside moments and graphs that others computed."""
 
 from fractions import Fraction
+from itertools import permutations
 from typing import Any
 
 import networkx as nx
@@ -52,16 +53,15 @@ def check_of(found: Any, id: str) -> Any:
 
 def drawn(rng: np.random.Generator, *, n: int, count: int) -> tuple[dict[str, Any], Any]:
     """Modes of few arcs, and a generator with few rates."""
-    modes = {
-        f"M{p}": [
-            [i + 1, j + 1, int(rng.integers(1, 4))]
-            for i in range(n)
-            for j in range(n)
-            if i != j and rng.random() < 0.25
-        ]
-        for p in range(count)
-    }
-    rates = np.where(rng.random((count, count)) < 0.6, rng.integers(1, 4, (count, count)), 0)
+    modes = dict[str, Any]()
+    for p in range(count):
+        arcs = list[list[int]]()
+        for i, j in permutations(range(n), 2):
+            if rng.random() < 0.25:
+                arcs.append([i + 1, j + 1, int(rng.integers(1, 4))])
+        modes[f"M{p}"] = arcs
+    kept = rng.random((count, count)) < 0.6
+    rates = np.where(kept, rng.integers(1, 4, (count, count)), 0)
     np.fill_diagonal(rates, 0)
     return modes, (rates - np.diag(rates.sum(axis=1))).tolist()
 
@@ -73,10 +73,12 @@ def systems(own: Problem, sign: float = 1.0) -> list[np.ndarray]:
 
 def rate_of(systems: list[np.ndarray], generator: Any) -> float:
     """Of E x 1_p with x' = A_p x in mode p, by the eigenvalues of its equation."""
-    G, n = np.array(generator, dtype=float), len(systems[0])
+    G = np.array(generator, dtype=float)
+    n = len(systems[0])
     moments = np.kron(G.T, np.eye(n))
     for p, A in enumerate(systems):
-        moments[p * n : (p + 1) * n, p * n : (p + 1) * n] += A
+        own = slice(p * n, (p + 1) * n)
+        moments[own, own] += A
     return float(-max(np.linalg.eigvals(moments).real))
 
 
@@ -91,44 +93,48 @@ def test_means_and_squares_agree_with_the_eigenvalues_of_the_moments(seed: int):
     """Couplings of either sign; where means decay by the eigenvalues, weights are found, and the
     rates are those."""
     rng = np.random.default_rng(seed)
-    n, count, sign = int(rng.integers(2, 5)), int(rng.integers(2, 4)), 1 if seed % 3 else -1
+    n = int(rng.integers(2, 5))
+    count = int(rng.integers(2, 4))
+    sign = 1 if seed % 3 else -1
     modes, generator = drawn(rng, n=n, count=count)
-    gains = {
-        i + 1: int(rng.integers(1, 8 if sign < 0 else 3))
-        for i in range(n)
-        if i == 0 or sign < 0 or rng.random() < 0.2
-    }
-    own = problem(modes, n=n, coupling="y" if sign > 0 else "-y", generator=generator, gains=gains)
+    most = 8 if sign < 0 else 3
+    gains = dict[int, int]()
+    for i in range(n):
+        if i == 0 or sign < 0 or rng.random() < 0.2:
+            gains[i + 1] = int(rng.integers(1, most))
+    coupling = "y" if sign > 0 else "-y"
+    own = problem(modes, n=n, coupling=coupling, generator=generator, gains=gains)
+    loop = loop_of(own)
     linear = systems(own, sign)
-    mean, square = rate_of(linear, generator), rate_of(squares(linear), generator) / 2
+    mean = rate_of(linear, generator)
+    square = rate_of(squares(linear), generator) / 2
     G = own.switching.generator
-    squared = square_claim(loop_of(own), None, G)
+    squared = square_claim(loop, None, G)
     if abs(square) > 1e-6:
-        assert (squared is not None and why_not(loop_of(own), None, squared) is None) == (
-            square > 0
-        )
+        is_proved = squared is not None and why_not(loop, None, squared) is None
+        assert is_proved == (square > 0)
     if squared is not None:
         assert 0.9 * square <= float(squared.rate) <= square
-    found = mean_claim(loop_of(own), None, G)
+    found = mean_claim(loop, None, G)
+    is_proved = found is not None and why_not(loop, None, found) is None
     if sign > 0 and abs(mean) > 1e-6:
-        assert (found is not None and why_not(loop_of(own), None, found) is None) == (mean > 0)
+        assert is_proved == (mean > 0)
         assert found is None or 0.99 * mean <= float(found.rate) <= mean
-    elif found is not None:
-        assert why_not(loop_of(own), None, found) is not None
+    else:
+        assert not is_proved
 
 
 @pytest.mark.parametrize("seed", range(60))
 def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
     """With networkx: attracting components of the chain, and the union of their graphs."""
     rng = np.random.default_rng(1000 + seed)
-    n, count = int(rng.integers(2, 6)), int(rng.integers(2, 5))
+    n = int(rng.integers(2, 6))
+    count = int(rng.integers(2, 5))
     modes, generator = drawn(rng, n=n, count=count)
-    own = problem(
-        modes, n=n, coupling=PAPER, generator=generator, region={"initial_states": [-1, 1]}
-    )
-    chain = nx.DiGraph(
-        [(p, q) for p in range(count) for q in range(count) if p != q and generator[p][q] > 0]
-    )
+    region = {"initial_states": [-1, 1]}
+    own = problem(modes, n=n, coupling=PAPER, generator=generator, region=region)
+    steps = [(p, q) for p, q in permutations(range(count), 2) if generator[p][q] > 0]
+    chain = nx.DiGraph(steps)
     chain.add_nodes_from(range(count))
     classes = sorted(tuple(sorted(each)) for each in nx.attracting_components(chain))
     assert closed_classes(own.switching.generator) == classes
@@ -138,12 +144,11 @@ def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
         graph = nx.DiGraph(arcs)
         graph.add_nodes_from(range(1, n + 1))
         left = set(graph) - {1} - nx.descendants(graph, 1)
-        lost += (
-            [(tuple(f"M{p}" for p in each), tuple(str(i) for i in sorted(left)))] if left else []
-        )
-    (check,) = markov_stage(
-        read_region(loop_of(own), None, domain=NEAR_TARGET, everything=False), lambda _: None
-    )
+        if left:
+            names = tuple(f"M{p}" for p in each)
+            lost.append((names, tuple(map(str, sorted(left)))))
+    asked = read_region(loop_of(own), None, domain=NEAR_TARGET, everything=False)
+    (check,) = markov_stage(asked, lambda _: None)
     assert check.verdict is (Verdict.REFUTED if lost else Verdict.PROVED)
     if lost:
         assert (tuple(check.exact["modes"]), check.witness.labels) == lost[0]
@@ -182,11 +187,14 @@ def test_an_unstable_mode_that_does_not_last_refutes_nothing():
     """e_1' = e_1/2 - e_2 in A; the chain leaves A nine times as fast as it comes."""
     more: Any = {"n": 2, "coupling": "-y", "gains": {1: "1/2", 2: 3}}
     modes = {"A": [[1, 2]], "B": [[2, 1]]}
-    assert certify(problem(modes, generator=((-9, 9), (1, -1)), **more)).verdict is Verdict.PROVED
-    found = certify(problem(modes, generator=((-1, 1), (9, -9)), **more))
+    brief = problem(modes, generator=((-9, 9), (1, -1)), **more)
+    assert certify(brief).verdict is Verdict.PROVED
+    longer = problem(modes, generator=((-1, 1), (9, -9)), **more)
+    found = certify(longer)
     assert found.verdict is Verdict.UNDECIDED
     assert verify_twice(found.claims, found.problem).holds
-    assert certify(problem(modes, generator=((0, 0), (9, -9)), **more)).verdict is Verdict.REFUTED
+    for_ever = problem(modes, generator=((0, 0), (9, -9)), **more)
+    assert certify(for_ever).verdict is Verdict.REFUTED
 
 
 @pytest.mark.parametrize(
@@ -198,21 +206,18 @@ def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(
 ):
     """sin vanishes at pi: agent 2 may rest there while it hears agent 1."""
     turns = Switching(signal="markov", guarantee=guarantee, generator=[[-1, 1], [1, -1]])
-    network = Network.from_arcs(
-        {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}, arrow="listens_to", agents=2
+    modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=2)
+    own = Problem(
+        network=network,
+        coupling="sin(y)",
+        gains={1: 1},
+        region={"initial_states": [-4, 4]},
+        switching=turns,
     )
-    found = certify(
-        Problem(
-            network=network,
-            coupling="sin(y)",
-            gains={1: 1},
-            region={"initial_states": [-4, 4]},
-            switching=turns,
-        )
-    )
-    assert ("equilibrium" in {each.id for each in found.claims.checks}) == (
-        verdict is Verdict.REFUTED
-    )
+    found = certify(own)
+    ids = {each.id for each in found.claims.checks}
+    assert ("equilibrium" in ids) == (verdict is Verdict.REFUTED)
     assert found.verdict is verdict
     assert verify_twice(found.claims, found.problem).holds
 

@@ -390,7 +390,8 @@ def rows(
     pulls = held_gains(loop) if held else holding_gains(loop, error=errors.gains)
     found: dict[Row, Place] = {}
     for mode in loop.modes if modes is None else modes:
-        for agent, heard in _heard(loop, mode, v, agents, loose=not held).items():
+        heard_by = _heard(loop, mode, v, agents, loose=not held)
+        for agent, heard in heard_by.items():
             terms = list(_terms(heard, v[agent], stretch, errors.weights))
             if agent in loop.pins.curved:
                 # the fixed node has the weight 0, so that h is taken at -s v_i alone

@@ -293,19 +293,25 @@ def decide_row(
     """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove
     what they can.  With a ``load`` >= 0, which is added to the row before it is divided by s: for
     all s in [start, rho], start > 0."""
-    limit, whole = (row.pull - alpha) * row.own, Interval(start, rho)
+    limit = (row.pull - alpha) * row.own
+    whole = Interval(start, rho)
     if _by_floats(row, face, profiles, limit=limit, whole=whole, load=load):
         return Verdict.PROVED, None
     sides = sides_of(row, face, profiles, whole)
-    waiting, count, price = [whole], 0, price_of(row, profiles)
+    price = price_of(row, profiles)
+    waiting = [whole]
+    count = 0
     while waiting:
         S = waiting.pop()
         spend(price)
         count += 1
         if _with_load(sides, S, load).hi <= limit:
             continue
-        for s in (*S.ends()[not load :], S.middle()):
-            if lower_bound(sides, s) + (load / s.lo if load else 0) > limit:
+        first, last = S.ends()
+        # without a load the first end may be s = 0, where nothing is divided by s
+        for s in (first, last, S.middle()) if load else (last, S.middle()):
+            added = load / s.lo if load else 0
+            if lower_bound(sides, s) + added > limit:
                 return Verdict.REFUTED, s.lo
         if count >= MOST_PIECES:
             return Verdict.UNDECIDED, S.midpoint
@@ -329,8 +335,12 @@ def _by_floats(
     """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones
     are left to decide."""
     try:
-        waiting, count, price = [Floats.around(whole)], 0, price_of(row, profiles)
-        most, near = float_below(limit), float_below(limit - abs(limit) / 10**9)
+        price = price_of(row, profiles)
+        waiting = [Floats.around(whole)]
+        count = 0
+        most = float_below(limit)
+        # what is closer than that at one s is not told from the limit by smaller pieces
+        near = float_below(limit - abs(limit) / 10**9)
         sides = sides_of(row, face, profiles, waiting[0])
         while waiting:
             S = waiting.pop()
@@ -420,12 +430,12 @@ def upper_bound(sides: Sequence[Side], S: Interval) -> Interval:
             else:
                 smooth = False
     if smooth and rising:
-        at, value = S.middle() if not change.sign else S.ends()[change.sign > 0], ZERO
+        # By the mean value theorem; from the end where it is largest, if it only rises or falls.
+        at = S.ends()[change.sign > 0] if change.sign else S.middle()
+        value = ZERO
         for side in rising:
-            value = (
-                value
-                + secant(side.kind.curve, side.mirrored(at * side.right)).value * side.weighted
-            )
+            there = secant(side.kind.curve, side.mirrored(at * side.right)).value
+            value = value + there * side.weighted
         total = total.meet(value + change * (S - at))
     return total + others
 
@@ -463,6 +473,7 @@ def _largest(side: Side, S: Interval) -> Interval:
     """An interval whose upper end phi does not exceed on S: both ends, and wherever it may have a
     maximum."""
     natural = secant(side.kind.curve, S * side.whole).value * side.whole * side.face
+    # next to s = 0 every piece holds a turn at 0
     if not S.bottom and any(cell.place.contains(0) for cell in side.turns):
         return natural
     bounds = [_secant_times(side, side.right, S)]

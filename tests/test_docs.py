@@ -159,19 +159,19 @@ initial_disturbance = 1
 #: Every command, with what is needed to see all keys of its document; the first file is LINE, the
 #: second lacks its pin.
 COMMANDS = """
-problems; schema; doctor; explain; explain hurwitz; check line.toml; check groups.toml --canonical
-problem.json
+problems; schema; doctor; explain; explain hurwitz; check line.toml
+check groups.toml --canonical problem.json
 check alone.toml
-certify line.toml --no-report; certify free.toml --no-report --theorem lemma1 --apply-fix
-cured.toml --search
+certify line.toml --no-report
+certify free.toml --no-report --theorem lemma1 --apply-fix cured.toml --search
 verify line-certificate --problem line.toml; region line.toml; region line.toml --all --search
 design line.toml --out designed.toml; design platoon --coupling --rate 0.4 --out trucks.toml
 simulate line.toml; simulate line.toml --runs 3; stress line.toml --noise 0.1 --runs 3
 stress line.toml --loss 0.1 --certificate line-certificate
-simulate line.toml --certificate line-certificate; sweep line.toml pinning.gains.1=1,2 --jobs 1
---out swept
-report line-certificate; new pumps; export line.toml --sdpa lmi.dat-s; export line.toml --c code
---period 1/4
+simulate line.toml --certificate line-certificate
+sweep line.toml pinning.gains.1=1,2 --jobs 1 --out swept
+report line-certificate; new pumps; export line.toml --sdpa lmi.dat-s
+export line.toml --c code --period 1/4
 export line.toml --fmu agent.fmu --period 1/4; export line.toml --python-control loop.py
 export line-certificate --rocq proof.v"""
 

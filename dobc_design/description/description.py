@@ -45,6 +45,6 @@ def describe(problem: Source) -> Description:
     wrong problem.
     Example:
         >>> print(str(dd.describe("paper-fixed")).splitlines()[0])
-        paper-fixed: 10 agents, 10 arcs.
+        paper-fixed: 10 agents, 10 arcs, labels 1 to 10.
     """
     return Description(problem=load_problem(problem))

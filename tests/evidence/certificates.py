@@ -9,8 +9,9 @@ from collections.abc import Callable
 from statistics import median
 
 from campaigns import certificates as campaigns
-from campaigns import cures, known_regions
+from campaigns import known_regions
 from campaigns.certificates import Tally
+from campaigns.cures import cure_campaign, decided_campaign, share, undirected_campaign
 from campaigns.regions import region_mutant_campaign, region_recheck_campaign
 from checker_files.removals import EQUIVALENT, unnoticed
 from evidence.row import Row
@@ -82,7 +83,7 @@ outside = _campaign(
 cures = _campaign(
     "refuted: the oracle confirms the witness, a cure is offered, and written and read it "
     "is proved",
-    cures.cure_campaign,
+    cure_campaign,
 )
 
 
@@ -97,8 +98,8 @@ def region_mutants(count: int, seed: int) -> Row:
 
 
 def decided(count: int, seed: int) -> Row:
-    tally = cures.decided_campaign(range(seed, seed + count))
-    more = cures.undirected_campaign(range(seed, seed + count))
+    tally = decided_campaign(range(seed, seed + count))
+    more = undirected_campaign(range(seed, seed + count))
     tally.counts.update(more.counts)
     tally.wrong += more.wrong
     yes, all_of_them = (
@@ -107,7 +108,7 @@ def decided(count: int, seed: int) -> Row:
     )
     if yes < DECIDED * all_of_them:
         tally.wrong.append(f"only {yes} of {all_of_them} are decided")
-    parts = ", ".join(f"{kind} {100 * cures.share(tally, kind):.1f} %" for kind in KINDS)
+    parts = ", ".join(f"{kind} {100 * share(tally, kind):.1f} %" for kind in KINDS)
     notes = [f"decided: {yes} of {all_of_them}, {100 * yes / max(1, all_of_them):.1f} % ({parts})"]
     return _row(
         "truth known from outside with a margin of 1e-6: decided, and never wrongly",

@@ -285,7 +285,7 @@ def test_a_large_problem_gives_a_page_of_bounded_size(
     )
     same = {
         "id": "lemma1",
-        "domain": "consensus",
+        "domain": NEAR_TARGET,
         "reason": "long " * 2000,
         "witness": witness,
         "claim": claim,

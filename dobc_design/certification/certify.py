@@ -164,6 +164,10 @@ class _Options:
         typed = ["--all"] if self.everything else []
         if self.settling is not None:
             typed.append(f"--settling {number_text(self.settling)}")
+        if self.settling_starts is not None:
+            starts = self.settling_starts
+            typed.append(f"--settling-radius {number_text(starts.radius)}")
+            typed.append(f"--settling-disturbance {number_text(starts.disturbance)}")
         if self.rate is not None:
             typed.append(f"--rate {number_text(self.rate)}")
         if self.time_limit is not None:

@@ -49,6 +49,14 @@ def certify(
         ),
     ] = None,
     settling: output.Tolerance = None,
+    settling_radius: Annotated[
+        str | None,
+        typer.Option(metavar="R", help="That time from all |e_i(0)| <= R; default: the [region]."),
+    ] = None,
+    settling_disturbance: Annotated[
+        str | None,
+        typer.Option(metavar="S", help="... and |eps_i(0)| <= S; default: the [region]."),
+    ] = None,
     rate: Annotated[
         str | None,
         typer.Option(
@@ -89,6 +97,10 @@ def certify(
             everything=everything,
             search=search,
             settling=_tolerance(settling),
+            settling_radius=_start(settling_radius, settling, key="--settling-radius"),
+            settling_disturbance=_start(
+                settling_disturbance, settling, key="--settling-disturbance"
+            ),
             rate=rate,
             seconds=seconds,
         )
@@ -136,6 +148,8 @@ class _Wanted:
     everything: bool
     search: bool
     settling: Fraction | None = None
+    settling_radius: Fraction | None = None
+    settling_disturbance: Fraction | None = None
     rate: str | None = None
     seconds: Fraction | None = None
 
@@ -318,6 +332,18 @@ def _tolerance(settling: str | None) -> Fraction | None:
     return None if settling is None else read_tolerance(settling, key="--settling")
 
 
+def _start(value: str | None, settling: str | None, *, key: str) -> Fraction | None:
+    """A size of the starts of a settling time.  Raises: SpecError naming the option."""
+    from dobc_design.errors import wrong
+    from dobc_design.exact.number import parse_number
+
+    if value is None:
+        return None
+    if settling is None:
+        raise wrong(key, "has no meaning without --settling.", "Give the tolerance, too.")
+    return parse_number(value, key=key)
+
+
 def _certified(problem: Problem, wanted: _Wanted, progress: Callable[[str], None]) -> Searched:
     """The certificate, and where it is wanted what a search for starts that do not converge
     found."""
@@ -329,6 +355,8 @@ def _certified(problem: Problem, wanted: _Wanted, progress: Callable[[str], None
         problem,
         everything=wanted.everything,
         settling=wanted.settling,
+        settling_radius=wanted.settling_radius,
+        settling_disturbance=wanted.settling_disturbance,
         rate=wanted.rate,
         time_limit=wanted.seconds,
         progress=progress,

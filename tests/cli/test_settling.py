@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from certified import few_chords
 from problem_texts import listening_pair_text
 from typer.testing import CliRunner
 
@@ -42,3 +43,35 @@ def test_the_answer_and_the_report_hold_the_settling_time_and_searches(file: Pat
     assert document["checks"][-1]["id"] == "settling"
     kept = CliRunner().invoke(app, ["verify", str(tmp_path / "out"), "--problem", str(file)])
     assert kept.exit_code == 0
+
+
+@few_chords()
+def test_the_command_of_a_certificate_proves_the_same_from_the_same_starts(
+    file: Path, tmp_path: Path
+):
+    """Starts that are named on the command line, told again by the certificate's own options."""
+    starts = ["--settling", "1/10", "--settling-radius", "11/10", "--settling-disturbance", "0"]
+    call = ["certify", str(file), "--no-report", *starts, "--out", str(tmp_path / "out")]
+    assert CliRunner().invoke(app, call).exit_code == 0
+    first = json.loads((tmp_path / "out" / "certificate.json").read_text("utf-8"))
+    (settled,) = (check for check in first["checks"] if check["id"] == "settling")
+    assert (settled["verdict"], settled["domain"]["radius"]) == ("proved", 1.1)
+    told = " ".join(first["program"]["options"]).split()
+    again = ["certify", str(file), "--no-report", *told, "--out", str(tmp_path / "again")]
+    assert CliRunner().invoke(app, again).exit_code == 0
+    second = json.loads((tmp_path / "again" / "certificate.json").read_text("utf-8"))
+    assert second == first
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--settling-radius", "1"], "--settling-radius has no meaning without --settling."),
+        (["--settling", "1", "--settling-radius", "far"], "--settling-radius must be a number"),
+        (["--settling", "1", "--settling-radius", "0"], "settling_radius must be > 0"),
+    ],
+)
+def test_wrong_starts_of_a_settling_time_are_named(command_line, file: Path, options, words: str):
+    ran = command_line("certify", str(file), "--no-report", *options)
+    assert ran.code == 2
+    assert words in ran.err

@@ -99,14 +99,12 @@ def certified(
     return MADE[key]
 
 
-def certify_once(
-    problem: Any, *, time_limit: object = None, progress: object = None, **options: Any
-) -> Certificate:
-    """``certify``, to be put in its place."""
-    rate = options.pop("rate", None)
-    if time_limit is not None or rate is not None:
-        return certify(problem, time_limit=time_limit, rate=rate, **options)
-    return certified(problem, **options)
+def certify_once(problem: Any, *, progress: object = None, **options: Any) -> Certificate:
+    """``certify``, to be put in its place; what is asked beside the usual is made anew."""
+    asked = {name: value for name, value in options.items() if value is not None}
+    if asked.keys() <= {"everything", "settling"}:
+        return certified(problem, **asked)
+    return certify(problem, **asked)
 
 
 def consensus_claims(problem: Problem) -> Claims:

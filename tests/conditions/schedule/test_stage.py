@@ -270,6 +270,12 @@ def test_starts_that_are_named_take_the_place_of_the_region_and_both_programs_ac
     assert dd.verify(certificate, problem).holds
     alone = settling_alone(problem, tolerance="1/100", radius="11/10")
     assert certificate.settling.time == alone.time > certified().settling.time
+    # What a report tells to run again asks for the same starts.
+    assert certificate.claims.options == (
+        "--settling 1/100",
+        "--settling-radius 11/10",
+        "--settling-disturbance 0",
+    )
 
 
 def test_without_a_region_the_starts_have_to_be_given():

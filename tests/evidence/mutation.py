@@ -35,9 +35,21 @@ from evidence.row import Row
 
 ROOT = Path(__file__).resolve().parents[2]
 HARMLESS = Path(__file__).with_name("harmless.txt")
-ROOMS = ("exact", "coupling", "problem", "certificate", "conditions", "certification", "checker")
+ROOMS = (
+    "exact",
+    "coupling",
+    "problem",
+    "loop",
+    "certificate",
+    "conditions",
+    "certification",
+    "checker",
+)
 TRUSTED = (
-    *(f"{room}/*.py" for room in ("exact", "coupling", "problem", "certificate", "checker")),
+    *(
+        f"{room}/*.py"
+        for room in ("exact", "coupling", "problem", "loop", "certificate", "checker")
+    ),
     *(
         f"conditions/*/{name}.py"
         for name in ("claim", "decide", "checks", "large", "network", "sectors", "timing", "rows")

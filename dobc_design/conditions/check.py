@@ -184,6 +184,10 @@ class Check(Shown):
             facts.append(("cure", self.fix.text))
         return Card(title=self.title, verdict=self.verdict.value, text=self.reason, facts=facts)
 
+    def unless(self, wrong: str | None, domain: Domain) -> Check:
+        """The same check; where something is ``wrong`` with it an undecided one that says so."""
+        return self if wrong is None else undecided_check(self.id, domain, wrong)
+
     def to_json(self) -> dict[str, Any]:
         """JSON object of the contract."""
         result: dict[str, Any] = {"id": self.id}
@@ -205,6 +209,13 @@ class Check(Shown):
         if self.fix is not None:
             result["fix"] = self.fix.to_json()
         return result
+
+
+def not_a_proof(check: Check) -> str | None:
+    """Why a claimed check is not even a proof, where its topic refutes nothing; None if it is."""
+    if check.verdict is Verdict.PROVED and check.witness is None:
+        return None
+    return "it can only be proved or undecided, and has no witness"
 
 
 def undecided_check(id: str, domain: Domain, reason: str, *, applies: bool = True) -> Check:

@@ -15,13 +15,14 @@ from __future__ import annotations
 
 import math
 from base64 import b64decode, b64encode
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import (
     common_denominator,
@@ -259,6 +260,31 @@ def doubles_from_json(data: object) -> NDArray[np.float64]:
     if not np.all(np.isfinite(doubles)):
         raise ValueError("every number must be finite")
     return doubles
+
+
+def as_json(value: Any) -> Any:
+    """A part of a claim as a certificate holds it: rationals as text, sequences as lists, an
+    interval as its two ends, nouns by their ``to_json``."""
+    if isinstance(value, Fraction):
+        return number_text(value)
+    if isinstance(value, Interval):
+        return [number_text(value.lo), number_text(value.hi)]
+    if isinstance(value, Mapping):
+        return {name: as_json(each) for name, each in value.items()}
+    if isinstance(value, (tuple, list)):
+        return list(map(as_json, value))
+    return value.to_json() if hasattr(value, "to_json") else value
+
+
+def fields_to_json(noun: object, *names: str) -> dict[str, Any]:
+    """These fields of a noun, in this order.  A vector with an entry for each of very many agents
+    travels by ``vector_to_json`` instead."""
+    return {name: as_json(getattr(noun, name)) for name in names}
+
+
+def rational_or_none(data: object) -> Fraction | None:
+    """Read a rational or null.  Raises: as ``read_rational``."""
+    return None if data is None else read_rational(data)
 
 
 def matrix_from_json(rows: Any) -> Matrix:

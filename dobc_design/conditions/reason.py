@@ -5,6 +5,7 @@ The text is made here, and a text of a stored certificate is taken apart here, n
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from dobc_design.loop.loop import Loop
@@ -35,6 +36,18 @@ class Reason:
         if self.advice:
             return replace(self, advice=f"{self.advice}{words}")
         return replace(self, head=f"{self.head}{words}")
+
+
+#: What a claim needs: whether it holds, and the words if it does not.
+Need = tuple[bool, str]
+
+
+def first_missing(needs: Iterable[Need]) -> str | None:
+    """The words of the first need that does not hold, None if all do; later ones are not asked."""
+    for holds, words in needs:
+        if not holds:
+            return words
+    return None
 
 
 def pins_obstacle(loop: Loop) -> str | None:

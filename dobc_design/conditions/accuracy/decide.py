@@ -44,6 +44,7 @@ from dobc_design.conditions.check import Check, read_domain, read_object, undeci
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.numbers import (
+    as_json,
     form_from_json,
     read_rational,
     rounded_up,
@@ -51,7 +52,7 @@ from dobc_design.conditions.numbers import (
     vector_to_json,
 )
 from dobc_design.conditions.observer.decide import error_matrix
-from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json, ranges_to_json
+from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.checks import obstacle as not_applicable
@@ -112,7 +113,7 @@ class Level:
             "rho": None if self.rho is None else number_text(self.rho),
         }
         if self.ranges:
-            values["ranges"] = ranges_to_json(self.ranges)
+            values["ranges"] = as_json(self.ranges)
         return values
 
 

@@ -27,13 +27,18 @@ from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Domain
-from dobc_design.conditions.numbers import doubles_to_json, matrix_from_json, read_rational
+from dobc_design.conditions.numbers import (
+    doubles_to_json,
+    fields_to_json,
+    matrix_from_json,
+    read_rational,
+)
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply
-from dobc_design.exact.number import common_denominator, number_text
+from dobc_design.exact.number import common_denominator
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
 from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.exact.symmetric import (
@@ -43,7 +48,6 @@ from dobc_design.exact.symmetric import (
 )
 from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop, Pins
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs
@@ -462,11 +466,8 @@ class Unstable:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values."""
-        values = {}
-        if self.value is not None:
-            values["value"] = number_text(self.value)
-        values["unstable_roots"] = str(self.roots)
-        return values
+        values = {} if self.value is None else fields_to_json(self, "value")
+        return values | {"unstable_roots": str(self.roots)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -495,16 +496,9 @@ class PairFacts:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values."""
-        values: dict[str, Any] = {
-            "P": matrix_text(self.pair.P),
-            "Q": matrix_text(self.pair.Q),
-            "S": matrix_text(self.S),
-        }
-        if self.bound is not None:
-            values["bound"] = number_text(self.bound)
-        if self.mode is not None:
-            values["mode"] = self.mode
-        return values
+        values = fields_to_json(self.pair, "P", "Q") | fields_to_json(self, "S", "bound", "mode")
+        # What is not known leaves no key.
+        return {name: value for name, value in values.items() if value is not None}
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from dobc_design.conditions.check import Check, read_object
-from dobc_design.conditions.numbers import VECTOR_BITS, has_short_denominator, read_rational
+from dobc_design.conditions.numbers import (
+    VECTOR_BITS,
+    fields_to_json,
+    has_short_denominator,
+    read_rational,
+)
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import number_text
 from dobc_design.loop.loop import Loop
 
 Box = tuple[Interval, ...]
@@ -44,8 +48,7 @@ class Equilibrium:
         return tuple(side.midpoint for side in self.box)
 
     def to_json(self) -> dict[str, Any]:
-        sides = [[number_text(side.lo), number_text(side.hi)] for side in self.box]
-        return {"mode": self.mode, "box": sides}
+        return fields_to_json(self, "mode", "box")
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Equilibrium:

@@ -16,10 +16,10 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.graphs.claim import SURE, Kept, read_claim
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
-from dobc_design.conditions.reason import pins_obstacle
+from dobc_design.conditions.reason import Need, first_missing, pins_obstacle
 from dobc_design.conditions.schedule.checks import not_as_claimed
 from dobc_design.conditions.schedule.claim import Cycles
-from dobc_design.conditions.schedule.cycles import Need, first_unreached, holds_observer, rises
+from dobc_design.conditions.schedule.cycles import first_unreached, holds_observer, rises
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite
@@ -59,10 +59,7 @@ def absorbing(loop: Loop) -> list[tuple[str, ...]]:
 
 def why_not(loop: Loop, W: Matrix | None, claim: Kept) -> str | None:
     """None if the claim is proved for the gain W (q, m); else the first thing that is not."""
-    for holds, words in _needs(loop, W, claim):
-        if not holds:
-            return words
-    return None
+    return first_missing(_needs(loop, W, claim))
 
 
 def _needs(loop: Loop, W: Matrix | None, claim: Kept) -> Iterator[Need]:

@@ -24,13 +24,12 @@ from typing import Any, Final, Literal
 
 from dobc_design.conditions.consensus.claim import Entries
 from dobc_design.conditions.consensus.claim import add_to as add
-from dobc_design.conditions.quadratic.sectors import Channel, GainRange, Sectors, ranges_to_json
+from dobc_design.conditions.numbers import as_json, fields_to_json
+from dobc_design.conditions.quadratic.sectors import Channel, GainRange, Sectors
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
-from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import agent_blocks
 
 Method = Literal["lure", "interval", "vertices"]
@@ -84,21 +83,12 @@ class Lure:
         return "identity" if len(values) == 1 else "diagonal"
 
     def to_json(self) -> dict[str, Any]:
-        entries = sorted(self.P_e.entries.items())
-        values: dict[str, Any] = {"method": self.method}
-        values["P_e"] = [[i, j, number_text(value)] for (i, j), value in entries]
-        values["level"] = None if self.level is None else number_text(self.level)
-        values["radius"] = None if self.radius is None else number_text(self.radius)
-        values["ranges"] = ranges_to_json(self.ranges)
-        values["multipliers"] = {mode: _texts(taus) for mode, taus in self.multipliers.items()}
-        values["rate"] = number_text(self.rate)
+        entries = [[*place, value] for place, value in sorted(self.P_e.entries.items())]
+        names = ["level", "radius", "ranges", "multipliers", "rate"]
         if self.P is not None:
-            values["P"] = matrix_text(self.P)
-        return values
-
-
-def _texts(numbers: Sequence[Fraction]) -> list[str]:
-    return [number_text(x) for x in numbers]
+            names.append("P")
+        P_e = {"method": self.method, "P_e": as_json(entries)}
+        return P_e | fields_to_json(self, *names)
 
 
 def lure_matrix(

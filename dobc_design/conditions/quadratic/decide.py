@@ -18,7 +18,13 @@ from typing import Any, Final
 import numpy as np
 
 from dobc_design.conditions import numbers
-from dobc_design.conditions.check import Check, read_domain, read_object, undecided_check
+from dobc_design.conditions.check import (
+    Check,
+    not_a_proof,
+    read_domain,
+    read_object,
+    undecided_check,
+)
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.consensus.network import name_agents
@@ -26,6 +32,7 @@ from dobc_design.conditions.domain import EVERYWHERE, Ball, Domain
 from dobc_design.conditions.numbers import (
     claimed,
     has_short_denominator,
+    rational_or_none,
     read_rational,
     rounded_up,
     shorten,
@@ -379,12 +386,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
 
 def wrong_outside(check: Check, loop: Loop, W: Matrix | None) -> str | None:
     """What is wrong before the exact values are looked at."""
-    reason = quadratic_obstacle(loop, W)
-    if reason is not None:
-        return reason
-    if check.verdict is not Verdict.PROVED or check.witness is not None:
-        return "it can only be proved or undecided, and has no witness"
-    return None
+    return quadratic_obstacle(loop, W) or not_a_proof(check)
 
 
 def not_shown(check: Check, loop: Loop, lure: Lure, decision: LureDecision) -> str | None:
@@ -438,8 +440,8 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Lure:
 def lure_from_json(values: Mapping[str, Any], loop: Loop, W: Matrix | None) -> Lure:
     """Read them back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is
     no such claim."""
-    radius = None if values["radius"] is None else read_rational(values["radius"])
-    level = None if values["level"] is None else read_rational(values["level"])
+    radius = rational_or_none(values["radius"])
+    level = rational_or_none(values["level"])
     if (radius is None) is not (level is None):
         raise ValueError("radius and level must both be null, or neither")
     if radius is not None and radius <= 0:

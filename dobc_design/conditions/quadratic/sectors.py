@@ -19,7 +19,7 @@ from functools import lru_cache
 from typing import Any, Final
 
 from dobc_design.conditions.check import read_object
-from dobc_design.conditions.numbers import read_rational
+from dobc_design.conditions.numbers import as_json, read_rational
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import TOLERANCE, Curve, secant_range, slope_bound
 from dobc_design.coupling.expression import (
@@ -31,7 +31,6 @@ from dobc_design.coupling.expression import (
 from dobc_design.coupling.tree import GradientAlgebra, Node, evaluate
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.number import number_text
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 
@@ -57,6 +56,10 @@ class GainRange:
     coupling: int
     radius: Fraction | None
     entries: Entries
+
+    def to_json(self) -> dict[str, Any]:
+        """The gains as text, by the place of the coupling."""
+        return {"coupling": self.coupling, "gains": as_json(self.entries)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -232,19 +235,6 @@ def left_open(
                     "the range claimed."
                 )
     return None
-
-
-def ranges_to_json(ranges: Sequence[GainRange]) -> list[dict[str, Any]]:
-    """The gains of every coupling as text."""
-    result = []
-    for each in ranges:
-        gains = [[_ends_as_text(gain) for gain in row] for row in each.entries]
-        result.append({"coupling": each.coupling, "gains": gains})
-    return result
-
-
-def _ends_as_text(gain: Interval) -> list[str]:
-    return [number_text(gain.lo), number_text(gain.hi)]
 
 
 def ranges_from_json(data: object, loop: Loop, radius: Fraction | None) -> tuple[GainRange, ...]:

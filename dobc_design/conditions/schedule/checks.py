@@ -3,12 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Final
+from typing import Any, Final
 
-from dobc_design.conditions.check import Check, Values, read_domain, read_object, undecided_check
+from dobc_design.conditions.check import (
+    Check,
+    Values,
+    not_a_proof,
+    read_domain,
+    read_object,
+    undecided_check,
+)
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.domain import EVERYWHERE, Box, Domain
 from dobc_design.conditions.numbers import (
@@ -16,6 +23,7 @@ from dobc_design.conditions.numbers import (
     decimal_below,
     follows,
     form_from_json,
+    rational_or_none,
     read_rational,
     vector_from_json,
 )
@@ -29,6 +37,7 @@ from dobc_design.conditions.schedule.claim import (
     Descent,
     Last,
     Tube,
+    Vectors,
     Weights,
 )
 from dobc_design.conditions.schedule.cycles import holds_starts
@@ -61,8 +70,7 @@ def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: 
         reason=proved_reason(loop, settling.claim),
         claim=claim,
     )
-    wrong = confirm(check, loop, W, domain=domain)
-    return check if wrong is None else undecided_check("settling", domain, wrong)
+    return check.unless(confirm(check, loop, W, domain=domain), domain)
 
 
 def cycles_check(loop: Loop, W: Matrix | None, claim: Cycles, asked: Region) -> Check:
@@ -83,8 +91,7 @@ def cycles_check(loop: Loop, W: Matrix | None, claim: Cycles, asked: Region) -> 
         reason=f"for {loop.guarantee.in_words()}: every error decays{pace}.",
         claim=claim,
     )
-    wrong = confirm(check, loop, W, domain=asked.domain)
-    return check if wrong is None else undecided_check("schedule", asked.domain, wrong)
+    return check.unless(confirm(check, loop, W, domain=asked.domain), asked.domain)
 
 
 def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
@@ -94,11 +101,9 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
         return confirm_growth(check, loop, domain)
     claim = read_claim(check, loop, W)
     turned = isinstance(claim, Cycles) and claim.T is not None
-    reason = obstacle(loop, W, turned=turned)
+    reason = obstacle(loop, W, turned=turned) or not_a_proof(check)
     if reason is not None:
         return reason
-    if check.verdict is not Verdict.PROVED or check.witness is not None:
-        return "it can only be proved or undecided, and has no witness"
     if isinstance(claim, Values):
         return "a settling time is never refuted"
     if isinstance(claim, Cycles):
@@ -166,14 +171,11 @@ def tube_from_json(data: object, loop: Loop) -> Tube:
     """Read ``Tube.to_json`` back for this problem; raises as ``read_claim``."""
     observed = [name for name in observed_in(loop) if name != "kappa"]
     values = read_object(data, ("times", "upper", "lower", *observed))
-    for name in ("times", "upper", "lower"):
-        if not _is_short_list(values[name]):
-            raise ValueError(f"times, upper and lower must be lists of at most {MOST_TIMES}")
+    times = _times(values, "times, upper and lower", values["upper"], values["lower"])
     # The observer's part of a tube has no kappa; any will do.
     error = error_from_json({**values, "kappa": "1"}, loop)
     upper = _vectors(values["upper"], loop.n)
     lower = _vectors(values["lower"], loop.n)
-    times = _numbers(values["times"])
     return Tube(times=times, upper=upper, lower=lower, error=error)
 
 
@@ -184,11 +186,10 @@ def cycles_from_json(data: object, loop: Loop, *, turned: bool = False) -> Cycle
     values = read_object(data, ("rate", "rho", "phases", *own, *observed_in(loop)))
     size = loop.size if turned else loop.n
     phases = tuple(_weights_from_json(each, size) for each in values["phases"])
-    rate = _rational_or_none(values["rate"])
-    rho = _rational_or_none(values["rho"])
+    rho = rational_or_none(values["rho"])
     return Cycles(
         phases=phases,
-        rate=rate,
+        rate=rational_or_none(values["rate"]),
         rho=rho,
         error=error_from_json(values, loop),
         T=form_from_json(values["T"]) if turned else None,
@@ -198,26 +199,20 @@ def cycles_from_json(data: object, loop: Loop, *, turned: bool = False) -> Cycle
 
 def _weights_from_json(data: object, size: int) -> Weights:
     values = read_object(data, ("times", "v"))
-    if not (_is_short_list(values["times"]) and _is_short_list(values["v"])):
-        raise ValueError(f"times and v must be lists of at most {MOST_TIMES}")
-    v = _vectors(values["v"], size)
-    return Weights(times=_numbers(values["times"]), v=v)
+    times = _times(values, "times and v", values["v"])
+    return Weights(times=times, v=_vectors(values["v"], size))
 
 
-def _is_short_list(data: object) -> bool:
-    return isinstance(data, list) and len(data) <= MOST_TIMES
+def _times(values: Mapping[str, Any], names: str, *beside: object) -> Vector:
+    """The times of some vectors; ``names`` are what a message calls them all."""
+    for each in (values["times"], *beside):
+        if not isinstance(each, list) or len(each) > MOST_TIMES:
+            raise ValueError(f"{names} must be lists of at most {MOST_TIMES}")
+    return tuple(map(read_rational, values["times"]))
 
 
-def _numbers(data: Sequence[object]) -> Vector:
-    return tuple(read_rational(each) for each in data)
-
-
-def _vectors(data: Sequence[object], size: int) -> tuple[Vector, ...]:
+def _vectors(data: Sequence[object], size: int) -> Vectors:
     return tuple(tuple(vector_from_json(each, size)) for each in data)
-
-
-def _rational_or_none(data: object) -> Fraction | None:
-    return None if data is None else read_rational(data)
 
 
 def settling_of(loop: Loop, claim: Descent, reason: str) -> Settling:

@@ -39,9 +39,9 @@ from itertools import chain, pairwise
 from typing import Any, Final
 
 from dobc_design._show.cards import Card, Shown
-from dobc_design.conditions.numbers import vector_to_json
+from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.sectors import GainRange, ranges_to_json
+from dobc_design.conditions.quadratic.sectors import GainRange
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
     Separable,
@@ -52,9 +52,7 @@ from dobc_design.conditions.separable.claim import (
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import number_text
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.canonical import matrix_text
 
 SEPARABLE: Final = "max-separable"
 QUADRATIC: Final = "quadratic"
@@ -84,10 +82,6 @@ def _rise_from_zero(times: Vector) -> bool:
     return all(before < after for before, after in pairwise(times))
 
 
-def _texts(vectors: Vectors) -> list[Any]:
-    return [vector_to_json(each) for each in vectors]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Weights(Shown):
     """Weights of one phase at ``times`` (s) from its beginning, linear in between: one entry > 0
@@ -97,7 +91,7 @@ class Weights(Shown):
     v: Vectors
 
     def to_json(self) -> dict[str, Any]:
-        return {"times": vector_to_json(self.times), "v": _texts(self.v)}
+        return fields_to_json(self, "times", "v")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,14 +173,9 @@ class Cycles:
         return self.spread(loop) * self.height
 
     def to_json(self) -> dict[str, Any]:
-        values: dict[str, Any] = {
-            "rate": None if self.rate is None else number_text(self.rate),
-            "rho": None if self.rho is None else number_text(self.rho),
-            "phases": [each.to_json() for each in self.phases],
-        }
+        values = fields_to_json(self, "rate", "rho", "phases")
         if self.T is not None:
-            values["T"] = matrix_text(self.T)
-            values["ranges"] = ranges_to_json(self.ranges)
+            values |= fields_to_json(self, "T", "ranges")
         if self.error is not None:
             values |= self.error.to_json()
         return values
@@ -245,11 +234,7 @@ class Tube(Shown):
         return Card(title="Tube", facts=[("until", until), ("segments", segments)])
 
     def to_json(self) -> dict[str, Any]:
-        values: dict[str, Any] = {
-            "times": vector_to_json(self.times),
-            "upper": _texts(self.upper),
-            "lower": _texts(self.lower),
-        }
+        values = fields_to_json(self, "times", "upper", "lower")
         if self.error is not None:
             values |= self.error.to_json()
             del values["kappa"]
@@ -290,16 +275,5 @@ class Descent:
         return SCHEDULE if isinstance(self.certificate, Cycles) else SEPARABLE
 
     def to_json(self) -> dict[str, Any]:
-        last = {
-            "kind": self.kind,
-            "level": number_text(self.level),
-            "height": number_text(self.height),
-            "stretch": number_text(self.stretch),
-            "certificate": self.certificate.to_json(),
-        }
-        return {
-            "tolerance": number_text(self.tolerance),
-            "time": number_text(self.time),
-            "tube": self.tube.to_json(),
-            "last": last,
-        }
+        last = fields_to_json(self, "kind", "level", "height", "stretch", "certificate")
+        return fields_to_json(self, "tolerance", "time", "tube") | {"last": last}

@@ -13,7 +13,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from dobc_design.conditions.reason import pins_obstacle
+from dobc_design.conditions.reason import Need, first_missing, pins_obstacle
 from dobc_design.conditions.schedule.claim import ONE, ZERO, Cycles, Weights, shrunk
 from dobc_design.conditions.schedule.rows import Box, Motion, MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
@@ -27,16 +27,10 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop
 
-#: What has to hold: whether it does, and the words if it does not.
-Need = tuple[bool, str]
-
 
 def why_not(loop: Loop, W: Matrix | None, claim: Cycles) -> str | None:
     """None if the claim is proved for the gain W (q, m); else the first thing that is not."""
-    for holds, words in _needs(loop, W, claim):
-        if not holds:
-            return words
-    return None
+    return first_missing(_needs(loop, W, claim))
 
 
 def holds_starts(loop: Loop, claim: Cycles, *, radius: Fraction, disturbance: Fraction) -> bool:

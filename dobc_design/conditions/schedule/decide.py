@@ -15,9 +15,8 @@ import numpy as np
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
-from dobc_design.conditions.reason import pins_obstacle
+from dobc_design.conditions.reason import Need, first_missing, pins_obstacle
 from dobc_design.conditions.schedule.claim import ONE, ZERO, Cycles, Descent, Last, Tube, shrunk
-from dobc_design.conditions.schedule.cycles import Need
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.rows import Box, RowsBySize
 from dobc_design.conditions.separable.claim import Separable
@@ -37,10 +36,7 @@ from dobc_design.verdict import Verdict
 
 def why_not(loop: Loop, W: Matrix | None, claim: Descent) -> str | None:
     """None if the claim is proved for the gain W (q, m); else the first thing that is not."""
-    for holds, words in _needs(loop, W, claim):
-        if not holds:
-            return words
-    return None
+    return first_missing(_needs(loop, W, claim))
 
 
 def open_segments(loop: Loop, tube: Tube, *, disturbance: Fraction) -> list[int] | None:

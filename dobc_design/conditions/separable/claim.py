@@ -29,12 +29,13 @@ import numpy as np
 
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.numbers import (
+    as_json,
     form_from_json,
     read_rational,
     vector_from_json,
     vector_to_json,
 )
-from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json, ranges_to_json
+from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
 from dobc_design.exact.number import float_above, number_text
@@ -144,7 +145,7 @@ class Separable:
         }
         if self.T is not None:
             values["T"] = matrix_text(self.T)
-            values["ranges"] = ranges_to_json(self.ranges)
+            values["ranges"] = as_json(self.ranges)
         return values if self.error is None else values | self.error.to_json()
 
 

@@ -8,9 +8,11 @@ CertificateError (also a RuntimeError); the mathematics' answer is never an exce
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from typing import ClassVar
+from collections.abc import Iterable, Iterator, Sequence
+from typing import ClassVar, TypeVar
+
+T = TypeVar("T")
+MOST_ERRORS = 20  # of one kind in one file; more would hide the first
 
 # loaded by every module that logs
 logging.getLogger("dobc_design").addHandler(logging.NullHandler())
@@ -109,19 +111,30 @@ def about(
     return kind(f"{key}: {what}", key=key, cure=cure)
 
 
-@contextmanager
-def kept(errors: list[SpecError]) -> Iterator[None]:
-    """Put a SpecError among others instead of raising it."""
-    try:
-        yield
-    except SpecError as error:
-        errors.extend(error.errors)
+class Mistakes(list[SpecError]):
+    """Errors that are kept while more is read, so that all are told at once: ``with errors:`` keeps
+    what is raised inside."""
 
+    def __enter__(self) -> None:
+        return None
 
-def raise_all(errors: Sequence[SpecError]) -> None:
-    """Raise the errors as one, if there are any."""
-    if errors:
-        raise SpecError.several(errors)
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool:
+        if not isinstance(error, SpecError):
+            return False
+        self.extend(error.errors)
+        return True
+
+    def few(self, values: Iterable[T]) -> Iterator[T]:
+        """These values one after the other, as long as there are fewer than twenty mistakes."""
+        for value in values:
+            yield value
+            if len(self) >= MOST_ERRORS:
+                return
+
+    def raise_all(self) -> None:
+        """Raise the errors as one, if there are any."""
+        if self:
+            raise SpecError.several(self)
 
 
 class SolverError(DobcError, RuntimeError):

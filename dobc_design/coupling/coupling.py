@@ -22,7 +22,7 @@ from dobc_design.coupling import tree
 from dobc_design.coupling.expression import LONGEST, Expression, parse_expression
 from dobc_design.coupling.functions import NONSMOOTH
 from dobc_design.coupling.parser import excerpt
-from dobc_design.errors import ExpressionError, ShapeError, SpecError, kept, raise_all, wrong
+from dobc_design.errors import ExpressionError, Mistakes, ShapeError, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import NumberText, counted, is_list, shown
@@ -63,12 +63,12 @@ class Coupling(Shown):
                 "variables."
             )
             raise wrong(key, what, kind=ShapeError)
-        errors: list[SpecError] = []
+        errors = Mistakes()
         for position, expression in enumerate(self.components):
             own_key = key if self.by_component else f"{key}[{position}]"
-            with kept(errors):
+            with errors:
                 _check_at_zero(expression, key=own_key)
-        raise_all(errors)
+        errors.raise_all()
 
     @property
     def outputs(self) -> int:
@@ -183,11 +183,11 @@ def make_coupling(
         return Coupling(components=(alone,), by_component=True, dimension=dimension, key=key)
     _check_list(given, count, dimension=dimension, key=key)
     read: list[Expression] = []
-    errors: list[SpecError] = []  # of all components at once
+    errors = Mistakes()  # of all components at once
     for position, text in enumerate(given):
-        with kept(errors):
+        with errors:
             read.append(parsed(_text(text), dimension=dimension, key=f"{key}[{position}]"))
-    raise_all(errors)
+    errors.raise_all()
     # Written by components, or once for all: the same problem, with the same hash.
     common = _common_text(read) if count == dimension else None
     if common is not None:

@@ -19,7 +19,6 @@ from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text, parse_number
 
 LONGEST_SHOWN = 60
-MOST_ERRORS = 20  # of one kind in one file; more would hide the first
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST_SHOWN

@@ -47,7 +47,6 @@ from dobc_design.problem.network import (
     one_form,
     repeated,
     summed,
-    without_loops,
 )
 
 MAX_BYTES = 1_000_000_000
@@ -171,7 +170,7 @@ def _arcs(
 ) -> Arcs:
     """The arcs of rows of any kind, one after the other.  Raises: SpecError with the line."""
     # Arrays of machine numbers: lists of tuples would take many times the memory.
-    columns = array("q"), array("q"), array("q")
+    first, second, places = array("q"), array("q"), array("q")
     known: dict[str, Fraction] = {}
     weights: list[Fraction] = []
     for row, cells in rows:
@@ -189,21 +188,22 @@ def _arcs(
             raise source.error(what, f"Remove that {source.unit}, or {_DROP}.", row=row)
         if len(cells) == 3 and cells[2] not in known:
             known[cells[2]] = _weight(cells[2], source, row=row)
+        if cells[0] == cells[1]:
+            continue
         weights.append(known[cells[2]] if len(cells) == 3 else ONE)
-        for column, value in zip(columns, (index[cells[0]], index[cells[1]], row), strict=True):
-            column.append(value)
-    a, b, places = (np.array(column, dtype=np.int64) for column in columns)
-    if drop_loops:
-        a, b, weights, places = without_loops(a, b, weights, places)
-    if not len(a):
+        first.append(index[cells[0]])
+        second.append(index[cells[1]])
+        places.append(row)
+    if not weights:
         raise source.error(*EMPTY)
+    a, b = np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
+    arcs = directed(a, b, tuple(weights), arrow=arrow)
     again = repeated(a, b)
     if len(again) and merge is None:
-        what, row = "repeats an arc; it is a duplicate", int(places[again[0]])
-        raise source.error(what, f"Remove that {source.unit}, or {_SUM}.", row=row)
-    if len(again):
-        a, b, weights = summed(a, b, weights)
-    return directed(a, b, tuple(weights), arrow=arrow)
+        what = "repeats an arc; it is a duplicate"
+        cure = f"Remove that {source.unit}, or {_SUM}."
+        raise source.error(what, cure, row=places[again[0]])
+    return summed(arcs) if len(again) else arcs
 
 
 def _opened(name: str, *, folder: Path | None, key: str) -> tuple[Source, Path, str]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from dobc_design.errors import SpecError, about, raise_all, wrong
+from dobc_design.errors import Mistakes, SpecError, about, wrong
 from dobc_design.exact.reading import is_list, is_text, shown
 from dobc_design.problem import exosystems
 from dobc_design.problem.exosystems import Exosystem
@@ -81,12 +81,12 @@ def read_exosystem(
     table = tables.exosystem
     if table is None:
         return Disturbances()
-    errors: list[SpecError] = []
+    errors = Mistakes()
     places: dict[str, ExosystemTable | GroupTable] = {"exosystem": table}
     for number, group in enumerate(table.groups):
         places[group_key(number)] = group
     found = {place: _explicit(each, place, errors) for place, each in places.items()}
-    raise_all(errors)
+    errors.raise_all()
     # Disturbances in words have one part for each component, so how many there are comes first.
     m = dimension_of(next((each for each in found.values() if each is not None), None))
     for place, each in places.items():
@@ -106,7 +106,7 @@ def read_exosystem(
                 without[place] = _labels(group.agents, key=f"{place}.agents")
         except SpecError as error:
             errors.append(renamed(error, place))
-    raise_all(errors)
+    errors.raise_all()
     return Disturbances(exosystem=found["exosystem"], groups=tuple(groups), without=without)
 
 
@@ -119,9 +119,7 @@ def _labels(agents: Any, *, key: str) -> list[Any]:
     return list(agents)
 
 
-def _explicit(
-    table: ExosystemTable | GroupTable, place: str, errors: list[SpecError]
-) -> Exosystem | None:
+def _explicit(table: ExosystemTable | GroupTable, place: str, errors: Mistakes) -> Exosystem | None:
     """The exosystem of A and C; None where a kind stands in their place, or where groups alone are
     given."""
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
@@ -158,9 +156,7 @@ def _explicit(
         return None
 
 
-def _check_none(
-    table: GroupTable, place: str, given: Sequence[str], errors: list[SpecError]
-) -> None:
+def _check_none(table: GroupTable, place: str, given: Sequence[str], errors: Mistakes) -> None:
     """``none`` is true, and says all that there is to say of the disturbance of its agents."""
     key = f"{place}.none"
     observed = [name for name in ("W", "P") if getattr(table, name) is not None]
@@ -175,7 +171,7 @@ def _check_none(
 
 
 def _in_words(
-    table: ExosystemTable | GroupTable, place: str, components: int, errors: list[SpecError]
+    table: ExosystemTable | GroupTable, place: str, components: int, errors: Mistakes
 ) -> Exosystem | None:
     """The exosystem of parts that are named, such as hz; None where there are none."""
     parts = {name: getattr(table, name) for name in exosystems.PARTS}

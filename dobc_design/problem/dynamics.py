@@ -19,7 +19,7 @@ from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE, Expression, parse_expression
 from dobc_design.coupling.parser import excerpt
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate, variable_names
-from dobc_design.errors import ExpressionError, ShapeError, SpecError, kept, raise_all, wrong
+from dobc_design.errors import ExpressionError, Mistakes, ShapeError, SpecError, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import (
     Matrix,
@@ -227,11 +227,11 @@ def _read_nodes(f: Any) -> tuple[str, ...]:
         what = "must be a list of expressions in text, one per state component."
         raise wrong("dynamics.f", what, _EXAMPLE)
     found: list[str] = []
-    errors: list[SpecError] = []
+    errors = Mistakes()
     for place, text in enumerate(f):
-        with kept(errors):
+        with errors:
             found.append(_read_node(text, len(f), key=f"dynamics.f[{place}]"))
-    raise_all(errors)
+    errors.raise_all()
     return tuple(found)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from dobc_design._checks import put, require_square
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
+from dobc_design.errors import Mistakes, ShapeError, SpecError, about, wrong
 from dobc_design.exact.matrix import Matrix, zeros
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
@@ -178,16 +178,16 @@ def read_groups(
         raise SpecError(f"[observer] {what}", key="observer", cure=cure)
     if not groups:
         return ()
-    errors: list[SpecError] = []
+    errors = Mistakes()
     owner = _owners(groups, labels, errors)
     for number, group in enumerate(groups):
-        with kept(errors):
+        with errors:
             _check_group(group, number, m=m, states=states, rate=common.rate)
     # With a mistake above, "in no group" would be said of agents that are meant to be in one.
     if not errors:
         rest = [label for label in labels if label not in owner]
         _check_rest(rest, exosystem, common, states)
-    raise_all(errors)
+    errors.raise_all()
     members: dict[int, list[str]] = {}  # by group, in the order of their first agents
     for label in labels:
         if label in owner or exosystem is not None:
@@ -225,9 +225,7 @@ def renamed(error: SpecError, key: str) -> SpecError:
     return SpecError.several(errors)
 
 
-def _owners(
-    groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]
-) -> dict[str, int]:
+def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: Mistakes) -> dict[str, int]:
     """The number of the group of each agent; what is wrong with them goes to ``errors``."""
     known = set(labels)
     owner: dict[str, int] = {}
@@ -257,7 +255,7 @@ def _check_group(
         rows = counted(m, "row")
         what = f"must have {rows}, one per state component, as every C has; got {outputs}."
         raise wrong(f"{key}.C", what, f"Give {rows}.", kind=ShapeError)
-    errors: list[SpecError] = []
+    errors = Mistakes()
     if group.observer.rate not in (None, rate):
         what = (
             "a group has no rate of its own; the rate asked of a designed W is observer.rate, for "
@@ -268,7 +266,7 @@ def _check_group(
         check_observer(group.observer, q=group.exosystem.order, m=m, states=states)
     except SpecError as error:
         errors.append(renamed(error, key))
-    raise_all(errors)
+    errors.raise_all()
 
 
 def _check_rest(

@@ -24,8 +24,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.errors import SpecError, about, kept, raise_all, wrong
-from dobc_design.exact.reading import MOST_ERRORS, NumberText, is_list, is_text, named, shown
+from dobc_design.errors import Mistakes, SpecError, about, wrong
+from dobc_design.exact.reading import NumberText, is_list, is_text, named, shown
 from dobc_design.problem import arcs_file
 from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.problem.disturbances import Disturbances, read_exosystem
@@ -218,7 +218,7 @@ def _check_version(document: Mapping[str, Any]) -> None:
         raise wrong("schema", what, "Update dobc_design.")
 
 
-def _tried(part: Callable[[], T], errors: list[SpecError]) -> T | None:
+def _tried(part: Callable[[], T], errors: Mistakes) -> T | None:
     """What ``part`` returns, or None when it raises a SpecError, which is kept."""
     try:
         return part()
@@ -250,7 +250,7 @@ _READ_HERE = (
 
 def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     """The nouns of all tables, and the Problem of them.  Raises: SpecError with every mistake."""
-    errors: list[SpecError] = []
+    errors = Mistakes()
     own = _given(tables.dynamics)
     dynamics = None if own is None else Dynamics(**own)
 
@@ -324,7 +324,7 @@ def _divided(
 def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
     """[network]: labels, and the arcs of every mode.  Raises: SpecError with every mistake."""
     table = tables.network
-    errors: list[SpecError] = []
+    errors = Mistakes()
     _tried(lambda: check_arrow(table.arrow), errors)
     labels = _tried(lambda: labels_of(table.agents), errors)
     if labels is None or errors:
@@ -332,11 +332,9 @@ def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
     index = {label: i for i, label in enumerate(labels)}
     read = partial(_mode, index=index, arrow=table.arrow, folder=folder)
     modes: dict[str, Arcs] = {}
-    for name, value in table.modes.items():
-        with kept(errors):
+    for name, value in errors.few(table.modes.items()):
+        with errors:
             modes[name] = _with_optional(value, read, key=f"network.modes.{named(name)}")
-        if len(errors) >= MOST_ERRORS:
-            break
     if errors and not modes:
         raise SpecError.several(errors)
     # With what can be read, so that further mistakes show at once.
@@ -387,11 +385,11 @@ def _exceptions(
         return {}
     codes, index = network.arc_codes(), network.index
     result: dict[tuple[int, int], Coupling] = {}
-    errors: list[SpecError] = []
-    for position, table in enumerate(given):
+    errors = Mistakes()
+    for position, table in errors.few(enumerate(given)):
         key = f"coupling.exceptions[{position}]"
         pairs: list[tuple[int, int]] = []
-        with kept(errors):
+        with errors:
             pairs = _exception_arcs(
                 table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow
             )
@@ -400,11 +398,9 @@ def _exceptions(
                 taken = arc in result or arc in seen
                 _check_exception(arc, network, codes, taken=taken, key=f"{key}.arcs[{place}]")
                 seen.add(arc)
-        with kept(errors):
+        with errors:
             result |= dict.fromkeys(pairs, made(table.h, key=f"{key}.h"))
-        if len(errors) >= MOST_ERRORS:
-            break
-    raise_all(errors)
+    errors.raise_all()
     return result
 
 

@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from dobc_design._checks import put
 from dobc_design._show.cards import MOST_ITEMS, MOST_ROWS, Card, Shown, cut, listed
-from dobc_design.errors import SpecError, about, kept, raise_all, wrong
+from dobc_design.errors import Mistakes, SpecError, about, wrong
 from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import (
-    MOST_ERRORS,
     NumberText,
     counted,
     is_list,
@@ -70,12 +69,12 @@ def label_text(value: object, *, place: str = "network.agents") -> str:
 
 def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     """Turn a count (labels 1..n) or labels into labels.  Raises SpecError."""
-    if isinstance(agents, (int, np.integer)):
-        if isinstance(agents, bool) or not 1 <= agents <= MOST_AGENTS:
-            raise _no_agents(agents)
-        return tuple(map(str, range(1, int(agents) + 1)))
+    if isinstance(agents, (int, np.integer)) and not isinstance(agents, bool):
+        if 1 <= agents <= MOST_AGENTS:
+            return tuple(map(str, range(1, int(agents) + 1)))
     if isinstance(agents, (str, Mapping)) or not isinstance(agents, Iterable):
-        raise _no_agents(agents)
+        what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
+        raise wrong("network.agents", what, "For example agents = 10.")
     labels = []
     for position, label in enumerate(agents):
         if type(label) is str and label.isascii() and is_label(label):
@@ -86,11 +85,6 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
         what = "must name at least one agent; got none."
         raise wrong("network.agents", what, "Give a count, or a list of labels.")
     return tuple(labels)
-
-
-def _no_agents(agents: object) -> SpecError:
-    what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
-    return wrong("network.agents", what, "For example agents = 10.")
 
 
 ARROWS = ("listens_to", "sends_to")
@@ -179,14 +173,12 @@ def arcs_from_pairs(
     pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int], arrow: str, key: str
 ) -> Arcs:
     """Turn [a, b] and [a, b, w] of labels into arcs; every wrong arc is reported, up to twenty."""
-    errors: list[SpecError] = []
+    errors = Mistakes()
     found: list[tuple[int, int, Any]] = []
-    for position, pair in enumerate(pairs):
-        with kept(errors):
+    for position, pair in errors.few(enumerate(pairs)):
+        with errors:
             found.append(_read_pair(pair, index, key=f"{key}[{position}]"))
-        if len(errors) >= MOST_ERRORS:
-            break
-    raise_all(errors)
+    errors.raise_all()
     first = np.array([arc[0] for arc in found], dtype=np.int64)
     second = np.array([arc[1] for arc in found], dtype=np.int64)
     weights = parse_weights([arc[2] for arc in found], key=key)
@@ -229,40 +221,24 @@ def repeated(first: IndexArray, second: IndexArray) -> IndexArray:
     return np.sort(order[1:][np.diff(codes[order]) == 0])
 
 
-def summed(
-    first: IndexArray, second: IndexArray, weights: Sequence[Fraction]
-) -> tuple[IndexArray, IndexArray, list[Fraction]]:
-    """Arcs with the weights of parallel ones added, each at its first place."""
+def summed(arcs: Arcs) -> Arcs:
+    """The arcs with the weights of parallel ones added, each at its first place."""
     total: dict[tuple[int, int], Fraction] = {}
-    for a, b, weight in zip(first.tolist(), second.tolist(), weights, strict=True):
-        total[a, b] = total[a, b] + weight if (a, b) in total else weight
-    firsts = np.array([a for a, _ in total], dtype=np.int64)
-    seconds = np.array([b for _, b in total], dtype=np.int64)
-    return firsts, seconds, list(total.values())
-
-
-def without_loops(
-    first: IndexArray, second: IndexArray, weights: Sequence[Fraction], places: IndexArray
-) -> tuple[IndexArray, IndexArray, list[Fraction], IndexArray]:
-    """Arcs without those from an agent to itself; ``places``: a number of each arc, which stays
-    with it."""
-    kept_ones = np.flatnonzero(first != second)
-    return (
-        first[kept_ones],
-        second[kept_ones],
-        [weights[k] for k in kept_ones.tolist()],
-        places[kept_ones],
-    )
+    for listener, speaker, weight in arcs:
+        ends = listener, speaker
+        total[ends] = total[ends] + weight if ends in total else weight
+    first, second = np.array(list(total), dtype=np.int64).reshape(-1, 2).T.copy()
+    return directed(first, second, tuple(total.values()), arrow="listens_to")
 
 
 def repaired(arcs: Arcs, *, merge: str | None, drop_loops: bool) -> Arcs:
     """Arcs without loops and with parallel ones added, where that is asked for."""
-    first, second, weights = arcs.listeners, arcs.speakers, list(arcs.weights)
     if drop_loops:
-        first, second, weights, _ = without_loops(first, second, weights, first)
-    if merge is not None:
-        first, second, weights = summed(first, second, weights)
-    return directed(first, second, tuple(weights), arrow="listens_to")
+        kept = np.flatnonzero(arcs.listeners != arcs.speakers)
+        weights = tuple(arcs.weights[place] for place in kept.tolist())
+        ends = arcs.listeners[kept], arcs.speakers[kept]
+        arcs = directed(*ends, weights, arrow="listens_to")
+    return arcs if merge is None else summed(arcs)
 
 
 def check_arrow(arrow: object) -> None:
@@ -273,10 +249,10 @@ def check_arrow(arrow: object) -> None:
         raise SpecError(f"{what} got {shown(arrow)}.", key="network.arrow", cure=cure)
 
 
-def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> int | None:
-    """Refuse arcs that leave the graph, self-arcs, duplicates and weights of 0, with the first
-    offender.  Returns: the place of a negative weight, about which the other modes have something
-    to say, or None."""
+def check_arcs(modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: str) -> None:
+    """Refuse arcs of a mode that leave the graph, self-arcs, duplicates and weights that are not
+    positive, with the first offender."""
+    arcs = modes[mode]
     n = len(labels)
 
     def at(place: int) -> str:
@@ -301,12 +277,14 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> int | None:
         what = f"{_sentence(arcs, position, labels)} already; this arc is a duplicate."
         raise about(at(position), what, _ADD_UP)
     # most weights are one and the same object
-    wrong_sign = next((i for i, w in enumerate(arcs.weights) if w is not ONE and w <= 0), None)
-    if wrong_sign is not None and not arcs.weights[wrong_sign]:
-        what = "a weight must be > 0, because it multiplies h;"
-        what += f" {_sentence(arcs, wrong_sign, labels)} with 0."
-        raise about(at(wrong_sign), what, "Leave the arc out.")
-    return wrong_sign
+    position = next((i for i, w in enumerate(arcs.weights) if w is not ONE and w <= 0), -1)
+    if position < 0:
+        return
+    if arcs.weights[position]:
+        raise negative_weight(modes, labels, mode=mode, place=position)
+    what = "a weight must be > 0, because it multiplies h;"
+    what += f" {_sentence(arcs, position, labels)} with 0."
+    raise about(at(position), what, "Leave the arc out.")
 
 
 def negative_weight(
@@ -388,20 +366,17 @@ class Network(Shown):
 
     def __post_init__(self) -> None:
         # A copy that nobody can change: a Network is hashed, and certificates are about it.
-        put(self, modes=MappingProxyType(dict(self.modes)))
-        put(self, labels=labels_of(self.labels))
+        put(self, modes=MappingProxyType(dict(self.modes)), labels=labels_of(self.labels))
         _check_different(self.labels)
         if not self.modes:
             what = "must hold at least one mode; got none."
             cure = "Give one list of arcs for a fixed topology, several for switching."
             raise wrong("network.modes", what, cure)
-        for name, arcs in self.modes.items():
+        for name in self.modes:
             if not is_label(name):
                 what = f"the name of a mode must be {WANTED}; got {shown(name)}."
                 raise about("network.modes", what, "Name it, for example Ga.")
-            negative = check_arcs(arcs, self.labels, mode=name)
-            if negative is not None:
-                raise negative_weight(self.modes, self.labels, mode=name, place=negative)
+            check_arcs(self.modes, self.labels, mode=name)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
@@ -656,13 +631,12 @@ def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fra
     if len(ids) and np.all(ids == ids[0]):
         return np.zeros(len(ids), dtype=np.int64), (weights[0],)
     _, first, object_of = np.unique(ids, return_index=True, return_inverse=True)
-    place, table, different = (
-        np.zeros(len(first), dtype=np.int64),
-        dict[str, int](),
-        list[Fraction](),
-    )
+    place = np.zeros(len(first), dtype=np.int64)
+    table: dict[str, int] = {}
+    different: list[Fraction] = []
     for k in np.argsort(first):  # in the order in which they are met
         weight = weights[first[k]]
         place[k] = table.setdefault(number_key(weight), len(table))
-        different += [weight] * (len(table) - len(different))
+        if len(table) > len(different):
+            different.append(weight)
     return place[object_of], tuple(different)

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from dobc_design._checks import put
 from dobc_design._show.cards import Card, Shown, plain
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.errors import SpecError, about, kept, raise_all, wrong
+from dobc_design.errors import Mistakes, SpecError, about, wrong
 from dobc_design.exact import reading
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, add, identity, scale, transpose, zeros
@@ -223,19 +223,17 @@ def by_label(
     named."""
     index = {label: i for i, label in enumerate(labels)}
     result: dict[int, T] = {}
-    errors: list[SpecError] = []
-    for label, entry in items(value, key=key):
+    errors = Mistakes()
+    for label, entry in errors.few(items(value, key=key)):
         own = f"{key}.{named(str(label))}"
-        with kept(errors):
+        with errors:
             place = None if isinstance(label, bool) else index.get(one_form(label))
             if place is None:
                 raise _no_agent(label, labels, key=own)
             if place in result:
                 raise wrong(own, "appears twice (labels are text).", "Keep one.")
             result[place] = read(entry, own)
-        if len(errors) >= reading.MOST_ERRORS:
-            break
-    raise_all(errors)
+    errors.raise_all()
     return result
 
 

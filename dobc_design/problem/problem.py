@@ -18,7 +18,7 @@ from dobc_design._checks import put
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
+from dobc_design.errors import Mistakes, ShapeError, SpecError, about, wrong
 from dobc_design.exact import reading
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.reading import (
@@ -153,11 +153,11 @@ class Problem(Shown):
         m = dimension_of(first, target, coupling, own)
         p = m if own is None else own.inputs
         labels = network.labels
-        errors: list[SpecError] = []
+        errors = Mistakes()
         put(self, network=network, dynamics=own)
-        with kept(errors):
+        with errors:
             put(self, name=_read_name(name))
-        with kept(errors):
+        with errors:
             divided = read_groups(
                 groups,
                 exosystem=exosystem,
@@ -168,41 +168,41 @@ class Problem(Shown):
             )
             put(self, groups=divided)
         because = "one per state component"
-        with kept(errors):
+        with errors:
             goal = reading.read_vector(target, key="target", length=m, because=because)
             put(self, target=goal)
-        with kept(errors):
+        with errors:
             h = _read_coupling(coupling, dimension=m, outputs=p, key="coupling.h")
             put(self, coupling=h)
-        with kept(errors):
+        with errors:
             special = _read_exceptions(exceptions, network=network, dimension=m, outputs=p)
             put(self, exceptions=special)
-        with kept(errors):
+        with errors:
             form = GainForm.of(m, own, getattr(self, "coupling", None))
             put(self, pinning=read_pinning(gains, network=network, form=form))
-        with kept(errors):
+        with errors:
             put(self, offsets=_read_offsets(offsets, labels=labels, dimension=m))
-        with kept(errors):
+        with errors:
             asked = read_region(region, dimension=m, with_exosystem=first is not None)
             put(self, region=asked)
-        with kept(errors):
+        with errors:
             put(self, switching=check_switching(switching, tuple(network.modes)))
         # With a mistake in the groups nobody knows how long the rows of xi0 have to be.
         known: tuple[Group, ...] | None = getattr(self, "groups", None)
         if known is not None or not groups:
             orders = _orders(known, labels, exosystem)
-            with kept(errors):
+            with errors:
                 run = read_simulation(simulation, n=network.size, orders=orders, m=m)
                 put(self, simulation=run)
-        with kept(errors):
+        with errors:
             put(self, uncertainty=read_uncertainty(uncertainty))
-        with kept(errors):
+        with errors:
             put(self, actuators=read_actuators(actuators, labels=labels))
-        with kept(errors):
+        with errors:
             put(self, leader=read_leader(leader, dynamics=own))
-        with kept(errors):
+        with errors:
             put(self, notes=_read_notes(notes))
-        raise_all(errors)
+        errors.raise_all()
         self._check_dynamics()
         # Arcs name a coupling by its place, so that equal ones are bounded once.
         couplings = dict.fromkeys((self.coupling, *self.exceptions.values()))
@@ -639,19 +639,18 @@ def _read_exceptions(
     """The couplings of single arcs, by the indices of listener and speaker, in their order."""
     codes, n = network.arc_codes() if value else set(), network.size
     result: dict[Arc, Coupling] = {}
-    errors: list[SpecError] = []
-    for position, (arc, h) in enumerate(items(value or {}, key="coupling.exceptions")):
+    errors = Mistakes()
+    given = items(value or {}, key="coupling.exceptions")
+    for position, (arc, h) in errors.few(enumerate(given)):
         key = f"coupling.exceptions[{position}]"
-        with kept(errors):
+        with errors:
             if not _is_arc(arc, n) or arc[0] * n + arc[1] not in codes:
                 what = f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}."
                 cure = "Correct the arc, or remove the exception; indices count from 0."
                 raise about(key, what, cure)
             coupling = _read_coupling(h, dimension=dimension, outputs=outputs, key=f"{key}.h")
             result[int(arc[0]), int(arc[1])] = coupling
-        if len(errors) >= reading.MOST_ERRORS:
-            break
-    raise_all(errors)
+    errors.raise_all()
     # Certificates number couplings in the order of the canonical problem, which is that of the
     # arcs.
     return MappingProxyType(dict(sorted(result.items())))

@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
+from dobc_design.errors import Mistakes, ShapeError, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
     is_list,
@@ -46,12 +46,12 @@ def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region |
         return None
     keys = ("initial_states", "initial_disturbance")
     states, disturbance = keyed(value, keys, key="region")
-    errors: list[SpecError] = []
-    with kept(errors):
+    errors = Mistakes()
+    with errors:
         states = read_pairs(states, key=f"region.{keys[0]}", dimension=dimension)
-    with kept(errors):
+    with errors:
         disturbance = _read_disturbance(disturbance, with_exosystem=with_exosystem)
-    raise_all(errors)
+    errors.raise_all()
     return Region(initial_states=states, initial_disturbance=disturbance)
 
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from dobc_design.errors import SpecError, wrong
-from dobc_design.exact.reading import MOST_ERRORS, named, shown
+from dobc_design.errors import MOST_ERRORS, SpecError, wrong
+from dobc_design.exact.reading import named, shown
 from dobc_design.problem.schema import RESERVED, ProblemFile
 
 Location = tuple[int | str, ...]

@@ -13,7 +13,7 @@ from typing import Any
 
 from dobc_design._checks import LATER, put
 from dobc_design._show.cards import Shown
-from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
+from dobc_design.errors import Mistakes, ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import MAX_CHARACTERS, number_text, parse_number
 from dobc_design.exact.reading import (
@@ -134,14 +134,16 @@ class Switching(Shown):
             "guarantee": guarantee,
             "longest": longest,
         }
-        errors: list[SpecError] = []
+        errors = Mistakes()
         # Every field is there before the first is read, whatever of them is refused.
         put(self, signal=signal, **dict.fromkeys(given))
         for name, value in given.items():
             if value is not None:
-                with kept(errors):
+                with errors:
                     put(self, **{name: _read(signal, name, value)})
-        raise_all(errors or _misfits(self))
+        if not errors:
+            errors.extend(_misfits(self))
+        errors.raise_all()
 
     @property
     def is_guaranteed(self) -> bool:
@@ -153,7 +155,7 @@ def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switch
     """Check what refers to the network's modes.  Raises: SpecError that names every wrong entry."""
     if switching is None:
         return None
-    errors: list[SpecError] = []
+    errors = Mistakes()
     named_modes: dict[str, str] = {}  # by their keys
     for k, mode in enumerate(switching.sequence or ()):
         named_modes[f"switching.sequence[{k}]"] = mode
@@ -169,7 +171,7 @@ def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switch
         what = f"must have {counted(len(modes), 'row')}, one per mode; got {rows}."
         cure = "Give rows and columns in the order of [network.modes]."
         errors.append(wrong("switching.generator", what, cure, kind=ShapeError))
-    raise_all(errors)
+    errors.raise_all()
     return switching
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from dobc_design._checks import put
 from dobc_design._show.cards import Card, Shown
-from dobc_design.errors import SpecError, kept, raise_all, wrong
+from dobc_design.errors import Mistakes, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import items, positive_number, shown, shown_number
 
@@ -41,19 +41,19 @@ class Uncertainty(Shown):
     measurement: Fraction = field(default=Fraction(0))
 
     def __post_init__(self) -> None:
-        errors: list[SpecError] = []
+        errors = Mistakes()
         for name in (*RELATIVE, *ABSOLUTE):
-            with kept(errors):
+            with errors:
                 value, key = getattr(self, name), f"uncertainty.{name}"
                 put(self, **{name: _bound(value, key, below=name in RELATIVE)})
-        with kept(errors):
+        with errors:
             # "false" in quotes would be true.
             known: object = self.known_to_agents
             if not isinstance(known, bool):
                 what = f"must be true or false; got {shown(known)}."
                 cure = "Leave it out where the agents know their couplings."
                 raise wrong("uncertainty.known_to_agents", what, cure)
-        raise_all(errors)
+        errors.raise_all()
 
     def _card(self) -> Card:
         bounds = [(name, getattr(self, name)) for name in (*RELATIVE, *ABSOLUTE)]
@@ -76,8 +76,8 @@ class Actuators(Shown):
     amplitude: Fraction | None = None
 
     def __post_init__(self) -> None:
-        errors: list[SpecError] = []
-        with kept(errors):
+        errors = Mistakes()
+        with errors:
             if isinstance(self.limit, Mapping):
                 limits = {}
                 for x, u in self.limit.items():
@@ -85,10 +85,10 @@ class Actuators(Shown):
                 put(self, limit=MappingProxyType(limits))
             elif self.limit is not None:
                 put(self, limit=_limit(self.limit, key="actuators.limit"))
-        with kept(errors):
+        with errors:
             if self.amplitude is not None:
                 put(self, amplitude=_bound(self.amplitude, "actuators.amplitude"))
-        raise_all(errors)
+        errors.raise_all()
 
     def __hash__(self) -> int:
         return hash(self.amplitude)
@@ -125,12 +125,13 @@ def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
     if value is None:
         return None
     found = value if isinstance(value, Actuators) else Actuators(**_known(value, Actuators))
-    errors = []
+    errors = Mistakes()
     if isinstance(found.limit, Mapping):
         for label in set(found.limit) - set(labels):
             what = f"there is no agent {shown(label)} in network.agents."
             errors.append(wrong(f"actuators.limit.{label}", what, "Use the label of an agent."))
-    raise_all(sorted(errors, key=str))
+    errors.sort(key=str)
+    errors.raise_all()
     return found
 
 

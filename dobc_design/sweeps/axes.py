@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.errors import SpecError, about, raise_all
+from dobc_design.errors import Mistakes, SpecError, about
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import NumberText, is_list, shown
 from dobc_design.problem.changes import typed_number
@@ -111,14 +111,14 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
             "nothing is varied: a sweep needs at least one KEY=VALUES.", key="over", cure=cure
         )
     axes: list[Axis] = []
-    errors: list[SpecError] = []
+    errors = Mistakes()
     for key, values in given:
         try:
             axes.append(_axis(key, values))
         except SpecError as error:
             errors.extend(about(key, each.message, each.cure) for each in error.errors)
     # Of all axes at once, so that a user need not mend them one by one.
-    raise_all(errors)
+    errors.raise_all()
     paths = [path for axis in axes for path in axis.keys]
     if any(path is not other and path == other[: len(path)] for path in paths for other in paths):
         cure = "Put keys that go together on one side: KEY,KEY=VALUES."

@@ -14,7 +14,7 @@ from dobc_design._show.text import significant_away_from_zero, significant_towar
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import time_to_one_percent
-from dobc_design.errors import SpecError, kept, raise_all
+from dobc_design.errors import Mistakes, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.reading import counted
@@ -120,15 +120,15 @@ def read_design_request(labels: Sequence[str], asked: AskedDesign) -> DesignRequ
         conservative=asked.conservative,
     )
     # All that is wrong is said at once.
-    errors = list[SpecError]()
-    with kept(errors):
+    errors = Mistakes()
+    with errors:
         found = read_request(labels, gains)
-    with kept(errors):
+    with errors:
         noise = read_noise(asked.noise)
-    with kept(errors):
+    with errors:
         cure = "True lets the observable part take the exosystem's place."
         check_yes_or_no(asked.reduce, "reduce", cure=cure)
-    raise_all(errors)
+    errors.raise_all()
     return DesignRequest(
         rate=None if asked.rate is None else found.rate,
         allowed=found.allowed,

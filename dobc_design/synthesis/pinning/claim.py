@@ -16,7 +16,7 @@ from dobc_design.conditions.numbers import rounded_up, shorten, text_above, text
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.statement import Statement
 from dobc_design.conditions.weighted.decide import Weighted
-from dobc_design.errors import SpecError, kept, raise_all
+from dobc_design.errors import Mistakes, SpecError
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below, number_text
 from dobc_design.exact.reading import is_list, named, shown, shown_number
@@ -86,25 +86,25 @@ def read_request(labels: Sequence[str], asked: AskedGains) -> PinningRequest:
     one."""
     index = {label: i for i, label in enumerate(labels)}
     # All that is wrong is said at once.
-    errors = list[SpecError]()
-    with kept(errors):
+    errors = Mistakes()
+    with errors:
         cure = "True asks for V = e'e, without weights."
         check_yes_or_no(asked.conservative, "conservative", cure=cure)
-    with kept(errors):
+    with errors:
         check_digits(asked.digits)
-    with kept(errors):
+    with errors:
         _check_pins(asked.pins)
-    with kept(errors):
+    with errors:
         because = ", because V is to decrease at that rate, V' <= -2 rate V"
         rate = read_positive(asked.rate, "rate", why=because, cure=POSITIVE)
-    with kept(errors):
+    with errors:
         allowed = _agents(asked.allowed, index)
-    with kept(errors):
+    with errors:
         caps = _by_agent(asked.max_gain, index, key="max_gain", why="a gain of 0 is no pin")
-    with kept(errors):
+    with errors:
         why = "a gain without cost has no best value"
         costs = _by_agent(asked.cost, index, key="cost", why=why)
-    raise_all(errors)
+    errors.raise_all()
     return PinningRequest(
         rate=rate,
         allowed=allowed,

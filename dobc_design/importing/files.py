@@ -10,7 +10,7 @@ import numpy as np
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.importing.grids import grid_problem, is_pandapower, read_matpower, read_pandapower
-from dobc_design.problem.arcs_file import READERS, read_network_file
+from dobc_design.problem.arcs_file import READERS, read_arcs_file
 from dobc_design.problem.load import load_problem, read_bytes
 from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, is_name
@@ -69,7 +69,7 @@ def problem_from_file(
             what += "because a wrong guess is never noticed."
             cure = "listens_to: a hears b.  sends_to: a is heard by b."
             raise SpecError(what, key="--arrow", cure=cure)
-        labels, arcs = read_network_file(
+        labels, arcs = read_arcs_file(
             path.name,
             folder=path.resolve().parent,
             arrow=arrow,

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,13 +31,11 @@ from dobc_design.problem.arcs_graphs import (
 from dobc_design.problem.arcs_plain import PlainColumns, plain_columns
 from dobc_design.problem.arcs_text import (
     KNOWN,
-    Row,
-    Source,
     Table,
+    Unfit,
     arcs_of,
     csv_table,
     edge_list_table,
-    find_columns,
 )
 from dobc_design.problem.network import (
     ONE,
@@ -60,17 +60,55 @@ _SUM = (
 _DROP = "write drop_loops = true beside file = (dobc new: --drop-loops; Python: drop_loops=True)"
 
 
+class FileArcs(NamedTuple):
+    """The labels that a file names, and the arcs between them."""
+
+    labels: tuple[str, ...]
+    arcs: Arcs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _File:
+    """A file of arcs as text; ``unit``: what is counted in messages, lines or edges."""
+
+    suffix: str
+    text: str
+    unit: str
+
+    def table(self) -> Table | None:
+        """A CSV file or an edge list; None for other formats.
+
+        The suffix says which; .txt and edge lists may be Matrix Market or Pajek, which say so at
+        the top.
+        """
+        if self.suffix in (".csv", ".tsv"):
+            return csv_table(self.text)
+        said = first_word(self.text)
+        if self.suffix in _GRAPHS or said in (MATRIX_MARKET, "*vertices", "*network"):
+            return None
+        return edge_list_table(self.text)
+
+    def graph(self, known: Mapping[str, int]) -> Graph:
+        """What the file holds."""
+        table = self.table()
+        if table is not None:
+            return Graph(labels=(), rows=arcs_of(table, known))
+        other = matrix_market if first_word(self.text) == MATRIX_MARKET else pajek
+        return _GRAPHS.get(self.suffix, other)(self.text)
+
+
 def read_arcs_file(
     name: str,
     *,
     folder: Path | None,
-    index: Mapping[str, int],
     arrow: str,
     key: str,
+    index: Mapping[str, int] | None = None,
     merge: str | None = None,
     drop_loops: bool = False,
-) -> Arcs:
-    """Read the arcs of one mode; ``index`` maps labels to indices.
+) -> FileArcs:
+    """Read the arcs of one mode; ``index`` maps labels to indices.  Without it agents are those
+    that the file names, in its order, whole numbers sorted; of a graph also nodes without an arc.
 
     CSV and edge lists: two columns and perhaps a weight, header optional; a column Type may say
     Undirected. GraphML, GML, Pajek (.net), Matrix Market (.mtx): an undirected edge gives both
@@ -79,18 +117,29 @@ def read_arcs_file(
     Raises: SpecError with the line.
     """
     check_repairs(merge, drop_loops, key=key)
-    source, path, text = _opened(name, folder=folder, key=key)
-    # Plain tables are read many lines at a time; all others, and all mistakes, line by line.
-    table = _table(path, text, source)
-    plain = None if table is None else plain_columns(text, table, source, index)
-    quick = None if plain is None else _plain_arcs(plain, source, arrow=arrow)
-    if quick is not None:
-        return quick
-    rows = _graph(path, text, source, index).rows
-    return _arcs(rows, source, index=index, arrow=arrow, merge=merge, drop_loops=drop_loops)
+    path = _resolve(name, folder=folder, key=key)
+    suffix = path.suffix.lower()
+    unit = "edge" if suffix in (".graphml", ".gml") else "line"
+    try:
+        file = _File(suffix=suffix, text=_text(path), unit=unit)
+        # Without agents a name at the top may be that of a column, as it was when labels were read.
+        known = {} if index is None else index
+        places = _places(file) if index is None else index
+        # Plain tables are read many lines at a time; all others, and all mistakes, line by line.
+        table = file.table()
+        plain = None if table is None else plain_columns(file.text, table, places, known)
+        arcs = None if plain is None else _plain_arcs(plain, arrow=arrow)
+        if arcs is None:
+            repairs = _Repairs(merge=merge, drop_loops=drop_loops)
+            arcs = _arcs(file, known, index=places, arrow=arrow, repairs=repairs)
+    except Unfit as fault:
+        row, what, cure = fault.args
+        line = "" if row is None else f" {unit} {row}"
+        raise about(key, f'"{named(name)}"{line} {what}.', cure) from None
+    return FileArcs(labels=tuple(places), arcs=arcs)
 
 
-def _plain_arcs(plain: PlainColumns, source: Source, *, arrow: str) -> Arcs | None:
+def _plain_arcs(plain: PlainColumns, *, arrow: str) -> Arcs | None:
     """The arcs of plain columns; None where one is to be refused or repaired, which ``_arcs`` does
     line by line."""
     a, b = plain.first, plain.second
@@ -100,29 +149,15 @@ def _plain_arcs(plain: PlainColumns, source: Source, *, arrow: str) -> Arcs | No
     if texts is None:
         return directed(a, b, (ONE,) * len(a), arrow=arrow)
     try:
-        known = {text: _weight(text, source, row=plain.line) for text in dict.fromkeys(texts)}
-    except SpecError:
+        known = {text: _weight(text, plain.line) for text in dict.fromkeys(texts)}
+    except Unfit:
         return None
     return directed(a, b, tuple(map(known.__getitem__, texts)), arrow=arrow)
 
 
-def read_network_file(
-    name: str,
-    *,
-    folder: Path | None,
-    arrow: str,
-    key: str,
-    merge: str | None = None,
-    drop_loops: bool = False,
-) -> tuple[tuple[str, ...], Arcs]:
-    """The labels that a file names, and its arcs as ``read_arcs_file`` reads them.
-
-    Labels stand in the order of the file, whole numbers sorted; the nodes of a graph are agents
-    also without an arc.
-    """
-    check_repairs(merge, drop_loops, key=key)
-    source, path, text = _opened(name, folder=folder, key=key)
-    graph = _graph(path, text, source, {})
+def _places(file: _File) -> dict[str, int]:
+    """The labels that a file names, with their places."""
+    graph = file.graph({})
     ends: dict[str, None] = dict.fromkeys(graph.labels)
     for row, cells in graph.rows:
         for label in cells[:2]:
@@ -130,120 +165,79 @@ def read_network_file(
                 continue
             if not is_label(label):
                 what = f"names {shown(label)}; a label must be {WANTED}"
-                raise source.error(what, "Correct the label.", row=row)
+                raise Unfit(row, what, "Correct the label.")
             ends[label] = None
     if not ends:
-        raise source.error(*EMPTY)
-    labels = tuple(ends)
+        raise Unfit(None, *EMPTY)
+    labels = list(ends)
     if all(re.fullmatch("[0-9]{1,9}", label) for label in labels):
-        labels = tuple(sorted(labels, key=int))
-    index = {label: place for place, label in enumerate(labels)}
-    table = _table(path, text, source)
-    if table is not None and _has_the_same_header(table, source, index):
-        plain = plain_columns(text, table, source, index)
-        quick = None if plain is None else _plain_arcs(plain, source, arrow=arrow)
-        if quick is not None:
-            return labels, quick
-    # not with the index: what was a header above is one here
-    rows = _graph(path, text, source, {}).rows
-    return labels, _arcs(rows, source, index=index, arrow=arrow, merge=merge, drop_loops=drop_loops)
+        labels.sort(key=int)
+    return {label: place for place, label in enumerate(labels)}
 
 
-def _has_the_same_header(table: Table, source: Source, index: Mapping[str, int]) -> bool:
-    """Whether the first line means the same with and without the agents: they may be called from
-    and to."""
-    first = next(table.rows(), None)
-    if first is None:
-        return False
-    found = find_columns(first, table.rows, source, index)
-    return found == find_columns(first, table.rows, source, {})
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Repairs:
+    """Whether parallel arcs are added up, and arcs from an agent to itself left out."""
+
+    merge: str | None
+    drop_loops: bool
 
 
 def _arcs(
-    rows: Iterator[Row],
-    source: Source,
+    file: _File,
+    known: Mapping[str, int],
     *,
     index: Mapping[str, int],
     arrow: str,
-    merge: str | None,
-    drop_loops: bool,
+    repairs: _Repairs,
 ) -> Arcs:
-    """The arcs of rows of any kind, one after the other.  Raises: SpecError with the line."""
+    """The arcs of a file of any kind, one after the other.  Raises: Unfit with the line."""
     # Arrays of machine numbers: lists of tuples would take many times the memory.
     first, second, places = array("q"), array("q"), array("q")
-    known: dict[str, Fraction] = {}
+    weight_of: dict[str, Fraction] = {}
     weights: list[Fraction] = []
-    for row, cells in rows:
+    for row, cells in file.graph(known).rows:
         if len(cells) not in (2, 3):
             what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
             cure = "Separate them by commas in CSV, else by blanks; more columns need a header:"
-            raise source.error(what, f"{cure} {KNOWN}.", row=row)
+            raise Unfit(row, what, f"{cure} {KNOWN}.")
         for label in cells[:2]:
             if label not in index:
                 what = f"names {shown(label)}; there is no such agent in network.agents"
                 cure = "Correct the label, or add the agent. A header is known by its names:"
-                raise source.error(what, f"{cure} {KNOWN}.", row=row)
-        if cells[0] == cells[1] and not drop_loops:
+                raise Unfit(row, what, f"{cure} {KNOWN}.")
+        if cells[0] == cells[1] and not repairs.drop_loops:
             what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
-            raise source.error(what, f"Remove that {source.unit}, or {_DROP}.", row=row)
-        if len(cells) == 3 and cells[2] not in known:
-            known[cells[2]] = _weight(cells[2], source, row=row)
+            raise Unfit(row, what, f"Remove that {file.unit}, or {_DROP}.")
+        if len(cells) == 3 and cells[2] not in weight_of:
+            weight_of[cells[2]] = _weight(cells[2], row)
         if cells[0] == cells[1]:
             continue
-        weights.append(known[cells[2]] if len(cells) == 3 else ONE)
+        weights.append(weight_of[cells[2]] if len(cells) == 3 else ONE)
         first.append(index[cells[0]])
         second.append(index[cells[1]])
         places.append(row)
     if not weights:
-        raise source.error(*EMPTY)
+        raise Unfit(None, *EMPTY)
     a, b = np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
     arcs = directed(a, b, tuple(weights), arrow=arrow)
     again = repeated(a, b)
-    if len(again) and merge is None:
+    if len(again) and repairs.merge is None:
         what = "repeats an arc; it is a duplicate"
-        cure = f"Remove that {source.unit}, or {_SUM}."
-        raise source.error(what, cure, row=places[again[0]])
+        raise Unfit(places[again[0]], what, f"Remove that {file.unit}, or {_SUM}.")
     return summed(arcs) if len(again) else arcs
 
 
-def _opened(name: str, *, folder: Path | None, key: str) -> tuple[Source, Path, str]:
-    """The file as text, and what it is called in messages.  Raises: SpecError."""
-    path = _resolve(name, folder=folder, key=key)
-    unit = "edge" if path.suffix.lower() in (".graphml", ".gml") else "line"
-    source = Source(name=named(name), key=key, unit=unit)
+def _text(path: Path) -> str:
+    """The file as text.  Raises: Unfit."""
     try:
-        return source, path, one_form(path.read_bytes().decode("utf-8-sig"))
+        return one_form(path.read_bytes().decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         what = f"must be UTF-8 text; byte {error.start} is not"
-        raise source.error(what, "Save it as UTF-8.") from None
+        raise Unfit(None, what, "Save it as UTF-8.") from None
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
-        raise source.error(what, "Check the path.") from None
-
-
-def _graph(path: Path, text: str, source: Source, index: Mapping[str, int]) -> Graph:
-    """What a file holds."""
-    table = _table(path, text, source)
-    if table is not None:
-        return Graph(labels=(), rows=arcs_of(table, source, index))
-    suffix = path.suffix.lower()
-    if suffix in _GRAPHS:
-        return _GRAPHS[suffix](text, source)
-    return matrix_market(text, source) if first_word(text) == MATRIX_MARKET else pajek(text, source)
-
-
-def _table(path: Path, text: str, source: Source) -> Table | None:
-    """A CSV file or an edge list; None for other formats.
-
-    The suffix says which; .txt and edge lists may be Matrix Market or Pajek, which say so at the
-    top.
-    """
-    suffix = path.suffix.lower()
-    if suffix in (".csv", ".tsv"):
-        return csv_table(text, source)
-    if suffix in _GRAPHS or first_word(text) in (MATRIX_MARKET, "*vertices", "*network"):
-        return None
-    return edge_list_table(text, source)
+        raise Unfit(None, what, "Check the path.") from None
 
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
@@ -279,13 +273,13 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     return path
 
 
-def _weight(text: str, source: Source, *, row: int) -> Fraction:
-    """A weight, exact.  Raises: SpecError for 0 and for what is no number."""
+def _weight(text: str, row: int) -> Fraction:
+    """A weight, exact.  Raises: Unfit for 0 and for what is no number."""
     try:
         weight = parse_number(text, key="weight")
     except SpecError as error:
-        raise source.error(error.message.rstrip("."), "Correct that weight.", row=row) from None
+        raise Unfit(row, error.message.rstrip("."), "Correct that weight.") from None
     if weight == 0:  # what a negative one may mean depends on all arcs: the network says it
         what = "weight must be > 0, because it multiplies h; got 0"
-        raise source.error(what, "Leave the arc out.", row=row)
+        raise Unfit(row, what, "Leave the arc out.")
     return weight

@@ -12,9 +12,9 @@ from html import unescape
 from itertools import chain
 from xml.etree import ElementTree
 
-from dobc_design.errors import SpecError, reason_of
+from dobc_design.errors import reason_of
 from dobc_design.exact.reading import named, shown
-from dobc_design.problem.arcs_text import WEIGHTS, Row, Source
+from dobc_design.problem.arcs_text import WEIGHTS, Row, Unfit
 from dobc_design.problem.network import MOST_AGENTS
 
 
@@ -26,40 +26,38 @@ class Graph:
     rows: Iterator[Row]
 
 
-def graphml(text: str, source: Source) -> Graph:
+def graphml(text: str) -> Graph:
     """Read GraphML; the weights are those of the edge attribute 'weight' ('w', 'value').  Raises:
     SpecError."""
-    root, found = _graphml_graph(text, source)
+    root, found = _graphml_graph(text)
     if found is None:
         return Graph(labels=(), rows=iter(()))
     labels = tuple(node.get("id", "") for node in found if _tag(node) == "node")
     return Graph(labels=labels, rows=_graphml_rows(root, found))
 
 
-def _graphml_graph(
-    text: str, source: Source
-) -> tuple[ElementTree.Element, ElementTree.Element | None]:
+def _graphml_graph(text: str) -> tuple[ElementTree.Element, ElementTree.Element | None]:
     """The root of a GraphML file and its one graph, if it has any."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise source.error("must not hold a DOCTYPE or entities", "Save plain GraphML.")
+        raise Unfit(None, "must not hold a DOCTYPE or entities", "Save plain GraphML.")
     try:
         root = ElementTree.fromstring(text)  # expat expands nothing: entities are refused above
     except (ElementTree.ParseError, RecursionError) as error:
         what = f"is not valid GraphML ({reason_of(error)})"
-        raise source.error(what, "Export it again.") from None
+        raise Unfit(None, what, "Export it again.") from None
     tags = [(_tag(node), node) for node in root.iter()]
     graphs = [node for tag, node in tags if tag == "graph"]
     if len(graphs) > 1:
-        raise _several_graphs(len(graphs), source)
+        raise _several_graphs(len(graphs))
     if any(tag == "hyperedge" for tag, _ in tags):
         what = "holds hyperedges, which are no arcs"
-        raise source.error(what, "Replace each by edges between two nodes.")
+        raise Unfit(None, what, "Replace each by edges between two nodes.")
     return root, graphs[0] if graphs else None
 
 
-def _several_graphs(count: int, source: Source) -> SpecError:
+def _several_graphs(count: int) -> Unfit:
     what = f"must hold one graph; it holds {count}"
-    return source.error(what, "Save each mode in a file of its own.")
+    return Unfit(None, what, "Save each mode in a file of its own.")
 
 
 def _graphml_rows(root: ElementTree.Element, graph: ElementTree.Element) -> Iterator[Row]:
@@ -114,29 +112,29 @@ _TOKEN = re.compile(r'"[^"]*"|\[|\]|[^\s\[\]"]+')
 Entries = list[tuple[str, "str | Entries"]]
 
 
-def gml(text: str, source: Source) -> Graph:
+def gml(text: str) -> Graph:
     """Read GML; labels are those of the nodes, or their ids where some have none.  Raises:
     SpecError."""
-    top = _gml_entries(text, source)
+    top = _gml_entries(text)
     graphs = [value for key, value in top if key == "graph" and isinstance(value, list)]
     if len(graphs) != 1:
-        raise _several_graphs(len(graphs), source)
+        raise _several_graphs(len(graphs))
     nodes = [_plain_entries(value) for key, value in graphs[0] if key == "node"]
     edges = [_plain_entries(value) for key, value in graphs[0] if key == "edge"]
     if not all("id" in node for node in nodes):
-        raise source.error("has a node without an id", "Export it again.")
+        raise Unfit(None, "has a node without an id", "Export it again.")
     ids = [node["id"] for node in nodes]
     labels = ids
     if all("label" in node for node in nodes):
         labels = [node["label"] for node in nodes]
-    _different(labels, source)
-    _different(ids, source)
+    _different(labels)
+    _different(ids)
     label_of = dict(zip(ids, labels, strict=True))
     both = _plain_entries(graphs[0]).get("directed", "0") == "0"
-    return Graph(labels=tuple(labels), rows=_gml_rows(edges, label_of, source, both=both))
+    return Graph(labels=tuple(labels), rows=_gml_rows(edges, label_of, both=both))
 
 
-def _gml_entries(text: str, source: Source) -> Entries:
+def _gml_entries(text: str) -> Entries:
     """The keys and values of a file; a list is a value in brackets."""
     # Lines stay where they are, comments become empty.
     bare = "\n".join("" if line.lstrip().startswith("#") else line for line in text.splitlines())
@@ -148,7 +146,7 @@ def _gml_entries(text: str, source: Source) -> Entries:
             continue
         value = next(tokens, None)
         if value is None or value == "]" or key in "[]" or key.startswith('"'):
-            raise source.error(f"is not valid GML near {shown(key)}", "Export it again.")
+            raise Unfit(None, f"is not valid GML near {shown(key)}", "Export it again.")
         if value == "[":
             inner: Entries = []
             open_lists[-1].append((key, inner))
@@ -156,7 +154,7 @@ def _gml_entries(text: str, source: Source) -> Entries:
         else:
             open_lists[-1].append((key, unescape(value.strip('"'))))
     if len(open_lists) > 1:
-        raise source.error("is not valid GML: a bracket is not closed", "Export it again.")
+        raise Unfit(None, "is not valid GML: a bracket is not closed", "Export it again.")
     return open_lists[0]
 
 
@@ -168,7 +166,7 @@ def _plain_entries(value: str | Entries) -> dict[str, str]:
 
 
 def _gml_rows(
-    edges: Sequence[Mapping[str, str]], labels: Mapping[str, str], source: Source, *, both: bool
+    edges: Sequence[Mapping[str, str]], labels: Mapping[str, str], *, both: bool
 ) -> Iterator[Row]:
     """The edges of a GML graph, by the labels of their nodes."""
     for number, edge in enumerate(edges, start=1):
@@ -176,25 +174,25 @@ def _gml_rows(
             own = edge.get(end, "")
             if own not in labels:
                 what = f"has the {end} {shown(own)}; there is no node with that id"
-                raise source.error(what, "Add the node, or correct the id.", row=number)
+                raise Unfit(number, what, "Add the node, or correct the id.")
         weight = [edge[name] for name in WEIGHTS if name in edge][:1]
         yield from _edge(number, labels[edge["source"]], labels[edge["target"]], weight, both=both)
 
 
-def _different(labels: Sequence[str], source: Source) -> None:
+def _different(labels: Sequence[str]) -> None:
     """Refuse two nodes of one name.  Raises: SpecError."""
     seen = set[str]()
     for label in labels:
         if label in seen:
             what = f"has two nodes called {shown(label)}"
-            raise source.error(what, "Give every node a label of its own.")
+            raise Unfit(None, what, "Give every node a label of its own.")
         seen.add(label)
 
 
 _VERTEX = re.compile(r'\s*([0-9]+)(?:\s+(?:"([^"]*)"|(\S+)))?')
 
 
-def pajek(text: str, source: Source) -> Graph:
+def pajek(text: str) -> Graph:
     """Read a Pajek network: *Vertices, *Arcs, *Edges, *Arcslist, *Edgeslist.  Raises: SpecError."""
     labels: dict[str, str] = {}
     rows: list[Row] = []
@@ -206,58 +204,56 @@ def pajek(text: str, source: Source) -> Graph:
         if cells[0].startswith("*"):
             part = cells[0].lower()
             if part == "*vertices":
-                _no_more_vertices(labels, cells, source, row=number)
-                names = map(str, range(1, _count(cells[1:2], source, row=number) + 1))
+                _no_more_vertices(labels, cells, number)
+                names = map(str, range(1, _count(cells[1:2], number) + 1))
                 labels = {name: name for name in names}
             elif part not in ("*network", "*arcs", "*edges", "*arcslist", "*edgeslist"):
                 what = f"has the part {shown(cells[0])}, which is not read"
                 cure = "Save the network with *Vertices and *Arcs or *Edges."
-                raise source.error(what, cure, row=number)
+                raise Unfit(number, what, cure)
         elif part == "*vertices":
             found = _VERTEX.match(line)
             if found is None or found[1] not in labels:
                 what = f"must begin with the number of a vertex, 1 to {len(labels)}"
-                raise source.error(what, "Correct the number.", row=number)
+                raise Unfit(number, what, "Correct the number.")
             labels[found[1]] = found[2] or found[3] or found[1]
         else:
-            rows += _pajek_rows(cells, part, labels, source, row=number)
-    _different(list(labels.values()), source)
+            rows += _pajek_rows(cells, part, labels, number)
+    _different(list(labels.values()))
     return Graph(labels=tuple(labels.values()), rows=iter(rows))
 
 
-def _no_more_vertices(
-    labels: Mapping[str, str], cells: Sequence[str], source: Source, *, row: int
-) -> None:
+def _no_more_vertices(labels: Mapping[str, str], cells: Sequence[str], row: int) -> None:
     """Refuse a second *Vertices, and two kinds of vertices.  Raises: SpecError."""
     if labels:
         what = "begins a second network"
-        raise source.error(what, "Save each mode in a file of its own.", row=row)
+        raise Unfit(row, what, "Save each mode in a file of its own.")
     if len(cells) > 2:
         what = "is a network of two kinds of vertices, whose arcs are no readings between agents"
-        raise source.error(what, "Save a network of one kind of vertices.", row=row)
+        raise Unfit(row, what, "Save a network of one kind of vertices.")
 
 
-def _count(cells: Sequence[str], source: Source, *, row: int) -> int:
+def _count(cells: Sequence[str], row: int) -> int:
     """How many nodes a file announces.  Raises: SpecError."""
     text = cells[0] if cells else ""
     if not re.fullmatch("[0-9]{1,8}", text) or not 1 <= int(text) <= MOST_AGENTS:
         what = f"must say how many nodes there are, 1 to {MOST_AGENTS}; got {shown(text)}"
-        raise source.error(what, "Correct the number.", row=row)
+        raise Unfit(row, what, "Correct the number.")
     return int(text)
 
 
 def _pajek_rows(
-    cells: Sequence[str], part: str, labels: Mapping[str, str], source: Source, *, row: int
+    cells: Sequence[str], part: str, labels: Mapping[str, str], row: int
 ) -> Iterator[Row]:
     """The arcs of one line: i j and perhaps a weight, or i and all that it leads to."""
     lists = part.endswith("list")
     ends = cells if lists else cells[:2]
     if part in ("", "*network") or len(ends) < 2:
-        raise source.error("is no arc of a Pajek network", "Save the network again.", row=row)
+        raise Unfit(row, "is no arc of a Pajek network", "Save the network again.")
     unknown = next((end for end in ends if end not in labels), None)
     if unknown is not None:
         what = f"names vertex {shown(unknown)}; vertices are numbered 1 to {len(labels)}"
-        raise source.error(what, "Correct the number.", row=row)
+        raise Unfit(row, what, "Correct the number.")
     # In a list every further cell is another agent, so there is no room for weights.
     weight = [] if lists else cells[2:3]
     for end in ends[1:]:
@@ -268,7 +264,7 @@ MATRIX_MARKET = "%%matrixmarket"
 _ZERO = re.compile(r"[+-]?0+(?:\.0*)?(?:[eE][+-]?[0-9]+)?")
 
 
-def matrix_market(text: str, source: Source) -> Graph:
+def matrix_market(text: str) -> Graph:
     """Read a sparse matrix: entry (i, j) is the arc [i, j] and its value the weight, zeros are no
     arcs.
 
@@ -276,20 +272,18 @@ def matrix_market(text: str, source: Source) -> Graph:
     """
     lines = ((number, line.split()) for number, line in enumerate(text.splitlines(), start=1))
     _, head = next(lines, (1, []))
-    values, symmetry = _matrix_kind(head, source)
+    values, symmetry = _matrix_kind(head)
     entries = ((number, cells) for number, cells in lines if cells and not cells[0].startswith("%"))
     row, sizes = next(entries, (1, []))
-    n = _count(sizes[:1], source, row=row)
+    n = _count(sizes[:1], row)
     if len(sizes) != 3 or sizes[1] != sizes[0]:
         what = f"must be square; got {shown(' x '.join(sizes[:2]))}"
-        raise source.error(what, "Save an n x n matrix.", row=row)
-    rows = _matrix_rows(
-        entries, n, source, with_values=values != "pattern", both=symmetry == "symmetric"
-    )
-    return Graph(labels=tuple(map(str, range(1, n + 1))), rows=_all_there(rows, sizes[2], source))
+        raise Unfit(row, what, "Save an n x n matrix.")
+    rows = _matrix_rows(entries, n, with_values=values != "pattern", both=symmetry == "symmetric")
+    return Graph(labels=tuple(map(str, range(1, n + 1))), rows=_all_there(rows, sizes[2]))
 
 
-def _matrix_kind(head: Sequence[str], source: Source) -> tuple[str, str]:
+def _matrix_kind(head: Sequence[str]) -> tuple[str, str]:
     """What the first line says of the values, and whether the matrix is symmetric.  Raises:
     SpecError."""
     kinds = [cell.lower() for cell in head]
@@ -302,13 +296,12 @@ def _matrix_kind(head: Sequence[str], source: Source) -> tuple[str, str]:
         f"general or symmetric; got {shown(' '.join(head))}"
     )
     cure = "Write it with scipy.io.mmwrite(file, scipy.sparse.coo_array(matrix))."
-    raise source.error(what, cure, row=1)
+    raise Unfit(1, what, cure)
 
 
 def _matrix_rows(
     entries: Iterator[tuple[int, list[str]]],
     n: int,
-    source: Source,
     *,
     with_values: bool,
     both: bool,
@@ -320,11 +313,11 @@ def _matrix_rows(
         if len(cells) != 2 + with_values or not indices:
             wanted = "i j value" if with_values else "i j"
             what = f"must be {wanted}; got {shown(' '.join(cells))}"
-            raise source.error(what, "Save it again.", row=number)
+            raise Unfit(number, what, "Save it again.")
         i, j = int(cells[0]), int(cells[1])
         if not 1 <= min(i, j) <= max(i, j) <= n:
             what = f"leaves the matrix, which is {n} x {n}"
-            raise source.error(what, "Correct the indices.", row=number)
+            raise Unfit(number, what, "Correct the indices.")
         # A stored zero is no arc, but it counts among the entries that the file announces.
         if with_values and _ZERO.fullmatch(cells[2]):
             yield number, []
@@ -332,7 +325,7 @@ def _matrix_rows(
         yield from _edge(number, str(i), str(j), cells[2:3], both=both and i != j)
 
 
-def _all_there(rows: Iterator[Row], count: str, source: Source) -> Iterator[Row]:
+def _all_there(rows: Iterator[Row], count: str) -> Iterator[Row]:
     """The arcs, once as many entries as the file announces have been read."""
     read = 0
     last = 0
@@ -344,7 +337,7 @@ def _all_there(rows: Iterator[Row], count: str, source: Source) -> Iterator[Row]
             yield number, cells
     if str(read) != count:
         what = f"announces {named(count)} entries and holds {read}"
-        raise source.error(what, "Save it again: it was cut.")
+        raise Unfit(None, what, "Save it again: it was cut.")
 
 
 def first_word(text: str) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dobc_design.problem.arcs_text import Source, Table, find_columns
+from dobc_design.problem.arcs_text import Table, find_columns
 from dobc_design.problem.network import IndexArray
 
 PIECE = 1 << 20  # characters that are split at once: a list of all cells would take too much memory
@@ -35,15 +35,16 @@ class PlainColumns:
 
 
 def plain_columns(
-    text: str, table: Table, source: Source, index: Mapping[str, int]
+    text: str, table: Table, index: Mapping[str, int], known: Mapping[str, int]
 ) -> PlainColumns | None:
-    """The arcs of a plain table; None if it is not one.  ``index``: label to place."""
+    """The arcs of a plain table; None if it is not one.  ``index``: label to place; ``known``:
+    those that were there before the file was read, and are no header."""
     sign = table.separator or " "
     text = text.replace("\r\n", "\n")
     top = next(table.rows(), None) if _is_plain(text, sign) else None
     if top is None:
         return None
-    columns = find_columns(top, table.rows, source, index)
+    columns = find_columns(top, table.rows, known)
     has_header = columns.width is not None
     width = len(top[1])
     weight = columns.weight if has_header else (2 if width == 3 else None)

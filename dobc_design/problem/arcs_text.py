@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
-from dobc_design.errors import SpecError
 from dobc_design.exact.reading import named, shown
 
 Row = tuple[int, list[str]]  # number of the line or edge, [a, b] or [a, b, weight]
@@ -59,17 +58,11 @@ _ATTRIBUTE = re.compile(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
-    """Where arcs come from, for messages; ``unit``: what is counted, lines or edges."""
+class Unfit(Exception):
+    """Unfit(row, what, cure): what is wrong with a line or edge of a file (None: with all of it).
 
-    name: str
-    key: str
-    unit: str
-
-    def error(self, what: str, cure: str, *, row: int | None = None) -> SpecError:
-        place = f'"{self.name}"' if row is None else f'"{self.name}" {self.unit} {row}'
-        return SpecError(f"{self.key}: {place} {what}.", key=self.key, cure=cure)
+    What reads texts does not know where they are from; ``arcs_file`` makes a SpecError of it.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,13 +93,13 @@ class Table:
     both: bool = False
 
 
-def csv_table(text: str, source: Source) -> Table:
+def csv_table(text: str) -> Table:
     """A CSV file.  Raises: SpecError."""
-    separator = csv_separator(text, source)
-    return Table(separator=separator, rows=lambda: _csv(text, source, separator))
+    separator = csv_separator(text)
+    return Table(separator=separator, rows=lambda: _csv(text, separator))
 
 
-def edge_list_table(text: str, source: Source) -> Table:
+def edge_list_table(text: str) -> Table:
     """An edge list, separated by blanks, tabs, commas or semicolons.  Raises: SpecError."""
     konect = _KONECT.match(text)
     kind = None if konect is None else konect[1]
@@ -114,62 +107,62 @@ def edge_list_table(text: str, source: Source) -> Table:
         what = (
             "is a network of two kinds of nodes (% bip), whose edges are no readings between agents"
         )
-        raise source.error(what, "Take a network of one kind of nodes.")
-    separator = _edge_list_separator(text, source)
+        raise Unfit(None, what, "Take a network of one kind of nodes.")
+    separator = _edge_list_separator(text)
 
     def rows() -> Iterator[Row]:
-        return _edge_list(text, source, separator)
+        return _edge_list(text, separator)
 
     return Table(separator=separator, rows=rows, both=kind == "sym")
 
 
-def csv_separator(text: str, source: Source) -> str:
+def csv_separator(text: str) -> str:
     """The sign between the columns: a comma, else a semicolon, else a tab.  Raises: SpecError where
     it is not clear."""
     for number, line in enumerate(io.StringIO(text), start=1):
         # The first line that holds anything decides; each further one is checked against it.
         if line.strip() and not _COMMENT.match(line):
-            sign = _sign(line, source, row=number)
+            sign = _sign(line, number)
             if sign is None and "\t" in line:
                 return "\t"
             return sign or ","
     return ","
 
 
-def _edge_list_separator(text: str, source: Source) -> str | None:
+def _edge_list_separator(text: str) -> str | None:
     """The sign between the columns, None for blanks; tabs count where every line has one (labels
     may hold blanks)."""
     numbered = enumerate(text.splitlines(), start=1)
     bare = ((number, _without_comment(line)) for number, line in numbered)
     lines = ((number, line) for number, line in bare if line.strip())
     number, first = next(lines, (1, ""))
-    sign = _sign(first.partition("{")[0], source, row=number)
+    sign = _sign(first.partition("{")[0], number)
     if sign is None and "\t" in first.strip() and all("\t" in line.strip() for _, line in lines):
         return "\t"
     return sign
 
 
-def _sign(line: str, source: Source, *, row: int) -> str | None:
+def _sign(line: str, row: int) -> str | None:
     """The comma or semicolon of a line, outside quotes; None if it has neither."""
     bare = _QUOTED.sub("", line)
     if _BLANKS_AND_COMMA.fullmatch(bare.strip()):
-        raise _decimal_comma(source, bare.split()[2], row=row)
+        raise _decimal_comma(bare.split()[2], row)
     found = [sign for sign in ",;" if sign in bare]
     if len(found) == 2:
         what = "holds commas and semicolons, so it is not clear which of them separates the columns"
         cure = (
             "Write numbers with a decimal point (0.5), and labels that hold one of them in quotes."
         )
-        raise source.error(what, cure, row=row)
+        raise Unfit(row, what, cure)
     return found[0] if found else None
 
 
-def _decimal_comma(source: Source, text: str, *, row: int) -> SpecError:
+def _decimal_comma(text: str, row: int) -> Unfit:
     cure = f"Write the decimal point: {text.replace(',', '.')}."
-    return source.error(f"has the number {shown(text)} with a decimal comma", cure, row=row)
+    return Unfit(row, f"has the number {shown(text)} with a decimal comma", cure)
 
 
-def _csv(text: str, source: Source, separator: str) -> Iterator[Row]:
+def _csv(text: str, separator: str) -> Iterator[Row]:
     """The rows of a CSV file that are no comments."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
@@ -178,26 +171,24 @@ def _csv(text: str, source: Source, separator: str) -> Iterator[Row]:
             if any(cells) and not (cells[0][:1] in ("#", "%") and _COMMENT.match(cells[0])):
                 yield reader.line_num, cells
     except csv.Error as error:
-        raise source.error(
-            f"is not valid CSV ({error})", "Check the quotes.", row=reader.line_num
-        ) from None
+        raise Unfit(reader.line_num, f"is not valid CSV ({error})", "Check the quotes.") from None
 
 
-def _edge_list(text: str, source: Source, separator: str | None) -> Iterator[Row]:
+def _edge_list(text: str, separator: str | None) -> Iterator[Row]:
     """The rows of an edge list; of attributes in {...} the weight."""
     for number, line in enumerate(text.splitlines(), start=1):
         head, brace, attributes = _without_comment(line).partition("{")
         if not head.strip():
             continue
-        cells = _split(head, source, separator, row=number)
+        cells = _split(head, separator, number)
         if brace:
             if not cells[-1]:
                 cells.pop()  # a,b,{...}
-            cells += _weight_of(attributes, source, row=number)
+            cells += _weight_of(attributes, number)
         yield number, cells
 
 
-def _split(line: str, source: Source, separator: str | None, *, row: int) -> list[str]:
+def _split(line: str, separator: str | None, row: int) -> list[str]:
     """The cells of one line of an edge list.  Raises: SpecError where they are not clear."""
     if separator is None:
         cells = line.split()
@@ -210,12 +201,12 @@ def _split(line: str, source: Source, separator: str | None, *, row: int) -> lis
                 "each line"
             )
             cure = "Write a b, or a b weight; `arrow` says which of the two listens."
-            raise source.error(what, cure, row=row)
+            raise Unfit(row, what, cure)
         return cells
     try:
         parts = next(csv.reader([line.strip(" ")], delimiter=separator, strict=True))
     except csv.Error as error:
-        raise source.error(f"cannot be read ({error})", "Check the quotes.", row=row) from None
+        raise Unfit(row, f"cannot be read ({error})", "Check the quotes.") from None
     cells = [cell.strip() for cell in parts]
     # "a, b 0.5" could be two columns or three.
     if separator != "\t" and any(len(cell.split()) > 1 for cell in cells) and '"' not in line:
@@ -226,7 +217,7 @@ def _split(line: str, source: Source, separator: str | None, *, row: int) -> lis
             "Separate columns by one of them, write 0.5 and not 0,5, and labels that hold blanks "
             "in quotes."
         )
-        raise source.error(what, cure, row=row)
+        raise Unfit(row, what, cure)
     return cells
 
 
@@ -242,7 +233,7 @@ def _without_comment(line: str) -> str:
     return head + brace + inside + closing
 
 
-def _weight_of(text: str, source: Source, *, row: int) -> list[str]:
+def _weight_of(text: str, row: int) -> list[str]:
     """The weight among attributes as networkx writes them, {'weight': 2.0, ...}, or nothing."""
     inside, closing, _ = text.rpartition("}")
     found: dict[str, str] = {}
@@ -256,11 +247,11 @@ def _weight_of(text: str, source: Source, *, row: int) -> list[str]:
     if not closing or inside[at:].strip():
         what = "has attributes that cannot be read; they must look like {'weight': 2.0}"
         cure = "Write them without: nx.write_weighted_edgelist(graph, file)."
-        raise source.error(what, cure, row=row)
+        raise Unfit(row, what, cure)
     return [found["weight"]] if "weight" in found else []
 
 
-def arcs_of(table: Table, source: Source, index: Mapping[str, int]) -> Iterator[Row]:
+def arcs_of(table: Table, index: Mapping[str, int]) -> Iterator[Row]:
     """The arcs of a table, whichever columns it has.  ``index``: the agents, where they are known.
 
     Raises: SpecError.
@@ -269,46 +260,46 @@ def arcs_of(table: Table, source: Source, index: Mapping[str, int]) -> Iterator[
     first = next(rows, None)
     if first is None:
         return
-    columns = find_columns(first, table.rows, source, index)
+    columns = find_columns(first, table.rows, index)
     body = rows if columns.width is not None else chain([first], rows)
     for number, cells in body:
-        for row, arc in _in_order(number, cells, columns, source):
+        for row, arc in _in_order(number, cells, columns):
             yield row, arc
             if table.both and len(arc) > 1:
                 yield row, [arc[1], arc[0], *arc[2:]]
 
 
-def _in_order(number: int, cells: list[str], columns: Columns, source: Source) -> Iterator[Row]:
+def _in_order(number: int, cells: list[str], columns: Columns) -> Iterator[Row]:
     """One row as [a, b] or [a, b, weight], and turned round where it is undirected."""
     if columns.width is None:
         if len(cells) == 3 and _DECIMAL_COMMA.fullmatch(cells[2]):
-            raise _decimal_comma(source, cells[2], row=number)
+            raise _decimal_comma(cells[2], number)
         yield number, cells
         return
     if not max(columns.first, columns.second) < len(cells) <= columns.width:
         what = f"has {len(cells)} columns; the header names {columns.width}"
         cure = "Fill the row; numbers have a decimal point (0.5 and not 0,5)."
-        raise source.error(what, cure, row=number)
+        raise Unfit(number, what, cure)
     a, b = cells[columns.first], cells[columns.second]
     weight = [] if columns.weight is None else cells[columns.weight : columns.weight + 1]
     if weight and _DECIMAL_COMMA.fullmatch(weight[0]):
-        raise _decimal_comma(source, weight[0], row=number)
+        raise _decimal_comma(weight[0], number)
     yield number, [a, b, *weight]
-    if columns.kind is not None and _is_undirected(cells, columns.kind, source, row=number):
+    if columns.kind is not None and _is_undirected(cells, columns.kind, number):
         yield number, [b, a, *weight]
 
 
-def _is_undirected(cells: Sequence[str], place: int, source: Source, *, row: int) -> bool:
+def _is_undirected(cells: Sequence[str], place: int, row: int) -> bool:
     """What the column of types says of a row."""
     text = cells[place].lower() if place < len(cells) else ""
     found = (BOTH | ONE_WAY).get(text)
     if found is None:
         what = f"must say Directed or Undirected in the column of types; got {shown(text)}"
-        raise source.error(what, "Correct the type of that edge.", row=row)
+        raise Unfit(row, what, "Correct the type of that edge.")
     return found
 
 
-def find_columns(first: Row, rows: Rows, source: Source, index: Mapping[str, int]) -> Columns:
+def find_columns(first: Row, rows: Rows, index: Mapping[str, int]) -> Columns:
     """Which columns a table has, by its first row: a header, if that is clear.  Raises: SpecError
     where it is not."""
     number, cells = first
@@ -321,21 +312,21 @@ def find_columns(first: Row, rows: Rows, source: Source, index: Mapping[str, int
     # A number in the third place is a weight: then the two names are agents.
     if ends is not None and not (len(cells) == 3 and third_is_number):
         places = (names.index(ends[0]), names.index(ends[1]))
-        return _named_columns(names, cells, places, source, row=number)
+        return _named_columns(names, cells, places, number)
     if third_is_number or any(_NUMBER.fullmatch(cell) for cell in cells[:2]):
         return PLAIN
     if not third:
-        return _two_names(first, rows, source, index)
+        return _two_names(first, rows, index)
     if len(cells) == 3 and names[2] in WEIGHTS:
         return Columns(width=3, weight=2)
     what = (
         f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are not known"
     )
-    raise source.error(what, f"Name the columns {KNOWN}.", row=number)
+    raise Unfit(number, what, f"Name the columns {KNOWN}.")
 
 
 def _named_columns(
-    names: Sequence[str], cells: Sequence[str], ends: tuple[int, int], source: Source, *, row: int
+    names: Sequence[str], cells: Sequence[str], ends: tuple[int, int], row: int
 ) -> Columns:
     """The columns of a header that names both ends."""
     weights = [place for place, name in enumerate(names) if name in WEIGHTS]
@@ -344,13 +335,13 @@ def _named_columns(
         if len(alike) > 1:
             both = ", ".join(named(cells[place]) for place in alike)
             what = f"names columns of the same meaning: {both}"
-            raise source.error(what, "Leave one of them.", row=row)
+            raise Unfit(row, what, "Leave one of them.")
     known = {*ends, *weights, *kinds}
     for place, name in enumerate(names):
         if not weights and place not in known and name not in BESIDE:
             what = f"names a column {shown(cells[place])}, which is not known"
             cure = "Call it weight if it holds the weights, or remove it (without weights all are"
-            raise source.error(what, f"{cure} 1).", row=row)
+            raise Unfit(row, what, f"{cure} 1).")
     return Columns(
         width=len(names),
         first=ends[0],
@@ -360,7 +351,7 @@ def _named_columns(
     )
 
 
-def _two_names(first: Row, rows: Rows, source: Source, index: Mapping[str, int]) -> Columns:
+def _two_names(first: Row, rows: Rows, index: Mapping[str, int]) -> Columns:
     """Two words at the top are a header if all labels below are numbers, and an arc if one of them
     occurs again."""
     number, (a, b, *_) = first
@@ -373,7 +364,7 @@ def _two_names(first: Row, rows: Rows, source: Source, index: Mapping[str, int])
     if index:
         return PLAIN  # whatever is no agent is refused there
     what = f"({named(a)}, {named(b)}) may be a header or an arc: neither name occurs again"
-    raise source.error(what, f"Begin the file with a header that is known: {KNOWN}.", row=number)
+    raise Unfit(number, what, f"Begin the file with a header that is known: {KNOWN}.")
 
 
 def _all_numbers(labels: Iterable[str]) -> bool:

@@ -371,9 +371,10 @@ def _mode(
         )
         raise SpecError(f"{key} must be {wanted}; got {shown(value)}.", key=key, cure=cure)
     repairs = {name: value[name] for name in ("merge", "drop_loops") if name in value}
-    return arcs_file.read_arcs_file(
+    found = arcs_file.read_arcs_file(
         value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file", **repairs
     )
+    return found.arcs
 
 
 def _exceptions(

@@ -69,9 +69,9 @@ def label_text(value: object, *, place: str = "network.agents") -> str:
 
 def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     """Turn a count (labels 1..n) or labels into labels.  Raises SpecError."""
-    if isinstance(agents, (int, np.integer)) and not isinstance(agents, bool):
-        if 1 <= agents <= MOST_AGENTS:
-            return tuple(map(str, range(1, int(agents) + 1)))
+    count = agents if isinstance(agents, (int, np.integer)) else 0
+    if 1 <= count <= MOST_AGENTS and not isinstance(agents, bool):
+        return tuple(map(str, range(1, int(count) + 1)))
     if isinstance(agents, (str, Mapping)) or not isinstance(agents, Iterable):
         what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
         raise wrong("network.agents", what, "For example agents = 10.")

@@ -29,7 +29,8 @@ def read(
     data = content.encode("utf-8") if isinstance(content, str) else content
     (folder / name).write_bytes(data)
     index = {label: i for i, label in enumerate(labels)}
-    return read_arcs_file(name, folder=folder, index=index, arrow=arrow, key="network.modes.G.file")
+    key = "network.modes.G.file"
+    return read_arcs_file(name, folder=folder, index=index, arrow=arrow, key=key).arcs
 
 
 def triples(arcs: Arcs, labels=LABELS) -> list[tuple[str, str, Fraction]]:

@@ -46,7 +46,8 @@ WRONG = {
 
 def read(folder: Path, name: str, text: str):
     folder.joinpath(name).write_bytes(text.encode())
-    return arcs_file.read_arcs_file(name, folder=folder, index=INDEX, arrow="listens_to", key="G")
+    found = arcs_file.read_arcs_file(name, folder=folder, index=INDEX, arrow="listens_to", key="G")
+    return found.arcs
 
 
 def line_by_line(folder: Path, name: str, text: str):

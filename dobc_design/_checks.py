@@ -5,13 +5,24 @@ They look at lengths only, so nested sequences and arrays alike may be given; en
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Sized
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from dobc_design.errors import ShapeError, wrong
 
 #: Of a field that problem.json has only where it was given, so that other problems keep their hash.
 LATER = {"later": True}
+
+
+def read_only(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    """A mapping of a noun, which nobody can change."""
+    return MappingProxyType(mapping)
+
+
+# Python does not pickle them by itself, and worker processes are sent nouns.
+copyreg.pickle(MappingProxyType, lambda mapping: (read_only, (dict(mapping),)))
 
 
 class Rows(Protocol):

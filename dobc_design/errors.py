@@ -8,9 +8,10 @@ CertificateError (also a RuntimeError); the mathematics' answer is never an exce
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
-from typing import ClassVar, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import ClassVar, ParamSpec, TypeVar
 
+P = ParamSpec("P")
 T = TypeVar("T")
 MOST_ERRORS = 20  # of one kind in one file; more would hide the first
 
@@ -123,6 +124,12 @@ class Mistakes(list[SpecError]):
             return False
         self.extend(error.errors)
         return True
+
+    def tried(self, part: Callable[P, T], *given: P.args, **named: P.kwargs) -> T | None:
+        """What ``part`` returns, or None when it raises a SpecError, which is kept."""
+        with self:
+            return part(*given, **named)
+        return None
 
     def few(self, values: Iterable[T]) -> Iterator[T]:
         """These values one after the other, as long as there are fewer than twenty mistakes."""

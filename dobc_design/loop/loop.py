@@ -23,7 +23,13 @@ from dobc_design.exact.matrix import Matrix, Vector, left_inverse
 from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.loop.guarantee import Guarantee
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer, joint_exosystem, joint_observer
+from dobc_design.problem.groups import (
+    Group,
+    Observer,
+    are_different,
+    joint_exosystem,
+    joint_observer,
+)
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
@@ -221,10 +227,7 @@ class Loop:
     @property
     def is_grouped(self) -> bool:
         """Whether nodes differ in their exosystems."""
-        if len(self.groups) != 1:
-            return len(self.groups) > 1
-        # One group that leaves nodes out: these have no disturbance.
-        return len(self.groups[0].agents) < self.n
+        return are_different(self.groups, self.n)
 
     @property
     def observer(self) -> Observer:

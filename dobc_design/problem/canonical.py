@@ -93,9 +93,8 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
         exceptions.append({"arc": list(arc), "h": coupling_text(coupling)})
     offsets = list(problem.offsets.items())
     numbers = {"target": problem.target, "offsets": offsets, **settings_of(problem)}
-    return {
+    document = {
         "format": FORMAT,
-        "version": _version(problem),
         **texts_of(problem),
         "labels": list(problem.network.labels),
         "dimension": problem.m,
@@ -104,15 +103,7 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
         "gains": [[i, matrix_text(k)] for i, k in problem.pinning.gains.items()],
         **converted(numbers, number_text),
     }
-
-
-def _version(problem: Problem) -> int:
-    """The first version that knows all that the problem has."""
-    if problem.undisturbed:
-        return VERSION_UNDISTURBED
-    if problem.network.loose is not None:
-        return VERSION_OPTIONAL
-    return VERSION if problem.dynamics is None else VERSION_DYNAMICS
+    return {**document, "version": _version_of(document)}
 
 
 def texts_of(problem: Problem) -> dict[str, Any]:
@@ -223,7 +214,7 @@ def _load(data: bytes, name: str) -> dict[str, Any]:
         raise wrong(named(name), f"is not valid JSON ({reason_of(error)}).", _CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise not_a(PROBLEM, document, name=name)
-    version, known = document.get("version"), _version_for(document)
+    version, known = document.get("version"), _version_of(document)
     if version != known or type(version) is not int:  # true and 1.0 equal 1
         what = (
             f"problem.json has version {shown(version)}; this program knows {VERSION} to "
@@ -233,8 +224,8 @@ def _load(data: bytes, name: str) -> dict[str, Any]:
     return document
 
 
-def _version_for(document: Mapping[str, Any]) -> int:
-    """The version that a document with these keys has."""
+def _version_of(document: Mapping[str, Any]) -> int:
+    """The first version that knows all that the document has."""
     if _leaves_agents_undisturbed(document):
         return VERSION_UNDISTURBED
     modes = document.get("modes")
@@ -267,9 +258,9 @@ class _Reader:
     """Reads the document strictly: every key, no other, and no value of another kind."""
 
     def __init__(self, document: Mapping[str, Any]) -> None:
-        self.document = _object(document, (*_KEYS, *_TABLES), _LATER_TABLES, key="problem.json")
-        labels = _list(document["labels"], key="labels")
-        self.labels = [_text(label, key="labels") for label in labels]
+        self.document = _object(document, "problem.json", *_KEYS, *_TABLES, later=_LATER_TABLES)
+        labels = _list(document["labels"], "labels")
+        self.labels = [_text(label, "labels") for label in labels]
 
     def problem(self) -> Problem:
         document = self.document
@@ -279,15 +270,15 @@ class _Reader:
         switching = self.table(Switching, "switching")
         region = self.table(Region, "region")
         simulation = self.table(Simulation, "simulation")
-        coupling = _object(document["coupling"], ("h", "exceptions"), key="coupling")
+        coupling = _object(document["coupling"], "coupling", "h", "exceptions")
         estimates = any(value is not None for value in observer.values())
         return Problem(
-            name=_text(document["name"], key="name"),
-            notes=_list(document["notes"], key="notes"),
+            name=_text(document["name"], "name"),
+            notes=_list(document["notes"], "notes"),
             network=Network(labels=labels_of(self.labels), modes=self.modes()),
             coupling=coupling["h"],
             exceptions=self.exceptions(coupling["exceptions"]),
-            target=_list(document["target"], key="target"),
+            target=_list(document["target"], "target"),
             gains=self.by_label("gains"),
             exosystem=Exosystem(**exosystem) if exosystem else None,
             observer=Observer(**observer) if estimates else None,
@@ -309,18 +300,18 @@ class _Reader:
             return None
         later = _later_keys(noun)
         keys = [each.name for each in fields(noun) if each.name not in later]
-        return _object(value, keys, later, key=key)
+        return _object(value, key, *keys, later=later)
 
     def groups(self, exosystem: Any) -> list[Group]:
         if not isinstance(exosystem, dict) or "groups" not in exosystem:
             return []
         result = []
-        _object(exosystem, ("groups",), key="exosystem")
-        for position, item in enumerate(_list(exosystem["groups"], key="exosystem.groups")):
+        _object(exosystem, "exosystem", "groups")
+        for position, item in enumerate(_list(exosystem["groups"], "exosystem.groups")):
             key = group_key(position)
-            group = _object(item, ("agents", "A", "C", "W", "P"), key=key)
-            places = _list(group["agents"], key=f"{key}.agents")
-            agents = [self.labels[self.index(place, key=f"{key}.agents")] for place in places]
+            group = _object(item, key, "agents", "A", "C", "W", "P")
+            places = _list(group["agents"], f"{key}.agents")
+            agents = [self.labels[self.index(place, f"{key}.agents")] for place in places]
             try:
                 system = Exosystem(A=group["A"], C=group["C"])
                 observer = Observer(W=group["W"], P=group["P"])
@@ -336,15 +327,15 @@ class _Reader:
 
     def modes(self) -> dict[str, Arcs]:
         result: dict[str, Arcs] = {}
-        for position, item in enumerate(_list(self.document["modes"], key="modes")):
+        for position, item in enumerate(_list(self.document["modes"], "modes")):
             key = f"modes[{position}]"
-            mode = _object(item, ("name", "arcs"), ("optional",), key=key)
-            name = _text(mode["name"], key=f"{key}.name")
+            mode = _object(item, key, "name", "arcs", later=("optional",))
+            name = _text(mode["name"], f"{key}.name")
             if name in result:
                 raise _wrong(f"{key}.name", "different from the others", name)
-            arcs = _arcs(mode["arcs"], key=f"{key}.arcs")
+            arcs = _arcs(mode["arcs"], f"{key}.arcs")
             if "optional" in mode:
-                optional = _arcs(mode["optional"], key=f"{key}.optional")
+                optional = _arcs(mode["optional"], f"{key}.optional")
                 if not len(optional):
                     raise _wrong(f"{key}.optional", "arcs, at least one", mode["optional"])
                 arcs = joined(arcs, optional)
@@ -353,11 +344,11 @@ class _Reader:
 
     def exceptions(self, items: Any) -> dict[tuple[int, int], Any]:
         result: dict[tuple[int, int], Any] = {}
-        for position, item in enumerate(_list(items, key="coupling.exceptions")):
+        for position, item in enumerate(_list(items, "coupling.exceptions")):
             key = f"coupling.exceptions[{position}]"
-            table = _object(item, ("arc", "h"), key=key)
-            ends = _list(table["arc"], key=f"{key}.arc", length=2)
-            listener, speaker = (self.index(end, key=f"{key}.arc") for end in ends)
+            table = _object(item, key, "arc", "h")
+            ends = _list(table["arc"], f"{key}.arc", length=2)
+            listener, speaker = (self.index(end, f"{key}.arc") for end in ends)
             if (listener, speaker) in result:
                 raise _wrong(f"{key}.arc", "an arc without an exception so far", ends)
             result[listener, speaker] = table["h"]
@@ -366,24 +357,22 @@ class _Reader:
     def by_label(self, name: str) -> dict[str, Any]:
         """A list of [index, value] as a mapping of label to value."""
         result: dict[str, Any] = {}
-        for position, pair in enumerate(_list(self.document[name], key=name)):
+        for position, pair in enumerate(_list(self.document[name], name)):
             key = f"{name}[{position}]"
-            place, value = _list(pair, key=key, length=2)
-            label = self.labels[self.index(place, key=f"{key}[0]")]
+            place, value = _list(pair, key, length=2)
+            label = self.labels[self.index(place, f"{key}[0]")]
             if label in result:
                 raise _wrong(f"{key}[0]", "an agent that is not listed already", place)
             result[label] = value
         return result
 
-    def index(self, value: Any, *, key: str) -> int:
+    def index(self, value: Any, key: str) -> int:
         if type(value) is not int or not 0 <= value < len(self.labels):
             raise _wrong(key, "the index of an agent", value)
         return value
 
 
-def _object(
-    value: Any, keys: Sequence[str], later: Sequence[str] = (), *, key: str
-) -> dict[str, Any]:
+def _object(value: Any, key: str, *keys: str, later: Sequence[str] = ()) -> dict[str, Any]:
     """An object with all of ``keys``, and some of ``later``, which are not null where they
     stand."""
     known = isinstance(value, dict) and set(keys) <= set(value) <= {*keys, *later}
@@ -393,14 +382,14 @@ def _object(
     return found
 
 
-def _list(value: Any, *, key: str, length: int | None = None) -> list[Any]:
+def _list(value: Any, key: str, length: int | None = None) -> list[Any]:
     wanted = "a list" if length is None else f"a list of {length}"
     if not isinstance(value, list) or (length is not None and len(value) != length):
         raise _wrong(key, wanted, value)
     return value
 
 
-def _text(value: Any, *, key: str) -> str:
+def _text(value: Any, key: str) -> str:
     if isinstance(value, str):
         return value
     raise _wrong(key, "text", value)
@@ -411,14 +400,14 @@ def _wrong(key: str, wanted: str, value: object) -> SpecError:
     return SpecError(what, key=key, cure=_CURE)
 
 
-def _arcs(value: Any, *, key: str) -> Arcs:
+def _arcs(value: Any, key: str) -> Arcs:
     """Rows [listener, speaker, weight] as arcs.  Raises: SpecError."""
-    rows = _list(value, key=key)
+    rows = _list(value, key)
     # One row after the other, so that a message names the first wrong one.
     for position, row in enumerate(rows):
         if not isinstance(row, list) or len(row) != 3 or not type(row[0]) is type(row[1]) is int:
             raise _wrong(f"{key}[{position}]", "[listener, speaker, weight] with indices", row)
-        _text(row[2], key=f"{key}[{position}][2]")
+        _text(row[2], f"{key}[{position}][2]")
     weights = parse_weights([row[2] for row in rows], key=key)
     try:
         listeners = np.array([row[0] for row in rows], dtype=np.int64)

@@ -38,7 +38,9 @@ class Disturbances:
     ) -> Disturbances:
         """The exosystem and the groups of a Problem, in which agents in no group have no
         disturbance where there is no exosystem: agents that share it then are a group like others.
-        ``states``: how many an agent with [dynamics] has.  Raises: SpecError."""
+        ``states``: how many an agent with [dynamics] has.  Raises: SpecError, also for agents
+        without a disturbance that are not there, or in a group."""
+        self._check_without(labels)
         listed = {str(agent) for agents in self.without.values() for agent in agents}
         if not listed or self.exosystem is None:
             return self
@@ -55,8 +57,7 @@ class Disturbances:
         group = Group(agents=rest, exosystem=self.exosystem, observer=own)
         return Disturbances(groups=(*self.groups, group))
 
-    def check(self, labels: Sequence[str]) -> None:
-        """Every agent without a disturbance is there, once.  Raises: SpecError."""
+    def _check_without(self, labels: Sequence[str]) -> None:
         owner: dict[str, str] = {}
         for number, group in enumerate(self.groups):
             owner |= dict.fromkeys(group.agents, group_key(number))
@@ -73,7 +74,7 @@ class Disturbances:
 
 
 def read_exosystem(
-    tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
+    tables: ProblemFile, dimension_of: Callable[[Exosystem | None], int]
 ) -> Disturbances:
     """The disturbances of all agents.  Raises: SpecError naming the keys.  ``dimension_of``: how
     many state components there are, for the first exosystem given by A and C, or None; one given in

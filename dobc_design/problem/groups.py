@@ -315,6 +315,13 @@ def join(matrices: Sequence[Matrix | None]) -> Matrix | None:
     return block_diagonal(known) if known and len(known) == len(matrices) else None
 
 
+def are_different(groups: Sequence[Group], n: int) -> bool:
+    """Whether n agents differ in their exosystems: those in no group have no disturbance."""
+    if len(groups) == 1:
+        return len(groups[0].agents) < n
+    return len(groups) > 1
+
+
 def joint_exosystem(groups: Sequence[Group]) -> Exosystem | None:
     """The exosystems of all groups side by side, A (q, q) and C (G m, q) block diagonal; of one
     group its own."""

@@ -12,7 +12,7 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Set
 from difflib import get_close_matches
 from functools import partial
 from importlib.resources import files
@@ -28,7 +28,7 @@ from dobc_design.errors import Mistakes, SpecError, about, wrong
 from dobc_design.exact.reading import NumberText, is_list, is_text, named, shown
 from dobc_design.problem import arcs_file
 from dobc_design.problem.canonical import problem_from_canonical
-from dobc_design.problem.disturbances import Disturbances, read_exosystem
+from dobc_design.problem.disturbances import read_exosystem
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -48,6 +48,7 @@ from dobc_design.problem.switching import Switching
 MAX_BYTES = 16 * 1024 * 1024
 MAX_NESTING = 50
 PROBLEM = "problem file"
+T = TypeVar("T")
 
 # Strings and comments; possessive, so that no byte is looked at twice. A string that is not closed
 # reaches to the end (of the line): the parser stops there anyway.
@@ -159,9 +160,6 @@ def _too_deep() -> SpecError:
     return SpecError(what, cure="Flatten it.")
 
 
-T = TypeVar("T")
-
-
 def read_problem_file(path: Path) -> Problem:
     """Read a problem from a TOML file, or from a canonical problem.json.  Raises: SpecError naming
     key and cure."""
@@ -218,18 +216,14 @@ def _check_version(document: Mapping[str, Any]) -> None:
         raise wrong("schema", what, "Update dobc_design.")
 
 
-def _tried(part: Callable[[], T], errors: Mistakes) -> T | None:
-    """What ``part`` returns, or None when it raises a SpecError, which is kept."""
-    try:
-        return part()
-    except SpecError as error:
-        errors.extend(error.errors)
-        return None
-
-
 def _given(value: Any) -> Any:
     """A table as a dict; what is no table as it is."""
     return value.model_dump() if isinstance(value, BaseModel) else value
+
+
+def _noun(kind: Callable[..., T], table: BaseModel | None) -> T | None:
+    """The noun that a table states; None without the table."""
+    return None if table is None else kind(**table.model_dump())
 
 
 #: What is made into a noun here.  All else of a file is an argument of Problem, which reads it: a
@@ -251,8 +245,7 @@ _READ_HERE = (
 def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     """The nouns of all tables, and the Problem of them.  Raises: SpecError with every mistake."""
     errors = Mistakes()
-    own = _given(tables.dynamics)
-    dynamics = None if own is None else Dynamics(**own)
+    dynamics = _noun(Dynamics, tables.dynamics)
 
     def inputs(exosystem: Exosystem | None) -> int:
         if dynamics is not None:
@@ -260,73 +253,55 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
         return dimension_of(exosystem, tables.target, tables.coupling.h)
 
     # What can be read is read, so that all mistakes of a file show at once.
-    network = _tried(lambda: _network(tables, folder=folder), errors)
-    given = _tried(lambda: read_exosystem(tables, dimension_of=inputs), errors)
-    observer = _tried(lambda: _observer(tables), errors)
-    switching = _tried(lambda: _switching(tables), errors)
+    network = errors.tried(_network, tables, folder)
+    given = errors.tried(read_exosystem, tables, inputs)
+    observer = errors.tried(_noun, Observer, tables.observer)
+    switching = errors.tried(_noun, Switching, tables.switching)
     if given is None:
         raise SpecError.several(errors)
-    p = _tried(lambda: inputs(given.first), errors)
+    p = errors.tried(inputs, given.first)
     if network is None or p is None:
         raise SpecError.several(errors)
     states = None if dynamics is None else dynamics.dimension
-    divided = _tried(lambda: _divided(given, network.labels, observer, states), errors)
+    divided = errors.tried(given.divided, network.labels, observer, states)
     if divided is None:
         raise SpecError.several(errors)
     # W and P are those of the last group now
     if divided is not given and observer is not None:
         observer = None if observer.rate is None else Observer(rate=observer.rate)
     made = partial(make_coupling, dimension=p if states is None else states, outputs=p)
-    exceptions = _tried(lambda: _exceptions(tables, network, made), errors)
+    exceptions = errors.tried(_exceptions, tables, network, made)
     others = {
         field: _given(getattr(tables, field))
         for field in ProblemFile.model_fields
         if field not in _READ_HERE
     }
-    problem = _tried(
-        lambda: Problem(
-            name=name,
-            network=network,
-            coupling=tables.coupling.h,
-            exceptions=exceptions,
-            gains=None if tables.pinning is None else tables.pinning.gains,
-            exosystem=divided.exosystem,
-            observer=observer,
-            groups=divided.groups,
-            offsets=None if tables.formation is None else tables.formation.offsets,
-            switching=switching,
-            dynamics=dynamics,
-            **others,
-        ),
-        errors,
+    problem = errors.tried(
+        Problem,
+        name=name,
+        network=network,
+        coupling=tables.coupling.h,
+        exceptions=exceptions,
+        gains=None if tables.pinning is None else tables.pinning.gains,
+        exosystem=divided.exosystem,
+        observer=observer,
+        groups=divided.groups,
+        offsets=None if tables.formation is None else tables.formation.offsets,
+        switching=switching,
+        dynamics=dynamics,
+        **others,
     )
     if problem is None or errors:
         raise SpecError.several(errors)
     return problem
 
 
-def _observer(tables: ProblemFile) -> Observer | None:
-    return None if tables.observer is None else Observer(**_given(tables.observer))
-
-
-def _switching(tables: ProblemFile) -> Switching | None:
-    return None if tables.switching is None else Switching(**_given(tables.switching))
-
-
-def _divided(
-    given: Disturbances, labels: Sequence[str], observer: Observer | None, states: int | None
-) -> Disturbances:
-    """The groups of all agents, each agent in one at most.  Raises: SpecError."""
-    given.check(labels)
-    return given.divided(labels, observer, states)
-
-
-def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
+def _network(tables: ProblemFile, folder: Path | None) -> Network:
     """[network]: labels, and the arcs of every mode.  Raises: SpecError with every mistake."""
     table = tables.network
     errors = Mistakes()
-    _tried(lambda: check_arrow(table.arrow), errors)
-    labels = _tried(lambda: labels_of(table.agents), errors)
+    errors.tried(check_arrow, table.arrow)
+    labels = errors.tried(labels_of, table.agents)
     if labels is None or errors:
         raise SpecError.several(errors)
     index = {label: i for i, label in enumerate(labels)}
@@ -338,7 +313,7 @@ def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
     if errors and not modes:
         raise SpecError.several(errors)
     # With what can be read, so that further mistakes show at once.
-    network = _tried(lambda: Network(labels=labels, modes=modes), errors)
+    network = errors.tried(Network, labels=labels, modes=modes)
     if network is None or errors:
         raise SpecError.several(errors)
     return network

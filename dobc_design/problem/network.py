@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
 from itertools import chain, islice
 from types import MappingProxyType
 from typing import Any
@@ -385,9 +384,6 @@ class Network(Shown):
 
     def __hash__(self) -> int:
         return hash((self.labels, tuple(self.modes.items())))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return partial(Network, labels=self.labels, modes=dict(self.modes)), ()
 
     def _card(self) -> Card:
         rows = []

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from fractions import Fraction
-from functools import partial
 from itertools import islice
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -64,10 +63,6 @@ class Pinning(Shown):
 
     def __hash__(self) -> int:
         return hash(tuple(self.gains.items()))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # the read-only mapping itself cannot be pickled
-        return partial(Pinning, gains=dict(self.gains)), ()
 
     @property
     def agents(self) -> tuple[int, ...]:

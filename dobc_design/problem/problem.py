@@ -5,7 +5,7 @@ A Problem is frozen, exact and cannot exist invalid.  It holds no solver's answe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from functools import partial
@@ -36,6 +36,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import (
     Group,
     Observer,
+    are_different,
     group_numbers,
     joint_exosystem,
     joint_observer,
@@ -153,55 +154,49 @@ class Problem(Shown):
         m = dimension_of(first, target, coupling, own)
         p = m if own is None else own.inputs
         labels = network.labels
-        errors = Mistakes()
+        made = partial(_read_coupling, dimension=m, outputs=p)
         put(self, network=network, dynamics=own)
-        with errors:
-            put(self, name=_read_name(name))
-        with errors:
-            divided = read_groups(
+
+        def read_gains() -> Pinning:
+            form = GainForm.of(m, own, getattr(self, "coupling", None))
+            return read_pinning(gains, network=network, form=form)
+
+        def read_runs() -> Simulation | None:
+            # With a mistake in the groups nobody knows how long the rows of xi0 have to be.
+            known: tuple[Group, ...] | None = getattr(self, "groups", None)
+            if known is None and groups:
+                return None
+            orders = _orders(known, labels, exosystem)
+            return read_simulation(simulation, n=network.size, orders=orders, m=m)
+
+        # All are read, so that every mistake is told at once.
+        parts: dict[str, Callable[[], object]] = {
+            "name": lambda: _read_name(name),
+            "groups": lambda: read_groups(
                 groups,
                 exosystem=exosystem,
                 observer=observer,
                 labels=labels,
                 m=p,
                 states=None if own is None else m,
-            )
-            put(self, groups=divided)
-        because = "one per state component"
-        with errors:
-            goal = reading.read_vector(target, key="target", length=m, because=because)
-            put(self, target=goal)
-        with errors:
-            h = _read_coupling(coupling, dimension=m, outputs=p, key="coupling.h")
-            put(self, coupling=h)
-        with errors:
-            special = _read_exceptions(exceptions, network=network, dimension=m, outputs=p)
-            put(self, exceptions=special)
-        with errors:
-            form = GainForm.of(m, own, getattr(self, "coupling", None))
-            put(self, pinning=read_pinning(gains, network=network, form=form))
-        with errors:
-            put(self, offsets=_read_offsets(offsets, labels=labels, dimension=m))
-        with errors:
-            asked = read_region(region, dimension=m, with_exosystem=first is not None)
-            put(self, region=asked)
-        with errors:
-            put(self, switching=check_switching(switching, tuple(network.modes)))
-        # With a mistake in the groups nobody knows how long the rows of xi0 have to be.
-        known: tuple[Group, ...] | None = getattr(self, "groups", None)
-        if known is not None or not groups:
-            orders = _orders(known, labels, exosystem)
+            ),
+            "target": lambda: _read_states(target, key="target", length=m),
+            "coupling": lambda: made(coupling, key="coupling.h"),
+            "exceptions": lambda: _read_exceptions(exceptions, network, made),
+            "pinning": read_gains,
+            "offsets": lambda: _read_offsets(offsets, labels=labels, dimension=m),
+            "region": lambda: read_region(region, dimension=m, with_exosystem=first is not None),
+            "switching": lambda: check_switching(switching, tuple(network.modes)),
+            "simulation": read_runs,
+            "uncertainty": lambda: read_uncertainty(uncertainty),
+            "actuators": lambda: read_actuators(actuators, labels=labels),
+            "leader": lambda: read_leader(leader, dynamics=own),
+            "notes": lambda: _read_notes(notes),
+        }
+        errors = Mistakes()
+        for part, read in parts.items():
             with errors:
-                run = read_simulation(simulation, n=network.size, orders=orders, m=m)
-                put(self, simulation=run)
-        with errors:
-            put(self, uncertainty=read_uncertainty(uncertainty))
-        with errors:
-            put(self, actuators=read_actuators(actuators, labels=labels))
-        with errors:
-            put(self, leader=read_leader(leader, dynamics=own))
-        with errors:
-            put(self, notes=_read_notes(notes))
+                put(self, **{part: read()})
         errors.raise_all()
         self._check_dynamics()
         # Arcs name a coupling by its place, so that equal ones are bounded once.
@@ -376,9 +371,7 @@ class Problem(Shown):
     def is_grouped(self) -> bool:
         """Whether agents differ in their exosystems: there are several groups, or agents without a
         disturbance."""
-        if len(self.groups) == 1:
-            return len(self.groups[0].agents) < self.n
-        return len(self.groups) > 1
+        return are_different(self.groups, self.n)
 
     @property
     def undisturbed(self) -> tuple[str, ...]:
@@ -611,6 +604,9 @@ def _read_name(name: str) -> str:
     return name
 
 
+_read_states = partial(reading.read_vector, because="one per state component")
+
+
 def _read_notes(notes: Any) -> tuple[str, ...]:
     texts = tuple(notes) if is_list(notes) else (notes,)
     for position, text in enumerate(texts):
@@ -634,7 +630,7 @@ def _read_coupling(value: Any, *, dimension: int, outputs: int, key: str) -> Cou
 
 
 def _read_exceptions(
-    value: Any, *, network: Network, dimension: int, outputs: int
+    value: Any, network: Network, made: Callable[..., Coupling]
 ) -> Mapping[Arc, Coupling]:
     """The couplings of single arcs, by the indices of listener and speaker, in their order."""
     codes, n = network.arc_codes() if value else set(), network.size
@@ -648,8 +644,7 @@ def _read_exceptions(
                 what = f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}."
                 cure = "Correct the arc, or remove the exception; indices count from 0."
                 raise about(key, what, cure)
-            coupling = _read_coupling(h, dimension=dimension, outputs=outputs, key=f"{key}.h")
-            result[int(arc[0]), int(arc[1])] = coupling
+            result[int(arc[0]), int(arc[1])] = made(h, key=f"{key}.h")
     errors.raise_all()
     # Certificates number couplings in the order of the canonical problem, which is that of the
     # arcs.
@@ -665,10 +660,9 @@ def _is_arc(arc: Any, n: int) -> bool:
 
 def _read_offsets(value: Any, *, labels: Sequence[str], dimension: int) -> Mapping[int, Vector]:
     """Where agents go from the target, by index; 0 is left out."""
-    because = "one per state component"
 
     def read(offset: Any, key: str) -> Vector:
-        return reading.read_vector(offset, key=key, length=dimension, because=because)
+        return _read_states(offset, key=key, length=dimension)
 
     if value is None:
         return MappingProxyType({})

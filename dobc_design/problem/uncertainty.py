@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -92,10 +91,6 @@ class Actuators(Shown):
 
     def __hash__(self) -> int:
         return hash(self.amplitude)
-
-    def __reduce__(self) -> tuple[Any, ...]:  # the read-only mapping cannot be pickled
-        limit = dict(self.limit) if isinstance(self.limit, Mapping) else self.limit
-        return partial(Actuators, limit=limit, amplitude=self.amplitude), ()
 
     def limit_of(self, label: str) -> Fraction | None:
         """The limit of one agent; None where it has none."""

@@ -4,7 +4,6 @@ The workers of a run share them through a folder that lives as long as the run: 
 the other reads.
 """
 
-import copyreg
 import hashlib
 import json
 import os
@@ -14,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -48,13 +46,6 @@ FRESH = "DOBC_TESTS_FRESH"
 LONGEST = 120.0  # seconds that one worker waits for what another makes
 
 MADE: dict[tuple[object, ...], Certificate] = {}
-
-
-def _read_only(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
-    return MappingProxyType(mapping)
-
-
-copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))
 
 
 def made_once(key: str, make: Callable[[], Any]) -> Any:

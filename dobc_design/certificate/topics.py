@@ -18,7 +18,6 @@ from dobc_design.conditions.consensus import claim as theorems
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements
 from dobc_design.conditions.domain import Domain
-from dobc_design.conditions.equilibrium import claim as equilibrium_claimed
 from dobc_design.conditions.equilibrium import decide as equilibrium
 from dobc_design.conditions.graphs import claim as graphs_claimed
 from dobc_design.conditions.graphs import decide as graphs
@@ -151,5 +150,5 @@ TOPICS: Final[Mapping[str, Topic]] = {
     "schedule": Topic(confirm=_alone(schedule.confirm), read=schedule.read_claim),
     "graphs": Topic(confirm=_alone(graphs.confirm), read=graphs_claimed.read_claim),
     "accuracy": Topic(confirm=_alone(accuracy.confirm), read=accuracy.read_claim),
-    "equilibrium": Topic(confirm=_alone(equilibrium.confirm), read=equilibrium_claimed.read_claim),
+    "equilibrium": Topic(confirm=_alone(equilibrium.confirm), read=equilibrium.read_claim),
 }

@@ -12,8 +12,7 @@ from contextlib import suppress
 import numpy as np
 
 from dobc_design.conditions.check import Check, surviving
-from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
-from dobc_design.conditions.equilibrium.decide import refuting_check
+from dobc_design.conditions.equilibrium.decide import LARGEST, Equilibrium, refuting_check
 from dobc_design.conditions.equilibrium.propose import distance_of, proved_equilibria
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.arcs import unreached

@@ -85,6 +85,11 @@ class SparseSymmetric(Shown):
     def diagonal(self) -> list[Fraction]:
         return [self.entries.get((i, i), Fraction(0)) for i in range(self.size)]
 
+    @property
+    def is_diagonal(self) -> bool:
+        """Whether it has no entries beside the diagonal, not even zeros."""
+        return all(i == j for i, j in self.entries)
+
     def negated(self) -> SparseSymmetric:
         return self.scaled(-1)
 

@@ -17,8 +17,7 @@ import numpy as np
 from dobc_design._show.progress import Reports, report_to
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import Progress
-from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
-from dobc_design.conditions.equilibrium.decide import refuting_check
+from dobc_design.conditions.equilibrium.decide import LARGEST, Equilibrium, refuting_check
 from dobc_design.conditions.equilibrium.propose import (
     distance_of,
     largest,

@@ -13,7 +13,7 @@ import numpy as np
 
 from dobc_design._show.cards import Card, Headed, Told
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.equilibrium.claim import Equilibrium
+from dobc_design.conditions.equilibrium.decide import Equilibrium
 from dobc_design.exact.number import number_text
 from dobc_design.loop.matrices import Array
 

@@ -37,7 +37,7 @@ from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, multiply
+from dobc_design.exact.matrix import Matrix, add, multiply, transpose
 from dobc_design.exact.number import common_denominator
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
 from dobc_design.exact.reading import is_scalar_matrix
@@ -73,10 +73,16 @@ class ModeJacobian:
     kind: NDArray[np.int64]
     gains: tuple[Gain, ...]
 
+    def entries(self) -> Iterator[Interval]:
+        """The entries of all gains, row by row."""
+        for gain in self.gains:
+            for row in gain:
+                yield from row
+
     @property
     def is_point(self) -> bool:
         """Whether every gain is a single rational matrix."""
-        return all(entry.is_point for gain in self.gains for row in gain for entry in row)
+        return all(entry.is_point for entry in self.entries())
 
     @property
     def is_nonnegative_diagonal(self) -> bool:
@@ -159,12 +165,12 @@ def lemma1_in_arrays(
     """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512
     bits."""
     # Agents often share one matrix, which is added to its transpose once.
-    held = {id(k): _with_transpose(k) for k in pulls.gains.values()}
+    held = {id(k): add(k, transpose(k)) for k in pulls.gains.values()}
     numbers = (x for rows in held.values() for row in rows for x in row)
     below = common_denominator(numbers, bits=sparse.DENOMINATOR_BITS)
     if below is None:
         return None
-    entries = [entry for gain in jacobian.gains for row in gain for entry in row]
+    entries = list(jacobian.entries())
     points = (entry.lo for entry in entries if entry.is_point)
     # Exact slopes stay exact only where one denominator holds them all.
     exact = common_denominator(points, bits=sparse.DENOMINATOR_BITS, start=below) is not None
@@ -192,11 +198,6 @@ def lemma1_in_arrays(
         coefficients={},
         deviations=_deviations(jacobian, spreads, dimension),
     )
-
-
-def _with_transpose(k: Matrix) -> list[list[Fraction]]:
-    """K + K' of one agent."""
-    return [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)]
 
 
 def _middle(entry: Interval, exact: bool) -> Fraction:
@@ -311,23 +312,14 @@ def lemma1(jacobian: ModeJacobian, pulls: Pins, *, size: int, dimension: int) ->
     entries: Entries = {}
     for (i, j), value in linearisation(jacobian, pulls, dimension).items():
         add_to(entries, i, j, 2 * value if i == j else value)
+    halves = [entry.width / 2 for entry in jacobian.entries()]
     return Pencil(
         name=f"lemma1 ({jacobian.name})",
         constant=SparseSymmetric(size * dimension, entries),
         unknowns=(),
         coefficients={},
-        deviations=() if jacobian.is_point else tuple(_slope_deviations(jacobian, dimension)),
+        deviations=tuple(_deviations(jacobian, halves, dimension)),
     )
-
-
-def _slope_deviations(jacobian: ModeJacobian, m: int) -> Iterator[Deviation]:
-    """What every slope that is not rational may differ by from its middle."""
-    for (listener, speaker, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True):
-        for c, row in enumerate(jacobian.gains[kind]):
-            for d, slope in enumerate(row):
-                if not slope.is_point:
-                    places = listener * m + c, speaker * m + d, listener * m + d
-                    yield Deviation(*places, slope.width / 2)
 
 
 def theorem1(

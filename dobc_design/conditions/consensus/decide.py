@@ -77,10 +77,13 @@ def unstable_roots(statements: Statements, mode: str) -> int:
     """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity;
     0 if not examined. With diagonal slopes >= 0 and scalar gains >= 0 there are none (rows weakly
     dominated by a diagonal <= 0)."""
+    jacobian = _jacobian(statements, mode)
+    if jacobian is None:
+        return 0
     # A gain < 0 pushes its agent away, so that there may be some.
-    nonnegative = (each.is_nonnegative_diagonal for each in _modes(statements, mode))
     pulls = statements.loop.pulls
-    if all(nonnegative) and pulls.is_scalar and all(k[0][0] >= 0 for k in pulls.gains.values()):
+    pulling = pulls.is_scalar and all(k[0][0] >= 0 for k in pulls.gains.values())
+    if pulling and jacobian.is_nonnegative_diagonal:
         return 0
     matrix = linear_part(statements, mode)
     if matrix is None:
@@ -96,43 +99,39 @@ def is_unstable_along(statements: Statements, mode: str, value: Interval) -> boo
 
 def _is_symmetric(statements: Statements, mode: str) -> bool:
     """Whether J - K of one mode is known exactly, and symmetric: the same arcs both ways."""
-    jacobians = statements.jacobians
-    if jacobians is None:
+    if len(statements.loop.modes[mode]) > MOST_SYMMETRIC:
         return False
-    arcs = sum(len(each.arcs) for each in _modes(statements, mode))
-    if arcs > MOST_SYMMETRIC:
+    entries = _known_entries(statements, mode)
+    if entries is None:
         return False
-    (each,) = _modes(statements, mode)
-    if not each.is_point:
-        return False
-    entries = claim.linearisation(each, statements.loop.pulls, jacobians.dimension)
     return all(value == entries.get((j, i), ZERO) for (i, j), value in entries.items())
 
 
 def linear_part(statements: Statements, mode: str) -> Matrix | None:
     """J - K of one mode (n m, n m); None for more than 60 rows, for slopes that are not rational or
     too long."""
-    jacobians = statements.jacobians
-    if jacobians is None:
-        return None
-    size = jacobians.size * jacobians.dimension
+    size = statements.loop.size
     if size > LARGEST_EXAMINED:
         return None
-    (each,) = _modes(statements, mode)
-    if not each.is_point:
-        return None
-    entries = claim.linearisation(each, statements.loop.pulls, jacobians.dimension)
+    entries = _known_entries(statements, mode)
     # Counting roots multiplies the digits of the entries.
-    if not has_short_denominator(entries.values(), MOST_COUNTING // size**2):
+    if entries is None or not has_short_denominator(entries.values(), MOST_COUNTING // size**2):
         return None
     return tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
 
 
-def _modes(statements: Statements, mode: str) -> list[ModeJacobian]:
-    """The Jacobian of the mode in a list; an empty list where the theorems do not apply."""
-    if statements.jacobians is None:
-        return []
-    return [each for each in statements.jacobians.modes if each.name == mode]
+def _known_entries(statements: Statements, mode: str) -> claim.Entries | None:
+    """The entries of J - K of one mode, where all slopes are rational; else None."""
+    each = _jacobian(statements, mode)
+    if each is None or not each.is_point:
+        return None
+    return claim.linearisation(each, statements.loop.pulls, statements.loop.m)
+
+
+def _jacobian(statements: Statements, mode: str) -> ModeJacobian | None:
+    """The Jacobian of the mode; None where the theorems do not apply."""
+    modes = () if statements.jacobians is None else statements.jacobians.modes
+    return next((each for each in modes if each.name == mode), None)
 
 
 def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
@@ -491,22 +490,15 @@ def _confirm_unstable(check: Check, statements: Statements) -> str | None:
     if not isinstance(said, Unstable):
         return OTHER_VALUES
     vector = _vector(check)
-    if not _has_roots(said.roots, statements, mode, vector):
+    value = enclosed_lambda(statements, mode).value(vector)
+    is_more = said.roots > unstable_roots(statements, mode)
+    # The direction itself shows one, where J - K is symmetric.
+    if is_more and (said.roots > 1 or not is_unstable_along(statements, mode, value)):
         return OTHER_VALUES
     # Of irrational slopes only a lower end is known.
-    if said.value is not None:
-        lowest = enclosed_lambda(statements, mode).value(vector).lo
-        if said.value > lowest:
-            return OTHER_VALUES
+    if said.value is not None and said.value > value.lo:
+        return OTHER_VALUES
     return _confirm_lambda(check, statements, mode, vector)
-
-
-def _has_roots(count: int, statements: Statements, mode: str, vector: Vector) -> bool:
-    """Whether J - K is shown to have so many eigenvalues with positive real part."""
-    if count <= unstable_roots(statements, mode):
-        return True
-    value = enclosed_lambda(statements, mode).value(vector)
-    return count == 1 and is_unstable_along(statements, mode, value)
 
 
 def _confirm_lambda(

@@ -345,7 +345,7 @@ def unpinned_witness(
     """A mode and v, v' Lambda v >= 0, that moves no pinned agent: the present pins cannot do.
     None: none is found."""
     pinned = set(loop.pulls.nodes)
-    rows = [row for row in range(loop.n * loop.m) if row // loop.m not in pinned]
+    rows = [row for row in range(loop.size) if row // loop.m not in pinned]
     if len(rows) > LARGEST:  # too many to eliminate: only the candidates are tried
         rows = []
     for mode, matrix in matrices.items():

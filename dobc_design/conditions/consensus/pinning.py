@@ -109,11 +109,12 @@ def network_blocks(loop: Loop, *, pins: bool = False, weighted: bool = False) ->
         lambda_ = float_lambda(loop, mode, pins=pins, twice=weighted)
         table = sparse.coo_array(-lambda_)
         table.sum_duplicates()
+        table.eliminate_zeros()
         if not np.all(np.isfinite(table.data)):
             return None
         whole.append(table)
     # Where no component acts on another, each is a smaller problem by itself.
-    apart = all(_is_apart(table, m) for table in whole)
+    apart = all(np.all((table.row - table.col) % m == 0) for table in whole)
     width = 1 if apart else m
     step = m // width
     tables: dict[bytes, Any] = {}
@@ -122,7 +123,6 @@ def network_blocks(loop: Loop, *, pins: bool = False, weighted: bool = False) ->
         for component in range(step):
             each = table.tocsr()[component::step, component::step]
             each.sum_duplicates()
-            each.eliminate_zeros()
             key = each.indptr.tobytes() + each.indices.tobytes() + each.data.tobytes()
             tables.setdefault(key, each)
             sources.setdefault(key, (mode, component))
@@ -136,12 +136,6 @@ def network_blocks(loop: Loop, *, pins: bool = False, weighted: bool = False) ->
         sources=tuple(sources.values()),
         weighted=weighted,
     )
-
-
-def _is_apart(table: Any, m: int) -> bool:
-    """Whether every entry stands between equal components."""
-    same = table.row % m == table.col % m
-    return bool(np.all(same | (table.data == 0)))
 
 
 def _is_z_matrix(table: Any) -> bool:
@@ -183,18 +177,12 @@ def rough_rate(blocks: Blocks, allowed: Collection[int]) -> float:
     return least / 2
 
 
-def smallest_gains(
-    blocks: Blocks, allowed: Collection[int], *, costs: Sequence[float] | None = None
-) -> Array | None:
-    """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None
-    if none can do."""
-    weights = np.ones(blocks.agents)
-    if costs is not None:
-        weights = np.asarray(costs, dtype=np.float64)
+def smallest_gains(blocks: Blocks, allowed: Collection[int]) -> Array | None:
+    """The gains k (n,) of least sum on the ``allowed`` agents, about; None if none can do."""
     if not blocks.z and fastest_rate(blocks, allowed) <= 1e-9 * blocks.scale:
         return None
     chosen = np.isin(np.arange(blocks.agents), list(allowed))
-    found = cheapest_gains(blocks, chosen, weights)
+    found = cheapest_gains(blocks, chosen, np.ones(blocks.agents))
     return None if found is None else found.gains
 
 
@@ -230,9 +218,12 @@ def cheapest_gains(
 def valid_gains(
     blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None
 ) -> Shared | None:
-    """For Z-matrices: of each agent the largest gain of the closed forms; Lambda only falls when a
-    gain rises."""
-    found = [optimum(table, chosen, costs, caps) for table in blocks.tables]
+    """For Z-matrices: of each agent the largest gain of the closed forms (theory, 7 and 10);
+    Lambda only falls when a gain rises."""
+    found = []
+    for table in blocks.tables:
+        own = table if is_symmetric(table) else within_parts(table)
+        found.append(_with_caps(_uncapped, [own], chosen, costs, caps))
     known = [each for each in found if each is not None]
     if len(known) < len(found):
         return None
@@ -269,14 +260,6 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
         for k, value in enumerate(values)
         if value > 1e-10 * top > 0
     ]
-
-
-def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Shared | None:
-    """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do
-    (theory, 7 and 10)."""
-    if not is_symmetric(table):
-        table = within_parts(table)
-    return _with_caps(_uncapped, [table], chosen, weights, caps)
 
 
 def _with_caps(

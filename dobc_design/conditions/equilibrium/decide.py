@@ -9,32 +9,87 @@ for is the start of a motion that never reaches the target.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from dobc_design.conditions.check import Check, Witness
+from dobc_design.conditions.check import Check, Witness, read_object
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Domain
-from dobc_design.conditions.equilibrium.claim import LARGEST, Box, Equilibrium, read_claim
-from dobc_design.conditions.numbers import read_rational
+from dobc_design.conditions.numbers import (
+    VECTOR_BITS,
+    fields_to_json,
+    has_short_denominator,
+    read_rational,
+)
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, identity, multiply, subtract
+from dobc_design.exact.matrix import Matrix, Vector, dot, identity, multiply, subtract
 from dobc_design.exact.number import nearest, number_text
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
+Box = tuple[Interval, ...]
 Slopes = Mapping[tuple[int, int], Interval]
 
+LARGEST: Final = 60  # rows n m
 ZERO: Final = Fraction(0)
 ONE: Final = Fraction(1)
 NOTHING: Final = Interval.point(0)
 SHOWN: Final = 6  # components of an equilibrium that a sentence names
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Equilibrium:
+    """A claim: the box, n m intervals for e, agent by agent, holds an equilibrium of h(e) - K e in
+    ``mode`` and not 0. A box of points is one itself: then others may lie beside it.  Raises:
+    ShapeError or SpecError for no claim."""
+
+    mode: str
+    box: Box
+
+    def __post_init__(self) -> None:
+        if not self.box:
+            raise ShapeError("box must have one interval per component of e; got none.", key="box")
+        if len({side.is_point for side in self.box}) > 1:
+            raise SpecError("every side of the box must be longer than 0, or none.", key="box")
+
+    @property
+    def is_point(self) -> bool:
+        """Whether the equilibrium is known exactly."""
+        return self.box[0].is_point
+
+    @property
+    def middle(self) -> Vector:
+        """The middle of the box, (n m,)."""
+        return tuple(side.midpoint for side in self.box)
+
+    def to_json(self) -> dict[str, Any]:
+        return fields_to_json(self, "mode", "box")
+
+
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Equilibrium:
+    """What a proved check of this topic claims, for this problem."""
+    values = read_object(check.exact, ("mode", "box"))
+    mode = values["mode"]
+    rows = values["box"]
+    if mode not in list(loop.modes) or not isinstance(rows, (list, tuple)):
+        raise ValueError("it needs a mode of this problem, and a list of intervals")
+    if loop.size > LARGEST or len(rows) != loop.size:
+        raise ValueError(f"the box must have one interval per component of e, at most {LARGEST}")
+    if not all(isinstance(row, (list, tuple)) and len(row) == 2 for row in rows):
+        raise ValueError("the box is no list of intervals")
+    ends = [tuple(map(read_rational, row)) for row in rows]
+    if any(lo > hi for lo, hi in ends):
+        raise ValueError("the box is no list of intervals")
+    if not has_short_denominator((end for pair in ends for end in pair), VECTOR_BITS):
+        raise ValueError("the box needs too long a common denominator")
+    return Equilibrium(mode=mode, box=tuple(Interval(lo, hi) for lo, hi in ends))
 
 
 def field_at(loop: Loop, mode: str, point: Vector) -> Box:
@@ -51,7 +106,7 @@ def field_at(loop: Loop, mode: str, point: Vector) -> Box:
     for agent, gain in loop.pulls.gains.items():
         own = point[agent * m : (agent + 1) * m]
         for c, row in enumerate(gain):
-            total[agent * m + c] -= _product(row, own)
+            total[agent * m + c] -= dot(row, own)
     return tuple(total)
 
 
@@ -62,10 +117,6 @@ def _values(h: Coupling, y: Box) -> list[Interval]:
         node = h.components[0].node
         return [evaluate(node, (each,), algebra) for each in y]
     return [evaluate(each.node, y, algebra) for each in h.components]
-
-
-def _product(row: Sequence[Fraction], values: Sequence[Fraction]) -> Fraction:
-    return sum((a * b for a, b in zip(row, values, strict=True)), ZERO)
 
 
 def slopes_on(loop: Loop, mode: str, box: Box) -> Slopes:
@@ -216,7 +267,7 @@ def krawczyk_holds(
 ) -> bool:
     """Whether c - Y f(c) + (I - Y F)(X - c) lies inside X; F = M +- R adds |I - Y M| w + |Y| R w to
     half widths w."""
-    half = [side.width / 2 for side in claim.box]
+    half = tuple(side.width / 2 for side in claim.box)
     M = [[ZERO] * len(Y) for _ in Y]
     spread = [ZERO] * len(Y)
     for (row, column), slope in slopes.items():
@@ -225,12 +276,12 @@ def krawczyk_holds(
         M[row][column] = middle
         spread[row] += max(slope.hi - middle, middle - slope.lo) * half[column]
     rest = subtract(identity(len(Y)), multiply(Y, tuple(map(tuple, M))))
-    centres = [each.midpoint for each in value]
-    blurs = [each.width / 2 + s for each, s in zip(value, spread, strict=True)]
+    centres = tuple(each.midpoint for each in value)
+    blurs = tuple(each.width / 2 + s for each, s in zip(value, spread, strict=True))
     for own, left, width in zip(Y, rest, half, strict=True):
-        moved = abs(_product(own, centres))
-        blur = _product(tuple(map(abs, own)), blurs)
-        linear = _product(tuple(map(abs, left)), half)
+        moved = abs(dot(own, centres))
+        blur = dot(tuple(map(abs, own)), blurs)
+        linear = dot(tuple(map(abs, left)), half)
         if moved + blur + linear >= part * width:
             return False
     return True

@@ -15,8 +15,14 @@ from typing import Final
 import numpy as np
 from scipy import optimize
 
-from dobc_design.conditions.equilibrium.claim import LARGEST, Box, Equilibrium
-from dobc_design.conditions.equilibrium.decide import ONE, lies_in_region, why_not
+from dobc_design.conditions.equilibrium.decide import (
+    LARGEST,
+    ONE,
+    Box,
+    Equilibrium,
+    lies_in_region,
+    why_not,
+)
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop

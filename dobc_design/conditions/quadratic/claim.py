@@ -76,11 +76,9 @@ class Lure:
     @property
     def shape(self) -> Shape:
         """What P_e is: a multiple of I, diagonal or full."""
-        if any(i != j for i, j in self.P_e.entries):
+        if not self.P_e.is_diagonal:
             return "full"
-        # An entry that is left out is 0.
-        values = {self.P_e.entries.get((i, i), ZERO) for i in range(self.P_e.size)}
-        return "identity" if len(values) == 1 else "diagonal"
+        return "identity" if len(set(self.P_e.diagonal())) == 1 else "diagonal"
 
     def to_json(self) -> dict[str, Any]:
         entries = [[*place, value] for place, value in sorted(self.P_e.entries.items())]

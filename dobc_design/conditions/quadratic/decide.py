@@ -93,8 +93,8 @@ class LureDecision:
 def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
     """Decide whether the certificate proves what it claims, for every switching.  Raises:
     ShapeError or SpecError."""
-    if lure.P_e.size != loop.n * loop.m:
-        what = f"P_e must have {loop.n * loop.m} rows, one per component of e; got {lure.P_e.size}."
+    if lure.P_e.size != loop.size:
+        what = f"P_e must have {loop.size} rows, one per component of e; got {lure.P_e.size}."
         raise ShapeError(what, key="P_e")
     # First what is quick: the claimed gains are taken as they are, and shown last.
     sectors = build_sectors(loop, lure.ranges, radius=lure.radius)
@@ -114,38 +114,31 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
                 step="observer",
                 reason="P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).",
             )
-    failing = _failing_inequality(sectors, lure, S)
-    if failing is not None:
-        return failing
-    if not region_holds(lure, sectors):
-        return refuted(
-            step="region",
-            reason="{V <= level} reaches beyond the radius on which the gains are bounded.",
-        )
-    gains = _gains_left_open(loop, lure)  # last, since it takes longest
-    if gains is not None:
-        return unsettled(reason=gains)
-    where = "everywhere (all gains are bounded for every y)"
-    if lure.level is not None:
-        where = f"while V <= {float(lure.level):.6g}"
-    reason = f"V decreases, V' <= -2 ({float(lure.rate):.4g}) V, {where}."
-    return LureDecision(verdict=Verdict.PROVED, reason=reason)
-
-
-def _failing_inequality(sectors: Sectors, lure: Lure, S: Matrix | None) -> LureDecision | None:
-    """The refutation by the first matrix that is not negative definite; None if all are."""
     for mode in sectors.modes:
         for matrix in _inequalities(sectors, mode, lure, S):
             decision = decide_positive_definite(matrix.negated())
             if decision.verdict is not Verdict.PROVED:
-                return LureDecision(
-                    verdict=Verdict.REFUTED,
+                return refuted(
                     step="inequality",
                     mode=mode,
                     reason=f"the matrix inequality fails in mode {mode} for these multipliers.",
                     witness=decision.witness,
                 )
-    return None
+    if not region_holds(lure, loop):
+        return refuted(
+            step="region",
+            reason="{V <= level} reaches beyond the radius on which the gains are bounded.",
+        )
+    for each in lure.ranges:  # last, since it takes longest
+        # Linear gains are the same on every radius.
+        gains = left_open(loop, each.coupling, each.entries, each.radius or Fraction(1))
+        if gains is not None:
+            return unsettled(reason=gains)
+    where = "everywhere (all gains are bounded for every y)"
+    if lure.level is not None:
+        where = f"while V <= {float(lure.level):.6g}"
+    reason = f"V decreases, V' <= -2 ({float(lure.rate):.4g}) V, {where}."
+    return LureDecision(verdict=Verdict.PROVED, reason=reason)
 
 
 def _inequalities(
@@ -163,12 +156,12 @@ def _inequalities(
         yield lure_matrix(sectors, mode, lure.P_e, multipliers, rate=rate, S=S)
 
 
-def region_holds(lure: Lure, sectors: Sectors) -> bool:
+def region_holds(lure: Lure, loop: Loop) -> bool:
     """Whether {e'P_e e <= level} keeps every |e_j - e_i| within the radius: level c'P_e^-1 c <=
     radius^2.  P_e > 0 has to be known.  Without a level no range may need a radius."""
     if lure.radius is None:
         return True
-    places = channels.relied_differences(sectors.loop)
+    places = channels.relied_differences(loop)
     if lure.level is None:
         return not places
     # Without places nothing is inverted, which takes long.
@@ -180,24 +173,23 @@ def differences(P_e: SparseSymmetric, places: Iterable[tuple[int, int]]) -> Iter
     """c'P_e^-1 c for c = u_j - u_i, exactly: the square of the largest c'e on {e'P_e e <= 1}; c =
     -u_i for the target, whose place is after the last.  P_e > 0."""
     size = P_e.size
-    diagonal = all(i == j for i, j in P_e.entries)
     # Of a diagonal P_e the entries beside the diagonal of the inverse are 0.
-    Y = () if diagonal else inverse(P_e.to_dense())
-    own = diagonal_of_inverse(P_e) if diagonal else [Y[i][i] for i in range(size)]
+    Y = () if P_e.is_diagonal else inverse(P_e.to_dense())
+    own = [Y[i][i] for i in range(size)] if Y else diagonal_of_inverse(P_e)
 
     def width(i: int, j: int) -> Fraction:
         if j == size:
             return own[i]
         both = own[i] + own[j]
-        return both if diagonal else both - 2 * Y[i][j]
+        return both - 2 * Y[i][j] if Y else both
 
     return (width(i, j) for i, j in places)
 
 
 def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
     """The diagonal of P_e^-1: entry c is the largest e_c^2 where e'P_e e <= 1.  P_e > 0."""
-    if all(i == j for i, j in P_e.entries):
-        return [1 / P_e.entries[i, i] for i in range(P_e.size)]
+    if P_e.is_diagonal:
+        return [1 / x for x in P_e.diagonal()]
     Y = inverse(P_e.to_dense())
     return [Y[i][i] for i in range(P_e.size)]
 
@@ -241,8 +233,8 @@ def covered_radius(loop: Loop, lure: Lure, *, disturbance: Fraction = ZERO) -> f
 
 def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
     """A rational l with l I - M >= 0 proved, close above lambda_max(M); exact for diagonal M."""
-    if all(i == j for i, j in M.entries):
-        return max((M.entries.get((i, i), ZERO) for i in range(M.size)), default=ZERO)
+    if M.is_diagonal:
+        return max(M.diagonal(), default=ZERO)
     values = np.linalg.eigvalsh(to_float(M.to_dense()))
     largest = Fraction(float(values[-1]))
     unit = Fraction(float(np.max(np.abs(values))))
@@ -261,7 +253,7 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
 def condition_bound(M: SparseSymmetric) -> Fraction | None:
     """An upper bound of lambda_max(M) / lambda_min(M) for M > 0, close; exact for diagonal M.  None
     where lambda_min is lost among the digits of lambda_max."""
-    if all(i == j for i, j in M.entries):
+    if M.is_diagonal:
         diagonal = M.diagonal()
         return max(diagonal) / min(diagonal)
     # The estimate says only which bound is tried.
@@ -270,17 +262,6 @@ def condition_bound(M: SparseSymmetric) -> Fraction | None:
         bound = numbers.rounded_down(smallest * (1 - part), digits=12)
         if bound and decide_positive_semidefinite(M.shifted(-bound)).verdict is Verdict.PROVED:
             return eigenvalue_bound(M) / bound
-    return None
-
-
-def _gains_left_open(loop: Loop, lure: Lure) -> str | None:
-    """Why the gains are not shown to lie in the ranges claimed; None if they are."""
-    for each in lure.ranges:
-        # Linear gains are the same on every radius.
-        radius = Fraction(1) if each.radius is None else each.radius
-        reason = left_open(loop, each.coupling, each.entries, radius)
-        if reason is not None:
-            return reason
     return None
 
 
@@ -356,41 +337,38 @@ def lure_check(
         return undecided_check(
             "lure", domain, "the ball asked for is not inside the invariant set."
         )
-    decreases = decrease_in_words(loop, lure, radius, disturbance)
+    errors = f" and |eps_i| <= {disturbance:.6g}" if loop.groups else ""
+    within = "" if lure.level is None else f" with |e| <= {radius:.6g}{errors}"
+    V = "e'P_e e" + ("" if lure.P is None else " + sum eps_i'P eps_i")
+    pace = f", at least like exp(-2 ({text_below(lure.rate)}) t)" if lure.rate else ""
     means = f"{_DEVICES[lure.method]}, {IN_WORDS[lure.shape]}"
+    where = ", in every mode" if len(loop.modes) > 1 else ""
     return Check(
         id="lure",
         verdict=Verdict.PROVED,
-        rate=rate_of(lure),
+        rate=numbers.decimal_below(lure.rate) or None if lure.rate else None,
         domain=EVERYWHERE if lure.level is None else Ball(radius, disturbance),
         claim=lure,
-        reason=f"{decreases}, for all gains that the couplings have there ({means})"
-        f"{in_every_mode(loop)}.{remark}",
+        reason=f"from every start{within} V = {V} decreases{pace}, for all gains that the "
+        f"couplings have there ({means}){where}.{remark}",
     )
 
 
 def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
-    reason = wrong_outside(check, loop, W)
+    reason = quadratic_obstacle(loop, W) or not_a_proof(check)
     if reason is not None:
         return reason
     lure = read_claim(check, loop, W)
     if lure.level is None:
         if check.domain != EVERYWHERE or domain != EVERYWHERE:
             return "without a level the domain must be global, and every coupling linear"
-    elif not ball_is_inside(loop, lure, check.domain):
-        return "the ball is not inside the invariant set"
-    return not_shown(check, loop, lure, verify_lure(loop, lure))
-
-
-def wrong_outside(check: Check, loop: Loop, W: Matrix | None) -> str | None:
-    """What is wrong before the exact values are looked at."""
-    return quadratic_obstacle(loop, W) or not_a_proof(check)
-
-
-def not_shown(check: Check, loop: Loop, lure: Lure, decision: LureDecision) -> str | None:
-    """What ``decision`` leaves open of a claimed check; None if nothing."""
+    else:
+        radius, disturbance = read_domain(check.domain, loop, kind=Ball)
+        if not covers(loop, lure, radius=radius, disturbance=disturbance):
+            return "the ball is not inside the invariant set"
+    decision = verify_lure(loop, lure)
     if decision.verdict is not Verdict.PROVED:
         return decision.reason
     modes = build_sectors(loop, lure.ranges, radius=lure.radius).modes
@@ -401,34 +379,6 @@ def not_shown(check: Check, loop: Loop, lure: Lure, decision: LureDecision) -> s
     if check.rate is not None and not numbers.follows(check.rate, lure.rate):
         return f"the rate {check.rate} does not follow"
     return None
-
-
-def ball_is_inside(loop: Loop, lure: Lure, domain: Domain) -> bool:
-    """Whether the domain is a ball of covered starts.  Raises: ValueError or TypeError if it is no
-    ball."""
-    radius, disturbance = read_domain(domain, loop, kind=Ball)
-    return covers(loop, lure, radius=radius, disturbance=disturbance)
-
-
-def rate_of(lure: Lure) -> float | None:
-    """The claimed rate in 1/s, rounded down; None for 0."""
-    if not lure.rate:
-        return None
-    return numbers.decimal_below(lure.rate) or None
-
-
-def decrease_in_words(loop: Loop, lure: Lure, radius: float, disturbance: float) -> str:
-    """The covered starts, V and its decay as part of a sentence."""
-    errors = f" and |eps_i| <= {disturbance:.6g}" if loop.groups else ""
-    within = "" if lure.level is None else f" with |e| <= {radius:.6g}{errors}"
-    V = "e'P_e e" + ("" if lure.P is None else " + sum eps_i'P eps_i")
-    pace = f", at least like exp(-2 ({text_below(lure.rate)}) t)" if lure.rate else ""
-    return f"from every start{within} V = {V} decreases{pace}"
-
-
-def in_every_mode(loop: Loop) -> str:
-    """What is added for several modes."""
-    return ", in every mode" if len(loop.modes) > 1 else ""
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Lure:
@@ -456,7 +406,7 @@ def lure_from_json(values: Mapping[str, Any], loop: Loop, W: Matrix | None) -> L
             raise ValueError(f"P must be a symmetric matrix of {loop.q} rows")
     return Lure(
         method=method,
-        P_e=_sparse(values["P_e"], loop.n * loop.m),
+        P_e=_sparse(values["P_e"], loop.size),
         level=level,
         radius=radius,
         ranges=ranges_from_json(values["ranges"], loop, radius),

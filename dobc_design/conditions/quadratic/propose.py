@@ -222,7 +222,7 @@ def bound_lure(
     """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's
     pair (None: eps = 0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices"
     with too many arcs."""
-    metric = _identity(loop.n * loop.m) if P_e is None else P_e
+    metric = _identity(loop.size) if P_e is None else P_e
 
     def at(radius: float, _: object = None) -> Lure | None:
         exact = rounded_down(radius, digits=6)
@@ -765,7 +765,7 @@ def _begun(
     pair = None if W is None else scaled_pair(loop, W, rate=observer, disturbance=disturbance)
     if W is not None and pair is None:
         return None
-    templates, basis = programs.make_templates(loop), make_basis(loop.n * loop.m, shape)
+    templates, basis = programs.make_templates(loop), make_basis(loop.size, shape)
     return _Search(loop=loop, templates=templates, basis=basis, pair=pair, rate=rate, sampled=True)
 
 

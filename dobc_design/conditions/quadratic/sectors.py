@@ -93,7 +93,7 @@ class Sectors:
 
     @property
     def size(self) -> int:
-        return self.loop.n * self.loop.m
+        return self.loop.size
 
 
 def gains_on(

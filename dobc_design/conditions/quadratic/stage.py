@@ -77,7 +77,7 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     """The quadratic certificate: the first that covers the ball asked for, else the one with the
     largest ball."""
     loop = asked.loop
-    rows = loop.n * loop.m
+    rows = loop.size
     reason = quadratic_obstacle(loop, asked.W)
     if reason is not None:
         return [undecided_check("lure", asked.domain, reason, applies=False)]
@@ -186,7 +186,7 @@ def _steps(loop: Loop) -> int:
 def _ladder(asked: Asked, report: Progress) -> list[Found]:
     """What every shape of P_e covers, until the ball asked for is covered; all of them on
     request."""
-    rows = asked.loop.n * asked.loop.m
+    rows = asked.loop.size
     found: list[Found] = []
     shapes: list[Shape] = ["identity", "diagonal"]
     if rows <= FULL_ROWS:
@@ -272,7 +272,7 @@ def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
 def _faster(asked: Asked, best: Found) -> list[Found]:
     """The same region at growing rates, as far as a short bisection finds them."""
     top = linear_rate(asked.loop, asked.W)
-    steps = FEWER_STEPS if asked.loop.n * asked.loop.m >= MANY_ROWS else RATE_STEPS
+    steps = FEWER_STEPS if asked.loop.size >= MANY_ROWS else RATE_STEPS
     accept = math.nextafter(asked.ball, 0.0)
     seen = [best]
 

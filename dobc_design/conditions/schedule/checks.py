@@ -73,7 +73,7 @@ def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: 
     return check.unless(confirm(check, loop, W, domain=domain), domain)
 
 
-def cycles_check(loop: Loop, W: Matrix | None, claim: Cycles, asked: Region) -> Check:
+def cycles_check(claim: Cycles, asked: Region) -> Check:
     """The check of weights that move under a guarantee, decided once more as it is written."""
     rate = None
     pace = ""
@@ -88,10 +88,11 @@ def cycles_check(loop: Loop, W: Matrix | None, claim: Cycles, asked: Region) -> 
         verdict=Verdict.PROVED,
         domain=domain,
         rate=rate,
-        reason=f"for {loop.guarantee.in_words()}: every error decays{pace}.",
+        reason=f"for {asked.loop.guarantee.in_words()}: every error decays{pace}.",
         claim=claim,
     )
-    return check.unless(confirm(check, loop, W, domain=asked.domain), asked.domain)
+    wrong = confirm(check, asked.loop, asked.W, domain=asked.domain)
+    return check.unless(wrong, asked.domain)
 
 
 def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:

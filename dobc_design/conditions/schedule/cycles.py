@@ -15,17 +15,17 @@ import numpy as np
 
 from dobc_design.conditions.reason import Need, first_missing, pins_obstacle
 from dobc_design.conditions.schedule.claim import ONE, ZERO, Cycles, Weights, shrunk
-from dobc_design.conditions.schedule.rows import Box, Motion, MovingRows, moving_rows
+from dobc_design.conditions.schedule.rows import Box, Motion, MovingRows, rows_of_phases
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
 from dobc_design.conditions.separable.coordinates import gains_obstacle, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import error_bound_obstacle
-from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, jet, profile
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below
+from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Phase
-from dobc_design.loop.loop import Loop
+from dobc_design.loop.loop import Loop, Pins
 
 
 def why_not(loop: Loop, W: Matrix | None, claim: Cycles) -> str | None:
@@ -78,7 +78,10 @@ def _weights_fall(loop: Loop, claim: Cycles, rate: Fraction) -> Iterator[Need]:
     if claim.T is not None:
         wrong = gains_obstacle(loop, claim.T, claim.tallest, claim.rho, claim.ranges)
         yield wrong is None, str(wrong)
-    rows = _rows_of_modes(loop, claim)
+    # Rows of the errors themselves, in tables as wide as the widest phase needs.
+    rows: Mapping[str, MovingRows | None] = {}
+    if claim.T is None:
+        rows = rows_of_phases(loop, claim.most * (ONE if claim.rho is None else claim.rho))
     for p, (phase, each) in enumerate(zip(phases, claim.phases, strict=True)):
         where = f"phase {p + 1} (mode {phase.mode})"
         yield phase.shortest in each.times, f"{where}: its shortest time has to be among the times."
@@ -92,16 +95,6 @@ def _weights_fall(loop: Loop, claim: Cycles, rate: Fraction) -> Iterator[Need]:
         else:
             is_open = _open_in_coordinates(loop, phase, each, claim, claim.T)
         yield not is_open, f"{where}: a row does not hold."
-
-
-def _rows_of_modes(loop: Loop, claim: Cycles) -> Mapping[str, MovingRows | None]:
-    """Rows of the errors themselves, in tables as wide as the widest phase needs, once for each
-    mode; none in coordinates."""
-    if claim.T is not None:
-        return {}
-    widest = claim.most * (ONE if claim.rho is None else claim.rho)
-    modes = dict.fromkeys(phase.mode for phase in loop.guarantee.phases)
-    return {mode: moving_rows(loop, widest, [mode]) for mode in modes}
 
 
 def holds_observer(
@@ -128,24 +121,18 @@ def holds_observer(
 def rises(loop: Loop, rho: Fraction | None, *, strictly: bool = True) -> Iterator[Need]:
     """Couplings rise as far out as 2 rho, ``strictly`` at the target; gains hold."""
     farthest = 2 * (rho or ONE)
+    at_target = Interval.point(ZERO)
+    rising = True
     try:
-        rising = _all_rise(loop.functions, farthest, strictly=strictly)
+        for each in loop.functions:
+            shape = profile(Curve(each.components[0]), farthest)
+            steep = not strictly or jet(shape.curve, at_target).slope.lo > 0
+            rising = rising and steep and shape.is_nondecreasing
     except UndefinedError:
         rising = False
     strict = ", strictly at the target" if strictly else ""
     yield rising, f"a coupling is not shown to rise as far out as that{strict}."
     yield min(holding_gains(loop)) >= 0, "a gain pushes outward."
-
-
-def _all_rise(functions: Sequence[Coupling], farthest: Fraction, *, strictly: bool) -> bool:
-    """Raises: UndefinedError where a function is not defined so far out."""
-    profiles = [profile(Curve(each.components[0]), farthest) for each in functions]
-    if strictly:
-        at_target = Interval.point(ZERO)
-        slopes = [jet(each.curve, at_target).slope for each in profiles]
-        if any(slope.lo <= 0 for slope in slopes):
-            return False
-    return all(each.is_nondecreasing for each in profiles)
 
 
 def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
@@ -159,10 +146,10 @@ def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
     return sorted(cycles)
 
 
-def unreached_cycles(loop: Loop, phases: Sequence[Phase]) -> Iterator[tuple[tuple[str, ...], str]]:
+def unreached_cycles(loop: Loop) -> Iterator[tuple[tuple[str, ...], str]]:
     """Modes of a cycle, or a mode that may stay on for ever, and the label of an agent that they do
     not reach."""
-    for cycle in cycles_of(phases):
+    for cycle in cycles_of(loop.guarantee.phases):
         missed = first_unreached(loop, cycle)
         if missed is not None:
             yield cycle, missed
@@ -171,7 +158,7 @@ def unreached_cycles(loop: Loop, phases: Sequence[Phase]) -> Iterator[tuple[tupl
 def unreached_in_words(loop: Loop) -> str | None:
     """An agent that no pin reaches while the modes of a cycle are on, in a sentence; None if there
     is none."""
-    for cycle, agent in unreached_cycles(loop, loop.guarantee.phases):
+    for cycle, agent in unreached_cycles(loop):
         return f"while modes {' and '.join(cycle)} are on in turn, no pin reaches agent {agent}."
     return None
 
@@ -179,20 +166,11 @@ def unreached_in_words(loop: Loop) -> str | None:
 def first_unreached(loop: Loop, modes: Sequence[str]) -> str | None:
     """The label of an agent that no pin which holds reaches in these modes together, by arcs that
     are always there; None if there is none."""
-    heard: dict[int, set[int]] = {}
-    for mode in modes:
-        arcs = loop.modes[mode].always
-        for i, j in zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True):
-            heard.setdefault(j, set()).add(i)
-    waiting = [i for i, gain in enumerate(holding_gains(loop)) if gain > 0]
-    reached = set(waiting)
-    while waiting:
-        listeners = heard.get(waiting.pop(), set())
-        new = listeners - reached
-        reached |= new
-        waiting += new
-    left = set(range(loop.n)) - reached
-    return loop.labels[min(left)] if left else None
+    holding = holding_gains(loop)
+    gains = {i: gain for i, gain in loop.pulls.gains.items() if holding[i] > 0}
+    arcs = [loop.modes[mode] for mode in modes]
+    left = unreached(loop, arcs, pins=Pins(gains=gains, curved={}))
+    return loop.labels[left[0]] if left else None
 
 
 def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:

@@ -8,6 +8,7 @@ exponentials are enclosed, all else is rational.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -122,6 +123,11 @@ def rate_near(certificate: Last) -> Fraction:
     return certificate.rate or ZERO
 
 
+def tallest(own: Separable | Cycles) -> Fraction:
+    """The largest weight: |e|_inf of errors whose size is 1, at most."""
+    return max(own.v) if isinstance(own, Separable) else own.most
+
+
 def bound_after(claim: Descent, time: Fraction) -> Interval:
     """Enclose a bound of |e|_inf from ``time`` (s) on, not before the end of the tube."""
     passed = max(ZERO, time - counted_from(claim))
@@ -200,10 +206,9 @@ def _takes_over(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[Need]:
         if isinstance(own, Separable):
             answer = verify_composite(loop, W, own)
             yield answer.verdict is Verdict.PROVED, answer.reason
-            yield from _weights_hold(claim, own, max(own.v))
         else:
             yield from _cycles_hold(loop, W, claim, own)
-            yield from _weights_hold(claim, own, own.most)
+        yield from _weights_hold(claim, own)
     lies_in_it = size >= level_at_the_end(loop, claim).hi
     yield lies_in_it, "the last box of the tube does not lie in its level set."
 
@@ -220,14 +225,13 @@ def _cycles_hold(loop: Loop, W: Matrix | None, claim: Descent, own: Cycles) -> I
     yield begins, "weights that move take over only where a phase begins."
 
 
-def _weights_hold(claim: Descent, own: Separable | Cycles, tallest: Fraction) -> Iterator[Need]:
-    """What a size N + kappa E asks of a claim; ``tallest``: the largest weight."""
+def _weights_hold(claim: Descent, own: Separable | Cycles) -> Iterator[Need]:
+    """What a size N + kappa E asks of a claim."""
     error = claim.tube.error
     if own.error is not None and error is not None:
-        same_form = own.error.P == error.P
-        same = same_form and own.error.beta == error.beta and own.error.size == error.size
+        same = own.error == replace(error, kappa=own.error.kappa)
         yield same, "the certificate and the tube have different P."
-    yield claim.height >= tallest, "height must be at least max v."
+    yield claim.height >= tallest(own), "height must be at least max v."
     within = own.rho is None or claim.level <= own.rho
     yield within, "its level set reaches beyond the box of its rows."
 
@@ -240,8 +244,7 @@ def _quadratic_holds(loop: Loop, W: Matrix | None, claim: Descent, own: Lure) ->
     has_error = claim.tube.error is not None
     yield (own.P is not None) == has_error, "with an [exosystem] the certificate needs a pair P, Q."
     yield from _pair_holds(W, claim, own)
-    tallest = max(diagonal_of_inverse(own.P_e))
-    high_enough = claim.height**2 >= tallest
+    high_enough = claim.height**2 >= max(diagonal_of_inverse(own.P_e))
     yield high_enough, "height^2 must be at least every diagonal entry of P_e^-1."
     # With a radius it relies on some differences of errors, which its level set has to bound.
     relied = () if own.radius is None else relied_differences(loop)

@@ -126,7 +126,7 @@ def approach(
         arrives = path.follow(limit)
         if not arrives and (slack, bend) != TRIED[-1]:
             continue
-        choice = _choose(loop, path, last.found, asked)
+        choice = _choose(path, last.found)
         if choice is not None:
             until, certificate = choice
             yield path.tube(until), certificate
@@ -289,9 +289,7 @@ class _Handover:
 
 
 @np.errstate(all="ignore")
-def _choose(
-    loop: Loop, path: _Path, candidates: Sequence[Last], asked: Asked
-) -> tuple[Fraction, Last] | None:
+def _choose(path: _Path, candidates: Sequence[Last]) -> tuple[Fraction, Last] | None:
     """When which certificate takes over, for the earliest settling time."""
     times = np.array([float(t) for t in path.times])
     faces = np.stack(path.boxes).reshape(len(path.boxes), 2, -1)
@@ -301,12 +299,10 @@ def _choose(
     best: tuple[int, Last] | None = None
     for each in candidates:
         if isinstance(each, Lure):
-            handover = _of_quadratic(loop, path, each, widths, loads)
-        elif isinstance(each, Cycles):
-            handover = _of_cycles(path, each, widths, loads)
+            handover = _of_quadratic(path, each, widths, loads)
         else:
-            handover = _of_separable(each, widths, loads)
-        total = handover.settled(times, float(asked.tolerance))
+            handover = _of_weights(path, each, widths, loads)
+        total = handover.settled(times, float(path.asked.tolerance))
         k = int(np.argmin(total))
         if total[k] < earliest:
             earliest = float(total[k])
@@ -318,27 +314,16 @@ def _choose(
     return path.times[place], certificate
 
 
-def _weighted(own: Separable | Cycles, v: Array, widths: Array, loads: Array) -> Array:
-    """The size N + kappa E at every box."""
-    kappa = 0.0 if own.error is None else float(own.error.kappa)
-    return np.asarray((widths / v).max(axis=1) + kappa * loads)
-
-
-def _of_separable(own: Separable, widths: Array, loads: Array) -> _Handover:
-    v = np.array([float(x) for x in own.v])
-    return _Handover(
-        levels=_weighted(own, v, widths, loads),
-        most=math.inf if own.rho is None else float(own.rho),
-        height=float(v.max()),
-        rate=float(decide.rate_near(own)),
-    )
-
-
-def _of_cycles(path: _Path, own: Cycles, widths: Array, loads: Array) -> _Handover:
-    """Weights that move take over with those that a phase begins with."""
+def _of_weights(path: _Path, own: Separable | Cycles, widths: Array, loads: Array) -> _Handover:
+    """The size N + kappa E; weights that move take over with those that a phase begins with."""
     v = np.ones(widths.shape)
     may_begin: bool | NDArray[np.bool_] = True
-    if path.turns is not None and own.phases:
+    wait = Fraction(0)
+    if isinstance(own, Separable):
+        v = np.array([float(x) for x in own.v])
+    elif own.phases:
+        wait = max(each.times[-1] for each in own.phases)
+    if path.turns is not None and isinstance(own, Cycles) and own.phases:
         places = list[int]()
         begins = list[bool]()
         for t in path.times:
@@ -348,17 +333,19 @@ def _of_cycles(path: _Path, own: Cycles, widths: Array, loads: Array) -> _Handov
         first = np.array([to_float((phase.v[0],))[0] for phase in own.phases])
         v = first[places]
         may_begin = np.array(begins)
+    kappa = 0.0 if own.error is None else float(own.error.kappa)
     return _Handover(
-        levels=_weighted(own, v, widths, loads),
+        levels=np.asarray((widths / v).max(axis=1) + kappa * loads),
         most=math.inf if own.rho is None else float(own.rho),
-        height=float(own.most),
+        height=float(decide.tallest(own)),
         rate=float(decide.rate_near(own)),
-        wait=float(max((each.times[-1] for each in own.phases), default=0)),
+        wait=float(wait),
         may_begin=may_begin,
     )
 
 
-def _of_quadratic(loop: Loop, path: _Path, own: Lure, widths: Array, loads: Array) -> _Handover:
+def _of_quadratic(path: _Path, own: Lure, widths: Array, loads: Array) -> _Handover:
+    loop = path.rows.loop
     P_e = np.abs(to_float(own.P_e.to_dense()))
     b = np.repeat(widths, loop.m, axis=1)
     stretch = 1.0

@@ -23,7 +23,7 @@ from dobc_design.conditions.numbers import rounded_up
 from dobc_design.conditions.schedule.chords import Chords
 from dobc_design.conditions.schedule.claim import ONE, ZERO, Cycles, Weights
 from dobc_design.conditions.schedule.cycles import why_not
-from dobc_design.conditions.schedule.rows import MovingRows, moving_rows
+from dobc_design.conditions.schedule.rows import MovingRows, rows_of_phases
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.conditions.separable.coordinates import enclosed_ranges
 from dobc_design.conditions.separable.propose_coordinates import (
@@ -197,14 +197,12 @@ def propose(
 ) -> Iterator[Cycles]:
     """Claims that are proved for weights whose least at the beginning of phases is 1, the fastest
     first."""
-    phases = loop.guarantee.phases
     widest = (ONE if rho is None else rho) * Fraction(_steepest(rho))
-    modes = dict.fromkeys(phase.mode for phase in phases)
-    found = {mode: moving_rows(loop, widest, [mode]) for mode in modes}
+    found = rows_of_phases(loop, widest)
     rows = {mode: each for mode, each in found.items() if each is not None}
     if len(rows) < len(found):
         return
-    linear = _Linear.at_the_target(loop, phases)
+    linear = _Linear.at_the_target(loop)
     if linear is None:
         return
     sizes: tuple[float, ...] = (1.0,)
@@ -254,7 +252,7 @@ def _fastest_coordinates(loop: Loop, agents: Agents, near: Gains) -> list[Matrix
     for T in candidates(agents, near):
         if T is not None and T not in rates:
             linear = _Linear.of(phases, _Turned.of(loop, T, near))
-            rates[T] = linear.estimate(loop.size)
+            rates[T] = linear.estimate()
     falling = [T for T, rate in rates.items() if rate > 0]
     return sorted(falling, key=lambda T: -rates[T])[:MOST_COORDINATES]
 
@@ -305,7 +303,7 @@ class _Search:
 
     def drafts(self) -> Iterator[Cycles]:
         """Claims for these rows, the fastest first."""
-        top = self.linear.estimate(self.linear.size)
+        top = self.linear.estimate()
         if not top > 0:
             return
         most = top if self.error is None else min(top, float(self.error.beta))
@@ -375,8 +373,8 @@ def _written(point: Array) -> tuple[Fraction, ...]:
 
 def late_rate(loop: Loop) -> float:
     """About the largest rate (1/s) near the target; 0 where none is seen."""
-    linear = _Linear.at_the_target(loop, loop.guarantee.phases)
-    return 0.0 if linear is None else linear.estimate(loop.n)
+    linear = _Linear.at_the_target(loop)
+    return 0.0 if linear is None else linear.estimate()
 
 
 def _ends(first: Fraction, last: Fraction) -> list[Fraction]:
@@ -420,10 +418,11 @@ class _Linear:
     ways: Sequence[_Maps]  # of each phase
 
     @classmethod
-    def at_the_target(cls, loop: Loop, phases: Sequence[Phase]) -> _Linear | None:
+    def at_the_target(cls, loop: Loop) -> _Linear | None:
         """By the slopes of one component, which are those of all; None where there are none."""
         found = dict[str, Array]()
         m = loop.m
+        phases = loop.guarantee.phases
         K = pull_matrix(loop)
         for mode in {phase.mode for phase in phases}:
             jacobian = consensus_jacobian(loop, mode)
@@ -461,12 +460,12 @@ class _Linear:
         way = self.ways[p]
         return _most(way.times, way.maps @ start, rate)
 
-    def estimate(self, n: int) -> float:
+    def estimate(self) -> float:
         """About the largest rate: how fast weights shrink that phases hand over, per second."""
         if _in_turn(self.phases):
             return self._of_one_round()
         mean = float(np.mean([way.times[-1] for way in self.ways]))
-        shrinking = list(self._spreading(n))
+        shrinking = list(self._spreading())
         late = shrinking[len(shrinking) // 2 :]
         if not math.isfinite(sum(late)):
             return 0.0
@@ -489,8 +488,9 @@ class _Linear:
         length = sum(float(way.times[-1]) for way in self.ways)
         return (lost - math.log(radius)) / length if radius > 0 else 0.0
 
-    def _spreading(self, n: int) -> Iterator[float]:
+    def _spreading(self) -> Iterator[float]:
         """How far weights shrink when every phase hands over at once, as a logarithm."""
+        n = self.size
         x = [np.ones(n) for _ in self.phases]
         work = sum(_work(phase) for phase in self.phases)
         for _ in range(ITERATIONS):

@@ -66,10 +66,7 @@ def _parts(loop: Loop, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fraction
         phase.longest == phase.shortest and len(phase.successors) == 1 for phase in phases
     )
     if not (
-        loop.is_linear
-        and one_end
-        and 0 < len(phases) <= MOST_PHASES
-        and loop.n * loop.m <= MOST_ROWS
+        loop.is_linear and one_end and 0 < len(phases) <= MOST_PHASES and loop.size <= MOST_ROWS
     ):
         return None
     if sum(phase.first for phase in phases) != 1 or any(

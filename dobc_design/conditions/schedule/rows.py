@@ -194,9 +194,8 @@ class MovingRows:
         arcs = len(layout.rows)
         count = len(boxes[0].below)
         # Steps and reaches are linear between two boxes: what holds at both ends holds on the way.
-        steps = np.maximum.reduce([self._steps(box, face) for box in boxes]).ravel()
-        steps = np.maximum(steps, np.tile(layout.floor, count))
-        reaches = np.maximum.reduce([self._reaches(box, face) for box in boxes]).ravel()
+        far = np.maximum.reduce([self._steps_and_reaches(box, face) for box in boxes])
+        steps = np.maximum(far[0].ravel(), np.tile(layout.floor, count))
         first = layout.start[None, :-1] + arcs * np.arange(count)[:, None]
         weights = None
         if layout.weights is not None:
@@ -205,28 +204,25 @@ class MovingRows:
         return ArcRows(
             start=np.append(first.ravel(), count * arcs),
             steps=steps,
-            reaches=np.maximum(reaches, -steps),
+            reaches=np.maximum(far[1].ravel(), -steps),
             weights=weights,
             kinds=np.tile(layout.kinds, count),
             own=(np.zeros(0), np.zeros(0)),
             pulls=(Fraction(0),) * (count * self.size * self.modes),
         )
 
-    def _steps(self, box: Box, face: int) -> Array:
-        """For every arc how far the speaker's face may be ahead of the listener's, at most."""
+    def _steps_and_reaches(self, box: Box, face: int) -> Array:
+        """For every arc how far the speaker's face may be ahead of the listener's, and how far its
+        other face is behind it, at most: (2, count, arcs)."""
         own = list(FACES).index(face)
+        other = list(FACES).index(-face)
         owners = self.layout.rows % self.size
         speakers = self.layout.speakers
         same = box.same[:, own]
         ahead = up(box.above[:, own][:, speakers] - box.below[:, own][:, owners])
-        return np.where(Box.differ(same[:, speakers], same[:, owners]), ahead, 0.0)
-
-    def _reaches(self, box: Box, face: int) -> Array:
-        """For every arc how far the speaker's other face is behind the listener's, at most."""
-        own = list(FACES).index(face)
-        other = list(FACES).index(-face)
-        owners = self.layout.rows % self.size
-        return up(box.above[:, other][:, self.layout.speakers] + box.above[:, own][:, owners])
+        ahead = np.where(Box.differ(same[:, speakers], same[:, owners]), ahead, 0.0)
+        behind = up(box.above[:, other][:, speakers] + box.above[:, own][:, owners])
+        return np.array([ahead, behind])
 
     def needed(self, box: Box, load: Array) -> Array:
         """The slopes (count, 2, n) that the rows ask of boxes where they stand, ``load`` (count,)
@@ -374,6 +370,12 @@ def moving_rows(
         modes=(len(layout.start) - 1) // loop.n,
         holds=np.array([float_below(x) for x in holding_gains(loop)]),
     )
+
+
+def rows_of_phases(loop: Loop, most: Fraction) -> dict[str, MovingRows | None]:
+    """The rows of every mode that a phase of the guarantee has, each mode by itself."""
+    modes = dict.fromkeys(phase.mode for phase in loop.guarantee.phases)
+    return {mode: moving_rows(loop, most, [mode]) for mode in modes}
 
 
 @dataclass(frozen=True, slots=True)

@@ -244,11 +244,9 @@ def _proved(
 
 def _height(certificate: Last) -> Fraction:
     """The largest |e|_inf of errors whose size is at most 1, rounded up."""
-    if isinstance(certificate, Separable):
-        return max(certificate.v)
-    if isinstance(certificate, Cycles):
-        return certificate.most
-    return _root_above(max(diagonal_of_inverse(certificate.P_e)))
+    if isinstance(certificate, Lure):
+        return _root_above(max(diagonal_of_inverse(certificate.P_e)))
+    return decide.tallest(certificate)
 
 
 def _stretch(certificate: Last, tube: Tube) -> Fraction:
@@ -338,9 +336,9 @@ def _searched(asked: Region, *, turned: bool) -> Check:
         try:
             with at_most(WORK * STAGE), surviving("no weights under the guarantee"):
                 spend(0)
-                claim = search(loop, asked.W, asked)
+                claim = search(asked)
                 if claim is not None:
-                    return cycles_check(loop, asked.W, claim, asked)
+                    return cycles_check(claim, asked)
         except WorkLimitError as limit:
             cut = str(limit)
     if cut is not None:
@@ -348,8 +346,8 @@ def _searched(asked: Region, *, turned: bool) -> Check:
     return undecided_check("schedule", asked.domain, _nothing_found(loop, turned=turned))
 
 
-#: A search of weights: of a loop, the gain W and what is asked.
-Search = Callable[[Loop, Matrix | None, Region], Cycles | None]
+#: A search of weights for what is asked.
+Search = Callable[[Region], Cycles | None]
 
 
 def _searches(loop: Loop, *, turned: bool) -> tuple[Search, ...]:
@@ -389,39 +387,42 @@ def _reach(asked: Region, error: ErrorBound | None, times: int) -> Fraction:
     return claimed(asked.radius) + times * noise
 
 
-def _first_that_holds(loop: Loop, claims: Iterable[Cycles], asked: Region) -> Cycles | None:
+def _first_that_holds(claims: Iterable[Cycles], asked: Region) -> Cycles | None:
     """The first claim whose region holds the starts asked for."""
     radius = claimed(asked.radius)
     disturbance = claimed(asked.disturbance)
     for each in claims:
-        if holds_starts(loop, each, radius=radius, disturbance=disturbance):
+        if holds_starts(asked.loop, each, radius=radius, disturbance=disturbance):
             return each
     return None
 
 
-def _weighted_cycles(loop: Loop, W: Matrix | None, asked: Region) -> Cycles | None:
+def _weighted_cycles(asked: Region) -> Cycles | None:
     """A claim with weights and a rate that is proved and holds the starts asked for."""
-    error = propose.observed(loop, W)
+    loop = asked.loop
+    error = propose.observed(loop, asked.W)
     if loop.size > MOST_ROWS or (loop.groups and error is None):
         return None
     rho = None if loop.is_linear else _reach(asked, error, 2)
-    claims = propose_cycles.propose(loop, W, rho=rho, error=error)
-    return _first_that_holds(loop, claims, asked)
+    claims = propose_cycles.propose(loop, asked.W, rho=rho, error=error)
+    return _first_that_holds(claims, asked)
 
 
-def _turned_cycles(loop: Loop, W: Matrix | None, asked: Region) -> Cycles | None:
+def _turned_cycles(asked: Region) -> Cycles | None:
     """The same in coordinates."""
+    loop = asked.loop
     if loop.size > MOST_ROWS:
         return None
     box = None if loop.is_linear else (claimed(asked.radius), claimed(asked.disturbance))
-    seen = partial(propose.observed, loop, W)
-    claims = propose_cycles.propose_in_coordinates(loop, W, box=box, observed=seen)
-    return _first_that_holds(loop, claims, asked)
+    seen = partial(propose.observed, loop, asked.W)
+    claims = propose_cycles.propose_in_coordinates(loop, asked.W, box=box, observed=seen)
+    return _first_that_holds(claims, asked)
 
 
-def _bare_cycles(loop: Loop, W: Matrix | None, asked: Region) -> Cycles | None:
+def _bare_cycles(asked: Region) -> Cycles | None:
     """The same by the graphs alone, without a rate."""
-    error = propose.observed(loop, W)
+    loop = asked.loop
+    error = propose.observed(loop, asked.W)
     rho = None if loop.is_linear else _up(_reach(asked, error, 1))
     claim = Cycles(phases=(), rate=None, rho=rho, error=error)
-    return claim if why_not_cycles(loop, W, claim) is None else None
+    return claim if why_not_cycles(loop, asked.W, claim) is None else None

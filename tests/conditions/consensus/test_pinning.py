@@ -14,6 +14,7 @@ from networks import digraph, linked
 from dobc_design import Problem
 from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.pinning import (
+    cheapest_gains,
     fastest_rate,
     for_rate,
     looseness,
@@ -59,7 +60,8 @@ def compare_with_the_program(count: int, seed: int) -> int:
         if fastest <= 0.02 * blocks.scale and len(allowed) < blocks.agents:
             continue
         blocks = for_rate(blocks, r.choice((0, 0.3)) * min(fastest, blocks.scale / 8))
-        own = smallest_gains(blocks, allowed, costs=costs)
+        chosen = np.isin(np.arange(blocks.agents), allowed)
+        own = cheapest_gains(blocks, chosen, costs).gains
         optimum = reference(blocks.tables, allowed, costs)
         if not math.isnan(optimum):
             compared += 1

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from regional_problems import field, listening_pair, random_folded
 
-from dobc_design.conditions.equilibrium.claim import Equilibrium
-from dobc_design.conditions.equilibrium.decide import field_at, slopes_on, why_not
+from dobc_design.conditions.equilibrium.decide import Equilibrium, field_at, slopes_on, why_not
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.loop.make import loop_of

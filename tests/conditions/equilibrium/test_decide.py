@@ -24,8 +24,8 @@ from scipy.optimize import fsolve
 
 from dobc_design import Observer, Problem, Verdict
 from dobc_design.conditions.check import check_from_json
-from dobc_design.conditions.equilibrium.claim import Equilibrium
 from dobc_design.conditions.equilibrium.decide import (
+    Equilibrium,
     field_at,
     krawczyk_holds,
     lies_in_region,

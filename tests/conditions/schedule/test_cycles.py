@@ -225,7 +225,7 @@ def test_a_guarantee_in_words():
 @few_chords()
 def test_cycles_that_do_not_reach_every_agent(own: Problem, missed):
     loop = loop_of(own)
-    assert list(unreached_cycles(loop, phases_of(own))) == missed
+    assert list(unreached_cycles(loop)) == missed
     assert (why_not(loop, None, BARE) is None) == (not missed)
     certificate = certify(own)
     assert certificate.verdict is (Verdict.REFUTED if missed else Verdict.PROVED)

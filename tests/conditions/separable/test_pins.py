@@ -16,7 +16,7 @@ from dobc_design import Verdict
 from dobc_design.conditions.accuracy.decide import obstacle as accuracy_obstacle
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.domain import NEAR_TARGET
-from dobc_design.conditions.equilibrium.claim import Equilibrium
+from dobc_design.conditions.equilibrium.decide import Equilibrium
 from dobc_design.conditions.equilibrium.decide import why_not as not_an_equilibrium
 from dobc_design.conditions.graphs.claim import Kept
 from dobc_design.conditions.graphs.decide import why_not as not_kept

@@ -57,12 +57,13 @@ class Coupling(Shown):
         else:
             fits = set(dimensions) == {self.dimension} and self.dimension > 1
         if not fits:
-            what = (
+            raise wrong(
+                key,
                 f"must be one expression in y, or {self.dimension} in"
                 f" {tree.names_in_words(self.dimension)}; got expressions in {dimensions} "
-                "variables."
+                "variables.",
+                kind=ShapeError,
             )
-            raise wrong(key, what, kind=ShapeError)
         errors = Mistakes()
         for position, expression in enumerate(self.components):
             own_key = key if self.by_component else f"{key}[{position}]"
@@ -175,9 +176,12 @@ def make_coupling(
     if isinstance(given, str) and not isinstance(given, NumberText):  # a number is no text
         if count != dimension:
             expressions = counted(count, "expression")
-            what = f"must be a list of {expressions}, one per input; got {shown(given)}."
-            cure = f"Give a list in {tree.names_in_words(dimension)}."
-            raise wrong(key, what, cure, kind=ShapeError)
+            raise wrong(
+                key,
+                f"must be a list of {expressions}, one per input; got {shown(given)}.",
+                f"Give a list in {tree.names_in_words(dimension)}.",
+                kind=ShapeError,
+            )
         _refuse_numbered_names(given, dimension=dimension, key=key)
         alone = parsed(given, key=key)
         return Coupling(components=(alone,), by_component=True, dimension=dimension, key=key)
@@ -200,8 +204,12 @@ def make_coupling(
 def _check_list(given: Any, count: int, *, dimension: int, key: str) -> None:
     """Raises: ExpressionError unless it is a list; ShapeError unless it has ``count`` entries."""
     if not is_list(given):
-        what = f"must be an expression in y, in quotes, or a list of them; got {shown(given)}."
-        raise wrong(key, what, 'Write for example "tanh(y)".', kind=ExpressionError)
+        raise wrong(
+            key,
+            f"must be an expression in y, in quotes, or a list of them; got {shown(given)}.",
+            'Write for example "tanh(y)".',
+            kind=ExpressionError,
+        )
     if len(given) == count:
         return
     each = "input"
@@ -209,8 +217,12 @@ def _check_list(given: Any, count: int, *, dimension: int, key: str) -> None:
     if count == dimension:
         each = "state component"
         cure = "Or give one expression in y, which is applied to each component."
-    what = f"must have {counted(count, 'expression')}, one per {each}; got {len(given)}."
-    raise wrong(key, what, cure, kind=ShapeError)
+    raise wrong(
+        key,
+        f"must have {counted(count, 'expression')}, one per {each}; got {len(given)}.",
+        cure,
+        kind=ShapeError,
+    )
 
 
 def _common_text(read: Sequence[Expression]) -> str | None:
@@ -259,11 +271,11 @@ def _check_at_zero(expression: Expression, *, key: str) -> None:
     try:
         _gradient(expression, at=NEARZERO)
     except UndefinedError as error:
-        what = (
+        raise ExpressionError(
             f"{quoted} must be defined and have a bounded slope around y = 0 (seen on |y| <= "
-            f"2^-40): {error}"
-        )
-        raise ExpressionError(what, key=key) from error
+            f"2^-40): {error}",
+            key=key,
+        ) from error
 
 
 def _not_zero(expression: Expression, value: Interval, *, key: str) -> ExpressionError:
@@ -281,8 +293,11 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
             f"{quoted} must vanish at y = 0 but is about {value.floats()[0]:.3g}.", key=key
         )
     if not language.variables_used(expression.node):
-        what = f"{quoted} must vanish at y = 0 but is the constant {exact}."
-        return ExpressionError(what, key=key, cure='Write for example "tanh(y)".')
+        return ExpressionError(
+            f"{quoted} must vanish at y = 0 but is the constant {exact}.",
+            key=key,
+            cure='Write for example "tanh(y)".',
+        )
     # h - h(0) vanishes: that is the guess behind "did you mean".
     better = language.to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
     cure = f'did you mean "{better}"?' if len(better) <= _LONGEST_SUGGESTION else None

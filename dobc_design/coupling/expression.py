@@ -258,8 +258,11 @@ def parse_expression(
             kind=ExpressionError,
         )
     if len(text) > longest:
-        what = f"must have at most {longest} characters; {excerpt(text, width=30)} has {len(text)}."
-        raise wrong(key, what, kind=ExpressionError)
+        raise wrong(
+            key,
+            f"must have at most {longest} characters; {excerpt(text, width=30)} has {len(text)}.",
+            kind=ExpressionError,
+        )
     try:
         expression = Expression(text, parse(text, dimension=dimension), dimension)
     except Fault as fault:
@@ -268,11 +271,12 @@ def parse_expression(
     canonical = str(expression)
     nesting = max(accumulate((character == "(") - (character == ")") for character in canonical))
     if len(canonical) > longest or nesting > DEEPEST:
-        what = (
+        raise wrong(
+            key,
             f"{excerpt(text, width=30)} must fit into {longest} characters and {DEEPEST} nested"
-            " parentheses when **0.5 is written as sqrt."
+            " parentheses when **0.5 is written as sqrt.",
+            kind=ExpressionError,
         )
-        raise wrong(key, what, kind=ExpressionError)
     return expression
 
 
@@ -315,8 +319,9 @@ def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> SpecError:
     found = f"{fault.found} in {place}" if text.strip() else place
     guess = _repaired(text, fault.repair, dimension=dimension)
     cure = None if guess is None else f'did you mean "{guess}"?'
-    what = f"{excerpt(text, fault.start)}: found {found}; {fault.why}"
-    return wrong(key, what, cure, kind=ExpressionError)
+    return wrong(
+        key, f"{excerpt(text, fault.start)}: found {found}; {fault.why}", cure, kind=ExpressionError
+    )
 
 
 def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None:

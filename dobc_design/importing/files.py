@@ -67,8 +67,9 @@ def problem_from_file(
         if arrow is None:
             what = "arrow must say what a pair a, b of the file means; there is no default, "
             what += "because a wrong guess is never noticed."
-            cure = "listens_to: a hears b.  sends_to: a is heard by b."
-            raise SpecError(what, key="--arrow", cure=cure)
+            raise SpecError(
+                what, key="--arrow", cure="listens_to: a hears b.  sends_to: a is heard by b."
+            )
         labels, arcs = read_arcs_file(
             path.name,
             folder=path.resolve().parent,

@@ -70,8 +70,9 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     becomes = merged(grid.buses, [branch.ends for branch in grid.branches if not branch.reactance])
     weights = _weights(grid, becomes)
     if not weights:
-        message = f"{grid.source} has no branch in service."
-        raise SpecError(message, key="branch", cure="A grid needs lines.")
+        raise SpecError(
+            f"{grid.source} has no branch in service.", key="branch", cure="A grid needs lines."
+        )
     arcs = []
     for (a, b), weight in weights.items():
         arcs += [[a, b, abs(weight)], [b, a, abs(weight)]]
@@ -111,12 +112,15 @@ def _check_ends(grid: Grid) -> None:
         a, b = branch.ends
         for end in branch.ends:
             if end not in known:
-                what = f"{branch.place} names bus {named(end)}, which is not there."
-                cure = "Add the bus, or take the branch out of service."
-                raise SpecError(what, key=branch.place, cure=cure)
+                raise SpecError(
+                    f"{branch.place} names bus {named(end)}, which is not there.",
+                    key=branch.place,
+                    cure="Add the bus, or take the branch out of service.",
+                )
         if a == b:
-            what = f"{branch.place} leads from bus {named(a)} to itself."
-            raise SpecError(what, key=branch.place)
+            raise SpecError(
+                f"{branch.place} leads from bus {named(a)} to itself.", key=branch.place
+            )
 
 
 def _weights(grid: Grid, becomes: Mapping[str, str]) -> dict[tuple[str, str], Fraction]:
@@ -195,8 +199,11 @@ class _Row:
     def bus(self, column: int = 1) -> str:
         number = self.number(column)
         if number.denominator > 1 or number < 0:
-            what = f"must name a bus by a whole number; got {self.cells[column - 1]}."
-            raise wrong(self.place, what, CURE)
+            raise wrong(
+                self.place,
+                f"must name a bus by a whole number; got {self.cells[column - 1]}.",
+                CURE,
+            )
         return str(number)
 
 
@@ -269,13 +276,19 @@ def _check_cells(cells: Sequence[str], table: str, place: str, row: int) -> None
     """Raise SpecError for a row that is too short, or that holds anything but numbers."""
     least = USED[table][-1]
     if len(cells) < least:
-        what = f"{place} must have at least {least} columns; row {row} has {len(cells)}."
-        raise SpecError(what, key=f"mpc.{table}", cure=CURE)
+        raise SpecError(
+            f"{place} must have at least {least} columns; row {row} has {len(cells)}.",
+            key=f"mpc.{table}",
+            cure=CURE,
+        )
     for column, cell in enumerate(cells, start=1):
         form = _CELL if column in USED[table] else _UNUSED
         if not form.fullmatch(cell):
-            what = f"must be a number, because{COMPUTED}; got {shown(cell)}."
-            raise wrong(f"{place}({row},{column})", what, CURE)
+            raise wrong(
+                f"{place}({row},{column})",
+                f"must be a number, because{COMPUTED}; got {shown(cell)}.",
+                CURE,
+            )
 
 
 def _unit(text: str, buses: list[_Row], name: str) -> Fraction:
@@ -328,8 +341,11 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
     Raises: SpecError for what is no such network, and for what cannot be a positive susceptance.
     """
     if not all(hasattr(net, table) for table in ("bus", "line", "ext_grid")):
-        what = f"must be a pandapower network; got {type(net).__name__}."
-        raise wrong("net", what, "Such as pandapower.networks.case14().")
+        raise wrong(
+            "net",
+            f"must be a pandapower network; got {type(net).__name__}.",
+            "Such as pandapower.networks.case14().",
+        )
     tables = {table: _records(getattr(net, table, None)) for table in TABLES}
     title = name or str(getattr(net, "name", "") or "pandapower-grid")
     grid = _grid(tables, base=net.sn_mva, source="a pandapower network")
@@ -344,8 +360,11 @@ def read_pandapower(data: bytes, *, name: str) -> Grid:
         tables = {table: _json_records(inside[table]) for table in TABLES if table in inside}
         base = inside.get("sn_mva", 1.0)
     except (ValueError, TypeError, KeyError, LookupError, RecursionError, AttributeError):
-        what = "must be a network written by pandapower.to_json; its tables cannot be read."
-        raise wrong(name, what, "Write it with pandapower.to_json(net, file).") from None
+        raise wrong(
+            name,
+            "must be a network written by pandapower.to_json; its tables cannot be read.",
+            "Write it with pandapower.to_json(net, file).",
+        ) from None
     rows = {table: tables.get(table, []) for table in TABLES}
     return _grid(rows, base=base, source=f"the pandapower network {name}")
 
@@ -379,8 +398,11 @@ def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
     try:
         if any(_on(row) for row in tables["trafo3w"]):
             what = "three-winding transformers cannot be imported: their star point may have a "
-            cure = "Replace them by two-winding transformers."
-            raise SpecError(f"{what}negative reactance.", key="trafo3w", cure=cure)
+            raise SpecError(
+                f"{what}negative reactance.",
+                key="trafo3w",
+                cure="Replace them by two-winding transformers.",
+            )
         buses = tuple(str(row["index"]) for row in tables["bus"] if _on(row))
         sources = [*tables["ext_grid"], *tables["gen"]]
         generators = tuple(str(row["bus"]) for row in sources if _on(row))
@@ -389,8 +411,11 @@ def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         what = f"{source} has a table with a column that is missing or holds no number "
-        cure = "Write it anew with a current version of pandapower."
-        raise SpecError(f"{what}({str(error)[:60]}).", key="pandapower", cure=cure) from None
+        raise SpecError(
+            f"{what}({str(error)[:60]}).",
+            key="pandapower",
+            cure="Write it anew with a current version of pandapower.",
+        ) from None
     return Grid(buses=buses, branches=branches, generators=generators, source=source)
 
 

@@ -84,9 +84,11 @@ def _constants(functions: Sequence[Coupling]) -> list[Any]:
 def _refuse_large(key: str, numbers: Any) -> None:
     if all(-LARGEST_FLOAT <= x <= LARGEST_FLOAT for x in _flat(numbers)):
         return
-    what = "must be at most 1.8e308 in size, because floats are computed with here."
-    cure = "Choose other units; `dobc certify` and `dobc check` compute exactly."
-    raise wrong(key, what, cure)
+    raise wrong(
+        key,
+        "must be at most 1.8e308 in size, because floats are computed with here.",
+        "Choose other units; `dobc certify` and `dobc check` compute exactly.",
+    )
 
 
 def _flat(numbers: Any) -> Iterator[Any]:
@@ -167,8 +169,11 @@ def mode_index(mode: str, names: Sequence[str]) -> int:
     """The index of a mode.  Raises: SpecError if there is no such mode."""
     if mode not in names:
         known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        what = f"must be one of the problem's modes ({known}); got {shown(mode)}."
-        raise wrong("mode", what, "Leave it out for the first one.")
+        raise wrong(
+            "mode",
+            f"must be one of the problem's modes ({known}); got {shown(mode)}.",
+            "Leave it out for the first one.",
+        )
     return names.index(mode)
 
 
@@ -180,11 +185,18 @@ def chosen_gain(loop: Loop, gain: Gain | None) -> Matrix | None:
     if gain is None:
         return loop.joint_observer.W
     if not loop.groups:
-        what = "has no meaning without an [exosystem]: there is no disturbance to estimate."
-        raise wrong("gain", what, "Leave it out, or give the problem an exosystem.")
+        raise wrong(
+            "gain",
+            "has no meaning without an [exosystem]: there is no disturbance to estimate.",
+            "Leave it out, or give the problem an exosystem.",
+        )
     W = matrix(gain, name="gain")
-    because = "one row per exosystem state, one column per state component"
-    require_shape(W, (loop.q, loop.m * len(loop.groups)), name="gain", because=because)
+    require_shape(
+        W,
+        (loop.q, loop.m * len(loop.groups)),
+        name="gain",
+        because="one row per exosystem state, one column per state component",
+    )
     return W
 
 
@@ -201,12 +213,11 @@ def required_gain(loop: Loop, gain: Gain | None) -> Array:
     if W is not None:
         return to_float(W)
     if loop.groups:
-        what = (
-            f'must be known to build the observer (13); problem "{loop.name}" has an '
-            "exosystem but no W."
-        )
         raise wrong(
-            "observer.W", what, "Give W in [observer], or design one and hand it over as gain=W."
+            "observer.W",
+            f'must be known to build the observer (13); problem "{loop.name}" has an '
+            "exosystem but no W.",
+            "Give W in [observer], or design one and hand it over as gain=W.",
         )
     return np.zeros((0, loop.m))
 

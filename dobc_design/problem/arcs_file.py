@@ -164,8 +164,9 @@ def _places(file: _File) -> dict[str, int]:
             if label in ends:
                 continue
             if not is_label(label):
-                what = f"names {shown(label)}; a label must be {WANTED}"
-                raise Unfit(row, what, "Correct the label.")
+                raise Unfit(
+                    row, f"names {shown(label)}; a label must be {WANTED}", "Correct the label."
+                )
             ends[label] = None
     if not ends:
         raise Unfit(None, *EMPTY)
@@ -198,17 +199,26 @@ def _arcs(
     weights: list[Fraction] = []
     for row, cells in file.graph(known).rows:
         if len(cells) not in (2, 3):
-            what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
             cure = "Separate them by commas in CSV, else by blanks; more columns need a header:"
-            raise Unfit(row, what, f"{cure} {KNOWN}.")
+            raise Unfit(
+                row,
+                f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}",
+                f"{cure} {KNOWN}.",
+            )
         for label in cells[:2]:
             if label not in index:
-                what = f"names {shown(label)}; there is no such agent in network.agents"
                 cure = "Correct the label, or add the agent. A header is known by its names:"
-                raise Unfit(row, what, f"{cure} {KNOWN}.")
+                raise Unfit(
+                    row,
+                    f"names {shown(label)}; there is no such agent in network.agents",
+                    f"{cure} {KNOWN}.",
+                )
         if cells[0] == cells[1] and not repairs.drop_loops:
-            what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
-            raise Unfit(row, what, f"Remove that {file.unit}, or {_DROP}.")
+            raise Unfit(
+                row,
+                f"is a self-arc; agent {named(cells[0])} must not listen to itself",
+                f"Remove that {file.unit}, or {_DROP}.",
+            )
         if len(cells) == 3 and cells[2] not in weight_of:
             weight_of[cells[2]] = _weight(cells[2], row)
         if cells[0] == cells[1]:
@@ -223,8 +233,11 @@ def _arcs(
     arcs = directed(a, b, tuple(weights), arrow=arrow)
     again = repeated(a, b)
     if len(again) and repairs.merge is None:
-        what = "repeats an arc; it is a duplicate"
-        raise Unfit(places[again[0]], what, f"Remove that {file.unit}, or {_SUM}.")
+        raise Unfit(
+            places[again[0]],
+            "repeats an arc; it is a duplicate",
+            f"Remove that {file.unit}, or {_SUM}.",
+        )
     return summed(arcs) if len(again) else arcs
 
 
@@ -233,18 +246,21 @@ def _text(path: Path) -> str:
     try:
         return one_form(path.read_bytes().decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        what = f"must be UTF-8 text; byte {error.start} is not"
-        raise Unfit(None, what, "Save it as UTF-8.") from None
+        raise Unfit(
+            None, f"must be UTF-8 text; byte {error.start} is not", "Save it as UTF-8."
+        ) from None
     except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise Unfit(None, what, "Check the path.") from None
+        raise Unfit(None, f"cannot be read: {error.strerror or error}", "Check the path.") from None
 
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     """The path of a file that lies in the problem's folder, or below.  Raises: SpecError."""
     if folder is None:
-        what = f"{shown(name)} cannot be found, the problem has no folder."
-        raise about(key, what, "List the arcs instead.")
+        raise about(
+            key,
+            f"{shown(name)} cannot be found, the problem has no folder.",
+            "List the arcs instead.",
+        )
     root = folder.resolve()
     found, size = "does not exist", 0
     try:
@@ -259,17 +275,27 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     except (OSError, ValueError, RuntimeError):  # RuntimeError: a link to itself
         inside, found = True, "does not exist"
     if not inside:
-        what = f"must lie inside the problem file's folder; {shown(name)} leads outside."
-        raise wrong(key, what, "Copy the file beside the problem file.")
+        raise wrong(
+            key,
+            f"must lie inside the problem file's folder; {shown(name)} leads outside.",
+            "Copy the file beside the problem file.",
+        )
     if found != "file":
-        what = f"must name a file in the problem file's folder; {shown(name)} {found}."
-        raise wrong(key, what, "Name an existing file.")
+        raise wrong(
+            key,
+            f"must name a file in the problem file's folder; {shown(name)} {found}.",
+            "Name an existing file.",
+        )
     if size > MAX_BYTES:
-        what = f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read."
-        raise about(key, what, "Leave out what is not needed.")
+        raise about(
+            key,
+            f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read.",
+            "Leave out what is not needed.",
+        )
     if path.suffix.lower() not in READERS:
-        what = f"{shown(name)} must end in one of {', '.join(READERS)}."
-        raise about(key, what, "Rename or convert it.")
+        raise about(
+            key, f"{shown(name)} must end in one of {', '.join(READERS)}.", "Rename or convert it."
+        )
     return path
 
 
@@ -280,6 +306,5 @@ def _weight(text: str, row: int) -> Fraction:
     except SpecError as error:
         raise Unfit(row, error.message.rstrip("."), "Correct that weight.") from None
     if weight == 0:  # what a negative one may mean depends on all arcs: the network says it
-        what = "weight must be > 0, because it multiplies h; got 0"
-        raise Unfit(row, what, "Leave the arc out.")
+        raise Unfit(row, "weight must be > 0, because it multiplies h; got 0", "Leave the arc out.")
     return weight

@@ -43,21 +43,24 @@ def _graphml_graph(text: str) -> tuple[ElementTree.Element, ElementTree.Element 
     try:
         root = ElementTree.fromstring(text)  # expat expands nothing: entities are refused above
     except (ElementTree.ParseError, RecursionError) as error:
-        what = f"is not valid GraphML ({reason_of(error)})"
-        raise Unfit(None, what, "Export it again.") from None
+        raise Unfit(
+            None, f"is not valid GraphML ({reason_of(error)})", "Export it again."
+        ) from None
     tags = [(_tag(node), node) for node in root.iter()]
     graphs = [node for tag, node in tags if tag == "graph"]
     if len(graphs) > 1:
         raise _several_graphs(len(graphs))
     if any(tag == "hyperedge" for tag, _ in tags):
-        what = "holds hyperedges, which are no arcs"
-        raise Unfit(None, what, "Replace each by edges between two nodes.")
+        raise Unfit(
+            None, "holds hyperedges, which are no arcs", "Replace each by edges between two nodes."
+        )
     return root, graphs[0] if graphs else None
 
 
 def _several_graphs(count: int) -> Unfit:
-    what = f"must hold one graph; it holds {count}"
-    return Unfit(None, what, "Save each mode in a file of its own.")
+    return Unfit(
+        None, f"must hold one graph; it holds {count}", "Save each mode in a file of its own."
+    )
 
 
 def _graphml_rows(root: ElementTree.Element, graph: ElementTree.Element) -> Iterator[Row]:
@@ -173,8 +176,11 @@ def _gml_rows(
         for end in ("source", "target"):
             own = edge.get(end, "")
             if own not in labels:
-                what = f"has the {end} {shown(own)}; there is no node with that id"
-                raise Unfit(number, what, "Add the node, or correct the id.")
+                raise Unfit(
+                    number,
+                    f"has the {end} {shown(own)}; there is no node with that id",
+                    "Add the node, or correct the id.",
+                )
         weight = [edge[name] for name in WEIGHTS if name in edge][:1]
         yield from _edge(number, labels[edge["source"]], labels[edge["target"]], weight, both=both)
 
@@ -184,8 +190,9 @@ def _different(labels: Sequence[str]) -> None:
     seen = set[str]()
     for label in labels:
         if label in seen:
-            what = f"has two nodes called {shown(label)}"
-            raise Unfit(None, what, "Give every node a label of its own.")
+            raise Unfit(
+                None, f"has two nodes called {shown(label)}", "Give every node a label of its own."
+            )
         seen.add(label)
 
 
@@ -208,14 +215,19 @@ def pajek(text: str) -> Graph:
                 names = map(str, range(1, _count(cells[1:2], number) + 1))
                 labels = {name: name for name in names}
             elif part not in ("*network", "*arcs", "*edges", "*arcslist", "*edgeslist"):
-                what = f"has the part {shown(cells[0])}, which is not read"
-                cure = "Save the network with *Vertices and *Arcs or *Edges."
-                raise Unfit(number, what, cure)
+                raise Unfit(
+                    number,
+                    f"has the part {shown(cells[0])}, which is not read",
+                    "Save the network with *Vertices and *Arcs or *Edges.",
+                )
         elif part == "*vertices":
             found = _VERTEX.match(line)
             if found is None or found[1] not in labels:
-                what = f"must begin with the number of a vertex, 1 to {len(labels)}"
-                raise Unfit(number, what, "Correct the number.")
+                raise Unfit(
+                    number,
+                    f"must begin with the number of a vertex, 1 to {len(labels)}",
+                    "Correct the number.",
+                )
             labels[found[1]] = found[2] or found[3] or found[1]
         else:
             rows += _pajek_rows(cells, part, labels, number)
@@ -226,19 +238,24 @@ def pajek(text: str) -> Graph:
 def _no_more_vertices(labels: Mapping[str, str], cells: Sequence[str], row: int) -> None:
     """Refuse a second *Vertices, and two kinds of vertices.  Raises: SpecError."""
     if labels:
-        what = "begins a second network"
-        raise Unfit(row, what, "Save each mode in a file of its own.")
+        raise Unfit(row, "begins a second network", "Save each mode in a file of its own.")
     if len(cells) > 2:
-        what = "is a network of two kinds of vertices, whose arcs are no readings between agents"
-        raise Unfit(row, what, "Save a network of one kind of vertices.")
+        raise Unfit(
+            row,
+            "is a network of two kinds of vertices, whose arcs are no readings between agents",
+            "Save a network of one kind of vertices.",
+        )
 
 
 def _count(cells: Sequence[str], row: int) -> int:
     """How many nodes a file announces.  Raises: SpecError."""
     text = cells[0] if cells else ""
     if not re.fullmatch("[0-9]{1,8}", text) or not 1 <= int(text) <= MOST_AGENTS:
-        what = f"must say how many nodes there are, 1 to {MOST_AGENTS}; got {shown(text)}"
-        raise Unfit(row, what, "Correct the number.")
+        raise Unfit(
+            row,
+            f"must say how many nodes there are, 1 to {MOST_AGENTS}; got {shown(text)}",
+            "Correct the number.",
+        )
     return int(text)
 
 
@@ -252,8 +269,11 @@ def _pajek_rows(
         raise Unfit(row, "is no arc of a Pajek network", "Save the network again.")
     unknown = next((end for end in ends if end not in labels), None)
     if unknown is not None:
-        what = f"names vertex {shown(unknown)}; vertices are numbered 1 to {len(labels)}"
-        raise Unfit(row, what, "Correct the number.")
+        raise Unfit(
+            row,
+            f"names vertex {shown(unknown)}; vertices are numbered 1 to {len(labels)}",
+            "Correct the number.",
+        )
     # In a list every further cell is another agent, so there is no room for weights.
     weight = [] if lists else cells[2:3]
     for end in ends[1:]:
@@ -277,8 +297,9 @@ def matrix_market(text: str) -> Graph:
     row, sizes = next(entries, (1, []))
     n = _count(sizes[:1], row)
     if len(sizes) != 3 or sizes[1] != sizes[0]:
-        what = f"must be square; got {shown(' x '.join(sizes[:2]))}"
-        raise Unfit(row, what, "Save an n x n matrix.")
+        raise Unfit(
+            row, f"must be square; got {shown(' x '.join(sizes[:2]))}", "Save an n x n matrix."
+        )
     rows = _matrix_rows(entries, n, with_values=values != "pattern", both=symmetry == "symmetric")
     return Graph(labels=tuple(map(str, range(1, n + 1))), rows=_all_there(rows, sizes[2]))
 
@@ -291,12 +312,12 @@ def _matrix_kind(head: Sequence[str]) -> tuple[str, str]:
         values, symmetry = kinds[3:]
         if values in ("real", "integer", "pattern") and symmetry in ("general", "symmetric"):
             return values, symmetry
-    what = (
+    raise Unfit(
+        1,
         "must begin with %%MatrixMarket matrix coordinate, then real, integer or pattern, then "
-        f"general or symmetric; got {shown(' '.join(head))}"
+        f"general or symmetric; got {shown(' '.join(head))}",
+        "Write it with scipy.io.mmwrite(file, scipy.sparse.coo_array(matrix)).",
     )
-    cure = "Write it with scipy.io.mmwrite(file, scipy.sparse.coo_array(matrix))."
-    raise Unfit(1, what, cure)
 
 
 def _matrix_rows(
@@ -312,12 +333,10 @@ def _matrix_rows(
         indices = all(re.fullmatch("[0-9]{1,8}", cell) for cell in cells[:2])
         if len(cells) != 2 + with_values or not indices:
             wanted = "i j value" if with_values else "i j"
-            what = f"must be {wanted}; got {shown(' '.join(cells))}"
-            raise Unfit(number, what, "Save it again.")
+            raise Unfit(number, f"must be {wanted}; got {shown(' '.join(cells))}", "Save it again.")
         i, j = int(cells[0]), int(cells[1])
         if not 1 <= min(i, j) <= max(i, j) <= n:
-            what = f"leaves the matrix, which is {n} x {n}"
-            raise Unfit(number, what, "Correct the indices.")
+            raise Unfit(number, f"leaves the matrix, which is {n} x {n}", "Correct the indices.")
         # A stored zero is no arc, but it counts among the entries that the file announces.
         if with_values and _ZERO.fullmatch(cells[2]):
             yield number, []
@@ -336,8 +355,9 @@ def _all_there(rows: Iterator[Row], count: str) -> Iterator[Row]:
         if cells:
             yield number, cells
     if str(read) != count:
-        what = f"announces {named(count)} entries and holds {read}"
-        raise Unfit(None, what, "Save it again: it was cut.")
+        raise Unfit(
+            None, f"announces {named(count)} entries and holds {read}", "Save it again: it was cut."
+        )
 
 
 def first_word(text: str) -> str:

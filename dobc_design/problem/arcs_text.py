@@ -104,10 +104,12 @@ def edge_list_table(text: str) -> Table:
     konect = _KONECT.match(text)
     kind = None if konect is None else konect[1]
     if kind == "bip":
-        what = (
-            "is a network of two kinds of nodes (% bip), whose edges are no readings between agents"
+        raise Unfit(
+            None,
+            "is a network of two kinds of nodes (% bip), whose edges are no readings between "
+            "agents",
+            "Take a network of one kind of nodes.",
         )
-        raise Unfit(None, what, "Take a network of one kind of nodes.")
     separator = _edge_list_separator(text)
 
     def rows() -> Iterator[Row]:
@@ -149,17 +151,20 @@ def _sign(line: str, row: int) -> str | None:
         raise _decimal_comma(bare.split()[2], row)
     found = [sign for sign in ",;" if sign in bare]
     if len(found) == 2:
-        what = "holds commas and semicolons, so it is not clear which of them separates the columns"
-        cure = (
-            "Write numbers with a decimal point (0.5), and labels that hold one of them in quotes."
+        raise Unfit(
+            row,
+            "holds commas and semicolons, so it is not clear which of them separates the columns",
+            "Write numbers with a decimal point (0.5), and labels that hold one of them in quotes.",
         )
-        raise Unfit(row, what, cure)
     return found[0] if found else None
 
 
 def _decimal_comma(text: str, row: int) -> Unfit:
-    cure = f"Write the decimal point: {text.replace(',', '.')}."
-    return Unfit(row, f"has the number {shown(text)} with a decimal comma", cure)
+    return Unfit(
+        row,
+        f"has the number {shown(text)} with a decimal comma",
+        f"Write the decimal point: {text.replace(',', '.')}.",
+    )
 
 
 def _csv(text: str, separator: str) -> Iterator[Row]:
@@ -196,12 +201,12 @@ def _split(line: str, separator: str | None, row: int) -> list[str]:
         if found is None and cells[0].endswith(":"):
             found = cells[0]
         if found is not None:
-            what = (
+            raise Unfit(
+                row,
                 f"holds {shown(found)}: it is no list of arcs, two labels and perhaps a weight in "
-                "each line"
+                "each line",
+                "Write a b, or a b weight; `arrow` says which of the two listens.",
             )
-            cure = "Write a b, or a b weight; `arrow` says which of the two listens."
-            raise Unfit(row, what, cure)
         return cells
     try:
         parts = next(csv.reader([line.strip(" ")], delimiter=separator, strict=True))
@@ -213,11 +218,12 @@ def _split(line: str, separator: str | None, row: int) -> list[str]:
         what = "holds both ; and blanks"
         if separator == ",":
             what = "holds both commas and blanks between words"
-        cure = (
+        raise Unfit(
+            row,
+            what,
             "Separate columns by one of them, write 0.5 and not 0,5, and labels that hold blanks "
-            "in quotes."
+            "in quotes.",
         )
-        raise Unfit(row, what, cure)
     return cells
 
 
@@ -245,9 +251,11 @@ def _weight_of(text: str, row: int) -> list[str]:
         at = each.end()
         each = _ATTRIBUTE.match(inside, at)
     if not closing or inside[at:].strip():
-        what = "has attributes that cannot be read; they must look like {'weight': 2.0}"
-        cure = "Write them without: nx.write_weighted_edgelist(graph, file)."
-        raise Unfit(row, what, cure)
+        raise Unfit(
+            row,
+            "has attributes that cannot be read; they must look like {'weight': 2.0}",
+            "Write them without: nx.write_weighted_edgelist(graph, file).",
+        )
     return [found["weight"]] if "weight" in found else []
 
 
@@ -277,9 +285,11 @@ def _in_order(number: int, cells: list[str], columns: Columns) -> Iterator[Row]:
         yield number, cells
         return
     if not max(columns.first, columns.second) < len(cells) <= columns.width:
-        what = f"has {len(cells)} columns; the header names {columns.width}"
-        cure = "Fill the row; numbers have a decimal point (0.5 and not 0,5)."
-        raise Unfit(number, what, cure)
+        raise Unfit(
+            number,
+            f"has {len(cells)} columns; the header names {columns.width}",
+            "Fill the row; numbers have a decimal point (0.5 and not 0,5).",
+        )
     a, b = cells[columns.first], cells[columns.second]
     weight = [] if columns.weight is None else cells[columns.weight : columns.weight + 1]
     if weight and _DECIMAL_COMMA.fullmatch(weight[0]):
@@ -294,8 +304,11 @@ def _is_undirected(cells: Sequence[str], place: int, row: int) -> bool:
     text = cells[place].lower() if place < len(cells) else ""
     found = (BOTH | ONE_WAY).get(text)
     if found is None:
-        what = f"must say Directed or Undirected in the column of types; got {shown(text)}"
-        raise Unfit(row, what, "Correct the type of that edge.")
+        raise Unfit(
+            row,
+            f"must say Directed or Undirected in the column of types; got {shown(text)}",
+            "Correct the type of that edge.",
+        )
     return found
 
 
@@ -319,10 +332,11 @@ def find_columns(first: Row, rows: Rows, index: Mapping[str, int]) -> Columns:
         return _two_names(first, rows, index)
     if len(cells) == 3 and names[2] in WEIGHTS:
         return Columns(width=3, weight=2)
-    what = (
-        f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are not known"
+    raise Unfit(
+        number,
+        f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are not known",
+        f"Name the columns {KNOWN}.",
     )
-    raise Unfit(number, what, f"Name the columns {KNOWN}.")
 
 
 def _named_columns(
@@ -334,14 +348,14 @@ def _named_columns(
     for alike in (weights, kinds):
         if len(alike) > 1:
             both = ", ".join(named(cells[place]) for place in alike)
-            what = f"names columns of the same meaning: {both}"
-            raise Unfit(row, what, "Leave one of them.")
+            raise Unfit(row, f"names columns of the same meaning: {both}", "Leave one of them.")
     known = {*ends, *weights, *kinds}
     for place, name in enumerate(names):
         if not weights and place not in known and name not in BESIDE:
-            what = f"names a column {shown(cells[place])}, which is not known"
             cure = "Call it weight if it holds the weights, or remove it (without weights all are"
-            raise Unfit(row, what, f"{cure} 1).")
+            raise Unfit(
+                row, f"names a column {shown(cells[place])}, which is not known", f"{cure} 1)."
+            )
     return Columns(
         width=len(names),
         first=ends[0],
@@ -363,8 +377,11 @@ def _two_names(first: Row, rows: Rows, index: Mapping[str, int]) -> Columns:
         return Columns(width=2)
     if index:
         return PLAIN  # whatever is no agent is refused there
-    what = f"({named(a)}, {named(b)}) may be a header or an arc: neither name occurs again"
-    raise Unfit(number, what, f"Begin the file with a header that is known: {KNOWN}.")
+    raise Unfit(
+        number,
+        f"({named(a)}, {named(b)}) may be a header or an arc: neither name occurs again",
+        f"Begin the file with a header that is known: {KNOWN}.",
+    )
 
 
 def _all_numbers(labels: Iterable[str]) -> bool:

@@ -216,11 +216,12 @@ def _load(data: bytes, name: str) -> dict[str, Any]:
         raise not_a(PROBLEM, document, name=name)
     version, known = document.get("version"), _version_of(document)
     if version != known or type(version) is not int:  # true and 1.0 equal 1
-        what = (
+        raise SpecError(
             f"problem.json has version {shown(version)}; this program knows {VERSION} to "
-            f"{VERSION_UNDISTURBED}, and reads this one as {known}."
+            f"{VERSION_UNDISTURBED}, and reads this one as {known}.",
+            key="version",
+            cure="Update dobc_design, or write the file again.",
         )
-        raise SpecError(what, key="version", cure="Update dobc_design, or write the file again.")
     return document
 
 
@@ -396,8 +397,9 @@ def _text(value: Any, key: str) -> str:
 
 
 def _wrong(key: str, wanted: str, value: object) -> SpecError:
-    what = f"problem.json: {key} must be {wanted}; got {shown(value)}."
-    return SpecError(what, key=key, cure=_CURE)
+    return SpecError(
+        f"problem.json: {key} must be {wanted}; got {shown(value)}.", key=key, cure=_CURE
+    )
 
 
 def _arcs(value: Any, key: str) -> Arcs:

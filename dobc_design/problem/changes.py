@@ -131,8 +131,11 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
     SpecError."""
     for key in changes:
         if key not in CHANGEABLE:
-            what = f"{shown(key)} is no key that a change may set."
-            raise SpecError(what, key=key, cure=f"One of {', '.join(CHANGEABLE)}.")
+            raise SpecError(
+                f"{shown(key)} is no key that a change may set.",
+                key=key,
+                cure=f"One of {', '.join(CHANGEABLE)}.",
+            )
     given: dict[str, Any] = {
         "target": changes.get("target", problem.target),
         "coupling": changes.get("coupling.h", problem.coupling),
@@ -163,9 +166,11 @@ def _changed(noun: Any, table: str, changes: Mapping[str, Any]) -> Any:
 def _changed_groups(problem: Problem, changes: Mapping[str, Any]) -> dict[str, Any]:
     """The groups with other gains.  Raises: SpecError for a change of all agents."""
     if any(key in _OF_ALL for key in changes):
-        what = "exosystem and observer cannot be changed by key where agents have different ones."
-        cure = "Make the problem anew with other groups."
-        raise SpecError(what, key="exosystem.groups", cure=cure)
+        raise SpecError(
+            "exosystem and observer cannot be changed by key where agents have different ones.",
+            key="exosystem.groups",
+            cure="Make the problem anew with other groups.",
+        )
     if GROUP_GAINS not in changes:
         return {}
     gains = changes[GROUP_GAINS] or {}
@@ -311,11 +316,12 @@ def changed_file(
     anew = problem_text(wanted)
     if _gives(anew, wanted, folder=folder):
         return anew
-    what = (
+    raise SpecError(
         "the changed problem cannot be written as a problem file: it is too large, or a number in "
-        "it too long."
+        "it too long.",
+        key="problem",
+        cure="Make the change by hand.",
     )
-    raise SpecError(what, key="problem", cure="Make the change by hand.")
 
 
 def _gives(text: str, wanted: Problem, *, folder: Path) -> bool:

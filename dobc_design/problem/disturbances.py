@@ -47,11 +47,12 @@ class Disturbances:
         others = {agent for group in self.groups for agent in group.agents} | listed
         rest = [label for label in labels if label not in others]
         if not rest:
-            what = (
+            raise wrong(
+                "exosystem.A",
                 "and exosystem.C apply to no agent, because every agent is in a group of "
-                "exosystem.groups."
+                "exosystem.groups.",
+                "Remove A and C (or kind) from [exosystem].",
             )
-            raise wrong("exosystem.A", what, "Remove A and C (or kind) from [exosystem].")
         own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
         check_observer(own, q=self.exosystem.order, m=self.exosystem.outputs, states=states)
         group = Group(agents=rest, exosystem=self.exosystem, observer=own)
@@ -65,8 +66,11 @@ class Disturbances:
             for place, agent in enumerate(map(str, agents)):
                 own = f"{key}.agents[{place}]"
                 if agent not in labels:
-                    what = f"there is no agent {shown(agent)} in network.agents."
-                    raise about(own, what, "Use the label of an agent.")
+                    raise about(
+                        own,
+                        f"there is no agent {shown(agent)} in network.agents.",
+                        "Use the label of an agent.",
+                    )
                 if agent in owner:
                     what = f"agent {shown(agent)} is in {owner[agent]} already, and an agent has "
                     raise about(own, f"{what}one exosystem only.", "Keep it in one group.")
@@ -115,8 +119,11 @@ def _labels(agents: Any, *, key: str) -> list[Any]:
     """The agents of a group.  Raises: SpecError."""
     known = is_list(agents) and len(agents) > 0
     if not known or not all(is_text(x) or isinstance(x, str | int) for x in agents):
-        what = f"must be a list of labels, at least one; got {shown(agents)}."
-        raise wrong(key, what, "For example agents = [1, 2].")
+        raise wrong(
+            key,
+            f"must be a list of labels, at least one; got {shown(agents)}.",
+            "For example agents = [1, 2].",
+        )
     return list(agents)
 
 
@@ -129,9 +136,13 @@ def _explicit(table: ExosystemTable | GroupTable, place: str, errors: Mistakes) 
         _check_none(table, place, [*matrices, *parts], errors)
         return None
     if parts and matrices:
-        what = f"stands beside {' and '.join(matrices)}; only one of them can be used."
-        cure = f"Give either A and C or {' and '.join(parts)}."
-        errors.append(wrong(f"{place}.{parts[0]}", what, cure))
+        errors.append(
+            wrong(
+                f"{place}.{parts[0]}",
+                f"stands beside {' and '.join(matrices)}; only one of them can be used.",
+                f"Give either A and C or {' and '.join(parts)}.",
+            )
+        )
     if parts:
         return None
     # [exosystem] may be there for its groups alone.
@@ -163,12 +174,21 @@ def _check_none(table: GroupTable, place: str, given: Sequence[str], errors: Mis
     observed = [name for name in ("W", "P") if getattr(table, name) is not None]
     beside = " and ".join([*given, *observed])
     if table.none is not True:
-        what = f"must be true, for agents without a disturbance; got {shown(table.none)}."
-        cure = "Write none = true, or leave it out and give A and C, or a part."
-        errors.append(wrong(key, what, cure))
+        errors.append(
+            wrong(
+                key,
+                f"must be true, for agents without a disturbance; got {shown(table.none)}.",
+                "Write none = true, or leave it out and give A and C, or a part.",
+            )
+        )
     elif beside:
-        what = f"stands beside {beside}: agents without a disturbance need no observer."
-        errors.append(wrong(key, what, f"Remove none, or {beside}."))
+        errors.append(
+            wrong(
+                key,
+                f"stands beside {beside}: agents without a disturbance need no observer.",
+                f"Remove none, or {beside}.",
+            )
+        )
 
 
 def _in_words(

@@ -61,8 +61,11 @@ class Dynamics(Shown):
 
     def __init__(self, *, A: Any = None, f: Any = None, B: Any = None) -> None:
         if (A is None) is (f is None):
-            cure = 'Write A = [[0, 1], [0, 0]], or f = ["x2", "-sin(x1)"].'
-            raise wrong("dynamics", "must have either A or f, and one of them only.", cure)
+            raise wrong(
+                "dynamics",
+                "must have either A or f, and one of them only.",
+                'Write A = [[0, 1], [0, 0]], or f = ["x2", "-sin(x1)"].',
+            )
         drift, texts = None, None
         if f is None:
             drift = read_matrix(A, key="dynamics.A")
@@ -72,13 +75,19 @@ class Dynamics(Shown):
         m = len(drift or texts or ())
         enters = identity(m) if B is None else read_matrix(B, key="dynamics.B")
         if len(enters) != m:
-            what = f"must have {counted(m, 'row')}, one per state component; got {len(enters)}."
-            cure = "Row c says how the inputs act on x_c."
-            raise wrong("dynamics.B", what, cure, kind=ShapeError)
+            raise wrong(
+                "dynamics.B",
+                f"must have {counted(m, 'row')}, one per state component; got {len(enters)}.",
+                "Row c says how the inputs act on x_c.",
+                kind=ShapeError,
+            )
         # Else two inputs could not be told apart, and B+ would not exist.
         if rank(enters) < len(enters[0]):
-            what = "must have full column rank, so that every input acts in a way of its own."
-            raise wrong("dynamics.B", what, "Remove inputs that act like others, or not at all.")
+            raise wrong(
+                "dynamics.B",
+                "must have full column rank, so that every input acts in a way of its own.",
+                "Remove inputs that act like others, or not at all.",
+            )
         put(self, A=drift, f=texts, B=enters)
 
     @property
@@ -116,8 +125,11 @@ class Dynamics(Shown):
             return self.A, None
         m, values, f = self.dimension, self.drift_at(goal), self.f or ()
         if values is None:
-            what = "must be rational at the target."
-            raise wrong("dynamics.f", what, "Move the target, or what f holds, to 0.")
+            raise wrong(
+                "dynamics.f",
+                "must be rational at the target.",
+                "Move the target, or what f holds, to 0.",
+            )
         moved = []
         for x, name in zip(goal, variable_names(m), strict=True):
             moved.append(f"({number_text(x)} + {name})" if x else name)
@@ -137,8 +149,11 @@ class Dynamics(Shown):
             bad.append(kinked or not all(x.is_point for x in row))
         if whole.nonsmooth or any(bad):
             place = bad.index(True) if any(bad) else 0
-            what = f"{excerpt(f[place])} must be smooth, with rational slopes at the target."
-            raise wrong(f"dynamics.f[{place}]", what, "Write it another way.")
+            raise wrong(
+                f"dynamics.f[{place}]",
+                f"{excerpt(f[place])} must be smooth, with rational slopes at the target.",
+                "Write it another way.",
+            )
         return tuple(tuple(x.lo for x in row) for row in slopes), None if whole.is_linear else whole
 
     def feedforward(self, goal: Vector) -> Vector | None:
@@ -190,12 +205,13 @@ def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
             at = _listed(goal)
             if len(goal) > 1:
                 names, at = f"({names})", f"({at})"
-            what = (
+            raise wrong(
+                f"dynamics.f[{place}]",
                 f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded slope "
-                f"around the target, {names} = {at} (as far as 2^-40 from it): {error}"
-            )
-            cure = "Move the target to where f is smooth, or write f in another way."
-            raise wrong(f"dynamics.f[{place}]", what, cure, kind=ExpressionError) from error
+                f"around the target, {names} = {at} (as far as 2^-40 from it): {error}",
+                "Move the target to where f is smooth, or write f in another way.",
+                kind=ExpressionError,
+            ) from error
 
 
 def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
@@ -206,9 +222,11 @@ def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
             evaluate(expression.node, tuple(map(Interval.point, goal)), IntervalAlgebra())
         except UndefinedError as error:
             text = excerpt((dynamics.f or ())[place])
-            what = f"{text} is not defined at the goal [{_listed(goal)}]: {error}"
-            cure = "Move the target to where f is defined."
-            raise wrong(f"dynamics.f[{place}]", what, cure) from error
+            raise wrong(
+                f"dynamics.f[{place}]",
+                f"{text} is not defined at the goal [{_listed(goal)}]: {error}",
+                "Move the target to where f is defined.",
+            ) from error
     if dynamics.feedforward(goal) is None:
         near = dynamics.nearest_goal(goal)
         drift = "A x"
@@ -216,16 +234,22 @@ def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
         if near is None:
             drift = "f(x)"
             cure = "Choose one where f(x) is rational and in the range of B."
-        what = f"must be an equilibrium, {drift} + B u0 = 0 for some constant input u0; it is not."
-        raise wrong(key, what, cure)
+        raise wrong(
+            key,
+            f"must be an equilibrium, {drift} + B u0 = 0 for some constant input u0; it is not.",
+            cure,
+        )
 
 
 def _read_nodes(f: Any) -> tuple[str, ...]:
     """Expressions in x1..xm (x alone where m = 1) as canonical text; the language is that of
     couplings, in y."""
     if not is_list(f) or not f:
-        what = "must be a list of expressions in text, one per state component."
-        raise wrong("dynamics.f", what, _EXAMPLE)
+        raise wrong(
+            "dynamics.f",
+            "must be a list of expressions in text, one per state component.",
+            _EXAMPLE,
+        )
     found: list[str] = []
     errors = Mistakes()
     for place, text in enumerate(f):

@@ -55,12 +55,13 @@ class Exosystem(Shown):
         require_square(dynamics, name="exosystem.A")
         q = len(dynamics)
         if len(output[0]) != q:
-            what = (
+            raise wrong(
+                "exosystem.C",
                 f"must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q}); got "
-                f"shape ({len(output)}, {len(output[0])})."
+                f"shape ({len(output)}, {len(output[0])}).",
+                "Each row of C picks one component of the disturbance.",
+                kind=ShapeError,
             )
-            cure = "Each row of C picks one component of the disturbance."
-            raise wrong("exosystem.C", what, cure, kind=ShapeError)
         put(self, A=dynamics, C=output)
 
     @property
@@ -78,8 +79,11 @@ class Exosystem(Shown):
         """Take A and C from a control.StateSpace; floats are read as their shortest decimal text.
         Raises: SpecError for a system in discrete time or without A and C."""
         if not hasattr(system, "A") or not hasattr(system, "C"):
-            what = f"must be a state-space system with A and C; got {type(system).__name__}."
-            raise wrong("exosystem", what, "For a transfer function: control.ss(system).")
+            raise wrong(
+                "exosystem",
+                f"must be a state-space system with A and C; got {type(system).__name__}.",
+                "For a transfer function: control.ss(system).",
+            )
         if getattr(system, "dt", None):
             what = "must be in continuous time, xi' = A xi; got one with the time step"
             what += f" {shown(system.dt)}."
@@ -108,24 +112,36 @@ def of_parts(
     part.  Raises: SpecError naming the key."""
     if kind is not None:
         if kind not in KINDS:
-            what = f"must be one of {', '.join(KINDS)}; got {shown(kind)}."
-            raise wrong("exosystem.kind", what, "For another shape give A and C.")
+            raise wrong(
+                "exosystem.kind",
+                f"must be one of {', '.join(KINDS)}; got {shown(kind)}.",
+                "For another shape give A and C.",
+            )
         beside = {"constant": constant, "ramp": ramp, "hz": hz}
         if kind != "harmonics":
             beside["frequencies"] = frequencies
         elif frequencies is None:
-            cure = "Write frequencies = [2], in rad/s; or, without kind, hz = [0.5]."
-            raise wrong("exosystem.frequencies", "is required for harmonics and missing.", cure)
+            raise wrong(
+                "exosystem.frequencies",
+                "is required for harmonics and missing.",
+                "Write frequencies = [2], in rad/s; or, without kind, hz = [0.5].",
+            )
         for key, value in beside.items():
             if value is not None:
-                cure = "Remove kind: parts without it add up."
-                raise wrong(f"exosystem.{key}", "cannot stand beside kind.", cure)
+                raise wrong(
+                    f"exosystem.{key}",
+                    "cannot stand beside kind.",
+                    "Remove kind: parts without it add up.",
+                )
         constant = kind == "constant"
         ramp = kind == "ramp"
     for key, value in (("constant", constant), ("ramp", ramp)):
         if not isinstance(value, bool | None):
-            what = f"must be true or false; got {shown(value)}."
-            raise wrong(f"exosystem.{key}", what, f"Write {key} = true.")
+            raise wrong(
+                f"exosystem.{key}",
+                f"must be true or false; got {shown(value)}.",
+                f"Write {key} = true.",
+            )
     # A ramp starts somewhere: it has the constant in it.
     shapes = [polynomial(1 if ramp else 0)] if constant or ramp else []
     sines: dict[Fraction, str] = {}
@@ -135,8 +151,11 @@ def of_parts(
     if sines:
         shapes.append(_sum_of_sines(sines))
     if not shapes:
-        cure = "Write constant = true, ramp = true, hz = [0.5] or frequencies = [2]; they add up."
-        raise wrong("exosystem", "is empty: no part is true and no frequency is given.", cure)
+        raise wrong(
+            "exosystem",
+            "is empty: no part is true and no frequency is given.",
+            "Write constant = true, ramp = true, hz = [0.5] or frequencies = [2]; they add up.",
+        )
     return stacked(*[total(*shapes)] * components)
 
 
@@ -146,28 +165,33 @@ def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
     in_hz = key.endswith("hz")
     given = list(value) if is_list(value) else [value]
     if not given:
-        what = f"must hold at least one number ({'Hz' if in_hz else 'rad/s'}); got none."
-        raise wrong(key, what, "Without sines leave it out, for example constant().")
+        raise wrong(
+            key,
+            f"must hold at least one number ({'Hz' if in_hz else 'rad/s'}); got none.",
+            "Without sines leave it out, for example constant().",
+        )
     for k, each in enumerate(given):
         name = f"{key}[{k}]" if is_list(value) else key
         w = parse_number(each, key=name)
         if w <= 0 or (in_hz and not Fraction(1, 10**15) < w < 10**15):
             limits = "between 1e-15 and 1e15 Hz" if in_hz else "> 0 (rad/s)"
-            cure = (
+            raise wrong(
+                name,
+                f"must be {limits}; got {shown_number(w)}.",
                 "A constant part is added by constant = true, in Python by total(constant(), "
-                "harmonics(...))."
+                "harmonics(...)).",
             )
-            raise wrong(name, f"must be {limits}; got {shown_number(w)}.", cure)
         # 2 pi f is irrational: the claim is about the rounded frequency, which is written down.
         if in_hz:
             w = Fraction(f"{math.tau * w.numerator / w.denominator:.{DIGITS}g}")
         if w in found:
             size = nearest(w)
-            what = (
+            raise wrong(
+                name,
                 f"must differ from {found[w]}, because equal sines cannot be told apart; both are "
-                f"{size:.6g} rad/s ({size / math.tau:.6g} Hz)."
+                f"{size:.6g} rad/s ({size / math.tau:.6g} Hz).",
+                "Name each frequency once; amplitude and phase are free.",
             )
-            raise wrong(name, what, "Name each frequency once; amplitude and phase are free.")
         found[w] = name
 
 
@@ -189,8 +213,11 @@ def polynomial(degree: Any) -> Exosystem:
     """An unknown polynomial in time; the state holds the disturbance and its derivatives.  Raises:
     SpecError unless ``degree`` is an integer from 0 to 20."""
     if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= LARGEST_DEGREE:
-        what = f"must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}."
-        raise wrong("degree", what, "0 is a constant, 1 a ramp.")
+        raise wrong(
+            "degree",
+            f"must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}.",
+            "0 is a constant, 1 a ramp.",
+        )
     order = degree + 1
     A = [[int(j == i + 1) for j in range(order)] for i in range(order)]
     return Exosystem(A=A, C=[[1] + [0] * degree])
@@ -220,11 +247,17 @@ def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exo
     w = parse_number(fundamental, key="fundamental")
     kept = harmonics_kept
     if isinstance(kept, bool) or not isinstance(kept, int) or kept < 1:
-        what = f"must be an integer >= 1; got {shown(kept)}."
-        raise wrong("harmonics_kept", what, "For a constant disturbance use constant().")
+        raise wrong(
+            "harmonics_kept",
+            f"must be an integer >= 1; got {shown(kept)}.",
+            "For a constant disturbance use constant().",
+        )
     if w <= 0:
-        what = f"must be > 0 (rad/s); got {shown_number(w)}."
-        raise wrong("fundamental", what, "It is 2 pi divided by the period.")
+        raise wrong(
+            "fundamental",
+            f"must be > 0 (rad/s); got {shown_number(w)}.",
+            "It is 2 pi divided by the period.",
+        )
     sines = harmonics([w * k for k in range(1, kept + 1)])
     return total(constant(), sines) if mean else sines
 
@@ -242,8 +275,11 @@ def total(*parts: Exosystem) -> Exosystem:
     if len({part.outputs for part in parts}) > 1:
         sizes = ", ".join(str(part.outputs) for part in parts)
         what = "the parts of a total must have equally many components, because they are added;"
-        cure = "stacked(...) gives every part components of its own."
-        raise SpecError(f"{what} got {sizes}.", key="parts", cure=cure)
+        raise SpecError(
+            f"{what} got {sizes}.",
+            key="parts",
+            cure="stacked(...) gives every part components of its own.",
+        )
     C = [[x for part in parts for x in part.C[row]] for row in range(outputs)]
     return Exosystem(A=block_diagonal([part.A for part in parts]), C=C)
 
@@ -258,8 +294,11 @@ def stacked(*parts: Exosystem) -> Exosystem:
 
 def _require_parts(parts: Sequence[Exosystem]) -> int:
     if not parts or not all(isinstance(part, Exosystem) for part in parts):
-        cure = "For example total(constant(), harmonics([1, 2]))."
-        raise wrong("parts", "must be at least one Exosystem.", cure)
+        raise wrong(
+            "parts",
+            "must be at least one Exosystem.",
+            "For example total(constant(), harmonics([1, 2])).",
+        )
     return parts[0].outputs
 
 

@@ -59,13 +59,18 @@ class Observer(Shown):
         # P alone would be tested for a W that nobody has seen.
         if lyapunov is not None:
             if gain is None:
-                what = "must stand beside observer.W, because P is tested for that W; got P alone."
-                cure = "Give W too, or leave P out: a P is then found for you."
-                raise wrong("observer.P", what, cure)
+                raise wrong(
+                    "observer.P",
+                    "must stand beside observer.W, because P is tested for that W; got P alone.",
+                    "Give W too, or leave P out: a P is then found for you.",
+                )
             _check_symmetric(lyapunov)
         if speed is not None and speed <= 0:
-            what = f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}."
-            raise wrong("observer.rate", what, "Leave it out for the default.")
+            raise wrong(
+                "observer.rate",
+                f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}.",
+                "Leave it out for the default.",
+            )
         put(self, W=gain, P=lyapunov, rate=speed)
 
 
@@ -77,8 +82,12 @@ def _check_symmetric(P: Matrix) -> None:
             if row[j] != P[j][i]:
                 here, there = shown_number(P[j][i]), shown_number(row[j])
                 got = f"{here} at [{j}][{i}] and {there} at [{i}][{j}]"
-                what = f"must be symmetric, because only x'Px is used; got {got}."
-                raise wrong("observer.P", what, "Replace it by (P + P')/2.", kind=ShapeError)
+                raise wrong(
+                    "observer.P",
+                    f"must be symmetric, because only x'Px is used; got {got}.",
+                    "Replace it by (P + P')/2.",
+                    kind=ShapeError,
+                )
 
 
 def check_observer(observer: Observer, *, q: int, m: int, states: int | None = None) -> None:
@@ -101,8 +110,12 @@ def _check_shape(
         return
     got = (len(matrix), len(matrix[0]))
     if got not in (shape, also):
-        what = f"must have shape {shape}, {because}; got shape {got}."
-        raise wrong(f"observer.{name}", what, f"Give {rows_of(shape)}.", kind=ShapeError)
+        raise wrong(
+            f"observer.{name}",
+            f"must have shape {shape}, {because}; got shape {got}.",
+            f"Give {rows_of(shape)}.",
+            kind=ShapeError,
+        )
 
 
 _SHOWN = 6  # agents in a sentence
@@ -130,13 +143,19 @@ class Group(Shown):
         if not all(type(each) is str for each in names):
             names = tuple(map(str, names))
         if not names:
-            what = f"must be a list of labels, at least one; got {shown(agents)}."
-            raise wrong("agents", what, "For example agents = [1, 2].")
+            raise wrong(
+                "agents",
+                f"must be a list of labels, at least one; got {shown(agents)}.",
+                "For example agents = [1, 2].",
+            )
         own = Observer() if observer is None else observer
         for key, value, kind in (("exosystem", exosystem, Exosystem), ("observer", own, Observer)):
             if not isinstance(value, kind):
-                what = f"of a group must be an {kind.__name__}; got {shown(value)}."
-                raise wrong(key, what, f"Make one with {kind.__name__}(...).")
+                raise wrong(
+                    key,
+                    f"of a group must be an {kind.__name__}; got {shown(value)}.",
+                    f"Make one with {kind.__name__}(...).",
+                )
         put(self, agents=names, exosystem=exosystem, observer=own)
 
     def _card(self) -> Card:
@@ -166,16 +185,20 @@ def read_groups(
     common = Observer() if observer is None else observer
     if exosystem is not None and states is not None and exosystem.outputs != m:
         rows = counted(m, "row")
-        what = f"must have {rows}, one per input of [dynamics]; got {exosystem.outputs}."
-        cure = f"Give {rows}: d = C xi acts through B."
-        raise wrong("exosystem.C", what, cure, kind=ShapeError)
+        raise wrong(
+            "exosystem.C",
+            f"must have {rows}, one per input of [dynamics]; got {exosystem.outputs}.",
+            f"Give {rows}: d = C xi acts through B.",
+            kind=ShapeError,
+        )
     if not groups and exosystem is not None:
         check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
         return (Group(agents=labels, exosystem=exosystem, observer=common),)
     if not groups and observer is not None:
         what = "has no meaning without an [exosystem]: there is no disturbance to estimate."
-        cure = "Remove it, or give the exosystem."
-        raise SpecError(f"[observer] {what}", key="observer", cure=cure)
+        raise SpecError(
+            f"[observer] {what}", key="observer", cure="Remove it, or give the exosystem."
+        )
     if not groups:
         return ()
     errors = Mistakes()
@@ -233,15 +256,23 @@ def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: Mistakes) 
         for place, label in enumerate(group.agents):
             key = f"{group_key(number)}.agents[{place}]"
             if label not in known:
-                what = f"there is no agent {shown(label)} in network.agents."
-                errors.append(about(key, what, "Use the label of an agent."))
+                errors.append(
+                    about(
+                        key,
+                        f"there is no agent {shown(label)} in network.agents.",
+                        "Use the label of an agent.",
+                    )
+                )
             elif label in owner:
                 where = "this group" if owner[label] == number else group_key(owner[label])
-                what = (
-                    f"agent {shown(label)} is in {where} already, and an agent has one exosystem "
-                    "only."
+                errors.append(
+                    about(
+                        key,
+                        f"agent {shown(label)} is in {where} already, and an agent has one "
+                        "exosystem only.",
+                        "Keep it in one group.",
+                    )
                 )
-                errors.append(about(key, what, "Keep it in one group."))
             owner.setdefault(label, number)
     return owner
 
@@ -253,15 +284,22 @@ def _check_group(
     key, outputs = group_key(number), group.exosystem.outputs
     if outputs != m:
         rows = counted(m, "row")
-        what = f"must have {rows}, one per state component, as every C has; got {outputs}."
-        raise wrong(f"{key}.C", what, f"Give {rows}.", kind=ShapeError)
+        raise wrong(
+            f"{key}.C",
+            f"must have {rows}, one per state component, as every C has; got {outputs}.",
+            f"Give {rows}.",
+            kind=ShapeError,
+        )
     errors = Mistakes()
     if group.observer.rate not in (None, rate):
-        what = (
-            "a group has no rate of its own; the rate asked of a designed W is observer.rate, for "
-            "all."
+        errors.append(
+            about(
+                key,
+                "a group has no rate of its own; the rate asked of a designed W is observer.rate, "
+                "for all.",
+                "Give the rate in [observer], or W in the group.",
+            )
         )
-        errors.append(about(key, what, "Give the rate in [observer], or W in the group."))
     try:
         check_observer(group.observer, q=group.exosystem.order, m=m, states=states)
     except SpecError as error:
@@ -279,8 +317,9 @@ def _check_rest(
         why = "every agent is in a group of exosystem.groups"
     nobody = f"apply to no agent, because {why}."
     if exosystem is not None and not rest:
-        cure = "Remove A and C (or kind) from [exosystem]."
-        raise wrong("exosystem.A", f"and exosystem.C {nobody}", cure)
+        raise wrong(
+            "exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem]."
+        )
     if exosystem is not None:
         check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
     elif common.W is not None or common.P is not None:
@@ -292,13 +331,13 @@ def _check_all_have_p(groups: Sequence[Group]) -> None:
     given = [group.name for group in groups if group.observer.P is not None]
     missing = [group.name for group in groups if group.observer.P is None]
     if given and missing:
-        what = (
+        raise SpecError(
             f"P is given for the group of agent {shown(given[0])} and missing for that of agent "
             f"{shown(missing[0])}; Psi holds the P of all groups at once, so that they are tested "
-            "together."
+            "together.",
+            key="exosystem.groups",
+            cure="Give P (and W) for every group, or for none: a P is then found for you.",
         )
-        cure = "Give P (and W) for every group, or for none: a P is then found for you."
-        raise SpecError(what, key="exosystem.groups", cure=cure)
 
 
 def name_some(agents: Sequence[str]) -> str:
@@ -366,11 +405,12 @@ def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
     m = groups[0].exosystem.outputs if groups else 0
     found = blocks_of(W, [(order, m) for order in orders])
     if found is None:
-        what = (
+        raise wrong(
+            "gain",
             "must be block diagonal, with one block per group of agents, because no agent feels "
-            "the disturbance of another group."
+            "the disturbance of another group.",
+            "Set the entries outside of the blocks to 0.",
         )
-        raise wrong("gain", what, "Set the entries outside of the blocks to 0.")
     return found
 
 

@@ -50,26 +50,27 @@ def read_leader(value: Any, *, dynamics: Dynamics | None) -> Leader | None:
     if value is None:
         return None
     if dynamics is None:
-        what = (
+        raise wrong(
+            "leader",
             "needs [dynamics]: a leader moves as agents do without inputs, and those with x' = "
-            "u then stand still."
-        )
-        cure = (
+            "u then stand still.",
             "For a target that moves at constant speed make the speed a state: in "
             "[dynamics] A = [[0, 1], [0, 0]] and "
             'B = [[0], [1]], in [coupling] an h of both states such as h = "10*y1 + '
             '10*y2", and in [leader] initial = '
             "[[0, 0], [1, 1]], position and speed. For a target that stands still write "
-            "target in place of [leader]."
+            "target in place of [leader].",
         )
-        raise wrong("leader", what, cure)
     given, kept = keyed(value, ("initial", "stays_in"), key="leader")
     initial = _read_box(given, "leader.initial", dynamics.dimension)
     if kept is None:
         return Leader(initial=initial)
     if dynamics.A is not None:
-        cure = "Leave it out: with A the errors do not depend on where the leader is."
-        raise wrong("leader.stays_in", "is for agents with f only.", cure)
+        raise wrong(
+            "leader.stays_in",
+            "is for agents with f only.",
+            "Leave it out: with A the errors do not depend on where the leader is.",
+        )
     stays_in = _read_box(kept, "leader.stays_in", dynamics.dimension)
     if not all(a <= lo and hi <= b for (lo, hi), (a, b) in zip(initial, stays_in, strict=True)):
         raise wrong(

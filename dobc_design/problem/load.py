@@ -98,12 +98,15 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        what = f"the problem file must be UTF-8 text; byte {error.start} is not."
-        raise SpecError(what, cure="Save it as UTF-8.") from None
-    if not text.strip():
-        what = "the problem file is empty."
         raise SpecError(
-            what, key="network", cure="Copy a built-in one to start from: `dobc problems`."
+            f"the problem file must be UTF-8 text; byte {error.start} is not.",
+            cure="Save it as UTF-8.",
+        ) from None
+    if not text.strip():
+        raise SpecError(
+            "the problem file is empty.",
+            key="network",
+            cure="Copy a built-in one to start from: `dobc problems`.",
         )
     _check_nesting(data)
     try:
@@ -111,14 +114,15 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     except RecursionError:
         raise _too_deep() from None
     except tomllib.TOMLDecodeError as error:
-        what = f"the problem file is not valid TOML: {error}."
         raise SpecError(
-            what,
+            f"the problem file is not valid TOML: {error}.",
             cure="Check that line for a missing quote or bracket, a repeated key, or yes for true.",
         ) from None
     except ValueError:  # Python refuses to read a whole number of more than 4300 digits
-        what = "the problem file holds a whole number of thousands of digits."
-        raise SpecError(what, cure="Numbers have at most 200 digits.") from None
+        raise SpecError(
+            "the problem file holds a whole number of thousands of digits.",
+            cure="Numbers have at most 200 digits.",
+        ) from None
     _check_depth(document)
     return document
 
@@ -156,8 +160,10 @@ def _too_large(limit: int, what: str = PROBLEM) -> SpecError:
 
 
 def _too_deep() -> SpecError:
-    what = f"the problem file is nested too deeply: at most {MAX_NESTING} levels are read."
-    return SpecError(what, cure="Flatten it.")
+    return SpecError(
+        f"the problem file is nested too deeply: at most {MAX_NESTING} levels are read.",
+        cure="Flatten it.",
+    )
 
 
 def read_problem_file(path: Path) -> Problem:
@@ -171,12 +177,12 @@ def read_problem_file(path: Path) -> Problem:
         kind, arrow = "a file of arcs", " --arrow listens_to (or sends_to)"
         if suffix == ".m":
             kind, arrow = "a MATPOWER case", ""
-        what = f"{shown(path.name)} is {kind}, not a problem file."
-        cure = (
-            f"`dobc new NAME --from FILE{arrow}` makes a problem of it; in Python "
-            "problem_from_file does."
+        raise SpecError(
+            f"{shown(path.name)} is {kind}, not a problem file.",
+            key=path.name,
+            cure=f"`dobc new NAME --from FILE{arrow}` makes a problem of it; in Python "
+            "problem_from_file does.",
         )
-        raise SpecError(what, key=path.name, cure=cure)
     return read_problem_text(read_bytes(path), folder=path.resolve().parent, default_name=path.stem)
 
 
@@ -206,14 +212,18 @@ def _check_version(document: Mapping[str, Any]) -> None:
     """Refuse a file that a later version of the program wrote."""
     version = document.get("schema", SCHEMA_VERSION)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        what = f"must be the whole number {SCHEMA_VERSION}; got {shown(version)}."
-        raise wrong("schema", what, f"Write schema = {SCHEMA_VERSION}.")
-    if version > SCHEMA_VERSION:
-        what = (
-            f"must be at most {SCHEMA_VERSION}, the newest this program knows; got "
-            f"{shown(version)}."
+        raise wrong(
+            "schema",
+            f"must be the whole number {SCHEMA_VERSION}; got {shown(version)}.",
+            f"Write schema = {SCHEMA_VERSION}.",
         )
-        raise wrong("schema", what, "Update dobc_design.")
+    if version > SCHEMA_VERSION:
+        raise wrong(
+            "schema",
+            f"must be at most {SCHEMA_VERSION}, the newest this program knows; got "
+            f"{shown(version)}.",
+            "Update dobc_design.",
+        )
 
 
 def _given(value: Any) -> Any:
@@ -325,8 +335,11 @@ def _with_optional(value: Any, read: Callable[..., Arcs], *, key: str) -> Arcs:
         return read(value, key=key)
     if set(value) != {"arcs", "optional"}:
         keys = ", ".join(map(shown, value))
-        what = f"must have the keys arcs and optional, and no other; got {keys}."
-        raise wrong(key, what, "For example arcs = [[1, 2]] and optional = [[2, 3]].")
+        raise wrong(
+            key,
+            f"must have the keys arcs and optional, and no other; got {keys}.",
+            "For example arcs = [[1, 2]] and optional = [[2, 3]].",
+        )
     always = read(value["arcs"], key=f"{key}.arcs")
     return joined(always, read(value["optional"], key=f"{key}.optional"))
 
@@ -340,11 +353,12 @@ def _mode(
     known = isinstance(value, dict) and set(value) <= {"file", "merge", "drop_loops"}
     if not known or not is_text(value.get("file")):
         wanted = 'a list of arcs, { file = "arcs.csv" } or a table with arcs and optional'
-        cure = (
-            'For example [[1, 2], [2, 3]]; beside file may stand merge = "sum" and drop_loops '
-            "= true."
+        raise SpecError(
+            f"{key} must be {wanted}; got {shown(value)}.",
+            key=key,
+            cure='For example [[1, 2], [2, 3]]; beside file may stand merge = "sum" and drop_loops '
+            "= true.",
         )
-        raise SpecError(f"{key} must be {wanted}; got {shown(value)}.", key=key, cure=cure)
     repairs = {name: value[name] for name in ("merge", "drop_loops") if name in value}
     found = arcs_file.read_arcs_file(
         value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file", **repairs
@@ -389,11 +403,13 @@ def _check_exception(
     if listener * network.size + speaker not in codes:
         turned = speaker * network.size + listener in codes
         end = "; it is there the other way round." if turned else "."
-        what = f"no mode has the arc in which {names}{end}"
-        raise about(key, what, "Correct the arc, or remove the exception.")
+        raise about(
+            key,
+            f"no mode has the arc in which {names}{end}",
+            "Correct the arc, or remove the exception.",
+        )
     if taken:
-        what = f"the arc in which {names} has an exception already."
-        raise about(key, what, "Keep one of them.")
+        raise about(key, f"the arc in which {names} has an exception already.", "Keep one of them.")
 
 
 def _exception_arcs(
@@ -401,12 +417,16 @@ def _exception_arcs(
 ) -> list[tuple[int, int]]:
     """The arcs of [[coupling.exceptions]] as pairs (listener, speaker)."""
     if not is_list(value) or not value:
-        what = f"must be a list of arcs; got {shown(value)}."
-        raise wrong(key, what, "For example [[1, 2], [2, 3]].")
+        raise wrong(
+            key, f"must be a list of arcs; got {shown(value)}.", "For example [[1, 2], [2, 3]]."
+        )
     for place, arc in enumerate(value):
         if is_list(arc) and len(arc) == 3:
-            what = "must be [a, b]; the weight stands with the arc in its mode."
-            raise wrong(f"{key}[{place}]", what, "Drop the third entry.")
+            raise wrong(
+                f"{key}[{place}]",
+                "must be [a, b]; the weight stands with the arc in its mode.",
+                "Drop the third entry.",
+            )
     arcs = arcs_from_pairs(value, index=index, arrow=arrow, key=key)
     return list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True))
 
@@ -457,8 +477,11 @@ def load_problem(source: Source) -> Problem:
             )
         near = get_close_matches(source[:100], builtin_names(), n=1)
         if near and not os.path.exists(source):
-            what = f"there is no file {shown(source)} and no built-in problem of that name."
-            raise SpecError(what, key=path.name, cure=f"did you mean {near[0]}?")
+            raise SpecError(
+                f"there is no file {shown(source)} and no built-in problem of that name.",
+                key=path.name,
+                cure=f"did you mean {near[0]}?",
+            )
     return read_problem_file(path)
 
 

@@ -54,15 +54,21 @@ def label_text(value: object, *, place: str = "network.agents") -> str:
     """Turn a label as given into its text; 1 and "1" are one label."""
     # Numbers with a point stay text when a file is read: 1.0 is no label.
     if isinstance(value, (bool, NumberText)) or not isinstance(value, (str, int, np.integer)):
-        what = f"{place}: a label must be text or a whole number; got {shown(value)}."
-        raise SpecError(what, key="network.agents", cure="Write it in quotes.")
+        raise SpecError(
+            f"{place}: a label must be text or a whole number; got {shown(value)}.",
+            key="network.agents",
+            cure="Write it in quotes.",
+        )
     try:
         text = one_form(value)
     except ValueError:  # a whole number with more digits than Python prints
         text = ""
     if not is_label(text):
-        what = f"{place}: a label must be {WANTED}; got {shown(value)}."
-        raise SpecError(what, key="network.agents", cure="Rename that agent.")
+        raise SpecError(
+            f"{place}: a label must be {WANTED}; got {shown(value)}.",
+            key="network.agents",
+            cure="Rename that agent.",
+        )
     return text
 
 
@@ -72,8 +78,11 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     if 1 <= count <= MOST_AGENTS and not isinstance(agents, bool):
         return tuple(map(str, range(1, int(count) + 1)))
     if isinstance(agents, (str, Mapping)) or not isinstance(agents, Iterable):
-        what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
-        raise wrong("network.agents", what, "For example agents = 10.")
+        raise wrong(
+            "network.agents",
+            f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}.",
+            "For example agents = 10.",
+        )
     labels = []
     for position, label in enumerate(agents):
         if type(label) is str and label.isascii() and is_label(label):
@@ -81,8 +90,11 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
         else:
             labels.append(label_text(label, place=f"network.agents[{position}]"))
     if not labels:
-        what = "must name at least one agent; got none."
-        raise wrong("network.agents", what, "Give a count, or a list of labels.")
+        raise wrong(
+            "network.agents",
+            "must name at least one agent; got none.",
+            "Give a count, or a list of labels.",
+        )
     return tuple(labels)
 
 
@@ -200,8 +212,11 @@ def directed(
 def check_repairs(merge: object, drop_loops: object, *, key: str) -> None:
     """Refuse anything but "sum" or nothing, and true or false."""
     if merge is not None and merge != "sum":
-        what = f'merge must be "sum", which adds the weights of parallel arcs; got {shown(merge)}.'
-        raise about(key, what, "Leave it out to refuse parallel arcs.")
+        raise about(
+            key,
+            f'merge must be "sum", which adds the weights of parallel arcs; got {shown(merge)}.',
+            "Leave it out to refuse parallel arcs.",
+        )
     if type(drop_loops) is not bool:
         what = (
             "drop_loops must be true or false: whether arcs from an agent to itself are left out;"
@@ -244,8 +259,11 @@ def check_arrow(arrow: object) -> None:
     """Refuse anything but "listens_to" and "sends_to"."""
     if arrow not in ARROWS:
         what = 'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means;'
-        cure = '"listens_to": a hears b. "sends_to": a is heard by b.'
-        raise SpecError(f"{what} got {shown(arrow)}.", key="network.arrow", cure=cure)
+        raise SpecError(
+            f"{what} got {shown(arrow)}.",
+            key="network.arrow",
+            cure='"listens_to": a hears b. "sends_to": a is heard by b.',
+        )
 
 
 def check_arcs(modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: str) -> None:
@@ -258,23 +276,33 @@ def check_arcs(modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: str) -
         return f"network.modes.{named(mode)}{place_of(arcs, place)}"
 
     if type(arcs.optional) is not int or not 0 <= arcs.optional <= len(arcs):
-        what = f"has {len(arcs)} arcs; optional cannot be {arcs.optional}."
-        raise wrong(at(0), what, "Give how many come and go.")
+        raise wrong(
+            at(0),
+            f"has {len(arcs)} arcs; optional cannot be {arcs.optional}.",
+            "Give how many come and go.",
+        )
     for ends in (arcs.listeners, arcs.speakers):
         outside = np.flatnonzero((ends < 0) | (ends >= n))
         if len(outside):
-            what = f"index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}."
-            raise about(at(outside[0]), what, "Correct the index.")
+            raise about(
+                at(outside[0]),
+                f"index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}.",
+                "Correct the index.",
+            )
     loops = np.flatnonzero(arcs.listeners == arcs.speakers)
     if len(loops):
         name = named(labels[int(arcs.listeners[loops[0]])])
-        what = f"agent {name} must not listen to itself; got a self-arc."
-        raise about(at(loops[0]), what, _DROP_ONE)
+        raise about(
+            at(loops[0]), f"agent {name} must not listen to itself; got a self-arc.", _DROP_ONE
+        )
     again = repeated(arcs.listeners, arcs.speakers)
     if len(again):
         position = int(again[0])
-        what = f"{_sentence(arcs, position, labels)} already; this arc is a duplicate."
-        raise about(at(position), what, _ADD_UP)
+        raise about(
+            at(position),
+            f"{_sentence(arcs, position, labels)} already; this arc is a duplicate.",
+            _ADD_UP,
+        )
     # most weights are one and the same object
     position = next((i for i, w in enumerate(arcs.weights) if w is not ONE and w <= 0), -1)
     if position < 0:
@@ -296,17 +324,15 @@ def negative_weight(
     arcs = modes[mode]
     listener = named(labels[int(arcs.listeners[place])])
     speaker = named(labels[int(arcs.speakers[place])])
-    what = (
-        f"a weight must be > 0, because it multiplies h(x_j - x_i); {listener} listens to "
-        f"{speaker} with {shown_number(arcs.weights[place])}."
-    )
     advice = opposition_advice(labels, signed, cure="leave the minus signs of the weights out")
-    cure = (
+    return about(
+        f"network.modes.{named(mode)}{place_of(arcs, place)}",
+        f"a weight must be > 0, because it multiplies h(x_j - x_i); {listener} listens to "
+        f"{speaker} with {shown_number(arcs.weights[place])}.",
         f"A signed graph, in which {listener} follows -x of {speaker}, is not supported yet. "
         f"{advice} If {listener} is to move away from {speaker} instead, give the arc a positive "
-        "weight and, in [[coupling.exceptions]], an h with the other sign."
+        "weight and, in [[coupling.exceptions]], an h with the other sign.",
     )
-    return about(f"network.modes.{named(mode)}{place_of(arcs, place)}", what, cure)
 
 
 def place_of(arcs: Arcs, place: int) -> str:
@@ -326,8 +352,11 @@ def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
 def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tuple[int, int, Any]:
     """One arc as it is written: the indices of both agents, and the weight.  Raises: SpecError."""
     if not isinstance(pair, (list, tuple)) or len(pair) not in (2, 3):
-        what = f"must be an arc [a, b] or [a, b, weight]; got {shown(pair)}."
-        raise wrong(key, what, "Write two labels and, if wanted, a weight.")
+        raise wrong(
+            key,
+            f"must be an arc [a, b] or [a, b, weight]; got {shown(pair)}.",
+            "Write two labels and, if wanted, a weight.",
+        )
     ends = []
     for position, end in enumerate(pair[:2]):
         try:
@@ -368,13 +397,18 @@ class Network(Shown):
         put(self, modes=MappingProxyType(dict(self.modes)), labels=labels_of(self.labels))
         _check_different(self.labels)
         if not self.modes:
-            what = "must hold at least one mode; got none."
-            cure = "Give one list of arcs for a fixed topology, several for switching."
-            raise wrong("network.modes", what, cure)
+            raise wrong(
+                "network.modes",
+                "must hold at least one mode; got none.",
+                "Give one list of arcs for a fixed topology, several for switching.",
+            )
         for name in self.modes:
             if not is_label(name):
-                what = f"the name of a mode must be {WANTED}; got {shown(name)}."
-                raise about("network.modes", what, "Name it, for example Ga.")
+                raise about(
+                    "network.modes",
+                    f"the name of a mode must be {WANTED}; got {shown(name)}.",
+                    "Name it, for example Ga.",
+                )
             check_arcs(self.modes, self.labels, mode=name)
 
     def __eq__(self, other: object) -> bool:
@@ -461,8 +495,9 @@ class Network(Shown):
         unknown = set(more) - set(lists)
         if unknown:
             what = f"names a mode that arcs does not; got {shown(min(unknown))}"
-            cure = "Use the names of arcs."
-            raise wrong("optional", f"{what} (a list without names means G).", cure)
+            raise wrong(
+                "optional", f"{what} (a list without names means G).", "Use the names of arcs."
+            )
         if agents is None:  # malformed arcs are reported later
             pairs = chain(*lists.values(), *more.values())
             ends = (end for arc in pairs if is_list(arc) for end in arc[:2])
@@ -502,19 +537,27 @@ class Network(Shown):
         for name, each in graphs.items():
             key = f"network.modes.{named(name)}"
             if not hasattr(each, "edges") or not hasattr(each, "is_directed"):
-                what = f"must be a networkx graph; got {type(each).__name__}."
                 cure = "For lists of pairs there is Network.from_arcs,"
-                raise wrong(key, what, f"{cure} for matrices Network.from_sparse.")
+                raise wrong(
+                    key,
+                    f"must be a networkx graph; got {type(each).__name__}.",
+                    f"{cure} for matrices Network.from_sparse.",
+                )
             try:
                 nodes = labels_of(list(each.nodes))
             except SpecError as error:  # grids of networkx have tuples
-                cure = "networkx.relabel_nodes(graph, str) gives text."
-                raise SpecError(error.message, key=error.key, cure=cure) from None
+                raise SpecError(
+                    error.message,
+                    key=error.key,
+                    cure="networkx.relabel_nodes(graph, str) gives text.",
+                ) from None
             labels = labels or nodes
             if set(nodes) != set(labels):
-                what = "must have the same nodes as the first mode."
-                cure = "Add the missing nodes to the graph; a node without arcs is allowed."
-                raise wrong(key, what, cure)
+                raise wrong(
+                    key,
+                    "must have the same nodes as the first mode.",
+                    "Add the missing nodes to the graph; a node without arcs is allowed.",
+                )
             pairs = list(each.edges(data="weight", default=1))
             # networkx names an undirected edge once; both of its agents listen.
             if not each.is_directed():
@@ -552,8 +595,11 @@ class Network(Shown):
         for name, each in matrices.items():
             key = f"network.modes.{named(name)}"
             if not hasattr(each, "tocoo") or len(each.shape) != 2:
-                what = f"must be a SciPy sparse matrix; got {type(each).__name__}."
-                raise wrong(key, what, "Wrap it: scipy.sparse.coo_array(matrix).")
+                raise wrong(
+                    key,
+                    f"must be a SciPy sparse matrix; got {type(each).__name__}.",
+                    "Wrap it: scipy.sparse.coo_array(matrix).",
+                )
             # A copy: adding up duplicates works in place, and the matrix is the user's.
             table = each.tocoo(copy=True)
             table.sum_duplicates()
@@ -561,8 +607,11 @@ class Network(Shown):
             if rows != columns or size not in (0, rows):
                 wanted = f" ({size} x {size})" if size else ""
                 what = f"the matrix must be square, with one row and column per agent{wanted};"
-                cure = "Give an n x n matrix for every mode, and n labels or none."
-                raise about(key, f"{what} got shape {table.shape}.", cure)
+                raise about(
+                    key,
+                    f"{what} got shape {table.shape}.",
+                    "Give an n x n matrix for every mode, and n labels or none.",
+                )
             size = rows
             keep = table.data != 0
             if drop_loops:
@@ -596,8 +645,9 @@ def _lists_of_arcs(value: Any, *, key: str) -> dict[str, list[Any]]:
     lists = {}
     for name, pairs in _modes(value, isinstance(value, Mapping)).items():
         if not isinstance(pairs, Iterable):
-            what = f"must be a list of arcs; got {shown(pairs)}."
-            raise wrong(key, what, "For example [[1, 2], [2, 3]].")
+            raise wrong(
+                key, f"must be a list of arcs; got {shown(pairs)}.", "For example [[1, 2], [2, 3]]."
+            )
         lists[name] = [tuple(arc) if is_list(arc) else arc for arc in pairs]
     return lists
 

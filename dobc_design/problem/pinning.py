@@ -109,11 +109,12 @@ class GainForm:
         symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
         if decide_positive_semidefinite(symmetric).verdict is Verdict.PROVED:
             return
-        what = (
+        raise about(
+            key,
             "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the "
-            "target; this one does not."
+            "target; this one does not.",
+            "Make its symmetric part positive semidefinite.",
         )
-        raise about(key, what, "Make its symmetric part positive semidefinite.")
 
     def read(self, value: Any, *, key: str) -> Matrix:
         """A gain, given as a number or as a matrix.  Raises: SpecError, ShapeError."""
@@ -132,13 +133,19 @@ class GainForm:
         if self.unit is None:
             p, m = self.shape
             what = f"must be a {p} x {m} matrix, because the coupling is not linear;"
-            cure = "It acts on x_i - xbar: one row per input, one column per state component."
-            raise wrong(key, f"{what} got {shown(value)}.", cure)
+            raise wrong(
+                key,
+                f"{what} got {shown(value)}.",
+                "It acts on x_i - xbar: one row per input, one column per state component.",
+            )
         number = parse_number(value, key=key)
         if number < 0:
             what = "must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target;"
-            cure = "Use a positive gain, or leave the agent out."
-            raise wrong(key, f"{what} got {shown_number(number)}.", cure)
+            raise wrong(
+                key,
+                f"{what} got {shown_number(number)}.",
+                "Use a positive gain, or leave the agent out.",
+            )
         return scale(number, self.unit)
 
 
@@ -154,8 +161,11 @@ def read_pinning(gains: Any, *, network: Network, form: GainForm) -> Pinning:
             form.check(gain, key="pinning.gains")
         return gains
     if is_list(gains):
-        what = f"must be a table of label = gain, or one number for all agents; got {shown(gains)}."
-        raise wrong("pinning.gains", what, "For example gains = { 1 = 5.0, 6 = 2 }.")
+        raise wrong(
+            "pinning.gains",
+            f"must be a table of label = gain, or one number for all agents; got {shown(gains)}.",
+            "For example gains = { 1 = 5.0, 6 = 2 }.",
+        )
     if not isinstance(gains, Mapping):
         gain = form.read(gains, key="pinning.gains")
         return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
@@ -189,15 +199,13 @@ def _pins_of_modes(
     linear = ""
     if p == m:
         linear = '; give these arcs h = "y" in [[coupling.exceptions]]'
-    what = (
+    return about(
+        f"pinning.gains.{named(modes[0])}",
         f"{named(modes[0])} is a mode; gains are given by agent, and pins of single modes are not "
-        "supported yet."
-    )
-    cure = (
+        "supported yet.",
         f"Today an agent can stand for the target: add {goal} to network.agents, pin it alone "
-        f"(gains = {{ {goal} = 1 }}), and let agents listen to it: {'; '.join(arcs)}{linear}."
+        f"(gains = {{ {goal} = 1 }}), and let agents listen to it: {'; '.join(arcs)}{linear}.",
     )
-    return about(f"pinning.gains.{named(modes[0])}", what, cure)
 
 
 def _as_arcs(pins: Any) -> str:
@@ -233,8 +241,7 @@ def by_label(
 
 
 def _no_agent(label: object, labels: Sequence[str], *, key: str) -> SpecError:
-    what = f"there is no agent {shown(str(label))} in network.agents."
     # Bounded, because the search takes the product of both lengths.
     near = get_close_matches(str(label)[:100], labels[:1000], n=1)
     cure = f'Did you mean "{near[0]}"?' if near else "Use the label of an agent."
-    return about(key, what, cure)
+    return about(key, f"there is no agent {shown(str(label))} in network.agents.", cure)

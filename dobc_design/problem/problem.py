@@ -214,18 +214,25 @@ class Problem(Shown):
             raise _limits_of_dynamics(self.actuators)
         for name in ("weights", "gains", "measurement"):
             if getattr(self.uncertainty, name, 0):
-                what = "is not known for agents with [dynamics]."
-                raise wrong(f"uncertainty.{name}", what, "Remove it, or give 0.")
+                raise wrong(
+                    f"uncertainty.{name}",
+                    "is not known for agents with [dynamics].",
+                    "Remove it, or give 0.",
+                )
         if self.leader is None:
             check_goal(own, self.target, key="target")
         elif any(self.target):
-            what = "must be left out, or 0, with a [leader], which is the target."
-            raise wrong("target", what, "Remove it.")
+            raise wrong(
+                "target",
+                "must be left out, or 0, with a [leader], which is the target.",
+                "Remove it.",
+            )
         # The slopes of f at the target have to be rational.
         own.about(self.target)
         if self.offsets and own.f is not None:
-            what = "is known for agents with A only, not with f."
-            raise wrong("formation", what, "Remove [formation].")
+            raise wrong(
+                "formation", "is known for agents with A only, not with f.", "Remove [formation]."
+            )
         for agent in self.offsets:
             key = f"formation.offsets.{self.network.labels[agent]}"
             check_goal(own, self.goal_of(agent), key=key)
@@ -248,8 +255,11 @@ class Problem(Shown):
         known = signature(Problem).parameters
         for name in changes:
             if name not in known:
-                what = f"a problem has no argument {name!r}."
-                raise SpecError(what, key=name, cure=f"Its arguments are {', '.join(known)}.")
+                raise SpecError(
+                    f"a problem has no argument {name!r}.",
+                    key=name,
+                    cure=f"Its arguments are {', '.join(known)}.",
+                )
         self._check_same_agents(changes)
         for name in ("region", "simulation"):
             old = getattr(self, name)
@@ -273,8 +283,11 @@ class Problem(Shown):
         }
         missing = [name for name, value in own.items() if value and name not in changes]
         if missing:
-            what = "has other agents, or the same in another order."
-            raise wrong("network", what, f"Give {' and '.join(missing)} for these agents too.")
+            raise wrong(
+                "network",
+                "has other agents, or the same in another order.",
+                f"Give {' and '.join(missing)} for these agents too.",
+            )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(Problem, **self._arguments()), ()  # the read-only mappings cannot be pickled
@@ -412,12 +425,12 @@ class Problem(Shown):
         Raises: SpecError."""
         self.require_fixed_arcs(what)
         if self.dynamics is not None:
-            reason = f"{what} is not available yet for agents with dynamics of their own."
-            cure = (
+            raise about(
+                "dynamics",
+                f"{what} is not available yet for agents with dynamics of their own.",
                 "Use certify, verify, design, simulate, falsify, sweep, analyse, to_control or "
-                "to_c, which know it."
+                "to_c, which know it.",
             )
-            raise about("dynamics", reason, cure)
 
     def require_fixed_arcs(self, what: str) -> None:
         """Refuse a problem with optional arcs where ``what`` does not know them.  Raises:
@@ -425,34 +438,33 @@ class Problem(Shown):
         loose = self.network.loose
         if loose is not None:
             key = f"network.modes.{named(loose)}.optional"
-            cure = (
+            raise about(
+                key,
+                f"{what} does not know arcs that come and go.",
                 "Use certify, verify, simulate, falsify, sweep or analyse, which know them; or "
-                "list graphs as modes."
+                "list graphs as modes.",
             )
-            raise about(key, f"{what} does not know arcs that come and go.", cure)
 
     def require_no_leader(self, what: str) -> None:
         """Refuse a problem with a [leader] where ``what`` does not know it.  Raises: SpecError."""
         if self.leader is not None:
-            reason = f"{what} is not available yet for a target that moves."
-            cure = (
+            raise about(
+                "leader",
+                f"{what} is not available yet for a target that moves.",
                 "Use certify, verify, simulate, sweep, analyse, build_model or to_control, which "
-                "know it."
+                "know it.",
             )
-            raise about("leader", reason, cure)
 
     def require_one_exosystem(self) -> None:
         """Refuse a problem with several groups.  Raises: SpecError."""
         if self.is_grouped:
-            what = (
+            raise about(
+                "exosystem.groups",
                 "this is not available yet for agents with different exosystems; it knows one "
-                "exosystem that all agents share."
-            )
-            cure = (
+                "exosystem that all agents share.",
                 "Use certify, verify, design, simulate, falsify or to_c, which know groups; or "
-                "give every agent the same A and C."
+                "give every agent the same A and C.",
             )
-            raise about("exosystem.groups", what, cure)
 
     @property
     def leads(self) -> tuple[Pair, ...]:
@@ -533,8 +545,11 @@ def _limits_of_dynamics(actuators: Actuators) -> SpecError:
     if not known:
         return wrong("actuators", what, "Remove [actuators].")
     run = f"dobc stress FILE --saturation {significant(min(known))}"
-    cure = f"Remove [actuators], certify without it, and see what the limit does in runs: {run}."
-    return wrong("actuators", what, cure)
+    return wrong(
+        "actuators",
+        what,
+        f"Remove [actuators], certify without it, and see what the limit does in runs: {run}.",
+    )
 
 
 def dimension_of(
@@ -554,9 +569,12 @@ def dimension_of(
     elif is_list(coupling):
         m = len(coupling)
     if m > LARGEST_DIMENSION:
-        what = f"an agent may have at most {LARGEST_DIMENSION} state components; got {m}."
-        cure = "Components that do not act on each other can be problems of their own."
-        raise about(key, what, cure, kind=ShapeError)
+        raise about(
+            key,
+            f"an agent may have at most {LARGEST_DIMENSION} state components; got {m}.",
+            "Components that do not act on each other can be problems of their own.",
+            kind=ShapeError,
+        )
     return max(1, m)
 
 
@@ -586,8 +604,11 @@ def _check_groups(groups: object) -> None:
     if groups is None:
         return
     if not isinstance(groups, list | tuple) or not all(isinstance(x, Group) for x in groups):
-        cure = "Make one with Group(agents=[...], exosystem=Exosystem(...))."
-        raise wrong("groups", f"must be a list of Groups; got {shown(groups)}.", cure)
+        raise wrong(
+            "groups",
+            f"must be a list of Groups; got {shown(groups)}.",
+            "Make one with Group(agents=[...], exosystem=Exosystem(...)).",
+        )
 
 
 def is_name(name: object) -> bool:
@@ -599,8 +620,11 @@ def is_name(name: object) -> bool:
 
 def _read_name(name: str) -> str:
     if not is_name(name):
-        what = f"must be text of 1 to 100 printable characters; got {shown(name)}."
-        raise wrong("name", what, 'For example name = "my-network".')
+        raise wrong(
+            "name",
+            f"must be text of 1 to 100 printable characters; got {shown(name)}.",
+            'For example name = "my-network".',
+        )
     return name
 
 
@@ -611,8 +635,11 @@ def _read_notes(notes: Any) -> tuple[str, ...]:
     texts = tuple(notes) if is_list(notes) else (notes,)
     for position, text in enumerate(texts):
         if not is_text(text) or len(text) > 1000 or not text.replace("\n", "").isprintable():
-            what = f"must be text of at most 1000 printable characters; got {shown(text)}."
-            raise wrong(f"notes[{position}]", what, "Write a list of sentences.")
+            raise wrong(
+                f"notes[{position}]",
+                f"must be text of at most 1000 printable characters; got {shown(text)}.",
+                "Write a list of sentences.",
+            )
     return texts
 
 
@@ -641,9 +668,11 @@ def _read_exceptions(
         key = f"coupling.exceptions[{position}]"
         with errors:
             if not _is_arc(arc, n) or arc[0] * n + arc[1] not in codes:
-                what = f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}."
-                cure = "Correct the arc, or remove the exception; indices count from 0."
-                raise about(key, what, cure)
+                raise about(
+                    key,
+                    f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}.",
+                    "Correct the arc, or remove the exception; indices count from 0.",
+                )
             result[int(arc[0]), int(arc[1])] = made(h, key=f"{key}.h")
     errors.raise_all()
     # Certificates number couplings in the order of the canonical problem, which is that of the

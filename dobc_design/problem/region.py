@@ -64,20 +64,31 @@ def read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
         several = ""
         if dimension > 1:
             several = f" for all state components, or {dimension} such pairs"
-        what = f"must be a pair [lo, hi]{several}; got {shown(value)}."
-        raise wrong(key, what, "For example [0, 5].", kind=ShapeError)
+        raise wrong(
+            key,
+            f"must be a pair [lo, hi]{several}; got {shown(value)}.",
+            "For example [0, 5].",
+            kind=ShapeError,
+        )
     pairs = []
     for position, row in enumerate(rows):
         place = f"{key}[{position}]" if nested else key
         if len(row) != 2:
-            what = f"must be a pair [lo, hi]; got {shown(row)}."
-            raise wrong(place, what, "For example [0, 5].", kind=ShapeError)
+            raise wrong(
+                place,
+                f"must be a pair [lo, hi]; got {shown(row)}.",
+                "For example [0, 5].",
+                kind=ShapeError,
+            )
         lo = parse_number(row[0], key=f"{place}[0]")
         hi = parse_number(row[1], key=f"{place}[1]")
         if lo > hi:
             got = f"[{shown_number(lo)}, {shown_number(hi)}]"
-            what = f"must be a pair [lo, hi] with lo <= hi; got {got}."
-            raise wrong(place, what, "Exchange the two numbers.")
+            raise wrong(
+                place,
+                f"must be a pair [lo, hi] with lo <= hi; got {got}.",
+                "Exchange the two numbers.",
+            )
         pairs.append((lo, hi))
     return tuple(pairs)
 
@@ -86,19 +97,23 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
     """The largest estimation error at the start; required with an exosystem, refused without."""
     key = "region.initial_disturbance"
     if value is None and with_exosystem:
-        what = (
+        raise wrong(
+            key,
             "is required when there is an [exosystem]: a large estimation error can push the "
-            "states out of it."
+            "states out of it.",
+            "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
         )
-        cure = "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known."
-        raise wrong(key, what, cure)
     if value is None:
         return None
     number = parse_number(value, key=key)
     if number < 0:
-        what = f"must be >= 0, because it is a length; got {shown_number(number)}."
-        raise wrong(key, what, "Give 0 or more.")
+        raise wrong(
+            key,
+            f"must be >= 0, because it is a length; got {shown_number(number)}.",
+            "Give 0 or more.",
+        )
     if not with_exosystem:
-        what = "has no meaning without an [exosystem]."
-        raise wrong(key, what, "Remove it, or give the exosystem.")
+        raise wrong(
+            key, "has no meaning without an [exosystem].", "Remove it, or give the exosystem."
+        )
     return number

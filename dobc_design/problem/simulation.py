@@ -45,8 +45,11 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) 
         time = positive_number(t_final, key="simulation.t_final", unit="s")
     seed = 0 if seed is None else seed
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
-        what = f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}."
-        raise wrong("simulation.seed", what, "For example seed = 0.")
+        raise wrong(
+            "simulation.seed",
+            f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}.",
+            "For example seed = 0.",
+        )
     disturbances = None if xi0 is None else _read_xi0(xi0, n=n, orders=orders)
     states = None if x0 is None else _read_x0(x0, n=n, m=m)
     return Simulation(t_final=time, seed=seed, xi0=disturbances, x0=states)
@@ -73,12 +76,13 @@ def _read_different_xi0(value: Any, key: str, orders: tuple[int, ...]) -> Rows:
         return tuple(row if order else () for order in orders)
     # one row per agent, as long as the order of its own exosystem
     if len(lists) != len(orders) or not all(lists):
-        what = (
+        raise wrong(
+            key,
             f"must have {counted(len(orders), 'row')}, one per agent, because the groups of "
-            f"exosystem.groups differ in order; got {shown(value)}."
+            f"exosystem.groups differ in order; got {shown(value)}.",
+            "Give every agent a row with one number per state of its own exosystem.",
+            kind=ShapeError,
         )
-        cure = "Give every agent a row with one number per state of its own exosystem."
-        raise wrong(key, what, cure, kind=ShapeError)
     because = "one per state of this agent's exosystem"
     rows = []
     for i, (row, q) in enumerate(zip(value, orders, strict=True)):
@@ -92,8 +96,12 @@ def _read_x0(value: Any, *, n: int, m: int) -> Rows:
     if m == 1 and is_list(value) and len(value) > 1 and not any(is_list(row) for row in value):
         if len(value) != n:
             numbers = counted(n, "number")
-            what = f"must have {numbers}, one per agent, or 1 for all; got {len(value)}."
-            raise wrong(key, what, "Give one number per agent.", kind=ShapeError)
+            raise wrong(
+                key,
+                f"must have {numbers}, one per agent, or 1 for all; got {len(value)}.",
+                "Give one number per agent.",
+                kind=ShapeError,
+            )
         return tuple((parse_number(number, key=f"{key}[{i}]"),) for i, number in enumerate(value))
     return _rows(value, key=key, n=n, width=m, because="one per state component")
 
@@ -102,16 +110,22 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
     """One list of ``width`` numbers for all agents, or a list for each."""
     if not is_list(value):
         cure = f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...]."
-        what = f"must be a list of {counted(width, 'number')}; got {shown(value)}."
-        raise wrong(key, what, cure, kind=ShapeError)
+        raise wrong(
+            key,
+            f"must be a list of {counted(width, 'number')}; got {shown(value)}.",
+            cure,
+            kind=ShapeError,
+        )
     if len(value) == 0 or not all(is_list(row) for row in value):
         return (read_vector(value, key=key, length=width, because=because),)
     if len(value) not in (1, n):
-        what = (
+        raise wrong(
+            key,
             f"must have {counted(n, 'row')}, one per agent, or be one list of "
-            f"{counted(width, 'number')}; got {counted(len(value), 'row')}."
+            f"{counted(width, 'number')}; got {counted(len(value), 'row')}.",
+            "Give one row for all agents, or one each.",
+            kind=ShapeError,
         )
-        raise wrong(key, what, "Give one row for all agents, or one each.", kind=ShapeError)
     rows = []
     for i, row in enumerate(value):
         rows.append(read_vector(row, key=f"{key}[{i}]", length=width, because=because))

@@ -5,7 +5,7 @@ What a proof makes of a guarantee is in ``loop/guarantee.py``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from itertools import accumulate, pairwise
@@ -106,22 +106,31 @@ class Switching(Shown):
     ) -> None:
         if guarantee is not None:
             if not isinstance(guarantee, str) or guarantee not in GUARANTEES:
-                what = f"must be one of {', '.join(GUARANTEES)}; got {shown(guarantee)}."
-                raise wrong("switching.guarantee", what, 'For example guarantee = "dwell".')
+                raise wrong(
+                    "switching.guarantee",
+                    f"must be one of {', '.join(GUARANTEES)}; got {shown(guarantee)}.",
+                    'For example guarantee = "dwell".',
+                )
             # Simulations show a signal that keeps the guarantee, unless another is asked for.
             signal = GUARANTEES[guarantee] if signal is None else signal
             # Modes of different length are a schedule that begins anew.
             if guarantee == "sequence" and is_list(dwell):
                 for name, other in (("period", period), ("schedule", schedule)):
                     if other is not None:
-                        what = "has no meaning beside a list as dwell."
-                        raise wrong(f"switching.{name}", what, "Remove it.")
+                        raise wrong(
+                            f"switching.{name}",
+                            "has no meaning beside a list as dwell.",
+                            "Remove it.",
+                        )
                 schedule, period = _instants(sequence, dwell)
                 sequence = None
                 dwell = None
         if not isinstance(signal, str) or signal not in SIGNALS:
-            what = f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}."
-            raise wrong("switching.signal", what, 'For example signal = "random".')
+            raise wrong(
+                "switching.signal",
+                f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}.",
+                'For example signal = "random".',
+            )
         given = {
             "dwell": dwell,
             "sequence": sequence,
@@ -164,13 +173,23 @@ def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switch
     names = ", ".join(modes[:6]) + (", ..." if len(modes) > 6 else "")
     for key, mode in named_modes.items():
         if mode not in modes:
-            what = f"must be a mode of [network.modes]; got {shown(mode)}."
-            errors.append(wrong(key, what, f"One of {names}."))
+            errors.append(
+                wrong(
+                    key,
+                    f"must be a mode of [network.modes]; got {shown(mode)}.",
+                    f"One of {names}.",
+                )
+            )
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
-        what = f"must have {counted(len(modes), 'row')}, one per mode; got {rows}."
-        cure = "Give rows and columns in the order of [network.modes]."
-        errors.append(wrong("switching.generator", what, cure, kind=ShapeError))
+        errors.append(
+            wrong(
+                "switching.generator",
+                f"must have {counted(len(modes), 'row')}, one per mode; got {rows}.",
+                "Give rows and columns in the order of [network.modes].",
+                kind=ShapeError,
+            )
+        )
     errors.raise_all()
     return switching
 
@@ -182,8 +201,11 @@ def _read(signal: str, name: str, value: Any) -> Any:
         return value
     if name not in ("dwell", "longest") and name not in KEYS[signal]:
         owners = [f'"{each}"' for each, names in KEYS.items() if name in names]
-        what = f'has no meaning for signal = "{signal}"; it belongs to {" and ".join(owners)}.'
-        raise wrong(key, what, f"Remove it, or write signal = {owners[-1]}.")
+        raise wrong(
+            key,
+            f'has no meaning for signal = "{signal}"; it belongs to {" and ".join(owners)}.',
+            f"Remove it, or write signal = {owners[-1]}.",
+        )
     if name == "radius":
         return positive_number(value, key=key, unit="a distance in the unit of x")
     if name in ("dwell", "longest", "period"):
@@ -191,89 +213,112 @@ def _read(signal: str, name: str, value: Any) -> Any:
     if name == "hysteresis":
         number = parse_number(value, key=key)
         if number < 0:
-            what = f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}."
-            raise wrong(key, what, f"Write {_EXAMPLES[name]}.")
+            raise wrong(
+                key,
+                f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}.",
+                f"Write {_EXAMPLES[name]}.",
+            )
         return number
     if name == "neighbours":
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
-            what = f"must be a whole number >= 1; got {shown(value)}."
-            raise wrong(key, what, f"Write {_EXAMPLES[name]}.")
+            raise wrong(
+                key,
+                f"must be a whole number >= 1; got {shown(value)}.",
+                f"Write {_EXAMPLES[name]}.",
+            )
         return value
     readers = {"sequence": _read_sequence, "generator": _read_generator, "schedule": _read_schedule}
     return readers[name](value, key)
 
 
-def _misfits(own: Switching) -> list[SpecError]:
+def _misfits(own: Switching) -> Iterator[SpecError]:
     """Keys that are missing, or that say the same thing twice."""
     has = {each.name for each in fields(own) if getattr(own, each.name) is not None}
     signal = own.signal
     rounds = signal == "periodic" and "schedule" in has
-    found = _unfit_guarantee(own)
-
-    def need(name: str, why: str) -> None:
-        if name not in has and name in KEYS[signal]:
-            what = f'is required and missing: with signal = "{signal}" {why}.'
-            found.append(wrong(f"switching.{name}", what, f"Write {_EXAMPLES[name]}."))
-
-    def refuse(name: str, other: str, why: str) -> None:
-        if {name, other} <= has:
-            what = f"must be left out where switching.{other} is given, because {why}."
-            found.append(wrong(f"switching.{name}", what, "Keep one of them."))
-
+    yield from _unfit_guarantee(own)
+    # Why a key is needed, or (beside another one) has to be left out.
+    rules: dict[tuple[str, str], str] = {}
     if signal == "schedule":
-        need("schedule", "it says which mode is active at which time")
+        rules["schedule", ""] = "it says which mode is active at which time"
     if not {"radius", "neighbours"} & has:
-        need("radius", "it says how far an agent hears (or neighbours: how many)")
-    refuse("neighbours", "radius", "each of the two defines the neighbours")
+        rules["radius", ""] = "it says how far an agent hears (or neighbours: how many)"
+    rules["neighbours", "radius"] = "each of the two defines the neighbours"
     if signal == "markov":
-        refuse("dwell", "generator", "its diagonal sets the mean dwell times")
+        rules["dwell", "generator"] = "its diagonal sets the mean dwell times"
     if rounds:
-        refuse("dwell", "schedule", "the schedule sets the times")
-        refuse("sequence", "schedule", "the schedule sets the modes")
-        need("period", "it says when the schedule begins anew")
+        rules["dwell", "schedule"] = "the schedule sets the times"
+        rules["sequence", "schedule"] = "the schedule sets the modes"
+        rules["period", ""] = "it says when the schedule begins anew"
     elif signal == "periodic":
-        refuse("period", "dwell", "each of the two sets how long a mode lasts")
+        rules["period", "dwell"] = "each of the two sets how long a mode lasts"
+    for (name, other), why in rules.items():
+        if not other and name not in has and name in KEYS[signal]:
+            yield wrong(
+                f"switching.{name}",
+                f'is required and missing: with signal = "{signal}" {why}.',
+                f"Write {_EXAMPLES[name]}.",
+            )
+        if {name, other} <= has:
+            yield wrong(
+                f"switching.{name}",
+                f"must be left out where switching.{other} is given, because {why}.",
+                "Keep one of them.",
+            )
     if rounds and own.schedule and own.period is not None and own.period <= own.schedule[-1][0]:
         last, got = shown_number(own.schedule[-1][0]), shown_number(own.period)
-        what = f"must be > {last} s, the last instant of the schedule; got {got}."
-        found.append(wrong("switching.period", what, "Choose a longer one."))
-    return found
+        yield wrong(
+            "switching.period",
+            f"must be > {last} s, the last instant of the schedule; got {got}.",
+            "Choose a longer one.",
+        )
 
 
-def _unfit_guarantee(own: Switching) -> list[SpecError]:
+def _unfit_guarantee(own: Switching) -> Iterator[SpecError]:
     """What a guarantee needs, and what has no meaning without it."""
-    found = []
     guarantee, dwell, longest = own.guarantee, own.dwell, own.longest
     timed = own.signal == "periodic" and (dwell is not None or own.period is not None)
     if guarantee == "sequence" and not timed:
-        what = "needs the modes in their order and how long each lasts."
-        cure = 'Write sequence = ["Ga", "Gb"] and dwell = [1, 2].'
-        found.append(wrong("switching.guarantee", what, cure))
+        yield wrong(
+            "switching.guarantee",
+            "needs the modes in their order and how long each lasts.",
+            'Write sequence = ["Ga", "Gb"] and dwell = [1, 2].',
+        )
     if guarantee == "markov" and own.generator is None:
-        what = 'is required and missing: guarantee = "markov" says at which rates the modes change.'
-        found.append(wrong("switching.generator", what, f"Write {_EXAMPLES['generator']}."))
+        yield wrong(
+            "switching.generator",
+            'is required and missing: guarantee = "markov" says at which rates the modes change.',
+            f"Write {_EXAMPLES['generator']}.",
+        )
     if guarantee == "dwell" and dwell is None:
         what = 'is required and missing: guarantee = "dwell" says that a mode lasts at least so'
-        found.append(wrong("switching.dwell", f"{what} long.", "Write dwell = 0.5."))
+        yield wrong("switching.dwell", f"{what} long.", "Write dwell = 0.5.")
     if longest is not None and guarantee != "dwell":
-        what = 'has no meaning without guarantee = "dwell".'
-        found.append(wrong("switching.longest", what, 'Remove it, or write guarantee = "dwell".'))
+        yield wrong(
+            "switching.longest",
+            'has no meaning without guarantee = "dwell".',
+            'Remove it, or write guarantee = "dwell".',
+        )
     elif longest is not None and dwell is not None and longest < dwell:
         least, got = shown_number(dwell), shown_number(longest)
-        what = f"must be >= switching.dwell = {least} s; got {got}."
-        found.append(wrong("switching.longest", what, "Give a longer time, or leave it out."))
-    return found
+        yield wrong(
+            "switching.longest",
+            f"must be >= switching.dwell = {least} s; got {got}.",
+            "Give a longer time, or leave it out.",
+        )
 
 
 def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
     """The schedule of a round and its period, for modes that last differently long."""
     modes = _read_sequence(sequence, "switching.sequence")
     if len(dwell) != len(modes):
-        what = (
+        raise wrong(
+            "switching.dwell",
             f"must be one number, or {counted(len(modes), 'number')}, one for each of "
-            f"switching.sequence; got {len(dwell)}."
+            f"switching.sequence; got {len(dwell)}.",
+            "Give one for each.",
+            kind=ShapeError,
         )
-        raise wrong("switching.dwell", what, "Give one for each.", kind=ShapeError)
     lengths: list[Fraction] = []
     for k, x in enumerate(dwell):
         lengths.append(positive_number(x, key=f"switching.dwell[{k}]", unit="s"))
@@ -281,12 +326,12 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
     begins = [Fraction(0), *accumulate(lengths)]
     if any(len(number_text(begin)) > MAX_CHARACTERS for begin in begins):
         short, long = shown_number(min(lengths)), shown_number(max(lengths))
-        what = (
+        raise wrong(
+            "switching.dwell",
             f"holds times from {short} to {long} s, whose sum has more than {MAX_CHARACTERS} "
-            "digits."
+            "digits.",
+            "Give times that are closer to each other, or with fewer digits.",
         )
-        cure = "Give times that are closer to each other, or with fewer digits."
-        raise wrong("switching.dwell", what, cure)
     return tuple(zip(begins, modes, strict=False)), begins[-1]
 
 
@@ -302,18 +347,28 @@ def _read_generator(value: Any, key: str) -> Matrix:
     matrix = read_matrix(value, key=key)
     rows, columns = len(matrix), len(matrix[0])
     if rows != columns:
-        what = f"must be square, one row and one column per mode; got shape ({rows}, {columns})."
-        raise wrong(key, what, f"For two modes {_EXAMPLES['generator']}.", kind=ShapeError)
+        raise wrong(
+            key,
+            f"must be square, one row and one column per mode; got shape ({rows}, {columns}).",
+            f"For two modes {_EXAMPLES['generator']}.",
+            kind=ShapeError,
+        )
     for k, row in enumerate(matrix):
         for other, rate in enumerate(row):
             if other != k and rate < 0:
-                what = f"must be >= 0, because it is a rate (1/s); got {shown_number(rate)}."
-                raise wrong(f"{key}[{k}][{other}]", what, "Only the diagonal is negative.")
+                raise wrong(
+                    f"{key}[{k}][{other}]",
+                    f"must be >= 0, because it is a rate (1/s); got {shown_number(rate)}.",
+                    "Only the diagonal is negative.",
+                )
         total = sum(row, Fraction(0))
         if total:
             what = "must add up to 0: the diagonal entry is minus the sum of the others;"
-            cure = f"Write {shown_number(row[k] - total)} at place {k} of that row."
-            raise wrong(f"{key}[{k}]", f"{what} got {shown_number(total)}.", cure)
+            raise wrong(
+                f"{key}[{k}]",
+                f"{what} got {shown_number(total)}.",
+                f"Write {shown_number(row[k] - total)} at place {k} of that row.",
+            )
     return matrix
 
 
@@ -331,8 +386,11 @@ def _read_schedule(value: Any, key: str) -> Schedule:
     first = rows[0][0]
     if first != 0:
         what = "must be 0, because a mode must be active from 0 s on;"
-        cure = "Say which mode is active from 0 s on."
-        raise wrong(f"{key}[0][0]", f"{what} got {shown_number(first)}.", cure)
+        raise wrong(
+            f"{key}[0][0]",
+            f"{what} got {shown_number(first)}.",
+            "Say which mode is active from 0 s on.",
+        )
     for k, ((before, _), (after, _)) in enumerate(pairwise(rows), start=1):
         if after <= before:
             what = f"must be > {shown_number(before)}, because instants increase;"
@@ -343,8 +401,9 @@ def _read_schedule(value: Any, key: str) -> Schedule:
 
 def _mode(value: Any, key: str) -> str:
     if not is_text(value):
-        what = f"must be the name of a mode; got {shown(value)}."
-        raise wrong(key, what, 'In quotes, such as "Ga".')
+        raise wrong(
+            key, f"must be the name of a mode; got {shown(value)}.", 'In quotes, such as "Ga".'
+        )
     return str(value)
 
 

@@ -49,9 +49,11 @@ class Uncertainty(Shown):
             # "false" in quotes would be true.
             known: object = self.known_to_agents
             if not isinstance(known, bool):
-                what = f"must be true or false; got {shown(known)}."
-                cure = "Leave it out where the agents know their couplings."
-                raise wrong("uncertainty.known_to_agents", what, cure)
+                raise wrong(
+                    "uncertainty.known_to_agents",
+                    f"must be true or false; got {shown(known)}.",
+                    "Leave it out where the agents know their couplings.",
+                )
         errors.raise_all()
 
     def _card(self) -> Card:
@@ -123,8 +125,13 @@ def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
     errors = Mistakes()
     if isinstance(found.limit, Mapping):
         for label in set(found.limit) - set(labels):
-            what = f"there is no agent {shown(label)} in network.agents."
-            errors.append(wrong(f"actuators.limit.{label}", what, "Use the label of an agent."))
+            errors.append(
+                wrong(
+                    f"actuators.limit.{label}",
+                    f"there is no agent {shown(label)} in network.agents.",
+                    "Use the label of an agent.",
+                )
+            )
     errors.sort(key=str)
     errors.raise_all()
     return found

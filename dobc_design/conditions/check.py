@@ -21,7 +21,13 @@ from dobc_design._show.cards import Card, Shown, listed
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.conditions.domain import EVERYWHERE, Around, Domain, domain_from_json
 from dobc_design.conditions.kinds import KINDS, Kind
-from dobc_design.conditions.numbers import claimed, read_rational, time_to_one_percent
+from dobc_design.conditions.numbers import (
+    claimed,
+    fields_to_json,
+    known_to_json,
+    read_rational,
+    time_to_one_percent,
+)
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
@@ -67,12 +73,7 @@ class Witness(Shown):
     values: tuple[str, ...] | None = None
 
     def to_json(self) -> dict[str, Any]:
-        result: dict[str, Any] = {"kind": self.kind}
-        if self.labels is not None:
-            result["labels"] = list(self.labels)
-        if self.values is not None:
-            result["values"] = list(self.values)
-        return result
+        return known_to_json(self, "kind", "labels", "values")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -85,7 +86,7 @@ class Fix(Shown):
     text: str
 
     def to_json(self) -> dict[str, Any]:
-        return {"kind": self.kind, "set": dict(self.set), "text": self.text}
+        return fields_to_json(self, "kind", "set", "text")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False, eq=False)
@@ -190,25 +191,12 @@ class Check(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """JSON object of the contract."""
-        result: dict[str, Any] = {"id": self.id}
-        if self.mode is not None:
-            result["mode"] = self.mode
-        if self.group is not None:
-            result["group"] = self.group
+        result = known_to_json(self, "id", "mode", "group")
         result["verdict"] = self.verdict.value
-        result["domain"] = self.domain.to_json()
-        result["margin"] = self.margin
-        result["rate"] = self.rate
-        result["factor"] = self.factor
-        result["reason"] = self.reason
-        # What is not there leaves no key: readers refuse null in its place.
+        result |= fields_to_json(self, "domain", "margin", "rate", "factor", "reason")
         if self.claim is not None:
             result["exact"] = self.claim.to_json()
-        if self.witness is not None:
-            result["witness"] = self.witness.to_json()
-        if self.fix is not None:
-            result["fix"] = self.fix.to_json()
-        return result
+        return result | known_to_json(self, "witness", "fix")
 
 
 def not_a_proof(check: Check) -> str | None:
@@ -228,15 +216,7 @@ def cut_check(
 ) -> Check:
     """A check that was not decided, because time or work ran out; ``longer``: `certify --all`
     searches longer."""
-    return Check(
-        id=id,
-        verdict=Verdict.UNDECIDED,
-        domain=domain,
-        reason=reason,
-        mode=mode,
-        cut=True,
-        longer=longer,
-    )
+    return replace(undecided_check(id, domain, reason), mode=mode, cut=True, longer=longer)
 
 
 def withdrawn(check: Check, domain: Domain, reason: str) -> Check:

@@ -8,27 +8,29 @@ from typing import Any, ClassVar
 
 
 @dataclass(frozen=True, slots=True)
-class Everywhere:
+class Word:
+    """Starts for which a certificate has one word, the ``value``."""
+
+    value: Any
+
+    def to_json(self) -> Any:
+        """As a certificate has it."""
+        return self.value
+
+    def __str__(self) -> str:
+        return str(self.value)
+
+
+class Everywhere(Word):
     """Every start."""
 
-    def to_json(self) -> Any:
-        """As a certificate has it."""
-        return "global"
 
-    def __str__(self) -> str:
-        return "global"
-
-
-@dataclass(frozen=True, slots=True)
-class NearTarget:
+class NearTarget(Word):
     """All starts that are close enough to the target; how close is not said."""
 
-    def to_json(self) -> Any:
-        """As a certificate has it."""
-        return "consensus"
 
-    def __str__(self) -> str:
-        return "consensus"
+class Foreign(Word):
+    """What a foreign certificate has in place of a domain; no claim holds there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,24 +65,10 @@ class Ball(Around):
     kind: ClassVar[str] = "ball"
 
 
-@dataclass(frozen=True, slots=True)
-class Foreign:
-    """What a foreign certificate has in place of a domain; no claim holds there."""
-
-    value: Any
-
-    def to_json(self) -> Any:
-        """As the certificate has it."""
-        return self.value
-
-    def __str__(self) -> str:
-        return str(self.value)
-
-
 Domain = Everywhere | NearTarget | Box | Ball | Foreign
 
-EVERYWHERE = Everywhere()
-NEAR_TARGET = NearTarget()
+EVERYWHERE = Everywhere("global")
+NEAR_TARGET = NearTarget("consensus")
 
 
 def domain_from_json(value: Any) -> Domain:

@@ -282,6 +282,12 @@ def fields_to_json(noun: object, *names: str) -> dict[str, Any]:
     return {name: as_json(getattr(noun, name)) for name in names}
 
 
+def known_to_json(noun: object, *names: str) -> dict[str, Any]:
+    """The same without those that are None: readers refuse null in their place."""
+    values = fields_to_json(noun, *names)
+    return {name: value for name, value in values.items() if value is not None}
+
+
 def rational_or_none(data: object) -> Fraction | None:
     """Read a rational or null.  Raises: as ``read_rational``."""
     return None if data is None else read_rational(data)

@@ -83,31 +83,25 @@ def gaps(loop: Loop, checks: Sequence[Check]) -> Iterator[Gap]:
     """The tables that no proved check answers."""
     stated = stated_in(loop)
     for id in stated.wanted:
+        reason = None
         if answer_of(loop, checks, id) is None:
-            found = next((check for check in checks if check.id == id), None)
-            yield Gap(
-                id=id,
-                table=table_words(loop, id),
-                reason=_why(loop, found),
-                cure=_cure(loop, checks, id),
-            )
+            reason = _why(loop, _first(checks, id))
         elif id == LIMIT and stated.relative and not stated.absolute and _are_apart(checks):
             reason = "errors of weights and gains are counted at the target, and inputs in a box."
-            yield Gap(
-                id=id,
-                table=table_words(loop, id),
-                reason=reason,
-                cure=_cure(loop, checks, id),
-            )
+        if reason is not None:
+            table = table_words(loop, id)
+            yield Gap(id=id, table=table, reason=reason, cure=_cure(loop, checks, id))
+
+
+def _first(checks: Sequence[Check], id: str) -> Check | None:
+    return next((check for check in checks if check.id == id), None)
 
 
 def _are_apart(checks: Sequence[Check]) -> bool:
     """Whether the tolerance has weights of its own, and the inputs are bounded in the box of
     max-separable."""
-    own = {
-        check.id: "v" in (check.exact or {}) for check in checks if check.id in (TOLERANCE, LIMIT)
-    }
-    return own.get(TOLERANCE, False) and not own.get(LIMIT, False)
+    own = {check.id for check in checks if "v" in (check.exact or {})}
+    return TOLERANCE in own and LIMIT not in own
 
 
 _CURES = {
@@ -130,7 +124,7 @@ def _cure(loop: Loop, checks: Sequence[Check], id: str) -> str:
     hold everywhere."""
     if any(check.id == MAX_SEPARABLE and check.verdict is Verdict.REFUTED for check in checks):
         return "pins or arcs by which every agent is reached in every mode"
-    found = next((check for check in checks if check.id == id), None)
+    found = _first(checks, id)
     if id == LIMIT and found is not None and found.reason.endswith(NO_ROOM):
         return "a larger limit"
     if id == ACCURACY and loop.is_linear:

@@ -30,6 +30,7 @@ from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Domain
 from dobc_design.conditions.numbers import (
     doubles_to_json,
     fields_to_json,
+    known_to_json,
     matrix_from_json,
     read_rational,
 )
@@ -458,8 +459,7 @@ class Unstable:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values."""
-        values = {} if self.value is None else fields_to_json(self, "value")
-        return values | {"unstable_roots": str(self.roots)}
+        return known_to_json(self, "value") | {"unstable_roots": str(self.roots)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -488,9 +488,7 @@ class PairFacts:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values."""
-        values = fields_to_json(self.pair, "P", "Q") | fields_to_json(self, "S", "bound", "mode")
-        # What is not known leaves no key.
-        return {name: value for name, value in values.items() if value is not None}
+        return fields_to_json(self.pair, "P", "Q") | known_to_json(self, "S", "bound", "mode")
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:

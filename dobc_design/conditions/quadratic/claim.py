@@ -24,7 +24,7 @@ from typing import Any, Final, Literal
 
 from dobc_design.conditions.consensus.claim import Entries
 from dobc_design.conditions.consensus.claim import add_to as add
-from dobc_design.conditions.numbers import as_json, fields_to_json
+from dobc_design.conditions.numbers import as_json, fields_to_json, known_to_json
 from dobc_design.conditions.quadratic.sectors import Channel, GainRange, Sectors
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
@@ -82,11 +82,9 @@ class Lure:
 
     def to_json(self) -> dict[str, Any]:
         entries = [[*place, value] for place, value in sorted(self.P_e.entries.items())]
-        names = ["level", "radius", "ranges", "multipliers", "rate"]
-        if self.P is not None:
-            names.append("P")
-        P_e = {"method": self.method, "P_e": as_json(entries)}
-        return P_e | fields_to_json(self, *names)
+        values = {"method": self.method, "P_e": as_json(entries)}
+        values |= fields_to_json(self, "level", "radius", "ranges", "multipliers", "rate")
+        return values | known_to_json(self, "P")
 
 
 def lure_matrix(

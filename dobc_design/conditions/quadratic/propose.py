@@ -222,7 +222,8 @@ def bound_lure(
     """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's
     pair (None: eps = 0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices"
     with too many arcs."""
-    metric = _identity(loop.size) if P_e is None else P_e
+    ones = {(i, i): Fraction(1) for i in range(loop.size)}
+    metric = SparseSymmetric(loop.size, ones) if P_e is None else P_e
 
     def at(radius: float, _: object = None) -> Lure | None:
         exact = rounded_down(radius, digits=6)
@@ -249,10 +250,6 @@ def bound_lure(
         return None
     _, lure = last_found(at, best, low, min(high, float(largest)), steps=HALVINGS)
     return lure
-
-
-def _identity(size: int) -> SparseSymmetric:
-    return SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)})
 
 
 def _level(P_e: SparseSymmetric, loop: Loop, radius: Fraction) -> Fraction:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -228,47 +229,27 @@ def make_templates(loop: Loop) -> Templates:
         own = slice(agent * m, (agent + 1) * m)
         K[own, own] = [[nearest(x) for x in row] for row in gain]
     entries = [_entries(coupling) for coupling in loop.functions]
-    nodes = _node_gains(loop, entries)
-    modes = tuple(_template(loop, name, entries, nodes) for name in loop.modes)
+    modes = tuple(_template(loop, name, entries) for name in loop.modes)
     return Templates(size=size, K=K, modes=modes)
 
 
-def _node_gains(loop: Loop, entries: Sequence[Sequence[tuple[int, int, bool]]]) -> list[_Gain]:
-    """What every node does by itself, as gains between it and the target."""
-    if loop.drift_place is None:
-        return []
-    m = loop.m
-    gains = []
-    for i in range(loop.n):
-        for c, d, curved in entries[loop.drift_place]:
-            gain = _Gain(
-                coupling=loop.drift_place,
-                row=c,
-                column=d,
-                target=i * m + c,
-                plus=i * m + d,
-                minus=loop.n * m,
-                curved=curved,
-                weight=1.0,
-                known=nearest(loop.slopes[c][d]),
-            )
-            gains.append(gain)
-    return gains
-
-
 def _template(
-    loop: Loop,
-    name: str,
-    entries: Sequence[Sequence[tuple[int, int, bool]]],
-    nodes: Sequence[_Gain],
+    loop: Loop, name: str, entries: Sequence[Sequence[tuple[int, int, bool]]]
 ) -> _Template:
     """The gains of one mode, those of its nodes after those of its arcs."""
     m = loop.m
     arcs = loop.modes[name]
+    links = list(zip(arcs, arcs.uncertain.tolist(), strict=True))
+    if loop.drift_place is not None:
+        links += [((i, i, Fraction(1)), False) for i in range(loop.n)]
     gains: list[_Gain] = []
-    # Arc (i, j): agent i takes the difference e_j - e_i.
-    for (i, j, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
+    # Arc (i, j): agent i takes the difference e_j - e_i; (i, i) is what it does alone, which is
+    # about its difference to the target.
+    for (i, j, weight), loose in links:
+        alone = i == j
         coupling = loop.place_of(i, j)
+        if alone and loop.drift_place is not None:
+            coupling = loop.drift_place
         for c, d, curved in entries[coupling]:
             gain = _Gain(
                 coupling=coupling,
@@ -276,14 +257,14 @@ def _template(
                 column=d,
                 target=i * m + c,
                 plus=j * m + d,
-                minus=i * m + d,
+                minus=loop.size if alone else i * m + d,
                 curved=curved + 2 * loose,
                 weight=nearest(weight),
-                known=0.0,
+                known=nearest(loop.slopes[c][d]) if alone else 0.0,
             )
             gains.append(gain)
     # One column of a table for every gain: the first six entries are places, the others numbers.
-    columns = np.array([*gains, *nodes], dtype=float).reshape(-1, len(_Gain._fields)).T
+    columns = np.array(gains, dtype=float).reshape(-1, len(_Gain._fields)).T
     place, where = np.split(columns[:6].astype(np.intp), 2)
     return _Template(
         name=name,
@@ -431,15 +412,8 @@ def covering(
         corner, other, off = _unit_forms()
         blocks.append(Block(constant=other, dense={lambda_: corner, R: off, share: -other}))
         blocks.append(_disturbance_block(disturbance, kappa=kappa, share=share))
-    forms, limits = _radii(system, basis)
-    return Inequalities(
-        basis=basis,
-        blocks=tuple(blocks),
-        count=lambda_ + 1 + 2 * disturbed,
-        positive=np.arange(kappa, lambda_),
-        forms=forms,
-        limits=limits,
-    )
+    count = lambda_ + 1 + 2 * disturbed
+    return _within_radii(system, basis, blocks, count=count, positive=np.arange(kappa, lambda_))
 
 
 def _unit_forms() -> tuple[Array, Array, Array]:
@@ -478,24 +452,26 @@ def flattening(
     else:
         blocks.append(Block(constant=-(ball**2) * eye, plain=1.0))
     # The unknown scalars in this order: t, kappa, lambda and b, mu.
-    forms, limits = _radii(system, basis)
-    return Inequalities(
-        basis=basis,
-        blocks=tuple(blocks),
-        count=mu + 1,
-        positive=np.arange(kappa, mu + 1),
-        forms=forms,
-        limits=limits,
-    )
+    positive = np.arange(kappa, mu + 1)
+    return _within_radii(system, basis, blocks, count=mu + 1, positive=positive)
 
 
-def _radii(system: FloatSystem, basis: Basis) -> tuple[Array, Array]:
-    """c'E c for every pair of ends and every unit matrix E, and the squares of the radii."""
-    count = len(system.ends)
-    pairs = np.arange(count)
+def _within_radii(
+    system: FloatSystem, basis: Basis, blocks: Sequence[Block], *, count: int, positive: Indices
+) -> Inequalities:
+    """These inequalities of so many scalars, and c'Y c below the square of the radius for every
+    pair of ends."""
+    pairs = np.arange(len(system.ends))
     # One column c = u_i - u_j for each pair; the row of the target is dropped.
-    c = np.zeros((system.size + 1, count))
+    c = np.zeros((system.size + 1, len(pairs)))
     c[system.ends[:, 0], pairs] = 1.0
     c[system.ends[:, 1], pairs] = -1.0
     c = c[:-1]
-    return basis.products(c, c).T, system.reach**2
+    return Inequalities(
+        basis=basis,
+        blocks=tuple(blocks),
+        count=count,
+        positive=positive,
+        forms=basis.products(c, c).T,
+        limits=system.reach**2,
+    )

@@ -12,7 +12,7 @@ from __future__ import annotations
 import heapq
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -262,7 +262,17 @@ def build_sectors(loop: Loop, ranges: Sequence[GainRange], *, radius: Fraction |
     """Put claimed ranges at the arcs of every mode, weights multiplied in, exact zeros left out.
     Raises: SpecError."""
     table = {each.coupling: each.entries for each in ranges if each.radius == radius}
-    own = _node_channels(loop, table, radius)
+    own: list[Channel] = []
+    if loop.drift_place is not None:
+        slopes = table.get(loop.drift_place)
+        if slopes is None:
+            raise SpecError(
+                f"f needs a range at the radius {radius}.",
+                key="ranges",
+                cure="Make them with enclose_ranges.",
+            )
+        for i in range(loop.n):
+            own += _channels(loop, slopes, i, i)
     modes: dict[str, tuple[Channel, ...]] = {}
     for name, arcs in loop.modes.items():
         channels: list[Channel] = []
@@ -275,62 +285,39 @@ def build_sectors(loop: Loop, ranges: Sequence[GainRange], *, radius: Fraction |
                 )
                 cure = "Make them with enclose_ranges, with the same radius."
                 raise SpecError(f"{what} at the radius {radius}.", key="ranges", cure=cure)
-            channels += _arc_channels(entries, listener, speaker, weight, loose=loose)
+            channels += _channels(loop, entries, listener, speaker, weight, loose=loose)
         modes[name] = (*channels, *own)
     return Sectors(loop=loop, modes=modes)
 
 
-def _arc_channels(
-    entries: Entries, listener: int, speaker: int, weight: Fraction, *, loose: bool
-) -> list[Channel]:
-    """The channels of one arc; ``loose``: it may be away, so that a gain may also be 0."""
-    m = len(entries)
-    channels = []
+def _channels(
+    loop: Loop,
+    entries: Entries,
+    listener: int,
+    speaker: int,
+    weight: Fraction | int = 1,
+    *,
+    loose: bool = False,
+) -> Iterator[Channel]:
+    """The channels of one arc; ``loose``: it may be away, so that a gain may also be 0.  A node
+    that listens to itself: what it does alone, beyond the constant slopes that count as pulls."""
+    m = loop.m
+    alone = listener == speaker
     for c, row in enumerate(entries):
         for d, gain in enumerate(row):
             ends = gain.hull(_ZERO) if loose else gain
-            if ends.lo or ends.hi:
-                channel = Channel(
+            known = loop.slopes[c][d] if alone else 0
+            low = weight * ends.lo - known
+            high = weight * ends.hi - known
+            if low or high:
+                yield Channel(
                     target=listener * m + c,
                     plus=speaker * m + d,
-                    minus=listener * m + d,
-                    low=weight * ends.lo,
-                    high=weight * ends.hi,
+                    # What a node does alone is about its difference to the target.
+                    minus=loop.size if alone else listener * m + d,
+                    low=low,
+                    high=high,
                 )
-                channels.append(channel)
-    return channels
-
-
-def _node_channels(
-    loop: Loop, table: Mapping[int, Entries], radius: Fraction | None
-) -> list[Channel]:
-    """What every node does by itself, beyond the constant slopes that count as pulls."""
-    if loop.drift_place is None:
-        return []
-    entries = table.get(loop.drift_place, ())
-    if not entries:
-        raise SpecError(
-            f"f needs a range at the radius {radius}.",
-            key="ranges",
-            cure="Make them with enclose_ranges.",
-        )
-    m = loop.m
-    target = loop.n * m
-    channels = []
-    for i in range(loop.n):
-        for c, row in enumerate(entries):
-            for d, gain in enumerate(row):
-                known = loop.slopes[c][d]
-                if gain.lo != known or gain.hi != known:
-                    channel = Channel(
-                        target=i * m + c,
-                        plus=i * m + d,
-                        minus=target,
-                        low=gain.lo - known,
-                        high=gain.hi - known,
-                    )
-                    channels.append(channel)
-    return channels
 
 
 def relied_differences(loop: Loop) -> tuple[tuple[int, int], ...]:

@@ -10,20 +10,33 @@ bounds, without boxes.
 import math
 from fractions import Fraction
 from functools import cache, partial
-from itertools import pairwise
+from itertools import accumulate, pairwise
+from operator import mul
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from .claims import Certificate
-from .consensus import closed, parts
-from .coordinates import inverse, outputs, shown, sizes, spread
+from .claims import Case
+from .consensus import closed, jacobian, own
+from .coordinates import inverse, shown, sizes
 from .curves import Curve, secants
 from .expressions import Coupling
 from .files import ERRORS
 from .intervals import enclosed
-from .loop import Arc, Loop
-from .matrices import ZERO, Matrix, diagonal, identity, integers, norm, paired, product
-from .peaks import STEPS, gains_by_row
+from .loop import Arc, Loop, Residual
+from .matrices import (
+    ZERO,
+    Matrix,
+    Vector,
+    combined,
+    diagonal,
+    identity,
+    integers,
+    norm,
+    paired,
+    plus,
+    product,
+    transpose,
+)
 from .quadratic import gains_shape
 from .reading import Object, an_object, index, matrix, maybe, need, rational, read, weights
 from .separable import (
@@ -32,14 +45,17 @@ from .separable import (
     Row,
     composite,
     curved_row,
+    frame,
     holds_box,
     linear_row,
+    spread,
     starts,
     tables,
 )
-from .slopes import jacobian
 
 STAGES = 30
+STEPS = 20_000
+GROWTH = 2000  # of |F| h steps
 AGENTS = 500
 PRODUCTS = 20_000_000  # of numbers, along the steps of a whole loop
 NAMES = ("disturbance", "drift", "measurement")
@@ -47,21 +63,20 @@ NAMES = ("disturbance", "drift", "measurement")
 EXACT = SimpleNamespace(**dict.fromkeys(ERRORS, ZERO), known_to_agents=True)
 
 
-def accuracy(case: Certificate, check: Any) -> None:
+def accuracy(case: Case, check: Any) -> None:
     """The peak gains, the starts in the first box, every box in the next one, the rows, and the
     bounds at the end."""
-    loop = case.loop
     need(
-        loop.uncertainty is not None and check.rate is None,
+        case.uncertainty is not None and check.rate is None,
         "there is no [uncertainty], or it claims a rate",
     )
-    need(loop.n <= AGENTS, f"there are more than {AGENTS} agents")
-    linear = loop.domain == "global"
+    need(case.n <= AGENTS, f"there are more than {AGENTS} agents")
+    linear = case.domain == "global"
     need(
         not linear or check.domain == "global",
         "the couplings are linear, and the domain is not global",
     )
-    if check.exact is not None and "response" in check.exact:
+    if "response" in (check.exact or {}):
         whole_loop(case, check)
     else:
         by_stages(case, check)
@@ -73,43 +88,41 @@ def acting(plant: Any, peaks: Any) -> Any:
 
 
 # --- Boxes
-def by_stages(case: Certificate, check: Any) -> None:
+def by_stages(case: Case, check: Any) -> None:
     """The form with boxes."""
-    loop = case.loop
-    curved = loop.domain != "global"
-    turned = check.exact is not None and "T" in check.exact
+    curved = case.domain != "global"
+    turned = "T" in (check.exact or {})
     if not turned:
         need(
-            loop.B is None and all(h.single for h in loop.functions),
+            case.B is None and all(h.single for h in case.functions),
             "there are dynamics, or a coupling is a list",
         )
-    exact, peaks = with_peaks(case, check, stages_shape(loop, turned))
+    exact, peaks = with_peaks(case, check, stages_shape(case, turned))
     stages = exact.stages
     need(1 <= len(stages) <= STAGES, f"there is not between 1 and {STAGES} stages")
     for each in stages:
         need(each.alpha > 0 and each.level > 0, "a number of a stage is not positive")
         need((each.rho is not None) == curved, "rho is not what these couplings need")
         need(each.rho is None or each.rho >= each.level, "rho is below the level")
-    T = exact.T if turned else None
-    S = inverse(T) if T else []
+    T = frame(exact)
+    S = inverse(T)
     if curved:
         starts(case, check.domain, "box")
         first = SimpleNamespace(**vars(exact) | vars(stages[0]))
-        holds_starts(case, check.domain, first, T)
+        holds_starts(case, check.domain, first)
     # a run that has come down to the level of a stage lies in the box of the next
     for before, after in pairwise(stages):
         need(curved and lies_inside(before, after), "a stage does not hold the box before")
     for each in stages:
-        if T:
+        if turned:
             shrinks_turned(case, T, each, peaks)
         else:
-            shrinks(loop, each, peaks)
+            shrinks(case, each, peaks)
     last = stages[-1]
-    need(set(exact.bounds) == set(loop.labels), "there is not one bound for each agent")
-    ends = sizes(S, last.v) if T else ([x] for x in last.v)
-    for label, end in paired(loop.labels, ends):
+    need(set(exact.bounds) == set(case.labels), "there is not one bound for each agent")
+    for label, end in paired(case.labels, sizes(S, last.v)):
         listed = exact.bounds[label]
-        bounds = read(listed, (rational,) * loop.m) if T else [rational(listed)]
+        bounds = read(listed, (rational,) * case.m) if turned else [rational(listed)]
         need(all(x >= last.level * y for x, y in paired(bounds, end)), "a bound is too small")
 
 
@@ -132,15 +145,14 @@ def stages_shape(loop: Loop, turned: bool) -> Object:
     return shape
 
 
-def holds_starts(case: Certificate, domain: Any, claim: Any, T: Matrix | None = None) -> None:
+def holds_starts(case: Case, domain: Any, claim: Any) -> None:
     """All starts lie in the box of a stage, and V = N + kappa E does not leave it."""
-    if case.loop.q:
+    if case.q:
         need(claim.kappa * claim.beta * min(claim.v) > 1, "kappa is too small")
-    composite(case, claim, outputs(case.loop, T) if T else None)
-    most = spread(T, claim.v) if T else 1 / min(claim.v)
+    composite(case, claim)
     # runs may start inside the level, too, and disturbances bring them back to it
-    radius = max(domain.radius, claim.level / most)
-    holds_box(claim, radius, domain.disturbance, claim.rho, most)
+    radius = max(domain.radius, claim.level / spread(frame(claim), claim.v))
+    holds_box(claim, radius, domain.disturbance, claim.rho)
 
 
 def lies_inside(before: Any, after: Any) -> bool:
@@ -149,20 +161,19 @@ def lies_inside(before: Any, after: Any) -> bool:
     return all(before.level * x < after.rho * y for x, y in pairs)
 
 
-def shrinks_turned(case: Certificate, T: Matrix, stage: Any, peaks: Any) -> None:
+def shrinks_turned(case: Case, T: Matrix, stage: Any, peaks: Any) -> None:
     """All rows of a stage in coordinates, with what acts on each agent through B, on [level, rho]:
     they are linear."""
-    loop = case.loop
-    plant = loop.uncertainty
+    plant = case.uncertainty
     need(plant.measurement == 0, "measurement noise is not known in coordinates")
     need(
         plant.weights == plant.gains == 0,
         "errors of weights and gains are not known in coordinates",
     )
     b = acting(plant, peaks) / stage.level
-    entering = T if loop.B is None else product(T, loop.B)
+    entering = T if case.B is None else product(T, case.B)
     load = [b * sum(map(abs, row)) for row in entering]
-    shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load * loop.n)
+    shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load * case.n)
 
 
 class Added(NamedTuple):
@@ -260,21 +271,20 @@ def shrinks(loop: Loop, stage: Any, peaks: Any) -> list[Added]:
 
 
 # --- The whole loop
-def whole_loop(case: Certificate, check: Any) -> None:
+def whole_loop(case: Case, check: Any) -> None:
     """e' = M e + (I (x) B)(w + C eps): in the end every e_ic is at most b times the integral of its
     row of |exp(M t) (I (x) B)|; that it is finite proves that M is Hurwitz."""
-    loop = case.loop
-    plant = loop.uncertainty
+    plant = case.uncertainty
     shape = {"bounds": an_object, "response": steps_of("step")}
     exact, peaks = with_peaks(case, check, shape)
-    need(loop.domain == "global", "the couplings are not linear")
-    need(not loop.switches, "the response of a loop that switches is not followed")
+    need(case.domain == "global", "the couplings are not linear")
+    need(not case.switches, "the response of a loop that switches is not followed")
     need(
         plant.measurement == plant.weights == plant.gains == 0,
         "noise and errors are not known beside a response",
     )
-    (M,) = [jacobian(loop, mode) for mode in loop.modes]
-    inputs = [] if loop.B is None else [diagonal([loop.B] * loop.n)]
+    (M,) = [jacobian(case, mode) for mode in case.modes]
+    inputs = [] if case.B is None else [diagonal([case.B] * case.n)]
     columns = len(M) + sum(len(B[0]) for B in inputs)
     work = len(M) ** 2 * columns * exact.response.steps
     # that many products of integers take a minute
@@ -283,10 +293,10 @@ def whole_loop(case: Certificate, check: Any) -> None:
     b = acting(plant, peaks)
     # bounds of 0 would be claims about rest, which takes for ever
     need(b > 0, "nothing acts on the loop")
-    need(set(exact.bounds) == set(loop.labels), "there is not one list of bounds for each agent")
-    for i, label in enumerate(loop.labels):
-        bounds = read(exact.bounds[label], (rational,) * loop.m)
-        ends = [b * row[-1] for row in found[i * loop.m : (i + 1) * loop.m]]
+    need(set(exact.bounds) == set(case.labels), "there is not one list of bounds for each agent")
+    for i, label in enumerate(case.labels):
+        bounds = read(exact.bounds[label], (rational,) * case.m)
+        ends = [b * row[-1] for row in found[i * case.m : (i + 1) * case.m]]
         need(
             all(x >= y for x, y in paired(bounds, ends)), "a bound is below what the loop passes on"
         )
@@ -298,27 +308,25 @@ def steps_of(*names: str) -> Object:
     return dict.fromkeys(names, rational) | {"steps": partial(index, STEPS + 1)}
 
 
-def with_peaks(case: Certificate, check: Any, shape: Object) -> tuple[Any, Any]:
+def with_peaks(case: Case, check: Any, shape: Object) -> tuple[Any, Any]:
     """What a claim says, and the peak gains of its observer, which are shown here; 0 without an
     exosystem."""
-    if case.loop.q == 0:
+    if case.q == 0:
         return read(check.exact, shape), SimpleNamespace(**dict.fromkeys(NAMES, ZERO))
     exact = read(check.exact, shape | {"peaks": steps_of(*NAMES, "step")})
-    for k in range(len(case.loop.residuals)):
-        need_peaks(case, k, exact.peaks)
+    for name in case.names:
+        need_peaks(case, own(case, name), exact.peaks)
     return exact, exact.peaks
 
 
-def need_peaks(case: Certificate, k: int, peaks: Any) -> None:
+def need_peaks(case: Case, residual: Residual, peaks: Any) -> None:
     """The peak gains of one residual are at most those that are claimed."""
-    loop = case.loop
-    residual = loop.residuals[k]
-    W = parts(loop, case.W, loop.m)[k]
-    F = closed(residual, W)
+    F = closed(residual)
     C = residual.C
-    if loop.B is not None:  # what acts, and what is asked, is in the inputs
-        C = product(loop.node.left, C)
-        W = product(W, loop.B)
+    W: Any = residual.W
+    if case.B is not None:  # what acts, and what is asked, is in the inputs
+        C = product(case.node.left, C)
+        W = product(W, case.B)
     for drift, disturbance, noise in gains_by_row(F, C, [W, product(F, W)], peaks):
         need(
             drift <= peaks.drift and disturbance <= peaks.disturbance,
@@ -326,3 +334,138 @@ def need_peaks(case: Certificate, k: int, peaks: Any) -> None:
         )
         at_once = norm(product(C, W))
         need(noise + at_once <= peaks.measurement, "the peak gain of noise is not shown")
+
+
+# --- Peak gains: bounds of the integral over t > 0 of |C exp(F t) B|, in integers. exp(F h) of one
+# step has entries in units of 2^-bits that miss at most ``off`` of them; what the products of a run
+# of steps miss is followed by one number.
+class Step(NamedTuple):
+    """exp(F h) in units of 2^-bits."""
+
+    phi: Any
+    off: int  # what an entry may miss, in units
+    grown: Fraction  # an upper bound of exp(|F| h)
+    bits: int
+
+
+def one_step(F: Matrix, h: Fraction, steps: int) -> Step:
+    """exp(F h) by its series, with as many bits as that many steps need."""
+    q = len(F)
+    size = norm(F)
+    euler = float(norm(plus(identity(q), h, F)) + (size * h) ** 2)  # not below |exp(F h)|, about
+    # a guess: too few bits only make the bounds larger
+    bits = 192 + 2 * math.ceil(steps * max(0.0, math.log(euler)))
+    power = identity(q)
+    total = identity(q)
+    rest = Fraction(1)  # (size h)^k / k!, a bound of the next term
+    terms = 0
+    grown = ZERO
+    while rest * 2**bits > 1:  # what is left is at most rest exp(size h)
+        terms += 1
+        grown += rest
+        power = [[x * h / terms for x in row] for row in product(power, F)]
+        total = plus(total, 1, power)
+        rest = rest * size * h / terms
+    # not below exp(size h), rounded up to few bits
+    grown = Fraction(math.ceil((grown + rest / (1 - size * h)) * 2**64), 2**64)
+    off = math.ceil(rest * 2**bits * grown) + 1  # of the series, and of rounding
+    return Step(in_units(total, bits), off, grown, bits)
+
+
+def in_units(X: Matrix, bits: int) -> Any:
+    """A matrix in units of 2^-bits, each entry within one unit."""
+    return [[round(x * 2**bits) for x in row] for row in X]
+
+
+class Run:
+    """Z(t) = exp(F t) [I, B, ...] from step to step, each entry within ``error`` units."""
+
+    def __init__(self, step: Step, blocks: list[Matrix]) -> None:
+        self.step = step
+        columns = [column for block in blocks for column in transpose(block)]
+        self.Z: Any = transpose(in_units(columns, step.bits))
+        self.error = 1
+        ends = list(accumulate((len(block[0]) for block in blocks), initial=0))
+        #: The columns of each block.
+        self.cuts = [range(*pair) for pair in pairwise(ends)]
+
+    def masses(self) -> Vector:
+        """A bound of the largest row sum of |Z| in each block."""
+        found = []
+        for cut in self.cuts:
+            most = max(sum(abs(row[j]) for j in cut) for row in self.Z)
+            found.append(Fraction(most + len(cut) * self.error))
+        return found
+
+    def go_on(self) -> None:
+        """One step further."""
+        phi = self.step.phi
+        off = self.step.off
+        bits = self.step.bits
+        q = len(phi)
+        largest = max(abs(x) for row in self.Z for x in row)
+        # (phi + off)(Z + error): what is missed, shifted down, and one unit for each rounding
+        missed = (norm(phi) + q * off) * self.error + q * off * largest
+        self.error = (missed >> bits) + 2
+        columns = transpose(self.Z)
+        self.Z = [[sum(map(mul, row, column)) >> bits for column in columns] for row in phi]
+
+
+class Outputs:
+    """Sums over time of |C Z|, by row of C and by block."""
+
+    def __init__(self, C: Matrix, run: Run) -> None:
+        q = len(C[0])
+        top, self.unit = integers([x for row in C for x in row])
+        self.weight = norm(C)
+        self.rows = []
+        for i in range(len(C)):
+            row = top[i * q : (i + 1) * q]
+            self.rows.append([(k, x) for k, x in enumerate(row) if x])
+        self.totals = [[ZERO] * len(run.cuts) for _ in C]
+
+    def add(self, run: Run, share: Fraction) -> None:
+        """This share of the values of the run as it stands."""
+        columns = transpose(run.Z)
+        for total, row in paired(self.totals, self.rows):
+            values: Any = [abs(sum(x * column[k] for k, x in row)) for column in columns]
+            for block, cut in enumerate(run.cuts):
+                seen = Fraction(sum(values[j] for j in cut), self.unit)
+                total[block] += share * (seen + len(cut) * self.weight * run.error)
+
+
+def gains_by_row(F: Matrix, C: Matrix, inputs: list[Matrix], followed: Any) -> list[Vector]:
+    """Bounds of the integrals over t > 0 of the row sums of |C exp(F t) B|, by row of C, for I and
+    every B of inputs. On a step of length h the integral of |f| is at most h (|f(t)| + |f(t +
+    h)|)/2 + (h^3/12) sup |f''|; what is left after the last step is a part r < 1 of the whole."""
+    h = followed.step
+    steps = followed.steps
+    size = norm(F)
+    need(
+        0 < h * size < Fraction(1, 2) and steps > 0 and size * h * steps <= GROWTH,
+        "the peak gains are not followed here with these steps",
+    )
+    step = one_step(F, h, steps)
+    # the identity comes along: its integral bounds what is left of all others
+    run = Run(step, [identity(len(F)), *inputs])
+    outputs = Outputs(C, run)
+    masses = [ZERO] * len(run.cuts)
+    outputs.add(run, Fraction(1, 2))  # the trapezoidal rule takes half of both ends
+    for number in range(1, steps + 1):
+        masses = combined(masses, 1, run.masses())
+        run.go_on()
+        outputs.add(run, Fraction(1, 1 + (number == steps)))
+    unit = 2**step.bits
+    left = [x / unit for x in run.masses()]
+    # |exp(F T)| < 1: what is left after T is a part of the whole, a geometric series
+    need(left[0] < 1, "the peak gains are not shown to be finite")
+    # |f''| = |C F^2 exp(F t) B|, and exp(|F| h) times more within a step
+    bend = h**3 / 12 * step.grown
+    found = []
+    for curved, total in paired(product(C, product(F, F)), outputs.totals):
+        curving = bend * sum(map(abs, curved))
+        sums = [(h * x + curving * y) / unit for x, y in paired(total, masses)]
+        # the whole of the identity: its own sum, and the part left[0] of the whole again
+        whole = sums[0] / (1 - left[0])
+        found.append([x + whole * y for x, y in paired(sums, left)])
+    return found

@@ -41,15 +41,14 @@ def need_rate(check: Any, most: Fraction, message: str) -> None:
     need(check.rate is not None and 0 < check.rate <= most, message)
 
 
-class Certificate:
-    """The claims of one certificate about the loop of one problem."""
+class Case(Loop):
+    """A loop with the claims of one certificate about it."""
 
     def __init__(self, data: bytes, problem: Problem) -> None:
+        super().__init__(problem)
         self.problem = problem
-        loop = Loop(problem)
-        self.loop = loop
-        gain = maybe(matrix(loop.q, len(loop.C)))
-        form = maybe(matrix(loop.q, loop.q))
+        gain = maybe(matrix(self.q, len(self.C)))
+        form = maybe(matrix(self.q, self.q))
         shape = dict.fromkeys(TEXTS, text) | {
             "version": None,
             "program": {"name": text, "version": text, "options?": [text]},
@@ -66,9 +65,9 @@ class Certificate:
         self.W = self.claims.observer.W
         self.P = self.claims.observer.P
         # a W of the problem has the size that its author gave it
-        short_matrix([] if loop.W else self.W or [])
+        short_matrix([] if self.given_W else self.W or [])
         short_matrix(self.P or [])
-        self.theorem = "theorem2" if loop.switches else "theorem1"
+        self.theorem = "theorem2" if self.switches else "theorem1"
         # of the modes, once they are known (consensus.room)
         self.rooms: dict[str, Fraction | None] = {}
 

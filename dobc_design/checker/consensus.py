@@ -1,21 +1,28 @@
 """Claims about the target: facts of exosystems, observer and graph, Lemma 1 (e'e decreases), and
 the theorems.
 
+J - K is the linearisation, made of the slopes of couplings, and Lambda = J + J' - (K + K') what e'e
+changes by. A slope that is not rational is an interval that holds it, and what is said here holds
+for every value in it.
+
 The theorems are about e and the observer's error together, by a pair P, Q. Psi < 0 in a mode iff
 Omega(0) < 0 and Lambda + the blocks of S(0) of the agents < 0.
 """
 
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
-from functools import partial
+from functools import lru_cache, partial
 from operator import mul
 from typing import Any, NamedTuple
 
-from .claims import Certificate
-from .intervals import outward
-from .loop import Loop, reach
+from .claims import Case
+from .intervals import Exact, outward, times
+from .loop import Loop, Residual, reach
 from .matrices import (
     ZERO,
     Matrix,
+    Rows,
+    Vector,
     both_ways,
     characteristic,
     definite,
@@ -35,6 +42,7 @@ from .matrices import (
     product,
     routh,
     semidefinite,
+    solved,
     stable,
     transpose,
     unstable,
@@ -52,7 +60,99 @@ from .reading import (
     text,
     weights,
 )
-from .slopes import is_symmetric, jacobian, lower_form, terms, upper_bounds
+
+ROOTS_SIZE = 60  # largest matrix whose eigenvalues are counted
+
+
+# --- Slopes at the target
+
+
+class Term(NamedTuple):
+    """Row a of J - K has the slope in column b, and less it in column c, the node's own."""
+
+    a: int
+    b: int
+    c: int
+    slope: Exact
+
+
+def terms(loop: Loop, mode: str) -> Iterator[Term]:
+    """Those of arcs and pins in a mode. A pin is an arc from the target, where the error is 0: it
+    has the column n m, which is dropped in the end."""
+    m = loop.m
+    for i, j, w, coupling, loose in loop.modes[mode]:
+        factor = (ZERO if loose else w, w)
+        for (c, d), slope in coupling.slopes.items():
+            yield Term(i * m + c, j * m + d, i * m + d, times(slope, factor))
+    for i, k in loop.hold.items():
+        for c, row in enumerate(k):
+            for d, gain in enumerate(row):
+                yield Term(i * m + c, loop.n * m, i * m + d, (gain, gain))
+
+
+@lru_cache(maxsize=1)  # every check of a mode asks
+def upper_bounds(loop: Loop) -> dict[str, Rows]:
+    """In every mode a rational U with Lambda <= U for every slope in its enclosure: one that is
+    off by r moves v'Lambda v by at most 2 r |v_a| |v_b - v_c| <= r (2 v_a^2 + v_b^2 + v_c^2)."""
+    return {mode: upper_bound(loop, mode) for mode in loop.modes}
+
+
+def upper_bound(loop: Loop, mode: str) -> Rows:
+    """U of one mode."""
+    size = loop.size
+    rows: Rows = [{i: ZERO} for i in range(size + 1)]
+
+    def add(i: int, j: int, x: Fraction) -> None:
+        rows[i][j] = rows[i].get(j, ZERO) + x
+
+    for a, b, c, (lo, hi) in terms(loop, mode):
+        middle = (lo + hi) / 2
+        add(a, b, middle)
+        add(b, a, middle)
+        add(a, c, -middle)
+        add(c, a, -middle)
+        r = (hi - lo) / 2
+        if r:
+            add(a, a, 2 * r)
+            add(b, b, r)
+            add(c, c, r)
+    # the target has no error: its row and column go
+    return [{j: x for j, x in row.items() if j < size} for row in rows[:-1]]
+
+
+def lower_form(found: Iterable[Term], v: Vector) -> Fraction:
+    """A lower bound of v'Lambda v, exact where the slopes that take part are; v ends with a 0."""
+    low = ZERO
+    for a, b, c, (lo, hi) in found:
+        weight = 2 * v[a] * (v[b] - v[c])
+        # the end that makes the form smaller
+        low += weight * (lo if weight > 0 else hi)
+    return low
+
+
+def jacobian(loop: Loop, mode: str) -> Matrix:
+    """J - K, if every slope is exact."""
+    size = loop.size
+    # exact characteristic polynomials take long
+    need(size <= ROOTS_SIZE, f"unstable roots are counted up to size {ROOTS_SIZE} only")
+    X = identity(size + 1, 0)
+    for a, b, c, (lo, hi) in terms(loop, mode):
+        need(lo == hi, "unstable roots are counted for exact slopes only")
+        X[a][b] += lo
+        X[a][c] -= lo
+    return [row[:-1] for row in X[:-1]]
+
+
+def is_symmetric(loop: Loop, mode: str) -> bool:
+    """Whether J - K is known exactly, and symmetric."""
+    X: dict[tuple[int, int], Fraction] = {}
+    for a, b, c, (lo, hi) in terms(loop, mode):
+        if lo != hi:
+            return False
+        X[a, b] = X.get((a, b), ZERO) + lo
+        X[a, c] = X.get((a, c), ZERO) - lo
+    size = loop.size  # the node that nobody is, which pins name, comes last
+    return all(x == X.get((b, a), ZERO) for (a, b), x in X.items() if max(a, b) < size)
 
 
 # --- Facts
@@ -64,7 +164,7 @@ class Fact(NamedTuple):
     witness: Any
 
 
-def observable(residual: Any) -> tuple[Matrix, list[int]]:
+def observable(residual: Residual) -> tuple[Matrix, list[int]]:
     """T, a basis of what is seen of the exosystem, and the columns of its leading ones."""
     rows = Matrix()
     part = residual.C
@@ -74,24 +174,24 @@ def observable(residual: Any) -> tuple[Matrix, list[int]]:
     return echelon(rows)
 
 
-def takes_long(residual: Any) -> bool:
+def takes_long(residual: Residual) -> bool:
     """The limit on the order and the bits of (A, C), to the seventh and second power, of the whole
     format."""
     entries = [abs(x) for row in (*residual.A, *residual.C) for x in row]
     sizes, bottom = integers(entries)
     largest = -(-max(sizes) // bottom)  # rounded up
     bits = bottom.bit_length() + largest.bit_length()
-    return bool(len(residual.A) ** 7 * bits**2 > 5 * 10**13)
+    return len(residual.A) ** 7 * bits**2 > 5 * 10**13
 
 
-def closed(system: Any, W: Matrix | None, b: Fraction = ZERO) -> Matrix:
+def closed(system: Any, b: Fraction = ZERO) -> Matrix:
     """A - W C + b I, of a residual or of the whole loop."""
-    need(W is not None, "there is no observer gain")
-    F = plus(system.A, -1, product(W or [], system.C))
+    need(system.W is not None, "there is no observer gain")
+    F = plus(system.A, -1, product(system.W, system.C))
     return plus(F, 1, identity(len(F), b))
 
 
-def observability(residual: Any, W: Matrix | None) -> Fact:
+def observability(residual: Residual) -> Fact:
     """C, C A, C A^2, ... have full rank."""
     T, _ = observable(residual)
     basis, _ = nullspace(T, len(residual.A))
@@ -100,7 +200,7 @@ def observability(residual: Any, W: Matrix | None) -> Fact:
     return Fact(holds, {"rank": Fraction(len(T))}, {"kind": "vector", "values": unseen})
 
 
-def detectability(residual: Any, W: Matrix | None) -> Fact:
+def detectability(residual: Residual) -> Fact:
     """What C does not see decays."""
     T, _ = observable(residual)
     basis, free = nullspace(T, len(residual.A))
@@ -112,9 +212,9 @@ def detectability(residual: Any, W: Matrix | None) -> Fact:
     return Fact(stable(R), {"unobservable_polynomial": p}, witness)
 
 
-def hurwitz(residual: Any, W: Matrix | None) -> Fact:
+def hurwitz(residual: Residual) -> Fact:
     """Every eigenvalue of A - W C has a negative real part."""
-    column = routh(characteristic(closed(residual, W)))
+    column = routh(characteristic(closed(residual)))
     end = next((k for k, entry in enumerate(column) if entry <= 0), 0)  # it begins with 1
     exact = None if end else {"routh": column}
     return Fact(end == 0, exact, {"kind": "routh_row", "values": column[: end + 1]})
@@ -130,19 +230,16 @@ def reachability(loop: Loop, mode: str) -> Fact:
     return Fact(not rest, None, {"kind": "agents", "labels": rest})
 
 
-def fact(case: Certificate, check: Any) -> None:
+def fact(case: Case, check: Any) -> None:
     """A fact of one group, or reachability in one mode, is as the check says."""
-    residual: Any = None
-    W: Matrix | None = None
     if check.id in OF_GROUPS:
-        residual, W = own(case, check.group)
-        found = OF_GROUPS[check.id](residual, W)
+        found = OF_GROUPS[check.id](own(case, check.group))
     else:
-        found = reachability(case.loop, check.mode)
+        found = reachability(case, check.mode)
     need(check.margin is None, "it has no margin to claim")
     if check.rate is not None:
         need(check.id == "hurwitz", "it has no rate to claim")
-        shown = check.rate > 0 and stable(closed(residual, W, check.rate))
+        shown = check.rate > 0 and stable(closed(own(case, check.group), check.rate))
         need(shown, "the rate is not shown")
     here = "proved" if found.holds else "refuted"
     need((check.verdict == "proved") == found.holds, f"it is {here} here")
@@ -152,13 +249,11 @@ def fact(case: Certificate, check: Any) -> None:
 
 
 # --- Observer
-def own(case: Certificate, name: str | None) -> tuple[Any, Matrix | None]:
-    """A residual by its name, and its block of W."""
-    loop = case.loop
-    k = loop.names.index(name)
-    if case.W is None:
-        return loop.residuals[k], None
-    return loop.residuals[k], parts(loop, case.W, loop.m)[k]
+def own(case: Case, name: str | None) -> Residual:
+    """A residual by its name, with its block of the W that is claimed."""
+    k = case.names.index(name)
+    W = None if case.W is None else parts(case, case.W, case.m)[k]
+    return case.residuals[k]._replace(W=W)
 
 
 def parts(loop: Loop, X: Matrix, width: int) -> list[Matrix]:
@@ -179,18 +274,17 @@ def parts(loop: Loop, X: Matrix, width: int) -> list[Matrix]:
     return blocks
 
 
-def observer(case: Certificate) -> None:
+def observer(case: Case) -> None:
     """The claimed W, P and Q are those of the problem, where it has any, and belong together."""
-    loop = case.loop
     W = case.W
-    given = "designed" if loop.W is None else "given"
+    given = "designed" if case.given_W is None else "given"
     source = None if W is None else given
     need(case.claims.observer.source == source, "the source of the observer gain is wrong")
-    need(W is None or loop.q > 0, "there is an observer, but no exosystem")
+    need(W is None or case.q > 0, "there is an observer, but no exosystem")
     # the claim is about the observer that the problem states
-    need(loop.W is None or W == loop.W, "the observer gain is not the one of the problem")
+    need(case.given_W in (None, W), "the observer gain is not the one of the problem")
     if W is not None:
-        for residual, gain in paired(loop.residuals, parts(loop, W, loop.m)):
+        for residual, gain in paired(case.residuals, parts(case, W, case.m)):
             need(
                 residual.W in (None, gain),
                 "the observer gain of a group is not that of the problem",
@@ -201,31 +295,29 @@ def observer(case: Certificate) -> None:
     together = (P is not None) == (Q is not None) == proved
     need(together, "P and Q belong beside a proved theorem, both")
     if P is not None:
-        parts(loop, P, 0)
+        parts(case, P, 0)
         need(transpose(P) == P, "P is not symmetric")
         need(W is not None and product(P, W) == Q, "Q is not P W")
 
 
-def omega(case: Certificate, P: Matrix, b: Fraction) -> Matrix:
+def omega(case: Case, P: Matrix, b: Fraction) -> Matrix:
     """P A + A'P - Q C - C'Q' + 2 b P, with Q = P W, of all groups together."""
-    return both_ways(product(P, closed(case.loop, case.W, b)))
+    return both_ways(product(P, closed(case, b)))
 
 
-def schur(case: Certificate, P: Matrix, b: Fraction) -> Matrix:
+def schur(case: Case, P: Matrix, b: Fraction) -> Matrix:
     """S = C (-Omega)^-1 C', once Omega < 0 is shown."""
     Omega = omega(case, P, b)
-    C = case.loop.C
+    C = case.C
     # else S does not exist, or says nothing
     need(definite(Omega, -1), "Omega < 0 is not shown")
-    columns = paired(opposite(Omega), transpose(C))
-    rows, _ = echelon([row + column for row, column in columns])
-    return product(C, [row[len(Omega) :] for row in rows])
+    return product(C, solved(opposite(Omega), transpose(C)))
 
 
 # --- Lemma 1 and the theorems: proofs
-def consensus(case: Certificate, check: Any) -> None:
+def consensus(case: Case, check: Any) -> None:
     """Decide lemma1, theorem1, theorem2 and the printed pairs."""
-    need(not case.loop.kinked, "a coupling has a kink, so the theorems do not apply")
+    need(not case.kinked, "a coupling has a kink, so the theorems do not apply")
     margin = check.margin
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
@@ -243,12 +335,12 @@ def consensus(case: Certificate, check: Any) -> None:
         pair_refuted(case, check)
 
 
-def proof(case: Certificate, check: Any) -> None:
+def proof(case: Case, check: Any) -> None:
     """Lambda < 0 in the mode, or Psi < 0 for the pair in every mode, with the margin and the
     rate."""
     lemma = check.id == "lemma1"
-    P = (case.P if check.id == case.theorem else case.loop.P) or []
-    modes = [check.mode] if lemma else list(case.loop.modes)
+    P = (case.P if check.id == case.theorem else case.given_P) or []
+    modes = [check.mode] if lemma else list(case.modes)
     if not lemma:
         need(definite(P), "P > 0 is not shown")
         need(same(check.exact, values(case, P)), "P, Q, S or the bound is another one here")
@@ -262,7 +354,7 @@ def proof(case: Certificate, check: Any) -> None:
         need(shown, "the margin or the rate is not shown")
 
 
-def values(case: Certificate, P: Matrix) -> Object:
+def values(case: Case, P: Matrix) -> Object:
     """What is listed for a pair: P, Q, S, and the bound -s if S = s I."""
     S = schur(case, P, ZERO)
     listed: Object = {"P": P, "Q": product(P, case.W or []), "S": S}
@@ -271,16 +363,15 @@ def values(case: Certificate, P: Matrix) -> Object:
     return listed
 
 
-def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -> bool:
+def decreases(case: Case, mode: str, shift: Fraction, S: Matrix | None) -> bool:
     """Lambda + the blocks of S of the agents + shift I < 0 in that mode; if a vector stands beside
     Lemma 1, it has to show this, with room for every block."""
-    loop = case.loop
-    m = loop.m
+    m = case.m
     blocks: dict[int | None, Matrix] = {}
-    for i in loop.nodes:
-        group = loop.place.get(i)
+    for i in case.nodes:
+        group = case.place.get(i)
         if group not in blocks:
-            blocks[group] = loop.block(S, i) if S else identity(m, 0)
+            blocks[group] = case.block(S, i) if S else identity(m, 0)
     if mode not in case.rooms:
         case.rooms[mode] = room(case, mode)
     left = case.rooms[mode]
@@ -289,13 +380,13 @@ def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -
         gaps = [plus(identity(m, left - shift), -1, each) for each in blocks.values()]
         return all(map(definite, gaps))
 
-    rows = [{j: -x for j, x in row.items()} for row in upper_bounds(loop)[mode]]
+    rows = [{j: -x for j, x in row.items()} for row in upper_bounds(case)[mode]]
     for i, row in enumerate(rows):
         row[i] -= shift
         if not S:
             continue
         first = i - i % m
-        for d, x in enumerate(blocks[loop.place.get(i // m)][i % m]):
+        for d, x in enumerate(blocks[case.place.get(i // m)][i % m]):
             # fewer bits: the middle of an enclosure, and its width taken off the diagonal
             lo, hi = outward(x, x)
             j = first + d
@@ -304,7 +395,7 @@ def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -
     return positive(rows)
 
 
-def room(case: Certificate, mode: str) -> Fraction | None:
+def room(case: Case, mode: str) -> Fraction | None:
     """The least -(U v)_i / v_i for the vector v beside a proved Lemma 1, if there is one, where U
     >= Lambda has its entries beside the diagonal taken by their sizes: every eigenvalue of Lambda
     is at most minus that."""
@@ -312,59 +403,59 @@ def room(case: Certificate, mode: str) -> Fraction | None:
     # its own check decides that the vector is good; here it only has to be there
     if lemma.verdict != "proved" or lemma.exact is None:
         return None
-    vector = read(lemma.exact, {"v": partial(weights, case.loop.size)}).v
+    vector = read(lemma.exact, {"v": partial(weights, case.size)}).v
     need(type(lemma.exact["v"]) is dict, "the vector is no block of doubles")
     v, _ = integers(vector)
     found = []
-    for i, row in enumerate(upper_bounds(case.loop)[mode]):
+    for i, row in enumerate(upper_bounds(case)[mode]):
         others = sum(abs(x) * v[j] for j, x in row.items() if j != i)
         found.append((-row[i] * v[i] - others) / v[i])
     return min(found)
 
 
 # --- Weighted forms
-def weighted(case: Certificate, check: Any) -> None:
+def weighted(case: Case, check: Any) -> Any:
     """V = e'De + sum eps_i'P eps_i decreases at the rate."""
-    loop = case.loop
-    need(not loop.kinked, "a coupling has a kink, so the theorem does not apply")
+    need(not case.kinked, "a coupling has a kink, so the theorem does not apply")
     proved = check.verdict == "proved" and check.witness is None
     need(proved, "it is proved, without a witness, or undecided")
     need(
         check.margin is None and (check.rate is None or check.rate > 0),
         "it claims a margin, or a rate that is not positive",
     )
-    if loop.B is not None and "R" in (check.exact or {}):
-        alike(case, check)
-    else:
-        by_diagonal(case, check)
+    components_alike = case.B is not None and "R" in (check.exact or {})
+    vector = partial(weights, case.n if components_alike else case.size)
+    shape: Object = {"D": vector, "w": an_object}
+    if components_alike:
+        shape |= {"c": rational, "R": matrix(case.m, case.m)}
+    elif case.q:
+        shape["P"] = matrix(case.q, case.q)
+    claim = read(check.exact, shape)
+    need(set(claim.w) == set(case.modes), "there is no vector for each mode")
+    decide = alike if components_alike else by_diagonal
+    decide(case, claim, check.rate or ZERO)
+    return claim
 
 
-def by_diagonal(case: Certificate, check: Any) -> None:
+def by_diagonal(case: Case, claim: Any, b: Fraction) -> None:
     """In every mode N w > 0 for N = D M + M'D - 2 rate D - s D^2, M = K - J, which has no positive
     entry beside the diagonal; s is the largest row sum of the agent's block of S."""
-    loop = case.loop
-    b = check.rate or ZERO
-    size = loop.size
-    shape: Object = {"D": partial(weights, size), "w": an_object}
-    if loop.q:
-        shape["P"] = matrix(loop.q, loop.q)
-    claim = read(check.exact, shape)
-    need(set(claim.w) == set(loop.modes), "there is no vector for each mode")
-    worst = [ZERO] * loop.n
-    if loop.q:
-        parts(loop, claim.P, 0)
+    size = case.size
+    worst = [ZERO] * case.n
+    if case.q:
+        parts(case, claim.P, 0)
         need(is_form(claim.P), "P > 0 is not shown")
         S = schur(case, claim.P, b)
-        worst = [norm(loop.block(S, i)) for i in loop.nodes]
+        worst = [norm(case.block(S, i)) for i in case.nodes]
     D = claim.D
-    for mode in loop.modes:
+    for mode in case.modes:
         w = [*weights(size, claim.w[mode]), ZERO]
         left = []
         for i in range(size):
-            cost = 2 * b + worst[i // loop.m] * D[i]
+            cost = 2 * b + worst[i // case.m] * D[i]
             left.append(-cost * D[i] * w[i])
         left.append(ZERO)
-        for i, j, own_column, (lo, hi) in terms(loop, mode):
+        for i, j, own_column, (lo, hi) in terms(case, mode):
             need(own_column == i or lo == hi == 0, "a coupling or a gain mixes components")
             # what dynamics do to an agent itself may have any sign
             need(lo >= 0 or j == size, "a slope is negative")
@@ -374,24 +465,19 @@ def by_diagonal(case: Certificate, check: Any) -> None:
         need(min(left[:size]) > 0, "the weights do not show it")
 
 
-def alike(case: Certificate, check: Any) -> None:
+def alike(case: Case, claim: Any, b: Fraction) -> None:
     """V = e'(D (x) R)e of agents with dynamics decreases at the rate: slopes are g G, gains B K = k
     G, g, k >= 0, and N w > 0 for N = D M + M'D - 2 c D, R > 0, R G = G'R >= 0, A'R + R A - 2 c R G
     + 2 rate R < 0, M = L(g) + diag(k)."""
-    loop = case.loop
-    vector = partial(weights, loop.n)
-    shape = {"D": vector, "w": an_object, "c": rational, "R": matrix(loop.m, loop.m)}
-    claim = read(check.exact, shape)
-    need(set(claim.w) == set(loop.modes), "there is no vector for each mode")
     short_matrix(claim.R)
-    slopes = {h: exact_slopes(h, loop.m) for h in loop.functions if h is not loop.own}
-    G = next((each for each in slopes.values() if any(map(any, each))), identity(loop.m))
+    slopes = {h: exact_slopes(h, case.m) for h in case.functions if h is not case.own}
+    G = next((each for each in slopes.values() if any(map(any, each))), identity(case.m))
     factors = {h: multiple(each, G) for h, each in slopes.items()}
-    gains = [multiple(plus(loop.gain(i), 1, loop.drift), G) for i in loop.nodes]
-    falls(case, claim, G, check.rate or ZERO)
+    gains = [multiple(plus(case.gain(i), 1, case.drift), G) for i in case.nodes]
+    falls(case, claim, G, b)
     D = claim.D
-    for mode, arcs in loop.modes.items():
-        w = vector(claim.w[mode])
+    for mode, arcs in case.modes.items():
+        w = weights(case.n, claim.w[mode])
         left = [2 * D[i] * w[i] * (k - claim.c) for i, k in enumerate(gains)]
         for i, j, weight, coupling, loose in arcs:
             g = weight * factors[coupling] * D[i]
@@ -409,17 +495,16 @@ def spend(left: Any, w: Any, arc: tuple[int, int], slope: Any) -> None:
     left[j] -= hi * w[i]
 
 
-def falls(case: Certificate, claim: Any, G: Matrix, b: Fraction) -> None:
+def falls(case: Case, claim: Any, G: Matrix, b: Fraction) -> None:
     """What ``alike`` asks of R, and of the observer."""
-    loop = case.loop
     R = claim.R
     RG = product(R, G)
     # definite and semidefinite are about symmetric matrices only
     need(transpose(R) == R and transpose(RG) == RG, "R or R G is not symmetric")
-    pulled = both_ways(product(R, loop.drift))
+    pulled = both_ways(product(R, case.drift))
     F = plus(plus(pulled, -2 * claim.c, RG), 2 * b, R)
     need(definite(R) and semidefinite(RG) and definite(F, -1), "R does not show it")
-    need(loop.q == 0 or stable(closed(loop, case.W, b)), "A - W C + rate I is not Hurwitz")
+    need(case.q == 0 or stable(closed(case, b)), "A - W C + rate I is not Hurwitz")
 
 
 def exact_slopes(h: Any, m: int) -> Matrix:
@@ -436,7 +521,7 @@ def multiple(X: Matrix, G: Matrix) -> Fraction:
     """The number g >= 0 with X = g G."""
     pairs: list[Any] = []
     for rows in paired(X, G):
-        pairs += zip(*rows, strict=True)
+        pairs += paired(*rows)
     g = next((x / y for x, y in pairs if y), ZERO)
     need(
         g >= 0 and all(x == g * y for x, y in pairs),
@@ -445,22 +530,21 @@ def multiple(X: Matrix, G: Matrix) -> Fraction:
     return g
 
 
-def linearisation(case: Certificate, check: Any) -> None:
+def linearisation(case: Case, check: Any) -> None:
     """J - K (of one mode) and A - W C have all eigenvalues left of minus the rate, or J - K has
     some right of 0."""
-    loop = case.loop
     b = check.rate or ZERO
-    need(not loop.kinked and not loop.switches, "it is about a smooth loop with one graph")
+    need(not case.kinked and not case.switches, "it is about a smooth loop with one graph")
     positive_rate = check.rate is None or b > 0
     need(
         check.margin is None and check.witness is None and positive_rate, "it claims something else"
     )
     # of several modes eigenvalues say nothing together: there is one mode here
-    (X,) = [jacobian(loop, mode) for mode in loop.modes]
+    (X,) = [jacobian(case, mode) for mode in case.modes]
     if check.verdict == "proved":
         need(check.exact is None, "it claims exact values")
         need(stable(plus(X, 1, identity(len(X), b))), "J - K + rate I is not Hurwitz")
-        need(loop.q == 0 or stable(closed(loop, case.W, b)), "A - W C + rate I is not Hurwitz")
+        need(case.q == 0 or stable(closed(case, b)), "A - W C + rate I is not Hurwitz")
         return
     count = read(check.exact, {"unstable_roots": rational}).unstable_roots
     need(
@@ -471,23 +555,22 @@ def linearisation(case: Certificate, check: Any) -> None:
 
 
 # --- Lemma 1 and the theorems: refutations
-def by_vector(case: Certificate, check: Any, mode: str, S: Matrix | None = None) -> Fraction:
+def by_vector(case: Case, check: Any, mode: str, S: Matrix | None = None) -> Fraction:
     """The witness v shows that X = Lambda + the blocks of S has v'Xv >= max(0, -M v'v); a lower
     bound of v'Xv."""
-    loop = case.loop
-    m = loop.m
-    shape = {"kind": text, "labels": [text], "values": partial(direction, loop.n * m)}
+    m = case.m
+    shape = {"kind": text, "labels": [text], "values": partial(direction, case.n * m)}
     witness = read(check.witness, shape)
     v = witness.values
     need(witness.kind == "vector", "the witness is no vector")
-    low = lower_form(terms(loop, mode), [*v, ZERO])
+    low = lower_form(terms(case, mode), [*v, ZERO])
     support = []
-    for i, label in enumerate(loop.labels):
+    for i, label in enumerate(case.labels):
         part = v[i * m : i * m + m]
         if any(part):
             support.append(label)
         if S:
-            low += form(part, loop.block(S, i), part)
+            low += form(part, case.block(S, i), part)
     # what a reader is told has to be what was decided
     need(witness.labels == support, "the labels are not the agents where the vector is not 0")
     least = -(check.margin or ZERO) * sum(map(mul, v, v))
@@ -496,7 +579,7 @@ def by_vector(case: Certificate, check: Any, mode: str, S: Matrix | None = None)
     return low
 
 
-def lemma_refuted(case: Certificate, check: Any) -> None:
+def lemma_refuted(case: Case, check: Any) -> None:
     """A vector shows that Lambda < 0 fails; unstable roots are counted besides."""
     exact = read(check.exact, {"unstable_roots": rational, "value?": rational})
     low = by_vector(case, check, check.mode)
@@ -507,37 +590,37 @@ def lemma_refuted(case: Certificate, check: Any) -> None:
     if count == 0:
         return
     # Where J - K is symmetric, Lambda = 2 (J - K), and v shows an eigenvalue > 0.
-    if count == 1 and low > 0 and is_symmetric(case.loop, check.mode):
+    if count == 1 and low > 0 and is_symmetric(case, check.mode):
         return
-    counted = unstable(jacobian(case.loop, check.mode), int(count))
+    counted = unstable(jacobian(case, check.mode), int(count))
     need(counted, "unstable roots are not shown")
 
 
-def theorem_refuted(case: Certificate, check: Any) -> None:
+def theorem_refuted(case: Case, check: Any) -> None:
     """No pair does, because of Lambda in a mode, or of the exosystem or the own gain of a group."""
     exact = read(check.exact, {"block": text, "mode?": text, "group?": text})
     if exact.block == "Lambda":
-        need(exact.mode in case.loop.modes and exact.group is None, "there is no such mode")
+        need(exact.mode in case.modes and exact.group is None, "there is no such mode")
         by_vector(case, check, exact.mode)
         return
     need(
         exact.mode is None and check.margin is None,
         "a cause in the exosystem has no mode and no margin",
     )
-    known = exact.block in ("detectability", "hurwitz") and exact.group in case.loop.names
+    known = exact.block in ("detectability", "hurwitz") and exact.group in case.names
     need(known, "the cause is none that is known")
-    residual, W = own(case, exact.group)
+    residual = case.residuals[case.names.index(exact.group)]
     need(exact.block == "detectability" or residual.W is not None, "a designed W refutes nothing")
-    found = OF_GROUPS[exact.block](residual, W)
+    found = OF_GROUPS[exact.block](own(case, exact.group))
     there = not found.holds and same(check.witness, found.witness)
     need(there, "the cause is not there, or it has another witness")
 
 
-def pair_refuted(case: Certificate, check: Any) -> None:
+def pair_refuted(case: Case, check: Any) -> None:
     """The pair of the problem does not do: P > 0, Omega < 0 or, in a mode, Lambda + the blocks of S
     < 0 fails."""
     exact = check.exact or {}
-    P = case.loop.P or []
+    P = case.given_P or []
     if exact == {"block": "P"}:
         no_form(check, P)
     elif exact == {"block": "Omega0"}:
@@ -545,7 +628,7 @@ def pair_refuted(case: Certificate, check: Any) -> None:
     else:
         listed = values(case, P)
         mode = exact.get("mode")
-        need(type(mode) is str and mode in case.loop.modes, "there is no such mode")
+        need(type(mode) is str and mode in case.modes, "there is no such mode")
         need(same(exact, listed | {"mode": mode}), "P, Q, S or the bound is another one here")
         by_vector(case, check, str(mode), listed["S"])
 

@@ -13,7 +13,7 @@ from functools import cache, cached_property, partial
 from operator import mul
 from typing import Any, NamedTuple
 
-from .claims import Certificate, need_rate
+from .claims import Case, need_rate
 from .expressions import Coupling
 from .loop import Loop
 from .matrices import (
@@ -21,7 +21,6 @@ from .matrices import (
     Matrix,
     Vector,
     combined,
-    diagonal,
     echelon,
     identity,
     integers,
@@ -30,57 +29,30 @@ from .matrices import (
 )
 from .quadratic import Ranges, gains_shape, read_ranges
 from .reading import matrix, maybe, need, rational, read, short_matrix, weights
-from .separable import composite, holds_box, max_separable, observed, starts
+from .separable import contains, max_separable, observed, pace
 
 MOST = 6  # components of an agent; gains of a coupling that vary
 
 
-def boxes(case: Certificate, check: Any) -> None:
-    """A claim of max-separable, in coordinates or without."""
-    if check.exact is not None and "T" in check.exact:
-        in_coordinates(case, check)
-        return
-    need(case.loop.single, "a coupling is a list, or nodes are curved")
-    max_separable(case, check)
-
-
-def in_coordinates(case: Certificate, check: Any) -> None:
-    """V decreases in the region, at the rate of the check."""
-    loop = case.loop
+def boxes(case: Case, check: Any) -> Any:
+    """V decreases in the region, at the rate of the check, in coordinates or without."""
+    if "T" not in (check.exact or {}):
+        need(case.single, "a coupling is a list, or nodes are curved")
+        return max_separable(case, check)
     shape = {
-        "T": matrix(loop.m, loop.m),
-        "v": partial(weights, loop.size),
+        "T": matrix(case.m, case.m),
+        "v": partial(weights, case.size),
         "alpha": rational,
         "rho": maybe(rational),
-        "ranges": gains_shape(loop.m),
+        "ranges": gains_shape(case.m),
     }
-    claim = read(check.exact, shape | observed(loop))
+    claim = read(check.exact, shape | observed(case))
     S = inverse(claim.T)
-
-    most = claim.alpha
-    if loop.q:
-        need(claim.kappa > 0, "kappa is not positive")
-        most = min(most, claim.beta - 1 / (claim.kappa * min(claim.v)))
-    need_rate(check, most, "the rate does not follow")
-    composite(case, claim, outputs(loop, claim.T))
-    domain = check.domain
-    if claim.rho is None:
-        need(domain == "global" == loop.domain, "it has no rho and is not global")
-    else:
-        starts(case, domain, "box")
-        widest = spread(claim.T, claim.v)
-        holds_box(claim, domain.radius, domain.disturbance, claim.rho, widest)
+    need(case.q == 0 or claim.kappa > 0, "kappa is not positive")
+    need_rate(check, pace(case, claim), "the rate does not follow")
+    contains(case, claim, check.domain)
     shown(case, claim, S)
-
-
-def outputs(loop: Loop, T: Matrix) -> Matrix:
-    """T C of every group."""
-    return product(diagonal([T] * len(loop.residuals)), loop.C)
-
-
-def spread(T: Matrix, v: Sequence[Fraction]) -> Fraction:
-    """The largest N of errors with |e| <= 1."""
-    return max(Fraction(sum(map(abs, row))) / min(v[c :: len(T)]) for c, row in enumerate(T))
+    return claim
 
 
 def sizes(S: Matrix, v: Sequence[Fraction]) -> Iterator[Vector]:
@@ -115,15 +87,14 @@ def inverse(T: Matrix) -> Matrix:
     return [row[m:] for row in rows]
 
 
-def shown(case: Certificate, claim: Any, S: Matrix, load: Vector | None = None) -> None:
+def shown(case: Case, claim: Any, S: Matrix, load: Vector | None = None) -> None:
     """The gains are those of the couplings, and the rows hold at the rate alpha with ``load`` (n
     m,) added."""
-    loop = case.loop
     outward = [claim.alpha * x for x in claim.v]
     if load:
         outward = combined(outward, 1, load)
-    rows = RowsOfCoordinates(loop, claim.T, S, read_ranges(loop, claim, far(loop, S, claim)))
-    rows.hold(claim.v, outward, loop.modes)
+    rows = RowsOfCoordinates(case, claim.T, S, read_ranges(case, claim, far(case, S, claim)))
+    rows.hold(claim.v, outward, case.modes)
 
 
 class Corners(NamedTuple):

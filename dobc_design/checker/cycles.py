@@ -7,8 +7,9 @@ from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from .claims import Certificate
-from .coordinates import RowsOfCoordinates, far, inverse, outputs, spread
+from .claims import Case
+from .consensus import jacobian
+from .coordinates import RowsOfCoordinates, far, inverse
 from .curves import Curve, Curves, Term, at_once, both_faces, on_pieces
 from .expressions import Coupling
 from .guarantee import Phase
@@ -17,8 +18,7 @@ from .loop import Loop, reach
 from .matrices import ONE, ZERO, Matrix, Vector, combined, norm, paired
 from .quadratic import gains_shape, read_ranges
 from .reading import Object, matrix, maybe, need, rational, read, still, weights
-from .separable import composite, observed, starts
-from .slopes import jacobian
+from .separable import composite, frame, observed, spread, starts
 
 NEAR = 2.0**-60
 TIMES = 2000  # of a tube at most
@@ -28,24 +28,25 @@ LONGEST = Fraction(16_000)
 Ends = tuple[Vector, Vector]
 
 
-def schedule(case: Certificate, check: Any) -> None:
+def schedule(case: Case, check: Any) -> Any:
     """N = max |e_i| / v_i(t) falls from phase to phase at the rate, or the graphs alone show that
     all errors decay; or errors grow from round to round."""
     if check.verdict == "refuted":
-        grows(case.loop, check)
-        return
-    exact = read_cycles(case, check.exact, check.exact is not None and "T" in check.exact)
+        grows(case, check)
+        return None
+    exact = read_cycles(case, check.exact, "T" in (check.exact or {}))
     need(
-        exact.rate is not None if exact.T else case.loop.single,
+        exact.rate is not None if exact.T else case.single,
         "a coupling is a list, or nodes are curved, or T has no weights",
     )
     claims_rate(check, exact)
     keeps(case, exact)
     begun = []
-    for turn, each in zip(case.loop.guarantee.phases, exact.phases, strict=False):
+    for turn, each in zip(case.guarantee.phases, exact.phases, strict=False):
         if turn.first:
-            begun.append(spread(exact.T or [[ONE]], each.v[0]))
+            begun.append(spread(frame(exact), each.v[0]))
     inside(case, check, exact, max(begun, default=ONE))
+    return exact
 
 
 def claims_rate(check: Any, exact: Any) -> None:
@@ -60,16 +61,15 @@ def claims_rate(check: Any, exact: Any) -> None:
     )
 
 
-def read_cycles(case: Certificate, value: Any, turned: bool = False) -> Any:
+def read_cycles(case: Case, value: Any, turned: bool = False) -> Any:
     """Read weights that move from mode to mode, phase by phase; none where the graphs alone are
     claimed.  ``turned``: in coordinates."""
-    loop = case.loop
-    size = loop.size if turned else loop.n
+    size = case.size if turned else case.n
     phase = {"times": [rational], "v": [partial(weights, size)]}
     shape: Object = {"rate": maybe(rational), "rho": maybe(rational), "phases": [phase]}
-    shape |= observed(loop)
+    shape |= observed(case)
     if turned:
-        shape |= {"T": matrix(loop.m, loop.m), "ranges": gains_shape(loop.m)}
+        shape |= {"T": matrix(case.m, case.m), "ranges": gains_shape(case.m)}
     exact = read(value, shape)
     if not turned:
         exact.T = None
@@ -78,17 +78,16 @@ def read_cycles(case: Certificate, value: Any, turned: bool = False) -> Any:
     return exact
 
 
-def keeps(case: Certificate, exact: Any) -> None:
+def keeps(case: Case, exact: Any) -> None:
     """V = N + kappa E never rises and, with weights, falls at the rate over each phase."""
-    loop = case.loop
-    turns = loop.guarantee.phases
+    turns = case.guarantee.phases
     every = [x for each in exact.phases for v in each.v for x in v]
     decays(case, exact, exact.rate or ZERO, min(every, default=ONE))
     if exact.rate is None:
         need(not exact.phases, "it has weights and no rate")
-        rises(loop, exact.rho)
-        for cycle in loop.guarantee.cycles():
-            reached(loop, cycle)
+        rises(case, exact.rho)
+        for cycle in case.guarantee.cycles():
+            reached(case, cycle)
         return
 
     need(len(exact.phases) == len(turns), "there are not weights for every phase")
@@ -96,7 +95,10 @@ def keeps(case: Certificate, exact: Any) -> None:
         turned = in_coordinates(case, exact)
     else:
         width = enclosed(2 * (exact.rho or ONE) * max(every))[1]
-        curves = {mode: curves_of(loop, mode, width) for mode in {turn.mode for turn in turns}}
+        curves: dict[str, Curves] = {}
+        for mode in {turn.mode for turn in turns}:
+            heard = {arc.coupling for arc in case.modes[mode]}
+            curves[mode] = both_faces(heard, -width, width)
     for turn, each in paired(turns, exact.phases):
         need(each.times[0] == 0, "times do not begin at 0")
         need(all(a < b for a, b in pairwise(each.times)), "times do not rise")
@@ -107,18 +109,17 @@ def keeps(case: Certificate, exact: Any) -> None:
         if exact.T:
             falls_turned(turned, turn, each, exact.rate)
         else:
-            falls(loop, turn, each, exact, curves[turn.mode])
+            falls(case, turn, each, exact, curves[turn.mode])
 
 
-def in_coordinates(case: Certificate, exact: Any) -> RowsOfCoordinates:
+def in_coordinates(case: Case, exact: Any) -> RowsOfCoordinates:
     """What shows rows in coordinates z = T e, for gains that hold as far out as any weights
     reach."""
-    loop = case.loop
     S = inverse(exact.T)
     every = [v for each in exact.phases for v in each.v]
     exact.v = [max(column) for column in zip(*every, strict=True)]
-    ranges = read_ranges(loop, exact, far(loop, S, exact))
-    return RowsOfCoordinates(loop, exact.T, S, ranges)
+    ranges = read_ranges(case, exact, far(case, S, exact))
+    return RowsOfCoordinates(case, exact.T, S, ranges)
 
 
 def falls_turned(rows: RowsOfCoordinates, turn: Phase, each: Any, rate: Fraction) -> None:
@@ -133,23 +134,21 @@ def falls_turned(rows: RowsOfCoordinates, turn: Phase, each: Any, rate: Fraction
         rows.hold(last, [rate * x for x in last], [turn.mode])
 
 
-def decays(case: Certificate, claim: Any, rate: Fraction, least: Fraction = ONE) -> None:
+def decays(case: Case, claim: Any, rate: Fraction, least: Fraction = ONE) -> None:
     """The part of the estimation error in V = N + kappa E, with weights of at least ``least``,
     allows the rate."""
-    loop = case.loop
-    T = getattr(claim, "T", None)
-    composite(case, claim, outputs(loop, T) if T else None)
-    if loop.q:
+    composite(case, claim)
+    if case.q:
         need(
             claim.kappa > 0 and claim.kappa * (claim.beta - rate) * least >= 1, "kappa is too small"
         )
     need(
-        claim.rho is not None or loop.domain == "global",
+        claim.rho is not None or case.domain == "global",
         "it has no rho, and the couplings are not all linear",
     )
 
 
-def inside(case: Certificate, check: Any, claim: Any, most: Fraction = ONE) -> None:
+def inside(case: Case, check: Any, claim: Any, most: Fraction = ONE) -> None:
     """V is at most rho at every start; ``most``: the largest N where |e| <= 1."""
     if claim.rho is None:
         need(check.domain == "global", "it has no rho and is not global")
@@ -157,7 +156,7 @@ def inside(case: Certificate, check: Any, claim: Any, most: Fraction = ONE) -> N
     starts(case, check.domain, "box")
     left = claim.rho - check.domain.radius * most
     noise = ZERO
-    if case.loop.q:
+    if case.q:
         noise = (claim.kappa * check.domain.disturbance) ** 2 * claim.size
     # kappa s sqrt(size) <= left, without a root
     need(left >= 0 and noise <= left**2, "the box leaves the region")
@@ -184,11 +183,6 @@ def growth(x: Fraction) -> Fraction:
 def fading(x: Fraction) -> Fraction:
     """An upper bound of exp(-x) for x >= 0; beyond LONGEST it is not followed: it is smaller."""
     return growth(-min(x, LONGEST))
-
-
-def curves_of(loop: Loop, mode: str, width: float) -> Curves:
-    """The couplings of a mode with tables on |y| <= width."""
-    return both_faces({arc.coupling for arc in loop.modes[mode]}, -width, width)
 
 
 def falls(loop: Loop, turn: Phase, each: Any, exact: Any, curves: Curves) -> None:
@@ -268,7 +262,7 @@ def halves(face: Face) -> Iterator[Face]:
 
 def between(ends: Ends) -> Vector:
     """The box in the middle."""
-    return [(a + b) / 2 for a, b in zip(*ends, strict=True)]
+    return [(a + b) / 2 for a, b in paired(*ends)]
 
 
 class MovingRow(NamedTuple):
@@ -400,7 +394,7 @@ def exponential(X: Matrix) -> Ball:
         rows, off = multiplied(term, small)
         term = Ball([[x // k for x in row] for row in rows], off // k + 1 + size)
         pairs = paired(total, term.entries)
-        total = [[a + b for a, b in zip(*both, strict=True)] for both in pairs]
+        total = [[a + b for a, b in paired(*both)] for both in pairs]
         missed += term.missed
     found = Ball(total, missed)
     for _ in range(halvings):

@@ -1,12 +1,12 @@
 """What is asked of a certificate, and in which order."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from .accuracy import accuracy
-from .claims import Certificate
+from .claims import Case
 from .consensus import OF_GROUPS, consensus, fact, linearisation, observer, weighted
 from .coordinates import boxes
 from .cycles import schedule
@@ -24,7 +24,7 @@ __all__ = ["MAX_BYTES", "Refused", "examine"]
 
 
 FACTS = (*OF_GROUPS, "reachability")
-Decider = Callable[[Certificate, Any], None]
+Decider = Callable[[Case, Any], Any]  # what is read of the claim, if it may have a factor
 REGIONAL: dict[str, Decider] = {
     "max-separable": boxes,
     "delay": delay,
@@ -54,33 +54,31 @@ def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list
     Raises: Refused if one of the two files is not what the format page describes.
     """
     token = UNTIL.set(until)
+    found: list[tuple[bool, str]] = []
     try:
-        case = Certificate(certificate, Problem(problem))
-        return list(findings_of(case))
+        for stage in stages(Case(certificate, Problem(problem))):
+            for title, task in stage:
+                found.append(finding(title, task))
+            # a later stage relies on those before it
+            if not all(holds for holds, _ in found):
+                break
     except OutOfTime:
-        return []
+        return found
     finally:
         UNTIL.reset(token)
+    return found
 
 
-def findings_of(case: Certificate) -> Iterator[tuple[bool, str]]:
-    """What holds and what does not, stage by stage: a later stage relies on those before it."""
-    for stage in stages(case):
-        failed = False
-        for title, task in stage:
-            try:
-                task()
-                yield True, title
-            except OutOfTime:
-                return
-            except Refused as error:
-                failed = True
-                yield False, f"{title}: {error}"
-        if failed:
-            return
+def finding(title: str, task: partial[None]) -> tuple[bool, str]:
+    """Whether a claim holds, and what it is, or why it fails."""
+    try:
+        task()
+    except Refused as error:
+        return False, f"{title}: {error}"
+    return True, title
 
 
-def stages(case: Certificate) -> list[list[Task]]:
+def stages(case: Case) -> list[list[Task]]:
     """What is examined."""
     about = [
         ("it belongs to this problem", partial(belonging, case)),
@@ -95,7 +93,7 @@ def stages(case: Certificate) -> list[list[Task]]:
     return [about, gain, claims, last]
 
 
-def belonging(case: Certificate) -> None:
+def belonging(case: Case) -> None:
     """The certificate is about this problem."""
     claims = case.claims
     stated = case.problem.stated
@@ -107,16 +105,15 @@ def belonging(case: Certificate) -> None:
     )
 
 
-def completeness(case: Certificate) -> None:
+def completeness(case: Case) -> None:
     """Every check that has to be there is there, once, and none that is not known."""
-    loop = case.loop
     wanted: list[Any] = [
-        (id, mode, None) for mode in loop.modes for id in ("reachability", "lemma1")
+        (id, mode, None) for mode in case.modes for id in ("reachability", "lemma1")
     ]
-    wanted += [(id, None, group) for id in OF_GROUPS for group in loop.names]
-    if loop.q:
+    wanted += [(id, None, group) for id in OF_GROUPS for group in case.names]
+    if case.q:
         wanted.append((case.theorem, None, None))
-    if loop.P is not None:
+    if case.given_P is not None:
         wanted.append((case.theorem + "-printed", None, None))
     more = (*REGIONAL, case.theorem + "-weighted", "linearisation")
     known = {*wanted, *((id, None, None) for id in more)}
@@ -127,11 +124,11 @@ def completeness(case: Certificate) -> None:
     need(set(wanted) <= set(found), "a check is missing")
 
 
-def confirm(case: Certificate, check: Any) -> None:
+def confirm(case: Case, check: Any) -> None:
     """Decide one claim."""
     open_claim = check.verdict == "undecided"
     about_region = check.id in REGIONAL and not open_claim
-    domain = "global" if check.id in FACTS else case.loop.domain
+    domain = "global" if check.id in FACTS else case.domain
     need(about_region or check.domain == domain, "the domain is wrong")
     if open_claim:
         claimed = (check.margin, check.rate, check.factor, check.exact, check.witness)
@@ -143,11 +140,10 @@ def confirm(case: Certificate, check: Any) -> None:
     )
     # by now id, mode and group are known, and the observer is the one of the problem
     decide = regional if about_region else decider(case, check.id)
-    decide(case, check)
-    bounded(case, check)
+    bounded(case, check, decide(case, check))
 
 
-def decider(case: Certificate, id: str) -> Decider:
+def decider(case: Case, id: str) -> Decider:
     """What decides a check that is not about a region."""
     if id in FACTS:
         return fact
@@ -156,27 +152,27 @@ def decider(case: Certificate, id: str) -> Decider:
     return linearisation if id == "linearisation" else consensus
 
 
-def regional(case: Certificate, check: Any) -> None:
+def regional(case: Case, check: Any) -> Any:
     """A claim about a region that is proved or refuted."""
-    loop = case.loop
     need(check.margin is None, "it has no margin to claim")
-    need(loop.q == 0 or case.W is not None, "there is no observer gain")
-    need(check.id in OF_ANY_COUPLING or loop.single, "a coupling is a list, or nodes are curved")
-    need(loop.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
+    need(case.q == 0 or case.W is not None, "there is no observer gain")
+    need(check.id in OF_ANY_COUPLING or case.single, "a coupling is a list, or nodes are curved")
+    need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
     need(
-        loop.leader is None or check.id not in ("equilibrium", "delay", "sampling"),
+        case.leader is None or check.id not in ("equilibrium", "delay", "sampling"),
         "the leader moves on",
     )
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
     else:
-        need(check.domain == loop.domain, "the domain is wrong")
+        need(check.domain == case.domain, "the domain is wrong")
         # what is refuted has no decay to state
         need(check.rate is None, "it is refuted and claims a rate")
         need(check.id in REFUTABLE, "it cannot be refuted")
-    REGIONAL[check.id](case, check)
+    claim = REGIONAL[check.id](case, check)
     if check.id == "equilibrium":
         need(
-            loop.guarantee.may_stay(check.exact["mode"]),
+            case.guarantee.may_stay(check.exact["mode"]),
             "the guarantee does not let that mode stay on",
         )
+    return claim

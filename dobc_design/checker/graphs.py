@@ -3,8 +3,8 @@
 from functools import partial
 from typing import Any
 
-from .claims import Certificate, need_rate
-from .consensus import closed
+from .claims import Case, need_rate
+from .consensus import closed, jacobian
 from .cycles import claims_rate, decays, inside, reached, rises
 from .loop import Loop, reach
 from .matrices import (
@@ -32,7 +32,6 @@ from .reading import (
     weights,
 )
 from .separable import observed
-from .slopes import jacobian
 
 MODES = 300
 
@@ -53,44 +52,42 @@ def absorbing(loop: Loop) -> list[list[str]]:
     return found
 
 
-def safety(case: Certificate, check: Any) -> None:
+def safety(case: Case, check: Any) -> None:
     """V never grows, whatever the graph: couplings rise, no gain pushes outward; with a rate every
     agent is held."""
-    loop = case.loop
     shape = {"rho": maybe(rational), "rate": maybe(rational)}
-    claim = read(check.exact, shape | observed(loop))
+    claim = read(check.exact, shape | observed(case))
     claims_rate(check, claim)
     if claim.rate is not None:
-        held = all(loop.least_gain(i) >= claim.rate for i in loop.nodes)
+        held = all(case.least_gain(i) >= claim.rate for i in case.nodes)
         need(held, "an agent is not held as much")
     # the arcs do not matter: they only pull errors together
     decays(case, claim, claim.rate or ZERO)
     inside(case, check, claim)
-    rises(loop, claim.rho, strictly=False)
+    rises(case, claim.rho, strictly=False)
 
 
-def markov(case: Certificate, check: Any) -> None:
+def markov(case: Case, check: Any) -> Any:
     """Whatever the first mode, all errors decay almost surely, in the mean or in mean square; or
     some stay as they are in modes that are never left."""
-    loop = case.loop
-    chain = loop.guarantee.chain
-    last = absorbing(loop)
+    chain = case.guarantee.chain
+    last = absorbing(case)
     if check.verdict == "refuted":
-        lost(loop, check, last)
-        return
+        lost(case, check, last)
+        return None
     kind = an_object(check.exact).get("kind")
-    need(kind == "mean square" or all(h.single for h in loop.functions), "a coupling is a list")
+    need(kind == "mean square" or all(h.single for h in case.functions), "a coupling is a list")
     if kind == "almost sure":
-        claim = read(check.exact, {"kind": text, "rho": maybe(rational)} | observed(loop))
+        claim = read(check.exact, {"kind": text, "rho": maybe(rational)} | observed(case))
         need(check.rate is None, "it has no rate to claim")
         decays(case, claim, ZERO)
         inside(case, check, claim)
-        rises(loop, claim.rho)
+        rises(case, claim.rho)
         for modes in last:
-            reached(loop, modes)
-        return
+            reached(case, modes)
+        return claim
     need(kind in ("mean", "mean square"), "it is not said in which sense errors decay")
-    on_average(case, check, chain, kind == "mean")
+    return on_average(case, check, chain, kind == "mean")
 
 
 def lost(loop: Loop, check: Any, last: list[list[str]]) -> None:
@@ -104,28 +101,28 @@ def lost(loop: Loop, check: Any, last: list[list[str]]) -> None:
     need(same(check.witness, witness), "the agents are others")
 
 
-def on_average(case: Certificate, check: Any, chain: Matrix, linear: bool) -> None:
+def on_average(case: Case, check: Any, chain: Matrix, linear: bool) -> Any:
     """V decays in the mean, of e'w (``linear``) or of e'P e, w or P of the present mode."""
-    loop = case.loop
-    size = loop.size
+    size = case.size
     name = "w" if linear else "P"
-    shape = partial(weights, loop.n) if linear else matrix(size, size)
+    shape = partial(weights, case.n) if linear else matrix(size, size)
     exact = read(check.exact, {"kind": text, "rate": rational, name: an_object})
     each = getattr(exact, name)
     rate = exact.rate
-    need(set(each) == set(loop.modes), "there is not one for every mode")
-    parts = {mode: read(each[mode], shape) for mode in loop.modes}
-    need(check.domain == "global" == loop.domain, "it is not global, or a coupling is not linear")
+    need(set(each) == set(case.modes), "there is not one for every mode")
+    exact.parts = parts = {mode: read(each[mode], shape) for mode in case.modes}
+    need(check.domain == "global" == case.domain, "it is not global, or a coupling is not linear")
     need_rate(check, rate, "the rate is not between 0 and that of the claim")
     need(
-        loop.q == 0 or stable(closed(loop, case.W, rate)),
+        case.q == 0 or stable(closed(case, rate)),
         "the estimation error does not decay at the rate",
     )
-    for mode, rates in paired(loop.modes, chain):
+    for mode, rates in paired(case.modes, chain):
         if linear:
-            mean(loop, mode, parts, [*rates, rate])
+            mean(case, mode, parts, [*rates, rate])
         else:
-            square(loop, mode, parts, [*rates, 2 * rate])
+            square(case, mode, parts, [*rates, 2 * rate])
+    return exact
 
 
 def chained(mode: str, parts: dict[str, Matrix], rates: Vector) -> Matrix:

@@ -51,16 +51,12 @@ class Guarantee:
     def phases(self) -> list[Phase]:
         """Those of "dwell" or "sequence"."""
         phased = self.kind in ("dwell", "sequence") and self.several
-        number = self.numbers()
+        there = [key for key in TIMES if self.table.get(key) is not None]
+        number = {key: rational(self.table[key]) for key in there}
         need(phased, "there is no guarantee")
         if self.kind == "dwell":
             return self.dwelling(number)
         return self.repeated(number)
-
-    def numbers(self) -> dict[str, Fraction]:
-        """The times of the table that are there."""
-        there = [key for key in TIMES if self.table.get(key) is not None]
-        return {key: rational(self.table[key]) for key in there}
 
     def dwelling(self, number: dict[str, Fraction]) -> list[Phase]:
         """One phase for each mode; any other may follow, and any may be the first."""

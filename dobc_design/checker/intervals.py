@@ -21,6 +21,7 @@ Real = TypeVar("Real", Fraction, float)
 Interval = tuple[Real, Real]
 Exact = tuple[Fraction, Fraction]
 Floats = tuple[float, float]
+At = Callable[[Real], Interval[Real]]  # a function at points
 Span = TypeVar("Span", Exact, Floats)  # an interval of one of the two kinds
 NOTHING = (0.0, 0.0)
 ONE = (1.0, 1.0)
@@ -170,22 +171,39 @@ def hull(*parts: Span) -> Span:
     return min(part[0] for part in parts), max(part[1] for part in parts)
 
 
+def halved(box: list[Interval[Real]]) -> list[list[Interval[Real]]]:
+    """The two halves of a box, across its widest side."""
+    side = max(box, key=lambda each: each[1] - each[0])
+    k = box.index(side)
+    lo, hi = side
+    middle = (lo + hi) / 2
+    lower = list(box)
+    upper = list(box)
+    lower[k] = (lo, middle)
+    upper[k] = (middle, hi)
+    return [lower, upper]
+
+
 def absolute(x: Span) -> Span:
     """|x|."""
     return max(x[0], -x[1], x[0] * 0), max(-x[0], x[1])
 
 
-def odd(at: Callable[[Real], Interval[Real]]) -> Callable[[Real], Interval[Real]]:
-    """The odd function that is ``at`` for z >= 0."""
-    return lambda z: at(z) if z >= 0 else negative(at(-z))
+def growing(at: At[Real]) -> Callable[[Interval[Real]], Interval[Real]]:
+    """A nondecreasing function on intervals, from its values at points."""
+
+    def on(x: Interval[Real]) -> Interval[Real]:
+        low = at(x[0])
+        if x[0] == x[1]:
+            return low
+        return low[0], at(x[1])[1]
+
+    return on
 
 
-def growing(at: Callable[[Real], Interval[Real]], x: Interval[Real]) -> Interval[Real]:
-    """A nondecreasing function on x, from its values at points."""
-    low = at(x[0])
-    if x[0] == x[1]:
-        return low
-    return low[0], at(x[1])[1]
+def odd(at: At[Real]) -> Callable[[Interval[Real]], Interval[Real]]:
+    """The same for an odd function, from its values at points z >= 0."""
+    return growing(lambda z: at(z) if z >= 0 else negative(at(-z)))
 
 
 # --- exp, ln and sqrt: the decimal module rounds them correctly, so one unit further is outside
@@ -221,29 +239,23 @@ def rational_value(name: str, x: Fraction | float) -> Fraction | None:
     return Fraction(value) if x == where else None
 
 
-def hyperbolic_tangent(x: Span) -> Span:
-    """tanh, from t = exp(-2 |x|)."""
-
-    def at(z: Real) -> Interval[Real]:
-        t = by_decimal("exp", (-2 * z, -2 * z))  # a product with 2 is exact
-        return divided(added(like(t, 1), negative(t)), added(like(t, 1), t))
-
-    return growing(odd(at), x)
+@odd
+def hyperbolic_tangent(z: Real) -> Interval[Real]:
+    """tanh, from t = exp(-2 z)."""
+    t = by_decimal("exp", (-2 * z, -2 * z))  # a product with 2 is exact
+    return divided(added(like(t, 1), negative(t)), added(like(t, 1), t))
 
 
-def inverse_sine(x: Span) -> Span:
-    """asinh, log(z + sqrt(1 + z^2)) for z >= 0."""
-
-    def at(z: Real) -> Interval[Real]:
-        point = (z, z)
-        square = times(point, point)
-        root = by_decimal("sqrt", added(like(point, 1), square))
-        return by_decimal("ln", added(point, root))
-
-    return growing(odd(at), x)
+@odd
+def inverse_sine(z: Real) -> Interval[Real]:
+    """asinh, log(z + sqrt(1 + z^2))."""
+    point = (z, z)
+    square = times(point, point)
+    root = by_decimal("sqrt", added(like(point, 1), square))
+    return by_decimal("ln", added(point, root))
 
 
-def hyperbolic(x: Span, cosine: bool) -> Span:
+def hyperbolic(x: Interval[Real], cosine: bool) -> Interval[Real]:
     """cosh or sinh; cosh grows with |x|."""
 
     def at(z: Real) -> Interval[Real]:
@@ -253,7 +265,7 @@ def hyperbolic(x: Span, cosine: bool) -> Span:
             falling = negative(falling)
         return times(like(rising, 0.5), added(rising, falling))
 
-    return growing(at, absolute(x) if cosine else x)
+    return growing(at)(absolute(x) if cosine else x)
 
 
 # --- sin, cos, tan and atan: series in integers, in units of 2^-bits
@@ -263,11 +275,12 @@ def whole(x: Fraction | float, bits: int) -> int:
     return (top << bits) // bottom
 
 
-def between(low: int, high: int, bits: int, kind: type[Real]) -> Interval[Real]:
-    """From low to high units of 2^-bits."""
+def around(value: int, slack: int, bits: int, kind: type[Real]) -> Interval[Real]:
+    """A value in units of 2^-bits, give or take 2^slack of them."""
     unit = 1 << bits
+    off = 1 << slack
     # by a power of 2: rounded once
-    return outward(kind(low) / unit, kind(high) / unit)
+    return outward(kind(value - off) / unit, kind(value + off) / unit)
 
 
 def arctangent_of(z: int, bits: int) -> int:
@@ -287,18 +300,14 @@ def arctangent_of(z: int, bits: int) -> int:
     return 8 * total
 
 
-def arctangent(x: Span) -> Span:
+@odd
+def arctangent(z: Real) -> Interval[Real]:
     """atan."""
-
-    def at(z: Real) -> Interval[Real]:
-        if z == 0:
-            return z, z
-        kind = type(z)
-        bits = PLACES[kind]
-        value = arctangent_of(whole(z, bits), bits)
-        return between(value - (1 << SLACK), value + (1 << SLACK), bits, kind)
-
-    return growing(odd(at), x)
+    if z == 0:
+        return z, z
+    kind = type(z)
+    bits = PLACES[kind]
+    return around(arctangent_of(whole(z, bits), bits), SLACK, bits, kind)
 
 
 @lru_cache(maxsize=1000)
@@ -308,8 +317,7 @@ def half_turn(bits: int) -> int:
 
 
 _PLACES = PLACES[Fraction]
-_PI = half_turn(_PLACES)
-PI: Exact = between(_PI - 2**SLACK, _PI + 2**SLACK, _PLACES, Fraction)
+PI: Exact = around(half_turn(_PLACES), SLACK, _PLACES, Fraction)
 
 
 def sine_of(z: int, bits: int) -> int:
@@ -347,8 +355,7 @@ def wave(x: Span, quarter: int) -> Span:
     low, high = (whole(end, bits) + quarter * half // 2 for end in x)
     parts = []
     for end in {low, high}:
-        value = sine_of(end, bits)
-        parts.append(between(value - slack, value + slack, bits, kind))
+        parts.append(around(sine_of(end, bits), SLACK + more, bits, kind))
     # it turns at (k + 1/2) pi; wider by slack is no harm
     first = -((half // 2 - low + slack) // half)
     last = (high + slack - half // 2) // half
@@ -359,7 +366,7 @@ def wave(x: Span, quarter: int) -> Span:
     return max(lo, kind(-1)), min(hi, kind(1))
 
 
-def tangent(x: Span) -> Span:
+def tangent(x: Interval[Real]) -> Interval[Real]:
     """tan, where the cosine has no zero."""
     lo, hi = wave(x, 1)
     # between two zeros of the cosine the tangent grows
@@ -368,4 +375,4 @@ def tangent(x: Span) -> Span:
     def at(z: Real) -> Interval[Real]:
         return divided(wave((z, z), 0), wave((z, z), 1))
 
-    return growing(at, x)
+    return growing(at)(x)

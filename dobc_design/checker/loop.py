@@ -21,19 +21,19 @@ from typing import Any, NamedTuple
 from .expressions import LONGEST, LONGEST_MADE, Coupling, Expression, read_coupling
 from .files import Problem
 from .guarantee import Guarantee
-from .intervals import Exact, Floats, enclosed
+from .intervals import Exact, Floats, enclosed, halved
 from .matrices import (
     ZERO,
     Matrix,
     Vector,
     combined,
     diagonal,
-    echelon,
     identity,
     norm,
     paired,
     plus,
     product,
+    solved,
     transpose,
 )
 from .reading import Refused, need
@@ -147,8 +147,8 @@ class Loop:
         #: Of all together, block diagonal.
         self.A = diagonal([residual.A for residual in self.residuals])
         self.C = diagonal([residual.C for residual in self.residuals]) or [[]] * self.m
-        self.W = joint([residual.W for residual in self.residuals])
-        self.P = joint([residual.P for residual in self.residuals])
+        self.given_W = joint([residual.W for residual in self.residuals])
+        self.given_P = joint([residual.P for residual in self.residuals])
         self.q = len(self.A)
 
     # --- arcs
@@ -190,10 +190,6 @@ class Loop:
             others = sum(map(abs, row[:c] + row[c + 1 :]))
             found.append((1 - error) * row[c] - (1 + error) * others)
         return min(found)
-
-    def largest_gain(self, i: int) -> Fraction:
-        """The largest k_cc, 0 without a pin."""
-        return max(row[c] for c, row in enumerate(self.gain(i)))
 
     def gain_size(self, i: int) -> Fraction:
         """The largest sum of absolute values in a row of k, 0 without a pin."""
@@ -335,9 +331,7 @@ def node_of(problem: Problem, goals: Matrix) -> Node:
 def left_inverse(B: Matrix) -> Matrix:
     """(B'B)^-1 B', by elimination."""
     turned = transpose(B)
-    square = product(turned, B)
-    rows = [[*own, *right] for own, right in paired(square, turned)]
-    return [row[len(square) :] for row in echelon(rows)[0]]
+    return solved(product(turned, B), turned)
 
 
 def rests(B: Matrix, left: Matrix, pulled: Matrix) -> None:
@@ -408,11 +402,7 @@ def points(f: Expression, sign: int, face: list[Exact], pieces: int = PIECES) ->
             (least, most), _ = f.at(*((side, ()) for side in part))
             if (least if sign > 0 else -most) >= 0:
                 continue
-        side = max(part, key=lambda each: each[1] - each[0])
-        lo, hi = side
-        if lo == hi:  # a single point has no halves
+        if all(lo == hi for lo, hi in part):  # a single point has no halves
             return False
-        k = part.index(side)
-        middle = (lo + hi) / 2
-        parts += [[*part[:k], half, *part[k + 1 :]] for half in ((lo, middle), (middle, hi))]
+        parts += halved(part)
     return True

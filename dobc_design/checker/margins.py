@@ -7,29 +7,28 @@ from types import SimpleNamespace
 from typing import Any
 
 from .accuracy import NAMES, Added, holds_starts, shrinks
-from .claims import Certificate, need_rate
+from .claims import Case, need_rate
 from .curves import secants
 from .expressions import Coupling
 from .intervals import enclosed
-from .matrices import ZERO, Matrix, product, root, transpose
+from .matrices import ZERO, Matrix, form, is_diagonal, product, root, transpose
 from .reading import Object, an_object, need, rational, read, weights
 from .separable import Errors, beside, holds_box, observed, pace, read_separable, rows, starts
 
 RATE = "the rate is not between 0 and what follows"
 
 
-def tolerance(case: Certificate, check: Any) -> None:
+def tolerance(case: Case, check: Any) -> Any:
     """The rows hold for all weights and gains within relative errors: those beside, or at the
     target with a v."""
-    loop = case.loop
     shape = dict.fromkeys(("weights", "gains", "alpha", "eta?"), rational)
-    exact = read(check.exact, shape | {"v?": partial(weights, loop.n)})
-    need(loop.B is None, "errors of gains are not known for agents with dynamics")
+    exact = read(check.exact, shape | {"v?": partial(weights, case.n)})
+    need(case.B is None, "errors of gains are not known for agents with dynamics")
     need(
         0 <= exact.weights < 1 and 0 <= exact.gains < 1 and exact.alpha > 0,
         "an error is not in [0, 1), or alpha is not positive",
     )
-    plant = loop.uncertainty
+    plant = case.uncertainty
     if plant is not None:
         need(
             plant.weights <= exact.weights and plant.gains <= exact.gains,
@@ -42,46 +41,46 @@ def tolerance(case: Certificate, check: Any) -> None:
         claim = SimpleNamespace(v=exact.v, rho=None)
         rows(case, claim, exact.alpha, errors=errors, local=True)
         need(
-            exact.eta is None and check.domain == loop.domain and not loop.kinked,
+            exact.eta is None and check.domain == case.domain and not case.kinked,
             "it is no claim about the target",
         )
-        if loop.q:
+        if case.q:
             need(check.rate is None, "the rows at the target give no rate of the whole loop")
         else:
             need_rate(check, exact.alpha, RATE)
-    else:
-        in_region(case, check, exact, errors)
+        return claim
+    return in_region(case, check, exact, errors)
 
 
-def in_region(case: Certificate, check: Any, exact: Any, errors: Errors) -> None:
+def in_region(case: Case, check: Any, exact: Any, errors: Errors) -> Any:
     """A claim about the domain of the max-separable beside."""
     claim = beside(case, check)
     rows(case, claim, exact.alpha, errors=errors)
     rate = exact.alpha
-    if case.loop.q:
+    if case.q:
         eta = exact.eta or ZERO
         shown = exact.eta is None or pull(case, claim) * exact.weights <= eta
         need(shown, "eta is not shown")
         rate = min(rate - claim.kappa * eta, pace(case, claim))
     need_rate(check, rate, RATE)
+    return claim
 
 
-def pull(case: Certificate, claim: Any) -> Fraction:
+def pull(case: Case, claim: Any) -> Fraction:
     """max |W|_P max over agents of sum w (v_i + v_j) sup |h(y)/y|: what errors of the weights add
     to eps at most."""
-    loop = case.loop
     v = claim.v
     # outward roots: |W|_P is not underestimated
-    roots = [root(product([w], product(claim.P, transpose([w])))[0][0]) for w in transpose(case.W)]
-    norm = max(sum(roots[k : k + loop.m], ZERO) for k in range(0, len(roots), loop.m))
+    roots = [root(form(w, claim.P, w)) for w in transpose(case.W)]
+    norm = max(sum(roots[k : k + case.m], ZERO) for k in range(0, len(roots), case.m))
     ends: dict[Coupling, Fraction] = {}
-    for arc in loop.arcs:
+    for arc in case.arcs:
         width = v[arc.i] + v[arc.j]
         ends[arc.coupling] = max(width, ends.get(arc.coupling, ZERO))
     rho = claim.rho or Fraction(1)
     slopes = {h: max(secants(h, enclosed(rho * y)[1])) for h, y in ends.items()}
     most = ZERO
-    for i, arcs in loop.rows:
+    for i, arcs in case.rows:
         own = ZERO
         for arc in arcs:
             own += arc.w * (v[i] + v[arc.j]) * slopes[arc.coupling]
@@ -90,45 +89,44 @@ def pull(case: Certificate, claim: Any) -> Fraction:
 
 
 # --- Inputs
-def actuators(case: Certificate, check: Any) -> None:
+def actuators(case: Case, check: Any) -> None:
     """On {V <= rho} |u_i| <= rho |k_i| v_i + max(0, 1 - kappa |k_i| v_i) E0 + |d_i|, which no limit
     is below; under what `uncertainty` adds the box is shown here, and more comes to |u_i|."""
-    loop = case.loop
-    asked = loop.actuators is not None and check.rate is None
+    asked = case.actuators is not None and check.rate is None
     need(asked, "it is not asked for, or has a rate")
     starts(case, check.domain, "box")
-    acts = loop.disturbed
+    acts = case.disturbed
     own_box = acts or "v" in an_object(check.exact)
     shape: Object = {"rho": rational, "inputs": an_object}
     if own_box:
-        shape |= {"v": partial(weights, loop.n), "alpha": rational, "level": rational}
-        shape |= observed(loop)
+        shape |= {"v": partial(weights, case.n), "alpha": rational, "level": rational}
+        shape |= observed(case)
     exact = read(check.exact, shape)
     if own_box:
         claim = exact
         added = loaded(case, check, exact, acts)
     else:
         claim = of_proof(case, check, exact.rho)
-        added = [Added()] * loop.n
-    need(set(exact.inputs) == set(loop.labels), "there is not one input for each agent")
+        added = [Added()] * case.n
+    need(set(exact.inputs) == set(case.labels), "there is not one input for each agent")
     start = estimates(case, check, claim, exact.rho, own_box)
-    plant = loop.uncertainty
+    plant = case.uncertainty
     more = 1 + (plant.gains if plant else 0)
-    for i, label in enumerate(loop.labels):
-        k = more * loop.gain_size(i) * claim.v[i]
+    for i, label in enumerate(case.labels):
+        k = more * case.gain_size(i) * claim.v[i]
         level = exact.rho * (k + added[i].part) + added[i].number
-        if loop.q:
+        if case.q:
             # N and E share V: what E has is missing in N, so that only one of them is large
             level += start * max(ZERO, 1 - claim.kappa * k)
         most = rational(exact.inputs[label])
         largest = level + amplitude(case, i)
         need(largest <= most, f"the input of agent {label} may be larger")
-        limit = loop.actuators.limit.get(i, most)
+        limit = case.actuators.limit.get(i, most)
         # of an agent without a limit any input will do
         need(most <= limit, f"the input of agent {label} may exceed its limit")
 
 
-def of_proof(case: Certificate, check: Any, rho: Fraction) -> Any:
+def of_proof(case: Case, check: Any, rho: Fraction) -> Any:
     """The max-separable beside, whose box of size rho holds the starts."""
     proof = case.proved("max-separable")
     need(proof is not None, "there is no proof")
@@ -138,61 +136,58 @@ def of_proof(case: Certificate, check: Any, rho: Fraction) -> Any:
     return claim
 
 
-def estimates(case: Certificate, check: Any, claim: Any, rho: Fraction, own_box: bool) -> Fraction:
+def estimates(case: Case, check: Any, claim: Any, rho: Fraction, own_box: bool) -> Fraction:
     """E0: a bound of the estimation errors, from their starts, or from V where errors of the
     weights act on them."""
-    if case.loop.q == 0:
+    if case.q == 0:
         return ZERO
-    plant = case.loop.uncertainty
+    plant = case.uncertainty
     if plant is not None and not plant.known_to_agents and not own_box:
         return Fraction(rho / claim.kappa)
     s = check.domain.disturbance
     return root(claim.size * s**2) if s else ZERO
 
 
-def loaded(case: Certificate, check: Any, claim: Any, acts: bool) -> list[Added]:
+def loaded(case: Case, check: Any, claim: Any, acts: bool) -> list[Added]:
     """No start leaves {V <= rho} under everything in `uncertainty`; what it adds to every input: a
     part of rho, and a number. The peak gains are those of the accuracy beside, where something
     acts."""
-    loop = case.loop
     proof = case.proved("accuracy")
     need(proof is not None or not acts, "there is no proof of accuracy")
-    plant = loop.uncertainty
+    plant = case.uncertainty
     told = plant is None or plant.known_to_agents or plant.weights == 0
-    need(acts or loop.q == 0 or told, "errors of the weights act on the estimates")
+    need(acts or case.q == 0 or told, "errors of the weights act on the estimates")
     given = dict.fromkeys(NAMES, "0")
-    if loop.q and acts:
+    if case.q and acts:
         given = an_object(an_object(proof.exact).get("peaks"))
     peaks = SimpleNamespace(**{name: rational(given.get(name)) for name in NAMES})
     need(claim.alpha > 0 and claim.level > 0, "a number of the box is not positive")
     holds_starts(case, check.domain, claim)
-    rho = None if loop.domain == "global" else claim.rho
-    return shrinks(loop, SimpleNamespace(**vars(claim) | {"rho": rho}), peaks)
+    rho = None if case.domain == "global" else claim.rho
+    return shrinks(case, SimpleNamespace(**vars(claim) | {"rho": rho}), peaks)
 
 
-def amplitude(case: Certificate, i: int) -> Fraction:
+def amplitude(case: Case, i: int) -> Fraction:
     """A bound of every component of d_i: given, or of the sines that xi0 starts; there A^2 has to
     be diagonal."""
-    loop = case.loop
-    if loop.actuators.amplitude is not None or not loop.q:
-        return Fraction(loop.actuators.amplitude or 0)
-    if i not in loop.place:
+    if case.actuators.amplitude is not None or not case.q:
+        return Fraction(case.actuators.amplitude or 0)
+    if i not in case.place:
         return ZERO
-    plant = loop.uncertainty
+    plant = case.uncertainty
     # with a drift d leaves the sines that its start gives
     need(plant is None or plant.drift == 0, "amplitudes drift, and none is given")
-    residual = loop.residuals[loop.place[i]]
-    given = read(loop.xi0 or [], [[rational]])
+    residual = case.residuals[case.place[i]]
+    given = read(case.xi0 or [], [[rational]])
     # one row for all agents, or one for each
     x: Matrix = transpose(given[min(i, len(given) - 1) :][:1])
     need(len(x) == len(residual.A), "there is no start of the disturbance")
     square = product(residual.A, residual.A)
-    for j, row in enumerate(square):
-        # A^2 diagonal: every component swings at one frequency
-        need(not any(row[:j] + row[j + 1 :]), "d is no sum of sines")
+    # A^2 diagonal: every component swings at one frequency
+    need(is_diagonal(square), "d is no sum of sines")
     z = [row[k] for k, row in enumerate(square)]
     slopes = product(residual.A, x)
-    sums = [ZERO] * loop.m
+    sums = [ZERO] * case.m
     for w in {-entry for entry in z}:
         for c, row in enumerate(residual.C):
             part = [[y if z[k] == -w else ZERO for k, y in enumerate(row)]]

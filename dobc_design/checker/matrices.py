@@ -62,12 +62,12 @@ def product(X: Matrix, Y: Matrix) -> Matrix:
 
 def plus(X: Matrix, factor: Fraction | int, Y: Matrix) -> Matrix:
     """X + factor Y."""
-    return [combined(x, factor, y) for x, y in zip(X, Y, strict=True)]
+    return [combined(x, factor, y) for x, y in paired(X, Y)]
 
 
 def combined(x: Vector, factor: Fraction | int, y: Vector) -> Vector:
     """x + factor y of vectors."""
-    return [a + factor * b for a, b in zip(x, y, strict=True)]
+    return [a + factor * b for a, b in paired(x, y)]
 
 
 def opposite(X: Matrix) -> Matrix:
@@ -82,11 +82,7 @@ def both_ways(X: Matrix) -> Matrix:
 
 def form(u: Vector, X: Matrix, v: Vector) -> Fraction:
     """The number u'X v."""
-    found = ZERO
-    for a, row in zip(u, X, strict=True):
-        for x, b in zip(row, v, strict=True):
-            found += a * x * b
-    return found
+    return product([u], product(X, transpose([v])))[0][0]
 
 
 def norm(X: Any) -> Any:
@@ -105,6 +101,11 @@ def diagonal(blocks: list[Any]) -> Matrix:
         rows += [[ZERO] * before + list(row) + [ZERO] * after for row in block]
         before += own
     return rows
+
+
+def is_diagonal(X: Matrix) -> bool:
+    """Whether all entries beside the diagonal are 0."""
+    return not any(any(row[:i] + row[i + 1 :]) for i, row in enumerate(X))
 
 
 def integers(v: Vector) -> tuple[list[int], int]:
@@ -131,7 +132,7 @@ def echelon(X: Matrix) -> tuple[Matrix, list[int]]:
         rows.append(lead)
         pivots.append(column)
     reduced = []
-    for row, lead_column in zip(rows, pivots, strict=True):
+    for row, lead_column in paired(rows, pivots):
         reduced.append([Fraction(x, row[lead_column]) for x in row])
     return reduced, pivots
 
@@ -140,9 +141,15 @@ def without(row: list[int], lead: list[int], column: int) -> list[int]:
     """A multiple of the row, less one of ``lead``, so that its entry in the column is 0, without
     common factors."""
     # without a division, so that integers stay integers
-    left = [lead[column] * x - row[column] * y for x, y in zip(row, lead, strict=True)]
+    left = [lead[column] * x - row[column] * y for x, y in paired(row, lead)]
     factor = math.gcd(*left) or 1
     return [x // factor for x in left]
+
+
+def solved(X: Matrix, Y: Matrix) -> Matrix:
+    """X^-1 Y, if X is regular."""
+    rows, _ = echelon([[*x, *y] for x, y in paired(X, Y)])
+    return [row[len(X) :] for row in rows]
 
 
 def nullspace(X: Matrix, size: int) -> tuple[Matrix, list[int]]:
@@ -151,9 +158,8 @@ def nullspace(X: Matrix, size: int) -> tuple[Matrix, list[int]]:
     free = [column for column in range(size) if column not in pivots]
     basis = []
     for column in free:
-        v = [ZERO] * size
-        v[column] = Fraction(1)
-        for k, row in zip(pivots, rows, strict=True):
+        v = identity(size)[column]
+        for k, row in paired(pivots, rows):
             v[k] = -row[column]
         basis.append(v)
     return basis, free
@@ -169,7 +175,7 @@ def meets(rows: Matrix, basis: list[int], box: list[Any]) -> bool:
     x = [ZERO if k in basis else max(lo, min(hi, ZERO)) for k, (lo, hi) in enumerate(box)]
     while True:
         wrong = []
-        for k, row in zip(basis, rows, strict=True):
+        for k, row in paired(basis, rows):
             value = -sum(map(mul, row, x))
             lo, hi = box[k]
             if not lo <= value <= hi:
@@ -330,11 +336,11 @@ def proposed(M: Rows) -> list[float]:
         if curvature <= 0 or max(map(abs, rest)) < 0.25:
             break
         step = square / curvature
-        v = [a + step * b for a, b in zip(v, direction, strict=True)]
-        rest = [a - step * b for a, b in zip(rest, image, strict=True)]
+        v = [a + step * b for a, b in paired(v, direction)]
+        rest = [a - step * b for a, b in paired(rest, image)]
         last = square
         square = sum(map(mul, rest, rest))
-        direction = [a + square / last * b for a, b in zip(rest, direction, strict=True)]
+        direction = [a + square / last * b for a, b in paired(rest, direction)]
     return v
 
 
@@ -372,7 +378,7 @@ def semidefinite(X: Matrix) -> bool:
         X = [row[1:] for row in rows]
         if top:
             factors = [row[0] / top for row in rows]
-            X = [combined(row, -factor, rest) for factor, row in zip(factors, X, strict=True)]
+            X = [combined(row, -factor, rest) for factor, row in paired(factors, X)]
     return True
 
 

@@ -9,11 +9,11 @@ from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple
 
-from .claims import Certificate
+from .claims import Case
 from .consensus import schur
 from .curves import CELLS, Curve, below, follow, throughout
 from .expressions import Coupling, read_coupling, variables
-from .intervals import NOTHING, Floats, added, enclosed, times
+from .intervals import NOTHING, Floats, added, enclosed, halved, times
 from .loop import Loop, leader_box
 from .matrices import (
     ZERO,
@@ -53,18 +53,19 @@ VERTICES = 12  # channels whose choices are all tried, at most
 Ranges = dict[Coupling, Any]  # the gains [lo, hi] of a coupling, m x m of them
 
 
-def lure(case: Certificate, check: Any) -> None:
+def lure(case: Case, check: Any) -> Any:
     """V decreases, and the level set holds all starts of the domain."""
     claim = read_quadratic(case, check.exact, check.rate)
     if claim.level is None:
         need(check.domain == "global", "it has no level and is not global")
-        return
+        return claim
     ball = check.domain
     starts(case, ball, "ball")
     most = largest(claim.P_e) * ball.radius**2
     if ball.disturbance:
-        most += case.loop.n * ball.disturbance**2 * largest(claim.P)
+        most += case.n * ball.disturbance**2 * largest(claim.P)
     need(most <= claim.level, "the ball leaves the level set")
+    return claim
 
 
 # --- what a quadratic certificate claims but for its domain
@@ -73,11 +74,10 @@ def gains_shape(m: int) -> Any:
     return [{"coupling": integer, "gains": (((rational, rational),) * m,) * m}]
 
 
-def read_quadratic(case: Certificate, exact: Any, rate: Fraction | None = None) -> Any:
+def read_quadratic(case: Case, exact: Any, rate: Fraction | None = None) -> Any:
     """V decreases at the rate where V <= level (null: everywhere)."""
-    loop = case.loop
-    m = loop.m
-    size = loop.n * m
+    m = case.m
+    size = case.n * m
     need(size <= ROWS, f"quadratic certificates are decided up to {ROWS} rows")
     shape: Object = {
         "method": text,
@@ -88,8 +88,8 @@ def read_quadratic(case: Certificate, exact: Any, rate: Fraction | None = None) 
         "multipliers": an_object,
         "rate": rational,
     }
-    if loop.q:
-        shape["P"] = matrix(loop.q, loop.q)
+    if case.q:
+        shape["P"] = matrix(case.q, case.q)
     claim = read(exact, shape)
     need(claim.rate >= 0, "the rate is negative")
     need(
@@ -97,28 +97,28 @@ def read_quadratic(case: Certificate, exact: Any, rate: Fraction | None = None) 
         "the rate is not between 0 and that of the inequality",
     )
     need((claim.level is None) == (claim.radius is None), "level and radius are not both there")
-    if loop.q:
+    if case.q:
         need(is_form(claim.P), "P > 0 is not shown")
 
     everywhere = claim.radius is None
     reach = None if everywhere else [claim.radius] * m
-    ranges = read_ranges(loop, claim, dict.fromkeys(loop.functions, reach))
+    ranges = read_ranges(case, claim, dict.fromkeys(case.functions, reach))
     costs = noise(case, claim)
-    scaled = set(loop.modes) if claim.method == "lure" else set()
+    scaled = set(case.modes) if claim.method == "lure" else set()
     need(set(claim.multipliers) == scaled, "there are other multipliers")
-    for mode in loop.modes:
-        found = channels(loop, mode, ranges)
+    for mode in case.modes:
+        found = channels(case, mode, ranges)
         multipliers = claim.multipliers.get(mode, [])
         # the same P_e in every mode: V decreases however the signal switches
-        for X in inequalities(loop, claim, found, multipliers, costs):
+        for X in inequalities(case, claim, found, multipliers, costs):
             need(definite(X, -1), "V is not shown to decrease")
     # where no level bounds e the gains have to hold for all y
     if everywhere:
-        need(loop.domain == "global", "it has no level, and the couplings are not all linear")
+        need(case.domain == "global", "it has no level, and the couplings are not all linear")
     else:
         positive = claim.level > 0 and claim.radius > 0
         need(positive, "the level or the radius is not positive")
-        contained(loop, claim.P_e, claim.level, claim.radius)
+        contained(case, claim.P_e, claim.level, claim.radius)
     return claim
 
 
@@ -140,11 +140,10 @@ def read_form(size: int, value: Any) -> Matrix:
     return P_e
 
 
-def noise(case: Certificate, claim: Any) -> Matrix:
+def noise(case: Case, claim: Any) -> Matrix:
     """I (x) S: what eps costs."""
-    loop = case.loop
-    S = schur(case, claim.P, claim.rate) if loop.q else identity(loop.m, 0)
-    return diagonal([loop.block(S, i) for i in loop.nodes])
+    S = schur(case, claim.P, claim.rate) if case.q else identity(case.m, 0)
+    return diagonal([case.block(S, i) for i in case.nodes])
 
 
 def inside(P_e: Matrix, z: Vector, square: Fraction, limit: Fraction) -> bool:
@@ -320,12 +319,7 @@ def slopes_inside(rows: list[Any], box: list[Floats], halvings: int) -> bool:
         return True
     if not halvings:
         return False
-    side = max(box, key=lambda each: each[1] - each[0])
-    k = box.index(side)
-    lo, hi = side
-    middle = (lo + hi) / 2
-    halves = [[*box[:k], half, *box[k + 1 :]] for half in ((lo, middle), (middle, hi))]
-    return all(slopes_inside(rows, half, halvings - 1) for half in halves)
+    return all(slopes_inside(rows, half, halvings - 1) for half in halved(box))
 
 
 def held(slopes: Any, gains: Any) -> bool:

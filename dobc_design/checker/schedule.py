@@ -10,27 +10,26 @@ from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from .claims import Certificate
+from .claims import Case
 from .curves import both_faces
 from .cycles import TIMES, MovingRow, fading, keeps, read_cycles, segment
 from .intervals import enclosed
 from .loop import Loop
-from .matrices import ONE, ZERO, Vector, identity, nonnegative, paired, plus, root
+from .matrices import ONE, ZERO, Vector, identity, is_diagonal, nonnegative, paired, plus, root
 from .quadratic import contained, inside, read_quadratic
 from .reading import Object, an_object, need, rational, read, text, weights
 from .separable import composite, pace, read_separable, rows, starts
 
 
-def settling(case: Certificate, check: Any) -> None:
+def settling(case: Case, check: Any) -> None:
     """The tube holds all starts and its rows hold; its last box lies in the level of what takes
     over, in time."""
-    loop = case.loop
     need(check.rate is None, "it has no rate to claim")
     starts(case, check.domain, "box")
-    boxes = [partial(weights, loop.n)]
+    boxes = [partial(weights, case.n)]
     tube: Object = {"times": [rational], "upper": boxes, "lower": boxes}
-    if loop.q:
-        tube |= {"P": ((rational,) * loop.q,) * loop.q, "beta": rational, "size": rational}
+    if case.q:
+        tube |= {"P": ((rational,) * case.q,) * case.q, "beta": rational, "size": rational}
     last = dict.fromkeys(("level", "height", "stretch"), rational)
     last |= {"kind": text, "certificate": an_object}
     shape = {"tolerance": rational, "time": rational, "tube": tube, "last": last}
@@ -47,56 +46,49 @@ def settling(case: Certificate, check: Any) -> None:
 
 
 # --- The tube
-def noise(case: Certificate, tube: Any, box: Any, time: Fraction) -> Fraction:
+def noise(case: Case, tube: Any, box: Any, time: Fraction) -> Fraction:
     """An upper bound of |C eps_i| from a time on, and of root(eps_i'P eps_i)."""
-    if case.loop.q == 0:
+    if case.q == 0:
         return ZERO
     start: Fraction = root(tube.size) * box.disturbance
     return start * fading(tube.beta * time)
 
 
-def moves(case: Certificate, tube: Any, box: Any) -> None:
+def moves(case: Case, tube: Any, box: Any) -> None:
     """The first box holds all starts, and no run leaves the boxes that follow."""
-    loop = case.loop
     times = tube.times
     count = len(times)
     need(1 <= count <= TIMES and times[0] == 0, "times do not begin at 0, or are too many")
     need(all(a < b for a, b in pairwise(times)), "times do not rise")
     need(len(tube.upper) == len(tube.lower) == count, "there is not one box for each time")
     composite(case, tube)
-    need(loop.q == 0 or tube.beta > 0, "beta is not positive")
+    need(case.q == 0 or tube.beta > 0, "beta is not positive")
     least = min(tube.upper[0] + tube.lower[0])
     need(least >= box.radius, "the first box does not hold all starts")
     # an entry of a gain beside the diagonal has any sign: it needs the faces alike
     alike = tube.upper == tube.lower
-    need(not mixes(loop) or alike, "gains mix components, and the faces are not alike")
+    need(
+        alike or all(map(is_diagonal, case.hold.values())),
+        "gains mix components, and the faces are not alike",
+    )
     if count == 1:
         return
 
     width = enclosed(2 * max(max(face) for face in tube.upper + tube.lower))[1]
-    couplings = {arc.coupling for arc in loop.arcs}
+    couplings = {arc.coupling for arc in case.arcs}
     curves = both_faces(couplings, -width, width)
     loads = [noise(case, tube, box, time) for time in times]
     sides = ((tube.upper, tube.lower, False), (tube.lower, tube.upper, True))
     for k, (a, b) in enumerate(pairwise(times)):
-        on = modes_on(loop, a, b)
+        on = modes_on(case, a, b)
         for own, other, mirrored in sides:
             across = (other[k], other[k + 1])
             face = segment(own[k], own[k + 1], across, b - a, (loads[k], loads[k + 1]))
             for mode in on:
-                for i in loop.nodes:
-                    row = MovingRow(loop, mode, i, curves, mirrored)
-                    said = f"the row of agent {loop.labels[i]} is not shown from {float(a)} s on"
+                for i in case.nodes:
+                    row = MovingRow(case, mode, i, curves, mirrored)
+                    said = f"the row of agent {case.labels[i]} is not shown from {float(a)} s on"
                     need(row.holds(face), said)
-
-
-def mixes(loop: Loop) -> bool:
-    """Whether a gain has an entry beside its diagonal."""
-    for gain in loop.hold.values():
-        for c, row in enumerate(gain):
-            if any(x for d, x in enumerate(row) if d != c):
-                return True
-    return False
 
 
 def modes_on(loop: Loop, start: Fraction, end: Fraction) -> list[str]:
@@ -126,7 +118,7 @@ class Maximum(NamedTuple):
     decay: Decay
 
 
-def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> Decay:
+def takes_over(case: Case, tube: Any, last: Any, box: Any) -> Decay:
     """The certificate at the end of the tube holds, and the last box lies in its level; how it
     decays from there."""
     need(last.kind in ("max-separable", "quadratic", "schedule"), "the kind is not known")
@@ -140,23 +132,23 @@ def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> Decay:
     else:
         found = fixed_weights(case, last)
     claim = found.claim
-    own = (claim.P, claim.beta, claim.size) if case.loop.q else ()
+    own = (claim.P, claim.beta, claim.size) if case.q else ()
     alike = not own or own == (tube.P, tube.beta, tube.size)
     need(alike and last.stretch == 1, "P, beta and size are not those of the tube")
     need(last.height >= found.highest, "the height is too small")
     need(claim.rho is None or last.level <= claim.rho, "the level leaves the region")
     size = max(b / v for b, v in paired(widths, found.v))
-    if case.loop.q:
+    if case.q:
         size += claim.kappa * left
     need(last.level >= size, "the last box leaves the level")
     return found.decay
 
 
-def fixed_weights(case: Certificate, last: Any) -> Maximum:
+def fixed_weights(case: Case, last: Any) -> Maximum:
     """A max-separable."""
     claim = read_separable(case, last.certificate)
     need(
-        claim.rho is not None or case.loop.domain == "global",
+        claim.rho is not None or case.domain == "global",
         "it has no rho, and the couplings are not all linear",
     )
     composite(case, claim)
@@ -167,13 +159,13 @@ def fixed_weights(case: Certificate, last: Any) -> Maximum:
     return Maximum(claim, claim.v, max(claim.v), Decay(speed))
 
 
-def moving_weights(case: Certificate, last: Any, end: Fraction) -> Maximum:
+def moving_weights(case: Case, last: Any, end: Fraction) -> Maximum:
     """A schedule: without phases all weights are 1, and V never rises."""
     claim = read_cycles(case, last.certificate)
     keeps(case, claim)
-    guarantee = case.loop.guarantee
+    guarantee = case.guarantee
     if not claim.phases:
-        return Maximum(claim, [ONE] * case.loop.n, ONE, Decay(claim.rate or ZERO))
+        return Maximum(claim, [ONE] * case.n, ONE, Decay(claim.rate or ZERO))
     need(bool(guarantee.timed), "it is not said which phase is on when the tube ends")
     turn = guarantee.turn_at(end)
     # elsewhere V is another function, which the last box is not compared with
@@ -184,21 +176,18 @@ def moving_weights(case: Certificate, last: Any, end: Fraction) -> Maximum:
     return Maximum(claim, claim.phases[turn.place].v[0], highest, Decay(claim.rate or ZERO, wait))
 
 
-def form_takes_over(
-    case: Certificate, tube: Any, last: Any, widths: Vector, left: Fraction
-) -> Decay:
+def form_takes_over(case: Case, tube: Any, last: Any, widths: Vector, left: Fraction) -> Decay:
     """A quadratic certificate, W = sqrt(V)."""
-    loop = case.loop
     claim = read_quadratic(case, last.certificate)
     P_e = claim.P_e
     units = identity(len(P_e))
     need(all(inside(P_e, z, Fraction(1), last.height) for z in units), "the height is too small")
-    contained(loop, P_e, last.level**2, claim.radius)
-    if loop.q:
+    contained(case, P_e, last.level**2, claim.radius)
+    if case.q:
         gap = [[last.stretch**2 * x for x in row] for row in tube.P]
         need(nonnegative(plus(gap, -1, claim.P)), "P' <= stretch^2 P is not shown")
-    wide = [x for x in widths for _ in range(loop.m)]
-    square = loop.n * (last.stretch * left) ** 2
+    wide = [x for x in widths for _ in range(case.m)]
+    square = case.n * (last.stretch * left) ** 2
     for a, row in enumerate(P_e):
         square += sum(abs(x) * wide[a] * wide[b] for b, x in enumerate(row))
     need(last.level**2 >= square, "the last box leaves the level")

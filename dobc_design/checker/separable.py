@@ -12,7 +12,7 @@ from functools import cache, partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from .claims import Certificate, need_rate
+from .claims import Case, need_rate
 from .consensus import omega
 from .curves import Curve, Curves, Term, both_faces, on_pieces
 from .expressions import Coupling, variables
@@ -34,7 +34,7 @@ from .matrices import (
     ZERO,
     Matrix,
     Vector,
-    echelon,
+    diagonal,
     identity,
     integers,
     is_form,
@@ -43,6 +43,7 @@ from .matrices import (
     paired,
     plus,
     product,
+    solved,
     transpose,
 )
 from .reading import (
@@ -60,17 +61,20 @@ from .reading import (
 )
 
 EQUATIONS = 60  # of an equilibrium at most
+PLAIN = identity(1)  # T of a claim that is not in coordinates
 
 
 # --- max-separable
-def max_separable(case: Certificate, check: Any) -> None:
+def max_separable(case: Case, check: Any) -> Any:
     """V decreases in the region, at the rate of the check; or no v does."""
     if check.verdict == "refuted":
-        stuck(case.loop, check)
-        return
+        stuck(case, check)
+        return None
     claim = read_separable(case, check.exact)
     need_rate(check, pace(case, claim), "the rate is not between 0 and what follows")
     contains(case, claim, check.domain)
+    rows(case, claim, claim.alpha)
+    return claim
 
 
 def stuck(loop: Loop, check: Any) -> None:
@@ -105,68 +109,76 @@ def observed(loop: Loop) -> Object:
     return {"P": matrix(loop.q, loop.q), **dict.fromkeys(("beta", "kappa", "size"), rational)}
 
 
-def read_separable(case: Certificate, exact: Any) -> Any:
+def read_separable(case: Case, exact: Any) -> Any:
     """What a max-separable claims: N decays at alpha where N <= rho (null: everywhere); with an
     exosystem, that |C eps_i| <= E = max sqrt(eps_i'P eps_i), which decays at the rate beta."""
-    loop = case.loop
-    shape = {"v": partial(weights, loop.n), "alpha": rational, "rho": maybe(rational)}
-    claim = read(exact, shape | observed(loop))
-    need(loop.q == 0 or claim.kappa > 0, "kappa is not positive")
+    shape = {"v": partial(weights, case.n), "alpha": rational, "rho": maybe(rational)}
+    claim = read(exact, shape | observed(case))
+    need(case.q == 0 or claim.kappa > 0, "kappa is not positive")
     return claim
 
 
-def pace(case: Certificate, claim: Any) -> Fraction:
+def pace(case: Case, claim: Any) -> Fraction:
     """The rate of V that follows: eps adds at most E / min v to N', and -kappa beta E to V'."""
-    if case.loop.q == 0:
+    if case.q == 0:
         return Fraction(claim.alpha)
     second = claim.beta - 1 / (claim.kappa * min(claim.v))
     return Fraction(min(claim.alpha, second))
 
 
-def contains(case: Certificate, claim: Any, domain: Any) -> None:
-    """The rows, the observer's part, and all starts of the domain."""
+def contains(case: Case, claim: Any, domain: Any) -> None:
+    """The observer's part, and all starts of the domain."""
     composite(case, claim)
     if claim.rho is None:
-        need(domain == "global" == case.loop.domain, "it has no rho and is not global")
+        need(domain == "global" == case.domain, "it has no rho and is not global")
     else:
         starts(case, domain, "box")
         holds_box(claim, domain.radius, domain.disturbance, claim.rho)
-    rows(case, claim, claim.alpha)
 
 
-def composite(case: Certificate, claim: Any, C: Matrix | None = None) -> None:
-    """The observer's part, if there is an exosystem; for errors that feel another C."""
-    loop = case.loop
-    if loop.q == 0:
+def frame(claim: Any) -> Matrix:
+    """T of a claim about z = T e."""
+    return getattr(claim, "T", None) or PLAIN
+
+
+def spread(T: Matrix, v: Vector) -> Fraction:
+    """The largest N of errors with |e| <= 1."""
+    return max(Fraction(sum(map(abs, row))) / min(v[c :: len(T)]) for c, row in enumerate(T))
+
+
+def composite(case: Case, claim: Any) -> None:
+    """The observer's part, if there is an exosystem."""
+    if case.q == 0:
         return
     P = claim.P
+    T = frame(claim)
+    C = case.C
+    if T != PLAIN:
+        C = product(diagonal([T] * len(case.residuals)), C)  # of z
     short_matrix(P)
     need(is_form(P), "P > 0 is not shown")
     need(nonnegative(opposite(omega(case, P, claim.beta))), "beta is not shown")
-    for c in C or loop.C:
+    for c in C:
         # c'c <= P: then |c eps| <= sqrt(eps'P eps), row by row
         square = product(transpose([c]), [c])
         need(nonnegative(plus(P, -1, square)), "c'c <= P is not shown")
-    room = plus(identity(loop.q, claim.size), -1, P)
+    room = plus(identity(case.q, claim.size), -1, P)
     # size bounds sqrt(eps'P eps) at the start by sqrt(size) s
     need(nonnegative(room), "P <= size I is not shown")
 
 
-def starts(case: Certificate, domain: Any, kind: str) -> None:
+def starts(case: Case, domain: Any, kind: str) -> None:
     """The domain is a box or ball of starts."""
     need(type(domain) is not str and domain.kind == kind, f"the domain is no {kind}")
     there = None not in (domain.radius, domain.disturbance)
     # a box without starts would prove something about none
     need(there and domain.radius > 0 <= domain.disturbance, "it is empty")
-    need(case.loop.q > 0 or domain.disturbance == 0, "there is a disturbance, but no exosystem")
+    need(case.q > 0 or domain.disturbance == 0, "there is a disturbance, but no exosystem")
 
 
-def holds_box(
-    claim: Any, radius: Fraction, s: Fraction, level: Fraction, spread: Fraction | None = None
-) -> None:
-    """V <= level at every start of the box; ``spread``: the largest N where |e| <= 1, if N is in
-    coordinates."""
-    left = level - radius * (spread or 1 / min(claim.v))
+def holds_box(claim: Any, radius: Fraction, s: Fraction, level: Fraction) -> None:
+    """V <= level at every start of the box."""
+    left = level - radius * spread(frame(claim), claim.v)
     # asked by itself: its square would hide the sign
     need(left >= 0, "the box leaves the region")
     # without roots: kappa s sqrt(size) <= left
@@ -213,7 +225,7 @@ EXACT = Errors()
 
 
 def rows(
-    case: Certificate,
+    case: Case,
     claim: Any,
     alpha: Fraction,
     theta: Fraction = Fraction(1),
@@ -222,25 +234,24 @@ def rows(
 ) -> None:
     """Both faces of all rows, equal ones once; v_j counts theta times.  ``local``: for slopes at
     the target."""
-    loop = case.loop
     v, bottom = integers(claim.v)
     tops = [x * theta.numerator for x in v]
     owns = [x * theta.denominator for x in v]
     bottom *= theta.denominator
     found: dict[Row, int] = {}
-    for i, heard in loop.rows:
+    for i, heard in case.rows:
         arcs = [Heard(arc.coupling, arc.w, tops[arc.j], arc.loose) for arc in heard]
         # agents whose rows are the same are decided once
         arcs.sort(key=lambda arc: (arc.h.h, *arc[1:]))
-        c = (loop.least_gain(i, errors.gains) - alpha) * owns[i]
+        c = (case.least_gain(i, errors.gains) - alpha) * owns[i]
         found.setdefault(Row(owns[i], c, tuple(arcs)), i)
 
-    curves = tables(loop, claim.rho, (owns, tops, bottom))
+    curves = tables(case, claim.rho, (owns, tops, bottom))
     for row, i in found.items():
         shown = linear_row(row, errors, local)
         if not shown and claim.rho is not None:
             shown = curved_row(row, bottom, claim.rho, curves, errors)
-        need(shown, f"the row of agent {loop.labels[i]} is not shown")
+        need(shown, f"the row of agent {case.labels[i]} is not shown")
 
 
 def tables(
@@ -305,7 +316,7 @@ def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, errors: Err
 
 
 # --- delay and sampling
-def beside(case: Certificate, check: Any) -> Any:
+def beside(case: Case, check: Any) -> Any:
     """The proved max-separable with the same domain."""
     proof = case.proved("max-separable")
     need(
@@ -315,40 +326,39 @@ def beside(case: Certificate, check: Any) -> Any:
     return read_separable(case, proof.exact)
 
 
-def delay(case: Certificate, check: Any) -> None:
+def delay(case: Case, check: Any) -> Any:
     """The rows hold with theta v_j for v_j: agents may hear each other late."""
     claim = beside(case, check)
     exact = read(check.exact, {"delay": rational, "rate": rational})
     need(exact.delay >= 0, "the delay is negative")
     need_rate(check, exact.rate, "the rate is not between 0 and that of the rows")
-    need(
-        case.loop.q == 0 or exact.rate <= claim.beta, "the rate is larger than that of the observer"
-    )
+    need(case.q == 0 or exact.rate <= claim.beta, "the rate is larger than that of the observer")
     wait = exact.delay * exact.rate
     theta = by_decimal("exp", (wait, wait))[1]
     # up again, to few bits: a larger theta only makes the rows harder
     rows(case, claim, exact.rate, Fraction(math.ceil(theta * 2**60), 2**60))
+    return claim
 
 
-def sampling(case: Certificate, check: Any) -> None:
+def sampling(case: Case, check: Any) -> None:
     """Couplings and gains held over periods: no step overshoots."""
-    loop = case.loop
     claim = beside(case, check)
     exact = read(check.exact, {"period": rational, "factor": rational, "certificate?": an_object})
     need(check.rate is None, "it has no rate to claim")
     # the proof holds everything but the estimate; A x goes on in between
-    need(loop.B is None, "dynamics of the agents themselves are not held")
+    need(case.B is None, "dynamics of the agents themselves are not held")
     if exact.certificate is not None:
         claim = read_separable(case, exact.certificate)
         need(pace(case, claim) > 0, "its own certificate has no rate")
         contains(case, claim, check.domain)
+        rows(case, claim, claim.alpha)
     need(
         1 - exact.period * claim.alpha <= exact.factor < 1,
         "the factor does not follow from the period",
     )
 
     v, bottom = integers(claim.v)
-    curves = tables(loop, claim.rho, (v, v, bottom), wide=True)
+    curves = tables(case, claim.rho, (v, v, bottom), wide=True)
 
     @cache
     def slope(h: Coupling, mirrored: bool, own: int, other: int, closely: bool) -> Fraction:
@@ -358,18 +368,18 @@ def sampling(case: Certificate, check: Any) -> None:
         return mean_slope(curves[h, mirrored], rho, (own, other, bottom), closely)
 
     def brief(i: int, heard: list[Arc], mirrored: bool, closely: bool) -> bool:
-        left = loop.largest_gain(i)
+        left = max(row[c] for c, row in enumerate(case.gain(i)))
         for arc in heard:
             left += arc.w * slope(arc.coupling, mirrored, v[i], v[arc.j], closely)
         # exact: a period of 1 is often the largest
         return bool(exact.period * left <= 1)
 
-    for i, heard in loop.rows:
+    for i, heard in case.rows:
         for mirrored in (False, True):
             # a close look takes longer, and is seldom needed
             need(
                 any(brief(i, heard, mirrored, closely) for closely in (False, True)),
-                f"too long for agent {loop.labels[i]}",
+                f"too long for agent {case.labels[i]}",
             )
 
 
@@ -399,28 +409,27 @@ def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool)
 
 
 # --- equilibrium: a box that holds one of h(e) - K e other than 0, by the test of Krawczyk
-def equilibrium(case: Certificate, check: Any) -> None:
+def equilibrium(case: Case, check: Any) -> None:
     """c - Y f(c) + (I - Y F'(X)) (X - c) lies inside X, so that f = 0 somewhere in X; or X is a
     point with f = 0."""
-    loop = case.loop
-    size = loop.size
+    size = case.size
     need(size <= EQUATIONS, f"an equilibrium is looked at up to {EQUATIONS} equations")
     exact = read(check.exact, {"mode": text, "box": ((rational, rational),) * size})
     box = exact.box
-    need(exact.mode in loop.modes, "there is no such mode")
+    need(exact.mode in case.modes, "there is no such mode")
     middle = [(lo + hi) / 2 for lo, hi in box]
     witness = {"kind": "start", "values": middle}
     need(same(check.witness, witness), "the witness is not the middle of the box")
     # the target itself is an equilibrium, which refutes nothing
     need(any(lo > 0 or hi < 0 for lo, hi in box), "the box contains the target")
-    if loop.region is not None:
+    if case.region is not None:
         for k, (lo, hi) in enumerate(box):
-            i, c = divmod(k, loop.m)
-            low, high = loop.region.initial_states[c]
-            goal = loop.goals[i][c]
+            i, c = divmod(k, case.m)
+            low, high = case.region.initial_states[c]
+            goal = case.goals[i][c]
             need(low <= lo + goal and hi + goal <= high, "the box leaves the region")
-    rests = is_rest(loop, exact.mode, box)
-    images = krawczyk(loop, exact.mode, box, middle)
+    rests = is_rest(case, exact.mode, box)
+    images = krawczyk(case, exact.mode, box, middle)
     for (lo, hi), image in paired(box, images):
         inside = lo < Fraction(image[0]) and Fraction(image[1]) < hi
         need(rests or inside, "no equilibrium is shown in the box")
@@ -441,13 +450,13 @@ def krawczyk(loop: Loop, mode: str, box: Matrix, middle: Vector) -> Iterator[Flo
     values, _ = forces(loop, mode, [[x, x] for x in middle])
     # about the inverse of the middle slopes: any Y is allowed, so that it may be cut off
     rough = []
-    for row, unit in paired(slopes, identity(size)):
+    for row in slopes:
         sums = [max(-1e200, min(sum(row.get(k, NOTHING)), 1e200)) for k in range(size)]
-        rough.append([*(Fraction(round(x * 2**30), 2**31) for x in sums), *unit])
-    rows, _ = echelon(rough)
+        rough.append([Fraction(round(x * 2**30), 2**31) for x in sums])
+    Y = solved(rough, identity(size))
     halves = [enclosed((hi - lo) / 2)[1] for lo, hi in box]
     for a in range(size):
-        factors = [enclosed(-x) for x in rows[a][size:]]
+        factors = [enclosed(-x) for x in Y[a]]
         rest = {k: [ONE] * (k == a) for k in range(size)}
         for factor, row in paired(factors, slopes):
             for k, slope in row.items():

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator
 from fractions import Fraction
 from typing import Any
 
-from .claims import Certificate
+from .claims import Case
 from .consensus import closed, observable, takes_long
 from .factors import time_to_one_percent
 from .graphs import MODES, absorbing
@@ -15,7 +15,7 @@ from .matrices import ZERO, echelon, meets, paired, product, stable
 from .reading import need, rational
 
 
-def overall(case: Certificate) -> None:
+def overall(case: Case) -> None:
     """The verdict, the rate with its factor and what covers it follow from the checks."""
     best = covering(case)
     failed = best is None and refuted(case)
@@ -30,18 +30,18 @@ def overall(case: Certificate) -> None:
 
 
 # --- proved
-def covering(case: Certificate) -> Any:
+def covering(case: Case) -> Any:
     """The check that proves the verdict, the one with the least time to one percent; none if no
     check does."""
     proofs = [check for check in case.checks if check.verdict == "proved" and covers(case, check)]
     lemmas = [check for check in proofs if check.id == "lemma1"]
     slowest = None
     # Lemma 1 is about one mode: the slowest stands for all, if all have one
-    if len(lemmas) == len(case.loop.modes):
+    if len(lemmas) == len(case.modes):
         slowest = min(lemmas, key=lambda check: check.rate or ZERO)
     counted = [check for check in proofs if check.id != "lemma1" or check is slowest]
     # the checks of tables are about the graphs of the modes, not about every graph
-    if tables(case.loop):
+    if tables(case):
         counted = [check for check in counted if check.id != "safety"]
     # what holds for every signal comes before what needs a guarantee
     always = [check for check in counted if check.id not in ("schedule", "markov")]
@@ -68,13 +68,13 @@ def tables(loop: Loop) -> list[str]:
     return found
 
 
-def answered(case: Certificate, best: Any) -> Any:
+def answered(case: Case, best: Any) -> Any:
     """The check that carries the verdict about the plant with its tables, beside ``best``; None if
     one is open."""
-    asked = tables(case.loop)
+    asked = tables(case)
     for id in asked:
         check = case.proved(id)
-        if check is None or not asked_for(case.loop, check.domain):
+        if check is None or not asked_for(case, check.domain):
             return None
         if id != "actuators":
             best = check
@@ -99,25 +99,24 @@ def is_open(loop: Loop, domain: Any) -> bool:
     return bool(domain.radius > 0 and (not loop.q or domain.disturbance > 0))
 
 
-def covers(case: Certificate, check: Any) -> bool:
+def covers(case: Case, check: Any) -> bool:
     """True if what is proved holds from all starts that are asked for (lemma1: in its mode)."""
-    loop = case.loop
     domain = check.domain
-    local = (case.theorem, case.theorem + "-printed") if loop.q else ("lemma1",)
+    local = (case.theorem, case.theorem + "-printed") if case.q else ("lemma1",)
     if check.id in (*local, case.theorem + "-weighted", "linearisation"):
-        return loop.region is None or loop.domain == "global"
+        return case.region is None or case.domain == "global"
     safe = check.id == "safety" and check.rate is not None
     if not safe and check.id not in ("max-separable", "lure", "schedule", "markov"):
         return False
     if type(domain) is str:
         return bool(domain == "global")
-    if loop.region is not None:
-        return holds_region(loop, domain)
+    if case.region is not None:
+        return holds_region(case, domain)
     # a box around the target answers the local question: several modes, dynamics, leaders
-    several = loop.switches or loop.B is not None
+    several = case.switches or case.B is not None
     box = several and check.id in ("max-separable", "schedule", "markov")
-    ball = check.id == "lure" and loop.own is not None and loop.leader is not None
-    return (safe or box or ball) and is_open(loop, domain)
+    ball = check.id == "lure" and case.own is not None and case.leader is not None
+    return (safe or box or ball) and is_open(case, domain)
 
 
 def holds_region(loop: Loop, domain: Any) -> bool:
@@ -138,26 +137,25 @@ def holds_region(loop: Loop, domain: Any) -> bool:
 
 
 # --- refuted
-def refuted(case: Certificate) -> bool:
+def refuted(case: Case) -> bool:
     """True if a closed set of nodes, an equilibrium, a residual's own W or an unstable mode shows
     that it fails."""
-    loop = case.loop
     found = [check for check in case.checks if check.verdict == "refuted"]
-    if stays_apart(loop):
+    if stays_apart(case):
         return True
     # without a region it is about every neighbourhood of the target, where the equilibrium is not
-    if loop.region is not None and any(check.id == "equilibrium" for check in found):
+    if case.region is not None and any(check.id == "equilibrium" for check in found):
         return True
-    if not all(map(stable, watched_parts(loop))):
+    if not all(map(stable, watched_parts(case))):
         return True
     # instability at the target is about starts near it
-    if not starts_around_goals(loop):
+    if not starts_around_goals(case):
         return False
-    if any(check.id == "schedule" for check in found) or drifts(loop):
+    if any(check.id == "schedule" for check in found) or drifts(case):
         return True
     unstable = [check for check in found if check.id in ("lemma1", "linearisation")]
     for check in unstable:
-        stays = loop.guarantee.may_stay(check.mode or next(iter(loop.modes)))
+        stays = case.guarantee.may_stay(check.mode or next(iter(case.modes)))
         if stays and rational(check.exact["unstable_roots"]) > 0:
             return True
     return False
@@ -171,7 +169,7 @@ def watched_parts(loop: Loop) -> Iterator[list[Any]]:
     for residual in loop.residuals:
         if residual.W is not None and not takes_long(residual):
             T, columns = observable(residual)
-            rows = product(T, closed(residual, residual.W))
+            rows = product(T, closed(residual))
             yield [[row[k] for k in columns] for row in rows]
 
 

@@ -91,7 +91,7 @@ FEW = (
     ("accuracy", "not loop.switches"),
     ("accuracy", "all((x >= y for x, y in paired(bounds, ends)))"),
     ("accuracy", "b > 0"),
-    ("peaks", "left[0] < 1"),
+    ("accuracy", "left[0] < 1"),
     ("accuracy", "(each.rho is not None) == curved"),
     ("loop", "self.own is None"),
     ("verdict", "loop.own is not None"),
@@ -100,7 +100,7 @@ FEW = (
     ("consensus", "semidefinite(RG)"),
     ("files", "len(echelon(dynamics.B)[0]) == columns"),
     ("examine", "claims.problem_sha256 == case.problem.sha256"),
-    ("consensus", "not case.loop.kinked"),
+    ("consensus", "not case.kinked"),
     ("separable", "left >= 0"),
     ("separable", "exact.delay >= 0"),
     ("quadratic", "claim.level > 0"),
@@ -151,4 +151,4 @@ def test_the_checks_are_found():
         for file in ("reading", "consensus", "separable", "quadratic", "schedule")
     )
     assert set(EQUIVALENT) <= {text for found in texts.values() for text in found}
-    assert all(texts[file].count(text) == 1 for file, text in FEW)
+    assert all(text in texts[file] for file, text in FEW)

@@ -48,7 +48,7 @@ def test_channels_of_several_components_lead_from_the_differences_to_the_rows():
 
 def test_agents_meet_their_own_costs():
     agents = SimpleNamespace(q=0, m=1, nodes=range(3), block=lambda S, i: [[Fraction(i)]])
-    costs = quadratic.noise(SimpleNamespace(loop=agents), None)
+    costs = quadratic.noise(agents, None)
     assert [row[i] for i, row in enumerate(costs)] == [0, 1, 2]
 
 

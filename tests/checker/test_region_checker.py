@@ -26,11 +26,11 @@ from dobc_design import Network, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import separable
+from dobc_design.checker.consensus import lower_form
 from dobc_design.checker.curves import Curve, supremum
 from dobc_design.checker.expressions import read_coupling
 from dobc_design.checker.intervals import added
 from dobc_design.checker.separable import mean_slope
-from dobc_design.checker.slopes import lower_form
 from dobc_design.problem.canonical import canonical_bytes
 
 

@@ -38,7 +38,6 @@ FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {
     "separable": (region_cases,),
     "margins": (margins_cases, dynamics_cases),
     "accuracy": (accuracy_cases,),
-    "peaks": (accuracy_cases,),
     "quadratic": (quadratic_cases,),
     "schedule": (tube_cases, cycles_cases),
     "cycles": (cycles_cases,),
@@ -64,7 +63,7 @@ EQUIVALENT = {
     "size <= EQUATIONS": "it bounds the work; what is shown beyond it is true.",
     "size <= ROWS": "it bounds the work.",
     "len(X) <= 20": "it bounds the work.",
-    "loop.n <= AGENTS": "it bounds the work.",
+    "case.n <= AGENTS": "it bounds the work.",
     "m <= MOST": "it bounds the work.",
     "pivots == [*range(m)]": "the rows of a singular T are dependent, so that no "
     "T X S dominates on its diagonal.",

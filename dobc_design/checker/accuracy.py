@@ -48,6 +48,7 @@ from .separable import (
     frame,
     holds_box,
     linear_row,
+    observed,
     spread,
     starts,
     tables,
@@ -139,9 +140,8 @@ def stages_shape(loop: Loop, turned: bool) -> Object:
     if turned:
         stage["ranges"] = gains_shape(loop.m)
         shape["T"] = matrix(loop.m, loop.m)
-    if loop.q and loop.domain != "global":
-        shape["P"] = matrix(loop.q, loop.q)
-        shape |= dict.fromkeys(("beta", "kappa", "size"), rational)
+    if loop.domain != "global":
+        shape |= observed(loop)
     return shape
 
 
@@ -200,7 +200,7 @@ class Loads:
         """A bound of the slope of h, which is one of h(y)/y as well, on |y| <= rho width, and
         noise more."""
         if self.rho is None:
-            return max(map(abs, h.slope(0, 0)))
+            return self.find_secant(h, width)
         reach = enclosed(self.rho * Fraction(width, self.bottom) + self.noise)[1]
         # noise moves both ends of a difference, so that slopes are asked for a little further out
         found = max(map(abs, Curve(h, False).at((-reach, reach))[1]))

@@ -131,17 +131,18 @@ cosh = partial(hyperbolic, cosine=True)
 
 # A smooth operation: its value, and its partial derivatives from the arguments and the value f.
 NEGATIVE = of_one(negative, lambda x, f: like(x, -1))
-OPERATIONS: dict[type, Operation] = {
-    ast.Add: (added, lambda x, y, f: (like(x, 1), like(y, 1))),
-    ast.Sub: (lambda x, y: added(x, negative(y)), lambda x, y, f: (like(x, 1), like(y, -1))),
-    ast.Mult: (times, lambda x, y, f: (y, x)),
-    ast.Div: (divided, lambda x, y, f: (one_over(y), negative(divided(f, y)))),
-}
-DEGREES: dict[type, Callable[[float, float], float]] = {
-    ast.Add: max,
-    ast.Sub: max,
-    ast.Mult: add,
-    ast.Div: lambda a, b: math.inf if b else a,
+# Of two arguments also the degree, from theirs.
+OPERATIONS: dict[type, tuple[Operation, Callable[[float, float], float]]] = {
+    ast.Add: ((added, lambda x, y, f: (like(x, 1), like(y, 1))), max),
+    ast.Sub: (
+        (lambda x, y: added(x, negative(y)), lambda x, y, f: (like(x, 1), like(y, -1))),
+        max,
+    ),
+    ast.Mult: ((times, lambda x, y, f: (y, x)), add),
+    ast.Div: (
+        (divided, lambda x, y, f: (one_over(y), negative(divided(f, y)))),
+        lambda a, b: math.inf if b else a,
+    ),
 }
 SMOOTH: dict[str, Operation] = {
     "exp": of_one(partial(by_decimal, "exp"), lambda x, f: f),
@@ -159,19 +160,15 @@ SMOOTH: dict[str, Operation] = {
 }
 
 
-class Function(NamedTuple):
-    """A function of jets, and how many arguments it takes."""
-
-    operation: Callable[..., Any]
-    fewest: float
-    most: float
-
-
-FUNCTIONS = {name: Function(partial(applied, each), 1, 1) for name, each in SMOOTH.items()}
-FUNCTIONS["min"] = Function(least, 2, math.inf)
-FUNCTIONS["max"] = Function(greatest, 2, math.inf)
-FUNCTIONS["clip"] = Function(lambda y, lo, hi: greatest(lo, least(y, hi)), 3, 3)
-KINKS = ("abs", "min", "max", "clip")
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "min": least,
+    "max": greatest,
+    "clip": lambda y, lo, hi: greatest(lo, least(y, hi)),
+}
+FUNCTIONS |= {name: partial(applied, each) for name, each in SMOOTH.items()}
+#: How many arguments a function takes at least and at most, if not one.
+ARGUMENTS = {"min": (2, math.inf), "max": (2, math.inf), "clip": (3, 3)}
+KINKS = ("abs", *ARGUMENTS)
 
 
 # --- Expressions
@@ -271,24 +268,22 @@ class Expression:
                 "an expression holds an operation that the grammar does not know",
             )
             right = self.read(part.right)
-            degree = DEGREES[kind](self.steps[place].degree, self.steps[right].degree)
-            place = self.append(partial(applied, OPERATIONS[kind]), (place, right), degree)
+            operation, degree_of = OPERATIONS[kind]
+            degree = degree_of(self.steps[place].degree, self.steps[right].degree)
+            place = self.append(partial(applied, operation), (place, right), degree)
         return place
 
     def read_call(self, name: str, arguments: tuple[int, ...]) -> int:
         """A function; it has a kink if it is applied to something in which a variable occurs."""
         # a name that is not in this table is refused, whatever Python knows by it
         need(name in FUNCTIONS, "an expression holds a function that the grammar does not know")
-        function = FUNCTIONS[name]
-        need(
-            function.fewest <= len(arguments) <= function.most,
-            "a function has the wrong number of arguments",
-        )
+        fewest, most = ARGUMENTS.get(name, (1, 1))
+        need(fewest <= len(arguments) <= most, "a function has the wrong number of arguments")
         if name in KINKS and self.vary(arguments):
             self.kinked = True
         # degrees are those of the text: 0*y has 1, and a function of it is no polynomial
         of_constants = not any(self.steps[k].degree for k in arguments)
-        return self.append(function.operation, arguments, 0 if of_constants else math.inf)
+        return self.append(FUNCTIONS[name], arguments, 0 if of_constants else math.inf)
 
     def vary(self, arguments: tuple[int, ...]) -> bool:
         """Whether a variable occurs in the arguments."""

@@ -12,7 +12,7 @@ those to its solution. Without exosystem q = 0.
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from itertools import chain
@@ -57,8 +57,8 @@ class Node(NamedTuple):
     A: Any  # (m, m), with f its slopes at the target; none for integrators
     B: Any  # (m, p); none for integrators
     left: Matrix  # B+ = (B'B)^-1 B'; 1 for integrators
-    flow: list[Expression]  # f(target + e), where the file has f
-    own: Coupling | None  # f(target + e) - f(target), unless f is linear
+    flow: Sequence[Expression] = ()  # f(target + e), where the file has f
+    own: Coupling | None = None  # f(target + e) - f(target), unless f is linear
 
 
 class Residual(NamedTuple):
@@ -307,13 +307,13 @@ def node_of(problem: Problem, goals: Matrix) -> Node:
     dynamics = problem.dynamics
     m = problem.m
     if dynamics is None:
-        return Node(None, None, identity(m), [], None)
+        return Node(None, None, identity(m))
     B = dynamics.B
     left = left_inverse(B)
     if dynamics.A is not None:
         targets = transpose([problem.stated.target, *goals])
         rests(B, left, product(dynamics.A, targets))
-        return Node(dynamics.A, B, left, [], None)
+        return Node(dynamics.A, B, left)
 
     flow, values = moved(problem)
     falls = tuple(f"({f.source}) - ({x})" for f, x in paired(flow, values))

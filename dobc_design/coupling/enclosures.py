@@ -29,7 +29,8 @@ from dobc_design.coupling.tree import (
     run,
 )
 from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import Interval, UndefinedError, height
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.number import height
 from dobc_design.exact.work import spend
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is

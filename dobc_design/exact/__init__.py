@@ -61,22 +61,18 @@ __all__ = [
     "Matrix",
     "Observability",
     "RouthTable",
-]
-__all__ += ["SparseSymmetric", "UndefinedError", "Vector"]
-__all__ += [
+    "SparseSymmetric",
+    "UndefinedError",
+    "Vector",
     "add",
     "characteristic_polynomial",
     "count_right_half_plane",
     "decide_detectable",
     "decide_hurwitz",
-]
-__all__ += [
     "decide_observable",
     "decide_positive_definite",
     "decide_positive_semidefinite",
     "decide_quickly",
-]
-__all__ += [
     "definiteness",
     "float_above",
     "float_below",
@@ -84,16 +80,12 @@ __all__ += [
     "identity",
     "interval",
     "inverse",
-]
-__all__ += [
     "is_symmetric",
     "kronecker",
     "multiply",
     "nullspace",
     "number_text",
     "observability_matrix",
-]
-__all__ += [
     "observable_reduction",
     "parse_number",
     "polynomial_text",
@@ -101,5 +93,9 @@ __all__ += [
     "routh",
     "row_echelon",
     "scale",
+    "shape",
+    "subtract",
+    "to_float",
+    "transpose",
+    "zeros",
 ]
-__all__ += ["shape", "subtract", "to_float", "transpose", "zeros"]

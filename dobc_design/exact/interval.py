@@ -22,6 +22,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import (
     float_above,
     float_below,
+    height,
     number_text,
     root_above,
     root_below,
@@ -37,11 +38,6 @@ if TYPE_CHECKING:
 BITS: Final = 128
 # Largest exponent of two kept; without a bound, powers of powers would fill the memory.
 MAX_EXPONENT: Final = 65_536
-
-
-def height(value: Fraction) -> int:
-    """Return the bits of the longer one of numerator and denominator."""
-    return max(value.numerator.bit_length(), value.denominator.bit_length())
 
 
 def round_down(value: Fraction, bits: int = BITS) -> Fraction:

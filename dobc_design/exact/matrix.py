@@ -236,10 +236,7 @@ def _solved_for(M: Matrix, order: Sequence[int]) -> dict[int, dict[int, Fraction
 
 def is_symmetric(M: Matrix) -> bool:
     """Return whether M is square and equals its transpose exactly."""
-    rows, columns = shape(M)
-    if rows != columns:
-        return False
-    return all(M[i][j] == M[j][i] for i in range(rows) for j in range(i))
+    return transpose(M) == tuple(map(tuple, M))
 
 
 def to_float(M: Matrix) -> NDArray[np.float64]:

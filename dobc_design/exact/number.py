@@ -63,6 +63,11 @@ _SHORT: Final = 6  # digits of a decimal that is read more easily than a quotien
 _EXAMPLES: Final = 'a number such as 3.2, 1e-3 or "9/16"'
 
 
+def height(value: Fraction) -> int:
+    """Return the bits of the longer one of numerator and denominator."""
+    return max(value.numerator.bit_length(), value.denominator.bit_length())
+
+
 def parse_number(value: object, *, key: str) -> Fraction:
     """Return the exact rational that a number in a problem means.
 
@@ -75,7 +80,7 @@ def parse_number(value: object, *, key: str) -> Fraction:
         raise _refusal(key, value, f"must be {_EXAMPLES}, not a boolean")
     if isinstance(value, (int, Fraction)):
         number = Fraction(value)
-        bits = max(number.numerator.bit_length(), number.denominator.bit_length())
+        bits = height(number)
         if bits > _MAX_BITS or len(number_text(number)) > MAX_CHARACTERS:
             shown = f"a number of {bits} bits" if bits > _MAX_BITS else None
             raise _refusal(key, value, f"must be writable in {MAX_CHARACTERS} characters", shown)
@@ -104,7 +109,7 @@ def number_text(value: Fraction) -> str:
     """Return "16/5", "3", or a decimal ("1e-300") where a quotient would be too long; reading gives
     it back."""
     quotient = quotient_text(value)
-    long = max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS
+    long = height(value) > _PLAIN_BITS
     parts = None if long or len(quotient) <= MAX_CHARACTERS else decimal_parts(abs(value))
     return quotient if parts is None else f"{'-' if value < 0 else ''}{with_exponent(*parts)}"
 
@@ -147,7 +152,7 @@ def with_exponent(digits: str, exponent: int) -> str:
 def quotient_text(value: Fraction) -> str:
     """Return "16/5", or "3" for an integer, however long that is: for texts that are compared as
     they are."""
-    if max(value.numerator.bit_length(), value.denominator.bit_length()) <= _PLAIN_BITS:
+    if height(value) <= _PLAIN_BITS:
         return str(value)
     from flint import fmpz
 

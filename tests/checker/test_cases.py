@@ -81,14 +81,14 @@ def test_the_package_says_the_same(
 
 #: Of the other files a few: the evidence tries them all.
 FEW = (
-    ("accuracy", "loop.B is None and all((h.single for h in loop.functions))"),
-    ("accuracy", "loop.B is None"),
-    ("accuracy", "all((h.single for h in loop.functions))"),
+    ("accuracy", "case.B is None and all((h.single for h in case.functions))"),
+    ("accuracy", "case.B is None"),
+    ("accuracy", "all((h.single for h in case.functions))"),
     ("accuracy", "plant.measurement == 0"),
     ("accuracy", "plant.measurement == plant.weights == plant.gains == 0"),
     ("accuracy", "not linear or check.domain == 'global'"),
-    ("accuracy", "loop.domain == 'global'"),
-    ("accuracy", "not loop.switches"),
+    ("accuracy", "case.domain == 'global'"),
+    ("accuracy", "not case.switches"),
     ("accuracy", "all((x >= y for x, y in paired(bounds, ends)))"),
     ("accuracy", "b > 0"),
     ("accuracy", "left[0] < 1"),

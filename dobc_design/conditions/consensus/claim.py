@@ -180,17 +180,15 @@ def lemma1_in_arrays(
     spreads = [max(entry.hi - x, x - entry.lo) for entry, x in zip(entries, middles, strict=True)]
     common = math.lcm(below, *{x.denominator for x in middles})
     whole = (middles * common).reshape(-1, dimension, dimension)
+    nothing = np.zeros(0, dtype=np.int64)
     parts = [
+        (nothing, nothing, nothing),
         *_pin_triplets(pulls, held, common, dimension),
         *_arc_triplets(jacobian, whole, dimension),
     ]
-    nothing = np.zeros(0, dtype=np.int64)
+    rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
     constant = sparse.IntegerSymmetric(
-        size=size * dimension,
-        rows=np.concatenate([rows for rows, _, _ in parts] or [nothing]),
-        columns=np.concatenate([columns for _, columns, _ in parts] or [nothing]),
-        values=np.concatenate([values for _, _, values in parts] or [nothing]),
-        denominator=common,
+        size=size * dimension, rows=rows, columns=columns, values=values, denominator=common
     )
     return Pencil(
         name=f"lemma1 ({jacobian.name})",
@@ -255,28 +253,21 @@ def _deviations(
 ) -> Sequence[Deviation]:
     """What the slopes may differ by from their middles, arc by arc; none where all are exact."""
     entries = dimension**2
-    rows: list[Places] = []
-    speakers: list[Places] = []
-    listeners: list[Places] = []
-    kinds: list[Places] = []
+    found = []
     for c, d in np.ndindex(dimension, dimension):
         place = c * dimension + d
         # Only slopes that are not known exactly.
         wide = np.array([bool(x) for x in spreads[place::entries]], dtype=bool)
         chosen = wide[jacobian.kind]
         hearers = jacobian.arcs.listeners[chosen] * dimension
-        rows.append(hearers + c)
-        speakers.append(jacobian.arcs.speakers[chosen] * dimension + d)
-        listeners.append(hearers + d)
-        kinds.append(jacobian.kind[chosen] * entries + place)
-    if not any(map(len, rows)):
+        speakers = jacobian.arcs.speakers[chosen] * dimension + d
+        kinds = jacobian.kind[chosen] * entries + place
+        found.append([hearers + c, speakers, hearers + d, kinds])
+    rows, speakers, listeners, kinds = np.concatenate(found, axis=1)
+    if not len(rows):
         return ()
     return Deviations(
-        rows=np.concatenate(rows),
-        speakers=np.concatenate(speakers),
-        listeners=np.concatenate(listeners),
-        kinds=np.concatenate(kinds),
-        sizes=tuple(spreads),
+        rows=rows, speakers=speakers, listeners=listeners, kinds=kinds, sizes=tuple(spreads)
     )
 
 
@@ -557,20 +548,14 @@ def state_theorems(loop: Loop) -> Statements:
                 "does not apply: the coupling has no bounded derivative at the consensus "
                 f"({error})."
             )
-    if jacobians is None:
-        return Statements(
-            loop=loop, domain=NEAR_TARGET, jacobians=None, lambdas={}, inapplicable=reason
-        )
-    lambdas = {
-        mode.name: lemma1(mode, loop.pulls, size=loop.n, dimension=loop.m)
-        for mode in jacobians.modes
-    }
+    lambdas: dict[str, Pencil] = {}
+    domain: Domain = NEAR_TARGET
+    if jacobians is not None:
+        domain = jacobians.domain
+        for mode in jacobians.modes:
+            lambdas[mode.name] = lemma1(mode, loop.pulls, size=loop.n, dimension=loop.m)
     return Statements(
-        loop=loop,
-        domain=jacobians.domain,
-        jacobians=jacobians,
-        lambdas=lambdas,
-        inapplicable=None,
+        loop=loop, domain=domain, jacobians=jacobians, lambdas=lambdas, inapplicable=reason
     )
 
 

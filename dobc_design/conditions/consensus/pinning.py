@@ -510,9 +510,14 @@ def solve_program(
     are found."""
     count = len(allowed)
     scale = blocks.scale
+    width = blocks.width
     if not count or not scale > 0:
         return None
-    columns = _gain_columns(allowed, len(costs), blocks.width)
+    # -2 svec(E_i), one column per allowed agent: what its gain adds to every block.
+    size = len(costs) * width
+    places = svec_diagonal(size)[rows_of(allowed, width)], np.repeat(np.arange(count), width)
+    entries = np.full(count * width, -2.0)
+    columns = sparse.csc_array((entries, places), shape=(size * (size + 1) // 2, count))
     cones = [Cone("semidefinite", columns, svec(table / scale)) for table in blocks.tables]
     cones.append(Cone("nonnegative", -sparse.eye_array(count), np.zeros(count)))
     own = np.full(count, np.inf) if caps is None else caps[allowed]
@@ -529,16 +534,6 @@ def solve_program(
     ends = np.cumsum([len(each.right) for each in cones])
     parts = np.split(answer.multipliers, ends)[: len(blocks.tables)]
     return Shared(gains=gains, vectors=[_factors(smat(part), z=blocks.z) for part in parts])
-
-
-def _gain_columns(allowed: Any, agents: int, width: int) -> Any:
-    """-2 svec(E_i), one column per allowed agent: what its gain adds to every block."""
-    count = len(allowed)
-    size = agents * width
-    rows = svec_diagonal(size)[rows_of(allowed, width)]
-    columns = np.repeat(np.arange(count), width)
-    values = np.full(count * width, -2.0)
-    return sparse.csc_array((values, (rows, columns)), shape=(size * (size + 1) // 2, count))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -108,7 +108,7 @@ def dominating_vector(table: Any) -> Dominating | None:
     work = _work(table)
     if work is None:
         return None
-    found = _answer_at(work, 0.0)
+    found = _first_answer(work)
     if not found.least >= 0:
         return found
     # Inverse iteration with a shift at the bound so far, until the bound is close or nothing is
@@ -134,15 +134,14 @@ def dominating_vector(table: Any) -> Dominating | None:
     return replace(found, vector=v, least=least, products=work.products)
 
 
-def _answer_at(work: _Work, shift: float) -> Dominating:
-    """Look for v with M v > shift v, one question: ``least`` is the shift, or -inf beside a
-    direction."""
+def _first_answer(work: _Work) -> Dominating:
+    """Look for v with M v > 0, one question: ``least`` is 0, or -inf beside a direction."""
     size = len(work.diagonal)
-    found = _solved(work, shift, np.ones(size))
-    least = shift
+    found = _solved(work, np.ones(size))
+    least = 0.0
     if found is None or not np.all(found > 0):
         least = -math.inf
-        # Where the solution has negative parts, these are a direction that refutes M > shift I.
+        # Where the solution has negative parts, these are a direction that refutes M > 0.
         direction = work.direction if found is None else np.maximum(-found, 0.0)
         found = np.zeros(size) if direction is None else np.abs(direction)
     return Dominating(
@@ -185,20 +184,17 @@ class _Work:
         return float(np.min(self.times(v) / v))
 
 
-def _solved(work: _Work, shift: float, right: Array) -> Array | None:
-    """(M - shift I) x = right until every row is met but for a part; None if M - shift I is not
-    seen to be positive."""
-    size = len(right)
-    found, done = _iterate(work, shift, right, None, PATIENCE)
+def _solved(work: _Work, right: Array) -> Array | None:
+    """M x = right until every row is met but for a part; None if M is not seen to be positive."""
+    found, done = _iterate(work, 0.0, right, None, PATIENCE)
     if done or found is None:
         return found
-    if work.matrix.nnz > FEW_ENTRIES * size:
-        found, done = _iterate(work, shift, right, found, MOST_STEPS)
+    if work.matrix.nnz > FEW_ENTRIES * len(right):
+        found, done = _iterate(work, 0.0, right, found, MOST_STEPS)
         return found if done else None
     work.products += 20  # about what the time of one sparse factorisation is worth
-    shifted = work.matrix - shift * sparse.eye_array(size)
     try:
-        found = np.asarray(factored(shifted).solve(right))
+        found = np.asarray(factored(work.matrix).solve(right))
     except GIVEN_UP:
         return None
     return found if np.all(np.isfinite(found)) else None

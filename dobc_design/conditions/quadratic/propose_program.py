@@ -27,6 +27,7 @@ from dobc_design.coupling.expression import variables_used
 from dobc_design.exact.number import nearest
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.matrices import pull_matrix
 from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
 from dobc_design.solvers.program import Array
 
@@ -222,15 +223,9 @@ def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array 
 def make_templates(loop: Loop) -> Templates:
     """Lay out the channels of every mode once; ranges of the couplings are put in by
     ``float_system``."""
-    m = loop.m
-    size = loop.n * m
-    K = np.zeros((size, size))
-    for agent, gain in loop.pulls.gains.items():
-        own = slice(agent * m, (agent + 1) * m)
-        K[own, own] = [[nearest(x) for x in row] for row in gain]
     entries = [_entries(coupling) for coupling in loop.functions]
     modes = tuple(_template(loop, name, entries) for name in loop.modes)
-    return Templates(size=size, K=K, modes=modes)
+    return Templates(size=loop.size, K=pull_matrix(loop).toarray(), modes=modes)
 
 
 def _template(

@@ -112,6 +112,11 @@ def about(
     return kind(f"{key}: {what}", key=key, cure=cure)
 
 
+def refused(key: str | None, message: str, cure: str | None = None) -> SpecError:
+    """Return the error about a key whose message is a sentence of its own."""
+    return SpecError(message, key=key, cure=cure)
+
+
 class Mistakes(list[SpecError]):
     """Errors that are kept while more is read, so that all are told at once: ``with errors:`` keeps
     what is raised inside."""

@@ -114,6 +114,15 @@ def require_own(folder: Path, name: str, *, force: bool) -> Path:
     return folder
 
 
+def write_folder(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Write files into a folder by their names, which is made where it is missing; return their
+    paths.  Raises: as ``write_together``."""
+    make_folder(folder)
+    paths = {folder / name: data for name, data in files.items()}
+    write_together(paths)
+    return list(paths)
+
+
 def make_folder(path: Path) -> Path:
     """Make a folder if it is not there.  Raises CertificateError when that cannot be done."""
     try:

@@ -5,19 +5,17 @@ from __future__ import annotations
 
 import shlex
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Exit, Option
 
 from dobc_design.cli import output
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused, wrong
 
 if TYPE_CHECKING:
-    from fractions import Fraction
-
     from rich.console import RenderableType
 
     from dobc_design.certificate.certificate import Certificate
@@ -40,40 +38,38 @@ def certify(
     file: output.File,
     out: output.CertificateFolder = None,
     everything: Annotated[
-        bool, typer.Option("--all", help="Run every condition, also when one suffices.")
+        bool, Option("--all", help="Run every condition, also when one suffices.")
     ] = False,
     theorem: Annotated[
         str | None,
-        typer.Option(
-            help="Show and judge only this condition, e.g. lemma1.", autocompletion=output.ids
-        ),
+        Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=output.ids),
     ] = None,
     settling: output.Tolerance = None,
     settling_radius: Annotated[
         str | None,
-        typer.Option(metavar="R", help="That time from all |e_i(0)| <= R; default: the [region]."),
+        Option(metavar="R", help="That time from all |e_i(0)| <= R; default: the [region]."),
     ] = None,
     settling_disturbance: Annotated[
         str | None,
-        typer.Option(metavar="S", help="... and |eps_i(0)| <= S; default: the [region]."),
+        Option(metavar="S", help="... and |eps_i(0)| <= S; default: the [region]."),
     ] = None,
     rate: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Look for proofs with at least this rate, 1/s; default: the least time to 1 %."
         ),
     ] = None,
     time_limit: output.TimeLimit = None,
     search: output.Search = False,
     report: Annotated[
-        bool, typer.Option("--report/--no-report", help="Write report.html and report.md.")
+        bool, Option("--report/--no-report", help="Write report.html and report.md.")
     ] = True,
     apply_fix: Annotated[
         Path | None,
-        typer.Option("--apply-fix", help="Write the cured problem here, a new .toml file."),
+        Option("--apply-fix", help="Write the cured problem here, a new .toml file."),
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Replace the cured file, or another problem's folder.")
+        bool, Option("--force", help="Replace the cured file, or another problem's folder.")
     ] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
@@ -85,6 +81,7 @@ def certify(
     seconds = None if time_limit is None else read_time_limit(time_limit, key="--time-limit")
     with until(None if seconds is None else float(seconds)):  # what is imported and read counts
         from dobc_design.certificate.files import require_own
+        from dobc_design.certification import certify as certification
         from dobc_design.problem.load import load_problem
         from dobc_design.report.write import PAGE
 
@@ -93,22 +90,26 @@ def certify(
         output.refuse_option(out, key="--out")
         if apply_fix is not None:
             output.check_target(apply_fix, force=force, key="--apply-fix")
-        wanted = _Wanted(
-            everything=everything,
-            search=search,
-            settling=_tolerance(settling),
-            settling_radius=_start(settling_radius, settling, key="--settling-radius"),
-            settling_disturbance=_start(
-                settling_disturbance, settling, key="--settling-disturbance"
-            ),
-            rate=rate,
-            seconds=seconds,
-        )
+        for key, start in (
+            ("--settling-radius", settling_radius),
+            ("--settling-disturbance", settling_disturbance),
+        ):
+            if start is not None and settling is None:
+                raise wrong(key, "has no meaning without --settling.", "Give the tolerance, too.")
         problem = load_problem(file)
         folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
-        with stages as progress:
-            found = _certified(problem, wanted, progress)
-            certificate = found.certificate
+        with stages as progress, output.naming_options():
+            certificate = certification.certify(
+                problem,
+                everything=everything,
+                settling=settling,
+                settling_radius=settling_radius,
+                settling_disturbance=settling_disturbance,
+                rate=rate,
+                time_limit=seconds,
+                progress=progress,
+            )
+            found = _searched(certificate, progress, wanted=search)
             cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
             pages: dict[str, bytes] = {}
             if report:
@@ -138,20 +139,7 @@ def certify(
         settled = certificate.settling if theorem is None else None
         output.show([*output.settling_parts(settled), *output.search_parts(found.searches)])
         output.say("\n" + "\n".join(_places(written, file, problem)))
-    raise typer.Exit(output.EXIT[judged.verdict])
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Wanted:
-    """What is asked of a proof, beside the problem."""
-
-    everything: bool
-    search: bool
-    settling: Fraction | None = None
-    settling_radius: Fraction | None = None
-    settling_disturbance: Fraction | None = None
-    rate: str | None = None
-    seconds: Fraction | None = None
+    raise Exit(output.EXIT[judged.verdict])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,12 +165,11 @@ def _require_known(theorem: str | None) -> None:
     from dobc_design.conditions.kinds import KINDS
 
     if theorem is not None and theorem not in KINDS:
-        cure = f"One of {', '.join(KINDS)}."
-        raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=cure)
+        raise refused("--theorem", f"{theorem!r} is not known.", f"One of {', '.join(KINDS)}.")
 
 
 def _pages(
-    found: Searched, folder: Path, progress: Callable[[str], None], *, force: bool
+    found: Searched, folder: Path, progress: output.Stage, *, force: bool
 ) -> dict[str, bytes]:
     from dobc_design.report.write import render_report
 
@@ -197,19 +184,16 @@ def _pages(
 def _judged(certificate: Certificate, theorem: str | None) -> _Judged:
     """The verdict of a certificate, or with ``theorem`` that of one of its conditions."""
     from dobc_design.conditions.reason import Reason
+    from dobc_design.verdict import Verdict
 
     if theorem is None:
         verdict = certificate.verdict.value
         return _Judged(checks=certificate.checks, verdict=verdict, why=certificate.claims.why)
     checks = [each for each in certificate.checks if each.id == theorem]
-    values = {each.verdict.value for each in checks}
-    verdict = "undecided"
-    if values == {"proved"}:
-        verdict = "proved"
-    elif "refuted" in values:
-        verdict = "refuted"
+    verdict = Verdict.all_of(each.verdict for each in checks).value
     reason = f"This is about {theorem} alone."
     if not checks:
+        verdict = Verdict.UNDECIDED.value
         others = ", ".join(dict.fromkeys(each.id for each in certificate.checks))
         reason = (
             f"does not apply: {theorem} is not among the conditions of this problem ({others})."
@@ -217,7 +201,7 @@ def _judged(certificate: Certificate, theorem: str | None) -> _Judged:
     return _Judged(checks=checks, verdict=verdict, why=Reason(head=reason))
 
 
-def _document(found: Searched, judged: _Judged, written: _Written) -> dict[str, Any]:
+def _document(found: Searched, judged: _Judged, written: _Written) -> output.Document:
     """What --json prints of a certificate."""
     from dobc_design.report.words import shown_notes
 
@@ -232,7 +216,7 @@ def _document(found: Searched, judged: _Judged, written: _Written) -> dict[str, 
     return document
 
 
-def _about_one(judged: _Judged, theorem: str) -> dict[str, Any]:
+def _about_one(judged: _Judged, theorem: str) -> output.Document:
     """What --json says of one condition: of its modes the slowest rate, with the largest
     factor."""
     rates = [each.rate for each in judged.checks if each.rate is not None]
@@ -269,40 +253,37 @@ def region(
     file: output.File,
     out: output.CertificateFolder = None,
     everything: Annotated[
-        bool, typer.Option("--all", help="Try every method, even if one suffices.")
+        bool, Option("--all", help="Try every method, even if one suffices.")
     ] = False,
     settling: output.Tolerance = None,
     search: output.Search = False,
     force: Annotated[
-        bool, typer.Option("--force", help="Replace files in the folder of another problem.")
+        bool, Option("--force", help="Replace files in the folder of another problem.")
     ] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
     as_json: output.Json = False,
 ) -> None:
     """Say from which starts consensus is proved: numbers and a picture, without a report."""
-    from dobc_design.certificate.files import make_folder, require_own, write_together
+    from dobc_design.certificate.files import require_own, write_folder
+    from dobc_design.certification import certify as certification
     from dobc_design.problem.load import load_problem
 
     stages = output.Progress(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
     problem = load_problem(file)
     folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
-    with stages as progress:
-        wanted = _Wanted(
-            everything=everything or problem.region is None,
-            search=search,
-            settling=_tolerance(settling),
+    with stages as progress, output.naming_options():
+        everything = everything or problem.region is None
+        certificate = certification.certify(
+            problem, everything=everything, settling=settling, progress=progress
         )
-        found = _certified(problem, wanted, progress)
-        certificate = found.certificate
+        found = _searched(certificate, progress, wanted=search)
         document = _head(certificate) | certificate.regions.to_json()
         if search:
             document["searches"] = [each.to_json() for each in found.searches]
         progress("drawing")
-        files = {folder / name: data for name, data in _drawn(found, document).items()}
-        make_folder(folder)
-        write_together(files)
+        files = write_folder(folder, _drawn(found, document))
     written = [str(path) for path in files]
     if as_json:
         output.print_json(document | {"files": written})
@@ -310,10 +291,10 @@ def region(
         output.show(output.remark_lines(problem))
         output.show(_shown(found, wide=output.make_console().width >= WIDE))
         output.say("\n" + "\n".join(f"wrote {path}" for path in written))
-    raise typer.Exit(output.EXIT[certificate.verdict.value])
+    raise Exit(output.EXIT[certificate.verdict.value])
 
 
-def _drawn(found: Searched, document: dict[str, Any]) -> dict[str, bytes]:
+def _drawn(found: Searched, document: output.Document) -> dict[str, bytes]:
     """The files of ``dobc region`` by name: its document and its pictures."""
     from dobc_design.report.pictures import search_sheet
 
@@ -326,47 +307,18 @@ def _drawn(found: Searched, document: dict[str, Any]) -> dict[str, bytes]:
     return files
 
 
-def _tolerance(settling: str | None) -> Fraction | None:
-    from dobc_design.conditions.schedule.stage import read_tolerance
-
-    return None if settling is None else read_tolerance(settling, key="--settling")
-
-
-def _start(value: str | None, settling: str | None, *, key: str) -> Fraction | None:
-    """A size of the starts of a settling time.  Raises: SpecError naming the option."""
-    from dobc_design.errors import wrong
-    from dobc_design.exact.number import parse_number
-
-    if value is None:
-        return None
-    if settling is None:
-        raise wrong(key, "has no meaning without --settling.", "Give the tolerance, too.")
-    return parse_number(value, key=key)
-
-
-def _certified(problem: Problem, wanted: _Wanted, progress: Callable[[str], None]) -> Searched:
+def _searched(certificate: Certificate, progress: output.Stage, *, wanted: bool) -> Searched:
     """The certificate, and where it is wanted what a search for starts that do not converge
     found."""
-    from dobc_design.certification import certify as certification
     from dobc_design.falsification import falsify as falsification
     from dobc_design.falsification.beside import Searched
 
-    certificate = certification.certify(
-        problem,
-        everything=wanted.everything,
-        settling=wanted.settling,
-        settling_radius=wanted.settling_radius,
-        settling_disturbance=wanted.settling_disturbance,
-        rate=wanted.rate,
-        time_limit=wanted.seconds,
-        progress=progress,
-    )
-    if not wanted.search:
+    if not wanted:
         return Searched(certificate=certificate, searches=())
     return falsification.falsify(certificate, progress=progress)
 
 
-def _head(certificate: Certificate) -> dict[str, Any]:
+def _head(certificate: Certificate) -> output.Document:
     """What both documents begin with."""
     from dobc_design.description.contradictions import warnings
     from dobc_design.description.meaning import remarks
@@ -399,7 +351,7 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
         if certificate.verdict.value == "proved":
             message = "there is nothing to cure: everything asked for is proved."
             cure = "Leave --apply-fix out."
-        raise SpecError(message, key="--apply-fix", cure=cure)
+        raise refused("--apply-fix", message, cure)
     text, folder = source_text(source), target.resolve().parent
     cured = changed_file(certificate.problem, check.fix.set, text=text, folder=folder)
     return cured.encode("utf-8")
@@ -429,7 +381,7 @@ def _show(judged: _Judged, certificate: Certificate, *, file: str | None) -> Non
         output.show(map(Text, [f"\n{notes[0]}", *notes[1:]]))
 
 
-def _check_parts(rows: Sequence[_Row], width: int) -> Iterator[RenderableType]:
+def _check_parts(rows: Sequence[tuple[str, Check]], width: int) -> Iterator[RenderableType]:
     """Checks with their numbers as a table; their reasons beside these, or below on a narrow
     terminal."""
     from rich.text import Text
@@ -440,45 +392,35 @@ def _check_parts(rows: Sequence[_Row], width: int) -> Iterator[RenderableType]:
         significant_towards_zero,
     )
 
-    def below(value: float | None) -> str:
-        return "" if value is None else significant_towards_zero(value)
-
-    def above(value: float | None) -> str:
-        return "" if value is None else significant_away_from_zero(value)
-
     beside = width >= REASONS_BESIDE
     table = output.make_table(["condition"])
     for name in ("result", "rate (1/s)", "factor", "margin"):
         table.add_column(name, no_wrap=True)
     if beside:
         table.add_column("what it says", overflow="fold")
-    for row in rows:
-        check = row.check
-        texts = [below(check.rate), above(check.factor), below(check.margin)]
+    for title, check in rows:
+        numbers = (
+            significant_towards_zero(check.rate),
+            significant_away_from_zero(check.factor),
+            significant_towards_zero(check.margin),
+        )
+        texts = [number.strip("–") for number in numbers]  # nothing where there is none
         if beside:
             texts.append(capitalize_first(check.reason))
         verdict = output.verdict_text(check.verdict.value)
-        table.add_row(Text(row.title), verdict, *map(Text, texts))
+        table.add_row(Text(title), verdict, *map(Text, texts))
     yield table
     if beside:
         return
-    for row in rows:
-        reason = capitalize_first(row.check.reason)
+    for title, check in rows:
+        reason = capitalize_first(check.reason)
         lines = textwrap.wrap(reason, width, initial_indent="  ", subsequent_indent="  ")
-        yield Text.assemble("\n", (row.title, "bold"))
+        yield Text.assemble("\n", (title, "bold"))
         yield Text("\n".join(lines))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Row:
-    """A check with its head in the table."""
-
-    title: str
-    check: Check
-
-
-def _rows(checks: Sequence[Check]) -> list[_Row]:
-    """Checks with their heads; modes of which the same is said share a row."""
+def _rows(checks: Sequence[Check]) -> list[tuple[str, Check]]:
+    """Checks with their heads in the table; modes of which the same is said share a row."""
     from dobc_design.exact.reading import some
 
     # Twenty modes of which the same is said are one row, not twenty.
@@ -492,7 +434,7 @@ def _rows(checks: Sequence[Check]) -> list[_Row]:
         title = first.title
         if len(alike) > 1:
             title = f"{first.id} ({some([str(each.mode) for each in alike], MOST_MODES)})"
-        rows.append(_Row(title=title, check=first))
+        rows.append((title, first))
     return rows
 
 

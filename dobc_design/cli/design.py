@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Exit, Option
 
 from dobc_design.cli import output
 
@@ -21,45 +21,43 @@ MOST_DIGITS = 10  # of a number of pins; a longer one is no number of agents
 
 def design(
     file: output.File,
-    out: Annotated[Path, typer.Option(help="Write the designed problem here, a new .toml file.")],
+    out: Annotated[Path, Option(help="Write the designed problem here, a new .toml file.")],
     rate: Annotated[
-        str | None, typer.Option(help="The certified decay rate to be reached, in 1/s.")
+        str | None, Option(help="The certified decay rate to be reached, in 1/s.")
     ] = None,
     pins: Annotated[
-        str | None, typer.Option(help="Largest number of pinned agents; default: the fewest.")
+        str | None, Option(help="Largest number of pinned agents; default: the fewest.")
     ] = None,
     max_gain: Annotated[
-        str | None, typer.Option("--max-gain", help="The largest pinning gain, in 1/s.")
+        str | None, Option("--max-gain", help="The largest pinning gain, in 1/s.")
     ] = None,
     noise: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Bound on the gain from measurement noise to the estimated disturbance, in 1/s."
         ),
     ] = None,
     allowed: Annotated[
         list[str] | None,
-        typer.Option(help="Labels of agents that may be pinned, with commas; may be repeated."),
+        Option(help="Labels of agents that may be pinned, with commas; may be repeated."),
     ] = None,
-    digits: Annotated[int, typer.Option(help="Significant digits of W and of the gains.")] = DIGITS,
+    digits: Annotated[int, Option(help="Significant digits of W and of the gains.")] = DIGITS,
     keep_exosystem: Annotated[
         bool,
-        typer.Option(
-            "--keep-exosystem", help="Never replace the exosystem by its observable part."
-        ),
+        Option("--keep-exosystem", help="Never replace the exosystem by its observable part."),
     ] = False,
     conservative: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--conservative",
             help="Without a region: gains for V = e'e, not for the true local rate.",
         ),
     ] = False,
     coupling: Annotated[
         bool,
-        typer.Option("--coupling", help="Design the coupling, too (agents with [dynamics] only)."),
+        Option("--coupling", help="Design the coupling, too (agents with [dynamics] only)."),
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --out.")] = False,
+    force: Annotated[bool, Option("--force", help="Overwrite the file of --out.")] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
     as_json: output.Json = False,
@@ -97,7 +95,7 @@ def design(
         _say(found, problem, file, out)
         if proved:
             output.say(f"\nwrote        {output.certify_it(str(out), problem.notes)}")
-    raise typer.Exit(output.EXIT[found.verdict.value])
+    raise Exit(output.EXIT[found.verdict.value])
 
 
 def _whole(pins: str | None) -> Any:

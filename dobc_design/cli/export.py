@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from dobc_design.cli import output
 from dobc_design.cli.options import in_groups
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 
 TARGETS = "--c DIR, --fmu FILE, --sdpa FILE, --python-control FILE or --rocq FILE"
 #: Which targets have a use for which option.
@@ -32,23 +31,19 @@ class Targets:
     """What is written, and where to; exactly one of them."""
 
     c: Annotated[
-        Path | None, typer.Option("--c", help="Write C99 of the sampled agents into this folder.")
+        Path | None, Option("--c", help="Write C99 of the sampled agents into this folder.")
     ] = None
-    fmu: Annotated[
-        Path | None, typer.Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")
-    ] = None
+    fmu: Annotated[Path | None, Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")] = None
     sdpa: Annotated[
-        Path | None, typer.Option("--sdpa", help="Write the LMI for any SDP solver (.dat-s).")
+        Path | None, Option("--sdpa", help="Write the LMI for any SDP solver (.dat-s).")
     ] = None
     python_control: Annotated[
         Path | None,
-        typer.Option(
-            "--python-control", help="Write the loop as a Python file for python-control."
-        ),
+        Option("--python-control", help="Write the loop as a Python file for python-control."),
     ] = None
     rocq: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Write what is proved as a Rocq (Coq) file here: of all motions, or of a matrix."
         ),
     ] = None
@@ -59,31 +54,29 @@ class Asked:
     """The options beside the target."""
 
     period: Annotated[
-        str | None, typer.Option(help="With --c, --fmu: seconds from sample to sample.")
+        str | None, Option(help="With --c, --fmu: seconds from sample to sample.")
     ] = None
-    precision: Annotated[str | None, typer.Option(help="With --c: double (default) or float.")] = (
+    precision: Annotated[str | None, Option(help="With --c: double (default) or float.")] = None
+    agent: Annotated[str | None, Option(help="With --c, --fmu: only the agent of this label.")] = (
         None
     )
-    agent: Annotated[
-        str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")
-    ] = None
     certificate: Annotated[
-        Path | None, typer.Option(help="With --c: say whether this certificate proves the period.")
+        Path | None, Option(help="With --c: say whether this certificate proves the period.")
     ] = None
     problem: Annotated[
-        str | None, typer.Option(help="With --rocq: problem; default problem.json beside it.")
+        str | None, Option(help="With --rocq: problem; default problem.json beside it.")
     ] = None
-    rate: Annotated[
-        bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")
-    ] = False
+    rate: Annotated[bool, Option("--rate", help="With --rocq: also state the certified rate.")] = (
+        False
+    )
     theorem: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--theorem",
             help="With --rocq: Theorem 1, 2 or Lemma 1, not the motions in the box of starts.",
         ),
     ] = False
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False
+    force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False
 
     def require_for(self, target: str) -> None:
         """Refuse options that the target has no use for: they would be a misunderstanding."""
@@ -92,24 +85,21 @@ class Asked:
             # A flag that is not set and an option that is not given mean nothing.
             if value not in (None, False) and target not in targets:
                 key, cure = f"--{name}", f"It is for {' and '.join(targets)}."
-                raise SpecError(f"{key} has no meaning with {target}.", key=key, cure=cure)
+                raise refused(key, f"{key} has no meaning with {target}.", cure)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Exported:
     """What was written: as the document of --json, and in words."""
 
-    document: dict[str, Any]
+    document: output.Document
     words: str
-
-
-Stage = Callable[[str], None]
 
 
 @in_groups
 def export(
     file: Annotated[
-        str, typer.Argument(help="For --rocq a certificate.json or its folder, else a problem.")
+        str, Argument(help="For --rocq a certificate.json or its folder, else a problem.")
     ],
     targets: Targets,
     asked: Asked,
@@ -127,7 +117,7 @@ def export(
     chosen = [(key, path, write) for key, path, write in writers if path is not None]
     with output.Progress() as progress:
         if len(chosen) != 1:
-            raise SpecError("exactly one target must be named.", key="export", cure=f"{TARGETS}.")
+            raise refused("export", "exactly one target must be named.", f"{TARGETS}.")
         key, path, write = chosen[0]
         asked.require_for(key)
         # C code is a folder, which has its own rule of what may be replaced.
@@ -142,7 +132,7 @@ def export(
         output.say(found.words)
 
 
-def _c(file: str, folder: Path, asked: Asked, progress: Stage) -> _Exported:
+def _c(file: str, folder: Path, asked: Asked, progress: output.Stage) -> _Exported:
     from dobc_design.export import to_c
     from dobc_design.export.c_folder import COMPILE, check_free
     from dobc_design.problem.load import load_problem
@@ -177,7 +167,7 @@ def _c(file: str, folder: Path, asked: Asked, progress: Stage) -> _Exported:
     return _Exported(document=document, words="\n".join(lines))
 
 
-def _fmu(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
+def _fmu(file: str, target: Path, asked: Asked, progress: output.Stage) -> _Exported:
     from dobc_design.export import to_fmu
     from dobc_design.problem.load import load_problem
 
@@ -192,7 +182,7 @@ def _fmu(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
     return _Exported(document=document, words=f"wrote {target}, {what}")
 
 
-def _sdpa(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
+def _sdpa(file: str, target: Path, asked: Asked, progress: output.Stage) -> _Exported:
     from dobc_design.export import to_sdpa
     from dobc_design.problem.load import load_problem
 
@@ -204,14 +194,14 @@ def _sdpa(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
     return _Exported(document={"sdpa": str(target)}, words=words)
 
 
-def _python(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
+def _python(file: str, target: Path, asked: Asked, progress: output.Stage) -> _Exported:
     from dobc_design.export import python_script
 
     output.write_file(target, python_script(file).encode("utf-8"), key="--python-control")
     return _Exported(document={"python_control": str(target)}, words=f"wrote {target}")
 
 
-def _rocq(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
+def _rocq(file: str, target: Path, asked: Asked, progress: output.Stage) -> _Exported:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.export.rocq.matrices import rocq_proof
     from dobc_design.export.rocq.motions import motions_proof, proved_in_states
@@ -225,8 +215,9 @@ def _rocq(file: str, target: Path, asked: Asked, progress: Stage) -> _Exported:
     progress("looking at the rows piece by piece")
     motions = proved_in_states(own) is not None and not (asked.theorem or asked.rate)
     if not target.stem.replace("_", "a").isalnum():
-        message = "Coq takes file names of letters, digits and _."
-        raise SpecError(message, key="--rocq", cure="Choose another name.")
+        raise refused(
+            "--rocq", "Coq takes file names of letters, digits and _.", "Choose another name."
+        )
     text = motions_proof(own) if motions else rocq_proof(own, rate=asked.rate)
     output.write_file(target, text.encode("ascii"), key="--rocq")
     words = f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"

@@ -22,7 +22,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
-import typer
+from typer import Argument, CallbackParam, Context, Exit, Option, Typer
 from typer.core import TyperCommand
 from typer.main import get_command
 
@@ -35,11 +35,11 @@ from dobc_design.cli import (
     new,
     output,
     report,
-    simulate,
+    runs,
     stress,
     sweep,
 )
-from dobc_design.errors import CertificateError, DobcError, SpecError
+from dobc_design.errors import CertificateError, DobcError, SpecError, refused
 
 if TYPE_CHECKING:
     from typer.exceptions import TyperException
@@ -59,7 +59,7 @@ class _Command(TyperCommand):
         return self.help or ""
 
 
-app = typer.Typer(
+app = Typer(
     # typer's own options for it cost a tenth of the time of --help; those of ``options`` load
     # them when they are used.
     add_completion=COMPLETING in os.environ,
@@ -76,10 +76,10 @@ def _show_version(wanted: bool) -> None:
         from dobc_design import __version__
 
         output.say(f"dobc {__version__}")
-        raise typer.Exit(0)
+        raise Exit(0)
 
 
-def _completion(context: typer.Context, parameter: typer.CallbackParam, wanted: bool) -> None:
+def _completion(context: Context, parameter: CallbackParam, wanted: bool) -> None:
     """Print or install the completion for the shell that is running."""
     if not wanted or context.resilient_parsing:
         return
@@ -93,27 +93,29 @@ def _completion(context: typer.Context, parameter: typer.CallbackParam, wanted: 
         action(context, parameter, wanted)
     except SystemExit as error:
         if error.code in (0, None):
-            raise typer.Exit(0) from error
-        message = "completion does not support the shell that is running."
-        cure = "Run this in bash, zsh, fish or PowerShell."
-        raise SpecError(message, key="--show-completion", cure=cure) from error
+            raise Exit(0) from error
+        raise refused(
+            "--show-completion",
+            "completion does not support the shell that is running.",
+            "Run this in bash, zsh, fish or PowerShell.",
+        ) from error
 
 
 @app.callback()
 def options(
     version: Annotated[
         bool,
-        typer.Option("--version", is_eager=True, callback=_show_version, help="Print the version."),
+        Option("--version", is_eager=True, callback=_show_version, help="Print the version."),
     ] = False,
     install_completion: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--install-completion", callback=_completion, help="Let your shell complete with tab."
         ),
     ] = False,
     show_completion: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--show-completion", callback=_completion, help="Print what that adds to your shell."
         ),
     ] = False,
@@ -121,7 +123,6 @@ def options(
     """Certify disturbance-observer-based consensus control: from a problem file to a proof."""
 
 
-@app.command(cls=_Command)
 def problems(as_json: output.Json = False) -> None:
     """List the built-in problems."""
     from dobc_design.problem.load import builtin_names, builtin_summary
@@ -134,16 +135,10 @@ def problems(as_json: output.Json = False) -> None:
     output.say("\n".join(f"{row['name']:<{width}}  {row['summary']}" for row in rows))
 
 
-app.command(cls=_Command)(new.new)
-
-
-@app.command(cls=_Command)
 def check(
     file: output.File,
-    canonical: Annotated[
-        Path | None, typer.Option(help="Write the canonical problem.json here.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite --canonical.")] = False,
+    canonical: Annotated[Path | None, Option(help="Write the canonical problem.json here.")] = None,
+    force: Annotated[bool, Option("--force", help="Overwrite --canonical.")] = False,
     as_json: output.Json = False,
 ) -> None:
     """Validate a problem and say in words what it means."""
@@ -164,20 +159,14 @@ def check(
     output.say(describe(problem))
 
 
-app.command(cls=_Command)(certify.certify)
-
-
-@app.command(cls=_Command)
 def verify(
-    certificate: Annotated[
-        Path, typer.Argument(help="certificate.json, or the folder it lies in.")
-    ],
+    certificate: Annotated[Path, Argument(help="certificate.json, or the folder it lies in.")],
     problem: Annotated[
-        str, typer.Option(help="The trusted problem: TOML, problem.json or a built-in name.")
+        str, Option(help="The trusted problem: TOML, problem.json or a built-in name.")
     ],
     rocq: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--rocq",
             help="Let Coq check that every motion converges; writes proof.v and the report.",
         ),
@@ -195,10 +184,10 @@ def verify(
     except CertificateError as error:
         # Unreadable: what was handed in is wrong, not the machine.
         bodies = output.error_bodies(error)
-        raise typer.Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
+        raise Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
     kernel = _let_coq_check(certificate, trusted) if rocq and found.holds else None
     if as_json:
-        document: dict[str, Any] = {
+        document: output.Document = {
             "holds": found.holds,
             "verdict": found.verdict.value if found.holds else None,
             "confirmed": list(found.confirmed),
@@ -211,14 +200,14 @@ def verify(
     else:
         output.say(str(found) if kernel is None else f"{found}\n{kernel}")
     accepted = kernel is None or kernel.accepted
-    raise typer.Exit(0 if found.holds and accepted else 1)
+    raise Exit(0 if found.holds and accepted else 1)
 
 
 def _let_coq_check(path: Path, problem: Problem) -> Judgement:
     """What the kernel says of the motions; if it accepts them, proof.v and the report are beside
     the certificate."""
     from dobc_design.certificate.certificate import Certificate
-    from dobc_design.certificate.files import write_together
+    from dobc_design.certificate.files import write_folder
     from dobc_design.export.rocq.kernel import FILE, judged
     from dobc_design.export.rocq.motions import motions_proof
     from dobc_design.report.write import render_report
@@ -233,21 +222,14 @@ def _let_coq_check(path: Path, problem: Problem) -> Judgement:
         if found.accepted:
             files = render_report(certificate, kernel=str(found), progress=progress)
             files[FILE] = text.encode("ascii")
-            write_together({folder / name: data for name, data in files.items()})
+            write_folder(folder, files)
     return found
 
 
-for _command in (certify.region, design.design, simulate.simulate, stress.stress, report.report):
-    app.command(cls=_Command)(_command)
-app.command(name="sweep", cls=_Command)(sweep.sweep_command)
-app.command(cls=_Command)(export.export)
-
-
-@app.command(cls=_Command)
 def explain(
     id: Annotated[
         str | None,
-        typer.Argument(
+        Argument(
             help="The id of a check, e.g. theorem1; without it all are listed.",
             autocompletion=output.ids,
         ),
@@ -272,8 +254,7 @@ def explain(
     if text is None:
         near = get_close_matches(id[:40], KINDS, n=1)
         hint = f"Did you mean {near[0]}? " if near else ""
-        cure = f"{hint}One of {', '.join(KINDS)}."
-        raise SpecError(f"{id[:40]!r} is not known.", key="id", cure=cure)
+        raise refused("id", f"{id[:40]!r} is not known.", f"{hint}One of {', '.join(KINDS)}.")
     if as_json:
         output.print_json({"id": id, **{name: getattr(text, name) for name in TOLD}})
         return
@@ -281,7 +262,6 @@ def explain(
     output.say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\nSource:  {text.source}")
 
 
-@app.command(cls=_Command)
 def schema(as_json: output.Json = True) -> None:
     """Print the JSON Schema of the problem file."""
     from dobc_design.problem.schema import json_schema
@@ -289,7 +269,25 @@ def schema(as_json: output.Json = True) -> None:
     output.print_json(json_schema())
 
 
-app.command(cls=_Command)(doctor.doctor)
+# In the order in which --help lists them.
+for _command in (
+    problems,
+    new.new,
+    check,
+    certify.certify,
+    verify,
+    certify.region,
+    design.design,
+    runs.simulate,
+    stress.stress,
+    report.report,
+    sweep.sweep,
+    export.export,
+    explain,
+    schema,
+    doctor.doctor,
+):
+    app.command(cls=_Command)(_command)
 
 
 def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
@@ -339,7 +337,7 @@ class _Failure:
     code: int = output.MACHINE
 
     @property
-    def body(self) -> dict[str, Any]:
+    def body(self) -> output.Document:
         """The object under "error"."""
         return {"kind": self.kind, "key": self.key, "message": self.message, "cure": self.cure}
 

@@ -13,10 +13,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from dobc_design.cli.output import Json, print_json, refuse_option, require_folder, say
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 
 if TYPE_CHECKING:
     from dobc_design.problem.problem import Problem
@@ -29,11 +29,11 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 def new(
     name: Annotated[
         str,
-        typer.Argument(metavar="NAME", help="Name of the problem, of its files and of the folder."),
+        Argument(metavar="NAME", help="Name of the problem, of its files and of the folder."),
     ],
     source: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--from",
             help="Make the problem from a MATPOWER case (.m), a pandapower network (.json) or arcs"
             " (.csv, .edges, .graphml, .gml, .net, .mtx; needs --arrow).",
@@ -41,30 +41,33 @@ def new(
     ] = None,
     arrow: Annotated[
         str | None,
-        typer.Option(help="With --from: what an arc [a, b] means, listens_to or sends_to."),
+        Option(help="With --from: what an arc [a, b] means, listens_to or sends_to."),
     ] = None,
     merge: Annotated[
         str | None,
-        typer.Option(help='With --from: "sum" adds the weights of parallel arcs.', metavar="sum"),
+        Option(help='With --from: "sum" adds the weights of parallel arcs.', metavar="sum"),
     ] = None,
     drop_loops: Annotated[
         bool,
-        typer.Option("--drop-loops", help="With --from: leave out arcs from an agent to itself."),
+        Option("--drop-loops", help="With --from: leave out arcs from an agent to itself."),
     ] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME.")] = None,
+    out: Annotated[Path | None, Option(help="Folder for the files; default ./NAME.")] = None,
     as_json: Json = False,
 ) -> None:
     """Start a project: write a problem file to edit, a notebook and a test. All three work without
     changes."""
-    from dobc_design.certificate.files import make_folder, write_together
+    from dobc_design.certificate.files import write_folder
 
     _require_name(name)
     refuse_option(out, key="--out")
     given = {"--arrow": arrow, "--merge": merge, "--drop-loops": drop_loops}
     for option, value in given.items():
         if value and source is None:
-            what = f"{option} says how the arcs of --from are read; there is no --from."
-            raise SpecError(what, key=option, cure="Leave it out.")
+            raise refused(
+                option,
+                f"{option} says how the arcs of --from are read; there is no --from.",
+                "Leave it out.",
+            )
     problem, read = None, ""
     if source is not None:
         from dobc_design.description.words import size_words
@@ -75,9 +78,7 @@ def new(
     files = scaffold(name, problem=problem, source="" if source is None else source.name)
     folder = require_folder(Path(name) if out is None else out)
     _require_none(folder, files)
-    make_folder(folder)
-    write_together({folder / each: data for each, data in files.items()})
-    written = [str(folder / each) for each in files]
+    written = [str(path) for path in write_folder(folder, files)]
     if as_json:
         print_json({"name": name, "folder": str(folder), "files": written})
         return
@@ -91,17 +92,22 @@ def _require_name(name: str) -> None:
     """Refuse a name that cannot be one of files and of a Python function."""
     if _NAME.fullmatch(name) is None or len(name) > LONGEST:
         rule = f"at most {LONGEST} letters, digits, dashes and underscores, and begin with a letter"
-        message = f"NAME must be {rule}, because files are named after it; got {name[:70]!r}."
-        raise SpecError(message, key="NAME", cure="For example my-swarm.")
+        raise refused(
+            "NAME",
+            f"NAME must be {rule}, because files are named after it; got {name[:70]!r}.",
+            "For example my-swarm.",
+        )
 
 
 def _require_none(folder: Path, files: Iterable[str]) -> None:
     """Refuse a folder that has one of the files already."""
     for each in files:
         if (folder / each).exists():
-            message = f"{str(folder / each)!r} exists already; nothing is overwritten."
-            cure = "Choose another name, or another folder with --out."
-            raise SpecError(message, key="NAME", cure=cure)
+            raise refused(
+                "NAME",
+                f"{str(folder / each)!r} exists already; nothing is overwritten.",
+                "Choose another name, or another folder with --out.",
+            )
 
 
 def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> dict[str, bytes]:

@@ -13,11 +13,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option, echo
 
 from dobc_design._show.progress import Bar
 from dobc_design._signals import answer_begins
-from dobc_design.errors import CertificateError, DobcError, SpecError
+from dobc_design.errors import CertificateError, DobcError, SpecError, refused
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -34,6 +34,8 @@ EXIT = {"proved": 0, "refuted": 1, "undecided": 3}
 MISTAKE, MACHINE, INTERRUPTED = 2, 4, 130
 NOT_READ = 141  # 128 + SIGPIPE, as of other programs
 COLOURS = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
+#: Arguments of ``certify`` that have options of their names.
+NUMBERS = ("settling", "settling_radius", "settling_disturbance", "rate")
 PIPED = 160  # columns of output that no terminal limits
 # characters of a problem's name that go into its folder's; file systems take 255 bytes
 LONGEST_FOLDER = 60
@@ -68,35 +70,33 @@ def ids(incomplete: str) -> list[str]:
     return [name for name in KINDS if name.startswith(incomplete)]
 
 
-Json = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
+Stage = Callable[[str], None]  # told of every stage of long work
+Document = dict[str, Any]  # what --json prints
+Json = Annotated[bool, Option("--json", help="One JSON document on standard output.")]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print errors only; the exit code is the answer.")
+    bool, Option("--quiet", "-q", help="Print errors only; the exit code is the answer.")
 ]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Every stage as a line on standard error.")
+    bool, Option("--verbose", "-v", help="Every stage as a line on standard error.")
 ]
 File = Annotated[
     str,
-    typer.Argument(
+    Argument(
         help="A problem file, or the name of a built-in problem.", autocompletion=problem_names
     ),
 ]
 CertificateFolder = Annotated[
-    Path | None, typer.Option(help="Folder for the files; default ./NAME-certificate.")
+    Path | None, Option(help="Folder for the files; default ./NAME-certificate.")
 ]
 Tolerance = Annotated[
     str | None,
-    typer.Option(metavar="TOL", help="Also prove a time from which every |e_i| stays below TOL."),
+    Option(metavar="TOL", help="Also prove a time from which every |e_i| stays below TOL."),
 ]
 TimeLimit = Annotated[
     str | None,
-    typer.Option(
-        "--time-limit", metavar="SECONDS", help="Skip or stop stages that would take longer."
-    ),
+    Option("--time-limit", metavar="SECONDS", help="Skip or stop stages that would take longer."),
 ]
-Search = Annotated[
-    bool, typer.Option("--search", help="Also look for starts that do not converge.")
-]
+Search = Annotated[bool, Option("--search", help="Also look for starts that do not converge.")]
 
 
 class NoOutput(Exception):
@@ -106,6 +106,19 @@ class NoOutput(Exception):
 class NobodyReads(NoOutput):
     """Whoever read standard output has stopped, as in ``dobc problems | head -1``; there is nothing
     to be said."""
+
+
+@contextmanager
+def naming_options() -> Iterator[None]:
+    """Let errors about arguments of ``certify`` name the options that stand for them."""
+    try:
+        yield
+    except SpecError as error:
+        key = error.key
+        if key not in NUMBERS:
+            raise
+        option = f"--{key.replace('_', '-')}"
+        raise refused(option, error.message.replace(key, option, 1), error.cure) from error
 
 
 @contextmanager
@@ -127,7 +140,7 @@ def answering() -> Iterator[None]:
 def say(text: str) -> None:
     """Write a line, or several, to standard output."""
     with answering():
-        typer.echo(text)
+        echo(text)
 
 
 def print_json(document: Any) -> None:
@@ -145,12 +158,12 @@ def complain(text: str) -> None:
     from dobc_design._show.text import visible
 
     try:
-        typer.echo("\n".join(visible(line) for line in text.split("\n")), err=True)
+        echo("\n".join(visible(line) for line in text.split("\n")), err=True)
     except (OSError, ValueError):  # full or closed: the exit code still says it
         return
 
 
-def error_bodies(error: DobcError) -> list[dict[str, Any]]:
+def error_bodies(error: DobcError) -> list[Document]:
     """An error of the toolbox, or all that it consists of, as JSON objects."""
     parts = error.errors if isinstance(error, SpecError) else (error,)
     return [
@@ -159,7 +172,7 @@ def error_bodies(error: DobcError) -> list[dict[str, Any]]:
     ]
 
 
-def fail(bodies: Sequence[dict[str, Any]], code: int, *, as_json: bool) -> int:
+def fail(bodies: Sequence[Document], code: int, *, as_json: bool) -> int:
     """Say what went wrong and return the exit code."""
     if as_json:
         error = dict(bodies[0])
@@ -205,8 +218,9 @@ class Progress:
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         if quiet and verbose:
-            message = "--quiet and --verbose exclude each other."
-            raise SpecError(message, key="--quiet", cure="Leave one of them out.")
+            raise refused(
+                "--quiet", "--quiet and --verbose exclude each other.", "Leave one of them out."
+            )
         self.quiet, self.verbose = quiet, verbose
         self.moving: Bar | None = None  # where standard error is a terminal
         self.said: object = ""
@@ -349,9 +363,7 @@ def results_folder(out: Path | None, name: str, *, suffix: str = "certificate") 
 def require_folder(folder: Path, *, key: str = "--out") -> Path:
     """Refuse a folder that is something else already.  Raises: SpecError."""
     if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
-        raise SpecError(
-            f"{str(folder)!r} is not a folder.", key=key, cure=f"Choose another with {key}."
-        )
+        raise refused(key, f"{str(folder)!r} is not a folder.", f"Choose another with {key}.")
     return folder
 
 
@@ -362,17 +374,16 @@ def require_free(
     would help."""
     there = next((name for name in names if (folder / name).exists()), None)
     if there is not None and not force:
-        cure = f"Add --force to replace it{other}."
-        raise SpecError(f"{str(folder / there)!r} exists already.", key=key, cure=cure)
+        raise refused(
+            key, f"{str(folder / there)!r} exists already.", f"Add --force to replace it{other}."
+        )
 
 
 def refuse_option(path: Path | None, *, key: str) -> None:
     """Refuse an option that was taken for the value of another one, as in ``--out --json``."""
     if path is not None and str(path).startswith("--"):
-        raise SpecError(
-            f"{key} needs a value before {str(path)!r}.",
-            key=key,
-            cure=f"A path of that name is ./{path}.",
+        raise refused(
+            key, f"{key} needs a value before {str(path)!r}.", f"A path of that name is ./{path}."
         )
 
 
@@ -380,18 +391,19 @@ def check_target(path: Path, *, force: bool, key: str) -> None:
     """Refuse a file that is there already, unless ``force``.  Raises: SpecError."""
     refuse_option(path, key=key)
     if path.is_dir():
-        raise SpecError(f"{str(path)!r} is a folder.", key=key, cure="Name a file in it.")
+        raise refused(key, f"{str(path)!r} is a folder.", "Name a file in it.")
     if path.exists() and not force:
-        raise SpecError(
-            f"{str(path)!r} exists already.", key=key, cure="Add --force to replace it."
-        )
+        raise refused(key, f"{str(path)!r} exists already.", "Add --force to replace it.")
 
 
 def require_toml(path: Path, *, key: str) -> None:
     """Refuse a file to be written that is no .toml file.  Raises: SpecError."""
     if path.suffix.lower() != ".toml":
-        cure = f"For example {path.with_suffix('.toml').name}."
-        raise SpecError(f"{key} must name a .toml file; got {str(path)!r}.", key=key, cure=cure)
+        raise refused(
+            key,
+            f"{key} must name a .toml file; got {str(path)!r}.",
+            f"For example {path.with_suffix('.toml').name}.",
+        )
 
 
 def write_file(path: Path, data: bytes, *, key: str) -> None:
@@ -413,13 +425,12 @@ def read_claims(certificate: Path, problem: Problem | None = None) -> Claims:
     try:
         claims = text.read_claims(read_certificate(certificate))
     except CertificateError as error:
-        raise SpecError(error.message, key=error.key, cure=error.cure) from error
+        raise refused(error.key, error.message, error.cure) from error
     if problem is not None and not verify(claims, problem).holds:
-        message = "--certificate must be a valid certificate of this problem; this one is not."
-        raise SpecError(
-            message,
-            key="--certificate",
-            cure="`dobc verify` says why; `dobc certify` makes a new one.",
+        raise refused(
+            "--certificate",
+            "--certificate must be a valid certificate of this problem; this one is not.",
+            "`dobc verify` says why; `dobc certify` makes a new one.",
         )
     return claims
 
@@ -433,4 +444,4 @@ def read_certificate(certificate: Path) -> bytes:
     try:
         return read_bytes(path, limit=MAX_BYTES, what="certificate")
     except SpecError as error:
-        raise SpecError(error.message, key="certificate", cure=error.cure) from error
+        raise refused("certificate", error.message, error.cure) from error

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Exit, Option
 
 from dobc_design.cli import output
 from dobc_design.cli.options import in_groups
-from dobc_design.errors import CertificateError, SpecError
+from dobc_design.errors import CertificateError, refused
 from dobc_design.loop.make import loop_of
 
 if TYPE_CHECKING:
@@ -26,56 +26,57 @@ class Asked:
 
     problem: Annotated[
         list[str] | None,
-        typer.Option(help="The problem, once for each; default problem.json beside it."),
+        Option(help="The problem, once for each; default problem.json beside it."),
     ] = None
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder; default that of CERT, or for two ./NAME-NAME-comparison."),
+        Option(help="Folder; default that of CERT, or for two ./NAME-NAME-comparison."),
     ] = None
     pdf: Annotated[
-        Path | None, typer.Option("--pdf", help="Also write a PDF; needs dobc_design[pdf].")
+        Path | None, Option("--pdf", help="Also write a PDF; needs dobc_design[pdf].")
     ] = None
-    full: Annotated[
-        bool, typer.Option("--full", help="With all details open, also in the PDF.")
-    ] = False
+    full: Annotated[bool, Option("--full", help="With all details open, also in the PDF.")] = False
     latex: Annotated[
         Path | None,
-        typer.Option(
-            "--latex", metavar="DIR", help="Also as LaTeX fragments and BibTeX, into DIR."
-        ),
+        Option("--latex", metavar="DIR", help="Also as LaTeX fragments and BibTeX, into DIR."),
     ] = None
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files there.")] = False
+    force: Annotated[bool, Option("--force", help="Overwrite files there.")] = False
 
     def require_possible(self, given: int) -> None:
         """Refuse what can be refused before any of the ``given`` certificates is read.  Raises:
         SpecError."""
         problems = len(self.problem or ())
         if given > 2:
-            message = f"one or two certificates can be shown; got {given}."
-            raise SpecError(message, key="CERT", cure="Leave the others out.")
-        if problems and problems != given:
-            message = (
-                f"--problem must be given once for each certificate; got {problems} for {given}."
+            raise refused(
+                "CERT",
+                f"one or two certificates can be shown; got {given}.",
+                "Leave the others out.",
             )
-            cure = "Leave it out where problem.json lies beside the certificate."
-            raise SpecError(message, key="--problem", cure=cure)
+        if problems and problems != given:
+            raise refused(
+                "--problem",
+                f"--problem must be given once for each certificate; got {problems} for {given}.",
+                "Leave it out where problem.json lies beside the certificate.",
+            )
         output.refuse_option(self.out, key="--out")
         pdf = self.pdf
         if pdf is not None:
             output.check_target(pdf, force=self.force, key="--pdf")
             if pdf.suffix.lower() != ".pdf":
-                cure = f"For example {pdf.name}.pdf."
-                raise SpecError(f"{str(pdf)!r} must end in .pdf.", key="--pdf", cure=cure)
+                raise refused(
+                    "--pdf", f"{str(pdf)!r} must end in .pdf.", f"For example {pdf.name}.pdf."
+                )
         if self.latex is not None and given != 1:
-            message = "LaTeX fragments are of one certificate."
-            raise SpecError(message, key="--latex", cure="Name one certificate.")
+            raise refused(
+                "--latex", "LaTeX fragments are of one certificate.", "Name one certificate."
+            )
 
 
 @in_groups
 def report(
     certificates: Annotated[
         list[Path],
-        typer.Argument(metavar="CERT [CERT]", help="certificate.json, or its folder; one or two."),
+        Argument(metavar="CERT [CERT]", help="certificate.json, or its folder; one or two."),
     ],
     asked: Asked,
     quiet: output.Quiet = False,
@@ -98,7 +99,7 @@ def report(
         # unreadable: what was handed in is wrong, not the machine
         except CertificateError as error:
             bodies = output.error_bodies(error)
-            raise typer.Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
+            raise Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
         pages = _pages(sides, asked, progress)
     folder = output.require_folder(asked.out or _folder(sides, certificates))
     # Beside its certificate a report may replace itself; anywhere else files are somebody's.
@@ -116,11 +117,11 @@ def report(
     elif not quiet:
         output.say("\n".join([*_words(sides), *(f"wrote {path}" for path in written)]))
     if not holds:
-        raise typer.Exit(1)
+        raise Exit(1)
 
 
 def _sides(
-    certificates: Sequence[Path], given: Sequence[str] | None, progress: Callable[[str], None]
+    certificates: Sequence[Path], given: Sequence[str] | None, progress: output.Stage
 ) -> list[Checked]:
     """The certificates with their problems, every claim decided again."""
     letters = ("",) if len(certificates) == 1 else ("A", "B")
@@ -131,9 +132,7 @@ def _sides(
     ]
 
 
-def _pages(
-    sides: Sequence[Checked], asked: Asked, progress: Callable[[str], None]
-) -> dict[str, bytes]:
+def _pages(sides: Sequence[Checked], asked: Asked, progress: output.Stage) -> dict[str, bytes]:
     from dobc_design.report.write import render_comparison, render_refusal, render_report
 
     found, pdf = [side.certificate for side in sides], asked.pdf is not None
@@ -175,7 +174,7 @@ def _fragments(side: Checked, folder: Path, *, force: bool) -> dict[Path, bytes]
     return {folder / name: data for name, data in fragments.items()}
 
 
-def _document(sides: Sequence[Checked], written: Sequence[str]) -> dict[str, Any]:
+def _document(sides: Sequence[Checked], written: Sequence[str]) -> output.Document:
     """What --json prints; a certificate that does not hold has no verdict."""
     verdicts = [side.certificate.verdict.value if side.found.holds else None for side in sides]
     return {
@@ -200,9 +199,7 @@ def _words(sides: Sequence[Checked]) -> Iterator[str]:
             yield f"  NOT confirmed: {failure}"
 
 
-def _checked(
-    path: Path, problem: str | None, letter: str, progress: Callable[[str], None]
-) -> Checked:
+def _checked(path: Path, problem: str | None, letter: str, progress: output.Stage) -> Checked:
     """A certificate with its problem, by default problem.json beside it, every claim decided again.
 
     Raises: SpecError for a problem that is another one or is not there; CertificateError for what
@@ -219,17 +216,19 @@ def _checked(
     claims = read_claims(data)
     beside = (path if path.is_dir() else path.parent) / "problem.json"
     if problem is None and not beside.exists():
-        message = (
+        raise refused(
+            "--problem",
             f"there is no problem.json beside {str(path)!r}: its verdict can only be repeated "
-            f"unverified, {claims.verdict.value}, and no report is written."
+            f"unverified, {claims.verdict.value}, and no report is written.",
+            "Name the problem that it was made for with --problem FILE.",
         )
-        cure = "Name the problem that it was made for with --problem FILE."
-        raise SpecError(message, key="--problem", cure=cure)
     own = load_problem(str(beside) if problem is None else problem)
     if problem_sha256(own) != claims.problem_sha256:
-        message = f"the certificate {str(path)!r} is about another problem (its hash differs)."
-        cure = "Name the problem that it was made for, once for each certificate."
-        raise SpecError(message, key="--problem", cure=cure)
+        raise refused(
+            "--problem",
+            f"the certificate {str(path)!r} is about another problem (its hash differs).",
+            "Name the problem that it was made for, once for each certificate.",
+        )
     progress("verifying the certificate")
     found = verify(data, own)
     if found.holds:

@@ -1,5 +1,5 @@
-"""What ``dobc simulate`` and ``dobc stress`` share: options of runs, the document that --json
-prints, and the files.
+"""``dobc simulate``, and what ``dobc stress`` shares with it: options of runs, the document that
+--json prints, and the files.
 
 An ensemble of one run is a trajectory.  A run that diverges is an answer, not a failure.
 """
@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
+from typer import Option
 
 from dobc_design.cli import output
-from dobc_design.errors import SpecError
+from dobc_design.cli.options import in_groups
+from dobc_design.errors import refused
 from dobc_design.loop.make import loop_of
 
 if TYPE_CHECKING:
@@ -48,22 +49,18 @@ Files = dict[str, bytes]  # by their names in --out
 class Runs:
     """Which runs are made, and how."""
 
-    runs: Annotated[
-        int | None, typer.Option(help="How many runs, with the seeds S, S + 1, ...")
-    ] = None
+    runs: Annotated[int | None, Option(help="How many runs, with the seeds S, S + 1, ...")] = None
     seed: Annotated[
-        int | None, typer.Option(help="Seed of starts and switches; default the problem's.")
+        int | None, Option(help="Seed of starts and switches; default the problem's.")
     ] = None
     t_final: Annotated[
-        float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")
+        float | None, Option("--t-final", help="Horizon in s; default the problem's.")
     ] = None
-    mode: Annotated[
-        str | None, typer.Option(help="Stay in this mode, whatever [switching] says.")
-    ] = None
-    start: Annotated[str | None, typer.Option(help="Start from a CSV or .npz file.")] = None
+    mode: Annotated[str | None, Option(help="Stay in this mode, whatever [switching] says.")] = None
+    start: Annotated[str | None, Option(help="Start from a CSV or .npz file.")] = None
     observer: Annotated[
         str,
-        typer.Option(help="closed-form, full-loop (the reference), or off: d is not compensated."),
+        Option(help="closed-form, full-loop (the reference), or off: d is not compensated."),
     ] = OBSERVER
 
     @property
@@ -77,12 +74,12 @@ class Answer:
     """What is shown of the runs, and where it goes."""
 
     certificate: Annotated[
-        Path | None, typer.Option(help="Show the bounds that this certificate proves.")
+        Path | None, Option(help="Show the bounds that this certificate proves.")
     ] = None
     out: Annotated[
-        Path | None, typer.Option(help="Folder for arrays (.npz), figures and summary.json.")
+        Path | None, Option(help="Folder for arrays (.npz), figures and summary.json.")
     ] = None
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files in --out.")] = False
+    force: Annotated[bool, Option("--force", help="Overwrite files in --out.")] = False
     quiet: output.Quiet = False
     verbose: output.Verbose = False
     as_json: output.Json = False
@@ -102,12 +99,12 @@ class Answer:
                 folder, WRITTEN, force=self.force, other=", or choose another folder"
             )
 
-    def proof(self, problem: Problem, progress: Callable[[str], None]) -> Certificate | None:
+    def proof(self, problem: Problem, progress: output.Stage) -> Certificate | None:
         """The certificate whose bounds are shown, verified."""
         return None if self.certificate is None else _verified(self.certificate, problem, progress)
 
     def write(
-        self, document: dict[str, Any], names: Sequence[str], draw: Callable[[], Files]
+        self, document: output.Document, names: Sequence[str], draw: Callable[[], Files]
     ) -> None:
         """Write what ``draw`` gives and the document, all of it or nothing; without a folder
         nothing is drawn."""
@@ -122,7 +119,7 @@ class Answer:
         # What an earlier run left there goes, so that files of two runs are never mixed.
         write_together(whole, without=[self.out / name for name in WRITTEN])
 
-    def say(self, document: dict[str, Any], text: str, names: Sequence[str]) -> None:
+    def say(self, document: output.Document, text: str, names: Sequence[str]) -> None:
         """Print the document, or the text with its notes and files."""
         if self.as_json:
             output.print_json(document)
@@ -134,12 +131,18 @@ class Answer:
             output.say("\n".join(lines))
 
 
+@in_groups
+def simulate(file: output.File, runs: Runs, answer: Answer) -> None:
+    """Simulate runs of the closed loop; the exit code is 0 even if a run diverges."""
+    make_runs(file, runs, answer)
+
+
 def make_runs(
     file: str, runs: Runs, answer: Answer, *, stress: Stress | Literal["worst"] | None = None
 ) -> None:
     """Make the runs, write their files, and say what came of them."""
     from dobc_design.problem.load import load_problem
-    from dobc_design.simulation.runs import simulate
+    from dobc_design.simulation import runs as simulation
 
     with answer.progress() as progress:
         problem = load_problem(file)
@@ -149,7 +152,7 @@ def make_runs(
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("simulating")
-        result: Any = simulate(
+        result: Any = simulation.simulate(
             problem,
             runs=None if runs.single else runs.runs,
             mode=runs.mode,
@@ -186,11 +189,11 @@ def _moving_network(result: Trajectory, problem: Problem) -> bytes:
     return animation_page(result, arcs=arcs).encode("utf-8")
 
 
-def _document(result: Any, problem: Problem, proof: Certificate | None) -> dict[str, Any]:
+def _document(result: Any, problem: Problem, proof: Certificate | None) -> output.Document:
     """What --json prints of runs, with what the certificate bounds; a note where it bounds nothing
     here."""
     notes = list(result.notes)
-    document: dict[str, Any] = result.summary()
+    document: output.Document = result.summary()
     document |= {"problem": problem.name, "mode": result.mode}
     document |= {"reasons": _reasons(result), "notes": notes}
     if proof is None:
@@ -219,7 +222,7 @@ def _intervals(result: Ensemble) -> dict[str, list[float] | None]:
     return intervals
 
 
-def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) -> Certificate:
+def _verified(place: Path, problem: Problem, progress: output.Stage) -> Certificate:
     """The certificate at ``place``, every claim decided again.  Raises: SpecError unless all of
     them hold."""
     from dobc_design.certificate.certificate import Certificate
@@ -228,15 +231,15 @@ def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) ->
     progress("verifying the certificate")
     claims = output.read_claims(place, problem)
     if claims.W is not None and observer_gain(loop_of(problem)) != claims.W:
-        message = (
-            "the certificate is about another observer gain W than the one that is designed here."
+        raise refused(
+            "--certificate",
+            "the certificate is about another observer gain W than the one that is designed here.",
+            "Certify the problem anew, or give the W of the certificate in [observer].",
         )
-        cure = "Certify the problem anew, or give the W of the certificate in [observer]."
-        raise SpecError(message, key="--certificate", cure=cure)
     return Certificate(problem=problem, claims=claims)
 
 
-def _reasons(result: Trajectory | Ensemble) -> list[dict[str, Any]]:
+def _reasons(result: Trajectory | Ensemble) -> list[output.Document]:
     """Why runs ended early, by seed."""
     from dobc_design.simulation.trajectory import Trajectory
 
@@ -246,7 +249,7 @@ def _reasons(result: Trajectory | Ensemble) -> list[dict[str, Any]]:
     return [{"seed": int(result.seeds[run]), "reason": reason} for run, reason in early]
 
 
-def _lines(result: Trajectory | Ensemble, document: dict[str, Any]) -> Iterator[str]:
+def _lines(result: Trajectory | Ensemble, document: output.Document) -> Iterator[str]:
     """What came of the runs, in words."""
     yield str(result)
     for name, title, unit, nothing in MEASURES:

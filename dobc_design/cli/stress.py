@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
+from typer import Option
 
 from dobc_design.cli import output
 from dobc_design.cli.options import in_groups
 from dobc_design.cli.runs import BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, refused
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
@@ -25,23 +25,19 @@ if TYPE_CHECKING:
 class Stresses:
     """What acts on the loop; what is not given does not."""
 
-    noise: Annotated[float | None, typer.Option(help="Standard deviation of measured states.")] = (
-        None
-    )
+    noise: Annotated[float | None, Option(help="Standard deviation of measured states.")] = None
     disturbance: Annotated[
-        float | None, typer.Option(help="Amplitude of a sine outside the exosystem.")
+        float | None, Option(help="Amplitude of a sine outside the exosystem.")
     ] = None
-    saturation: Annotated[float | None, typer.Option(help="Bound on every component of u.")] = None
-    period: Annotated[float | None, typer.Option(help="Period in s of sample and hold.")] = None
-    loss: Annotated[float | None, typer.Option(help="Probability that a packet is lost.")] = None
+    saturation: Annotated[float | None, Option(help="Bound on every component of u.")] = None
+    period: Annotated[float | None, Option(help="Period in s of sample and hold.")] = None
+    loss: Annotated[float | None, Option(help="Probability that a packet is lost.")] = None
     fail: Annotated[
-        list[str] | None, typer.Option(help="LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
+        list[str] | None, Option(help="LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
     ] = None
     worst: Annotated[
         bool,
-        typer.Option(
-            "--worst", help="As bad as [uncertainty], [actuators] and the guarantee allow."
-        ),
+        Option("--worst", help="As bad as [uncertainty], [actuators] and the guarantee allow."),
     ] = False
 
     def chosen(self) -> Stress | Literal["worst"] | None:
@@ -52,8 +48,11 @@ class Stresses:
         values = [getattr(self, each.name) for each in fields(self) if each.name != "worst"]
         given = any(value not in (None, []) for value in values)
         if self.worst and given:
-            message = "--worst must be the only stress: it takes all of them from the problem."
-            raise SpecError(message, key="--worst", cure="Leave the others out.")
+            raise refused(
+                "--worst",
+                "--worst must be the only stress: it takes all of them from the problem.",
+                "Leave the others out.",
+            )
         if self.worst:
             return "worst"
         if not given:
@@ -120,11 +119,11 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
 
 
 def _needs_a_stress(option: str) -> SpecError:
-    message = (
-        f"{option} needs a stress: without one every stress is made worse, in runs of its own."
+    return refused(
+        option,
+        f"{option} needs a stress: without one every stress is made worse, in runs of its own.",
+        f"Add one, such as --noise 0.1, or leave {option} out.",
     )
-    cure = f"Add one, such as --noise 0.1, or leave {option} out."
-    return SpecError(message, key=option, cure=cure)
 
 
 def _failure(text: str) -> Failure:
@@ -136,17 +135,20 @@ def _failure(text: str) -> Failure:
     try:
         return Failure(agent=agent, time=float(time if found else "none"), kind=kind or "vanish")
     except ValueError:  # also a SpecError of Failure
-        message = f"--fail must be LABEL@TIME or LABEL@TIME:freeze; got {text[:40]!r}."
-        raise SpecError(message, key="--fail", cure="For example 3@2.5.") from None
+        raise refused(
+            "--fail",
+            f"--fail must be LABEL@TIME or LABEL@TIME:freeze; got {text[:40]!r}.",
+            "For example 3@2.5.",
+        ) from None
 
 
-def _document(found: Any, problem: Problem, proof: Certificate | None) -> dict[str, Any]:
+def _document(found: Any, problem: Problem, proof: Certificate | None) -> output.Document:
     """What --json prints of what breaks the loop first, with the certified sampling period
     beside."""
     notes = list(found.calm.notes)
     if proof is not None and found.period is not None and found.period.certified is None:
         notes.append("The certificate proves no sampling period.")
-    document: dict[str, Any] = found.calm.summary()
+    document: output.Document = found.calm.summary()
     document |= {"problem": problem.name, "mode": found.calm.mode}
     document |= {"notes": notes, "breaking": found.to_json()}
     return document

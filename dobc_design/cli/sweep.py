@@ -6,9 +6,9 @@ import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from dobc_design._signals import say_on_ending
 from dobc_design.cli import output
@@ -22,40 +22,40 @@ SHOWN = 5  # failed cases that are told
 MOST_FAILURES = 100  # that a document holds
 
 
-def sweep_command(
+def sweep(
     file: output.File,
     axes: Annotated[
         list[str],
-        typer.Argument(
+        Argument(
             metavar="KEY=VALUES...",
             help="What is varied: KEY=1:5:9 (nine values from 1 to 5), KEY=1:100:5:log, "
             "KEY=a,b,c, KEY=~uniform(0,1);"
             " KEY,KEY=VALUES sets both. Listed values make a grid.",
         ),
     ],
-    task: Annotated[str, typer.Option(help="certify or simulate every case.")] = "certify",
+    task: Annotated[str, Option(help="certify or simulate every case.")] = "certify",
     samples: Annotated[
-        int | None, typer.Option(help="Random samples of the keys with ~, per grid point.")
+        int | None, Option(help="Random samples of the keys with ~, per grid point.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
-    runs: Annotated[int, typer.Option(help="With --task simulate: runs of every case.")] = 1,
+    seed: Annotated[int, Option(help="Seed of the samples.")] = 0,
+    runs: Annotated[int, Option(help="With --task simulate: runs of every case.")] = 1,
     everything: Annotated[
-        bool, typer.Option("--all", help="With --task certify: run every condition.")
+        bool, Option("--all", help="With --task certify: run every condition.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(help="Folder, new or of this sweep; default ./NAME-sweep.")
+        Path | None, Option(help="Folder, new or of this sweep; default ./NAME-sweep.")
     ] = None,
-    jobs: Annotated[int | None, typer.Option(help="Processes; default one per processor.")] = None,
+    jobs: Annotated[int | None, Option(help="Processes; default one per processor.")] = None,
     cluster: Annotated[
         str | None,
-        typer.Option(help="Address of a Dask scheduler, or local: a cluster on this machine."),
+        Option(help="Address of a Dask scheduler, or local: a cluster on this machine."),
     ] = None,
     time_limit: Annotated[
         str | None,
-        typer.Option("--time-limit", help="Time limit of one case in s; the other cases continue."),
+        Option("--time-limit", help="Time limit of one case in s; the other cases continue."),
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Replace the sweep in the folder, also another one.")
+        bool, Option("--force", help="Replace the sweep in the folder, also another one.")
     ] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
@@ -64,7 +64,7 @@ def sweep_command(
     """Certify or simulate a problem for many values of some keys; a stopped sweep can be
     continued."""
     from dobc_design.problem.load import load_problem
-    from dobc_design.sweeps.running import sweep
+    from dobc_design.sweeps import running
 
     stages = _Bar(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
@@ -77,7 +77,7 @@ def sweep_command(
         f"on with the others:\n  {command}"
     )
     with stages as progress:
-        result = sweep(
+        result = running.sweep(
             file,
             axes,
             task=task,
@@ -132,7 +132,7 @@ def _files(folder: Path) -> list[Path]:
 
 def _document(
     result: SweepResult, folder: Path, files: Sequence[Path], *, resumed: int
-) -> dict[str, Any]:
+) -> output.Document:
     """What --json prints, with at most a hundred of the cases that failed."""
     failures = []
     for line in result.failures[:MOST_FAILURES]:

@@ -26,7 +26,7 @@ from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.separable.claim import acts_by_component, stuck_agents
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.designer.source import python_source
-from dobc_design.errors import DobcError, SpecError
+from dobc_design.errors import DobcError, refused
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.loop.make import loop_of
@@ -158,8 +158,11 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         ``force``."""
         target = Path(path)
         if target.exists() and not force:
-            cure = "Choose another name, or tick replace (in Python: force=True)."
-            raise SpecError(f"{target} is there already.", key="path", cure=cure)
+            raise refused(
+                "path",
+                f"{target} is there already.",
+                "Choose another name, or tick replace (in Python: force=True).",
+            )
         write_atomically(target, problem_text(self.problem).encode())
         return target
 
@@ -223,13 +226,19 @@ def exact(value: float) -> Fraction:
 
 def _require_drawable(problem: Problem) -> None:
     if problem.n > LARGEST:
-        told = f"the network has {problem.n} agents; the drawing shows at most {LARGEST}."
-        raise SpecError(told, key="network.agents", cure="Use certify and design for it.")
+        raise refused(
+            "network.agents",
+            f"the network has {problem.n} agents; the drawing shows at most {LARGEST}.",
+            "Use certify and design for it.",
+        )
     for agent, k in problem.pinning.gains.items():
         if not is_scalar_matrix(k):
             label = problem.network.labels[agent]
-            told = f"agent {label} has a matrix gain; sliders set numbers only."
-            raise SpecError(told, key="pinning.gains", cure="Give one number per agent.")
+            raise refused(
+                "pinning.gains",
+                f"agent {label} has a matrix gain; sliders set numbers only.",
+                "Give one number per agent.",
+            )
 
 
 def _drawn(problem: Problem) -> dict[str, Any]:

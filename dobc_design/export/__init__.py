@@ -13,7 +13,7 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.coupling.expression import formula_text
 from dobc_design.coupling.functions import FUNCTIONS
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.export.c_text import template
 from dobc_design.loop import arrays
@@ -67,8 +67,11 @@ def to_c(
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     # Its period would be that of another loop.
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
-        message = "certificate must be one of this problem; it is about another one."
-        raise SpecError(message, key="certificate", cure="Certify this problem.")
+        raise refused(
+            "certificate",
+            "certificate must be one of this problem; it is about another one.",
+            "Certify this problem.",
+        )
     gain = observer_gain(loop_of(problem)) if claims is None else claims.W
     recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=signal_of(problem)[0])
     controller = make_controller(
@@ -155,8 +158,9 @@ def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | Non
     model = build_model(problem, mode, gain=observer_gain(loop_of(problem)))
     found = {each.name(): each for each in model.functions}
     if function not in found:
-        message = f"function must be one of {', '.join(found)}; got {function[:60]!r}."
-        raise SpecError(message, key="function")
+        raise refused(
+            "function", f"function must be one of {', '.join(found)}; got {function[:60]!r}."
+        )
     return found[function]
 
 
@@ -265,9 +269,12 @@ def to_control(
     if signal is None and mode is None:
         signal = signal_of(problem)[0]
     if isinstance(signal, Mobile):
-        message = "signal must not depend on the states, because python-control keeps no graph "
-        cure = "Give a mode, or another signal."
-        raise SpecError(f"{message}between calls.", key="signal", cure=cure)
+        raise refused(
+            "signal",
+            "signal must not depend on the states, because python-control keeps no graph "
+            "between calls.",
+            "Give a mode, or another signal.",
+        )
     seed = problem.simulation.seed if seed is None else seed
     return run(problem, mode=mode, signal=signal, seed=seed, gain=observer_gain(loop_of(problem)))
 
@@ -283,9 +290,11 @@ def python_script(problem: Source) -> str:
     gain = observer_gain(loop)
     arcs = sum(len(each) for each in problem.network.modes.values())
     if arcs > MOST_ARCS:
-        message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
-        cure = "Use dobc_design.to_control(problem) in Python: it needs no file."
-        raise SpecError(message, key="--python-control", cure=cure)
+        raise refused(
+            "--python-control",
+            f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}.",
+            "Use dobc_design.to_control(problem) in Python: it needs no file.",
+        )
     problem.require_one_exosystem()
     A, C = arrays.exosystem_arrays(loop)
     W = arrays.required_gain(loop, gain)

@@ -27,7 +27,7 @@ from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.numbers import bisected, rounded_down
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.statement import Statement, undecided
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import IntervalMatrix, UndefinedError, discretise
 from dobc_design.exact.matrix import (
@@ -317,12 +317,16 @@ def make_controller(
     or the observer's error does not die out, or to which there is an objection; the message says
     which period works."""
     if precision not in PRECISIONS:
-        message = f"precision must be double or float; got {shown(precision)}."
-        raise SpecError(message, key="--precision", cure="double is the default.")
+        raise refused(
+            "--precision",
+            f"precision must be double or float; got {shown(precision)}.",
+            "double is the default.",
+        )
     W = chosen_gain(loop_of(problem), gain)
     if problem.groups and W is None:
-        message = "observer.W must be known to write the observer."
-        raise SpecError(message, key="observer.W", cure="Give or design W.")
+        raise refused(
+            "observer.W", "observer.W must be known to write the observer.", "Give or design W."
+        )
     L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
     if L is not None:
         check_sampled_gain(shape(L), q=problem.q, m=problem.inputs, grouped=problem.is_grouped)
@@ -341,8 +345,7 @@ def make_controller(
         cure = "No shorter period that was tried works either: look at the gains and at W."
         if works is not None:
             cure = f"The longest of those tried that works: --period {float(works):.4g}."
-        message = f"a period of {float(asked):.4g} s is too long: {failed}"
-        raise SpecError(message, key="--period", cure=cure)
+        raise refused("--period", f"a period of {float(asked):.4g} s is too long: {failed}", cure)
     return controller
 
 
@@ -365,11 +368,13 @@ def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Obs
     found = {numbers[agent] for agent in agents}
     if len(found) > 1:
         names = ", ".join(named(group.name) for group in problem.groups[:6])
-        message = "the code of one folder is for agents with one exosystem, and these have "
-        message += "different ones (exosystem.groups)."
-        cure = "Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a "
-        cure += f"folder for each group; the groups begin with agent {names}."
-        raise SpecError(message, key="--agent", cure=cure)
+        raise refused(
+            "--agent",
+            "the code of one folder is for agents with one exosystem, and these have "
+            "different ones (exosystem.groups).",
+            "Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a "
+            f"folder for each group; the groups begin with agent {names}.",
+        )
     place = found.pop()
     if place == len(problem.groups):  # agents in no group
         return _Observed(exosystem=None, W=None, states=range(0))
@@ -502,13 +507,18 @@ def _middle(found: IntervalMatrix) -> Matrix:
 
 def _read_period(given: Any) -> Fraction:
     if given is None:
-        message = "a period must be given: the code computes at its multiples and holds in between."
-        cure = "For example --period 0.05; one that is too long is refused with one that works."
-        raise SpecError(message, key="--period", cure=cure)
+        raise refused(
+            "--period",
+            "a period must be given: the code computes at its multiples and holds in between.",
+            "For example --period 0.05; one that is too long is refused with one that works.",
+        )
     period = parse_number(given, key="--period")
     if not SHORTEST <= period <= LONGEST:
-        message = f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}."
-        raise SpecError(message, key="--period", cure="For example --period 0.05.")
+        raise refused(
+            "--period",
+            f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}.",
+            "For example --period 0.05.",
+        )
     return period
 
 
@@ -526,10 +536,12 @@ def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
     index = problem.network.index
     if agents is None:
         if problem.n > MOST_AGENTS:
-            message = f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem "
-            message += f"has {problem.n}."
-            cure = "Name the agent whose code you want: --agent LABEL."
-            raise SpecError(message, key="--agent", cure=cure)
+            raise refused(
+                "--agent",
+                f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem "
+                f"has {problem.n}.",
+                "Name the agent whose code you want: --agent LABEL.",
+            )
         return list(range(problem.n))
     names = [one_form(agent) for agent in agents]
     unknown = [name for name in names if name not in index]
@@ -537,8 +549,9 @@ def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
         which = shown(unknown[0] if unknown else "")
         first = ", ".join(map(named, problem.network.labels[:6]))
         more = ", ..." if problem.n > 6 else ""
-        message = f"there is no agent {which} in the network."
-        raise SpecError(message, key="--agent", cure=f"Labels are {first}{more}.")
+        raise refused(
+            "--agent", f"there is no agent {which} in the network.", f"Labels are {first}{more}."
+        )
     return [index[name] for name in names]
 
 

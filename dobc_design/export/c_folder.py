@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from dobc_design import __version__
 from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import significant
-from dobc_design.certificate.files import make_folder, write_together
+from dobc_design.certificate.files import write_folder
 from dobc_design.conditions.statement import Statement
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.export.c_controller import AgentNumbers, Controller, Hearing
 from dobc_design.export.c_text import (
     CAlgebra,
@@ -82,9 +82,11 @@ class Recorder:
         # Would it converge if nothing were sampled?
         free = self.simulated(controller, None)
         if free.diverged:
-            message = f"in a simulation {free.reason}, although nothing is sampled: no period "
-            cure = "Give starts from which the loop converges: simulation.x0, or a [region]."
-            raise SpecError(f"{message}helps.", key="simulation", cure=cure)
+            raise refused(
+                "simulation",
+                f"in a simulation {free.reason}, although nothing is sampled: no period helps.",
+                "Give starts from which the loop converges: simulation.x0, or a [region].",
+            )
         return f"in a simulation {run.reason}."
 
     def run(self, controller: Controller) -> Trajectory:
@@ -124,8 +126,7 @@ class Recorder:
         first.  Raises: SpecError when the simulated loop diverges."""
         why = self.objection(controller)
         if why:
-            message = f"there are no test vectors: {why}"
-            raise SpecError(message, key="--period", cure="Take a shorter period.")
+            raise refused("--period", f"there are no test vectors: {why}", "Take a shorter period.")
         run = self.run(controller)
         agent = _recorded_agent(controller)
         i = agent.index
@@ -219,10 +220,12 @@ def vectors_header(controller: Controller, recorded: Recorded) -> str:
     # Derived and not measured: the test must not fail on another processor.
     tolerance = rounding_bound(controller, recorded)
     if not np.isfinite(tolerance):
-        message = "the rounding errors of the test vectors have no finite bound: a coupling is "
-        message += "near a singularity."
-        cure = "Simulate from other starts ([region]), or use --precision double."
-        raise SpecError(message, key="export", cure=cure)
+        raise refused(
+            "export",
+            "the rounding errors of the test vectors have no finite bound: a coupling is "
+            "near a singularity.",
+            "Simulate from other starts ([region]), or use --precision double.",
+        )
 
     def entries(values: Array) -> str:
         texts = [bare(Fraction(float(value)), controller.precision) for value in values]
@@ -266,9 +269,7 @@ class CCode(Headed):
         unless ``force``."""
         target = Path(folder)
         check_free(target, force=force)
-        make_folder(target)
-        write_together({target / name: data for name, data in self.files.items()})
-        return [target / name for name in self.files]
+        return write_folder(target, self.files)
 
     def _card(self) -> Card:
         return Card(
@@ -291,11 +292,14 @@ class CCode(Headed):
 def check_free(folder: Path, *, force: bool) -> None:
     """Refuse a folder that is none, or that holds one of the files already.  Raises: SpecError."""
     if folder.exists() and not folder.is_dir():
-        raise SpecError(f"{str(folder)!r} is not a folder.", key="--c", cure="Choose another.")
+        raise refused("--c", f"{str(folder)!r} is not a folder.", "Choose another.")
     there = [name for name in FILES if (folder / name).exists()]
     if there and not force:
-        cure = "Add --force to replace it, or choose another folder."
-        raise SpecError(f"{str(folder / there[0])!r} exists already.", key="--c", cure=cure)
+        raise refused(
+            "--c",
+            f"{str(folder / there[0])!r} exists already.",
+            "Add --force to replace it, or choose another folder.",
+        )
 
 
 def header_text(controller: Controller) -> str:

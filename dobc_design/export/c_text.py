@@ -24,7 +24,7 @@ from dobc_design.coupling.expression import (
     variables_used,
 )
 from dobc_design.coupling.functions import FUNCTIONS, applied
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 
 PRECISIONS = ("double", "float")
 HELPERS = ("abs", "min", "max")  # functions that templates/agent.c.j2 has, beside power
@@ -54,7 +54,7 @@ def rounded(value: Fraction, precision: str) -> Fraction:
         message = f"every number of the code must fit into a {precision}; one of the problem's "
         message += f"does not (about 10^{digits})."
         cure = "Use other units." if precision == "double" else "Use --precision double."
-        raise SpecError(message, key="export", cure=cure) from None
+        raise refused("export", message, cure) from None
 
 
 def literal(value: Fraction, precision: str) -> str:

@@ -28,7 +28,7 @@ import numpy as np
 from dobc_design import __version__
 from dobc_design._show.text import latex_matrix, latex_text
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, refused
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.pencil import Pencil, Place, below, positive
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -49,9 +49,11 @@ def exact_matrices(
     Raises: SpecError for more than 500 rows."""
     n, m = problem.n, problem.m
     if n * m > MOST_ROWS:
-        message = f"dense matrices are written for at most {MOST_ROWS} rows; this problem has "
-        cure = "model.arrays has them as SciPy sparse matrices."
-        raise SpecError(f"{message}{n * m}.", key="problem", cure=cure)
+        raise refused(
+            "problem",
+            f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}.",
+            "model.arrays has them as SciPy sparse matrices.",
+        )
     found: dict[str, Matrix] = {}
     exosystem = problem.joint_exosystem  # of several groups: block diagonal, as in certificates
     if exosystem is not None:
@@ -156,9 +158,11 @@ def sdpa_text(
         raise _too_large(rows, "rows")
     statements = state_theorems(loop_of(problem))
     if statements.inapplicable is not None:
-        message = f"there is no linear matrix inequality to write: {statements.inapplicable}"
-        cure = "The max-separable certificate has linear rows instead: see `dobc certify`."
-        raise SpecError(message, key="--sdpa", cure=cure)
+        raise refused(
+            "--sdpa",
+            f"there is no linear matrix inequality to write: {statements.inapplicable}",
+            "The max-separable certificate has linear rows instead: see `dobc certify`.",
+        )
     lambdas = tuple(statements.lambdas.values())
     if any(not isinstance(each.constant, SparseSymmetric) for each in lambdas):
         raise _too_large(len(problem.network.labels), "agents with so many arcs")
@@ -178,9 +182,12 @@ def sdpa_text(
 
 
 def _too_large(count: int, what: str) -> SpecError:
-    limit = f"a file of at most {MOST_SDPA_ROWS} rows is written, because no SDP solver takes more"
-    cure = "`dobc certify` decides large networks without an SDP."
-    return SpecError(f"{limit}; this has {count} {what}.", key="--sdpa", cure=cure)
+    return refused(
+        "--sdpa",
+        f"a file of at most {MOST_SDPA_ROWS} rows is written, because no SDP solver takes more"
+        f"; this has {count} {what}.",
+        "`dobc certify` decides large networks without an SDP.",
+    )
 
 
 def normalisation(pair: tuple[Matrix, Matrix] | None) -> Normalisation:

@@ -3,22 +3,46 @@ decide it once more."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from dobc_design._show.text import capitalize_first, significant_towards_zero
+from dobc_design._show.text import capitalize_first, significant_towards_zero, upper
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem import canonical
 from dobc_design.problem.changes import change_lines
-from dobc_design.report import document as doc
-from dobc_design.report import words
+from dobc_design.report.document import (
+    IN_TEXT,
+    PAGES,
+    READ,
+    Block,
+    Code,
+    Column,
+    Facts,
+    Name,
+    Own,
+    Reason,
+    Section,
+    Text,
+    command,
+    table_of,
+    to_read,
+)
+from dobc_design.report.findings import Findings
+from dobc_design.report.words import (
+    FIXED,
+    decimal,
+    domain_words,
+    mark_of,
+    names_in_words,
+    rational,
+    sentence,
+    shortened,
+    verdict_counts,
+)
 from dobc_design.verdict import Verdict
-
-Facts = tuple[tuple[str, str], ...]
 
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
 MOST_ROWS = 150
@@ -26,7 +50,6 @@ MOST_ENTRIES = 24  # of a vector
 MOST_LINES = 20  # of a cure
 POINTER = "named above."  # where the cure of a check is part of the main one
 _ORDER = (Verdict.REFUTED, Verdict.UNDECIDED, Verdict.PROVED)
-_FIXED: Final = words.TEXTS["fixed"]
 _EXACT = {
     "bound": "λmax(Λ) must be below",
     "value": "v′Λv",
@@ -45,10 +68,10 @@ VERIFY: Final = "dobc verify certificate.json --problem problem.json"
 ALONE: Final = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
-def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
+def cure_section(found: Findings) -> Iterator[Section]:
     """The cure that everything else waits for, in words and as lines of the problem file; nothing
     without one."""
-    check = main_cure(checks)
+    check = main_cure(found.certificate.checks)
     if check is None or check.fix is None:
         return
     if check.verdict is not Verdict.REFUTED:
@@ -58,32 +81,31 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
         head = "What would cure it"
     else:
         head = f"What would cure {check.id}"
-    blocks: list[doc.Block] = [doc.Text(words.shortened(check.fix.text))]
+    blocks: list[Block] = [Text(shortened(check.fix.text))]
     lines = _fix_lines(check.fix)
     if lines:
-        blocks += [doc.Text("In the problem file:"), doc.Code(lines)]
-    blocks += [doc.Text(_FIXED["cured"]), doc.command(CURE_COMMAND)]
-    yield doc.Section(head, blocks, "cure", "Cure")
+        blocks += [Text("In the problem file:"), Code(lines)]
+    blocks += [Text(FIXED["cured"]), command(CURE_COMMAND)]
+    yield Section(head, blocks, "cure", "Cure")
 
 
-def checks_section(checks: Sequence[Check], *, proved: bool = False) -> doc.Section:
-    """Every check with its verdict, numbers and reason.  ``proved``: the overall verdict is,
-    whatever else failed."""
-    counts = words.verdict_counts(checks) or "none"
+def checks_section(found: Findings) -> Iterator[Section]:
+    """Every check with its verdict, numbers and reason."""
+    checks = found.certificate.checks
+    counts = verdict_counts(checks) or "none"
     failed = sum(check.verdict is not Verdict.PROVED for check in checks)
     # Beside a proof a failed check is no failure: it was tried and is not needed.
-    if proved and failed:
+    if found.proved and failed:
         counts = f"{len(checks) - failed} proved, {failed} not needed"
-    told = doc.Only(doc.READ, (doc.Text(doc.Own(_READING)),))
-    blocks = (told, *_checks_table(checks))
-    return doc.Section(f"Checks: {counts}", blocks, "checks", "Checks")
+    blocks = (to_read(Text(Own(_READING))), *_checks_table(checks))
+    yield Section(f"Checks: {counts}", blocks, "checks", "Checks")
 
 
-def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
+def _checks_table(checks: Sequence[Check]) -> Iterator[Block]:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
 
-    def reason(check: Check) -> doc.Reason:
+    def reason(check: Check) -> Reason:
         return _reason(check, own_cure=id(check) in own_cures)
 
     def margin(check: Check) -> str:
@@ -94,58 +116,58 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
 
     # Of very many checks those that are not proved are the ones to be seen.
     ordered = sorted(range(len(checks)), key=lambda i: (_ORDER.index(checks[i].verdict), i))
-    yield doc.table_of(
+    yield table_of(
         "Checks with verdict, domain, margin, rate, factor and reason",
         # shown in the order in which they were made
         [checks[i] for i in sorted(ordered[:MOST_ROWS])],
-        doc.Column("verdict", lambda check: words.mark_of(check.verdict), 0),
-        doc.Column("condition", _name, 1.5),
-        doc.Column("id", lambda check: check.id, only=("markdown",)),
-        doc.Column("where", lambda check: words.domain_words(check.domain), 1.1),
-        doc.Column("margin", margin, 0.8, unit="1/s", style="number"),
-        doc.Column("rate", rate, 0.8, unit="1/s", style="number"),
-        doc.Column("factor", lambda check: words.factor_words(check.factor), 0.8, style="number"),
-        doc.Column("reason", reason, 3, style="why", only=doc.READ),
-        doc.Column("reason", _brief_reason, 3, only=("latex",)),
+        Column("verdict", lambda check: mark_of(check.verdict), 0),
+        Column("condition", _name, 1.5),
+        Column("id", lambda check: check.id, only=("markdown",)),
+        Column("where", lambda check: domain_words(check.domain), 1.1),
+        Column("margin", margin, 0.8, unit="1/s", style="number"),
+        Column("rate", rate, 0.8, unit="1/s", style="number"),
+        Column("factor", lambda check: upper(check.factor), 0.8, style="number"),
+        Column("reason", reason, 3, style="why", only=READ),
+        Column("reason", _brief_reason, 3, only=("latex",)),
         cards=True,
     )
     hidden = [checks[i] for i in ordered[MOST_ROWS:]]
     if hidden:
-        told = words.verdict_counts(hidden, _ORDER)
+        told = verdict_counts(hidden, _ORDER)
         note = (
             f"{len(checks)} checks were made; {len(hidden)} of them ({told}) are in "
             "certificate.json only."
         )
-        yield doc.Text(note)
+        yield Text(note)
 
 
-def _name(check: Check) -> doc.Name:
+def _name(check: Check) -> Name:
     parts = [check.kind.name]
     if check.mode is not None:
         parts.append(f"mode {check.mode}")
     if check.group is not None:
         parts.append(f"group of agent {check.group}")
-    return doc.Name(tuple(parts), id=check.id)
+    return Name(tuple(parts), id=check.id)
 
 
-def _reason(check: Check, *, own_cure: bool) -> doc.Reason:
+def _reason(check: Check, *, own_cure: bool) -> Reason:
     """Everything that is said about a check; a cure that stands above the table or in another row
     is pointed to."""
-    text = words.sentence(words.shortened(check.reason))
+    text = sentence(shortened(check.reason))
     details = list(_exact(check))
     if check.witness is not None:
         details.append(_witness(check.witness, check.id))
     fix = check.fix
     if fix is None:
-        return doc.Reason(text=text, details=details)
+        return Reason(text=text, details=details)
     if not own_cure:
-        return doc.Reason(text=text, details=details, cure=POINTER)
-    cure = words.shortened(fix.text)
-    return doc.Reason(text=text, details=details, cure=cure, lines=_fix_lines(fix))
+        return Reason(text=text, details=details, cure=POINTER)
+    cure = shortened(fix.text)
+    return Reason(text=text, details=details, cure=cure, lines=_fix_lines(fix))
 
 
 def _brief_reason(check: Check) -> str:
-    parts = [capitalize_first(words.shortened(check.reason))]
+    parts = [capitalize_first(shortened(check.reason))]
     for name, value in _exact(check):
         parts.append(f"{name}: {value}.")
     return " ".join(parts)
@@ -162,7 +184,7 @@ def _exact(check: Check) -> Iterator[tuple[str, str]]:
 
 def _witness(witness: Witness, id: str) -> tuple[str, str]:
     """What a witness is, and its values."""
-    who = f" (agents {words.names_in_words(witness.labels)})" if witness.labels else ""
+    who = f" (agents {names_in_words(witness.labels)})" if witness.labels else ""
     values = _entries(witness.values) if witness.values else ""
     match witness.kind:
         case "vector" if id == "observability":
@@ -170,20 +192,20 @@ def _witness(witness: Witness, id: str) -> tuple[str, str]:
         case "vector":
             return f"A direction v in which V does not decrease{who}, v", values
         case "agents":
-            return "Agents that no pin reaches", words.names_in_words(witness.labels or (), 30)
+            return "Agents that no pin reaches", names_in_words(witness.labels or (), 30)
         case "polynomial":
             factor = ", ".join(witness.values or ())
-            return "The factor that does not decay", words.shortened(factor)
+            return "The factor that does not decay", shortened(factor)
         case "routh_row":
             return "First column of Routh’s table", values
         case kind:
-            return f"Witness ({words.shortened(kind, 40)}){who}", values
+            return f"Witness ({shortened(kind, 40)}){who}", values
 
 
 def _fix_lines(fix: Fix) -> tuple[str, ...]:
     """The lines of the problem file that a cure sets, each on one line."""
     lines = change_lines(fix.set)[:MOST_LINES]
-    return tuple(words.shortened(" ".join(line.split())) for line in lines)
+    return tuple(shortened(" ".join(line.split())) for line in lines)
 
 
 def _entries(values: Sequence[Any]) -> str:
@@ -201,81 +223,72 @@ def _entries(values: Sequence[Any]) -> str:
 def _number(text: str) -> str:
     """A rational in decimals, five digits of it; other texts are only cut.  The exact one is in
     certificate.json."""
-    value = words.rational(text)
-    return words.shortened(text, 80) if value is None else words.decimal(value)
+    value = rational(text)
+    return shortened(text, 80) if value is None else decimal(value)
 
 
-def trace_section(checks: Sequence[Check]) -> doc.Section:
+def trace_section(found: Findings) -> Iterator[Section]:
     """One row per condition of the certificate, in its order."""
-    ids = dict.fromkeys(check.id for check in checks)
-    table = doc.table_of(
+    ids = dict.fromkeys(check.id for check in found.certificate.checks)
+    table = table_of(
         "Every condition, its source, and where it is decided",
         [KINDS[id] for id in ids],
-        doc.Column("check", lambda kind: f"{kind.name} ({kind.id})", 1.2, only=doc.TEXTS),
-        doc.Column("check", lambda kind: doc.Name((kind.name,), id=kind.id), 1.2, only=doc.PAGES),
-        doc.Column("condition in words", lambda kind: words.sentence(kind.meaning), 1.9),
-        doc.Column("where it stands", lambda kind: kind.source, 1.2),
-        doc.Column("decided in", lambda kind: ", ".join(kind.decided_in), 1.4, style="code"),
-        doc.Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
+        Column("check", lambda kind: f"{kind.name} ({kind.id})", 1.2, only=IN_TEXT),
+        Column("check", lambda kind: Name((kind.name,), id=kind.id), 1.2, only=PAGES),
+        Column("condition in words", lambda kind: sentence(kind.meaning), 1.9),
+        Column("where it stands", lambda kind: kind.source, 1.2),
+        Column("decided in", lambda kind: ", ".join(kind.decided_in), 1.4, style="code"),
+        Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
     )
-    told = doc.Only(doc.READ, (doc.Text(doc.Own(_FIXED["traced"])),))
-    return doc.Section("Traceability", (told, table), "traceability")
+    told = to_read(Text(Own(FIXED["traced"])))
+    yield Section("Traceability", (told, table), "traceability")
 
 
-def recheck_section(certificate: Certificate, prints: Facts, kernel: str = "") -> doc.Section:
+def recheck_section(found: Findings) -> Iterator[Section]:
     """The commands that decide the certificate again and make it again, and what it was made
     from."""
-    claims = certificate.claims
-    blocks: list[doc.Block] = [
-        doc.Text(_FIXED["both_files"]),
-        doc.command(VERIFY),
-        doc.Text(_FIXED["trusts"]),
-        doc.command(ALONE),
+    certificate, claims = found.certificate, found.certificate.claims
+    blocks: list[Block] = [
+        Text(FIXED["both_files"]),
+        command(VERIFY),
+        Text(FIXED["trusts"]),
+        command(ALONE),
     ]
-    if kernel:
-        blocks += [doc.Text(f"{kernel} {_FIXED['kernel']}"), doc.command("coqc proof.v")]
+    if found.kernel:
+        blocks += [Text(f"{found.kernel} {FIXED['kernel']}"), command("coqc proof.v")]
     versions = (
         ("program", f"dobc_design {claims.version}"),
         ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
         ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
     )
     blocks += [
-        doc.Text("To make the certificate again, byte for byte with the same version:"),
-        doc.command(certify_command(certificate)),
-        doc.Text(doc.Own(_FIXED["made_with"])),
-        doc.Text("Compare the problem with the one you meant. The fingerprints and versions are"),
-        doc.Facts((("problem", claims.problem_name), *prints, *versions)),
+        Text("To make the certificate again, byte for byte with the same version:"),
+        command(certify_command(certificate)),
+        Text(Own(FIXED["made_with"])),
+        Text("Compare the problem with the one you meant. The fingerprints and versions are"),
+        Facts((("problem", claims.problem_name), *found.prints, *versions)),
     ]
-    return doc.Section("Check it yourself", blocks, "recheck")
-
-
-def fingerprints(certificate: Certificate) -> Facts:
-    """Of the problem and of the certificate, as files."""
-    data = certificate_text.certificate_bytes(certificate.claims)
-    return (
-        ("SHA-256 of problem.json", certificate.claims.problem_sha256),
-        ("SHA-256 of certificate.json", hashlib.sha256(data).hexdigest()),
-    )
+    yield Section("Check it yourself", blocks, "recheck")
 
 
 def certify_command(certificate: Certificate) -> str:
     """The command that decides the same conditions: options that are known here, and the settling
     time proved."""
     options = certificate.claims.options
-    command = ["dobc certify problem.json"]
-    command += [option for option in SWITCHES if option in options]
+    typed = ["dobc certify problem.json"]
+    typed += [option for option in SWITCHES if option in options]
     # A certificate comes from a file: of its texts only numbers become part of a command.
     limits = [option for option in options if _is_number_after(TIMED, option)]
-    command += limits[:1]
-    tolerances = [words.rational(text) for text in _tolerances(certificate)]
+    typed += limits[:1]
+    tolerances = [rational(text) for text in _tolerances(certificate)]
     known = [number for number in tolerances if number is not None]
     if known:
-        command.append(f"{SETTLING}{known[0]}")
-    return " ".join([*command, "--out again"])
+        typed.append(f"{SETTLING}{known[0]}")
+    return " ".join([*typed, "--out again"])
 
 
 def _is_number_after(name: str, option: str) -> bool:
-    return option.startswith(name) and words.rational(option.removeprefix(name)) is not None
+    return option.startswith(name) and rational(option.removeprefix(name)) is not None
 
 
 def _tolerances(certificate: Certificate) -> Iterator[str]:

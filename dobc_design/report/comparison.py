@@ -13,7 +13,7 @@ from dataclasses import replace
 from itertools import chain
 from typing import Any
 
-from dobc_design._show.text import lower
+from dobc_design._show.text import lower, upper
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.numbers import time_to_one_percent
@@ -21,10 +21,35 @@ from dobc_design.exact.reading import counted
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import parse_toml
 from dobc_design.problem.problem import Problem
-from dobc_design.report import document as doc
 from dobc_design.report import words
+from dobc_design.report.document import (
+    Beside,
+    Block,
+    Box,
+    Cell,
+    Column,
+    Document,
+    List,
+    Mark,
+    Name,
+    Only,
+    Pictures,
+    Section,
+    Table,
+    Text,
+    on_pages,
+)
 from dobc_design.report.pictures import network_pictures
 from dobc_design.report.region_words import starts_words
+from dobc_design.report.words import (
+    FIXED,
+    mark_of,
+    pin_sentence,
+    seconds,
+    sentence,
+    shortened,
+    size_sentence,
+)
 from dobc_design.verdict import Verdict
 
 SIDES = ("A", "B")
@@ -40,7 +65,7 @@ LONGEST = 160  # and of a value
 Difference = tuple[str, str, str]  # a key, and its value in the first and in the second problem
 
 
-def comparison_document(first: Certificate, second: Certificate) -> doc.Document:
+def comparison_document(first: Certificate, second: Certificate) -> Document:
     """Both certificates as one document."""
     changed, count = differences(first.problem, second.problem)
     told = "The two problems are the same."
@@ -54,21 +79,20 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         identity.append((letter, decided))
         identity.append((f"SHA-256 of problem {letter}", each.claims.problem_sha256))
     a, b = first.problem.name, second.problem.name
-    again = doc.Text(words.TEXTS["fixed"]["compared"])
-    return doc.Document(
+    again = Text(FIXED["compared"])
+    return Document(
         kind="Two certificates of consensus, side by side",
         name=f"{a} and {b}, compared",
         title=f"{a} and {b}, compared",
-        verdict=doc.Box(mark=doc.Mark("", "compared"), word=conclusion(first, second), reason=told),
+        verdict=Box(mark=Mark("", "compared"), word=conclusion(first, second), reason=told),
         identity=identity,
-        footer=f"A: {words.shortened(a, LONGEST_NAME)} · B: {words.shortened(b, LONGEST_NAME)}, "
-        "compared",
+        footer=f"A: {shortened(a, LONGEST_NAME)} · B: {shortened(b, LONGEST_NAME)}, compared",
         blocks=(
             _certificates(first, second),
             _problems(first, second, changed, told),
             _checks(first, second),
             *_starts(first, second),
-            doc.Section("Check it yourself", (again,), "recheck"),
+            Section("Check it yourself", (again,), "recheck"),
         ),
     )
 
@@ -83,7 +107,7 @@ def conclusion(first: Certificate, second: Certificate) -> str:
     # A larger rate with a much larger factor may be the slower one: times are compared first.
     if math.isfinite(a) and math.isfinite(b) and a != b:
         better, worse = SIDES if a < b else SIDES[::-1]
-        early, late = words.seconds(min(a, b)), words.seconds(max(a, b))
+        early, late = seconds(min(a, b)), seconds(max(a, b))
         return (
             f"Both are proved. {better} is certified to reach one percent after {early}, "
             f"{worse} after {late}."
@@ -99,34 +123,34 @@ def conclusion(first: Certificate, second: Certificate) -> str:
     )
 
 
-def _certificates(first: Certificate, second: Certificate) -> doc.Section:
+def _certificates(first: Certificate, second: Certificate) -> Section:
     """Both verdicts, and below them facts and notes."""
     sides = list(zip(SIDES, (first, second), strict=True))
     boxes = [(_box(letter, each),) for letter, each in sides]
     one, other = _facts(first), _facts(second)
     rows = [(name, one[name], other[name]) for name in one]
-    heads = [doc.Column(head) for head in ("", *SIDES)]
+    heads = [Column(head) for head in ("", *SIDES)]
     how = "Marked rows differ. Rates are rounded towards zero."
-    blocks: list[doc.Block] = [
-        doc.Beside(boxes),
+    blocks: list[Block] = [
+        Beside(boxes),
         _marked("Facts about both certificates", heads, rows),
-        doc.Only(("html",), (doc.Text(how, "caption"),)),
+        Only(("html",), (Text(how, "caption"),)),
     ]
     for letter, each in sides:
         notes = each.claims.notes[:MOST_NOTES]
         if notes:
-            blocks.append(doc.Section(f"Notes of {letter}", (doc.List(notes),)))
-    return doc.Section("The two certificates", blocks, "certificates", "Facts")
+            blocks.append(Section(f"Notes of {letter}", (List(notes),)))
+    return Section("The two certificates", blocks, "certificates", "Facts")
 
 
-def _box(letter: str, certificate: Certificate) -> doc.Box:
+def _box(letter: str, certificate: Certificate) -> Box:
     problem = certificate.problem
-    return doc.Box(
-        mark=words.mark_of(certificate.verdict),
+    return Box(
+        mark=mark_of(certificate.verdict),
         word=certificate.verdict.value.capitalize(),
-        reason=words.sentence(certificate.reason),
+        reason=sentence(certificate.reason),
         title=f"{letter}: {problem.name}",
-        note=f"{words.size_sentence(problem)} {words.pin_sentence(problem)}",
+        note=f"{size_sentence(problem)} {pin_sentence(problem)}",
     )
 
 
@@ -139,34 +163,30 @@ def _facts(certificate: Certificate) -> dict[str, str]:
     return facts
 
 
-def _marked(
-    caption: str, columns: Sequence[doc.Column], rows: Sequence[Sequence[doc.Cell]]
-) -> doc.Table:
+def _marked(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> Table:
     """A table of names and of pairs of values, those of A and of B; rows are marked where a pair
     differs."""
     # cells come in pairs: A, B, A, B, ...
     marked = frozenset(place for place, (_, *cells) in enumerate(rows) if cells[::2] != cells[1::2])
-    return doc.Table(caption=caption, columns=columns, rows=rows, marked=marked)
+    return Table(caption=caption, columns=columns, rows=rows, marked=marked)
 
 
 def _problems(
     first: Certificate, second: Certificate, changed: Sequence[Difference], told: str
-) -> doc.Section:
+) -> Section:
     """What differs between the problems, and their networks."""
-    blocks: list[doc.Block] = [doc.Text(told)]
+    blocks: list[Block] = [Text(told)]
     if changed:
-        columns = [doc.Column("key", width=1.2)]
-        columns += [doc.Column(side, style="why") for side in SIDES]
+        columns = [Column("key", width=1.2)]
+        columns += [Column(side, style="why") for side in SIDES]
         caption = "Keys of the problem file whose values differ"
-        rows = [
-            (key, words.shortened(a, LONGEST), words.shortened(b, LONGEST)) for key, a, b in changed
-        ]
-        blocks.append(doc.Table(caption=caption, columns=columns, rows=rows))
+        rows = [(key, shortened(a, LONGEST), shortened(b, LONGEST)) for key, a, b in changed]
+        blocks.append(Table(caption=caption, columns=columns, rows=rows))
     blocks += _networks(first, second)
-    return doc.Section("What differs between the problems", blocks, "differences", "Problems")
+    return Section("What differs between the problems", blocks, "differences", "Problems")
 
 
-def _networks(first: Certificate, second: Certificate) -> Iterator[doc.Block]:
+def _networks(first: Certificate, second: Certificate) -> Iterator[Block]:
     """The networks of A and of B beside each other; none where they are the same or too large."""
     a, b = first.problem, second.problem
     # Two drawings that are the same would look as if they differed.
@@ -182,55 +202,55 @@ def _networks(first: Certificate, second: Certificate) -> Iterator[doc.Block]:
             replace(own, name=f"{letter}-{own.name}", title=f"{letter}: {own.title}")
             for own in pictures[:MOST_PICTURES]
         ]
-        drawn.append((doc.Pictures(named, small=True),))
-    yield doc.on_pages(doc.Beside(drawn))
+        drawn.append((Pictures(named, small=True),))
+    yield on_pages(Beside(drawn))
 
 
-def _checks(first: Certificate, second: Certificate) -> doc.Section:
+def _checks(first: Certificate, second: Certificate) -> Section:
     """Every check that one of them has, in the order of A, then those that only B has; marked where
     they differ."""
     a, b = ({(check.id, check.mode): check for check in each.checks} for each in (first, second))
     keys = list({**a, **b})
-    columns = [doc.Column("condition", width=2.2)]
-    columns += [doc.Column(side, width=0) for side in SIDES]
+    columns = [Column("condition", width=2.2)]
+    columns += [Column(side, width=0) for side in SIDES]
     for what in ("margin", "rate", "factor"):
-        columns += [doc.Column(f"{what} {side}", style="number") for side in SIDES]
+        columns += [Column(f"{what} {side}", style="number") for side in SIDES]
     rows = [_compared(a.get(key), b.get(key)) for key in keys[:MOST_ROWS]]
     caption = "Checks of both certificates with verdict, margin, rate and factor"
-    blocks: list[doc.Block] = [_marked(caption, columns, rows)]
+    blocks: list[Block] = [_marked(caption, columns, rows)]
     hidden = len(keys) - MOST_ROWS
     if hidden > 0:
-        blocks.append(doc.Text(f"And {hidden} more, in the certificates."))
-    blocks.append(doc.Text(words.TEXTS["fixed"]["compared_checks"], "caption"))
-    return doc.Section("What was checked", blocks, "checks", "Checks")
+        blocks.append(Text(f"And {hidden} more, in the certificates."))
+    blocks.append(Text(FIXED["compared_checks"], "caption"))
+    return Section("What was checked", blocks, "checks", "Checks")
 
 
-def _compared(a: Check | None, b: Check | None) -> tuple[doc.Cell, ...]:
+def _compared(a: Check | None, b: Check | None) -> tuple[Cell, ...]:
     """One row: the condition, then each value of A beside that of B."""
     either = next(each for each in (a, b) if each is not None)
     parts = [either.kind.name]
     if either.mode is not None:
         parts.append(f"mode {either.mode}")
     beside = zip(_values(a), _values(b), strict=True)
-    return (doc.Name(tuple(parts)), *chain.from_iterable(beside))
+    return (Name(tuple(parts)), *chain.from_iterable(beside))
 
 
-def _values(check: Check | None) -> tuple[doc.Cell, ...]:
+def _values(check: Check | None) -> tuple[Cell, ...]:
     """Verdict, margin, rate and factor of a check; nothing is known of one that was not made."""
     if check is None:
-        return (ABSENT, lower(None), lower(None), words.factor_words(None))
-    numbers = (lower(check.margin), lower(check.rate), words.factor_words(check.factor))
-    return (words.mark_of(check.verdict), *numbers)
+        return (ABSENT, lower(None), lower(None), upper(None))
+    numbers = (lower(check.margin), lower(check.rate), upper(check.factor))
+    return (mark_of(check.verdict), *numbers)
 
 
-def _starts(first: Certificate, second: Certificate) -> Iterator[doc.Section]:
+def _starts(first: Certificate, second: Certificate) -> Iterator[Section]:
     """The certified starts of every method that says something about starts."""
     a, b = (_starts_of(each) for each in (first, second))
     rows = [(name, a.get(name, ABSENT), b.get(name, ABSENT)) for name in {**a, **b}]
     if rows:
-        columns = [doc.Column("method"), *(doc.Column(side, width=1.3) for side in SIDES)]
+        columns = [Column("method"), *(Column(side, width=1.3) for side in SIDES)]
         table = _marked("Certified starts, method by method", columns, rows)
-        yield doc.Section("From which starts", (table,), "starts", "Starts")
+        yield Section("From which starts", (table,), "starts", "Starts")
 
 
 def _starts_of(certificate: Certificate) -> dict[str, str]:

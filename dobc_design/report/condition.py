@@ -2,47 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 from dobc_design._show.text import latex_decimal
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
-from dobc_design.report import document as doc
 from dobc_design.report import words
+from dobc_design.report.document import (
+    IN_TEXT,
+    Block,
+    Formula,
+    Math,
+    Matrices,
+    Only,
+    Section,
+    ShownMatrix,
+    Text,
+    on_pages,
+)
+from dobc_design.report.findings import Findings
 
 MOST_LAMBDAS = 6
 _LATEX = words.TEXTS["condition"]
-_FIXED = words.TEXTS["fixed"]
 
 
-def condition_section(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.Section:
-    """The condition, the matrices that it is about, and what was found; ``lambdas``: mode ->
-    Lambda(J) at the target."""
-    problem = certificate.problem
-    blocks: list[doc.Block] = [*_about_errors(problem), *_asked(problem)]
-    matrices = doc.Matrices(tuple(_matrices(certificate)))
+def condition_section(found: Findings) -> Iterator[Section]:
+    """The condition, the matrices that it is about, and what was found."""
+    certificate, problem = found.certificate, found.problem
+    blocks: list[Block] = [*_about_errors(problem), *_asked(problem)]
+    matrices = Matrices(tuple(_matrices(certificate)))
     if matrices.items:
         rounded = (
             "Entries with a decimal point are rounded for this page; certificate.json holds them "
             "exactly."
         )
-        blocks += [matrices, doc.on_pages(doc.Text(rounded, "caption"))]
+        blocks += [matrices, on_pages(Text(rounded, "caption"))]
     for name, bound in words.bounds_of(certificate).items():
         latex = rf"\lambda_{{\max}}(\Lambda) < {latex_decimal(bound)}"
         # Pages say it in a sentence with the number typeset; text forms as a formula.
-        blocks.append(doc.Only(doc.TEXTS, (doc.Text(f"For {name}:"), doc.Formula(latex))))
-        blocks.append(doc.on_pages(doc.Formula(latex, f"condition for {name}", typst=bound)))
-    for mode, matrix in list(lambdas.items())[:MOST_LAMBDAS]:
+        blocks.append(Only(IN_TEXT, (Text(f"For {name}:"), Formula(latex))))
+        blocks.append(on_pages(Formula(latex, f"condition for {name}", typst=bound)))
+    for mode, matrix in list(found.lambdas.items())[:MOST_LAMBDAS]:
         # Lambda above 12 x 12 is left out without a word: its eigenvalues stand below.
-        shown = doc.ShownMatrix(r"\Lambda", f"at the target, mode {mode}", matrix)
+        shown = ShownMatrix(r"\Lambda", f"at the target, mode {mode}", matrix)
         if shown.latex is not None:
-            blocks.append(doc.Matrices((shown,)))
-    return doc.Section("The condition and its matrices", blocks, "condition", "Condition")
+            blocks.append(Matrices((shown,)))
+    yield Section("The condition and its matrices", blocks, "condition", "Condition")
 
 
-def _about_errors(problem: Problem) -> Iterator[doc.Block]:
+def _about_errors(problem: Problem) -> Iterator[Block]:
     """For agents with [dynamics]: which letters of the condition mean something else."""
     dynamics = problem.dynamics
     if dynamics is None:
@@ -52,40 +61,40 @@ def _about_errors(problem: Problem) -> Iterator[doc.Block]:
         slopes = " The slopes of f are bounded over a box that the leader never leaves."
     elif dynamics.f is not None:
         slopes = " Aₓ holds the slopes of f at the target."
-    yield doc.Text(_FIXED["by_errors"] + slopes)
+    yield Text(words.FIXED["by_errors"] + slopes)
 
 
-def _asked(problem: Problem) -> Iterator[doc.Block]:
+def _asked(problem: Problem) -> Iterator[Block]:
     """What the paper's theorem asks for, and the smaller condition that is decided in its place."""
-    jacobian = doc.Math("J", "J")
+    jacobian = Math("J", "J")
     if not problem.groups:
-        yield doc.on_pages(doc.Text("Without a disturbance, Lemma 1 asks in every mode for"))
-        yield doc.Formula(_LATEX["lambda"] + " < 0", typst="lemma 1")
-        yield doc.on_pages(doc.Text(("where ", jacobian, " is the Jacobian of the couplings.")))
+        yield on_pages(Text("Without a disturbance, Lemma 1 asks in every mode for"))
+        yield Formula(_LATEX["lambda"] + " < 0", typst="lemma 1")
+        yield on_pages(Text(("where ", jacobian, " is the Jacobian of the couplings.")))
         return
     asks = (
         "Theorems 1 and 2 ask for matrices ",
-        doc.Math("P > 0", "P > 0"),
+        Math("P > 0", "P > 0"),
         " and ",
-        doc.Math("Q", "Q"),
+        Math("Q", "Q"),
         ", with ",
-        doc.Math("W = P⁻¹ Q", "W = P^{-1} Q"),
+        Math("W = P⁻¹ Q", "W = P^{-1} Q"),
         ", such that in every mode",
     )
-    yield doc.on_pages(doc.Text(asks))
-    yield doc.Formula(_LATEX["psi"], number="(18)", typst="psi")
+    yield on_pages(Text(asks))
+    yield Formula(_LATEX["psi"], number="(18)", typst="psi")
     for name in ("lambda", "omega"):
-        yield doc.Formula(_LATEX[name], typst=name)
+        yield Formula(_LATEX[name], typst=name)
     smaller = " is the Jacobian of the couplings. An equivalent condition of smaller size is used:"
-    yield doc.on_pages(doc.Text(("where ", jacobian, smaller)))
-    yield doc.Formula(_LATEX["reduced"], typst="reduced")
-    yield doc.on_pages(doc.Text("and, if P and Q are free,"))
-    yield doc.Formula(_LATEX["existence"], typst="existence")
+    yield on_pages(Text(("where ", jacobian, smaller)))
+    yield Formula(_LATEX["reduced"], typst="reduced")
+    yield on_pages(Text("and, if P and Q are free,"))
+    yield Formula(_LATEX["existence"], typst="existence")
     if problem.is_grouped:
-        yield doc.Text(_FIXED["by_group"])
+        yield Text(words.FIXED["by_group"])
 
 
-def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
+def _matrices(certificate: Certificate) -> Iterator[ShownMatrix]:
     """A, C, W, and P, Q, S where the theorem is proved, S of a printed P beside them."""
     problem, claims = certificate.problem, certificate.claims
     exosystem = problem.joint_exosystem
@@ -93,10 +102,10 @@ def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
     felt = loop_of(problem).joint_exosystem
     if exosystem is None or felt is None:
         return
-    yield doc.ShownMatrix("A", "generator of the disturbance", exosystem.A)
-    yield doc.ShownMatrix("C", "output matrix: d = C ξ acts on the agent", exosystem.C)
+    yield ShownMatrix("A", "generator of the disturbance", exosystem.A)
+    yield ShownMatrix("C", "output matrix: d = C ξ acts on the agent", exosystem.C)
     if problem.dynamics is not None:
-        yield doc.ShownMatrix("B C", "what takes the place of C in the condition", felt.C)
+        yield ShownMatrix("B C", "what takes the place of C in the condition", felt.C)
     source = f" ({claims.gain_source})" if claims.gain_source else ""
     found = words.observer_blocks(certificate)
     effect = "effect of the observer: Λ + I ⊗ S has to be negative definite"
@@ -114,4 +123,4 @@ def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
         (r"S_{\text{given}}", "its S", found.get(words.GIVEN)),
     ):
         if matrix is not None:
-            yield doc.ShownMatrix(name, what, matrix)
+            yield ShownMatrix(name, what, matrix)

@@ -7,8 +7,18 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from dobc_design.plotting.look import thinned_rows
-from dobc_design.report import document as doc
 from dobc_design.report import pictures, words
+from dobc_design.report.document import (
+    Block,
+    Column,
+    Pictures,
+    Section,
+    Table,
+    Text,
+    in_markdown,
+    on_pages,
+    table_of,
+)
 from dobc_design.report.findings import Findings
 from dobc_design.report.words import number
 
@@ -21,7 +31,7 @@ MOST_SAMPLES = 9
 MOST_MARGINS = 12  # eigenvalues of A whose observability is told
 
 
-def bound_section(found: Findings) -> Iterator[doc.Block]:
+def bound_section(found: Findings) -> Iterator[Block]:
     """One picture: what is proved about the largest error, and one simulated run, or two."""
     certificate, run = found.certificate, found.trajectory
     if run is None or len(run.times) < 2:
@@ -31,11 +41,11 @@ def bound_section(found: Findings) -> Iterator[doc.Block]:
         title = "Certified bound and simulation"
     # The bound holds for the start of this run, so the run stands under it.
     picture = pictures.error_picture(certificate, run, found.worst)
-    drawn = doc.Pictures((picture, *pictures.weight_pictures(certificate)))
-    yield doc.on_pages(doc.Section(title, (drawn,), "bound"))
+    drawn = Pictures((picture, *pictures.weight_pictures(certificate)))
+    yield on_pages(Section(title, (drawn,), "bound"))
 
 
-def eigenvalue_section(found: Findings) -> Iterator[doc.Block]:
+def eigenvalue_section(found: Findings) -> Iterator[Block]:
     """As pictures on pages, as numbers in Markdown."""
     analysis = found.analysis
     if analysis is None:
@@ -43,17 +53,17 @@ def eigenvalue_section(found: Findings) -> Iterator[doc.Block]:
     told = (
         "Computed in floating point, to show how large the margins are. No verdict depends on them."
     )
-    drawn = doc.Pictures(tuple(pictures.eigenvalue_pictures(found.certificate, analysis)))
+    drawn = Pictures(tuple(pictures.eigenvalue_pictures(found.certificate, analysis)))
     head = "eigenvalues in 1/s, the rightmost first"
-    table = doc.table_of(
+    table = table_of(
         "Eigenvalues",
         list(_spectra(analysis))[:MOST_SPECTRA],
-        doc.Column("matrix", lambda row: row[0]),
-        doc.Column(head, lambda row: words.eigenvalues(row[1])),
+        Column("matrix", lambda row: row[0]),
+        Column(head, lambda row: words.eigenvalues(row[1])),
     )
-    text = doc.Text(told + _observability(analysis))
-    blocks = (text, doc.in_markdown(table), doc.on_pages(drawn))
-    yield doc.Section("Eigenvalues", blocks, "eigenvalues")
+    text = Text(told + _observability(analysis))
+    blocks = (text, in_markdown(table), on_pages(drawn))
+    yield Section("Eigenvalues", blocks, "eigenvalues")
 
 
 def _spectra(analysis: Analysis) -> Iterator[tuple[str, Sequence[complex]]]:
@@ -93,15 +103,15 @@ def _eigenvalue(value: complex) -> str:
     return f"{number(value.real)} ± {size}" if value.real else f"±{size}"
 
 
-def simulation_section(found: Findings) -> Iterator[doc.Block]:
+def simulation_section(found: Findings) -> Iterator[Block]:
     """As pictures on pages, as a few samples in Markdown."""
     run = found.trajectory
     if run is None or len(run.times) == 0:
         return
-    drawn = doc.Pictures(tuple(pictures.simulation_pictures(found.certificate, run)))
-    text = doc.Text(_run_words(run))
-    blocks = (text, doc.in_markdown(_samples(run)), doc.on_pages(drawn))
-    yield doc.Section("A simulation", blocks, "simulation", "Simulation")
+    drawn = Pictures(tuple(pictures.simulation_pictures(found.certificate, run)))
+    text = Text(_run_words(run))
+    blocks = (text, in_markdown(_samples(run)), on_pages(drawn))
+    yield Section("A simulation", blocks, "simulation", "Simulation")
 
 
 def _run_words(run: Trajectory) -> str:
@@ -121,11 +131,11 @@ def _run_words(run: Trajectory) -> str:
     return " ".join(told)
 
 
-def _samples(run: Trajectory) -> doc.Table:
+def _samples(run: Trajectory) -> Table:
     error, times = run.error(), run.times
-    return doc.table_of(
+    return table_of(
         "Largest error over time",
         thinned_rows(len(times), MOST_SAMPLES).tolist(),
-        doc.Column("time in s", lambda i: number(float(times[i]))),
-        doc.Column("largest error", lambda i: number(float(error[i]))),
+        Column("time in s", lambda i: number(float(times[i]))),
+        Column("largest error", lambda i: number(float(error[i]))),
     )

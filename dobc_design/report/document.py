@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Form = Literal["html", "markdown", "pdf", "latex"]
 EVERY: Final[tuple[Form, ...]] = ("html", "markdown", "pdf", "latex")
 PAGES: Final[tuple[Form, ...]] = ("html", "pdf")  # with pictures, and room for explanations
-TEXTS: Final[tuple[Form, ...]] = ("markdown", "latex")
+IN_TEXT: Final[tuple[Form, ...]] = ("markdown", "latex")
 # whole documents; LaTeX fragments are parts of a paper
 READ: Final[tuple[Form, ...]] = ("html", "markdown", "pdf")
 
@@ -302,6 +302,11 @@ def on_pages(*blocks: Block) -> Only:
 def in_markdown(*blocks: Block) -> Only:
     """Blocks for Markdown."""
     return Only(("markdown",), blocks)
+
+
+def to_read(*blocks: Block) -> Only:
+    """Blocks for whole documents."""
+    return Only(READ, blocks)
 
 
 def command(*lines: str) -> Code:

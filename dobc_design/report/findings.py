@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from dobc_design.certificate import text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
-from dobc_design.report.checks import Facts, fingerprints
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
+
+
+Prints = tuple[tuple[str, str], ...]
+
+
+def fingerprints(certificate: Certificate) -> Prints:
+    """Of the problem and of the certificate, as files."""
+    data = text.certificate_bytes(certificate.claims)
+    return (
+        ("SHA-256 of problem.json", certificate.claims.problem_sha256),
+        ("SHA-256 of certificate.json", hashlib.sha256(data).hexdigest()),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +56,6 @@ class Findings:
 
     # Hashing writes the whole certificate, which takes time where it is large.
     @cached_property
-    def prints(self) -> Facts:
+    def prints(self) -> Prints:
         """The fingerprints of the problem and of the certificate."""
         return fingerprints(self.certificate)

@@ -23,7 +23,7 @@ import matplotlib
 from matplotlib.ft2font import FT2Font
 
 from dobc_design._show.text import capitalize_first, significant, typeset
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.report import document as doc
 from dobc_design.report.pictures import svg_of
 
@@ -60,9 +60,10 @@ def require_typst() -> None:
     try:
         import typst  # noqa: F401 - only whether it is there
     except ImportError as error:
-        cure = "Install it (pip install dobc_design[pdf]), or print report.html from a browser."
-        raise SpecError(
-            "a PDF needs the package typst, which is not installed.", key="pdf", cure=cure
+        raise refused(
+            "pdf",
+            "a PDF needs the package typst, which is not installed.",
+            "Install it (pip install dobc_design[pdf]), or print report.html from a browser.",
         ) from error
 
 

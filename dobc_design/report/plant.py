@@ -13,8 +13,9 @@ from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.reading import counted
 from dobc_design.problem.problem import Problem
-from dobc_design.report import document as doc
-from dobc_design.report import words
+from dobc_design.report.document import EVERY, Beside, Block, Column, Section, Text, table_of
+from dobc_design.report.findings import Findings
+from dobc_design.report.words import FIXED, decimal, domain_words, names_in_words, sentence
 from dobc_design.verdict import Verdict
 
 MOST_ROWS = 8
@@ -30,32 +31,32 @@ _LARGEST = (("actuators", "inputs", "largest |u|"), ("accuracy", "bounds", "larg
 Values = Mapping[str, Fraction]  # by the name of an agent, or of one of its components
 
 
-def plant_section(certificate: Certificate) -> Iterator[doc.Section]:
+def plant_section(found: Findings) -> Iterator[Section]:
     """What is proved under [uncertainty] and [actuators]; nothing where the problem has neither."""
-    problem = certificate.problem
+    problem = found.problem
     if problem.uncertainty is None and problem.actuators is None:
         return
     assumed = list(_assumed(problem))
-    told: list[tuple[doc.Block, ...]] = []
+    told: list[tuple[Block, ...]] = []
     for id in _NAMES:
-        told += [(_told(problem, check),) for check in certificate.checks if check.id == id]
+        told += [(_told(problem, check),) for check in found.certificate.checks if check.id == id]
     if not (assumed or told):
         return
-    blocks: list[doc.Block] = []
+    blocks: list[Block] = []
     if assumed:
-        given = doc.table_of(
+        given = table_of(
             "Assumed about the plant",
             assumed,
-            doc.Column("assumed by component", lambda row: row[0]),
-            doc.Column("at most", lambda row: row[1], style="number"),
+            Column("assumed by component", lambda row: row[0]),
+            Column("at most", lambda row: row[1], style="number"),
         )
         blocks.append(given)
     if told:
-        blocks.append(doc.Beside(told))
+        blocks.append(Beside(told))
     else:
         nothing = "Nothing is proved about this, because the conditions that it would rest on fail."
-        blocks.append(doc.Text(nothing))
-    yield doc.Section("Model error, noise and input limits", blocks, "plant", "Plant")
+        blocks.append(Text(nothing))
+    yield Section("Model error, noise and input limits", blocks, "plant", "Plant")
 
 
 def plant_numbers(certificate: Certificate) -> list[str]:
@@ -91,36 +92,36 @@ def _assumed(problem: Problem) -> Iterator[tuple[str, str]]:
         for key, name in _ABSOLUTE:
             bound = getattr(table, key)
             if bound:
-                yield name, words.decimal(bound)
+                yield name, decimal(bound)
         for key, name in _RELATIVE:
             part = getattr(table, key)
             if part:
-                yield name, f"{words.decimal(100 * part)} %"
+                yield name, f"{decimal(100 * part)} %"
         if not table.known_to_agents:
             yield "weights in the observers", "as uncertain"
     if actuators is None:
         return
     if actuators.amplitude is not None:
-        yield "disturbance |dᵢ|", words.decimal(actuators.amplitude)
+        yield "disturbance |dᵢ|", decimal(actuators.amplitude)
     limit = actuators.limit
     if isinstance(limit, Fraction):
-        yield "inputs |uᵢ|", words.decimal(limit)
+        yield "inputs |uᵢ|", decimal(limit)
     elif isinstance(limit, Mapping) and limit:
-        least, most = words.decimal(min(limit.values())), words.decimal(max(limit.values()))
+        least, most = decimal(min(limit.values())), decimal(max(limit.values()))
         shown = least if least == most else f"{least} to {most}"
         yield f"inputs |uᵢ| of {counted(len(limit), 'agent')}", shown
 
 
-def _told(problem: Problem, check: Check) -> doc.Section:
+def _told(problem: Problem, check: Check) -> Section:
     """What one of the checks says, where it is proved with its numbers."""
-    text, table = check.reason, list[doc.Block]()
+    text, table = check.reason, list[Block]()
     where = ""
     if check.verdict is Verdict.PROVED:
-        where = f" {words.domain_words(check.domain)}"
+        where = f" {domain_words(check.domain)}"
         if check.domain != NEAR_TARGET:
             where = f" for{where}"
         if check.id == "accuracy":
-            text = words.TEXTS["fixed"]["accuracy"]
+            text = FIXED["accuracy"]
             table = _worst(_numbers(check, "bounds"), "final |eᵢ| ≤", {})
         elif check.id == "actuators":
             inputs = _numbers(check, "inputs")
@@ -128,8 +129,8 @@ def _told(problem: Problem, check: Check) -> doc.Section:
             text = "No component of an input is ever larger than this"
             text += ", so no actuator with a limit saturates." if limits else "."
             table = _worst(inputs, "|uᵢ| ≤", limits)
-    told = doc.Text(f"{check.verdict.value.capitalize()}{where}. {words.sentence(text)}")
-    return doc.Section(_NAMES[check.id], (told, *table))
+    told = Text(f"{check.verdict.value.capitalize()}{where}. {sentence(text)}")
+    return Section(_NAMES[check.id], (told, *table))
 
 
 def _limits(problem: Problem, labels: Iterable[str]) -> dict[str, Fraction]:
@@ -156,7 +157,7 @@ def _numbers(check: Check, key: str) -> dict[str, Fraction]:
     return found
 
 
-def _worst(values: Values, head: str, limits: Values) -> list[doc.Block]:
+def _worst(values: Values, head: str, limits: Values) -> list[Block]:
     """The agents with the largest values, rounded up, closest to their limits first; equal ones
     share a row."""
 
@@ -169,23 +170,23 @@ def _worst(values: Values, head: str, limits: Values) -> list[doc.Block]:
         # rounded up, because it is a bound from above
         value = typeset(significant_away_from_zero(values[label]))
         limit = limits.get(label)
-        shown = "–" if limit is None else words.decimal(limit)
+        shown = "–" if limit is None else decimal(limit)
         rows.setdefault((value, shown), []).append(label)
     first = list(rows.items())[:MOST_ROWS]
-    table = doc.table_of(
+    table = table_of(
         head,
         first,
-        doc.Column("agents", lambda row: words.names_in_words(row[1], 6)),
-        doc.Column(head, lambda row: row[0][0], style="number"),
-        doc.Column(
+        Column("agents", lambda row: names_in_words(row[1], 6)),
+        Column(head, lambda row: row[0][0], style="number"),
+        Column(
             "limit",
             lambda row: row[0][1],
             style="number",
-            only=doc.EVERY if limits else (),
+            only=EVERY if limits else (),
         ),
     )
     more = len(values) - sum(len(labels) for _, labels in first)
     if not more:
         return [table]
     rest = f"And {more} more, with less; certificate.json has them all."
-    return [table, doc.Text(rest, "caption")]
+    return [table, Text(rest, "caption")]

@@ -13,15 +13,17 @@ from typing import TYPE_CHECKING
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.reading import counted
-from dobc_design.report import checks, words
-from dobc_design.report import document as doc
+from dobc_design.report.checks import certify_command
+from dobc_design.report.document import Block, Box, Document, List, Mark, Section, Text, command
+from dobc_design.report.findings import fingerprints
+from dobc_design.report.words import shortened
 
 if TYPE_CHECKING:
     from dobc_design.certification.recheck import Recheck
 
 MOST = 200  # claims that are listed
 LONGEST_NAME = 70  # characters, in the footer of a printed page
-MARK = doc.Mark("✗", "refuted")  # for its colour; the word beside it says "not confirmed"
+MARK = Mark("✗", "refuted")  # for its colour; the word beside it says "not confirmed"
 UNCONFIRMED = "not confirmed"
 
 
@@ -56,41 +58,41 @@ def _sentence(side: Checked) -> str:
     )
 
 
-def refusal_document(sides: Sequence[Checked]) -> doc.Document:
+def refusal_document(sides: Sequence[Checked]) -> Document:
     """One certificate, or two of which at least one does not hold."""
     names = " and ".join(dict.fromkeys(each.certificate.problem.name for each in sides))
     identity = []
-    blocks: list[doc.Block] = []
+    blocks: list[Block] = []
     for side in sides:
-        for title, value in checks.fingerprints(side.certificate):
+        for title, value in fingerprints(side.certificate):
             identity.append((f"{title} {side.letter}".strip(), value))
         blocks += _sections(side)
     kind = "Certificates of consensus"
     if len(sides) == 1:
         kind = "Certificate of consensus that is not confirmed"
-    return doc.Document(
+    return Document(
         kind=kind,
         name=names,
         title=f"{names}: {UNCONFIRMED}",
-        verdict=doc.Box(mark=MARK, word=UNCONFIRMED.capitalize(), reason=headline(sides)),
+        verdict=Box(mark=MARK, word=UNCONFIRMED.capitalize(), reason=headline(sides)),
         identity=identity,
-        footer=f"{words.shortened(names, LONGEST_NAME)}: {UNCONFIRMED}",
+        footer=f"{shortened(names, LONGEST_NAME)}: {UNCONFIRMED}",
         blocks=(*blocks, _advice(sides)),
     )
 
 
-def _sections(side: Checked) -> Iterator[doc.Section]:
+def _sections(side: Checked) -> Iterator[Section]:
     """What does not hold of one certificate, and what does."""
     of = f" of {side.letter}" if side.letter else ""
     failures, confirmed = side.found.failures[:MOST], side.found.confirmed[:MOST]
     if failures:
-        yield doc.Section(f"What does not hold{of}", (doc.List(failures),))
+        yield Section(f"What does not hold{of}", (List(failures),))
     if confirmed:
-        yield doc.Section(f"Checks{of} that are confirmed", (doc.List(confirmed),))
+        yield Section(f"Checks{of} that are confirmed", (List(confirmed),))
 
 
-def _advice(sides: Sequence[Checked]) -> doc.Section:
+def _advice(sides: Sequence[Checked]) -> Section:
     told = "Make the certificate again from the problem that you mean:"
     failed = [side.certificate for side in sides if not side.found.holds]
-    commands = doc.command(*map(checks.certify_command, failed))
-    return doc.Section("What to do next", (doc.Text(told), commands), "next")
+    commands = command(*map(certify_command, failed))
+    return Section("What to do next", (Text(told), commands), "next")

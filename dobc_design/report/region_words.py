@@ -23,8 +23,24 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.reading import counted
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
-from dobc_design.report import document as doc
-from dobc_design.report.words import TEXTS, mark_of, names_in_words, number, sentence
+from dobc_design.report.document import (
+    READ,
+    Block,
+    Column,
+    Form,
+    List,
+    Name,
+    Picture,
+    Pictures,
+    Section,
+    Table,
+    Text,
+    in_markdown,
+    on_pages,
+    table_of,
+    to_read,
+)
+from dobc_design.report.words import FIXED, mark_of, names_in_words, number, sentence
 from dobc_design.verdict import Verdict
 
 NONE: Final = "–"
@@ -32,7 +48,7 @@ MOST_SUSPECTS: Final = 8
 MOST_STATES: Final = 6  # agents whose states a sentence tells
 _SEVERAL: Final = 3  # modes that are named
 _FAST: Final = 100  # samples a second from which a certified period is called pessimistic
-WARNING: Final[str] = TEXTS["fixed"]["suspects"]
+WARNING: Final[str] = FIXED["suspects"]
 _WHAT: Final = {
     STAYS_AWAY: "does not converge",
     LEAVES: "leaves the certified set",
@@ -41,34 +57,34 @@ _WHAT: Final = {
 
 
 def region_section(
-    problem: Problem, regions: Regions, pictures: Sequence[doc.Picture]
-) -> Iterator[doc.Section]:
+    problem: Problem, regions: Regions, pictures: Sequence[Picture]
+) -> Iterator[Section]:
     """From which starts each method proves consensus; nothing where nothing is said about a
     region."""
     if not regions.tried:
         return
-    norms = TEXTS["fixed"]["norms"].format(size=problem.n * problem.m)
-    blocks: list[doc.Block] = [
-        doc.Text(asked_sentence(regions)),
-        doc.on_pages(doc.Pictures(pictures)),
+    norms = FIXED["norms"].format(size=problem.n * problem.m)
+    blocks: list[Block] = [
+        Text(asked_sentence(regions)),
+        on_pages(Pictures(pictures)),
         regions_table(regions, disturbed=bool(problem.groups)),
-        doc.Only(doc.READ, (doc.Text(norms, "caption"),)),
+        to_read(Text(norms, "caption")),
     ]
     if regions.agents:
-        blocks.append(doc.in_markdown(doc.Text(agents_sentence(regions))))
+        blocks.append(in_markdown(Text(agents_sentence(regions))))
     rest = rest_sentence(regions)
     if rest is not None:
-        blocks.append(doc.Only(doc.READ, (doc.Text(rest),)))
+        blocks.append(to_read(Text(rest)))
     timing = timing_sentences(regions)
     if timing:
-        told = doc.Section("Time, communication delay and sampling", (doc.List(timing),))
-        blocks.append(doc.Only(doc.READ, (told,)))
-    yield doc.Section("From which starts it is proved", blocks, "region", "Region")
+        told = Section("Time, communication delay and sampling", (List(timing),))
+        blocks.append(to_read(told))
+    yield Section("From which starts it is proved", blocks, "region", "Region")
 
 
-def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
+def regions_table(regions: Regions, *, disturbed: bool) -> Table:
     """One row per method; Markdown has sizes in columns of their own."""
-    markdown: tuple[doc.Form, ...] = ("markdown",)
+    markdown: tuple[Form, ...] = ("markdown",)
     settled = "settled after"
     if regions.tolerance is not None:
         settled = f"|e|∞ ≤ {lower(regions.tolerance)} after"
@@ -81,23 +97,23 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
             return NONE
         return "yes" if claim.covers else "no"
 
-    return doc.table_of(
+    return table_of(
         "Certified regions, method by method",
         regions.claims,
-        doc.Column("method", lambda claim: doc.Name((claim.method,), id=claim.id), 1.1),
-        doc.Column("verdict", lambda claim: mark_of(claim.verdict), 0),
-        doc.Column("certified", lambda claim: claim.starts, only=markdown),
-        doc.Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box), only=markdown),
-        doc.Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball), only=markdown),
-        doc.Column(
+        Column("method", lambda claim: Name((claim.method,), id=claim.id), 1.1),
+        Column("verdict", lambda claim: mark_of(claim.verdict), 0),
+        Column("certified", lambda claim: claim.starts, only=markdown),
+        Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box), only=markdown),
+        Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball), only=markdown),
+        Column(
             "|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()
         ),
-        doc.Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
-        doc.Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
-        doc.Column("factor", lambda claim: upper(claim.factor), 0.8, style="number"),
-        doc.Column(settled, time, 0.8, style="number"),
-        doc.Column("covers it", covers, 0.7),
-        doc.Column("why not further", limit_words, 1.7, style="why", only=doc.READ),
+        Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
+        Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
+        Column("factor", lambda claim: upper(claim.factor), 0.8, style="number"),
+        Column(settled, time, 0.8, style="number"),
+        Column("covers it", covers, 0.7),
+        Column("why not further", limit_words, 1.7, style="why", only=READ),
         cards=True,
     )
 
@@ -162,7 +178,7 @@ def timing_sentences(regions: Regions) -> list[str]:
 
 
 def _delay(check: Check) -> str:
-    text: str = TEXTS["fixed"]["late"]
+    text: str = FIXED["late"]
     late = _exact(check, "delay")
     if late and check.rate:
         text += (
@@ -185,7 +201,7 @@ def _sampling(check: Check) -> str:
         text += ", up to what the estimation error adds." if disturbed else "."
     # A reader would take a period of microseconds for a fault.
     if 0 < period * _FAST < 1:
-        text += TEXTS["fixed"]["short_period"]
+        text += FIXED["short_period"]
     return text
 
 
@@ -218,25 +234,23 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
 
-def settling_section(
-    settling: Settling | None, pictures: Sequence[doc.Picture]
-) -> Iterator[doc.Section]:
+def settling_section(settling: Settling | None, pictures: Sequence[Picture]) -> Iterator[Section]:
     """The proved settling time, and what proves it from when on; nothing without one."""
     if settling is None or settling.time is None:
         return
     how = "One certificate covers the whole time."
     if len(settling.stages) > 1:
-        how = TEXTS["fixed"]["moving_box"]
+        how = FIXED["moving_box"]
     blocks = (
-        doc.Text(settling_sentence(settling)),
-        doc.on_pages(doc.Pictures(pictures)),
-        doc.Text(how),
+        Text(settling_sentence(settling)),
+        on_pages(Pictures(pictures)),
+        Text(how),
         stages_table(settling),
     )
-    yield doc.Section("How fast it is proved to settle", blocks, "settling", "Settling")
+    yield Section("How fast it is proved to settle", blocks, "settling", "Settling")
 
 
-def stages_table(settling: Settling) -> doc.Table:
+def stages_table(settling: Settling) -> Table:
     """What proves the settling time, in the order in which it takes over."""
 
     def start(stage: Stage) -> str:
@@ -248,13 +262,13 @@ def stages_table(settling: Settling) -> doc.Table:
     def rate(stage: Stage) -> str:
         return NONE if stage.rate is None else lower(float_below(stage.rate))
 
-    return doc.table_of(
+    return table_of(
         "What proves the settling time",
         settling.stages,
-        doc.Column("proof", lambda stage: stage.kind),
-        doc.Column("from t =", start, style="number"),
-        doc.Column("where |e|∞ ≤", bound, style="number"),
-        doc.Column("rate in 1/s", rate, style="number"),
+        Column("proof", lambda stage: stage.kind),
+        Column("from t =", start, style="number"),
+        Column("where |e|∞ ≤", bound, style="number"),
+        Column("rate in 1/s", rate, style="number"),
     )
 
 
@@ -282,27 +296,27 @@ def envelope_alt(settling: Settling) -> str:
 
 
 def search_sections(
-    searches: Sequence[Falsification], pictures: Sequence[doc.Picture | None] = ()
-) -> tuple[doc.Section, ...]:
+    searches: Sequence[Falsification], pictures: Sequence[Picture | None] = ()
+) -> tuple[Section, ...]:
     """One section for each search; ``pictures``: one for each, where they are shown."""
     both = zip_longest(searches, pictures)
     return tuple(_search_section(search, picture) for search, picture in both)
 
 
-def _search_section(search: Falsification, picture: doc.Picture | None) -> doc.Section:
+def _search_section(search: Falsification, picture: Picture | None) -> Section:
     """What was tried and found, what is proved, the worst suspects, a warning, notes."""
-    blocks: list[doc.Block] = [doc.Text(f"{_tried(search)} {found_sentence(search)}")]
+    blocks: list[Block] = [Text(f"{_tried(search)} {found_sentence(search)}")]
     proved = equilibrium_sentences(search)
     if proved:
-        blocks.append(doc.List(proved))
+        blocks.append(List(proved))
     if picture is not None:
-        blocks.append(doc.on_pages(doc.Pictures((picture,))))
+        blocks.append(on_pages(Pictures((picture,))))
     if search.suspects:
         blocks.append(suspects_table(search))
     if any(each.kind != RESTS for each in search.suspects):
-        blocks.append(doc.Text(WARNING, "warning"))
-    blocks += [doc.Text(note) for note in search.notes]
-    return doc.Section(f"Search: {search.target}", blocks)
+        blocks.append(Text(WARNING, "warning"))
+    blocks += [Text(note) for note in search.notes]
+    return Section(f"Search: {search.target}", blocks)
 
 
 def _tried(search: Falsification) -> str:
@@ -357,17 +371,17 @@ def _states(suspect: Suspect) -> str:
     return f"{shown}, …" if len(suspect.start) > MOST_STATES else shown
 
 
-def suspects_table(search: Falsification) -> doc.Table:
+def suspects_table(search: Falsification) -> Table:
     """The worst suspects first, at most eight."""
-    return doc.table_of(
+    return table_of(
         "Suspects",
         search.suspects[:MOST_SUSPECTS],
-        doc.Column("what", lambda each: _WHAT[each.kind]),
-        doc.Column("|e|∞ at the start", _first_error),
-        doc.Column("|e|∞ at the end", lambda each: _last_error(each, "unbounded")),
-        doc.Column("after", lambda each: f"{number(float(each.times[-1]))} s"),
-        doc.Column("farthest from the target", lambda each: names_in_words(list(each.labels), 6)),
-        doc.Column("mode", _modes),
+        Column("what", lambda each: _WHAT[each.kind]),
+        Column("|e|∞ at the start", _first_error),
+        Column("|e|∞ at the end", lambda each: _last_error(each, "unbounded")),
+        Column("after", lambda each: f"{number(float(each.times[-1]))} s"),
+        Column("farthest from the target", lambda each: names_in_words(list(each.labels), 6)),
+        Column("mode", _modes),
     )
 
 

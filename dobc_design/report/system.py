@@ -6,12 +6,32 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from dobc_design._show.text import latex_matrix, latex_number
-from dobc_design.certificate.certificate import Certificate
 from dobc_design.description.words import caution_lines
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
-from dobc_design.report import document as doc
 from dobc_design.report import pictures, words
+from dobc_design.report.document import (
+    IN_TEXT,
+    Beside,
+    Block,
+    Column,
+    Facts,
+    Formula,
+    List,
+    Math,
+    Matrices,
+    Only,
+    Pictures,
+    Section,
+    ShownMatrix,
+    Table,
+    Text,
+    Words,
+    in_markdown,
+    on_pages,
+    table_of,
+)
+from dobc_design.report.findings import Findings
 from dobc_design.report.words import number
 
 if TYPE_CHECKING:
@@ -24,47 +44,49 @@ LONGEST_VECTOR = 12  # entries that are printed
 _SHARED = {latex for _, latex, _ in words.TEXTS["loop"]["disturbed"]}
 
 
-def loop_section(certificate: Certificate) -> doc.Section:
+def loop_section(found: Findings) -> Iterator[Section]:
     """The network as a drawing, beside it what the engineer has designed, in decimals; what looks
     like a slip."""
+    certificate = found.certificate
     drawn, legend = pictures.network_pictures(certificate)
-    picture = (doc.Pictures(drawn, small=True), doc.Text(legend, "caption"))
-    told: list[doc.Block] = [doc.Facts(words.loop_facts(certificate))]
-    for line in caution_lines(certificate.problem):
-        told.append(doc.Text(words.sentence(line), "warning"))
+    picture = (Pictures(drawn, small=True), Text(legend, "caption"))
+    told: list[Block] = [Facts(words.loop_facts(certificate))]
+    for line in caution_lines(found.problem):
+        told.append(Text(words.sentence(line), "warning"))
     notes = words.shown_notes(certificate)[:MOST_NOTES]
     if notes:
-        told.append(doc.Section("Given and assumed", (doc.List(notes),)))
+        told.append(Section("Given and assumed", (List(notes),)))
     # Several drawings need the whole width.
     if len(drawn) == 1:
-        both = doc.on_pages(doc.Beside((picture, told), second_wider=True))
+        both = on_pages(Beside((picture, told), second_wider=True))
     else:
-        both = doc.on_pages(*picture, *told)
-    return doc.Section("The loop", (both, doc.in_markdown(*told)), "loop")
+        both = on_pages(*picture, *told)
+    yield Section("The loop", (both, in_markdown(*told)), "loop")
 
 
-def problem_section(problem: Problem) -> doc.Section:
+def problem_section(found: Findings) -> Iterator[Section]:
     """The problem in a few sentences, and its equations with the numbers of the paper."""
-    blocks: list[doc.Block] = [doc.Text(words.problem_words(problem)), *_equations(problem)]
+    problem = found.problem
+    blocks: list[Block] = [Text(words.problem_words(problem)), *_equations(problem)]
     if problem.dynamics is not None:
-        blocks.append(doc.Matrices(tuple(_matrices(problem.dynamics))))
+        blocks.append(Matrices(tuple(_matrices(problem.dynamics))))
     blocks += [
-        doc.Only(("html", *doc.TEXTS), tuple(_functions(problem))),
-        doc.Only(("pdf",), (doc.Facts(tuple(_plain_functions(problem))),)),
-        doc.Text(_letters(problem)),
+        Only(("html", *IN_TEXT), tuple(_functions(problem))),
+        Only(("pdf",), (Facts(tuple(_plain_functions(problem))),)),
+        Text(_letters(problem)),
         *_listed("Each agent has the A, C and W of its group:", words.group_sentences(problem)),
         *_listed("Arcs with a coupling of their own:", words.exception_sentences(problem)),
     ]
-    return doc.Section("The problem", blocks, "problem", "Problem")
+    yield Section("The problem", blocks, "problem", "Problem")
 
 
-def _listed(head: str, sentences: Sequence[str]) -> Iterator[doc.Block]:
+def _listed(head: str, sentences: Sequence[str]) -> Iterator[Block]:
     if sentences:
-        yield doc.Text(head)
-        yield doc.List(sentences)
+        yield Text(head)
+        yield List(sentences)
 
 
-def _equations(problem: Problem) -> Iterator[doc.Formula]:
+def _equations(problem: Problem) -> Iterator[Formula]:
     """The equations of the loop, under the names that the template of the PDF has for them."""
     dynamics = problem.dynamics
     loop, disturbed = [], ""
@@ -81,7 +103,7 @@ def _equations(problem: Problem) -> Iterator[doc.Formula]:
     for name, latex, equation in words.TEXTS["loop"][" ".join(loop) or "plain"]:
         # The template of the PDF has the shared equations once.
         ending = disturbed if latex in _SHARED else kind
-        yield doc.Formula(_own(latex, problem), name, equation, name + ending)
+        yield Formula(_own(latex, problem), name, equation, name + ending)
 
 
 def _own(latex: str, problem: Problem) -> str:
@@ -98,24 +120,24 @@ def _own(latex: str, problem: Problem) -> str:
     return latex.replace("A_x x_i", "f(x_i)").replace(r"A_x \bar x_i", r"f(\bar x_i)")
 
 
-def _matrices(dynamics: Dynamics) -> Iterator[doc.ShownMatrix]:
+def _matrices(dynamics: Dynamics) -> Iterator[ShownMatrix]:
     """A_x and B of agents with [dynamics]."""
     if dynamics.A is not None:
         what = "how the state of an agent moves by itself, A of [dynamics]"
-        yield doc.ShownMatrix("A_x", what, dynamics.A)
-    yield doc.ShownMatrix("B", "how inputs, couplings and disturbance act on it", dynamics.B)
+        yield ShownMatrix("A_x", what, dynamics.A)
+    yield ShownMatrix("B", "how inputs, couplings and disturbance act on it", dynamics.B)
 
 
-def _functions(problem: Problem) -> Iterator[doc.Formula]:
+def _functions(problem: Problem) -> Iterator[Formula]:
     """What the problem itself gives, typeset: f, h and the target."""
     dynamics = problem.dynamics
     if dynamics is not None and dynamics.f is not None:
         f = _column(dynamics.latex, alone=dynamics.dimension == 1)
-        yield doc.Formula(f"f(x) = {f}", "own dynamics")
+        yield Formula(f"f(x) = {f}", "own dynamics")
     coupling = problem.coupling
     h = _column(coupling.latex, alone=coupling.by_component)
-    yield doc.Formula(f"h_{{ij}}(y) = {h}", "coupling")
-    yield doc.Formula(_target(problem), "target")
+    yield Formula(f"h_{{ij}}(y) = {h}", "coupling")
+    yield Formula(_target(problem), "target")
 
 
 def _column(latex: Sequence[str], *, alone: bool) -> str:
@@ -162,76 +184,77 @@ def _leader(problem: Problem) -> str:
     return rf"\dot s = {moves},\quad s(0) \in {starts}"
 
 
-def _letters(problem: Problem) -> doc.Words:
+def _letters(problem: Problem) -> Words:
     """What the letters of the equations mean."""
     heard = (
         "Here ",
-        doc.Math("N_i", "N_i"),
+        Math("N_i", "N_i"),
         " are the agents that i listens to, ",
-        doc.Math("w_ij", "w_{ij}"),
+        Math("w_ij", "w_{ij}"),
         " weights (1 unless said), ",
     )
     if problem.dynamics is not None:
         return (*heard, *_letters_of_errors(problem))
-    gain = (doc.Math("k_i", "k_i"), " the gain of a pin (a number or a matrix), 0 without one.")
+    gain = (Math("k_i", "k_i"), " the gain of a pin (a number or a matrix), 0 without one.")
     if not problem.offsets:
         return (*heard, *gain)
     keep = " Agents keep their formation: "
     measured = " is measured from the offset of agent i."
-    return (*heard, *gain, keep, doc.Math("x_i", "x_i"), measured)
+    return (*heard, *gain, keep, Math("x_i", "x_i"), measured)
 
 
-def _letters_of_errors(problem: Problem) -> Iterator[str | doc.Math]:
+def _letters_of_errors(problem: Problem) -> Iterator[str | Math]:
     """The letters that only agents with [dynamics] have, in their errors."""
     leader = problem.leader
     goal = "target" if leader is None else "leader s"
     if problem.offsets:
         goal += " plus its offset"
-    yield doc.Math("e_i", "e_i")
+    yield Math("e_i", "e_i")
     yield f" how far agent i is from the {goal}, "
-    yield doc.Math("K_i", "K_i")
+    yield Math("K_i", "K_i")
     gain = " the gain of a pin, 0 without one"
     if leader is not None:
         gain += " (pinned agents know s, the others do not)"
     # Beside a leader an agent without an offset is held by no constant input.
     if leader is None or problem.offsets:
         yield f"{gain}, and "
-        yield doc.Math("u⁰_i", "u^0_i")
+        yield Math("u⁰_i", "u^0_i")
         yield " the constant input that holds the agent at its goal."
     else:
         yield f"{gain}."
 
 
-def network_section(problem: Problem, analysis: Analysis | None) -> doc.Section:
+def network_section(found: Findings) -> Iterator[Section]:
     """Every mode in a sentence, the agents as a table, and facts about the graphs."""
+    problem, analysis = found.problem, found.analysis
     sentences = words.mode_sentences(problem)
-    blocks: list[doc.Block] = [doc.List(sentences)]
+    blocks: list[Block] = [List(sentences)]
     hidden = len(problem.network.modes) - len(sentences)
     if hidden:
-        blocks.append(doc.on_pages(doc.Text(f"And {hidden} more modes.")))
+        blocks.append(on_pages(Text(f"And {hidden} more modes.")))
     agents = words.agents_table(problem)
     if agents is not None:
         blocks.append(agents)
     if analysis is not None and analysis.graphs:
         blocks.append(_graphs(analysis))
-    return doc.Section("Who listens to whom", blocks, "network", "Network")
+    yield Section("Who listens to whom", blocks, "network", "Network")
 
 
-def _graphs(analysis: Analysis) -> doc.Table:
+def _graphs(analysis: Analysis) -> Table:
     def components(row: tuple[GraphFacts, ModeSpectrum]) -> str:
         graph = row[0]
         return "one" if graph.is_strongly_connected else str(len(graph.components))
 
     rows = list(zip(analysis.graphs, analysis.modes, strict=False))[:MOST_GRAPHS]
-    return doc.table_of(
+    return table_of(
         "Facts about the graph of each mode; eigenvalues in floating point, for orientation",
         rows,
-        doc.Column("mode", lambda row: row[0].mode, 1.4),
-        doc.Column("arcs", lambda row: str(row[0].arcs)),
-        doc.Column("strong components", components, 1.2),
-        doc.Column("balanced", lambda row: "yes" if row[0].balanced else "no"),
-        doc.Column("not reached", lambda row: words.names_in_words(row[0].unreached, 6), 1.2),
-        doc.Column("λmax(Λ) in 1/s", lambda row: number(row[1].lambda_max), 1.2, style="number"),
-        doc.Column("decay in 1/s", lambda row: number(row[1].decay_rate), 1.2, style="number"),
+        Column("mode", lambda row: row[0].mode, 1.4),
+        Column("arcs", lambda row: str(row[0].arcs)),
+        Column("strong components", components, 1.2),
+        Column("balanced", lambda row: "yes" if row[0].balanced else "no"),
+        Column("not reached", lambda row: words.names_in_words(row[0].unreached, 6), 1.2),
+        Column("λmax(Λ) in 1/s", lambda row: number(row[1].lambda_max), 1.2, style="number"),
+        Column("decay in 1/s", lambda row: number(row[1].decay_rate), 1.2, style="number"),
         cards=True,
     )

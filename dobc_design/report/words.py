@@ -60,6 +60,7 @@ OF_SIGNALS = ("schedule", "markov", "safety")
 GIVEN, FOUND = "the P given", "the P found"
 _TEXT = (files("dobc_design.report") / "templates" / "texts.toml").read_text("utf-8")
 TEXTS: Final[dict[str, Any]] = tomllib.loads(_TEXT)
+FIXED: Final[dict[str, Any]] = TEXTS["fixed"]
 #: Letters and signs as certificates write them.  Lambda and Psi may be labels, too: only where
 #: mathematics follows.
 _SIGNS = tuple(
@@ -96,8 +97,8 @@ def domain_words(domain: Domain) -> str:
         return said.get(str(domain), str(domain))
     # A box bounds every component by itself, a ball all of them together.
     norm = "|e|∞" if domain.kind == "box" else "|e|₂"
-    errors = f"every |εᵢ| ≤ {_number(domain.disturbance)}"
-    return f"starts with {norm} ≤ {_number(domain.radius)} and {errors}"
+    errors = f"every |εᵢ| ≤ {lower(domain.disturbance)}"
+    return f"starts with {norm} ≤ {lower(domain.radius)} and {errors}"
 
 
 def covering_domain(certificate: Certificate) -> Domain | None:
@@ -120,18 +121,13 @@ def facts(certificate: Certificate) -> dict[str, str]:
     proof = certificate.covered_by
     return {
         "Holds for": "–" if domain is None else domain_words(domain),
-        "Certified decay rate": "–" if rate is None else f"{_number(rate)} 1/s",
-        "Factor": factor_words(certificate.factor),
+        "Certified decay rate": "–" if rate is None else f"{lower(rate)} 1/s",
+        "Factor": upper(certificate.factor),
         "To one percent within": one_percent_words(certificate),
         "Shown by": KINDS[proof].name if proof in KINDS else "–",
         "Agents": str(certificate.problem.n),
         "Modes": str(len(certificate.problem.network.modes)),
     }
-
-
-def factor_words(factor: float | None) -> str:
-    """A factor of a bound, rounded up; an en dash where there is none."""
-    return upper(factor)
 
 
 def one_percent_words(certificate: Certificate) -> str:
@@ -148,11 +144,6 @@ def seconds(time: float) -> str:
 def number(value: float | None) -> str:
     """A rounded number as people write it."""
     return typeset(significant(None if value is None else value + 0.0))  # no -0
-
-
-def _number(value: object) -> str:
-    """A certified number, cut towards zero; a question mark for what is none."""
-    return lower(value) if isinstance(value, (int, float, Fraction)) else "?"
 
 
 def rational(value: object) -> Fraction | None:
@@ -233,15 +224,15 @@ class Meaning:
 
 def what_it_means(certificate: Certificate) -> Meaning:
     """What the overall verdict says, and what it does not."""
-    checks, texts = certificate.checks, TEXTS["fixed"]
+    checks = certificate.checks
     proved = _proved_of(certificate)
-    messages = texts["ideal"]
+    messages = FIXED["ideal"]
     if certificate.verdict is Verdict.PROVED:
         says, says_not = _proved(certificate), _left_open(certificate)
         timing = [each for each in proved if each.kind.role == "timing"]
         # The model has delays and sampling only where both are proved.
         if len(timing) == len(ids_of("timing")):
-            messages = texts["timed"]
+            messages = FIXED["timed"]
     else:
         own = TEXTS[certificate.verdict.value]
         says = [text.format(proved=len(proved), all=len(checks)) for text in own["says"]]
@@ -288,7 +279,7 @@ def _left_open(certificate: Certificate) -> list[str]:
     if isinstance(domain, Around):
         says_not.append("It says nothing about starts outside that set. They may converge or not.")
     elif domain == NEAR_TARGET:
-        says_not.append(TEXTS["fixed"]["local"])
+        says_not.append(FIXED["local"])
     if certificate.covered_by in OF_SIGNALS and certificate.covered_by != "safety":
         says_not.append("It says nothing about other signals.")
     return says_not
@@ -296,12 +287,12 @@ def _left_open(certificate: Certificate) -> list[str]:
 
 def _decay(certificate: Certificate) -> str:
     """How fast errors are proved to decay, with the factor where one is proved."""
-    rate = _number(certificate.rate)
+    rate = lower(certificate.rate)
     if certificate.factor is None:
         return f"The errors decay at least like exp(−{rate} t), t in seconds"
     beside = " plus what the estimation error adds" if certificate.problem.groups else ""
     return (
-        f"The errors stay below {factor_words(certificate.factor)} |e(0)| exp(−{rate} t){beside}, "
+        f"The errors stay below {upper(certificate.factor)} |e(0)| exp(−{rate} t){beside}, "
         f"t in seconds: one percent after {one_percent_words(certificate)}"
     )
 
@@ -313,10 +304,10 @@ def deployment_words(certificate: Certificate) -> str:
     held = rational(exact.get("sampling", {}).get("period"))
     allowed = []
     if late:
-        allowed.append(f"communication delays of up to {_number(late)} s")
+        allowed.append(f"communication delays of up to {lower(late)} s")
     if held:
         allowed.append(
-            f"couplings and pins that are held for up to {_number(held)} s between samples"
+            f"couplings and pins that are held for up to {lower(held)} s between samples"
         )
     covered = f"The proof allows {' or '.join(allowed)}. " if allowed else ""
     if certificate.problem.dynamics is not None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.certificate.files import make_folder, write_together
+from dobc_design.certificate.files import make_folder, write_folder
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
@@ -53,12 +53,10 @@ def write_report(
     Raises: CertificateError when the machine refuses, SpecError without the extra.
     """
     files = render_report(certificate, searches=searches, pdf=pdf, progress=progress)
-    target = make_folder(Path(folder))
     if latex:
-        inner = make_folder(target / "latex").name
-        files |= {f"{inner}/{name}": data for name, data in render_latex(certificate).items()}
-    write_together({target / name: data for name, data in files.items()})
-    return target / PAGE
+        make_folder(Path(folder, "latex"))
+        files |= {f"latex/{name}": data for name, data in render_latex(certificate).items()}
+    return write_folder(Path(folder), files)[0]
 
 
 def render_report(
@@ -156,10 +154,7 @@ def write_comparison(
     between the problems. ``pdf``: comparison.pdf too, which needs the extra `pdf`.
     Raises: CertificateError when the machine refuses, SpecError without the extra.
     """
-    pages = render_comparison(first, second, pdf=pdf)
-    target = make_folder(Path(folder))
-    write_together({target / name: data for name, data in pages.items()})
-    return target / next(iter(pages))
+    return write_folder(Path(folder), render_comparison(first, second, pdf=pdf))[0]
 
 
 def render_comparison(

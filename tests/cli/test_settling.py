@@ -68,10 +68,16 @@ def test_the_command_of_a_certificate_proves_the_same_from_the_same_starts(
     [
         (["--settling-radius", "1"], "--settling-radius has no meaning without --settling."),
         (["--settling", "1", "--settling-radius", "far"], "--settling-radius must be a number"),
-        (["--settling", "1", "--settling-radius", "0"], "settling_radius must be > 0"),
+        (["--settling", "1", "--settling-radius", "0"], "--settling-radius must be > 0"),
+        (["--settling", "0"], "--settling must be > 0"),
+        (
+            ["--settling", "1", "--settling-disturbance", "-1"],
+            "--settling-disturbance must be >= 0",
+        ),
+        (["--rate", "0"], "--rate must be > 0"),
     ],
 )
-def test_wrong_starts_of_a_settling_time_are_named(command_line, file: Path, options, words: str):
+def test_an_error_about_a_number_names_the_option(command_line, file: Path, options, words: str):
     ran = command_line("certify", str(file), "--no-report", *options)
     assert ran.code == 2
     assert words in ran.err

@@ -12,6 +12,7 @@ from dobc_design import Verdict, certify, load_problem
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.domain import Box
 from dobc_design.report.document import Beside, Section, Table, Text
+from dobc_design.report.findings import Findings
 from dobc_design.report.plant import MOST_ROWS, plant_numbers, plant_section
 from dobc_design.report.write import render_report
 
@@ -31,7 +32,7 @@ def checked(
 
 
 def parts(certificate: Any) -> dict[str, Section]:
-    (section,) = plant_section(certificate)
+    (section,) = plant_section(Findings(certificate=certificate))
     (beside,) = (each for each in section.blocks if isinstance(each, Beside))
     return {each.title: each for (each,) in beside.parts}
 
@@ -46,7 +47,7 @@ def test_assumptions_are_a_table_and_agents_with_the_same_bound_share_a_row(
     """A bound is never shown smaller than it is: 0.250001 is 0.2501."""
     bounds = {str(i): "0.250001" if i % 2 else "1/2" for i in range(1, 11)}
     found = certificate_of(problem_with(**TABLES), checks=(checked("accuracy", bounds=bounds),))
-    (section,) = plant_section(found)
+    (section,) = plant_section(Findings(certificate=found))
     assert section.blocks[0].rows == (
         ("unmodelled disturbance", "0.1"),
         ("error of every arc weight", "2 %"),
@@ -110,9 +111,11 @@ def test_in_one_line_each_only_what_is_proved_with_its_worst_agent(problem_with,
 
 def test_an_empty_table_of_actuators_asks_for_the_inputs_alone(problem_with, certificate_of):
     check = checked("actuators", rho="1", inputs={str(i): "25" for i in range(1, 11)})
-    (section,) = plant_section(certificate_of(problem_with(actuators={}), checks=(check,)))
+    bare = certificate_of(problem_with(actuators={}), checks=(check,))
+    (section,) = plant_section(Findings(certificate=bare))
     assert [type(block) for block in section.blocks] == [Beside]
-    assert list(plant_section(certificate_of(problem_with(uncertainty={}), checks=()))) == []
+    bare = certificate_of(problem_with(uncertainty={}), checks=())
+    assert list(plant_section(Findings(certificate=bare))) == []
 
 
 @pytest.mark.slow

@@ -12,14 +12,16 @@ from dobc_design.checker.examine import OF_GROUPS, REGIONAL
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.report.checks import ALONE, VERIFY, certify_command, fingerprints, trace_section
+from dobc_design.report.checks import ALONE, VERIFY, certify_command, trace_section
+from dobc_design.report.findings import Findings, fingerprints
 from dobc_design.verdict import Verdict
 
 PACKAGE = Path(dobc_design.__file__).parent
 
 
-def rows_of(checks):
-    return trace_section(checks).blocks[1].rows
+def rows_of(certificate):
+    (section,) = trace_section(Findings(certificate=certificate))
+    return section.blocks[1].rows
 
 
 def test_every_check_is_decided_in_modules_that_exist():
@@ -108,6 +110,6 @@ def test_both_reports_have_the_table_the_commands_and_lines_to_sign(certificate)
         ):
             assert words in text
         plain = text.replace("\\", "").replace("<wbr>", "")
-        for _, _, _, source, modules, *_ in rows_of(certificate.checks):
+        for _, _, _, source, modules, *_ in rows_of(certificate):
             assert modules.split(", ")[0] in plain
             assert source in plain

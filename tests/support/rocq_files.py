@@ -28,7 +28,7 @@ from dobc_design.certification import certify as certification
 from dobc_design.conditions.separable import stage as separable_room
 from dobc_design.errors import SpecError
 from dobc_design.export.rocq import motions
-from dobc_design.export.rocq.motions import Part, Rows, motions_proof
+from dobc_design.export.rocq.motions import Part, Row, Rows, motions_proof
 from dobc_design.problem.canonical import problem_sha256
 
 
@@ -232,7 +232,7 @@ def refused_in(ran: Ran, text: str) -> str:
 
 
 @cache
-def honest_parts() -> dict[tuple[int, int], tuple[Part, ...]]:
+def honest_parts() -> dict[tuple[int, int], list[Part]]:
     certificate = boxed("small")
     claim = separable(certificate).claim
     return {
@@ -248,14 +248,13 @@ def separable(certificate: Certificate) -> Any:
 def forged_proof(certificate: Certificate) -> str:
     """The file of a certificate that may claim what is false."""
     found = honest_parts()  # before the search is patched
-    searched, squares, honest = Rows._parts, motions._squares, separable(boxed("small")).claim.rho
+    searched, squares = Row.__dict__["parts"].func, motions._squares
+    honest = separable(boxed("small")).claim.rho
 
-    def parts(self: Rows, arcs: Any, agent: int, face: int, room: Fraction) -> list[Part]:
-        scale = self.rho / honest
-        ends = ((each.low * scale, each.high * scale) for each in found[agent, face])
-        return searched(self, arcs, agent, face, room) or [
-            self._part(arcs, agent, face, *each) for each in ends
-        ]
+    def parts(self: Row) -> list[Part]:
+        scale = self.rows.rho / honest
+        ends = ((each.low * scale, each.high * scale) for each in found[self.agent, self.face])
+        return searched(self) or [self._part(*each) for each in ends]
 
     def any_squares(M: Any) -> list[str]:
         try:
@@ -263,7 +262,10 @@ def forged_proof(certificate: Certificate) -> str:
         except SpecError:
             return []
 
-    with patch.object(Rows, "_parts", parts), patch.object(motions, "_squares", any_squares):
+    with (
+        patch.object(Row, "parts", property(parts)),
+        patch.object(motions, "_squares", any_squares),
+    ):
         return motions_proof(certificate)
 
 

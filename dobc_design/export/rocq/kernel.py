@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from dobc_design.errors import SolverError, SpecError
+from dobc_design.errors import SolverError, refused
 
 THEOREM: Final = "every_motion_converges"
 FILE: Final = "proof.v"
@@ -59,7 +59,7 @@ def judged(text: str) -> Judgement:
     missing, SolverError where it does not end in time or the machine fails."""
     coqc = shutil.which("coqc")
     if coqc is None:
-        raise SpecError("coqc is not installed.", key="--rocq", cure=CURE)
+        raise refused("--rocq", "coqc is not installed.", CURE)
     asked = subprocess.run([coqc, "--print-version"], capture_output=True, text=True, check=False)
     version = asked.stdout.split()
     begun, most = time.monotonic(), GIBIBYTES * 2**30
@@ -80,8 +80,7 @@ def judged(text: str) -> Judgement:
                 f"coqc did not end within {MINUTES} minutes, or could not run: {error}"
             ) from error
     if "Cannot find a physical path" in done.stderr or "Unable to locate library" in done.stderr:
-        message = "Coq is installed, but Coquelicot or Interval is not."
-        raise SpecError(message, key="--rocq", cure=CURE)
+        raise refused("--rocq", "Coq is installed, but Coquelicot or Interval is not.", CURE)
     said = done.stderr.rpartition("Error:")[2].split()
     return Judgement(
         accepted=done.returncode == 0,

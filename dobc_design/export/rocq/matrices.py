@@ -23,7 +23,7 @@ from dobc_design.conditions.consensus.claim import (
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, refused
 from dobc_design.exact.cholesky import Square, squares_of
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -192,8 +192,11 @@ def require_own(certificate: Certificate) -> None:
     """Raise SpecError for agents with [dynamics], and for a certificate about another problem."""
     certificate.problem.require_integrators("a proof for Rocq")
     if certificate.claims.problem_sha256 != problem_sha256(certificate.problem):
-        message = "the certificate is about another problem: its hash differs."
-        raise SpecError(message, key="problem_sha256", cure="Give the problem it was made for.")
+        raise refused(
+            "problem_sha256",
+            "the certificate is about another problem: its hash differs.",
+            "Give the problem it was made for.",
+        )
 
 
 def _head(certificate: Certificate, title: str) -> str:
@@ -232,9 +235,11 @@ def _proved_id(certificate: Certificate) -> str:
         if verdict is not Verdict.PROVED:
             title = id if mode is None else f"{id} ({mode})"
             said = "missing" if verdict is None else verdict.value
-            message = f"only a proved theorem can be exported; {title} is {said} in this "
-            cure = "Certify a problem for which it is proved."
-            raise SpecError(f"{message}certificate.", key="checks", cure=cure)
+            raise refused(
+                "checks",
+                f"only a proved theorem can be exported; {title} is {said} in this certificate.",
+                "Certify a problem for which it is proved.",
+            )
     return id
 
 
@@ -245,15 +250,19 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
         limit = f"at most {LARGEST_SIZE} rows, so that Coq ends within a quarter of an hour"
         raise _too_large(f"Psi must have {limit}; it has {size}.")
     if jacobians is None:
-        message = f"the theorem cannot be exported: {statements.inapplicable}"
-        cure = "Check the certificate with `dobc verify`."
-        raise SpecError(message, key="coupling.h", cure=cure)
+        raise refused(
+            "coupling.h",
+            f"the theorem cannot be exported: {statements.inapplicable}",
+            "Check the certificate with `dobc verify`.",
+        )
     if not all(mode.is_point for mode in jacobians.modes):
         bent = next(each for each in loop.functions if not _has_rational_slopes(each))
-        message = f'coupling "{"; ".join(bent.texts)}": its slope h\'(0) must be a rational '
-        message += "number, because Coq is given Psi in rationals; it is known as an interval only."
-        cure = "Use a coupling with a rational slope at 0, or rely on `dobc verify`."
-        raise SpecError(message, key="coupling.h", cure=cure)
+        raise refused(
+            "coupling.h",
+            f'coupling "{"; ".join(bent.texts)}": its slope h\'(0) must be a rational '
+            "number, because Coq is given Psi in rationals; it is known as an interval only.",
+            "Use a coupling with a rational slope at 0, or rely on `dobc verify`.",
+        )
     return jacobians
 
 
@@ -266,8 +275,9 @@ def _rate(certificate: Certificate, id: str) -> Fraction:
     rates = [check.rate for check in certificate.checks if check.id == id]
     known = [claimed(each) for each in rates if each]
     if not known or len(known) != len(rates):
-        message = f"the certificate claims no decay rate for {id}."
-        raise SpecError(message, key="rate", cure="Export it without one.")
+        raise refused(
+            "rate", f"the certificate claims no decay rate for {id}.", "Export it without one."
+        )
     return min(known)
 
 
@@ -311,9 +321,10 @@ def _work(factors: Factors) -> int:
 
 
 def _too_large(message: str) -> SpecError:
-    return SpecError(message, key="network", cure="`dobc verify` checks certificates of any size.")
+    return refused("network", message, "`dobc verify` checks certificates of any size.")
 
 
 def _unsound(message: str) -> SpecError:
-    cure = "Check the certificate with `dobc verify`, and make it again."
-    return SpecError(message, key="observer", cure=cure)
+    return refused(
+        "observer", message, "Check the certificate with `dobc verify`, and make it again."
+    )

@@ -33,7 +33,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, jet
 from dobc_design.coupling.expression import ATOM, POWER, Infix, Piece
 from dobc_design.coupling.tree import evaluate
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.exact.cholesky import squares_of
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
@@ -65,7 +65,7 @@ CALLS: Final = {name: f"{name} {{0}}" for name in ("exp", "sin", "cos", "atan", 
 
 
 Heard = tuple[int, Fraction, int]  # the speaker, the weight, the place of the coupling
-Cell = tuple[Interval, Interval, Interval]  # of arguments; h and h' there
+Cell = tuple[Interval, Interval, Interval]  # of arguments, with h and h' there; or h, h', h''
 
 
 def real(x: Fraction | int) -> str:
@@ -100,9 +100,12 @@ class RocqAlgebra(Infix):
 
     def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
         if name not in CALLS:
-            message = f"a coupling has {name}, which has no derivative everywhere or is not known "
-            message += "to Coq's Interval."
-            raise SpecError(message, key="coupling.h", cure=VERIFY)
+            raise refused(
+                "coupling.h",
+                f"a coupling has {name}, which has no derivative everywhere or is not known "
+                "to Coq's Interval.",
+                VERIFY,
+            )
         inside = (x.text if x.text.isalnum() else f"({x.text})" for x in arguments)
         return Piece(CALLS[name].format(*inside), ATOM)
 
@@ -134,20 +137,35 @@ class Part:
     arcs: tuple[Arc, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
-    """An agent in a mode on a face, 1 or -1 (the lower: couplings are mirrored, -h(-y)), and what
-    its pin leaves."""
+@dataclass(frozen=True)
+class Law:
+    """A coupling on a face, 1 or -1 (the lower: couplings are mirrored, -h(-y))."""
 
-    mode: int
-    agent: int
+    curve: Curve
     face: int
-    room: Fraction
-    parts: tuple[Part, ...]
 
-    @property
-    def name(self) -> str:
-        return f"{'upper' if self.face > 0 else 'lower'}_{self.mode}_{self.agent}"
+    def jet(self, Y: Interval) -> Cell:
+        """h, h' and h'' on Y."""
+        found = jet(self.curve, Y if self.face > 0 else -Y)
+        if found.curvature is None:
+            raise UndefinedError("it has a kink.")
+        value = found.value if self.face > 0 else -found.value
+        return value, found.slope, found.curvature * self.face
+
+    def cells(self, low: Fraction, high: Fraction) -> list[Cell]:
+        """A range of arguments in cells, with h and h' on each."""
+        cuts = [low + (high - low) * k / CUTS for k in range(CUTS + 1)]
+        cells = [Interval(a, b) for a, b in pairwise(cuts)]
+        return [(cell, *self.jet(cell)[:2]) for cell in cells]
+
+    def most(self, cells: Sequence[Cell]) -> Fraction:
+        """What the coupling does not exceed on cells, rounded up: where it is monotone, at an
+        end."""
+        tops = []
+        for cell, _, slope in cells:
+            where = _highest_end(cell, slope) if slope.sign else cell
+            tops.append(self.jet(where)[0].hi)
+        return Fraction(math.ceil(max(tops) * 2**20) + 1, 2**20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +196,7 @@ class Rows:
         """Whether a coupling rises as far as that."""
         found = {}
         for place, far in self.far.items():
-            cells = self._cells(place, 1, -far, far)
+            cells = Law(self.curves[place], 1).cells(-far, far)
             found[place] = all(slope.lo >= 0 for *_, slope in cells)
         return found
 
@@ -186,64 +204,83 @@ class Rows:
         """Every row, mode by mode, agent by agent.  Raises: SpecError if one has too little room,
         UndefinedError."""
         gains = holding_gains(loop_of(self.problem))
-        modes = list(self.problem.network.modes)
+        network = self.problem.network
+        modes = list(network.modes)
         for face, mode, i in product((1, -1), range(len(modes)), range(self.problem.n)):
             room = (gains[i] - self.claim.alpha) * self.claim.v[i]
-            parts = self._parts(self._heard(modes[mode], i), i, face, room)
-            if parts is None:
-                message = f"the row of agent {self.problem.network.labels[i]} in mode {modes[mode]}"
-                message += " has too little room for Coq."
-                raise SpecError(message, key="checks", cure=VERIFY)
-            yield Row(mode=mode, agent=i, face=face, room=room, parts=tuple(parts))
+            row = Row(rows=self, mode=mode, agent=i, face=face, room=room)
+            if not row.parts:
+                raise refused(
+                    "checks",
+                    f"the row of agent {network.labels[i]} in mode {modes[mode]}"
+                    " has too little room for Coq.",
+                    VERIFY,
+                )
+            yield row
 
-    def _heard(self, mode: str, agent: int) -> list[Heard]:
-        found = []
-        for i, j, weight in self.problem.network.modes[mode]:
-            if i == agent:
-                found.append((j, weight, self.problem.coupling_place(i, j)))
-        return found
 
-    def _parts(
-        self, arcs: Sequence[Heard], agent: int, face: int, room: Fraction
-    ) -> list[Part] | None:
-        """Parts of (0, rho] on which a row is seen to be at most ``room`` s; None if they are not
-        found."""
-        high = self.rho
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Row:
+    """An agent in a mode on a face, and what its pin leaves."""
+
+    rows: Rows
+    mode: int
+    agent: int
+    face: int
+    room: Fraction
+
+    @property
+    def name(self) -> str:
+        return f"{'upper' if self.face > 0 else 'lower'}_{self.mode}_{self.agent}"
+
+    def _law(self, place: int) -> Law:
+        return Law(self.rows.curves[place], self.face)
+
+    @cached_property
+    def _heard(self) -> list[Heard]:
+        problem = self.rows.problem
+        arcs = list(problem.network.modes.values())[self.mode]
+        own = [(j, weight) for i, j, weight in arcs if i == self.agent]
+        return [(j, weight, problem.coupling_place(self.agent, j)) for j, weight in own]
+
+    @cached_property
+    def parts(self) -> list[Part]:
+        """Parts of (0, rho] on which the row is seen to be at most ``room`` s; none if they are
+        not found."""
+        high = self.rows.rho
         found: list[Part] = []
         waiting: list[tuple[Fraction, Fraction]] = []
         # Near 0, where a row is 0, its slope has to decide: how far that is enough ...
         for _ in range(DEEPEST):
-            near = self._part(arcs, agent, face, Fraction(0), high)
+            near = self._part(Fraction(0), high)
             exact = all(arc.kind in ("rises", "rising", "falling") for arc in near.arcs)
-            if exact and self._holds(near, face, room):
+            if exact and self._holds(near):
                 found.append(near)
-                if high < self.rho:
-                    waiting.append((high, self.rho))
+                if high < self.rows.rho:
+                    waiting.append((high, self.rows.rho))
                 break
             high /= 2
         # ... and beyond, the row itself, on pieces as short as it takes.
         while waiting:
             low, high = waiting.pop()
-            part = self._part(arcs, agent, face, low, high)
+            part = self._part(low, high)
             middle = Fraction(round((low + high) * 2**19), 2**20)
-            if self._holds(part, face, room):
+            if self._holds(part):
                 found.append(part)
             elif len(found) + len(waiting) < MOST_PARTS and low < middle < high:
                 waiting += [(middle, high), (low, middle)]
             else:
-                return None
-        return found or None
+                return []
+        return found
 
-    def _part(
-        self, arcs: Sequence[Heard], agent: int, face: int, low: Fraction, high: Fraction
-    ) -> Part:
-        found = tuple(self._arc(each, agent, face, low, high) for each in arcs)
+    def _part(self, low: Fraction, high: Fraction) -> Part:
+        found = tuple(self._arc(each, low, high) for each in self._heard)
         return Part(low=low, high=high, near=low == 0, arcs=found)
 
-    def _arc(self, heard: Heard, agent: int, face: int, low: Fraction, high: Fraction) -> Arc:
+    def _arc(self, heard: Heard, low: Fraction, high: Fraction) -> Arc:
         j, weight, place = heard
-        v = self.claim.v
-        step, reach = v[j] - v[agent], v[j] + v[agent]
+        v = self.rows.claim.v
+        step, reach = v[j] - v[self.agent], v[j] + v[self.agent]
         arc = Arc(
             who=j,
             weight=Fraction(weight),
@@ -253,10 +290,11 @@ class Rows:
             high=max(low * step, high * step),
             step=step,
         )
-        if self.rising[place]:
+        if self.rows.rising[place]:
             return arc
         # Else look where in its range the coupling rises, and where it falls.
-        cells = list(self._cells(place, face, arc.low, arc.high))
+        law = self._law(place)
+        cells = law.cells(arc.low, arc.high)
         falling = [k for k, (*_, slope) in enumerate(cells) if slope.lo < 0]
         if not falling:
             return replace(arc, kind="rising")
@@ -264,67 +302,41 @@ class Rows:
             return replace(arc, kind="falling", step=-reach)
         # Behind the last cell in which it may fall it rises: is it above all before at both ends?
         turn = falling[-1] + 1
-        most = self._most(place, face, cells[:turn])
-        ends = [self._jet(place, face, Interval.point(s * step))[0].lo for s in (low, high)]
+        most = law.most(cells[:turn])
+        ends = [law.jet(Interval.point(s * step))[0].lo for s in (low, high)]
         if turn < len(cells) and most <= min(ends):
             return replace(arc, kind="peak", bound=most, turn=cells[turn][0].lo)
-        return replace(arc, kind="bounded", step=None, bound=self._most(place, face, cells))
+        return replace(arc, kind="bounded", step=None, bound=law.most(cells))
 
-    def _jet(self, place: int, face: int, Y: Interval) -> tuple[Interval, Interval, Interval]:
-        """h, h' and h'' on Y, mirrored on the lower face."""
-        found = jet(self.curves[place], Y if face > 0 else -Y)
-        if found.curvature is None:
-            raise UndefinedError("it has a kink.")
-        value = found.value if face > 0 else -found.value
-        return value, found.slope, found.curvature * face
-
-    def _cells(self, place: int, face: int, low: Fraction, high: Fraction) -> Iterator[Cell]:
-        """A range of arguments in cells, with h and h' on each."""
-        cuts = [low + (high - low) * k / CUTS for k in range(CUTS + 1)]
-        for a, b in pairwise(cuts):
-            cell = Interval(a, b)
-            value, slope, _ = self._jet(place, face, cell)
-            yield cell, value, slope
-
-    def _most(self, place: int, face: int, cells: Sequence[Cell]) -> Fraction:
-        """What a coupling does not exceed on cells, rounded up: where it is monotone, at an end."""
-        tops = []
-        for cell, _, slope in cells:
-            where = _highest_end(cell, slope) if slope.sign else cell
-            tops.append(self._jet(place, face, where)[0].hi)
-        return Fraction(math.ceil(max(tops) * 2**20) + 1, 2**20)
-
-    def _holds(self, part: Part, face: int, room: Fraction) -> bool:
+    def _holds(self, part: Part) -> bool:
         exact = all(arc.step is not None for arc in part.arcs)
         # A bound is a constant, however short the piece: halving it does not help for long.
         depth = DEEPEST if exact else 4
-        return self._below(part, face, room, Interval(part.low, part.high), depth)
+        return self._below(part, Interval(part.low, part.high), depth)
 
-    def _below(self, part: Part, face: int, room: Fraction, S: Interval, depth: int) -> bool:
+    def _below(self, part: Part, S: Interval, depth: int) -> bool:
         """Whether the row (near 0: its slope) is at most what the pin leaves, on S or in halves of
         it."""
-        value, slope = self._row(part, face, room, S)
+        value, slope = self._beyond(part, S)
         if value.hi <= 0:
             return True
         # A row that rises or falls is largest at an end.
-        if slope.sign and self._row(part, face, room, _highest_end(S, slope))[0].hi <= 0:
+        if slope.sign and self._beyond(part, _highest_end(S, slope))[0].hi <= 0:
             return True
-        if depth == 0:
-            return False
-        return all(self._below(part, face, room, half, depth - 1) for half in S.halves())
+        return depth > 0 and all(self._below(part, half, depth - 1) for half in S.halves())
 
-    def _row(self, part: Part, face: int, room: Fraction, S: Interval) -> tuple[Interval, Interval]:
+    def _beyond(self, part: Part, S: Interval) -> tuple[Interval, Interval]:
         """What the row (near 0: its slope) has beyond what the pin leaves, and its derivative by
         s."""
         none = Interval.point(Fraction(0))
-        value, slope = -S * room, none - room
+        value, slope = -S * self.room, none - self.room
         if part.near:
-            value, slope = none - room, none
+            value, slope = slope, none
         for arc in part.arcs:
             if arc.step is None:
                 value = value + (none + arc.bound) * arc.weight
                 continue
-            h, first, second = self._jet(arc.law, face, S * arc.step)
+            h, first, second = self._law(arc.law).jet(S * arc.step)
             if part.near:
                 value = value + first * arc.step * arc.weight
                 slope = slope + second * arc.step * (arc.step * arc.weight)
@@ -368,8 +380,11 @@ def motions_proof(certificate: Certificate) -> str:
     require_own(certificate)
     found = proved_in_states(certificate)
     if found is None:
-        message = "no max-separable proof is in this certificate."
-        raise SpecError(message, key="checks", cure="Give a [region], or certify with --all.")
+        raise refused(
+            "checks",
+            "no max-separable proof is in this certificate.",
+            "Give a [region], or certify with --all.",
+        )
     check, claim = found
     _refuse_what_is_not_written(problem)
     radius, off = Fraction(1), Fraction(bool(problem.q))
@@ -386,8 +401,9 @@ def motions_proof(certificate: Certificate) -> str:
     try:
         listed = list(rows.all())
     except UndefinedError as undefined:
-        message = f"a coupling is not smooth as far out: {undefined}"
-        raise SpecError(message, key="coupling.h") from undefined
+        raise refused(
+            "coupling.h", f"a coupling is not smooth as far out: {undefined}"
+        ) from undefined
     groups = [] if claims.W is None else _groups(problem, claims.W, error)
     group = {label: g for g, each in enumerate(problem.groups) for label in each.agents}
     return template("rocq_motions.v.j2").render(
@@ -418,16 +434,15 @@ def motions_proof(certificate: Certificate) -> str:
 def _refuse_what_is_not_written(problem: Problem) -> None:
     """Raise SpecError for what the library does not know, or what Coq would take too long for."""
     arcs = problem.network.modes.values()
-    refused = None
+    unknown = None
     if any(each.optional for each in arcs):
-        refused = "arcs that come and go"
+        unknown = "arcs that come and go"
     elif sum(map(len, arcs)) > MOST_ARCS:
-        refused = f"more than {MOST_ARCS} arcs"
+        unknown = f"more than {MOST_ARCS} arcs"
     elif any(len(each.exosystem.A) > MOST_STATES for each in problem.groups):
-        refused = f"exosystems of more than {MOST_STATES}"
-    if refused is not None:
-        message = f"a proof about motions is not made for {refused}."
-        raise SpecError(message, key="--rocq", cure=VERIFY)
+        unknown = f"exosystems of more than {MOST_STATES}"
+    if unknown is not None:
+        raise refused("--rocq", f"a proof about motions is not made for {unknown}.", VERIFY)
 
 
 def _law(coupling: Coupling) -> str:
@@ -489,8 +504,9 @@ def _squares(M: Matrix) -> list[str]:
     """The squares that M is the sum of.  Raises: SpecError if M is not positive semidefinite."""
     found = squares_of(SparseSymmetric.from_dense(M), strict=False)
     if found is None:
-        message = "the numbers of the observer do not prove what the certificate claims."
-        raise SpecError(message, key="observer")
+        raise refused(
+            "observer", "the numbers of the observer do not prove what the certificate claims."
+        )
     texts = []
     for each in found:
         terms = [f"a {each.pivot}%nat"]

@@ -110,6 +110,7 @@ def certify(
                 progress=progress,
             )
             found = _searched(certificate, progress, wanted=search)
+            certificate = found.certificate  # its options name the search
             cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
             pages: dict[str, bytes] = {}
             if report:
@@ -279,6 +280,7 @@ def region(
             problem, everything=everything, settling=settling, progress=progress
         )
         found = _searched(certificate, progress, wanted=search)
+        certificate = found.certificate
         document = _head(certificate) | certificate.regions.to_json()
         if search:
             document["searches"] = [each.to_json() for each in found.searches]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -18,7 +19,10 @@ class Word:
         return self.value
 
     def __str__(self) -> str:
-        return str(self.value)
+        """A text by itself, anything else as the JSON of the certificate."""
+        if isinstance(self.value, str):
+            return self.value
+        return json.dumps(self.value, ensure_ascii=False, default=str)
 
 
 class Everywhere(Word):

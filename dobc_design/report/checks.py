@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from dobc_design._show.text import capitalize_first, significant_towards_zero, upper
+from dobc_design._show.text import capitalize_first, upper
+from dobc_design._show.text import significant_towards_zero as _below
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
@@ -108,14 +109,8 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[Block]:
     def reason(check: Check) -> Reason:
         return _reason(check, own_cure=id(check) in own_cures)
 
-    def margin(check: Check) -> str:
-        return significant_towards_zero(check.margin)
-
-    def rate(check: Check) -> str:
-        return significant_towards_zero(check.rate)
-
     # Of very many checks those that are not proved are the ones to be seen.
-    ordered = sorted(range(len(checks)), key=lambda i: (_ORDER.index(checks[i].verdict), i))
+    ordered = sorted(range(len(checks)), key=lambda i: _ORDER.index(checks[i].verdict))
     yield table_of(
         "Checks with verdict, domain, margin, rate, factor and reason",
         # shown in the order in which they were made
@@ -124,8 +119,8 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[Block]:
         Column("condition", _name, 1.5),
         Column("id", lambda check: check.id, only=("markdown",)),
         Column("where", lambda check: domain_words(check.domain), 1.1),
-        Column("margin", margin, 0.8, unit="1/s", style="number"),
-        Column("rate", rate, 0.8, unit="1/s", style="number"),
+        Column("margin", lambda check: _below(check.margin), 0.8, unit="1/s", style="number"),
+        Column("rate", lambda check: _below(check.rate), 0.8, unit="1/s", style="number"),
         Column("factor", lambda check: upper(check.factor), 0.8, style="number"),
         Column("reason", reason, 3, style="why", only=READ),
         Column("reason", _brief_reason, 3, only=("latex",)),

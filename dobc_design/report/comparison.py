@@ -63,10 +63,12 @@ LONGEST_NAME = 30  # characters of a name in the footer
 LONGEST = 160  # and of a value
 
 Difference = tuple[str, str, str]  # a key, and its value in the first and in the second problem
+Sides = Mapping[str, Certificate]  # by their letters
 
 
 def comparison_document(first: Certificate, second: Certificate) -> Document:
     """Both certificates as one document."""
+    sides = dict(zip(SIDES, (first, second), strict=True))
     changed, count = differences(first.problem, second.problem)
     told = "The two problems are the same."
     if count:
@@ -74,24 +76,25 @@ def comparison_document(first: Certificate, second: Certificate) -> Document:
     if count > MOST_DIFFERENCES:
         told += f" The first {MOST_DIFFERENCES} are listed."
     identity: list[tuple[str, str]] = []
-    for letter, each in zip(SIDES, (first, second), strict=True):
+    for letter, each in sides.items():
         decided = f"{each.problem.name}, decided by dobc_design {each.claims.version}"
         identity.append((letter, decided))
         identity.append((f"SHA-256 of problem {letter}", each.claims.problem_sha256))
     a, b = first.problem.name, second.problem.name
+    compared = f"{a} and {b}, compared"
     again = Text(FIXED["compared"])
     return Document(
         kind="Two certificates of consensus, side by side",
-        name=f"{a} and {b}, compared",
-        title=f"{a} and {b}, compared",
+        name=compared,
+        title=compared,
         verdict=Box(mark=Mark("", "compared"), word=conclusion(first, second), reason=told),
         identity=identity,
         footer=f"A: {shortened(a, LONGEST_NAME)} · B: {shortened(b, LONGEST_NAME)}, compared",
         blocks=(
-            _certificates(first, second),
-            _problems(first, second, changed, told),
-            _checks(first, second),
-            *_starts(first, second),
+            _certificates(sides),
+            _problems(sides, changed, told),
+            _checks(sides),
+            *_starts(sides),
             Section("Check it yourself", (again,), "recheck"),
         ),
     )
@@ -123,11 +126,10 @@ def conclusion(first: Certificate, second: Certificate) -> str:
     )
 
 
-def _certificates(first: Certificate, second: Certificate) -> Section:
+def _certificates(sides: Sides) -> Section:
     """Both verdicts, and below them facts and notes."""
-    sides = list(zip(SIDES, (first, second), strict=True))
-    boxes = [(_box(letter, each),) for letter, each in sides]
-    one, other = _facts(first), _facts(second)
+    boxes = [(_box(letter, each),) for letter, each in sides.items()]
+    one, other = map(_facts, sides.values())
     rows = [(name, one[name], other[name]) for name in one]
     heads = [Column(head) for head in ("", *SIDES)]
     how = "Marked rows differ. Rates are rounded towards zero."
@@ -136,7 +138,7 @@ def _certificates(first: Certificate, second: Certificate) -> Section:
         _marked("Facts about both certificates", heads, rows),
         Only(("html",), (Text(how, "caption"),)),
     ]
-    for letter, each in sides:
+    for letter, each in sides.items():
         notes = each.claims.notes[:MOST_NOTES]
         if notes:
             blocks.append(Section(f"Notes of {letter}", (List(notes),)))
@@ -171,9 +173,7 @@ def _marked(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cel
     return Table(caption=caption, columns=columns, rows=rows, marked=marked)
 
 
-def _problems(
-    first: Certificate, second: Certificate, changed: Sequence[Difference], told: str
-) -> Section:
+def _problems(sides: Sides, changed: Sequence[Difference], told: str) -> Section:
     """What differs between the problems, and their networks."""
     blocks: list[Block] = [Text(told)]
     if changed:
@@ -182,18 +182,18 @@ def _problems(
         caption = "Keys of the problem file whose values differ"
         rows = [(key, shortened(a, LONGEST), shortened(b, LONGEST)) for key, a, b in changed]
         blocks.append(Table(caption=caption, columns=columns, rows=rows))
-    blocks += _networks(first, second)
+    blocks += _networks(sides)
     return Section("What differs between the problems", blocks, "differences", "Problems")
 
 
-def _networks(first: Certificate, second: Certificate) -> Iterator[Block]:
+def _networks(sides: Sides) -> Iterator[Block]:
     """The networks of A and of B beside each other; none where they are the same or too large."""
-    a, b = first.problem, second.problem
+    a, b = (each.problem for each in sides.values())
     # Two drawings that are the same would look as if they differed.
     if (a.network, a.pinning) == (b.network, b.pinning):
         return
     drawn = []
-    for letter, each in zip(SIDES, (first, second), strict=True):
+    for letter, each in sides.items():
         pictures, _ = network_pictures(each)
         if not pictures:
             return
@@ -206,11 +206,11 @@ def _networks(first: Certificate, second: Certificate) -> Iterator[Block]:
     yield on_pages(Beside(drawn))
 
 
-def _checks(first: Certificate, second: Certificate) -> Section:
+def _checks(sides: Sides) -> Section:
     """Every check that one of them has, in the order of A, then those that only B has; marked where
     they differ."""
-    a, b = ({(check.id, check.mode): check for check in each.checks} for each in (first, second))
-    keys = list({**a, **b})
+    a, b = ({(check.id, check.mode): check for check in each.checks} for each in sides.values())
+    keys = list(a | b)
     columns = [Column("condition", width=2.2)]
     columns += [Column(side, width=0) for side in SIDES]
     for what in ("margin", "rate", "factor"):
@@ -243,10 +243,10 @@ def _values(check: Check | None) -> tuple[Cell, ...]:
     return (mark_of(check.verdict), *numbers)
 
 
-def _starts(first: Certificate, second: Certificate) -> Iterator[Section]:
+def _starts(sides: Sides) -> Iterator[Section]:
     """The certified starts of every method that says something about starts."""
-    a, b = (_starts_of(each) for each in (first, second))
-    rows = [(name, a.get(name, ABSENT), b.get(name, ABSENT)) for name in {**a, **b}]
+    a, b = map(_starts_of, sides.values())
+    rows = [(name, a.get(name, ABSENT), b.get(name, ABSENT)) for name in a | b]
     if rows:
         columns = [Column("method"), *(Column(side, width=1.3) for side in SIDES)]
         table = _marked("Certified starts, method by method", columns, rows)
@@ -255,9 +255,8 @@ def _starts(first: Certificate, second: Certificate) -> Iterator[Section]:
 
 def _starts_of(certificate: Certificate) -> dict[str, str]:
     regions = certificate.regions
-    if not regions.tried:
-        return {}
-    return {claim.method: starts_words(claim) for claim in regions.claims}
+    claims = regions.claims if regions.tried else ()
+    return {claim.method: starts_words(claim) for claim in claims}
 
 
 def differences(first: Problem, second: Problem) -> tuple[list[Difference], int]:

@@ -76,7 +76,8 @@ def test_domains_in_words():
     assert domain_words(NEAR_TARGET) == "near the target"
     assert domain_words(Ball(1.5, 0)) == "starts with |e|₂ ≤ 1.5 and every |εᵢ| ≤ 0"
     assert domain_words(Box(1.5, 0.25)) == "starts with |e|∞ ≤ 1.5 and every |εᵢ| ≤ 0.25"
-    assert domain_words(domain_from_json({"kind": "box"})) == "{'kind': 'box'}"
+    assert domain_words(domain_from_json({"kind": "box"})) == '{"kind": "box"}'
+    assert domain_words(domain_from_json("<i>")) == "<i>"
 
 
 def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_with, certificate_of):

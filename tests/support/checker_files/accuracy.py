@@ -18,6 +18,7 @@ from functools import cache
 from typing import Any
 
 from certified import consensus_claims
+from texts import matrix, vector
 
 from checker_files.files import FAILS, HOLDS, Case, Document, scalar
 from checker_files.margins import REGION, SEEN, one, two
@@ -51,14 +52,14 @@ def accuracy(domain: Any, bounds: list[Any], *stages: Document, **exact: Any) ->
 LONE = accuracy(GLOBAL, ["2/25"], stage("1", level="2/25", alpha="1"))
 WIDE = stage("1", "2", level="1/4", alpha="1/20", rho="1")
 NEAR = stage("1", "3", level="0.08", alpha="1/20", rho="0.26")
-CURVED = accuracy(box(1), ["0.08", "0.24"], WIDE, NEAR)
+CURVED = accuracy(box(1), vector("0.08 0.24"), WIDE, NEAR)
 STEEP: dict[str, Any] = {
     "coupling": "y + y**3",
     "gains": {1: 2},
     "uncertainty": {"measurement": "1/50"},
 }
 STEEP_STAGE = stage("1/2", "1", level="3/5", alpha="1/1000000", rho="1")
-PASSED_ON = accuracy(box(0.5), ["3/10", "3/5"], STEEP_STAGE)
+PASSED_ON = accuracy(box(0.5), vector("3/10 3/5"), STEEP_STAGE)
 # With B = 2 w acts twice: e' = 2 (w - e) ends at 1/10.  Of (y1 + 5 y2, y2) the second component
 # pulls the first.
 TWICE = {
@@ -75,13 +76,13 @@ MIXED = {
 }
 # Row 1 of agent 2: 1 + 1/10 - 1 + 1/10 - 1 + alpha + (1/10)/level <= 0.
 SLANTED = MIXED | {"coupling": ["y1 + y2/10", "y2"]}
-SLOPES = [{"coupling": 0, "gains": [[["1", "1"], ["1/10", "1/10"]], [["0", "0"], ["1", "1"]]]}]
-UNIT = [["1", "0"], ["0", "1"]]
+SLOPES = [{"coupling": 0, "gains": [matrix("1 1; 1/10 1/10"), matrix("0 0; 1 1")]}]
+UNIT = matrix("1 0; 0 1")
 # Where agent 1 alone is pinned the integrals of the responses of agent 2 are 1 + 5 + 1 + 20 exp(-2)
 # in its first component, whose response to w_12 is 5 (t - t^2/2) exp(-t), and 1 + 1 in the second:
 # 0.97067 and 1/5, a little more in steps.
 PULLED = MIXED | {"gains": {1: 1}}
-WHOLE = {"1": ["0.1003", "0.1003"], "2": ["0.973", "0.2005"]}
+WHOLE = {"1": vector("0.1003 0.1003"), "2": vector("0.973 0.2005")}
 # The peak gains of the paper's observer are 1.33276, 0.70728 and 7.62999, a little more in these
 # steps: 0.48227 acts, and 2 level has to be as large.
 HARMONIC = peaks("1.3389", "0.7098", "7.6441", steps=150)
@@ -91,12 +92,12 @@ SHARP = accuracy(GLOBAL, ["0.2412"], stage("1", level="0.2412", alpha="1"), **HA
 # B, too: (3.03 + 4.0037)/50 + 0.40477 = 0.54545, and 2.97 level has to be as large: 0.18366.
 HELD = peaks("1.0019", "0.501", "4.0037", steps=100)
 SWITCHED = accuracy(
-    GLOBAL, ["0.0925", "0.185"], stage("1/2", "1", level="0.185", alpha="1/1000"), **HELD
+    GLOBAL, vector("0.0925 0.185"), stage("1/2", "1", level="0.185", alpha="1/1000"), **HELD
 )
 # Agent 2 hears 1 with w = 1, off by 1/10, k = 3, v = (1, 1): 0.20019 acts, and the observer adds
 # 1.0019/10 2 s: (3 - 0.20038) s >= 0.20019 from 0.07151 on; it would be 0.06673 if it knew.
 UNKNOWN = accuracy(
-    GLOBAL, ["0.0716", "0.0716"], stage("1", "1", level="0.0716", alpha="1/1000"), **HELD
+    GLOBAL, vector("0.0716 0.0716"), stage("1", "1", level="0.0716", alpha="1/1000"), **HELD
 )
 # kappa (beta - 0) v > 1, and 1 + 3/5 1/10 <= rho.  0.38541 + 0.12 * 0.225 <= tanh(0.45) = 0.42190.
 PART = {"P": [["1"]], "beta": "2", "kappa": "3/5", "size": "1"} | peaks(
@@ -104,7 +105,7 @@ PART = {"P": [["1"]], "beta": "2", "kappa": "3/5", "size": "1"} | peaks(
 )
 BOTH = accuracy(
     box(1, 0.1),
-    ["0.225", "0.675"],
+    vector("0.225 0.675"),
     stage("1", "3", level="0.225", alpha="1/25", rho="1.06"),
     **PART,
 )
@@ -210,7 +211,7 @@ def whole_loops() -> list[Case]:
         bent(*twice, "response: half of B", put("0.0999", "exact", "bounds", "1", 0)),
         bent(*mixed, "response: one step", put(1, "exact", "response", "steps")),
         bent(*mixed, "response: long steps", put("1/20", "exact", "response", "step")),
-        bent(*mixed, "response: a stranger", put(["1", "1"], "exact", "bounds", "3")),
+        bent(*mixed, "response: a stranger", put(vector("1 1"), "exact", "bounds", "3")),
         bent(*mixed, "response: one component", put(["1"], "exact", "bounds", "1")),
         bent(*mixed, "response: stages beside", put([], "exact", "stages")),
         bent(*mixed, "response: somewhere", put("consensus", "domain")),
@@ -240,9 +241,11 @@ def accuracy_cases() -> list[Case]:
     both = two(coupling="tanh(y)", uncertainty=ALL, region=BOX, **WATCHED), BOTH
     steep = two(**STEEP), PASSED_ON
     plane = stage("1", "1", "1", "1", level="1/4", alpha="1/4") | {"ranges": SLOPES}
-    turned = two(**SLANTED), accuracy(GLOBAL, [["1/4", "1/4"]] * 2, plane, T=UNIT)
-    by_component = accuracy(GLOBAL, ["2/25", "2/25"], stage("1", "1", level="2/25", alpha="1/10"))
-    wider = accuracy(GLOBAL, ["1/5", "1/5"], stage("1", "1", level="1/5", alpha="1/10"))
+    turned = two(**SLANTED), accuracy(GLOBAL, matrix("1/4 1/4") * 2, plane, T=UNIT)
+    by_component = accuracy(
+        GLOBAL, vector("2/25 2/25"), stage("1", "1", level="2/25", alpha="1/10")
+    )
+    wider = accuracy(GLOBAL, vector("1/5 1/5"), stage("1", "1", level="1/5", alpha="1/10"))
     far = ("exact", "stages", -1, "level"), ("exact", "bounds", "1")
     loose = [scaled("1000", *path) for path in far] + [
         scaled("100", "exact", "peaks", x) for x in PEAKS

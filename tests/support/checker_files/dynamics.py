@@ -24,6 +24,7 @@ from functools import cache
 from typing import Any
 
 from certified import consensus_claims
+from texts import matrix, vector
 
 from checker_files.files import (
     FAILS,
@@ -48,7 +49,7 @@ from dobc_design.problem.dynamics import Dynamics
 LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
 BOTH_WAYS, WIDE = network([[1, 2], [2, 1]], agents=2), {"initial_states": [-5, 5]}
 DOUBLE: dict[str, Any] = {
-    "dynamics": Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]),
+    "dynamics": Dynamics(A=matrix("0 1; 0 0"), B=matrix("0; 1")),
     "coupling": "y1 + 2*y2",
 }
 OWN = (
@@ -61,8 +62,8 @@ OWN = (
     "equilibrium",
     "accuracy",
 )
-D, V, R, RATE = ["4", "1"], ["1", "2"], [["2", "1"], ["1", "2"]], 0.125
-ALL_ONE = {"D": ["1", "1"], "w": {"G": ["1", "1"]}}
+D, V, R, RATE = vector("4 1"), vector("1 2"), matrix("2 1; 1 2"), 0.125
+ALL_ONE = {"D": vector("1 1"), "w": {"G": vector("1 1")}}
 
 
 def alike(rate: Any = RATE, id: str = "theorem1-weighted", **exact: Any) -> Document:
@@ -78,16 +79,16 @@ def problems() -> dict[str, Problem]:
         return line(dynamics=Dynamics(A=[[a]]), coupling=coupling, gains=gain and {1: gain}, **more)
 
     watched = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
-    planar = {"dynamics": Dynamics(A=[[-1, 0], [0, -1]]), "coupling": "y", "target": [0, 0]}
-    turned = planar | {"dynamics": Dynamics(A=[[-1, 0], [0, -1]], B=[[1, 1], [0, 1]])}
-    wide = Dynamics(A=[[-1, 0, 0], [0, -1, 0], [0, 0, -1]], B=[[1, 0], [0, 1], [0, 0]])
+    planar = {"dynamics": Dynamics(A=matrix("-1 0; 0 -1")), "coupling": "y", "target": [0, 0]}
+    turned = planar | {"dynamics": Dynamics(A=matrix("-1 0; 0 -1"), B=matrix("1 1; 0 1"))}
+    wide = Dynamics(A=matrix("-1 0 0; 0 -1 0; 0 0 -1"), B=matrix("1 0; 0 1; 0 0"))
     cubic = {"dynamics": Dynamics(f=["x - x**3"]), "coupling": "3*y", "gains": {1: 4}}
-    cubic["leader"] = {"initial": ["-1/2", "1/2"], "stays_in": [-1, 1]}
-    near = {"initial": ["-1/4", "1/4"], "stays_in": [-1, 1]}
+    cubic["leader"] = {"initial": vector("-1/2 1/2"), "stays_in": [-1, 1]}
+    near = {"initial": vector("-1/4 1/4"), "stays_in": [-1, 1]}
     still, at_0 = Dynamics(A=[[0]]), {"leader": {"initial": 0}}
-    groups = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-    drag = {"dynamics": Dynamics(A=[[0, 1], [0, -3]], B=[[0], [1]]), "gains": {1: [[1, 0]]}}
-    swing = Dynamics(f=["x2", "-sin(x1) - 3*x2"], B=[[0], [1]])
+    groups = Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0"))
+    drag = {"dynamics": Dynamics(A=matrix("0 1; 0 -3"), B=matrix("0; 1")), "gains": {1: [[1, 0]]}}
+    swing = Dynamics(f=["x2", "-sin(x1) - 3*x2"], B=matrix("0; 1"))
     return {
         "line": line(),
         "two modes": line(network=BOTH),
@@ -98,9 +99,9 @@ def problems() -> dict[str, Problem]:
         ),
         "two inputs a unit": alone("1/2", "-y", 1).replace(dynamics=Dynamics(A=[["1/2"]], B=[[2]])),
         "seen": line(**watched),
-        "seen by both": line(exosystem=scalar(0), observer=Observer(W=[["1/2", 2]])),
+        "seen by both": line(exosystem=scalar(0), observer=Observer(W=matrix("1/2 2"))),
         "seen slowly": line(exosystem=scalar(0), observer=Observer(W=[["1/9"]])),
-        "harmonic": line(exosystem=groups, observer=Observer(W=[["16/5"], ["12/5"]])),
+        "harmonic": line(exosystem=groups, observer=Observer(W=matrix("16/5; 12/5"))),
         "other gains": line(gains={1: [[1, 1]]}),
         "integrators": line(dynamics=None, target=[0, 0], coupling=["y1 + y2", "y2"]),
         "repelled": alone(1, "-y", [[-1]]),
@@ -113,7 +114,7 @@ def problems() -> dict[str, Problem]:
         "kinked": alone(-2, "abs(y)"),
         "planar": line(**planar),
         "turned": line(**turned),
-        "pendulum": line(dynamics=Dynamics(f=["x2", "-sin(x1) - x2"], B=[[0], [1]])),
+        "pendulum": line(dynamics=Dynamics(f=["x2", "-sin(x1) - x2"], B=matrix("0; 1"))),
         "bent": alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"])),
         "cubic pull": alone(0).replace(dynamics=Dynamics(f=["-x**3"])),
         "cubic push": alone(0, gain=1).replace(dynamics=Dynamics(f=["x**3"])),
@@ -125,7 +126,9 @@ def problems() -> dict[str, Problem]:
             region=WIDE,
         ),
         "led": line(**cubic),
-        "led near": line(**cubic | {"leader": near, "region": {"initial_states": ["-1/4", "1/4"]}}),
+        "led near": line(
+            **cubic | {"leader": near, "region": {"initial_states": vector("-1/4 1/4")}}
+        ),
         "led, unstable": alone("1/2", "y", 4, leader={"initial": [-1, 1]}),
         "second, still": line(
             network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE
@@ -214,7 +217,7 @@ def changed(name: str, problem: str, code: int = UNREADABLE, **changes: Any) -> 
 def dynamics_cases() -> list[Case]:
     one, negative = (
         {"R": [["1"]]},
-        {"D": ["1", "1"], "w": {"G": ["2", "1"]}, "c": "-1/2", "R": [["1"]]},
+        {"D": vector("1 1"), "w": {"G": vector("2 1")}, "c": "-1/2", "R": [["1"]]},
     )
     both = {"A": V, "B": V}
     lines = [
@@ -224,14 +227,14 @@ def dynamics_cases() -> list[Case]:
         ("a rate below 0", alike(-0.125), FAILS),
         ("c too large for the network", alike(None, c="3/4"), FAILS),
         ("c too small for R", alike(None, c="1/8"), FAILS),
-        ("w too steep", alike(w={"G": ["1", "4"]}), FAILS),
-        ("w too flat", alike(w={"G": ["1", "1"]}), FAILS),
+        ("w too steep", alike(w={"G": vector("1 4")}), FAILS),
+        ("w too flat", alike(w={"G": vector("1 1")}), FAILS),
         ("another mode", alike(w={"H": V}), FAILS),
         ("a mode too many", alike(w={"G": V, "H": V}), FAILS),
-        ("no positive D", alike(D=["4", "-1"]), FAILS),
-        ("weights for every component", alike(D=["4", "4", "1", "1"]), FAILS),
-        ("R is not symmetric", alike(R=[["2", "1"], ["11/10", "2"]]), FAILS),
-        ("R G is not symmetric", alike(R=[["2", "1"], ["1", "3"]]), FAILS),
+        ("no positive D", alike(D=vector("4 -1")), FAILS),
+        ("weights for every component", alike(D=vector("4 4 1 1")), FAILS),
+        ("R is not symmetric", alike(R=matrix("2 1; 11/10 2")), FAILS),
+        ("R G is not symmetric", alike(R=matrix("2 1; 1 3")), FAILS),
         ("R of another size", alike(**one), FAILS),
         ("a key too many", alike(P=[["1"]]), FAILS),
         ("a margin", alike() | {"margin": 1}, FAILS),
@@ -241,7 +244,10 @@ def dynamics_cases() -> list[Case]:
     ]
     found = [case(name, "line", check, code) for name, check, code in lines]
     # With w = (1, 3) N w = (1, 2), and the arc adds 4 g (2 - 3, -1); g = 1/4 leaves 0.
-    for name, w, code in (("by hand", ["8", "17"], HOLDS), ("the arc pulls", ["1", "3"], FAILS)):
+    for name, w, code in (
+        ("by hand", vector("8 17"), HOLDS),
+        ("the arc pulls", vector("1 3"), FAILS),
+    ):
         found.append(
             case(name, "comes and goes", alike(None, "theorem2-weighted", w={"G": w}), code)
         )
@@ -253,7 +259,7 @@ def dynamics_cases() -> list[Case]:
         case(
             "fails in the second",
             "two modes",
-            alike(id="theorem2-weighted", w=both | {"B": ["1", "4"]}),
+            alike(id="theorem2-weighted", w=both | {"B": vector("1 4")}),
             FAILS,
         ),
         case("by hand", "seen", alike(), HOLDS),
@@ -274,7 +280,7 @@ def dynamics_cases() -> list[Case]:
         case(
             "gains less than what the agents do",
             "unstable",
-            claim("theorem1-weighted", "global", None, ALL_ONE | {"w": {"G": ["1", "2"]}}),
+            claim("theorem1-weighted", "global", None, ALL_ONE | {"w": {"G": vector("1 2")}}),
             HOLDS,
         ),
         case(
@@ -287,7 +293,7 @@ def dynamics_cases() -> list[Case]:
         case("without a pin", "calm", None, HOLDS),
     ]
     box = {"kind": "box", "radius": 1, "disturbance": 0}
-    rows = claim("max-separable", box, 0.25, {"v": ["1", "1"], "alpha": "1/4", "rho": "1"})
+    rows = claim("max-separable", box, 0.25, {"v": vector("1 1"), "alpha": "1/4", "rho": "1"})
     found.append(case("rows do not know what is left of f", "bent", rows, FAILS))
     found.append(case("an equilibrium that f moves", "second", second_box(), FAILS))
     # Nobody is pinned, and x' = -x^3 comes to rest at the target; x' = x^3 - x leaves the box |e|
@@ -305,8 +311,8 @@ def dynamics_cases() -> list[Case]:
 
 def rows(low: str = "1", domain: Any = "global", rate: Any = 0.142, **exact: Any) -> Document:
     """Max-separable in coordinates, for gains of the arc between ``low`` and 1."""
-    T, gains = [["1", "0"], ["1", "1/2"]], [[["0", "0"], ["0", "0"]], [[low, "1"], ["0", "0"]]]
-    own: Document = {"T": T, "v": ["4", "3", "8", "7"], "alpha": "1/7", "rho": None}
+    T, gains = matrix("1 0; 1 1/2"), [matrix("0 0; 0 0"), [[low, "1"], vector("0 0")]]
+    own: Document = {"T": T, "v": vector("4 3 8 7"), "alpha": "1/7", "rho": None}
     return claim(
         "max-separable", domain, rate, own | {"ranges": [{"coupling": 0, "gains": gains}]} | exact
     )
@@ -324,7 +330,7 @@ def ends(
         "rho": None,
         "ranges": exact["ranges"],
     }
-    told = {"1": ["2/5", "7/5"], "2": ["4/5", "3"]} | dict(zip("12", bounds, strict=False))
+    told = {"1": vector("2/5 7/5"), "2": vector("4/5 3")} | dict(zip("12", bounds, strict=False))
     return claim(
         "accuracy", domain, None, {"stages": [stage], "bounds": told, "T": exact["T"]} | more
     )
@@ -347,30 +353,34 @@ def _coordinates() -> list[Case]:
     def swings(
         rho: str = "3/10", alpha: str = "3/20", low: str = "-3/4", one: str = "1", **exact: Any
     ) -> Document:
-        found = rows("1", box(0.6), 0.15, v=["4", "3"] * 2, alpha=alpha, rho=rho, **exact)
-        own = [[["0", "0"], [one, one]], [["-1", low], ["-3", "-3"]]]
+        found = rows("1", box(0.6), 0.15, v=vector("4 3") * 2, alpha=alpha, rho=rho, **exact)
+        own = [[vector("0 0"), [one, one]], [["-1", low], vector("-3 -3")]]
         found["exact"]["ranges"] = [*found["exact"]["ranges"], {"coupling": 1, "gains": own}]
         return found
 
     def mixed(low: str = "37/50", high: str = "63/50", rho: str = "1/8") -> Document:
-        gains = [[[low, high], ["-13/50", "13/50"]], [["0", "0"], ["1", "1"]]]
-        one = {"v": ["1"] * 4, "alpha": "12/25", "rho": rho, "T": [["1", "0"], ["0", "1"]]}
+        gains = [[[low, high], vector("-13/50 13/50")], matrix("0 0; 1 1")]
+        one = {"v": ["1"] * 4, "alpha": "12/25", "rho": rho, "T": matrix("1 0; 0 1")}
         return rows("1", box(0.125), 0.48, **one, ranges=[{"coupling": 0, "gains": gains}])
 
-    nothing, error = [["0", "0"]] * 3, {"P": [["1/4"]], "beta": "2", "kappa": "1/4", "size": "1/4"}
+    nothing, error = matrix("0 0") * 3, {"P": [["1/4"]], "beta": "2", "kappa": "1/4", "size": "1/4"}
     free = [
         {
             "coupling": 0,
-            "gains": [[["0", "1"], *nothing[:2]], [nothing[0], ["0", "1"], nothing[0]], nothing],
+            "gains": [
+                [vector("0 1"), *nothing[:2]],
+                [nothing[0], vector("0 1"), nothing[0]],
+                nothing,
+            ],
         }
     ]
     many = [
         {
             "coupling": 0,
             "gains": [
-                [["0", "1"], *[["0", "1/99"]] * 2],
-                [["0", "1/99"], ["0", "1"], ["0", "1/99"]],
-                [["0", "1/99"], *nothing[:2]],
+                [vector("0 1"), *matrix("0 1/99") * 2],
+                matrix("0 1/99; 0 1; 0 1/99"),
+                [vector("0 1/99"), *nothing[:2]],
             ],
         }
     ]
@@ -378,12 +388,16 @@ def _coordinates() -> list[Case]:
     straight = [
         {
             "coupling": 0,
-            "gains": [[["1", "1"], *nothing[:2]], [nothing[0], ["1", "1"], nothing[0]], nothing],
+            "gains": [
+                [vector("1 1"), *nothing[:2]],
+                [nothing[0], vector("1 1"), nothing[0]],
+                nothing,
+            ],
         }
     ]
 
     farther = swings()  # agent 2 reaches 1.32, where sin(r)/r is 0.7338
-    farther["exact"]["v"] = ["4", "3", "22/5", "33/10"]
+    farther["exact"]["v"] = vector("4 3 22/5 33/10")
 
     def plane(second: str) -> Document:
         v = ["1", second, "1"]
@@ -403,10 +417,10 @@ def _coordinates() -> list[Case]:
             ("a rate above alpha", rows(rate=0.143), FAILS),
             ("a rate of 0", rows(rate=0), FAILS),
             ("no rate", rows(rate=None), FAILS),
-            ("v too flat", rows(v=["4", "3", "8", "8"]), FAILS),
-            ("v of agents only", rows(v=["4", "8"]), FAILS),
-            ("T is singular", rows(T=[["1", "0"], ["1", "0"]]), FAILS),
-            ("T is the identity", rows(T=[["1", "0"], ["0", "1"]]), FAILS),
+            ("v too flat", rows(v=vector("4 3 8 8")), FAILS),
+            ("v of agents only", rows(v=vector("4 8")), FAILS),
+            ("T is singular", rows(T=matrix("1 0; 1 0")), FAILS),
+            ("T is the identity", rows(T=matrix("1 0; 0 1")), FAILS),
             ("T of another size", rows(T=[["1"]]), FAILS),
             ("gains that it does not have", rows(low="2"), FAILS),
             ("wider gains than the rows bear", rows(low="1/2"), FAILS),
@@ -454,15 +468,15 @@ def _coordinates() -> list[Case]:
             ("a level below what the rows bear", ends("99/1000"), FAILS),
             (
                 "a level above",
-                ends("101/1000", ["404/1000", "1414/1000"], ["808/1000", "303/100"]),
+                ends("101/1000", vector("404/1000 1414/1000"), vector("808/1000 303/100")),
                 HOLDS,
             ),
             ("bounds of a lower level", ends("101/1000"), FAILS),
             ("alpha that leaves no room", ends(alpha="1/13"), FAILS),
-            ("a bound too small", ends("1/10", ["2/5", "139/100"]), FAILS),
+            ("a bound too small", ends("1/10", vector("2/5 139/100")), FAILS),
             ("one bound for both components", ends("1/10", "3"), FAILS),
             ("a box", ends(domain=box(1)), FAILS),
-            ("T is the identity", ends(T=[["1", "0"], ["0", "1"]]), FAILS),
+            ("T is the identity", ends(T=matrix("1 0; 0 1")), FAILS),
         ],
         "three": [
             ("by hand", rows(T=unit, v=["1"] * 6, alpha="1", rate=1, ranges=free), HOLDS),
@@ -483,7 +497,7 @@ def _coordinates() -> list[Case]:
             ("gains that hold nearer only", mixed(rho="1/7"), FAILS),
             (
                 "no coordinates",
-                claim("max-separable", box(1), 1, {"v": ["1", "1"], "alpha": "1", "rho": "1"}),
+                claim("max-separable", box(1), 1, {"v": vector("1 1"), "alpha": "1", "rho": "1"}),
                 FAILS,
             ),
         ],
@@ -502,7 +516,7 @@ def _held() -> list[Case]:
     plain = case(
         "rows",
         "unstable",
-        claim("max-separable", "global", 0.25, {"v": ["1", "4"], "alpha": "1/4", "rho": None}),
+        claim("max-separable", "global", 0.25, {"v": vector("1 4"), "alpha": "1/4", "rho": None}),
         HOLDS,
     )
     found = [plain]
@@ -524,7 +538,7 @@ def cubic(low: str = "-12", high: str = "11/10", **more: Any) -> Document:
     """Of "led": f' = 1 - 3 x^2 is in [-11, 1] for s in [-1, 1] and |e| <= 1.  With A = 1 and gains
     between -12 and 11/10 g0 = -6.45, D = 6.55, and with tau = 1/(2 D) the inequality has [[-5.8,
     3], [3, -3.8]] + 2 rate I."""
-    ranges = [{"coupling": 0, "gains": [[["3", "3"]]]}, {"coupling": 1, "gains": [[[low, high]]]}]
+    ranges = [{"coupling": 0, "gains": [matrix("3 3")]}, {"coupling": 1, "gains": [[[low, high]]]}]
     form = {
         "method": "lure",
         "P_e": [[0, 0, "1"], [1, 1, "1"]],
@@ -532,7 +546,7 @@ def cubic(low: str = "-12", high: str = "11/10", **more: Any) -> Document:
         "radius": "1",
         "ranges": ranges,
     }
-    taus = {"multipliers": {"G": ["0", "10/131", "10/131"]}, "rate": "1/4"}
+    taus = {"multipliers": {"G": vector("0 10/131 10/131")}, "rate": "1/4"}
     return claim("lure", {"kind": "ball", "radius": 1, "disturbance": 0}, 0.25, form | taus | more)
 
 
@@ -548,7 +562,9 @@ def _led() -> list[Case]:
         case(
             "rows",
             "led, unstable",
-            claim("max-separable", "global", 0.25, {"v": ["1", "4"], "alpha": "1/4", "rho": None}),
+            claim(
+                "max-separable", "global", 0.25, {"v": vector("1 4"), "alpha": "1/4", "rho": None}
+            ),
             HOLDS,
         ),
         case("an equilibrium", "second, still", second_box(), HOLDS),
@@ -578,11 +594,11 @@ def _led() -> list[Case]:
     found.append(Case("led, unstable: late", json.dumps(late).encode(), found[6].problem, FAILS))
     for name, problem, changes in (
         ("no box", "led", {"stays_in": GONE}),
-        ("a box without all starts", "led", {"initial": [["-3/2", "1/2"]]}),
-        ("a box that is left above", "led", {"stays_in": [["-1", "1/2"]]}),
-        ("a box that is left below", "led", {"stays_in": [["-1/2", "1"]]}),
-        ("a larger box", "led", {"stays_in": [["-2", "2"]]}),
-        ("starts farther away", "led near", {"initial": [["-1/2", "1/2"]]}),
+        ("a box without all starts", "led", {"initial": matrix("-3/2 1/2")}),
+        ("a box that is left above", "led", {"stays_in": matrix("-1 1/2")}),
+        ("a box that is left below", "led", {"stays_in": matrix("-1/2 1")}),
+        ("a larger box", "led", {"stays_in": matrix("-2 2")}),
+        ("starts farther away", "led near", {"initial": matrix("-1/2 1/2")}),
     ):
         plain = case("", problem, cubic(), HOLDS)
         file = json.loads(plain.problem)
@@ -594,35 +610,33 @@ def _led() -> list[Case]:
 
 
 def _files() -> list[Case]:
-    flat = {"A": [["-1", "0"], ["0", "-1"]]}
+    flat = {"A": matrix("-1 0; 0 -1")}
     return [
         changed("version 1", "line", version=1),
         changed("a version 2 of integrators", "integrators", version=2),
         changed("dynamics are no object", "line", dynamics=[]),
         changed("no B", "line", dynamics__B=GONE),
         changed("B is no list", "line", dynamics__B={"0": 1}),
-        changed("B is a row", "line", dynamics__B=["1", "0"]),
+        changed("B is a row", "line", dynamics__B=vector("1 0")),
         changed("A and f", "line", dynamics__f=["x2", "0"]),
         changed("f in y", "pendulum", dynamics__f=["y2", "-sin(x1) - x2"]),
         changed("f of x3", "pendulum", dynamics__f=["x2", "-sin(x3) - x2"]),
         changed("f of x0", "pendulum", dynamics__f=["x2", "-sin(x0) - x2"]),
         changed("f is one text", "pendulum", dynamics__f="x2"),
         changed("f is too long", "pendulum", dynamics__f=["x2" + " + 0*x1" * 300, "-sin(x1) - x2"]),
-        changed("f is not rational at the target", "pendulum", target=["1", "0"]),
+        changed("f is not rational at the target", "pendulum", target=vector("1 0")),
         changed("f has a kink", "pendulum", dynamics__f=["x2", "1 - abs(x1 - 1) - x2"]),
         changed("f has an irrational slope", "pendulum", dynamics__f=["x2", "-exp(1)*x1 - x2"]),
         changed(
             "f does not rest at the target", "pendulum", dynamics__f=["x2 + 1", "-sin(x1) - x2"]
         ),
-        changed("a formation of pendulums", "pendulum", offsets=[[1, ["1", "0"]]]),
-        changed(
-            "a leader of integrators", "integrators", leader={"initial": [["0", "0"], ["0", "0"]]}
-        ),
+        changed("a formation of pendulums", "pendulum", offsets=[[1, vector("1 0")]]),
+        changed("a leader of integrators", "integrators", leader={"initial": matrix("0 0; 0 0")}),
         changed("a leader and a target", "led", target=["1"]),
         changed("a leader is null", "led", leader=None),
         changed("a leader without a start", "led", leader__initial=GONE),
-        changed("a leader between wrong ends", "led", leader__initial=[["1/2", "-1/2"]]),
-        changed("a key too many of a leader", "led", leader__box=[["-1", "1"]]),
+        changed("a leader between wrong ends", "led", leader__initial=matrix("1/2 -1/2")),
+        changed("a key too many of a leader", "led", leader__box=matrix("-1 1")),
         changed(
             "no inputs beside a leader",
             "led",
@@ -630,17 +644,17 @@ def _files() -> list[Case]:
             coupling__h=[],
             gains=[],
         ),
-        changed("A is not square", "line", dynamics__A=[["0", "1"]]),
+        changed("A is not square", "line", dynamics__A=matrix("0 1")),
         changed("a key too many", "line", dynamics__C=[["1"]]),
         changed("no inputs", "planar", dynamics=flat | {"B": [[], []]}, coupling__h=[], gains=[]),
-        changed("dependent columns", "planar", dynamics=flat | {"B": [["1", "1"], ["0", "0"]]}),
-        changed("a goal that nothing holds", "line", target=["0", "1"]),
-        changed("an offset that nothing holds", "line", offsets=[[1, ["0", "1"]]]),
+        changed("dependent columns", "planar", dynamics=flat | {"B": matrix("1 1; 0 0")}),
+        changed("a goal that nothing holds", "line", target=vector("0 1")),
+        changed("an offset that nothing holds", "line", offsets=[[1, vector("0 1")]]),
         changed("two expressions for one input", "line", coupling__h=["y1", "y2"]),
         changed("one expression in y for two inputs", "three", coupling__h="y"),
-        changed("a gain of all components", "line", gains=[[0, [["1", "0"], ["0", "1"]]]]),
+        changed("a gain of all components", "line", gains=[[0, matrix("1 0; 0 1")]]),
         changed("W is a number", "seen", observer__W=2),
         changed("W is an object", "seen", observer__W={"0": ["1"]}),
-        changed("W of neither width", "seen", observer__W=[["1", "0", "0"]]),
-        changed("C of all components", "seen", exosystem__C=[["1"], ["0"]]),
+        changed("W of neither width", "seen", observer__W=matrix("1 0 0")),
+        changed("C of all components", "seen", exosystem__C=matrix("1; 0")),
     ]

@@ -12,7 +12,7 @@ import shutil
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from certified import certified, consensus_claims, without_region
+from texts import matrix, vector
 
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
@@ -44,6 +45,7 @@ NOTHING: Document = {
 }
 NOTHING |= {"factor": GONE}
 OPEN: Document = {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
+SAYS_NOTHING: Document = {}
 LEFT_OPEN = ("", OPEN)
 OPTIONAL = ("theorem1-weighted", "tolerance")
 NO_PAIR, NO_GAIN = {"P": None, "Q": None}, ("observer", dict.fromkeys(("W", "source", "P", "Q")))
@@ -90,6 +92,54 @@ def accepted_by_package(case: Case) -> bool:
     with suppress(CertificateError, SpecError):
         return recheck(case.certificate, _read(case.problem)).holds
     return False
+
+
+@dataclass(frozen=True)
+class Forger:
+    """Makes the cases of a file of problems that have names.
+
+    ``make`` takes a name, an exit code, what is special and the checks that are put into the
+    certificate; words beside these are put into the whole.  ``change`` gives a check with some
+    places changed, and ``title`` says what stands before them in the name of a case.
+    """
+
+    make: Callable[..., Case]
+    change: Callable[..., Document]
+    title: Callable[[Document], str] = lambda check: "with"
+
+    def holds(self, name: str, what: str, *checks: Document | None, **overall: Any) -> Case:
+        return self.make(name, HOLDS, what, *checks, **overall)
+
+    def fails(self, name: str, what: str, *checks: Document | None, **overall: Any) -> Case:
+        return self.make(name, FAILS, what, *checks, **overall)
+
+    def wrong(
+        self,
+        name: str,
+        check: Document,
+        what: str = "",
+        *,
+        beside: Sequence[Document] = (),
+        says: Document = SAYS_NOTHING,
+        **changes: Any,
+    ) -> Case:
+        """The check after those of ``beside``, false by these changes."""
+        what = what or f"{self.title(check)} {str(changes)[:60]}"
+        return self.fails(name, what, *beside, self.change(check, **changes), **says)
+
+    def each_wrong(
+        self,
+        name: str,
+        check: Document,
+        *,
+        beside: Sequence[Document] = (),
+        says: Document = SAYS_NOTHING,
+        **values: Any,
+    ) -> Iterator[Case]:
+        """The check with one of the values at a time, of which none holds."""
+        for key, some in values.items():
+            for value in some:
+                yield self.wrong(name, check, beside=beside, says=says, **{key: value})
 
 
 def misjudged(cases: list[Case]) -> list[str]:
@@ -144,11 +194,13 @@ def problems() -> dict[str, Problem]:
         "small P": observed([[2]], [["1/100"]]),
         "negative P": observed([[2]], [[-1]]),
         "wrong P": observed(
-            [["16/5"], ["12/5"]], [[1, 0], [0, 100]], Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+            matrix("16/5; 12/5"),
+            [[1, 0], [0, 100]],
+            Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0")),
         ),
         "bad W": observed([[-1]]),
         "hidden": observed([[1]], exosystem=scalar(0, 0)),
-        "faint": held(exosystem=Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, 1]], C=[[0, 1, 0]])),
+        "faint": held(exosystem=Exosystem(A=matrix("0 1 0; 0 0 0; 0 0 1"), C=matrix("0 1 0"))),
         "calm bad W": observed(
             [[-1]], coupling="tanh(y)", region={"initial_states": [-1, 1], "initial_disturbance": 0}
         ),
@@ -286,12 +338,12 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("paper", ("observability", {"margin": 0}))
     yield bent("paper", ("observability", {"rate": 1}))
     yield bent("paper", ("observability", {"domain": "consensus"}))
-    yield bent("paper", ("observability", {"witness": {"kind": "vector", "values": ["1", "0"]}}))
+    yield bent("paper", ("observability", {"witness": {"kind": "vector", "values": vector("1 0")}}))
     for changes in (
         {"rate": 1.7},
         {"rate": -1},
         {"rate": 0},
-        {"exact": {"routh": ["1", "16/5"]}},
+        {"exact": {"routh": vector("1 16/5")}},
         {"exact": GONE},
     ):
         yield bent("paper", ("hurwitz", changes))
@@ -316,7 +368,7 @@ def _bent_claims() -> Iterator[Case]:
     )
     # Proofs.
     yield bent("plain", ("lemma1", {"exact": {}}))
-    yield bent("plain", ("lemma1", _vector(["1"], ["1", "0"])))
+    yield bent("plain", ("lemma1", _vector(["1"], vector("1 0"))))
     yield bent("plain", ("lemma1", {"margin": None}))
     yield bent("plain", ("lemma1", {"rate": 0}), ("", {"rate": 0}), optional=False)
     yield bent("plain", ("lemma1", {"rate": -1}), ("", {"rate": -1}), optional=False)
@@ -339,7 +391,9 @@ def _bent_claims() -> Iterator[Case]:
     yield bent(
         "plain", ("lemma1", {"exact": {"v": _doubles(1, 2, 3)}}), what="lemma1: a long vector"
     )
-    yield bent("plain", ("lemma1", {"exact": {"v": ["1", "2"]}}), what="lemma1: a vector of texts")
+    yield bent(
+        "plain", ("lemma1", {"exact": {"v": vector("1 2")}}), what="lemma1: a vector of texts"
+    )
     yield bent(
         "plain",
         ("lemma1", {"exact": {"v": _doubles(1, 2), "w": "1"}}),
@@ -370,10 +424,10 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("good P", ("theorem1-printed", {"exact": own | {"P": "1"}}), what="P is text")
     yield bent(
         "paper",
-        ("theorem1", {"exact": exact | {"P": [*exact["P"], ["0", "0"]]}}),
+        ("theorem1", {"exact": exact | {"P": [*exact["P"], vector("0 0")]}}),
         what="P has three rows",
     )
-    yield bent("paper", ("observer", {"Q": [["0"], ["0"]]}))
+    yield bent("paper", ("observer", {"Q": matrix("0; 0")}))
     yield bent("paper", ("observer", {"Q": None}))
     yield bent(
         "paper", ("theorem1", NOTHING), LEFT_OPEN, what="a pair without a proof", optional=False
@@ -390,11 +444,11 @@ def _bent_claims() -> Iterator[Case]:
     # Lambda <= -2 by the vector (1, 1), and S = 25 of P = 1/100.
     listed = {"P": [["1/100"]], "Q": [["1/50"]], "S": [["25"]], "bound": "-25"}
     pair = {"verdict": "proved", "exact": listed, "margin": 0, "rate": None, "witness": GONE}
-    vector = ("lemma1", {"exact": {"v": _doubles(1, 1)}})
-    yield bent("small P", vector, code=HOLDS, what="lemma1: its vector")
+    singled = ("lemma1", {"exact": {"v": _doubles(1, 1)}})
+    yield bent("small P", singled, code=HOLDS, what="lemma1: its vector")
     yield bent(
         "small P",
-        vector,
+        singled,
         ("theorem1-printed", pair),
         what="a pair with too large an S beside a vector",
     )
@@ -414,12 +468,12 @@ def _bent_claims() -> Iterator[Case]:
         {"exact": {"unstable_roots": "1/2"}},
     ):
         yield bent("loose", ("lemma1", changes))
-    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "-1"])))
-    yield bent("loose", ("lemma1", _vector([], ["0", "0"])))
-    yield bent("loose", ("lemma1", _vector(["1"], ["1", "1"])))
-    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1"], kind="agents")))
-    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1", "0"])))
-    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1"]) | {"margin": -1}))
+    yield bent("loose", ("lemma1", _vector(vector("1 2"), vector("1 -1"))))
+    yield bent("loose", ("lemma1", _vector([], vector("0 0"))))
+    yield bent("loose", ("lemma1", _vector(["1"], vector("1 1"))))
+    yield bent("loose", ("lemma1", _vector(vector("1 2"), vector("1 1"), kind="agents")))
+    yield bent("loose", ("lemma1", _vector(vector("1 2"), vector("1 1 0"))))
+    yield bent("loose", ("lemma1", _vector(vector("1 2"), vector("1 1")) | {"margin": -1}))
     yield bent("unstable", ("lemma1", {"margin": -9, "exact": {"unstable_roots": "1"}}))
     yield bent(
         "unstable, irrational",
@@ -459,8 +513,8 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
     yield bent("bad W", ("theorem1", {"witness": GONE}))
     yield bent("bad W", ("theorem1", {"exact": GONE}))
     without, refuted = ("observer", NO_PAIR), {"verdict": "refuted", "margin": None, "rate": None}
-    row = {"kind": "routh_row", "values": ["1", "-1"]}
-    lambda_ = refuted | _vector(["1", "2"], ["1", "1"])
+    row = {"kind": "routh_row", "values": vector("1 -1")}
+    lambda_ = refuted | _vector(vector("1 2"), vector("1 1"))
     for what, claim in (
         (
             "detectable",
@@ -503,7 +557,7 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
         )
         yield bent(name, ("theorem1-printed", {"exact": {"block": "Q"}}))
     yield bent(
-        "wrong P", ("theorem1-printed", {"witness": {"kind": "vector", "values": ["1", "0"]}})
+        "wrong P", ("theorem1-printed", {"witness": {"kind": "vector", "values": vector("1 0")}})
     )
     witness = {"kind": "vector", "values": ["1"]}
     claim = refuted | {"exact": {"block": "P"}, "witness": witness}
@@ -679,7 +733,7 @@ def _bent_frames() -> Iterator[Case]:
             code=UNREADABLE,
             what=f"W = {str(number)[:10]}",
         )
-    yield bent("given", ("observer", {"W": [["2", "0"]]}), code=UNREADABLE)
+    yield bent("given", ("observer", {"W": matrix("2 0")}), code=UNREADABLE)
 
 
 def _bent_problems() -> Iterator[Case]:
@@ -699,7 +753,7 @@ def _bent_problems() -> Iterator[Case]:
     ):
         yield _with("plain", ("coupling", "h"), h, what=f"h = {h[:20]}")
     yield _with("plain", ("coupling", "h"), ["y1", "y2"])
-    yield _with("plain", ("labels",), ["1", "1"])
+    yield _with("plain", ("labels",), vector("1 1"))
     yield _with("plain", ("labels",), [])
     yield _with("plain", ("modes",), [])
     arcs = json.loads(_originals()["plain"][1])["modes"]

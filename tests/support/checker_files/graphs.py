@@ -6,12 +6,15 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+from texts import matrix, vector
+
 from checker_files.files import (
     EACH_OTHER,
     FAILS,
     HOLDS,
     Case,
     Document,
+    Forger,
     as_written,
     network,
     scalar,
@@ -121,7 +124,10 @@ def _settings() -> dict[str, tuple[Document, Document]]:
 
 
 _FRAMES = Frames(_settings(), FRAME)
-_case, _fails = _FRAMES.case, _FRAMES.fails
+_FORGER = Forger(_FRAMES.case, bent)
+_case = _FRAMES.case
+_holds, _fails = _FORGER.holds, _FORGER.fails
+_wrong, _each_wrong = _FORGER.wrong, _FORGER.each_wrong
 
 
 def markov(domain: Any, pace: Any, kind: str, **exact: Any) -> Document:
@@ -146,7 +152,7 @@ def entered(check: Document, name: str, mode: str, *places: int, to: str) -> Doc
 # Agent 1: -1 w - w + w' + w_2 (in A), agent 2 in A: -w - w + w', in B: -w + w'. With 8/5, 1 and
 # 8/5, 8/5 the rows of agent 1 in A, -3/5 = -3/8 8/5, and of agent 2 in B, 1 - 8/5 = -3/8 8/5, have
 # no room.
-MEAN = markov(GLOBAL, 0.375, "mean", rate="3/8", w={"A": ["8/5", "1"], "B": ["8/5", "8/5"]})
+MEAN = markov(GLOBAL, 0.375, "mean", rate="3/8", w={"A": vector("8/5 1"), "B": vector("8/5 8/5")})
 # P = diag(1, 1) and diag(1, 2): in A [[2 r - 2, 1], [1, 2 r - 1]], up to r = 0.19098; in B 2 r - 2
 # and 4 r - 1.
 SQUARE = markov(
@@ -154,7 +160,7 @@ SQUARE = markov(
     0.19,
     "mean square",
     rate="0.19",
-    P={"A": [["1", "0"], ["0", "1"]], "B": [["1", "0"], ["0", "2"]]},
+    P={"A": matrix("1 0; 0 1"), "B": matrix("1 0; 0 2")},
 )
 SURE = markov(box(1), None, "almost sure", rho="1")
 EVERYWHERE = markov(GLOBAL, None, "almost sure", rho=None)
@@ -188,70 +194,57 @@ def graphs_cases() -> list[Case]:
 def _factors() -> Iterator[Case]:
     """P_A = I, and P_B has the eigenvalues 0.9901 and 2.0099: the factor of all pairs is
     sqrt(2.0300) = 1.42479, that beside P_A alone sqrt(2.0099) = 1.41771."""
-    forms = {"A": [["1", "0"], ["0", "1"]], "B": [["1", "1/10"], ["1/10", "2"]]}
+    forms = {"A": matrix("1 0; 0 1"), "B": matrix("1 1/10; 1/10 2")}
     for factor, code in ((1.43, HOLDS), (1.42, FAILS)):
         check = bent(SQUARE, P=forms, rate=0.1, own="1/10") | {"factor": factor}
-        yield _case("link", code, check, f"a factor of {factor}", factor=factor)
+        yield _case("link", code, f"a factor of {factor}", check, factor=factor)
 
 
 def _good() -> Iterator[Case]:
     yield from _factors()
     for name in ("link", "link, observed"):
-        yield _case(name, HOLDS, MEAN, "in the mean")
-        yield _case(name, HOLDS, SQUARE, "in mean square")
-    steep: Document = {"A": ["10", "1"], "B": ["10", "8/5"]}
-    yield _case("link, pi", HOLDS, bent(MEAN, rate=0.25, own="1/4", w=steep), "in the mean")
-    yield _case("link, stays", HOLDS, MEAN, "in the mean")
-    yield _case("two modes of three", HOLDS, EVERYWHERE, "almost surely")
+        yield _holds(name, "in the mean", MEAN)
+        yield _holds(name, "in mean square", SQUARE)
+    steep: Document = {"A": vector("10 1"), "B": vector("10 8/5")}
+    yield _holds("link, pi", "in the mean", bent(MEAN, rate=0.25, own="1/4", w=steep))
+    yield _holds("link, stays", "in the mean", MEAN)
+    yield _holds("two modes of three", "almost surely", EVERYWHERE)
     third: Document = {
         "exact": {"modes": ["C"]},
         "witness": {"kind": "agents", "labels": ["2", "3"]},
     }
-    yield _case("two sets", HOLDS, APART | third, "apart", **REFUTED)
-    yield _case(
-        "link", HOLDS, bent(MEAN, w={"A": doubles(1.625, 1), "B": doubles(1.625, 1.625)}), "doubles"
+    yield _holds("two sets", "apart", APART | third, **REFUTED)
+    yield _holds(
+        "link", "doubles", bent(MEAN, w={"A": doubles(1.625, 1), "B": doubles(1.625, 1.625)})
     )
     for name in ("curved", "curved, stays", "sine", "kinked"):
-        yield _case(name, HOLDS, bent(SURE, domain=box(0.7), rho="0.7"), "almost surely")
-    yield _case("curved, observed", HOLDS, SEEN, "almost surely")
-    yield _case("link", HOLDS, EVERYWHERE, "almost surely")
-    yield _case("link, lost", HOLDS, APART, "apart", **REFUTED)
-    yield _case("curved, lost", HOLDS, bent(APART, domain="consensus"), "apart", **REFUTED)
+        yield _holds(name, "almost surely", bent(SURE, domain=box(0.7), rho="0.7"))
+    yield _holds("curved, observed", "almost surely", SEEN)
+    yield _holds("link", "almost surely", EVERYWHERE)
+    yield _holds("link, lost", "apart", APART, **REFUTED)
+    yield _holds("curved, lost", "apart", bent(APART, domain="consensus"), **REFUTED)
     for name in ("moving", "moving, held", "link"):
-        yield _case(name, HOLDS, SAFE, "safe")
-    yield _case("moving, flat", HOLDS, safety(box(1), None, "1"), "safe")
-    yield _case("moving, half", HOLDS, safety(box(1), None, "1"), "safe")
-    yield _case("moving, held", HOLDS, HELD, "held")
-    yield _case("moving, one mode", HOLDS, NEAR, "held")
-    yield _case("moving, sine", HOLDS, bent(NEAR, domain=box(0.78), rho="0.785"), "below pi/4")
-    yield _case("moving, observed", HOLDS, FOLLOWED, "held")
+        yield _holds(name, "safe", SAFE)
+    yield _holds("moving, flat", "safe", safety(box(1), None, "1"))
+    yield _holds("moving, half", "safe", safety(box(1), None, "1"))
+    yield _holds("moving, held", "held", HELD)
+    yield _holds("moving, one mode", "held", NEAR)
+    yield _holds("moving, sine", "below pi/4", bent(NEAR, domain=box(0.78), rho="0.785"))
+    yield _holds("moving, observed", "held", FOLLOWED)
 
 
 def _bent_means() -> Iterator[Case]:
-    yield from _fails(
-        "link",
-        MEAN,
-        {"own": "0.3751"},
-        {"rate": 0.3751},
-        {"rate": 0},
-        {"rate": None},
-        {"rate": -0.1},
+    yield _wrong("link", MEAN, own="0.3751")
+    yield from _each_wrong("link", MEAN, rate=[0.3751, 0, None, -0.1])
+    yield from _each_wrong("link", MEAN, own=["-3/8", None])
+    yield _wrong("link", MEAN, domain=box(1))
+    yield _wrong("link", MEAN, kind="median")
+    yield from _each_wrong(
+        "link", MEAN, w=[{"A": vector("8/5 1")}, {"A": ["8/5"], "B": ["8/5"]}, []]
     )
-    yield from _fails(
-        "link", MEAN, {"own": "-3/8"}, {"own": None}, {"domain": box(1)}, {"kind": "median"}
-    )
-    yield from _fails(
-        "link", MEAN, {"w": {"A": ["8/5", "1"]}}, {"w": {"A": ["8/5"], "B": ["8/5"]}}, {"w": []}
-    )
-    yield from _fails(
-        "link",
-        MEAN,
-        {"kind": "mean square"},
-        {"kind": "almost sure"},
-        {"kind": None},
-        {"verdict": "refuted"},
-    )
-    yield from _fails("link", MEAN, {"w": {**MEAN["exact"]["w"], "C": ["1", "1"]}})
+    yield from _each_wrong("link", MEAN, kind=["mean square", "almost sure", None])
+    yield _wrong("link", MEAN, verdict="refuted")
+    yield _wrong("link", MEAN, w={**MEAN["exact"]["w"], "C": vector("1 1")})
     for mode, place, to in (
         ("A", 0, "1.5999"),
         ("B", 0, "1.6001"),
@@ -259,92 +252,67 @@ def _bent_means() -> Iterator[Case]:
         ("A", 1, "1.0001"),
         ("A", 1, "0"),
     ):
-        yield _case("link", FAILS, entered(MEAN, "w", mode, place, to=to), f"{mode}, {place}: {to}")
-    yield _case(
-        "link", FAILS, entered(entered(MEAN, "w", "A", 1, to="-1"), "w", "B", 1, to="-1"), "below 0"
+        yield _fails("link", f"{mode}, {place}: {to}", entered(MEAN, "w", mode, place, to=to))
+    yield _fails(
+        "link", "below 0", entered(entered(MEAN, "w", "A", 1, to="-1"), "w", "B", 1, to="-1")
     )
-    yield _case("link, slow observer", FAILS, MEAN, "an observer no faster")
-    yield _case(
-        "link, slow observer", HOLDS, bent(MEAN, rate=0.3749, own="0.3749"), "a faster observer"
-    )
-    yield _case("link, slow observer", FAILS, bent(SQUARE, own="3/8"), "a slower observer")
+    yield _fails("link, slow observer", "an observer no faster", MEAN)
+    yield _holds("link, slow observer", "a faster observer", bent(MEAN, rate=0.3749, own="0.3749"))
+    yield _wrong("link, slow observer", SQUARE, "a slower observer", own="3/8")
     for name in ("curved", "link, any signal", "link, one mode", "list"):
-        yield _case(name, FAILS, MEAN, "in the mean")
+        yield _fails(name, "in the mean", MEAN)
     # Without a weight nothing is said of agent 2, and no row asks for one.
-    yield _case("link", FAILS, bent(MEAN, w={"A": ["1", "0"], "B": ["1", "0"]}), "a weight of 0")
+    yield _wrong("link", MEAN, "a weight of 0", w={"A": vector("1 0"), "B": vector("1 0")})
     # -y: agent 2 grows in A, unless the sign is overlooked: -w_A2 counts +1.
-    yield _case("link, falling", FAILS, MEAN, "falling")
-    falls: Document = {"A": ["1", "1e-9"], "B": ["1", "1"]}
-    yield _case("link, falling", FAILS, bent(MEAN, w=falls, own="1e-9", rate=1e-10), "falling")
+    yield _fails("link, falling", "falling", MEAN)
+    falls: Document = {"A": vector("1 1e-9"), "B": vector("1 1")}
+    yield _wrong("link, falling", MEAN, "falling", w=falls, own="1e-9", rate=1e-10)
     for mode, row, column, to in (
         ("B", 1, 1, "1.6"),
         ("A", 1, 1, "0.95"),
         ("A", 0, 0, "0.99"),
         ("A", 0, 1, "0.001"),
     ):
-        yield _case(
-            "link",
-            FAILS,
-            entered(SQUARE, "P", mode, row, column, to=to),
-            f"{mode}: {row}, {column}: {to}",
+        yield _fails(
+            "link", f"{mode}: {row}, {column}: {to}", entered(SQUARE, "P", mode, row, column, to=to)
         )
-    negative = {"A": [["-1", "0"], ["0", "-1"]], "B": [["-1", "0"], ["0", "-2"]]}
+    negative = {"A": matrix("-1 0; 0 -1"), "B": matrix("-1 0; 0 -2")}
     long = {
         **SQUARE["exact"]["P"],
-        "A": [["1", "0"], ["0", "1" + "0" * 5000 + "/" + "1" + "0" * 4999 + "7"]],
+        "A": [vector("1 0"), ["0", "1" + "0" * 5000 + "/" + "1" + "0" * 4999 + "7"]],
     }
-    yield from _fails(
-        "link",
-        SQUARE,
-        {"own": "0.1911"},
-        {"P": negative},
-        {"domain": box(1)},
-        {"rate": 0.2},
-        {"P": long},
-    )
-    grows = {"A": [["-1", "0"], ["0", "-1"]], "B": [["-1", "0"], ["0", "-1"]]}
-    yield _case("pushed", FAILS, bent(SQUARE, P=grows, own="1e-3", rate=1e-3), "negative")
-    yield _case("link", FAILS, bent(SQUARE, kind="median"), "of another kind")
+    yield _wrong("link", SQUARE, own="0.1911")
+    yield from _each_wrong("link", SQUARE, P=[negative, long])
+    yield _wrong("link", SQUARE, domain=box(1))
+    yield _wrong("link", SQUARE, rate=0.2)
+    grows = {"A": matrix("-1 0; 0 -1"), "B": matrix("-1 0; 0 -1")}
+    yield _wrong("pushed", SQUARE, "negative", P=grows, own="1e-3", rate=1e-3)
+    yield _wrong("link", SQUARE, "of another kind", kind="median")
     # A saddle in A: [[-1, 1], [1, -6]]; in B [[-3, -1], [-1, -4]].
-    saddle = {"A": [["-1", "0"], ["0", "1"]], "B": [["1", "0"], ["0", "1"]]}
-    yield _case(
-        "pushed, stays",
-        FAILS,
-        bent(SQUARE, P=saddle, own="1e-3", rate=1e-3),
-        "not positive definite",
-    )
+    saddle = {"A": matrix("-1 0; 0 1"), "B": matrix("1 0; 0 1")}
+    yield _wrong("pushed, stays", SQUARE, "not positive definite", P=saddle, own="1e-3", rate=1e-3)
     # Agents that push each other apart: with the sign of their slopes every row would hold.
-    apart: Document = {"A": ["1", "1"], "B": ["2/5", "1/2"]}
-    yield _case("pushed", FAILS, bent(MEAN, w=apart, own="1e-3", rate=1e-3), "falling")
-    yield _case("link, any signal", FAILS, SQUARE, "no guarantee")
-    yield _case("curved", FAILS, SQUARE, "not linear")
+    apart: Document = {"A": vector("1 1"), "B": vector("2/5 1/2")}
+    yield _wrong("pushed", MEAN, "falling", w=apart, own="1e-3", rate=1e-3)
+    yield _fails("link, any signal", "no guarantee", SQUARE)
+    yield _fails("curved", "not linear", SQUARE)
 
 
 def _bent_sure() -> Iterator[Case]:
-    yield from _fails(
-        "curved",
-        SURE,
-        {"rho": "0.999"},
-        {"domain": box(1.001)},
-        {"rho": None},
-        {"rate": 0.1},
-        {"own": "1"},
-    )
-    yield from _fails(
-        "curved",
-        SURE,
-        {"domain": ball(1)},
-        {"domain": GLOBAL},
-        {"rho": "-1"},
-        {"domain": box(1, 0.1)},
-    )
-    yield from _fails("link", EVERYWHERE, {"domain": box(1)}, {"rate": 0.1})
-    yield _case("curved", FAILS, EVERYWHERE, "no rho")
+    yield from _each_wrong("curved", SURE, rho=["0.999", None])
+    yield _wrong("curved", SURE, domain=box(1.001))
+    yield _wrong("curved", SURE, rate=0.1)
+    yield _wrong("curved", SURE, own="1")
+    yield from _each_wrong("curved", SURE, domain=[ball(1), GLOBAL, box(1, 0.1)])
+    yield _wrong("curved", SURE, rho="-1")
+    yield _wrong("link", EVERYWHERE, domain=box(1))
+    yield _wrong("link", EVERYWHERE, rate=0.1)
+    yield _fails("curved", "no rho", EVERYWHERE)
     for name in ("curved, lost", "link, any signal", "flat", "half", "other half", "list"):
-        yield _case(name, FAILS, SURE, "almost surely")
+        yield _fails(name, "almost surely", SURE)
     for name in ("link, lost", "outward", "two sets", "link, falling"):
-        yield _case(name, FAILS, EVERYWHERE, "almost surely")
-    yield _case("sine", FAILS, bent(SURE, domain=box(0.7), rho="0.79"), "it falls")
+        yield _fails(name, "almost surely", EVERYWHERE)
+    yield _wrong("sine", SURE, "it falls", domain=box(0.7), rho="0.79")
     name = "curved, observed"
     sizes: tuple[Document, ...] = (
         {"kappa": "0.4999"},
@@ -352,17 +320,15 @@ def _bent_sure() -> Iterator[Case]:
         {"size": "0.9999"},
         {"P": [["0.9999"]]},
     )
-    yield from _fails(
-        name,
-        SEEN,
-        *sizes,
-        {"kappa": "-1/2", "beta": "-2"},
-        {"rho": "1.2499"},
-        {"domain": box(1, 0.501)},
-    )
-    yield from _fails(name, SEEN, {"rho": "0.9"}, {"beta": "1.9999"})
-    yield _case(name, FAILS, SURE, "no P")
-    yield _case("curved", FAILS, SEEN, "P without an exosystem")
+    for change in sizes:
+        yield _wrong(name, SEEN, **change)
+    yield _wrong(name, SEEN, kappa="-1/2", beta="-2")
+    yield _wrong(name, SEEN, rho="1.2499")
+    yield _wrong(name, SEEN, domain=box(1, 0.501))
+    yield _wrong(name, SEEN, rho="0.9")
+    yield _wrong(name, SEEN, beta="1.9999")
+    yield _fails(name, "no P", SURE)
+    yield _fails("curved", "P without an exosystem", SEEN)
 
 
 def _bent_apart() -> Iterator[Case]:
@@ -374,71 +340,51 @@ def _bent_apart() -> Iterator[Case]:
         {"modes": ["X"]},
         {},
     ):
-        yield _case("link, lost", FAILS, APART | {"exact": exact}, str(exact), **REFUTED)
+        yield _fails("link, lost", str(exact), APART | {"exact": exact}, **REFUTED)
     for labels in (["1"], ["1", "2"], [], ["2", "2"], ["3"]):
-        yield _case(
+        yield _fails(
             "link, lost",
-            FAILS,
-            APART | {"witness": {"kind": "agents", "labels": labels}},
             str(labels),
+            APART | {"witness": {"kind": "agents", "labels": labels}},
             **REFUTED,
         )
-    yield _case(
+    yield _fails(
         "link, lost",
-        FAILS,
-        APART | {"witness": {"kind": "vector", "labels": ["2"]}},
         "a vector",
+        APART | {"witness": {"kind": "vector", "labels": ["2"]}},
         **REFUTED,
     )
     bare = {key: value for key, value in APART.items() if key != "witness"}
-    yield _case("link, lost", FAILS, bare, "no witness", **REFUTED)
-    yield from _fails(
-        "link, lost", APART, {"rate": 0.1}, {"domain": "consensus"}, {"verdict": "proved"}
-    )
+    yield _fails("link, lost", "no witness", bare, **REFUTED)
+    yield _wrong("link, lost", APART, rate=0.1)
+    yield _wrong("link, lost", APART, domain="consensus")
+    yield _wrong("link, lost", APART, verdict="proved")
     for name in ("link", "link, stays", "link, any signal"):
-        yield _case(name, FAILS, APART, "apart")
-    yield _case("link", FAILS, APART | {"exact": {"modes": ["A", "B"]}}, "apart")
-    yield _case(
+        yield _fails(name, "apart", APART)
+    yield _fails("link", "apart", APART | {"exact": {"modes": ["A", "B"]}})
+    yield _fails(
         "link",
-        FAILS,
-        APART | {"exact": {"modes": []}, "witness": {"kind": "agents", "labels": ["1", "2"]}},
         "none",
+        APART | {"exact": {"modes": []}, "witness": {"kind": "agents", "labels": ["1", "2"]}},
     )
 
 
 def _bent_safety() -> Iterator[Case]:
-    yield from _fails(
-        "moving", SAFE, {"rate": 0.1}, {"own": "1/2"}, {"domain": box(1)}, {"rho": "1"}
+    yield _wrong("moving", SAFE, rate=0.1)
+    yield _wrong("moving", SAFE, own="1/2")
+    yield _wrong("moving", SAFE, domain=box(1))
+    yield _wrong("moving", SAFE, rho="1")
+    yield _fails("moving", "agent 2 is not pinned", HELD)
+    yield _fails(
+        "moving", "no proof of consensus", SAFE, verdict="proved", covered_by="safety", rate=None
     )
-    yield _case("moving", FAILS, HELD, "agent 2 is not pinned")
-    yield _case(
-        "moving",
-        FAILS,
-        SAFE,
-        "no proof of consensus",
-        verdict="proved",
-        covered_by="safety",
-        rate=None,
-    )
-    yield from _fails(
-        "moving, held",
-        HELD,
-        {"own": "0.501"},
-        {"rate": 0.501},
-        {"rate": None},
-        {"rate": 0},
-        {"own": None},
-    )
-    yield from _fails("moving, held", HELD, {"own": "-1"}, {"verdict": "refuted"})
-    yield from _fails(
-        "moving, one mode",
-        NEAR,
-        {"rho": "0.999"},
-        {"domain": box(1.001)},
-        {"domain": ball(1)},
-        {"rho": None},
-    )
-    yield _case("moving, sine", FAILS, bent(NEAR, domain=box(0.78), rho="0.786"), "beyond pi/4")
+    yield from _each_wrong("moving, held", HELD, own=["0.501", None])
+    yield from _each_wrong("moving, held", HELD, rate=[0.501, None, 0])
+    yield _wrong("moving, held", HELD, own="-1")
+    yield _wrong("moving, held", HELD, verdict="refuted")
+    yield from _each_wrong("moving, one mode", NEAR, rho=["0.999", None])
+    yield from _each_wrong("moving, one mode", NEAR, domain=[box(1.001), ball(1)])
+    yield _wrong("moving, sine", NEAR, "beyond pi/4", domain=box(0.78), rho="0.786")
     name = "moving, observed"
     sizes: tuple[Document, ...] = (
         {"kappa": "0.666"},
@@ -446,42 +392,39 @@ def _bent_safety() -> Iterator[Case]:
         {"size": "0.9999"},
         {"P": [["0.9999"]]},
     )
-    yield from _fails(
-        name,
-        FOLLOWED,
-        *sizes,
-        {"rho": "1.333"},
-        {"domain": box(1, 0.501)},
-        {"kappa": "-2/3", "beta": "-1"},
-    )
-    yield _case(name, FAILS, NEAR, "no P")
-    yield _case("moving, falling", FAILS, SAFE, "it falls")
-    yield _case("moving, outward", FAILS, SAFE, "a gain pushes outward")
-    yield _case("moving, list", FAILS, SAFE, "a list")
+    for change in sizes:
+        yield _wrong(name, FOLLOWED, **change)
+    yield _wrong(name, FOLLOWED, kappa="-2/3", beta="-1")
+    yield _wrong(name, FOLLOWED, rho="1.333")
+    yield _wrong(name, FOLLOWED, domain=box(1, 0.501))
+    yield _fails(name, "no P", NEAR)
+    yield _fails("moving, falling", "it falls", SAFE)
+    yield _fails("moving, outward", "a gain pushes outward", SAFE)
+    yield _fails("moving, list", "a list", SAFE)
 
 
 def _unstable() -> Iterator[Case]:
     """An unstable mode in which no signal may stay refutes nothing, nor does a place of rest."""
     place = second_box()
     place["exact"]["mode"] = "A"
-    yield _case("second, any signal", HOLDS, place, "another equilibrium", **REFUTED)
-    yield _case("second, in turn", FAILS, place, "another equilibrium", **REFUTED)
+    yield _holds("second, any signal", "another equilibrium", place, **REFUTED)
+    yield _fails("second, in turn", "another equilibrium", place, **REFUTED)
     left: Document = {"verdict": "undecided"}
     for name in ("pushed", "pushed, leaves", "pushed, not long", "pushed, in turn"):
-        yield _case(name, HOLDS, None, "left open", **left)
-        yield _case(name, FAILS, None, "refuted")
+        yield _holds(name, "left open", None, **left)
+        yield _fails(name, "refuted", None)
     for name in ("pushed, stays", "pushed, dwell", "pushed, over and over", "pushed, arbitrary"):
-        yield _case(name, HOLDS, None, "refuted")
-        yield _case(name, FAILS, None, "left open", **left)
+        yield _holds(name, "refuted", None)
+        yield _fails(name, "left open", None, **left)
 
 
 def _bent_problems() -> Iterator[Case]:
     """Problem files that the package does not write."""
-    for rates in ([["-1", "1"], ["1/2", "-1"]], [["1", "-1"], ["1", "-1"]], [["0"]], None):
+    for rates in (matrix("-1 1; 1/2 -1"), matrix("1 -1; 1 -1"), [["0"]], None):
         document = json.loads(_FRAMES.problem("link"))
         document["switching"]["generator"] = rates
         # Means would decay.
         check = markov(
-            GLOBAL, 0.001, "mean", rate="1/1000", w={"A": ["8/5", "1"], "B": ["8/5", "8/5"]}
+            GLOBAL, 0.001, "mean", rate="1/1000", w={"A": vector("8/5 1"), "B": vector("8/5 8/5")}
         )
-        yield _case("link", FAILS, check, f"bent problem, {rates}", as_written(document))
+        yield _fails("link", f"bent problem, {rates}", check, as_written(document))

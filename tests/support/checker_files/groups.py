@@ -10,6 +10,7 @@ from typing import Any
 import sympy as sp
 from certified import certified, consensus_claims
 from networks import linked
+from texts import matrix, vector
 
 from checker_files.files import (
     FAILS,
@@ -31,7 +32,7 @@ from dobc_design import Exosystem, Group, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 
-RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
+RAMP = Exosystem(A=matrix("0 1; 0 0"), C=matrix("1 0"))
 SLOW, GROWING = Observer(W=[[1]]), Observer(W=[[-1]])
 
 
@@ -56,8 +57,8 @@ def problems() -> dict[str, Problem]:
     pairs = {"printed": 1, "small P": "1/100", "negative P": -1}
     calm, noisy = ({"initial_states": [-1, 1], "initial_disturbance": s} for s in (0, "1/10"))
     line, turned = (
-        Exosystem(A=[[0]], C=[[1], [2]]),
-        Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0], [0, 1]]),
+        Exosystem(A=[[0]], C=matrix("1; 2")),
+        Exosystem(A=matrix("0 0; 0 -1"), C=matrix("1 0; 0 1")),
     )
     three = [
         Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]])),
@@ -150,23 +151,23 @@ def _bent_claims() -> Iterator[Case]:
         (("lemma1", None, {"group": "1"}), "a group on Lemma 1"),
         (("theorem1", None, {"group": "1"}), "a group on the theorem"),
         (("hurwitz", "1", {"rate": 2.5}), "a rate above 2"),
-        (("hurwitz", "1", {"exact": {"routh": ["1", "3"]}}), "another Routh column"),
+        (("hurwitz", "1", {"exact": {"routh": vector("1 3")}}), "another Routh column"),
     ):
         yield bent("given", change, what=what)
     yield bent("given", ("hurwitz", "1", {"rate": 1.99}), what="a rate below 2", code=HOLDS)
     # Lambda = [[-4, 2], [2, -4]], lambda_max = -2; S = 1/(4 p) and 1/(4 p'): the margin is below 2.
     # In "small P" S = diag(1/4, 25): the first agent's block alone would do.
-    vector = {"kind": "vector", "labels": ["2"], "values": ["0", "1"]}
-    first = {"kind": "vector", "labels": ["1"], "values": ["1", "0"]}
+    second = {"kind": "vector", "labels": ["2"], "values": vector("0 1")}
+    first = {"kind": "vector", "labels": ["1"], "values": vector("1 0")}
     for name, code, values, what in (
         ("printed", FAILS, {"margin": 1.75}, "the margin 2 - 1/4"),
         ("printed", HOLDS, {"margin": 1.7499}, "just below the margin"),
-        ("small P", HOLDS, {"witness": vector, "margin": -20}, "its own agent"),
-        ("small P", FAILS, {"witness": vector, "margin": -22}, "too much"),
-        ("small P", FAILS, {"witness": vector | {"labels": ["1", "2"]}, "margin": None}, "labels"),
-        ("small P", FAILS, {"witness": vector | {"kind": "agents"}, "margin": None}, "kind"),
+        ("small P", HOLDS, {"witness": second, "margin": -20}, "its own agent"),
+        ("small P", FAILS, {"witness": second, "margin": -22}, "too much"),
+        ("small P", FAILS, {"witness": second | {"labels": ["1", "2"]}, "margin": None}, "labels"),
+        ("small P", FAILS, {"witness": second | {"kind": "agents"}, "margin": None}, "kind"),
         ("small P", FAILS, {"witness": first, "margin": None}, "the other agent"),
-        ("negative P", FAILS, {"witness": {"kind": "vector", "values": ["1", "0"]}}, "P"),
+        ("negative P", FAILS, {"witness": {"kind": "vector", "values": vector("1 0")}}, "P"),
     ):
         yield bent(name, ("theorem1-printed", None, values), what=what, code=code)
     yield bent("region", ("max-separable", None, {"rate": 3}), what="a rate that does not follow")
@@ -174,7 +175,7 @@ def _bent_claims() -> Iterator[Case]:
     # 2 b I + S < 0 iff (3.8 - 1/38) (3.8 - 1/(3.8 p)) > 4, that is p > 0.09603: each agent has its
     # own S.
     for p, code in (("0.0961", HOLDS), ("0.0959", FAILS)):
-        copied, P = document("given"), [["10", "0"], ["0", p]]
+        copied, P = document("given"), [vector("10 0"), ["0", p]]
         copied["checks"].append(
             claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=P))
         )
@@ -264,7 +265,7 @@ def _bent_matrices() -> Iterator[Case]:
     yield _with_matrices("mixed", W, joined, what="P between two groups")
     faster = W.copy()
     faster[0, 0] = 3
-    routh = ("hurwitz", "1", {"exact": {"routh": ["1", "3"]}})
+    routh = ("hurwitz", "1", {"exact": {"routh": vector("1 3")}})
     yield _with_matrices("mixed", faster, P, routh, what="another W of a group that has one")
 
 

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from certified import certified
+from texts import matrix, vector
 
 from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, scalar
 from dobc_design import Network, Observer, Problem
@@ -16,16 +17,16 @@ from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem, harmonics
 
 REGION = {"initial_states": [-1, 1]}
-SEEN = {"exosystem": harmonics([2]), "observer": Observer(W=[["16/5"], ["12/5"]])}
+SEEN = {"exosystem": harmonics([2]), "observer": Observer(W=matrix("16/5; 12/5"))}
 WIDE = {"actuators": {"amplitude": 9}, "region": REGION | {"initial_disturbance": "1/2"}}
 #: Observers with two poles at -1; A^2 is diag(-2, -1) and more, and 0.
 SWELLING = {
-    "exosystem": Exosystem(A=[[0, 2], [-1, 1]], C=[[1, 0]]),
-    "observer": Observer(W=[[3], [1]]),
+    "exosystem": Exosystem(A=matrix("0 2; -1 1"), C=matrix("1 0")),
+    "observer": Observer(W=matrix("3; 1")),
 }
 RISING = {
-    "exosystem": Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]]),
-    "observer": Observer(W=[[2], [1]]),
+    "exosystem": Exosystem(A=matrix("0 1; 0 0"), C=matrix("1 0")),
+    "observer": Observer(W=matrix("2; 1")),
 }
 
 
@@ -136,7 +137,7 @@ def margins_cases() -> list[Case]:
     )
     kinked = one(uncertainty=table, region=REGION, coupling="y + abs(y)/2")
     limited = one(region=REGION, actuators={"limit": 9})
-    start = [["1/2", "1/2"]]
+    start = matrix("1/2 1/2")
     sine = one(**SEEN, **WIDE)
     # agent 2 has no gain: its input is the estimate alone
     led = two(**SEEN, **WIDE, coupling="tanh(y)")
@@ -166,7 +167,7 @@ def margins_cases() -> list[Case]:
     own_box = one(**fast | tight, region=WIDE["region"], actuators={"limit": 8, "amplitude": 2})
     return [
         bent(own_box, "actuators", code=HOLDS),
-        bent(own_box, "actuators", v=["1", "2", "1"]),
+        bent(own_box, "actuators", v=vector("1 2 1")),
         blindfolded(own_box),
         *(bent(each, "actuators", code=HOLDS) for each in (heavy, straight, drifts, blind)),
         *(bent(each, "accuracy", code=HOLDS) for each in (heavy, straight, drifts, blind)),
@@ -206,7 +207,7 @@ def margins_cases() -> list[Case]:
         bent(near, "tolerance", v=["1"], alpha="2", rate=1, domain="consensus", code=HOLDS),
         bent(near, "tolerance", v=["0"], alpha="2", rate=1, domain="consensus"),
         bent(kinked, "tolerance", v=["1"], domain="consensus"),
-        bent(unknown, "tolerance", v=["1", "2"], alpha="1/10", rate=None, domain="consensus"),
+        bent(unknown, "tolerance", v=vector("1 2"), alpha="1/10", rate=None, domain="consensus"),
         bent(limited, "actuators", without="max-separable"),
         bent(limited, "actuators", without="actuators"),
         bent(near, "tolerance", rate=4),
@@ -224,8 +225,8 @@ def margins_cases() -> list[Case]:
         bent(limited, "actuators", inputs={"1": "2"}),
         bent(limited, "actuators", inputs={"1": "10"}),
         bent(sine, "actuators", table=[["1"]], inputs={"1": "90"}),
-        bent(one(**SWELLING, **WIDE), "actuators", table=[["1", "0"]], inputs={"1": "9000"}),
-        bent(one(**RISING, **WIDE), "actuators", table=[["1", "1"]], inputs={"1": "9000"}),
+        bent(one(**SWELLING, **WIDE), "actuators", table=matrix("1 0"), inputs={"1": "9000"}),
+        bent(one(**RISING, **WIDE), "actuators", table=matrix("1 1"), inputs={"1": "9000"}),
     ]
 
 

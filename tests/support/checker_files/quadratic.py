@@ -8,8 +8,21 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+from texts import matrix
+
 from checker_files.files import FAILS, HOLDS, Case, Document
-from checker_files.separable import UNDECIDED, _frame_verdict, ball, box, case, changed, claim
+from checker_files.separable import (
+    UNDECIDED,
+    _frame_verdict,
+    ball,
+    box,
+    case,
+    changed,
+    claim,
+    fails,
+    holds,
+    wrong,
+)
 
 
 def bounds(low: str, high: str) -> list[Document]:
@@ -47,38 +60,33 @@ def quadratic_cases() -> list[Case]:
 
 def _claimed(name: str, code: int, check: Document, what: str) -> Case:
     """A claim that is not about the verdict."""
-    return case(name, code, check, what=what, **_frame_verdict(name))
+    return case(name, code, what, check, **_frame_verdict(name))
 
 
 def _good() -> Iterator[Case]:
-    yield case("wavy", HOLDS, WAVY, what="a sharp ball and rate")
+    yield holds("wavy", "a sharp ball and rate", WAVY)
     # with 0 in place of 1/5: (sqrt(2) - 1)/2 from 3
     for rate, code in (("2.7928", HOLDS), ("2.7930", FAILS)):
         loose = changed(WAVY, rate=1)
         loose["exact"]["rate"] = rate
-        yield case("wavy, loose", code, loose, what=f"an arc that comes and goes, {rate}")
-    yield case("wavy, observed", HOLDS, SEEN, what="an observer")
+        yield case("wavy, loose", code, f"an arc that comes and goes, {rate}", loose)
+    yield holds("wavy, observed", "an observer", SEEN)
     small = changed(WAVY, domain=ball(1.41))
-    yield case("wavy", HOLDS, small, **UNDECIDED, what="a ball that does not cover")
-    yield case("wavy", FAILS, small, what="a ball that does not cover, and says so")
+    yield holds("wavy", "a ball that does not cover", small, **UNDECIDED)
+    yield fails("wavy", "a ball that does not cover, and says so", small)
 
 
 def _bent() -> Iterator[Case]:
     fast = changed(WAVY, rate=2)
     fast["exact"]["rate"] = "2.8789"
-    yield case("wavy", FAILS, fast, what="rate where it is sharp")
-    yield case("wavy", FAILS, changed(WAVY, rate=2.879), what="rate")
-    yield case("wavy", FAILS, changed(WAVY, domain=ball(1.7678)), what="ball")
-    yield case("wavy", FAILS, changed(WAVY, domain=box(1)), what="a box")
-    yield case("wavy", FAILS, changed(WAVY, level="3.126"), what="level")
-    yield case("wavy, observed", FAILS, changed(SEEN, P=[["0.133"]]), what="S")
-    yield case(
-        "wavy, observed",
-        FAILS,
-        changed(SEEN, domain=ball(1.7671, 0.1)),
-        what="ball with a disturbance",
-    )
-    yield case("wavy", FAILS, changed(WAVY, verdict="refuted"), **UNDECIDED, what="refuted")
+    yield fails("wavy", "rate where it is sharp", fast)
+    yield wrong("wavy", WAVY, "rate", rate=2.879)
+    yield wrong("wavy", WAVY, "ball", domain=ball(1.7678))
+    yield wrong("wavy", WAVY, "a box", domain=box(1))
+    yield wrong("wavy", WAVY, "level", level="3.126")
+    yield wrong("wavy, observed", SEEN, "S", P=[["0.133"]])
+    yield wrong("wavy, observed", SEEN, "ball with a disturbance", domain=ball(1.7671, 0.1))
+    yield wrong("wavy", WAVY, "refuted", verdict="refuted", says=UNDECIDED)
     backward = claim("lure", "global", 1, quadratic("1", "1", "1", "1", "-1"))
     for radius, code in (("1", HOLDS), ("-1", FAILS)):
         check = changed(backward, radius=radius, domain=ball(1))
@@ -93,9 +101,9 @@ def _bent() -> Iterator[Case]:
     )
 
     # A coupling that no arc has counts: the problem is not linear.
-    linear = quadratic("1", "1", "1", None, None, ranges=[{"coupling": 1, "gains": [[["1", "1"]]]}])
-    yield case("unused", FAILS, claim("lure", "global", 1, linear), what="lure everywhere")
-    linear |= {"level": "2", "radius": "1"}
-    yield case(
-        "unused", HOLDS, claim("lure", ball(1.414), 1, linear), **UNDECIDED, what="lure in a ball"
+    linear = quadratic(
+        "1", "1", "1", None, None, ranges=[{"coupling": 1, "gains": [matrix("1 1")]}]
     )
+    yield fails("unused", "lure everywhere", claim("lure", "global", 1, linear))
+    linear |= {"level": "2", "radius": "1"}
+    yield holds("unused", "lure in a ball", claim("lure", ball(1.414), 1, linear), **UNDECIDED)

@@ -10,7 +10,9 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from checker_files.files import FAILS, HOLDS, Case, Document, as_written, network, scalar
+from texts import matrix, vector
+
+from checker_files.files import FAILS, HOLDS, Case, Document, Forger, as_written, network, scalar
 from checker_files.separable import REFUTED, ball, box, claim, doubles
 from checker_files.settling import bent as changed
 from checker_files.settling import last, settling, tube
@@ -97,7 +99,10 @@ _KNOWN = (
     "hurwitz",
 )
 _FRAMES = Frames(_settings(), (*_KNOWN, "linearisation"))
-certificate, _case, _fails = _FRAMES.certificate, _FRAMES.case, _FRAMES.fails
+_FORGER = Forger(_FRAMES.case, bent)
+certificate, _case = _FRAMES.certificate, _FRAMES.case
+_holds, _fails = _FORGER.holds, _FORGER.fails
+_wrong, _each_wrong = _FORGER.wrong, _FORGER.each_wrong
 
 
 def schedule(
@@ -125,38 +130,32 @@ def _in_coordinates() -> Iterator[Case]:
     large."""
     boxed = bent(CHAINED, domain=box(9), rho="9")
     seen = OBSERVED | {"exact": OBSERVED["exact"] | {"P": [["4"]], "size": "4"}}
-    yield _case("chain", HOLDS, turned(CHAINED), "in coordinates")
-    yield _case("chain", HOLDS, turned(bent(boxed, rho="18")), "in coordinates, in a box")
-    yield _case("chain", FAILS, turned(boxed), "in coordinates, the box leaves the region")
-    yield _case("chain, observed", HOLDS, turned(seen), "in coordinates, observed")
-    yield _case("chain, observed", FAILS, turned(OBSERVED), "in coordinates, P of e")
-    yield _case(
-        "chain, listed", HOLDS, turned(CHAINED, low="0.99995", high="2"), "gains a little wider"
-    )
-    yield _case("chain", FAILS, turned(CHAINED, low="0.99"), "gains wider than the rows bear")
-    yield _case(
-        "chain", FAILS, turned(CHAINED, low="1.01", high="1.01"), "gains that it does not have"
-    )
-    yield _case("chain", FAILS, turned(CHAINED, ranges=[]), "no gains")
-    yield _case("chain", FAILS, turned(CHAINED, T="0"), "T is singular")
-    yield _case("chain", FAILS, turned(CHAINED, T=[["1", "0"], ["0", "1"]]), "T of another size")
-    yield _case("chain", FAILS, turned(GRAPHS), "T without weights")
-    yield _case(
-        "list", FAILS, turned(GRAPHS, T=[["1", "0"], ["0", "1"]]), "a list by its first expression"
-    )
+    yield _holds("chain", "in coordinates", turned(CHAINED))
+    yield _holds("chain", "in coordinates, in a box", turned(bent(boxed, rho="18")))
+    yield _fails("chain", "in coordinates, the box leaves the region", turned(boxed))
+    yield _holds("chain, observed", "in coordinates, observed", turned(seen))
+    yield _fails("chain, observed", "in coordinates, P of e", turned(OBSERVED))
+    yield _holds("chain, listed", "gains a little wider", turned(CHAINED, low="0.99995", high="2"))
+    yield _fails("chain", "gains wider than the rows bear", turned(CHAINED, low="0.99"))
+    yield _fails("chain", "gains that it does not have", turned(CHAINED, low="1.01", high="1.01"))
+    yield _fails("chain", "no gains", turned(CHAINED, ranges=[]))
+    yield _fails("chain", "T is singular", turned(CHAINED, T="0"))
+    yield _fails("chain", "T of another size", turned(CHAINED, T=matrix("1 0; 0 1")))
+    yield _fails("chain", "T without weights", turned(GRAPHS))
+    yield _fails("list", "a list by its first expression", turned(GRAPHS, T=matrix("1 0; 0 1")))
     for p, k, i, value in (
         (0, 1, 0, "0.4999"),
         (0, 1, 2, "2.9999"),
         (1, 1, 1, "1.2749"),
         (1, 0, 2, "3.374"),
     ):
-        yield _case(
-            "chain", FAILS, turned(moved(CHAINED, p, k, i, value)), f"turned {p}, {k}, {i}: {value}"
+        yield _fails(
+            "chain", f"turned {p}, {k}, {i}: {value}", turned(moved(CHAINED, p, k, i, value))
         )
     rests = turned(bent(STANDING, domain=GLOBAL, rho=None), "1")
-    yield _case("pair, for ever, linear", FAILS, rests, "in coordinates, a phase that stands")
+    yield _fails("pair, for ever, linear", "in coordinates, a phase that stands", rests)
     resting = turned(bent(RESTING, domain=GLOBAL, rho=None), "1")
-    yield _case("pair, for ever, linear", HOLDS, resting, "in coordinates, a phase that rests")
+    yield _holds("pair, for ever, linear", "in coordinates, a phase that rests", resting)
 
 
 def moved(check: Document, p: int, k: int, i: int, value: str) -> Document:
@@ -179,10 +178,14 @@ def retimed(
 # agent 3 in A: b_3 - a_3 >= b_2 - b_3, so that (2, 4) falls to 3; agent 2 in B: 9/4 falls to (0.3 +
 # 9/4)/2. 2 and 3 are handed over to 9/4 and 27/8: exp(rate) = 9/8, the rate 0.117783; up to some
 # ten thousandths.
-A_STARTS, A_ENDS = ["1", "2", "4"], ["0.5001", "2.0001", "3.0001"]
-B_STARTS, B_ENDS = ["3/5", "9/4", "27/8"], ["0.3001", "1.2752", "3.3751"]
+A_STARTS, A_ENDS = vector("1 2 4"), vector("0.5001 2.0001 3.0001")
+B_STARTS, B_ENDS = vector("3/5 9/4 27/8"), vector("0.3001 1.2752 3.3751")
 CHAINED = schedule(
-    GLOBAL, 0.1177, None, phase(["0", "1"], A_STARTS, A_ENDS), phase(["0", "1"], B_STARTS, B_ENDS)
+    GLOBAL,
+    0.1177,
+    None,
+    phase(vector("0 1"), A_STARTS, A_ENDS),
+    phase(vector("0 1"), B_STARTS, B_ENDS),
 )
 # A - W C = -2: beta = 2; kappa (2 - 0.1177) 0.3001 >= 1 from 1.7703 on. From 1 and 1/2: 1 + 1.771/2
 # = 1.8855.
@@ -192,15 +195,19 @@ NEAR: Document = OBSERVED | {"domain": box(1, 0.5), "exact": OBSERVED["exact"] |
 # y + y^3, k_1 = 5, rho = 1. Agent 2 hears agent 1: -(v_2 - v_1) as s goes to 0, so that 2, 5/4, 3/4
 # beside 1, 1/2, 1/4. Agent 1 in B: d + d^3 - k_1 v_1 with d = v_2 - v_1: -3, -1.328, and -0.625 at
 # the end, where it falls by 1/4. 5/4 is handed over until 2 s: 2 exp(-2 rate).
-BOTH = phase(["0", "1", "2"], ["1", "2"], ["1/2", "1.2501"], ["1/4", "0.7502"])
+BOTH = phase(vector("0 1 2"), vector("1 2"), vector("1/2 1.2501"), vector("1/4 0.7502"))
 CUBIC = schedule(box(1), 0.2349, "1", BOTH, BOTH)
 # Without an end: 5/4 <= 2 exp(-rate), and (1/2, 5/4) falls at 3/5 at rest.
-REST = phase(["0", "1"], ["1", "2"], ["1/2", "1.2501"])
+REST = phase(vector("0 1"), vector("1 2"), vector("1/2 1.2501"))
 RESTING = schedule(box(1), 0.4699, "1", REST, REST)
 # Agent 2 does not fall at rest beside an agent 1 as far away; everything else holds up to ln(4/3)/3
 # = 0.0958.
 LEVEL = phase(
-    ["0", "1", "2", "3"], ["1", "2"], ["1/2", "1.2501"], ["1/4", "0.7502"], ["0.7502", "0.7502"]
+    vector("0 1 2 3"),
+    vector("1 2"),
+    vector("1/2 1.2501"),
+    vector("1/4 0.7502"),
+    vector("0.7502 0.7502"),
 )
 STANDING = schedule(box(1), 0.05, "1", LEVEL, LEVEL)
 GRAPHS = schedule(GLOBAL, None, None)
@@ -227,30 +234,22 @@ def cycles_cases() -> list[Case]:
 def _growing() -> Iterator[Case]:
     """tr M = exp(3) + exp(-3) = 20.14 > 2; with gains of 11/10 the spectral radius of M is 0.99."""
     grows = claim("schedule", GLOBAL, None, {"power": "1"}, verdict="refuted")
-    yield _case("grows", HOLDS, grows, "errors grow", **REFUTED)
-    yield _case("grows", HOLDS, grows | {"exact": {"power": "64"}}, "errors grow", **REFUTED)
-    yield _case("grows, watched", HOLDS, grows, "errors grow", **REFUTED)
-    yield _case("grows, loose", FAILS, grows, "an arc that comes and goes", **REFUTED)
-    yield _case("grows, not", FAILS, grows, "they do not grow", **REFUTED)
+    yield _holds("grows", "errors grow", grows, **REFUTED)
+    yield _holds("grows", "errors grow", grows | {"exact": {"power": "64"}}, **REFUTED)
+    yield _holds("grows, watched", "errors grow", grows, **REFUTED)
+    yield _fails("grows, loose", "an arc that comes and goes", grows, **REFUTED)
+    yield _fails("grows, not", "they do not grow", grows, **REFUTED)
     for power in ("2/2", "1.0", "1e0"):
-        yield _case(
-            "grows", HOLDS, grows | {"exact": {"power": power}}, f"power {power} is 1", **REFUTED
-        )
+        yield _holds("grows", f"power {power} is 1", grows | {"exact": {"power": power}}, **REFUTED)
     for power in ("0", "-1", "3/2", "65"):
-        yield _case(
-            "grows", FAILS, grows | {"exact": {"power": power}}, f"power {power}", **REFUTED
-        )
-    yield _case(
-        "grows",
-        FAILS,
-        grows | {"witness": {"kind": "agents", "labels": ["1"]}},
-        "a witness",
-        **REFUTED,
+        yield _fails("grows", f"power {power}", grows | {"exact": {"power": power}}, **REFUTED)
+    yield _fails(
+        "grows", "a witness", grows | {"witness": {"kind": "agents", "labels": ["1"]}}, **REFUTED
     )
-    yield _case("grows", FAILS, grows | {"rate": 0.1}, "a rate", **REFUTED)
-    yield _case("grows, curved", FAILS, grows | {"domain": "consensus"}, "a curve", **REFUTED)
-    yield _case("chain", FAILS, grows, "a chain that decays", **REFUTED)
-    yield _case("pair, linear", FAILS, grows, "another guarantee", **REFUTED)
+    yield _fails("grows", "a rate", grows | {"rate": 0.1}, **REFUTED)
+    yield _fails("grows, curved", "a curve", grows | {"domain": "consensus"}, **REFUTED)
+    yield _fails("chain", "a chain that decays", grows, **REFUTED)
+    yield _fails("pair, linear", "another guarantee", grows, **REFUTED)
 
 
 def _good() -> Iterator[Case]:
@@ -261,47 +260,44 @@ def _good() -> Iterator[Case]:
         "chain, by period",
         "chain, every mode",
     ):
-        yield _case(name, HOLDS, CHAINED, "true")
-    yield _case("chain", HOLDS, moved(CHAINED, 0, 1, 0, "0.5001"), "agent 1 slower")
+        yield _holds(name, "true", CHAINED)
+    yield _holds("chain", "agent 1 slower", moved(CHAINED, 0, 1, 0, "0.5001"))
     # 4 until 1 s: 4 exp(0.1177) = 4.49963, beside 27/8 exp(0.1177) of the second phase.
     for factor, code in ((4.4997, HOLDS), (4.4996, FAILS)):
         yield _case(
-            "chain", code, CHAINED | {"factor": factor}, f"a factor of {factor}", factor=factor
+            "chain", code, f"a factor of {factor}", CHAINED | {"factor": factor}, factor=factor
         )
-    slower = retimed(CHAINED, ["0", "3/2"], B_STARTS, B_ENDS, p=1, rate=0.113)
+    slower = retimed(CHAINED, vector("0 3/2"), B_STARTS, B_ENDS, p=1, rate=0.113)
     slower["rate"] = 0.113
     slower["exact"]["rate"] = "0.113"
-    yield _case("chain, uneven", HOLDS, slower, "true")
+    yield _holds("chain, uneven", "true", slower)
     # h = y - 2 y^3/25 rises on |y| <= 2.04 only.  At first v_2 falls at 0.88: for s <= 9/10 sup h
     # is h(-0.9) = -0.8417, for s = 1 it is h(-3) = -0.84.
-    fast = phase(["0", "1/10", "1"], ["1", "2"], ["19/20", "239/125"], ["1/2", "7/5"])
-    yield _case("soft", HOLDS, schedule(box(0.9), 0.35, "9/10", fast, fast), "below where h falls")
-    yield _case("soft", FAILS, schedule(box(1), 0.35, "1", fast, fast), "h falls there")
+    fast = phase(vector("0 1/10 1"), vector("1 2"), vector("19/20 239/125"), vector("1/2 7/5"))
+    yield _holds("soft", "below where h falls", schedule(box(0.9), 0.35, "9/10", fast, fast))
+    yield _fails("soft", "h falls there", schedule(box(1), 0.35, "1", fast, fast))
     yield from _in_coordinates()
-    yield _case(
+    yield _holds(
         "chain",
-        HOLDS,
+        "doubles",
         bent(
             CHAINED,
-            phases=[phase(["0", "1"], doubles(1, 2, 4), A_ENDS), CHAINED["exact"]["phases"][1]],
+            phases=[phase(vector("0 1"), doubles(1, 2, 4), A_ENDS), CHAINED["exact"]["phases"][1]],
         ),
-        "doubles",
     )
-    yield _case("chain", HOLDS, bent(CHAINED, domain=box(9), rho="9"), "in a box")
-    yield _case("chain, observed", HOLDS, OBSERVED, "true")
-    yield _case("chain, observed", HOLDS, NEAR, "in a box")
-    yield _case("pair", HOLDS, CUBIC, "true")
-    yield _case("pair, for ever", HOLDS, RESTING, "true")
-    yield _case("chain", HOLDS, GRAPHS, "by the graphs")
-    yield _case("chain, in rounds", HOLDS, GRAPHS, "by the graphs")
-    yield _case("two", HOLDS, GRAPHS, "by the graphs")
-    yield _case("three, in turn", HOLDS, GRAPHS, "by the graphs")
-    yield _case("pair, for ever", HOLDS, schedule(box(1), None, "1"), "by the graphs")
-    yield _case("curved", HOLDS, CURVED, "by the graphs")
-    yield _case(
-        "sine", HOLDS, bent(CURVED, domain=box(0.7), rho="0.78"), "by the graphs, below pi/2"
-    )
-    yield _case("curved, observed", HOLDS, SEEN, "by the graphs")
+    yield _holds("chain", "in a box", bent(CHAINED, domain=box(9), rho="9"))
+    yield _holds("chain, observed", "true", OBSERVED)
+    yield _holds("chain, observed", "in a box", NEAR)
+    yield _holds("pair", "true", CUBIC)
+    yield _holds("pair, for ever", "true", RESTING)
+    yield _holds("chain", "by the graphs", GRAPHS)
+    yield _holds("chain, in rounds", "by the graphs", GRAPHS)
+    yield _holds("two", "by the graphs", GRAPHS)
+    yield _holds("three, in turn", "by the graphs", GRAPHS)
+    yield _holds("pair, for ever", "by the graphs", schedule(box(1), None, "1"))
+    yield _holds("curved", "by the graphs", CURVED)
+    yield _holds("sine", "by the graphs, below pi/2", bent(CURVED, domain=box(0.7), rho="0.78"))
+    yield _holds("curved, observed", "by the graphs", SEEN)
 
 
 def _bent_weights() -> Iterator[Case]:
@@ -320,97 +316,78 @@ def _bent_weights() -> Iterator[Case]:
         (1, 0, 0, "0.56"),
     )
     for p, k, i, value in (*fewer, (1, 1, 1, "1.2749"), (1, 1, 2, "3.3749"), *handed):
-        yield _case(
-            "chain",
-            FAILS,
-            moved(CHAINED, p, k, i, value),
-            f"phase {p}, time {k}, agent {i}: {value}",
+        yield _fails(
+            "chain", f"phase {p}, time {k}, agent {i}: {value}", moved(CHAINED, p, k, i, value)
         )
-    yield from _fails(
-        "chain",
-        CHAINED,
-        {"own": "0.1178"},
-        {"rate": 0.12},
-        {"rate": -0.1},
-        {"rate": 0},
-        {"own": None},
+    yield from _each_wrong("chain", CHAINED, own=["0.1178", None])
+    yield from _each_wrong("chain", CHAINED, rate=[0.12, -0.1, 0])
+    yield from _each_wrong("chain", CHAINED, own=["0", "-1"])
+    yield _wrong("chain", CHAINED, rate=None)
+    yield _wrong("chain", CHAINED, domain=box(1))
+    yield _wrong("chain", CHAINED, rho="1")
+    yield _wrong("chain", CHAINED, verdict="refuted")
+    yield from _each_wrong("chain", CHAINED, phases=[[], None])
+    yield _wrong("chain", CHAINED, phases=CHAINED["exact"]["phases"][:1])
+    yield _wrong("chain", CHAINED, own="1e300")
+    yield from _each_wrong(
+        "chain", bent(CHAINED, domain=box(9), rho="9"), rho=["8.999", "-9", None]
     )
-    yield from _fails(
-        "chain", CHAINED, {"own": "0"}, {"own": "-1"}, {"rate": None}, {"domain": box(1)}
-    )
-    yield from _fails(
-        "chain", CHAINED, {"rho": "1"}, {"verdict": "refuted"}, {"phases": []}, {"phases": None}
-    )
-    yield from _fails(
-        "chain", CHAINED, {"phases": CHAINED["exact"]["phases"][:1]}, {"own": "1e300"}
-    )
-    yield from _fails(
-        "chain",
-        bent(CHAINED, domain=box(9), rho="9"),
-        {"rho": "8.999"},
-        {"rho": "-9"},
-        {"rho": None},
-    )
-    yield from _fails(
-        "chain", bent(CHAINED, domain=box(9), rho="9"), {"domain": ball(9)}, {"domain": box(1, 0.1)}
+    yield from _each_wrong(
+        "chain", bent(CHAINED, domain=box(9), rho="9"), domain=[ball(9), box(1, 0.1)]
     )
     slow: Document = {"own": "0.05", "rate": 0.05}
     for what, times, v in (
-        ("before 0", ["-1", "1"], [A_STARTS, A_ENDS]),
-        ("at last", ["0", "1", "2"], [A_STARTS, A_ENDS, A_ENDS]),
-        ("back", ["0", "1", "1/2", "1"], [A_STARTS, A_ENDS, A_ENDS, A_ENDS]),
-        ("twice", ["0", "1", "1"], [A_STARTS, A_ENDS, A_ENDS]),
-        ("too early", ["0", "0.99"], [A_STARTS, A_ENDS]),
+        ("before 0", vector("-1 1"), [A_STARTS, A_ENDS]),
+        ("at last", vector("0 1 2"), [A_STARTS, A_ENDS, A_ENDS]),
+        ("back", vector("0 1 1/2 1"), [A_STARTS, A_ENDS, A_ENDS, A_ENDS]),
+        ("twice", vector("0 1 1"), [A_STARTS, A_ENDS, A_ENDS]),
+        ("too early", vector("0 0.99"), [A_STARTS, A_ENDS]),
         ("none", [], []),
-        ("three weights", ["0", "1"], [A_STARTS, A_ENDS, A_ENDS]),
-        ("one weight", ["0", "1"], [A_STARTS]),
-        ("two agents", ["0", "1"], [["1", "2"], ["1/2", "2"]]),
-        ("0", ["0", "1"], [["0", "2", "4"], A_ENDS]),
+        ("three weights", vector("0 1"), [A_STARTS, A_ENDS, A_ENDS]),
+        ("one weight", vector("0 1"), [A_STARTS]),
+        ("two agents", vector("0 1"), matrix("1 2; 1/2 2")),
+        ("0", vector("0 1"), [vector("0 2 4"), A_ENDS]),
     ):
-        yield _case(
-            "chain", FAILS, retimed(CHAINED, times, *v, **slow), f"times or weights: {what}"
-        )
+        yield _fails("chain", f"times or weights: {what}", retimed(CHAINED, times, *v, **slow))
     long = [f"{k}/2001" for k in range(2001)] + ["1"]
-    yield _case("chain", FAILS, retimed(CHAINED, long, *[A_STARTS] * 2001, A_ENDS), "many times")
-    yield _case("curved", FAILS, CHAINED, "no rho where couplings are not linear")
-    yield _case("list", FAILS, bent(RESTING, rho="9"), "of a list")
+    yield _fails("chain", "many times", retimed(CHAINED, long, *[A_STARTS] * 2001, A_ENDS))
+    yield _fails("curved", "no rho where couplings are not linear", CHAINED)
+    yield _wrong("list", RESTING, "of a list", rho="9")
     for name in ("chain, any signal", "chain, no guarantee"):
-        yield _case(name, FAILS, CHAINED, "weights")
-    one = phase(["0", "1"], ["1", "2"], ["1/2", "5/4"])
+        yield _fails(name, "weights", CHAINED)
+    one = phase(vector("0 1"), vector("1 2"), vector("1/2 5/4"))
     ruled: Document = {"rate": 0.499999999, "covered_by": "lemma1"}
-    yield _case("one mode", FAILS, schedule(GLOBAL, 0.4, None, one), "no guarantee needed", **ruled)
+    yield _fails("one mode", "no guarantee needed", schedule(GLOBAL, 0.4, None, one), **ruled)
 
 
 def _bent_dwell() -> Iterator[Case]:
-    yield from _fails(
-        "pair", CUBIC, {"own": "0.235"}, {"domain": box(1.001)}, {"rho": "0.999"}, {"rho": "2"}
-    )
-    yield from _fails(
-        "pair", CUBIC, {"phases": [REST, REST]}, {"phases": [BOTH, REST]}, {"phases": [BOTH] * 3}
-    )
+    yield _wrong("pair", CUBIC, own="0.235")
+    yield _wrong("pair", CUBIC, domain=box(1.001))
+    yield from _each_wrong("pair", CUBIC, rho=["0.999", "2"])
+    yield from _each_wrong("pair", CUBIC, phases=[[REST, REST], [BOTH, REST], [BOTH] * 3])
     for p, k, i, value in (
         (1, 2, 0, "0.2"),
         (1, 2, 1, "0.94"),
         (0, 0, 0, "0.999"),
         (0, 0, 1, "1.99"),
     ):
-        yield _case(
-            "pair", FAILS, moved(CUBIC, p, k, i, value), f"phase {p}, time {k}, agent {i}: {value}"
+        yield _fails(
+            "pair", f"phase {p}, time {k}, agent {i}: {value}", moved(CUBIC, p, k, i, value)
         )
     linear = bent(CUBIC, domain=GLOBAL, rho=None)
-    yield _case("pair, linear", HOLDS, linear, "true")
+    yield _holds("pair, linear", "true", linear)
     for k, i, value in ((1, 1, "1.2499"), (2, 1, "0.7499"), (1, 0, "0.5003")):
-        yield _case(
-            "pair, linear", FAILS, moved(linear, 0, k, i, value), f"time {k}, agent {i}: {value}"
-        )
-    late = phase(["0", "2"], ["1", "2"], ["1/2", "1"])
-    yield _case("pair", FAILS, bent(CUBIC, phases=[late, late]), "no weights at the shortest time")
+        yield _fails("pair, linear", f"time {k}, agent {i}: {value}", moved(linear, 0, k, i, value))
+    late = phase(vector("0 2"), vector("1 2"), vector("1/2 1"))
+    yield _wrong("pair", CUBIC, "no weights at the shortest time", phases=[late, late])
     name = "pair, for ever"
-    yield from _fails(name, RESTING, {"own": "0.47"}, {"domain": box(1.001)}, {"rho": "2.1"})
+    yield _wrong(name, RESTING, own="0.47")
+    yield _wrong(name, RESTING, domain=box(1.001))
+    yield _wrong(name, RESTING, rho="2.1")
     standing = bent(STANDING, domain=GLOBAL, rho=None)
-    yield _case(f"{name}, linear", FAILS, standing, "no fall at rest")
-    yield _case(
-        name, HOLDS, retimed(bent(STANDING, phases=[BOTH, BOTH]), *_split(BOTH)), "a fall at rest"
+    yield _fails(f"{name}, linear", "no fall at rest", standing)
+    yield _holds(
+        name, "a fall at rest", retimed(bent(STANDING, phases=[BOTH, BOTH]), *_split(BOTH))
     )
 
 
@@ -426,49 +403,44 @@ def _bent_observer() -> Iterator[Case]:
         {"size": "0.9999"},
         {"P": [["0.9999"]]},
     )
-    yield from _fails(
-        name, OBSERVED, *sizes, {"P": [["-1"]]}, {"kappa": "-1.771"}, {"beta": "0.1177"}
-    )
-    yield from _fails(
-        name,
-        NEAR,
-        *sizes,
-        {"rho": "1.8854"},
-        {"domain": box(1, 0.501)},
-        {"domain": box(1.001, 0.5)},
-    )
-    yield from _fails(name, NEAR, {"kappa": "1.7711"}, {"rho": "0.1"})
+    for change in sizes:
+        yield _wrong(name, OBSERVED, **change)
+    yield _wrong(name, OBSERVED, P=[["-1"]])
+    yield _wrong(name, OBSERVED, kappa="-1.771")
+    yield _wrong(name, OBSERVED, beta="0.1177")
+    for change in sizes:
+        yield _wrong(name, NEAR, **change)
+    yield _wrong(name, NEAR, rho="1.8854")
+    yield from _each_wrong(name, NEAR, domain=[box(1, 0.501), box(1.001, 0.5)])
+    yield _wrong(name, NEAR, kappa="1.7711")
+    yield _wrong(name, NEAR, rho="0.1")
     # Twice negative: an observer whose error grows.
-    yield _case("chain, bad W", FAILS, bent(OBSERVED, beta="-1", kappa="-5"), "a negative kappa")
-    yield _case(name, FAILS, CHAINED, "no P")
-    yield _case("chain", FAILS, OBSERVED, "P without an exosystem")
+    yield _wrong("chain, bad W", OBSERVED, "a negative kappa", beta="-1", kappa="-5")
+    yield _fails(name, "no P", CHAINED)
+    yield _fails("chain", "P without an exosystem", OBSERVED)
     name = "curved, observed"
-    yield from _fails(
-        name, SEEN, {"kappa": "0.4999"}, {"rho": "1.2499"}, {"beta": "1.9999"}, {"beta": "2.0001"}
-    )
+    yield _wrong(name, SEEN, kappa="0.4999")
+    yield _wrong(name, SEEN, rho="1.2499")
+    yield from _each_wrong(name, SEEN, beta=["1.9999", "2.0001"])
 
 
 def _bent_graphs() -> Iterator[Case]:
-    yield from _fails(
-        "chain", GRAPHS, {"rate": 0.1}, {"domain": box(1)}, {"phases": CHAINED["exact"]["phases"]}
-    )
-    yield _case("chain, one of two", FAILS, GRAPHS, "one mode over and over")
+    yield _wrong("chain", GRAPHS, rate=0.1)
+    yield _wrong("chain", GRAPHS, domain=box(1))
+    yield _wrong("chain", GRAPHS, phases=CHAINED["exact"]["phases"])
+    yield _fails("chain, one of two", "one mode over and over", GRAPHS)
     for name in ("three", "two, for ever", "chain, any signal"):
-        yield _case(name, FAILS, GRAPHS, "not every agent is reached")
-    yield _case("outward", FAILS, GRAPHS, "a gain pushes outward")
-    yield _case("flat", FAILS, CURVED, "slope 0")
-    yield _case("unused", FAILS, GRAPHS, "a coupling that no arc has falls")
-    yield _case("sine", FAILS, CURVED, "it falls")
-    yield _case("sine", FAILS, bent(CURVED, domain=box(0.7), rho="0.79"), "it falls, at the end")
-    yield _case("curved", FAILS, GRAPHS, "no rho")
-    yield from _fails(
-        "curved",
-        CURVED,
-        {"domain": box(1.001)},
-        {"rho": "0.999"},
-        {"own": "0"},
-        {"verdict": "refuted"},
-    )
+        yield _fails(name, "not every agent is reached", GRAPHS)
+    yield _fails("outward", "a gain pushes outward", GRAPHS)
+    yield _fails("flat", "slope 0", CURVED)
+    yield _fails("unused", "a coupling that no arc has falls", GRAPHS)
+    yield _fails("sine", "it falls", CURVED)
+    yield _wrong("sine", CURVED, "it falls, at the end", domain=box(0.7), rho="0.79")
+    yield _fails("curved", "no rho", GRAPHS)
+    yield _wrong("curved", CURVED, domain=box(1.001))
+    yield _wrong("curved", CURVED, rho="0.999")
+    yield _wrong("curved", CURVED, own="0")
+    yield _wrong("curved", CURVED, verdict="refuted")
 
 
 def _bent_problems() -> Iterator[Case]:
@@ -485,26 +457,26 @@ def _bent_problems() -> Iterator[Case]:
     ):
         document = json.loads(_FRAMES.problem(name))
         document["switching"] |= change
-        yield _case(name, FAILS, check, f"bent problem, {change}", as_written(document))
+        yield _fails(name, f"bent problem, {change}", check, as_written(document))
 
 
 # From 1 the chain in A, B, A, up to a thousandth: agent 1 halves; agent 2 in B falls by 3/8 (1 - b
 # <= 1/4 - b at its end), agent 3 in the second A from 1 to 13/16 (b - 1 >= 5/8 - b).  Then V stays;
 # or at 2 s weights take over: N <= 0.626/2, and 4 * 0.313 exp(-0.1177 (t - 3)) is 1/2 at 3 +
 # ln(2.504)/0.1177 = 10.798565.
-FALLING = ["1", "1", "1"], ["0.501", "1", "1"], ["0.251", "0.626", "1"], ["0.126", "0.626", "0.814"]
+FALLING = vector("1 1 1"), vector("0.501 1 1"), vector("0.251 0.626 1"), vector("0.126 0.626 0.814")
 STAYS = settling(
     box(1),
     "0.814",
     "3",
-    tube(["0", "1", "2", "3"], *FALLING),
+    tube(vector("0 1 2 3"), *FALLING),
     last("schedule", GRAPHS["exact"], "0.814", "1"),
 )
 GOES_ON = settling(
     box(1),
     "1/2",
     "10.7986",
-    tube(["0", "1", "2"], *FALLING[:3]),
+    tube(vector("0 1 2"), *FALLING[:3]),
     last("schedule", CHAINED["exact"], "0.313", "4"),
 )
 #: Boxes that stay as they are.
@@ -512,7 +484,7 @@ WIDE = settling(
     box(1),
     "9",
     "9",
-    tube(["0", "1"], ["1"] * 3, ["1"] * 3),
+    tube(vector("0 1"), ["1"] * 3, ["1"] * 3),
     last("schedule", CHAINED["exact"], "5/3", "4"),
 )
 
@@ -520,58 +492,44 @@ WIDE = settling(
 def _settled() -> Iterator[Case]:
     """Settling times under a guarantee."""
 
-    def settled(name: str, code: int, check: Document, what: str) -> Case:
+    def settled(name: str, code: int, what: str, check: Document) -> Case:
         frame = json.loads(_FRAMES.frame(name))
         kept = {key: frame[key] for key in ("verdict", "rate", "covered_by")}
         return Case(f"{name}: settling, {what}", *certificate(name, check, **kept), code)
 
-    def fails(name: str, check: Document, *changes: Document) -> Iterator[Case]:
-        return (
-            settled(name, FAILS, changed(check, **each), f"with {str(each)[:60]}")
-            for each in changes
-        )
-
+    forger = Forger(settled, changed)
+    holds, fails = forger.holds, forger.fails
+    wrong, each_wrong = forger.wrong, forger.each_wrong
     for check in (STAYS, GOES_ON, WIDE):
-        yield settled("chain", HOLDS, check, "true")
-    for k, i, value in (
-        (1, 0, "0.499"),
-        (2, 1, "0.624"),
-        (3, 2, "0.812"),
-        (1, 1, "0.999"),
-        (2, 2, "0.999"),
-    ):
-        yield settled("chain", FAILS, shifted(STAYS, k, i, value), f"time {k}, agent {i}: {value}")
-    yield settled("chain, any signal", FAILS, STAYS, "without its guarantee")
-    yield settled("two", FAILS, STAYS, "when modes may be on at any time")
-    yield from fails(
-        "chain",
-        STAYS,
-        {"level": "0.813"},
-        {"height": "0.999"},
-        {"tolerance": "0.813"},
-        {"stretch": "2"},
-    )
-    yield from fails(
-        "chain",
-        STAYS,
-        {"time": "2.9"},
-        {"rate": "0.1"},
-        {"kind": "cycles"},
-        {"phases": WIDE["exact"]},
-    )
-    yield from fails("chain", GOES_ON, {"time": "10.798"}, {"level": "0.312"}, {"height": "3.999"})
+        yield holds("chain", "true", check)
+    yield fails("chain", "time 1, agent 0: 0.499", shifted(STAYS, 1, 0, "0.499"))
+    yield fails("chain", "time 2, agent 1: 0.624", shifted(STAYS, 2, 1, "0.624"))
+    yield fails("chain", "time 3, agent 2: 0.812", shifted(STAYS, 3, 2, "0.812"))
+    yield fails("chain", "time 1, agent 1: 0.999", shifted(STAYS, 1, 1, "0.999"))
+    yield fails("chain", "time 2, agent 2: 0.999", shifted(STAYS, 2, 2, "0.999"))
+    yield fails("chain, any signal", "without its guarantee", STAYS)
+    yield fails("two", "when modes may be on at any time", STAYS)
+    yield wrong("chain", STAYS, level="0.813")
+    yield wrong("chain", STAYS, height="0.999")
+    yield wrong("chain", STAYS, tolerance="0.813")
+    yield wrong("chain", STAYS, stretch="2")
+    yield wrong("chain", STAYS, time="2.9")
+    yield wrong("chain", STAYS, rate="0.1")
+    yield wrong("chain", STAYS, kind="cycles")
+    yield wrong("chain", STAYS, phases=WIDE["exact"])
+    yield wrong("chain", GOES_ON, time="10.798")
+    yield wrong("chain", GOES_ON, level="0.312")
+    yield wrong("chain", GOES_ON, height="3.999")
     faster = changed(GOES_ON)
     faster["exact"]["last"]["certificate"]["rate"] = "0.1178"
-    yield settled("chain", FAILS, faster, "a rate that weights do not have")
-    yield from fails(
-        "chain", WIDE, {"times": ["0", "2"]}, {"times": ["0", "1/2"]}, {"level": "1.66"}
-    )
-    at_once = settling(
-        box(1), "9", "9", tube(["0"], ["1", "1"]), last("schedule", CUBIC["exact"], "1", "2")
-    )
-    yield settled("pair", FAILS, at_once, "at the beginning of a phase that is not known")
-    near = settling(
-        box(1), "1", "1", tube(["0"], ["1"] * 3), last("schedule", CURVED["exact"], "1", "1")
-    )
-    yield settled("curved", HOLDS, near, "at once")
-    yield from fails("curved", near, {"rho": "0.999"}, {"rho": None}, {"level": "1.001"})
+    yield fails("chain", "a rate that weights do not have", faster)
+    yield from each_wrong("chain", WIDE, times=[vector("0 2"), vector("0 1/2")])
+    yield wrong("chain", WIDE, level="1.66")
+    start = tube(["0"], vector("1 1"))
+    at_once = settling(box(1), "9", "9", start, last("schedule", CUBIC["exact"], "1", "2"))
+    yield fails("pair", "at the beginning of a phase that is not known", at_once)
+    start = tube(["0"], vector("1 1 1"))
+    near = settling(box(1), "1", "1", start, last("schedule", CURVED["exact"], "1", "1"))
+    yield holds("curved", "at once", near)
+    yield from each_wrong("curved", near, rho=["0.999", None])
+    yield wrong("curved", near, level="1.001")

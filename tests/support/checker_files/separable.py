@@ -15,8 +15,19 @@ from typing import Any
 
 import mpmath
 from certified import consensus_claims
+from texts import matrix, vector
 
-from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, Document, bend, network, scalar
+from checker_files.files import (
+    FAILS,
+    HOLDS,
+    UNREADABLE,
+    Case,
+    Document,
+    Forger,
+    bend,
+    network,
+    scalar,
+)
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.kinds import KINDS
@@ -86,8 +97,8 @@ def _settings() -> dict[str, Document]:
     heavy = network([[1, 2, "1e307"], [2, 1, "1e307"]])
     crossed = {1: [[2, 1], [-1, 3]], 2: [[2, 1], [-1, 3]]}
     harmonic = {
-        "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
-        "observer": Observer(W=[["16/5"], ["12/5"]]),
+        "exosystem": Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0")),
+        "observer": Observer(W=matrix("16/5; 12/5")),
     }
     second = {
         "second, left": {"region": asked(["-1.6", 5])},
@@ -185,7 +196,7 @@ def certificate(name: str, *checks: Document, **overall: Any) -> bytes:
     return json.dumps(document | overall).encode()
 
 
-def case(name: str, code: int, *checks: Document, what: str, **overall: Any) -> Case:
+def case(name: str, code: int, what: str, *checks: Document, **overall: Any) -> Case:
     return Case(f"{name}: {what}", certificate(name, *checks, **overall), _frames()[name][1], code)
 
 
@@ -199,45 +210,40 @@ def changed(check: Document, **changes: Any) -> Document:
     return dict(copied)
 
 
-def bents(
-    name: str, check: Document, *changes: Document, beside: Any = (), **overall: Any
-) -> Iterator[Case]:
-    """The check after those of ``beside``, with one of the changes at a time, of which none
-    holds."""
-    for change in changes:
-        what = f"{check['id']} with {str(change)[:60]}"
-        yield case(name, FAILS, *beside, changed(check, **change), what=what, **overall)
+FORGER = Forger(case, changed, lambda check: f"{check['id']} with")
+holds, fails = FORGER.holds, FORGER.fails
+wrong, each_wrong = FORGER.wrong, FORGER.each_wrong
 
 
 # What is true.  All agents pinned with 3 and v = 1: alpha = 3, whatever the nondecreasing coupling.
-PAIR = claim("max-separable", box(1), 3, {"v": ["1", "1"], "alpha": "3", "rho": "1"})
+PAIR = claim("max-separable", box(1), 3, {"v": vector("1 1"), "alpha": "3", "rho": "1"})
 # A - W C = -2, so beta = 2 and P = 1 are sharp; kappa = 1: rate at most 2 - 1, and R + s = 3/2 =
 # rho.
 COMPOSITE = {"P": [["1"]], "beta": "2", "kappa": "1", "size": "1"}
 OBSERVED = claim(
-    "max-separable", box(1, 0.5), 1, {"v": ["1", "1"], "alpha": "3", "rho": "3/2"} | COMPOSITE
+    "max-separable", box(1, 0.5), 1, {"v": vector("1 1"), "alpha": "3", "rho": "3/2"} | COMPOSITE
 )
 # -1 + 2 alpha <= 0.
-LINE = claim("max-separable", GLOBAL, 0.5, {"v": ["1", "2"], "alpha": "1/2", "rho": None})
-LINE_BOX = claim("max-separable", box(1), 0.5, {"v": ["1", "2"], "alpha": "1/2", "rho": "1"})
+LINE = claim("max-separable", GLOBAL, 0.5, {"v": vector("1 2"), "alpha": "1/2", "rho": None})
+LINE_BOX = claim("max-separable", box(1), 0.5, {"v": vector("1 2"), "alpha": "1/2", "rho": "1"})
 # exp(-s/4) - 1 - s/4 <= -5/4 alpha s at s = 1, and the lower face 1 - exp(s/4) - s/4: alpha <= (5/4
 # - exp(-1/4))/(5/4).
-CURVED = claim("max-separable", box(1), 0.37, {"v": ["1", "5/4"], "alpha": "0.3769", "rho": "1"})
+CURVED = claim("max-separable", box(1), 0.37, {"v": vector("1 5/4"), "alpha": "0.3769", "rho": "1"})
 # On [-5/2 s, -s/2] the sine is largest at the left end from s = pi/3 on: alpha = sin 3 / 1.8 =
 # 0.0784 at rho = 6/5.
-SINE = claim("max-separable", box(1), 0.07, {"v": ["1", "3/2"], "alpha": "0.0784", "rho": "6/5"})
+SINE = claim("max-separable", box(1), 0.07, {"v": vector("1 3/2"), "alpha": "0.0784", "rho": "6/5"})
 # The lower face of -|y|: 2 s <= (5 - alpha) s.
-BENT = claim("max-separable", box(1), 2, {"v": ["1", "1"], "alpha": "2.9999", "rho": "1"})
+BENT = claim("max-separable", box(1), 2, {"v": vector("1 1"), "alpha": "2.9999", "rho": "1"})
 BOTH = {"kind": "agents", "labels": ["1", "2"]}
 STUCK = claim("max-separable", "consensus", None, None, verdict="refuted", witness=BOTH)
 # 4 P of the paper: 4 Omega0 + P = [[-2, 1/3], [1/3, -8/3]] for beta = 1/2; P - c'c and 3 - P are
 # positive.
-SHARP = {"P": [["2", "-1"], ["-1", "4/3"]], "beta": "1/2", "kappa": "4", "size": "3"}
+SHARP = {"P": matrix("2 -1; -1 4/3"), "beta": "1/2", "kappa": "4", "size": "3"}
 HARMONIC = claim(
-    "max-separable", GLOBAL, 0.25, {"v": ["1", "1"], "alpha": "3", "rho": None} | SHARP
+    "max-separable", GLOBAL, 0.25, {"v": vector("1 1"), "alpha": "3", "rho": None} | SHARP
 )
 # kbar = min(2 - 1, 3 - 1) = 1 for both agents.
-MATRIX = claim("max-separable", box(1), 1, {"v": ["1", "1"], "alpha": "1", "rho": "1"})
+MATRIX = claim("max-separable", box(1), 1, {"v": vector("1 1"), "alpha": "1", "rho": "1"})
 # theta - 2 <= -1/4 2, theta = exp(T/4): T <= 4 ln 1.5 = 1.62186.
 LATE = claim("delay", GLOBAL, 0.25, {"delay": "1.6218", "rate": "1/4"})
 # Slopes 1, gain 1: T = 1; then f = 1 - T alpha.
@@ -247,7 +253,7 @@ HELD = claim("sampling", GLOBAL, None, {"period": "0.9999", "factor": "0.50005"}
 HELD_PAIR = claim("sampling", box(1), None, {"period": "0.12", "factor": "0.64"})
 # Agent 1: exp(s/2) - 1 + s/2 <= (3 - alpha) s, so alpha <= 1.8512; on its way h' has the mean 1 +
 # (e^2.5 - e^0.5)/2.
-UNEVEN = claim("max-separable", box(1), 1.85, {"v": ["1", "3/2"], "alpha": "1.85", "rho": "1"})
+UNEVEN = claim("max-separable", box(1), 1.85, {"v": vector("1 3/2"), "alpha": "1.85", "rho": "1"})
 # The weights of PAIR beside those: as for HELD_PAIR.
 HELD_OWN = changed(HELD_PAIR, certificate=PAIR["exact"])
 # h' = 1 + 3 y^2 on slices up to 3 k/8: L = 11.77, kmax = 3, so T <= 0.0677; kappa beta > 1 even so,
@@ -268,8 +274,8 @@ CUBIC = claim(
         "P_e": [[0, 0, "1"], [1, 1, "1"]],
         "level": "1/2",
         "radius": "1",
-        "ranges": [{"coupling": 0, "gains": [[["1", "2.00001"]]]}],
-        "multipliers": {"G": ["1", "1"]},
+        "ranges": [{"coupling": 0, "gains": [matrix("1 2.00001")]}],
+        "multipliers": {"G": vector("1 1")},
         "rate": "2.7",
     },
 )
@@ -313,11 +319,9 @@ def doubles(*values: float) -> Document:
 
 
 def _good() -> Iterator[Case]:
-    yield case("pair", HOLDS, changed(PAIR, v=doubles(1.0, 1.0)), what="doubles")
-    yield case("heavy", HOLDS, PAIR, what="weights beyond what floats multiply")
-    yield case(
-        "heavy", FAILS, changed(PAIR, alpha="1.001e307"), what="alpha beyond what floats multiply"
-    )
+    yield holds("pair", "doubles", changed(PAIR, v=doubles(1.0, 1.0)))
+    yield holds("heavy", "weights beyond what floats multiply", PAIR)
+    yield wrong("heavy", PAIR, "alpha beyond what floats multiply", alpha="1.001e307")
     true = {
         "pair": PAIR,
         "observed": OBSERVED,
@@ -327,32 +331,30 @@ def _good() -> Iterator[Case]:
         "bent": BENT,
     }
     for name, check in (true | {"matrix": MATRIX, "cubic": CUBIC}).items():
-        yield case(name, HOLDS, check, what="true")
-    yield case("line", HOLDS, LINE_BOX, what="in a box")
-    yield case("line", HOLDS, LINE, LATE, HELD, what="late and held")
-    yield case("pair", HOLDS, PAIR, HELD_PAIR, what="held")
+        yield holds(name, "true", check)
+    yield holds("line", "in a box", LINE_BOX)
+    yield holds("line", "late and held", LINE, LATE, HELD)
+    yield holds("pair", "held", PAIR, HELD_PAIR)
     sharp = claim("sampling", box(1), None, {"period": "1", "factor": "1/2"})
-    yield case("line", HOLDS, LINE_BOX, sharp, what="held for exactly 1 / slope")
-    yield case("pair", HOLDS, UNEVEN, HELD_OWN, what="held by weights of its own")
-    yield case(
-        "observed", HOLDS, OBSERVED, HELD_OBSERVED, what="held by an observer's part of its own"
-    )
+    yield holds("line", "held for exactly 1 / slope", LINE_BOX, sharp)
+    yield holds("pair", "held by weights of its own", UNEVEN, HELD_OWN)
+    yield holds("observed", "held by an observer's part of its own", OBSERVED, HELD_OBSERVED)
     third = changed(HELD, period="1/3", factor="5/6")
-    yield case("heavy line", HOLDS, LINE, third, what="held for 1 / (3 slope)")
-    yield case("heavy line", FAILS, LINE, changed(third, period="0.334"), what="held for longer")
+    yield holds("heavy line", "held for 1 / (3 slope)", LINE, third)
+    yield fails("heavy line", "held for longer", LINE, changed(third, period="0.334"))
     late = claim("sampling", box(1), None, {"period": "0.4", "factor": "0.9"})
-    yield case("matrix", FAILS, MATRIX, late, what="held for longer than 1 / max k_cc = 1/3")
-    yield case("loose", HOLDS, STUCK, **REFUTED, what="stuck")
+    yield fails("matrix", "held for longer than 1 / max k_cc = 1/3", MATRIX, late)
+    yield holds("loose", "stuck", STUCK, **REFUTED)
     alone = {"kind": "agents", "labels": ["2"]}
-    yield case("half loose", HOLDS, STUCK | {"witness": alone}, **UNDECIDED, what="stuck in mode A")
-    yield case("half loose", FAILS, STUCK, **UNDECIDED, what="one of them is pinned")
-    yield case("no region", HOLDS, LINE_BOX, what="covers nothing", **_frame_verdict("no region"))
-    yield case("no region", HOLDS, LINE, what="from every start")
+    yield holds("half loose", "stuck in mode A", STUCK | {"witness": alone}, **UNDECIDED)
+    yield fails("half loose", "one of them is pinned", STUCK, **UNDECIDED)
+    yield holds("no region", "covers nothing", LINE_BOX, **_frame_verdict("no region"))
+    yield holds("no region", "from every start", LINE)
     for method, rate in (("interval", "1.99"), ("vertices", "2.9")):
         other = changed(CUBIC, method=method, multipliers={}, rate=float(rate))
         other["exact"]["rate"] = rate
-        yield case("cubic", HOLDS, other, what=method)
-    yield case("second", HOLDS, second_box(), **REFUTED, what="another equilibrium")
+        yield holds("cubic", method, other)
+    yield holds("second", "another equilibrium", second_box(), **REFUTED)
 
 
 def _frame_verdict(name: str) -> Document:
@@ -367,183 +369,121 @@ def _bent_separable() -> Iterator[Case]:
     for name, (check, alpha) in (
         more | {"bent": (BENT, "3.0001"), "matrix": (MATRIX, "1.0001")}
     ).items():
-        yield case(name, FAILS, changed(check, alpha=alpha), what="alpha")
-    yield case(
-        "sine", FAILS, changed(SINE, rho="1.9", alpha="0.01", rate=0.01), what="a summit inside"
-    )
-    yield from bents("line", LINE, {"alpha": "0.5001"}, {"v": ["1", "1.9999"]})
-    yield case("line", FAILS, changed(LINE, v=doubles(0.0, 0.0)), what="v is 0")
+        yield wrong(name, check, "alpha", alpha=alpha)
+    yield wrong("sine", SINE, "a summit inside", rho="1.9", alpha="0.01", rate=0.01)
+    yield wrong("line", LINE, alpha="0.5001")
+    yield wrong("line", LINE, v=vector("1 1.9999"))
+    yield wrong("line", LINE, "v is 0", v=doubles(0.0, 0.0))
     for name in ("root", "log", "pole"):  # they are not defined on [-2, 0]
-        yield case(name, FAILS, PAIR, what="it leaves the domain of h")
-    yield case("tangent", FAILS, changed(PAIR, rho="2", domain=box(2)), what="a pole inside")
-    yield case(
-        "hidden kink",
-        FAILS,
-        changed(PAIR, alpha="1/2", rate=0.5),
-        what="a kink in a linear coupling",
-    )
+        yield fails(name, "it leaves the domain of h", PAIR)
+    yield wrong("tangent", PAIR, "a pole inside", rho="2", domain=box(2))
+    yield wrong("hidden kink", PAIR, "a kink in a linear coupling", alpha="1/2", rate=0.5)
     # Numbers.
-    yield case("pair", FAILS, changed(PAIR, rate=3.01), what="rate")
-    yield from bents("pair", PAIR, {"rate": 0}, {"rate": None}, **UNDECIDED)
-    yield from bents(
-        "pair", PAIR, {"margin": 0}, {"v": ["1"]}, {"v": ["1", "-1"]}, {"v": ["0", "0"]}
-    )
+    yield wrong("pair", PAIR, "rate", rate=3.01)
+    yield from each_wrong("pair", PAIR, rate=[0, None], says=UNDECIDED)
+    yield wrong("pair", PAIR, margin=0)
+    yield from each_wrong("pair", PAIR, v=[["1"], vector("1 -1"), vector("0 0")])
     for v in (
         doubles(1.0),
         doubles(1.0, float("nan")),
         doubles(1.0, float("inf")),
         doubles(1.0, -1.0),
     ):
-        yield case("pair", FAILS, changed(PAIR, v=v), what=f"v = {v}")
-    yield from bents("pair", PAIR, {"v": {"float64": "?" * 24}}, {"v": {"float64": 5}})
-    yield case("pair", FAILS, changed(PAIR, v=["1", f"1/{long * 2}"]), what="long v")
-    yield case("pair", FAILS, changed(PAIR, v=["1e300", "1e-300"]), what="far apart")
-    yield from bents(
-        "pair", PAIR, {"v": ["1e400", "1e400"], "rho": "1"}, {"domain": box(1e-9), "rho": "1e390"}
-    )
-    yield case(
-        "pair",
-        FAILS,
-        changed(PAIR, domain=box(1e-9), rho="400"),
-        what="rho beyond the numbers followed",
-    )
-    yield case(
-        "pair", FAILS, changed(PAIR, domain=box(1e-9), rho="1e9"), what="rho beyond all numbers"
-    )
-    yield case(
-        "pair",
-        FAILS,
-        changed(PAIR, rho="400"),
-        HELD_PAIR,
-        what="slopes beyond the numbers followed",
-    )
-    wrong = [
-        {"v": [1, 1]},
-        {"v": ["1", "0"]},
-        {"alpha": "0"},
-        {"alpha": 3},
-        {"rho": "0"},
-        {"rho": "-1"},
-        {"rho": 1},
-    ]
-    yield from bents("pair", PAIR, *wrong, {"beta": "1"}, {"extra": "1"}, {"rho": "0.9999"})
+        yield wrong("pair", PAIR, f"v = {v}", v=v)
+    yield from each_wrong("pair", PAIR, v=[{"float64": "?" * 24}, {"float64": 5}])
+    yield wrong("pair", PAIR, "long v", v=["1", f"1/{long * 2}"])
+    yield wrong("pair", PAIR, "far apart", v=vector("1e300 1e-300"))
+    yield wrong("pair", PAIR, v=vector("1e400 1e400"), rho="1")
+    yield wrong("pair", PAIR, domain=box(1e-9), rho="1e390")
+    yield wrong("pair", PAIR, "rho beyond the numbers followed", domain=box(1e-9), rho="400")
+    yield wrong("pair", PAIR, "rho beyond all numbers", domain=box(1e-9), rho="1e9")
+    yield fails("pair", "slopes beyond the numbers followed", changed(PAIR, rho="400"), HELD_PAIR)
+    yield wrong("pair", PAIR, alpha="0")
+    yield wrong("pair", PAIR, alpha=3)
+    yield from each_wrong("pair", PAIR, v=[[1, 1], vector("1 0")])
+    yield from each_wrong("pair", PAIR, rho=["0", "-1", 1, "0.9999"])
+    yield wrong("pair", PAIR, beta="1")
+    yield wrong("pair", PAIR, extra="1")
     # Domains.
-    yield from bents("line", LINE, {"domain": box(1)}, {"rho": "1"})
+    yield wrong("line", LINE, domain=box(1))
+    yield wrong("line", LINE, rho="1")
     places = (box(1.0001), GLOBAL, ball(1), box(None), box(-1), box(1, 0.1))
-    yield from bents(
-        "pair", PAIR, *({"domain": place} for place in places), {"domain": GLOBAL, "rho": None}
-    )
-    yield case(
-        "observed",
-        FAILS,
-        changed(OBSERVED, domain=box(1, -0.5)),
-        **UNDECIDED,
-        what="negative disturbance",
-    )
+    for change in ({"domain": place} for place in places):
+        yield wrong("pair", PAIR, **change)
+    yield wrong("pair", PAIR, domain=GLOBAL, rho=None)
+    yield wrong("observed", OBSERVED, "negative disturbance", domain=box(1, -0.5), says=UNDECIDED)
     # The observer's part.
-    yield from bents(
-        "observed",
-        OBSERVED,
-        {"beta": "2.0001"},
-        {"P": [["0.9999"]]},
-        {"P": [["-1"]]},
-        {"size": "0.9999"},
-    )
-    yield from bents("observed", OBSERVED, {"kappa": "0.9999"}, {"kappa": "-1"}, {"rate": 1.0001})
-    yield from bents("observed", OBSERVED, {"domain": box(1.0001, 0.5)}, {"domain": box(1, 0.5001)})
-    yield case("observed", FAILS, changed(OBSERVED, P=[[f"{long[:-1]}1/{long}"]]), what="long P")
-    yield case("harmonic", HOLDS, HARMONIC, what="true", **_frame_verdict("harmonic"))
-    skew = changed(HARMONIC, P=[["2", "-1"], ["-1.01", "4/3"]])
-    yield case("harmonic", FAILS, skew, what="P is not symmetric", **_frame_verdict("harmonic"))
-    yield case("hidden", FAILS, changed(OBSERVED, P=[["0"]]), what="P = 0")
-    yield case("unobserved", FAILS, OBSERVED, what="no W")
+    yield wrong("observed", OBSERVED, beta="2.0001")
+    yield from each_wrong("observed", OBSERVED, P=[[["0.9999"]], [["-1"]]])
+    yield wrong("observed", OBSERVED, size="0.9999")
+    yield from each_wrong("observed", OBSERVED, kappa=["0.9999", "-1"])
+    yield wrong("observed", OBSERVED, rate=1.0001)
+    yield from each_wrong("observed", OBSERVED, domain=[box(1.0001, 0.5), box(1, 0.5001)])
+    yield wrong("observed", OBSERVED, "long P", P=[[f"{long[:-1]}1/{long}"]])
+    yield holds("harmonic", "true", HARMONIC, **_frame_verdict("harmonic"))
+    skew = changed(HARMONIC, P=matrix("2 -1; -1.01 4/3"))
+    yield fails("harmonic", "P is not symmetric", skew, **_frame_verdict("harmonic"))
+    yield wrong("hidden", OBSERVED, "P = 0", P=[["0"]])
+    yield fails("unobserved", "no W", OBSERVED)
     # Shape of the claim.
-    yield case("pair", FAILS, changed(PAIR, verdict="perhaps"), **UNDECIDED, what="verdict")
-    yield case(
-        "pair", FAILS, PAIR | {"witness": {"kind": "agents", "labels": ["1"]}}, what="a witness"
-    )
-    yield case("pair", FAILS, PAIR | {"mode": "G"}, what="a mode")
-    yield case("pair", FAILS, PAIR, PAIR, what="twice")
-    yield case("list", FAILS, changed(MATRIX, rate=1, v=["1", "1"], alpha="1"), what="a list")
+    yield wrong("pair", PAIR, "verdict", verdict="perhaps", says=UNDECIDED)
+    yield fails("pair", "a witness", PAIR | {"witness": {"kind": "agents", "labels": ["1"]}})
+    yield fails("pair", "a mode", PAIR | {"mode": "G"})
+    yield fails("pair", "twice", PAIR, PAIR)
+    yield wrong("list", MATRIX, "a list", rate=1, v=vector("1 1"), alpha="1")
     # Stuck agents.
-    yield from bents(
-        "loose", STUCK, {"domain": box(1)}, {"rate": 1}, {"verdict": "perhaps"}, **REFUTED
-    )
-    yield case("loose", FAILS, STUCK | {"exact": {}}, **REFUTED, what="exact")
+    yield wrong("loose", STUCK, domain=box(1), says=REFUTED)
+    yield wrong("loose", STUCK, rate=1, says=REFUTED)
+    yield wrong("loose", STUCK, verdict="perhaps", says=REFUTED)
+    yield fails("loose", "exact", STUCK | {"exact": {}}, **REFUTED)
     groups = [
         {"kind": "agents", "labels": labels}
-        for labels in ([], ["1"], ["3"], ["1", "3"], ["1", "2", "2"])
+        for labels in ([], ["1"], ["3"], vector("1 3"), vector("1 2 2"))
     ]
-    yield from bents(
-        "loose",
-        STUCK,
-        *({"witness": each} for each in (*groups, BOTH | {"kind": "vector"})),
-        **REFUTED,
-    )
-    yield case("pair", FAILS, STUCK, **UNDECIDED, what="nobody is stuck")
+    for change in ({"witness": each} for each in (*groups, BOTH | {"kind": "vector"})):
+        yield wrong("loose", STUCK, says=REFUTED, **change)
+    yield fails("pair", "nobody is stuck", STUCK, **UNDECIDED)
 
 
 def _bent_timing() -> Iterator[Case]:
     # h' = 1 + exp(y) is the largest at the right end of every slice: at 0.135 the slopes at the
     # left ends would do.
     held = changed(HELD_PAIR, period="0.135", factor="0.595")
-    yield case("pair", FAILS, PAIR, held, what="held a little too long")
+    yield fails("pair", "held a little too long", PAIR, held)
     # The region [-5, 0] reaches 6 from the target 1.
     near = changed(PAIR, domain=box(5), rho="5")
-    yield case("below the target", FAILS, near, what="it does not reach the far end")
-    yield case(
-        "below the target",
-        HOLDS,
-        changed(near, domain=box(6), rho="6"),
-        what="it reaches the far end",
-    )
-    yield from bents(
-        "line", LATE, {"delay": "1.6219"}, {"delay": "-1"}, {"delay": "1e9"}, beside=[LINE]
-    )
+    yield fails("below the target", "it does not reach the far end", near)
+    yield holds("below the target", "it reaches the far end", changed(near, domain=box(6), rho="6"))
+    yield from each_wrong("line", LATE, delay=["1.6219", "-1", "1e9"], beside=[LINE])
     rates = ({"rate": rate} for rate in (0.251, 0, None))
-    yield from bents("line", LATE, *rates, {"domain": box(1)}, beside=[LINE])
-    yield case("line", FAILS, LATE, what="delay alone", **_frame_verdict("line"))
-    yield case(
-        "line",
-        FAILS,
-        LINE,
-        changed(LATE, verdict="refuted", rate=None, domain=GLOBAL),
-        what="refuted",
-    )
+    for change in rates:
+        yield wrong("line", LATE, beside=[LINE], **change)
+    yield wrong("line", LATE, domain=box(1), beside=[LINE])
+    yield fails("line", "delay alone", LATE, **_frame_verdict("line"))
+    yield fails("line", "refuted", LINE, changed(LATE, verdict="refuted", rate=None, domain=GLOBAL))
     slow = changed(OBSERVED, beta="5/4", rate=0.25)
     delay = claim("delay", box(1, 0.5), 1.25, {"delay": "0", "rate": "1.25"})
-    yield case("observed", HOLDS, slow, delay, what="late")
+    yield holds("observed", "late", slow, delay)
     delay["exact"]["rate"] = "1.26"
-    yield case("observed", FAILS, slow, delay, what="late faster than the observer")
-    yield from bents("line", HELD, {"period": "1.0001"}, {"factor": "0.50004"}, beside=[LINE])
-    yield case(
-        "pair",
-        FAILS,
-        UNEVEN,
-        changed(HELD_PAIR, factor="0.8"),
-        what="held too long for these weights",
-    )
-    yield case(
-        "pair",
-        FAILS,
-        HELD_OWN,
-        what="weights of its own with nothing beside",
-        **_frame_verdict("pair"),
+    yield fails("observed", "late faster than the observer", slow, delay)
+    yield wrong("line", HELD, period="1.0001", beside=[LINE])
+    yield wrong("line", HELD, factor="0.50004", beside=[LINE])
+    yield fails("pair", "held too long for these weights", UNEVEN, changed(HELD_PAIR, factor="0.8"))
+    yield fails(
+        "pair", "weights of its own with nothing beside", HELD_OWN, **_frame_verdict("pair")
     )
     others = (
         {"alpha": "3.01"},
         {"alpha": "0"},
         {"rho": "0.9"},
         {"rho": None},
-        {"v": ["1", "0"]},
+        {"v": vector("1 0")},
         {"v": ["1"]},
     )
     for own in (*others, {"rate": 1}):
         bent = changed(HELD_OWN, certificate=PAIR["exact"] | own)
-        yield case("pair", FAILS, UNEVEN, bent, what=f"weights of its own with {own}")
-    yield case(
-        "pair", FAILS, UNEVEN, changed(HELD_OWN, certificate=None), what="no weights of its own"
-    )
+        yield fails("pair", f"weights of its own with {own}", UNEVEN, bent)
+    yield fails("pair", "no weights of its own", UNEVEN, changed(HELD_OWN, certificate=None))
     for own in (
         {"kappa": "1/2"},
         {"kappa": "1.01"},
@@ -552,13 +492,11 @@ def _bent_timing() -> Iterator[Case]:
         {"size": "0.99"},
     ):
         bent = changed(HELD_OBSERVED, certificate=HELD_OBSERVED["exact"]["certificate"] | own)
-        yield case(
-            "observed", FAILS, OBSERVED, bent, what=f"an observer's part of its own with {own}"
-        )
-    yield from bents(
-        "line", HELD, {"factor": "1"}, {"rate": 1}, {"verdict": "refuted"}, beside=[LINE]
-    )
-    yield case("pair", FAILS, PAIR, changed(HELD_PAIR, period="0.14", factor="0.58"), what="period")
+        yield fails("observed", f"an observer's part of its own with {own}", OBSERVED, bent)
+    yield wrong("line", HELD, factor="1", beside=[LINE])
+    yield wrong("line", HELD, rate=1, beside=[LINE])
+    yield wrong("line", HELD, verdict="refuted", beside=[LINE])
+    yield fails("pair", "period", PAIR, changed(HELD_PAIR, period="0.14", factor="0.58"))
 
 
 def _gains(gains: Any, coupling: int = 0) -> list[Document]:
@@ -567,203 +505,154 @@ def _gains(gains: Any, coupling: int = 0) -> list[Document]:
 
 def _bent_lure() -> Iterator[Case]:
     # The gains are in [-1, 0], and an agent alone decays at 1/10.
-    alone = changed(CUBIC, rate=None, ranges=_gains([[["-1", "0"]]]), multipliers={"G": []})
+    alone = changed(CUBIC, rate=None, ranges=_gains([matrix("-1 0")]), multipliers={"G": []})
     alone["exact"]["rate"] = "1/20"
-    yield case("pushed away", FAILS, alone, what="a gain that is 0 at most is left out")
-    yield from bents(
-        "cubic", CUBIC, {"domain": ball(0.70711)}, {"level": "0.5001"}, {"radius": "0.9999"}
-    )
-    yield from bents(
-        "cubic", CUBIC, {"radius": "-1"}, {"level": None}, {"level": None, "domain": GLOBAL}
-    )
+    yield fails("pushed away", "a gain that is 0 at most is left out", alone)
+    yield wrong("cubic", CUBIC, domain=ball(0.70711))
+    yield wrong("cubic", CUBIC, level="0.5001")
+    yield wrong("cubic", CUBIC, radius="0.9999")
+    yield wrong("cubic", CUBIC, level=None, domain=GLOBAL)
+    yield wrong("cubic", CUBIC, radius="-1")
+    yield wrong("cubic", CUBIC, level=None)
     free = {"level": None, "radius": None, "rate": "0", "method": "vertices", "multipliers": {}}
     everywhere = claim(
-        "lure", GLOBAL, None, CUBIC["exact"] | free | {"ranges": _gains([[["1", "1"]]])}
+        "lure", GLOBAL, None, CUBIC["exact"] | free | {"ranges": _gains([matrix("1 1")])}
     )
-    seen = changed(everywhere, P=[["1/2", "-1/4"], ["-1/4", "1/3"]])
-    yield case("harmonic", HOLDS, seen, what="everywhere", **_frame_verdict("harmonic"))
-    skew = changed(seen, P=[["1/2", "-1/4"], ["-0.26", "1/3"]])
-    yield case(
-        "harmonic", FAILS, skew, what="P of lure is not symmetric", **_frame_verdict("harmonic")
-    )
+    seen = changed(everywhere, P=matrix("1/2 -1/4; -1/4 1/3"))
+    yield holds("harmonic", "everywhere", seen, **_frame_verdict("harmonic"))
+    skew = changed(seen, P=matrix("1/2 -1/4; -0.26 1/3"))
+    yield fails("harmonic", "P of lure is not symmetric", skew, **_frame_verdict("harmonic"))
     local = changed(seen, domain=ball(1, 0.5))
-    yield case("harmonic", FAILS, local, what="a ball without level", **_frame_verdict("harmonic"))
+    yield fails("harmonic", "a ball without level", local, **_frame_verdict("harmonic"))
     blind = changed(everywhere, P=[["-1"]])
-    yield case(
-        "bad W", FAILS, blind, verdict="proved", rate=None, covered_by="lure", what="P < 0 of lure"
+    yield fails("bad W", "P < 0 of lure", blind, verdict="proved", rate=None, covered_by="lure")
+    saddle = changed(everywhere, P_e=[[0, 1, "2"]], ranges=_gains([matrix("-1 -1")]))
+    yield fails(
+        "unstable", "P_e is a saddle", saddle, verdict="proved", rate=None, covered_by="lure"
     )
-    saddle = changed(everywhere, P_e=[[0, 1, "2"]], ranges=_gains([[["-1", "-1"]]]))
-    yield case(
-        "unstable",
-        FAILS,
-        saddle,
-        verdict="proved",
-        rate=None,
-        covered_by="lure",
-        what="P_e is a saddle",
-    )
-    yield from bents(
-        "cubic", CUBIC, {"level": None, "radius": None, "domain": GLOBAL}, {"domain": box(0.5)}
-    )
-    for gains in (["1", "1.9999"], ["1.0001", "2"]):
-        yield case(
-            "cubic",
-            FAILS,
-            changed(CUBIC, ranges=[{"coupling": 0, "gains": [[gains]]}]),
-            what=f"gains {gains}",
-        )
+    yield wrong("cubic", CUBIC, level=None, radius=None, domain=GLOBAL)
+    yield wrong("cubic", CUBIC, domain=box(0.5))
+    for gains in (vector("1 1.9999"), vector("1.0001 2")):
+        yield wrong("cubic", CUBIC, f"gains {gains}", ranges=[{"coupling": 0, "gains": [[gains]]}])
     # sin y <= y/2 holds at y = 5/2, not at 1; an off-diagonal gain; the slope of y2^3 on |y2| <=
     # 1/2 is at most 3/4.
     wavy = changed(
-        CUBIC, radius="5/2", level="25/8", domain=ball(1.5), ranges=_gains([[["1/5", "1/2"]]])
+        CUBIC, radius="5/2", level="25/8", domain=ball(1.5), ranges=_gains([matrix("1/5 1/2")])
     )
-    yield case("wavy", FAILS, wavy, what="a gain that is passed in between")
-    wavy = changed(wavy, ranges=_gains([[["1/5", "1.00001"]]]), rate=1.0)
+    yield fails("wavy", "a gain that is passed in between", wavy)
+    wavy = changed(wavy, ranges=_gains([matrix("1/5 1.00001")]), rate=1.0)
     wavy["exact"]["rate"] = "1"
-    yield case("wavy", HOLDS, wavy, what="true")
+    yield holds("wavy", "true", wavy)
     plane = {
         "P_e": [[k, k, "1"] for k in range(4)],
         "rate": "0",
         "multipliers": {},
         "method": "interval",
     }
-    both = [[["0.7", "1.00001"], ["0", "0"]], [["0", "0"], ["0.7", "1.00001"]]]
-    for off, code in ((["0", "0"], HOLDS), (["0.1", "0.1"], FAILS)):
+    both = [matrix("0.7 1.00001; 0 0"), matrix("0 0; 0.7 1.00001")]
+    for off, code in ((vector("0 0"), HOLDS), (vector("0.1 0.1"), FAILS)):
         gains = [[both[0][0], off], both[1]]
         exact = CUBIC["exact"] | plane | {"ranges": _gains(gains)}
         check = claim("lure", ball(0.7), None, exact)
-        yield case("matrix", code, check, **UNDECIDED, what=f"a gain {off[0]} beside the diagonal")
+        yield case("matrix", code, f"a gain {off[0]} beside the diagonal", check, **UNDECIDED)
     for top, code in (("0.2501", HOLDS), ("0.2499", FAILS)):
-        gains = [[["1", "1.00001"], ["0", top]], [["0", "0"], ["1", "1.00001"]]]
+        gains = [[vector("1 1.00001"), ["0", top]], matrix("0 0; 1 1.00001")]
         gains[0][0][0] = gains[1][1][0] = "0.99999"
         exact = CUBIC["exact"] | plane | {"ranges": _gains(gains), "radius": "1/2", "level": "1/8"}
         check = claim("lure", ball(0.35), None, exact)
-        yield case("list", code, check, **UNDECIDED, what=f"a gain of {top}")
+        yield case("list", code, f"a gain of {top}", check, **UNDECIDED)
     # h is y on |y| <= 1 only: the radius counts though the gain is one number.
-    flat = changed(CUBIC, ranges=_gains([[["0.99999", "1.00001"]]]), rate=1.0)
+    flat = changed(CUBIC, ranges=_gains([matrix("0.99999 1.00001")]), rate=1.0)
     flat["exact"]["rate"] = "1"
-    yield case("flat", HOLDS, flat, what="true")
-    yield case("flat", FAILS, changed(flat, level="0.5001"), what="level")
-    mixed = [*_gains([[["1", "1.2501"]]]), *_gains([[["2", "2"]]], 1)]
+    yield holds("flat", "true", flat)
+    yield wrong("flat", flat, "level", level="0.5001")
+    mixed = [*_gains([matrix("1 1.2501")]), *_gains([matrix("2 2")], 1)]
     two = changed(CUBIC, ranges=mixed, radius="1/2", level="1/8", domain=ball(0.353), rate=1.0)
-    two["exact"] |= {"rate": "1", "multipliers": {"G": ["1", "0"]}}
-    yield case("two kinds", HOLDS, two, what="true")
-    for gains in (["1.9999", "1.9999"], ["2.0001", "2.0001"]):
+    two["exact"] |= {"rate": "1", "multipliers": {"G": vector("1 0")}}
+    yield holds("two kinds", "true", two)
+    for gains in (vector("1.9999 1.9999"), vector("2.0001 2.0001")):
         ranges = [mixed[0], *_gains([[gains]], 1)]
-        yield case("two kinds", FAILS, changed(two, ranges=ranges), what=f"gains {gains}")
-    tau = changed(two, multipliers={"G": ["1", "1"]})
-    yield case("two kinds", FAILS, tau, what="a multiplier of one gain")
-    yield from bents(
-        "cubic",
-        CUBIC,
-        {"ranges": []},
-        {"ranges": CUBIC["exact"]["ranges"] * 2},
-        {"ranges": {}},
-        {"P_e": "I"},
-    )
-    yield from bents(
-        "cubic", CUBIC, {"ranges": [CUBIC["exact"]["ranges"][0] | {"coupling": False}]}
-    )
+        yield wrong("two kinds", two, f"gains {gains}", ranges=ranges)
+    tau = changed(two, multipliers={"G": vector("1 1")})
+    yield fails("two kinds", "a multiplier of one gain", tau)
+    yield from each_wrong("cubic", CUBIC, ranges=[[], CUBIC["exact"]["ranges"] * 2, {}])
+    yield wrong("cubic", CUBIC, P_e="I")
+    yield wrong("cubic", CUBIC, ranges=[CUBIC["exact"]["ranges"][0] | {"coupling": False}])
     taus = (
-        {"G": ["1", "0"]},
-        {"G": ["1", "-1"]},
+        {"G": vector("1 0")},
+        {"G": vector("1 -1")},
         {"G": ["1"]},
-        {"H": ["1", "1"]},
-        {"G": ["1", "1"], "H": []},
+        {"H": vector("1 1")},
+        {"G": vector("1 1"), "H": []},
     )
-    yield from bents(
-        "cubic", CUBIC, *({"multipliers": tau} for tau in taus), {"method": "vertices"}
-    )
-    yield from bents("cubic", CUBIC, {"method": "circle", "multipliers": {}}, {"rate": 2.71})
-    yield case("cubic", FAILS, changed(CUBIC, rate=0), **UNDECIDED, what="rate 0")
+    for change in ({"multipliers": tau} for tau in taus):
+        yield wrong("cubic", CUBIC, **change)
+    yield wrong("cubic", CUBIC, method="vertices")
+    yield wrong("cubic", CUBIC, method="circle", multipliers={})
+    yield wrong("cubic", CUBIC, rate=2.71)
+    yield wrong("cubic", CUBIC, "rate 0", rate=0, says=UNDECIDED)
     for method, sharp in (("lure", "2.75"), ("interval", "2"), ("vertices", "3")):
         other = changed(
-            CUBIC, method=method, multipliers={"G": ["1", "1"]} if method == "lure" else {}
+            CUBIC, method=method, multipliers={"G": vector("1 1")} if method == "lure" else {}
         )
         other["exact"]["rate"] = sharp
-        yield case("cubic", FAILS, other, what=f"rate of {method}")
+        yield fails("cubic", f"rate of {method}", other)
     negative = changed(CUBIC, rate=None)
     negative["exact"]["rate"] = "-1"
-    yield case(
-        "cubic",
-        FAILS,
-        negative,
-        verdict="proved",
-        rate=None,
-        covered_by="lure",
-        what="negative rate",
-    )
+    yield fails("cubic", "negative rate", negative, verdict="proved", rate=None, covered_by="lure")
     indefinite = changed(CUBIC, P_e=[[0, 0, "1"], [1, 1, "-1"]])
-    yield case("cubic", FAILS, indefinite, what="P_e")
+    yield fails("cubic", "P_e", indefinite)
     for P_e in ([[1, 0, "1/10"]], [[0, 0, "1"]], [[0, 1, "0"]]):
-        yield case(
-            "cubic", FAILS, changed(CUBIC, P_e=[*CUBIC["exact"]["P_e"], *P_e]), what=f"{P_e} in P_e"
-        )
+        yield wrong("cubic", CUBIC, f"{P_e} in P_e", P_e=[*CUBIC["exact"]["P_e"], *P_e])
     for place in (-1, 2, True, "0"):
-        yield case(
-            "cubic", FAILS, changed(CUBIC, P_e=[[place, place, "1"]]), what=f"P_e at {place!r}"
-        )
+        yield wrong("cubic", CUBIC, f"P_e at {place!r}", P_e=[[place, place, "1"]])
 
 
 def _bent_equilibria() -> Iterator[Case]:
     good = second_box()
     for shift in ("2e-6", "-2e-6"):
-        yield case("second", FAILS, second_box(shift=shift), **REFUTED, what="beside it")
+        yield fails("second", "beside it", second_box(shift=shift), **REFUTED)
     for name in ("second, left", "second, right", "second, far"):
-        yield case(name, FAILS, good, **REFUTED, what="outside the region")
-    yield case("second, moved", HOLDS, good, **REFUTED, what="a target that is not 0")
+        yield fails(name, "outside the region", good, **REFUTED)
+    yield holds("second, moved", "a target that is not 0", good, **REFUTED)
     alone = _frame_verdict("second, no region")
-    yield case("second, no region", HOLDS, good, what="the question is about the target", **alone)
-    yield case("second, curved list", HOLDS, second_box(components=2), **REFUTED, what="a list")
-    target = [["-1e-6", "1e-6"]] * 2
-    witness = {"kind": "start", "values": ["0", "0"]}
-    yield case(
-        "second", FAILS, changed(good, box=target, witness=witness), **REFUTED, what="the target"
-    )
-    yield case("second", FAILS, second_box("1.7"), **REFUTED, what="the target in the box")
-    yield case("second", FAILS, good, **UNDECIDED, what="the verdict")
-    yield case("second, unobserved", FAILS, good, **REFUTED, what="no observer gain")
-    yield from bents(
-        "second", good, {"rate": 1}, {"margin": 0}, {"mode": "H"}, {"domain": box(1)}, **REFUTED
-    )
-    yield case("second", FAILS, changed(good, verdict="proved"), **UNDECIDED, what="proved")
+    yield holds("second, no region", "the question is about the target", good, **alone)
+    yield holds("second, curved list", "a list", second_box(components=2), **REFUTED)
+    target = matrix("-1e-6 1e-6") * 2
+    witness = {"kind": "start", "values": vector("0 0")}
+    yield wrong("second", good, "the target", box=target, witness=witness, says=REFUTED)
+    yield fails("second", "the target in the box", second_box("1.7"), **REFUTED)
+    yield fails("second", "the verdict", good, **UNDECIDED)
+    yield fails("second, unobserved", "no observer gain", good, **REFUTED)
+    yield wrong("second", good, rate=1, says=REFUTED)
+    yield wrong("second", good, margin=0, says=REFUTED)
+    yield wrong("second", good, mode="H", says=REFUTED)
+    yield wrong("second", good, domain=box(1), says=REFUTED)
+    yield wrong("second", good, "proved", verdict="proved", says=UNDECIDED)
     witness = good["witness"] | {"values": [x[:-1] for x in good["witness"]["values"]]}
-    yield case("second", FAILS, changed(good, witness=witness), **REFUTED, what="not the middle")
+    yield wrong("second", good, "not the middle", witness=witness, says=REFUTED)
     empty = [[hi, lo] for lo, hi in good["exact"]["box"]]
-    yield case("second", FAILS, changed(good, box=empty), **REFUTED, what="an empty box")
-    yield from bents(
-        "second",
-        good,
-        {"box": good["exact"]["box"][:1]},
-        {"box": "text"},
-        {"box": [["1"]] * 2},
-        **REFUTED,
+    yield wrong("second", good, "an empty box", box=empty, says=REFUTED)
+    yield from each_wrong(
+        "second", good, box=[good["exact"]["box"][:1], "text", [["1"]] * 2], says=REFUTED
     )
-    yield from bents(
+    yield wrong(
         "second",
         good,
-        {"witness": {"kind": "vector", "values": good["witness"]["values"]}},
-        **REFUTED,
+        witness={"kind": "vector", "values": good["witness"]["values"]},
+        says=REFUTED,
     )
 
 
 def _bent_frames() -> Iterator[Case]:
-    yield case("pair", FAILS, PAIR, **UNDECIDED, what="the verdict")
+    yield fails("pair", "the verdict", PAIR, **UNDECIDED)
     small = changed(PAIR, domain=box(0.9999))
-    yield case("pair", FAILS, small, what="it does not cover")
-    yield case("pair", HOLDS, small, **UNDECIDED, what="it does not cover, and says so")
+    yield fails("pair", "it does not cover", small)
+    yield holds("pair", "it does not cover, and says so", small, **UNDECIDED)
     calm = changed(OBSERVED, domain=box(1, 0.4999))
-    yield case("observed", FAILS, calm, what="it covers less disturbance")
-    yield case("observed", HOLDS, calm, **UNDECIDED, what="less disturbance")
-    yield case("cubic", FAILS, changed(CUBIC, domain=ball(0.69)), what="a ball that does not cover")
+    yield fails("observed", "it covers less disturbance", calm)
+    yield holds("observed", "less disturbance", calm, **UNDECIDED)
+    yield wrong("cubic", CUBIC, "a ball that does not cover", domain=ball(0.69))
     for domain in ({"kind": "box", "radius": 1}, box("1"), 5):
-        yield case("pair", UNREADABLE, PAIR | {"domain": domain}, what=f"the domain {domain}")
-    yield case(
-        "line",
-        FAILS,
-        LINE,
-        verdict="proved",
-        rate=0.5,
-        covered_by="delay",
-        what="covered by a delay",
-    )
+        yield case("pair", UNREADABLE, f"the domain {domain}", PAIR | {"domain": domain})
+    yield fails("line", "covered by a delay", LINE, verdict="proved", rate=0.5, covered_by="delay")

@@ -3,14 +3,13 @@ hand."""
 
 import hashlib
 import json
-from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import pytest
 from certified import claimed_afresh, consensus_claims
 
-from checker_files.files import FAILS, Case, Document
+from checker_files.files import Case, Document
 from dobc_design import Problem, Switching
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import certificate_bytes
@@ -83,14 +82,9 @@ class Frames:
         self,
         name: str,
         code: int,
-        check: Document | None,
         what: str,
+        check: Document | None,
         data: bytes | None = None,
         **overall: Any,
     ) -> Case:
         return Case(f"{name}: {what}", *self.certificate(name, check, data, **overall), code)
-
-    def fails(self, name: str, check: Document, *changes: Document) -> Iterator[Case]:
-        """The claim with one of the changes at a time, of which none holds."""
-        for change in changes:
-            yield self.case(name, FAILS, bent(check, **change), f"with {str(change)[:60]}")

@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 from certified import consensus_claims
+from texts import matrix, vector
 
 from checker_files.files import (
     FAILS,
@@ -28,7 +29,7 @@ WATCHED: dict[str, Any] = {"exosystem": scalar(0), "observer": Observer(W=[[2]])
 # Agent 2 hears agent 1, which is pinned with 1; h' = 1.  M = [[1, 0], [-1, 1]], mu = 1.  With D =
 # (4, 1) and rate 1/2 N = [[4, -1], [-1, 1]], N (1, 2) = (2, 1); with rate 3/4 N = [[2, -1], [-1,
 # 1/2]] is singular.
-D, V, RATE = ["4", "1"], ["1", "2"], 0.5
+D, V, RATE = vector("4 1"), vector("1 2"), 0.5
 
 
 def weighted(rate: Any = RATE, id: str = "theorem1-weighted", **exact: Any) -> Document:
@@ -38,7 +39,7 @@ def weighted(rate: Any = RATE, id: str = "theorem1-weighted", **exact: Any) -> D
 # With A = 0, C = 1, W = 2, P = 1 and rate 1/2: S = 1/(4 - 1) = 1/3, and for s D
 # N = s [[4, -1], [-1, 1]] - s^2 diag(16, 1)/3: N (1, 2) = (2 s - 16 s^2/3, s - 2 s^2/3),
 # positive for s = 1/4 and not for s = 3/8.
-SEEN = weighted(D=["1", "1/4"], P=[["1"]])
+SEEN = weighted(D=vector("1 1/4"), P=[["1"]])
 
 
 def straight(verdict: str = "proved", rate: Any = 0.75, exact: Any = None, **more: Any) -> Document:
@@ -48,11 +49,11 @@ def straight(verdict: str = "proved", rate: Any = 0.75, exact: Any = None, **mor
 # P of the paper gives S = 9/8 at rate 0, where N = s [[8, -1], [-1, 2]] - s^2 diag(18, 9/8) for s
 # D.
 HARMONIC: dict[str, Any] = {
-    "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
-    "observer": Observer(W=[["16/5"], ["12/5"]]),
+    "exosystem": Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0")),
+    "observer": Observer(W=matrix("16/5; 12/5")),
 }
-PAPER = [["1/2", "-1/4"], ["-1/4", "1/3"]]
-BENT = [["1/2", "-26/100"], ["-24/100", "1/3"]]
+PAPER = matrix("1/2 -1/4; -1/4 1/3")
+BENT = matrix("1/2 -26/100; -24/100 1/3")
 
 
 @cache
@@ -107,11 +108,11 @@ def weighted_cases() -> list[Case]:
         ("the rate of a singular matrix", weighted(0.75), FAILS),
         ("a rate below 0", weighted(-0.5), FAILS),
         ("a rate of 0", weighted(0), FAILS),
-        ("the weights of V = e'e", weighted(D=["1", "1"]), FAILS),
-        ("w too steep", weighted(w={"G": ["1", "4"]}), FAILS),
-        ("w too flat", weighted(w={"G": ["1", "1"]}), FAILS),
-        ("no positive D", weighted(D=["4", "-1"]), FAILS),
-        ("no positive w", weighted(w={"G": ["-1", "-2"]}), FAILS),
+        ("the weights of V = e'e", weighted(D=vector("1 1")), FAILS),
+        ("w too steep", weighted(w={"G": vector("1 4")}), FAILS),
+        ("w too flat", weighted(w={"G": vector("1 1")}), FAILS),
+        ("no positive D", weighted(D=vector("4 -1")), FAILS),
+        ("no positive w", weighted(w={"G": vector("-1 -2")}), FAILS),
         ("another mode", weighted(w={"H": V}), FAILS),
         ("a mode too many", weighted(w={"G": V, "H": V}), FAILS),
         ("one weight", weighted(D=["4"]), FAILS),
@@ -128,17 +129,17 @@ def weighted_cases() -> list[Case]:
     # With D = (1/2, 1) N w = (w_1 - w_2, 2 w_2 - w_1), and the arc adds (w_1 - w_2/2, -w_1/2) or
     # nothing.
     for name, w, code in (
-        ("by hand", ["5", "4"], HOLDS),
-        ("the arc is not always there", ["1/2", "1/2"], FAILS),
+        ("by hand", vector("5 4"), HOLDS),
+        ("the arc is not always there", vector("1/2 1/2"), FAILS),
     ):
-        check = weighted(None, "theorem2-weighted", D=["1/2", "1"], w={"G": w})
+        check = weighted(None, "theorem2-weighted", D=vector("1/2 1"), w={"G": w})
         found.append(case(name, "comes and goes", check, code))
     found += [
         case(name, "two modes", weighted(**second | more), code)
         for name, more, code in (
             ("by hand", {}, HOLDS),
             ("one mode is missing", {"w": {"A": V}}, FAILS),
-            ("fails in the second mode", {"w": {"A": V, "B": ["1", "4"]}}, FAILS),
+            ("fails in the second mode", {"w": {"A": V, "B": vector("1 4")}}, FAILS),
             ("for one mode", {"id": "theorem1-weighted"}, FAILS),
         )
     ]
@@ -146,27 +147,30 @@ def weighted_cases() -> list[Case]:
         case(name, "seen", SEEN | {"exact": SEEN["exact"] | more}, code)
         for name, more, code in (
             ("by hand", {}, HOLDS),
-            ("weights too large for the observer", {"D": ["3/2", "3/8"]}, FAILS),
+            ("weights too large for the observer", {"D": vector("3/2 3/8")}, FAILS),
             ("a small P", {"P": [["1/3"]]}, FAILS),  # S = 1
             ("a negative P", {"P": [["-1"]]}, FAILS),
-            ("a P of another size", {"P": [["1", "0"], ["0", "1"]]}, FAILS),
+            ("a P of another size", {"P": matrix("1 0; 0 1")}, FAILS),
         )
     ]
     found += [
         case("the rate of the observer", "seen", SEEN | {"rate": 2}, FAILS),
-        case("the paper's P", "harmonic", weighted(None, D=["1", "1/4"], P=PAPER), HOLDS),
-        case("not symmetric", "harmonic", weighted(None, D=["1", "1/4"], P=BENT), FAILS),
-        case("P < 0", "bad W", weighted(None, D=["1", "1/4"], P=[["-1"]]), FAILS),
-        case("no P", "seen", weighted(D=["1", "1/4"]), FAILS),
+        case("the paper's P", "harmonic", weighted(None, D=vector("1 1/4"), P=PAPER), HOLDS),
+        case("not symmetric", "harmonic", weighted(None, D=vector("1 1/4"), P=BENT), FAILS),
+        case("P < 0", "bad W", weighted(None, D=vector("1 1/4"), P=[["-1"]]), FAILS),
+        case("no P", "seen", weighted(D=vector("1 1/4")), FAILS),
         case("a gain mixes components", "mixed", weighted(None, **mixed), FAILS),
         case("a coupling mixes components", "crossed", weighted(None, **mixed), FAILS),
         case(
-            "a falling slope", "falling", weighted(None, D=["1", "1"], w={"G": ["1", "1"]}), FAILS
+            "a falling slope",
+            "falling",
+            weighted(None, D=vector("1 1"), w={"G": vector("1 1")}),
+            FAILS,
         ),
         case(
             "a kink",
             "kinked",
-            weighted(D=["1", "1"], w={"G": ["1", "1"]}) | {"domain": "consensus"},
+            weighted(D=vector("1 1"), w={"G": vector("1 1")}) | {"domain": "consensus"},
             FAILS,
         ),
     ]

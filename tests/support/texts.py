@@ -9,3 +9,11 @@ def vector(text: str) -> list[str]:
 def matrix(text: str) -> list[list[str]]:
     """One row between semicolons."""
     return [vector(row) for row in text.split(";")]
+
+
+def ranges(text: str, coupling: int = 0) -> list[dict[str, object]]:
+    """The gains of a coupling in a claim: a matrix of intervals, commas between its columns."""
+    gains = []
+    for row in text.split(";"):
+        gains.append([vector(interval) for interval in row.split(",")])
+    return [{"coupling": coupling, "gains": gains}]

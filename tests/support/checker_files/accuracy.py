@@ -12,15 +12,15 @@ are 1, 1/2 and 2 + 2; in steps of 1/20 h^2/6 of them more: tanh(2 s) >= 0.38541 
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import cache
 from typing import Any
 
 from certified import consensus_claims
-from texts import matrix, vector
+from texts import matrix, ranges, vector
 
-from checker_files.files import FAILS, HOLDS, Case, Document, scalar
+from checker_files.files import FAILS, HOLDS, Case, Document, collected, scalar
 from checker_files.margins import REGION, SEEN, one, two
 from checker_files.separable import GLOBAL, box, claim
 from dobc_design import Network, Observer, Problem
@@ -76,7 +76,7 @@ MIXED = {
 }
 # Row 1 of agent 2: 1 + 1/10 - 1 + 1/10 - 1 + alpha + (1/10)/level <= 0.
 SLANTED = MIXED | {"coupling": ["y1 + y2/10", "y2"]}
-SLOPES = [{"coupling": 0, "gains": [matrix("1 1; 1/10 1/10"), matrix("0 0; 1 1")]}]
+SLOPES = ranges("1 1, 1/10 1/10; 0 0, 1 1")
 UNIT = matrix("1 0; 0 1")
 # Where agent 1 alone is pinned the integrals of the responses of agent 2 are 1 + 5 + 1 + 20 exp(-2)
 # in its first component, whose response to w_12 is 5 (t - t^2/2) exp(-t), and 1 + 1 in the second:
@@ -146,42 +146,43 @@ def bent(
     return Case(f"accuracy {name}", json.dumps(claims).encode(), data, code)
 
 
-def put(value: Any, *path: Any, of: str = "check") -> Change:
-    """Put a value at a path into the check or the problem."""
-
-    def change(check: Any, document: Any) -> None:
-        place = check if of == "check" else document
-        for step in path[:-1]:
-            place = place[step]
-        place[path[-1]] = value(place[path[-1]]) if callable(value) else value
-
-    return change
+def _put_into(place: Any, path: str, value: Any) -> None:
+    """A function as the value is applied to what is there."""
+    *steps, last = path.split(".")
+    for step in steps:
+        place = place[int(step)] if isinstance(place, list) else place[step]
+    key = int(last) if isinstance(place, list) else last
+    place[key] = value(place[key]) if callable(value) else value
 
 
-def scaled(factor: str, *path: Any) -> Change:
+def put(value: Any, path: str) -> Change:
+    """Put a value at a path into the check."""
+    return lambda check, _: _put_into(check, path, value)
+
+
+def stated(value: Any, path: str) -> Change:
+    """Put a value at a path into the problem."""
+    return lambda _, document: _put_into(document, path, value)
+
+
+def scaled(factor: str, path: str) -> Change:
     """Multiply a number of the check."""
-    return put(lambda number: str(Fraction(factor) * Fraction(number)), *path)
+    return put(lambda number: str(Fraction(factor) * Fraction(number)), path)
 
 
-def _level(level: str) -> list[Change]:
+def _level(level: str) -> Change:
     """Another level of a claim with one stage for two agents, with its bounds."""
 
     def change(check: Any, _: Any) -> None:
         stage = check["exact"]["stages"][0]
         stage["level"] = level
-        ends = (str(Fraction(level) * Fraction(x)) for x in stage["v"])
-        check["exact"]["bounds"] = dict(zip(("1", "2"), ends, strict=True))
+        first, second = (str(Fraction(level) * Fraction(x)) for x in stage["v"])
+        check["exact"]["bounds"] = {"1": first, "2": second}
 
-    return [change]
-
-
-def _at(level: str) -> list[Change]:
-    """Another level of ``PASSED_ON``, with its bounds."""
-    bounds = {"1": str(Fraction(level) / 2), "2": level}
-    return [put(level, "exact", "stages", 0, "level"), put(bounds, "exact", "bounds")]
+    return change
 
 
-def whole_loops() -> list[Case]:
+def whole_loops() -> Iterator[Case]:
     """Claims by the response of a whole loop."""
     mixed = two(**PULLED), followed(WHOLE, steps=1200)
     # e' = -3 e + w + C eps, on which 0.1 (1 + 1.0019) + 0.05 0.501 = 0.22524 acts: 0.07508.
@@ -200,40 +201,37 @@ def whole_loops() -> list[Case]:
     alone = one(network=eleven, coupling="y", gains=3, uncertainty={"disturbance": "1/10"})
     followed_long = followed({str(k + 1): ["1"] for k in range(11)}, steps=20_000)
     good = {"mixed": mixed, "watched": watched, "twice": twice}
-    return [
-        *(bent(*each, f"response: {name}", code=HOLDS) for name, each in good.items()),
-        bent(*mixed, "response: a bound", put("0.9728", "exact", "bounds", "2", 0)),
-        bent(*mixed, "response: a bound of agent 1", put("0.1002", "exact", "bounds", "1", 1)),
-        bent(
-            *watched, "response: a bound with an observer", put("0.075", "exact", "bounds", "1", 0)
-        ),
-        bent(*watched, "response: a peak gain", scaled("0.999", "exact", "peaks", "disturbance")),
-        bent(*twice, "response: half of B", put("0.0999", "exact", "bounds", "1", 0)),
-        bent(*mixed, "response: one step", put(1, "exact", "response", "steps")),
-        bent(*mixed, "response: long steps", put("1/20", "exact", "response", "step")),
-        bent(*mixed, "response: a stranger", put(vector("1 1"), "exact", "bounds", "3")),
-        bent(*mixed, "response: one component", put(["1"], "exact", "bounds", "1")),
-        bent(*mixed, "response: stages beside", put([], "exact", "stages")),
-        bent(*mixed, "response: somewhere", put("consensus", "domain")),
-        bent(idle, followed({"1": ["0"]}, steps=800), "response: nothing acts", answers=False),
-        bent(*mixed, "response: rate", put(0.1, "rate")),
-        bent(
-            two(**PULLED | {"coupling": ["tanh(y1)", "y2"]}),
-            mixed[1],
-            "response: a curved coupling",
-        ),
-        bent(double, followed({"1": ["0.101"], "2": ["0.101"]}, steps=1200), "response: two modes"),
-        *(
-            bent(*mixed, f"response: {x}", put("1/100", "uncertainty", x, of="problem"))
-            for x in RELATIVE
-        ),
-        bent(*mixed, "response: noise", put("1/100", "uncertainty", "measurement", of="problem")),
-        bent(alone, followed_long, "response: steps that take long"),
-    ]
+    for name, each in good.items():
+        yield bent(*each, f"response: {name}", code=HOLDS)
+    yield bent(*mixed, "response: a bound", put("0.9728", "exact.bounds.2.0"))
+    yield bent(*mixed, "response: a bound of agent 1", put("0.1002", "exact.bounds.1.1"))
+    yield bent(*watched, "response: a bound with an observer", put("0.075", "exact.bounds.1.0"))
+    yield bent(*watched, "response: a peak gain", scaled("0.999", "exact.peaks.disturbance"))
+    yield bent(*twice, "response: half of B", put("0.0999", "exact.bounds.1.0"))
+    yield bent(*mixed, "response: one step", put(1, "exact.response.steps"))
+    yield bent(*mixed, "response: long steps", put("1/20", "exact.response.step"))
+    yield bent(*mixed, "response: a stranger", put(vector("1 1"), "exact.bounds.3"))
+    yield bent(*mixed, "response: one component", put(["1"], "exact.bounds.1"))
+    yield bent(*mixed, "response: stages beside", put([], "exact.stages"))
+    yield bent(*mixed, "response: somewhere", put("consensus", "domain"))
+    yield bent(idle, followed({"1": ["0"]}, steps=800), "response: nothing acts", answers=False)
+    yield bent(*mixed, "response: rate", put(0.1, "rate"))
+    yield bent(
+        two(**PULLED | {"coupling": ["tanh(y1)", "y2"]}),
+        mixed[1],
+        "response: a curved coupling",
+    )
+    yield bent(
+        double, followed({"1": ["0.101"], "2": ["0.101"]}, steps=1200), "response: two modes"
+    )
+    for x in RELATIVE:
+        yield bent(*mixed, f"response: {x}", stated("1/100", f"uncertainty.{x}"))
+    yield bent(*mixed, "response: noise", stated("1/100", "uncertainty.measurement"))
+    yield bent(alone, followed_long, "response: steps that take long")
 
 
-@cache
-def accuracy_cases() -> list[Case]:
+@collected
+def accuracy_cases() -> Iterator[Case]:
     """All of them, the good ones first."""
     lone = one(coupling="y", uncertainty=ALL), LONE
     curved = two(coupling="tanh(y)", uncertainty=ALL, region=REGION), CURVED
@@ -246,89 +244,68 @@ def accuracy_cases() -> list[Case]:
         GLOBAL, vector("2/25 2/25"), stage("1", "1", level="2/25", alpha="1/10")
     )
     wider = accuracy(GLOBAL, vector("1/5 1/5"), stage("1", "1", level="1/5", alpha="1/10"))
-    far = ("exact", "stages", -1, "level"), ("exact", "bounds", "1")
-    loose = [scaled("1000", *path) for path in far] + [
-        scaled("100", "exact", "peaks", x) for x in PEAKS
-    ]
-    sharp = put("sqrt(y + 1) - 1", "coupling", "h", of="problem")
+    level, bound = "exact.stages.-1.level", "exact.bounds.1"
+    loose = [scaled("1000", level), scaled("1000", bound)]
+    loose += [scaled("100", f"exact.peaks.{x}") for x in PEAKS]
+    sharp = stated("sqrt(y + 1) - 1", "coupling.h")
     beyond = [
-        put("1/2", "exact", "stages", 1, "level"),
-        put({"1": "1/2", "2": "3/2"}, "exact", "bounds"),
+        put("1/2", "exact.stages.1.level"),
+        put({"1": "1/2", "2": "3/2"}, "exact.bounds"),
     ]
     modes = Network.from_arcs({"A": [[2, 1, 10]], "B": []}, arrow="listens_to", agents=2)
     noise = {"measurement": "1/50", "weights": "1/100", "gains": "1/100"}
     switching = one(network=modes, coupling="y", gains=3, uncertainty=noise, **WATCHED), SWITCHED
     unsure = {"disturbance": "1/10", "weights": "1/10", "known_to_agents": False}
     unknown = two(coupling="y", gains=3, uncertainty=unsure, **WATCHED), UNKNOWN
-    return [
-        *whole_loops(),
-        *(
-            bent(*each, f"good with errors {k}", code=HOLDS)
-            for k, each in enumerate((switching, unknown))
-        ),
-        *(
-            bent(*each, f"good {k}", code=HOLDS)
-            for k, each in enumerate((lone, curved, seen, both, steep, turned))
-        ),
-        bent(*seen, "loose", *loose, code=HOLDS),
-        *(
-            bent(*seen, f"smaller peak gain of {x}", scaled("0.999", "exact", "peaks", x))
-            for x in PEAKS
-        ),
-        *(
-            bent(*both, f"a peak gain of {x} below", scaled("0.999", "exact", "peaks", x))
-            for x in PEAKS
-        ),
-        bent(*lone, "no table", lambda _, document: document.pop("uncertainty")),
-        bent(*lone, "rate", put(0.1, "rate")),
-        bent(*seen, "long steps", *loose, put("1/4", "exact", "peaks", "step")),
-        bent(*seen, "one step", *loose, put(1, "exact", "peaks", "steps")),
-        bent(*lone, "no stage", put([], "exact", "stages")),
-        bent(*curved, "growth", put("-1", "exact", "stages", 0, "alpha")),
-        bent(*lone, "level below 0", put("-1", "exact", "stages", 0, "level")),
-        bent(*lone, "rho of linear couplings", put("2", "exact", "stages", 0, "rho")),
-        bent(*curved, "rho below level", *beyond),
-        bent(*curved, "a ball", put("ball", "domain", "kind")),
-        bent(*curved, "wider", put(1.1, "domain", "radius")),
-        bent(*lone, "somewhere", put("consensus", "domain")),
-        bent(*both, "kappa", put("1/10", "exact", "kappa")),
-        bent(*both, "P", put("1/2", "exact", "P", 0, 0)),
-        bent(*both, "size", put("0.999", "exact", "size")),
-        bent(*both, "more disturbance", put(0.101, "domain", "disturbance")),
-        bent(
-            *lone,
-            "twice",
-            lambda check, _: check["exact"]["stages"].append(check["exact"]["stages"][0]),
-        ),
-        bent(*curved, "a gap", put("0.261", "exact", "stages", 0, "level")),
-        bent(*lone, "a stranger", put("1", "exact", "bounds", "2")),
-        bent(*lone, "bound", scaled("0.9999", "exact", "bounds", "1")),
-        *(
-            bent(*each, f"lower {k}", scaled("9/10", *far[0]))
-            for k, each in enumerate((lone, curved, seen, both))
-        ),
-        bent(*curved, "a slope without bound", sharp),
-        *(
-            bent(*curved, f"no rho in stage {k}", put(None, "exact", "stages", k, "rho"))
-            for k in (0, 1)
-        ),
-        bent(*steep, "noise that shortens the reach", *_at("23/40")),
-        bent(*steep, "half of the noise of an arc", *_at("3/10")),
-        bent(two(**TWICE), by_component, "dynamics by component"),
-        bent(two(**MIXED), wider, "a list by component"),
-        bent(*switching, "what was seen in another mode", *_level("0.15")),
-        bent(*switching, "off by more", put("1/3", "uncertainty", "weights", of="problem")),
-        bent(*switching, "gains off by more", put("1/2", "uncertainty", "gains", of="problem")),
-        bent(
-            *unknown,
-            "observers that know",
-            put(True, "uncertainty", "known_to_agents", of="problem"),
-            code=HOLDS,
-        ),
-        bent(*unknown, "what blind observers pass on", *_level("0.0714")),
-        bent(*turned, "noise in coordinates", put("1", "uncertainty", "measurement", of="problem")),
-        *(
-            bent(*turned, f"{x} in coordinates", put("1/100", "uncertainty", x, of="problem"))
-            for x in RELATIVE
-        ),
-    ]
+    yield from whole_loops()
+    for k, each in enumerate((switching, unknown)):
+        yield bent(*each, f"good with errors {k}", code=HOLDS)
+    for k, each in enumerate((lone, curved, seen, both, steep, turned)):
+        yield bent(*each, f"good {k}", code=HOLDS)
+    yield bent(*seen, "loose", *loose, code=HOLDS)
+    for x in PEAKS:
+        yield bent(*seen, f"smaller peak gain of {x}", scaled("0.999", f"exact.peaks.{x}"))
+    for x in PEAKS:
+        yield bent(*both, f"a peak gain of {x} below", scaled("0.999", f"exact.peaks.{x}"))
+    yield bent(*lone, "no table", lambda _, document: document.pop("uncertainty"))
+    yield bent(*lone, "rate", put(0.1, "rate"))
+    yield bent(*seen, "long steps", *loose, put("1/4", "exact.peaks.step"))
+    yield bent(*seen, "one step", *loose, put(1, "exact.peaks.steps"))
+    yield bent(*lone, "no stage", put([], "exact.stages"))
+    yield bent(*curved, "growth", put("-1", "exact.stages.0.alpha"))
+    yield bent(*lone, "level below 0", put("-1", "exact.stages.0.level"))
+    yield bent(*lone, "rho of linear couplings", put("2", "exact.stages.0.rho"))
+    yield bent(*curved, "rho below level", *beyond)
+    yield bent(*curved, "a ball", put("ball", "domain.kind"))
+    yield bent(*curved, "wider", put(1.1, "domain.radius"))
+    yield bent(*lone, "somewhere", put("consensus", "domain"))
+    yield bent(*both, "kappa", put("1/10", "exact.kappa"))
+    yield bent(*both, "P", put("1/2", "exact.P.0.0"))
+    yield bent(*both, "size", put("0.999", "exact.size"))
+    yield bent(*both, "more disturbance", put(0.101, "domain.disturbance"))
+    yield bent(*lone, "twice", put(lambda stages: stages * 2, "exact.stages"))
+    yield bent(*curved, "a gap", put("0.261", "exact.stages.0.level"))
+    yield bent(*lone, "a stranger", put("1", "exact.bounds.2"))
+    yield bent(*lone, "bound", scaled("0.9999", "exact.bounds.1"))
+    for k, each in enumerate((lone, curved, seen, both)):
+        yield bent(*each, f"lower {k}", scaled("9/10", level))
+    yield bent(*curved, "a slope without bound", sharp)
+    for k in (0, 1):
+        yield bent(*curved, f"no rho in stage {k}", put(None, f"exact.stages.{k}.rho"))
+    yield bent(*steep, "noise that shortens the reach", _level("23/40"))
+    yield bent(*steep, "half of the noise of an arc", _level("3/10"))
+    yield bent(two(**TWICE), by_component, "dynamics by component")
+    yield bent(two(**MIXED), wider, "a list by component")
+    yield bent(*switching, "what was seen in another mode", _level("0.15"))
+    yield bent(*switching, "off by more", stated("1/3", "uncertainty.weights"))
+    yield bent(*switching, "gains off by more", stated("1/2", "uncertainty.gains"))
+    yield bent(
+        *unknown,
+        "observers that know",
+        stated(True, "uncertainty.known_to_agents"),
+        code=HOLDS,
+    )
+    yield bent(*unknown, "what blind observers pass on", _level("0.0714"))
+    yield bent(*turned, "noise in coordinates", stated("1", "uncertainty.measurement"))
+    for x in RELATIVE:
+        yield bent(*turned, f"{x} in coordinates", stated("1/100", f"uncertainty.{x}"))

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +94,24 @@ def accepted_by_package(case: Case) -> bool:
     return False
 
 
+#: What a check may carry beside ``exact``, and need not.
+BESIDE_EXACT = ("factor", "fix", "group", "mode", "witness")
+
+
+def changed(check: Document, **changes: Any) -> Document:
+    """The check with changes of it or of ``exact``; ``own`` is the rate in there."""
+    copied: Document = json.loads(json.dumps(check))
+    exact = copied.get("exact", {})
+    for key, value in changes.items():
+        if key == "own":
+            exact["rate"] = value
+        elif key in check or (key in BESIDE_EXACT and key not in exact):
+            bend(copied, {key: value})
+        else:
+            bend(exact, {key: value})
+    return copied
+
+
 @dataclass(frozen=True)
 class Forger:
     """Makes the cases of a file of problems that have names.
@@ -104,7 +122,7 @@ class Forger:
     """
 
     make: Callable[..., Case]
-    change: Callable[..., Document]
+    change: Callable[..., Document] = changed
     title: Callable[[Document], str] = lambda check: "with"
 
     def holds(self, name: str, what: str, *checks: Document | None, **overall: Any) -> Case:
@@ -140,6 +158,17 @@ class Forger:
         for key, some in values.items():
             for value in some:
                 yield self.wrong(name, check, beside=beside, says=says, **{key: value})
+
+
+def collected(cases: Callable[[], Iterator[Case]]) -> Callable[[], list[Case]]:
+    """A decorator: all cases in a list, made when it is asked for first."""
+
+    @cache
+    @wraps(cases)
+    def made() -> list[Case]:
+        return list(cases())
+
+    return made
 
 
 def misjudged(cases: list[Case]) -> list[str]:
@@ -257,7 +286,7 @@ def document(name: str) -> Document:
     return dict(json.loads(_originals()[name][0]))
 
 
-def check(document: Document, id: str) -> Document:
+def check_of(document: Document, id: str) -> Document:
     """The first check of that id."""
     return next(each for each in document["checks"] if each["id"] == id)
 
@@ -310,7 +339,7 @@ def bent(
             if place == ""
             else copied["observer"]
             if place == "observer"
-            else check(copied, place),
+            else check_of(copied, place),
             values,
         )
     title = what or " and ".join(f"{place}: {', '.join(values)}" for place, values in changes)
@@ -414,13 +443,13 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("paper", ("theorem1", {"margin": 0.6}))
     yield bent("paper", ("theorem1", {"rate": 0.3}), ("", {"rate": 0.3}))
     for key in ("P", "Q", "S", "bound", "block"):
-        exact = check(document("paper"), "theorem1")["exact"]
+        exact = check_of(document("paper"), "theorem1")["exact"]
         yield bent("paper", ("theorem1", {"exact": exact | {key: "1"}}), what=f"another {key}")
         less = {name: value for name, value in exact.items() if name != key}
         yield bent(
             "paper", ("theorem1", {"exact": GONE if key == "block" else less}), what=f"no {key}"
         )
-    own = check(document("good P"), "theorem1-printed")["exact"]
+    own = check_of(document("good P"), "theorem1-printed")["exact"]
     yield bent("good P", ("theorem1-printed", {"exact": own | {"P": "1"}}), what="P is text")
     yield bent(
         "paper",
@@ -486,7 +515,7 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("not normal", ("", {"verdict": "refuted"}))
     # Symmetric J - K of 61 rows: a vector with v'Lambda v > 0 shows one unstable root, one with 0
     # shows none.
-    assert check(document("repelled, large"), "lemma1")["exact"]["unstable_roots"] == "1"
+    assert check_of(document("repelled, large"), "lemma1")["exact"]["unstable_roots"] == "1"
     yield bent("repelled, large", ("lemma1", {"exact": {"unstable_roots": "2"}}))
     yield bent("unstable, large", ("lemma1", {"exact": {"unstable_roots": "1"}}))
     yield bent(
@@ -504,7 +533,7 @@ def _bent_claims() -> Iterator[Case]:
 
 
 def _bent_refutations_of_theorems() -> Iterator[Case]:
-    theorem = check(document("bad W"), "theorem1")
+    theorem = check_of(document("bad W"), "theorem1")
     assert theorem["exact"] == {"block": "hurwitz"}
     yield bent("bad W", ("theorem1", {"exact": {"block": "hurwitz", "mode": "G"}}))
     yield bent("bad W", ("theorem1", {"margin": -1}))
@@ -536,7 +565,7 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
     )
     pushing = ("observer", NO_PAIR | {"W": [["-1"]]})
     yield bent("designed", *bad, pushing, LEFT_OPEN, what="a designed W refutes", optional=False)
-    printed = check(document("small P"), "theorem1-printed")
+    printed = check_of(document("small P"), "theorem1-printed")
     assert printed["verdict"] == "refuted"
     labels, values = printed["witness"]["labels"], printed["witness"]["values"]
     yield bent("small P", ("theorem1-printed", _vector(labels, values, kind="agents")))
@@ -546,7 +575,7 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
     yield bent("small P", ("theorem1-printed", {"margin": -90}))
     yield bent("good P", ("theorem1-printed", refuted | printed), ("", {"covered_by": "theorem1"}))
     for name, block in (("negative P", "P"), ("wrong P", "Omega0")):
-        own = check(document(name), "theorem1-printed")
+        own = check_of(document(name), "theorem1-printed")
         assert own["exact"] == {"block": block}
         values = own["witness"]["values"]
         yield bent(name, ("theorem1-printed", {"margin": -1}))
@@ -582,7 +611,7 @@ def _forged_pairs() -> Iterator[Case]:
             what=f"P = {P}",
         )
     given = document("given")
-    proofs = [(id, {"witness": GONE} | check(given, id)) for id in ("hurwitz", "theorem1")]
+    proofs = [(id, {"witness": GONE} | check_of(given, id)) for id in ("hurwitz", "theorem1")]
     overall = ("", {key: given[key] for key in OPEN})
     yield bent("bad W", *proofs, ("observer", given["observer"]), overall, what="a better W")
     yield _asymmetric_pair()
@@ -627,7 +656,7 @@ def _too_large_to_count() -> Case:
     copied = document(name)
     exact = {"unstable_roots": "1", "value": "2"}
     witness = {"kind": "vector", "labels": ["1"], "values": ["1"] + ["0"] * 60}
-    bend(check(copied, "lemma1"), {"exact": exact, "witness": witness, "margin": None})
+    bend(check_of(copied, "lemma1"), {"exact": exact, "witness": witness, "margin": None})
     return about(problem, copied, name="61 rows", code=FAILS)
 
 
@@ -635,7 +664,7 @@ def _long_denominators() -> Case:
     """A true witness whose entries have denominators of 33 000 bits each."""
     near = [f"1/{_decimal(10**9980 + k)}" for k in (1, 3, 7)]
     copied = document("far")
-    lemma = check(copied, "lemma1")
+    lemma = check_of(copied, "lemma1")
     bend(lemma, {"margin": None, "exact": {"unstable_roots": "0"}})
     problem = json.loads(_originals()["far"][1])
     problem["gains"] = []
@@ -643,7 +672,7 @@ def _long_denominators() -> Case:
     problem["modes"][0]["arcs"] = []
     bend(copied, {"verdict": "refuted", "rate": None, "covered_by": None})
     alone = {"verdict": "refuted", "witness": {"kind": "agents", "labels": problem["labels"]}}
-    bend(check(copied, "reachability"), alone)
+    bend(check_of(copied, "reachability"), alone)
     return about(problem, copied, name="long denominators", code=FAILS)
 
 
@@ -676,7 +705,7 @@ def _bent_frames() -> Iterator[Case]:
     yield bent("plain", ("", {"covered_by": "theorem1"}))
     yield bent("plain", ("observer", {"W": [], "source": "designed"}))
     yield bent("good P", ("", {"covered_by": "lemma1"}))
-    rate = check(document("regional"), "lemma1")["rate"]
+    rate = check_of(document("regional"), "lemma1")["rate"]
     yield bent("regional", ("", {"verdict": "proved", "covered_by": "lemma1", "rate": rate}))
     yield bent("calm bad W", ("", {"verdict": "refuted"}))
     yield bent("unstable, elsewhere", ("", {"verdict": "refuted"}))
@@ -782,7 +811,7 @@ def _bent_problems() -> Iterator[Case]:
     }
     pushed["modes"][0]["arcs"] = []
     claims = document("plain")
-    bend(check(claims, "lemma1"), {"margin": 0, "rate": None})
+    bend(check_of(claims, "lemma1"), {"margin": 0, "rate": None})
     bend(claims, {"rate": None})
     yield about(pushed, claims, name="pushed away", code=FAILS)
     # One agent of a large network is pushed away: the vector that is found fails in a row, or is
@@ -799,7 +828,7 @@ def _bent_problems() -> Iterator[Case]:
         line = json.loads(_originals()[name][1])
         line["gains"] = [[i, k] for i, k in line["gains"] if i != 12] + [[12, [[gain]]]]
         claims = bare(document(name))
-        bend(check(claims, "lemma1"), {"margin": 0, "rate": None, "exact": GONE})
+        bend(check_of(claims, "lemma1"), {"margin": 0, "rate": None, "exact": GONE})
         bend(claims, {"rate": None, "covered_by": "lemma1"})
         yield about(
             line | (apart if gain == "3" else {}),

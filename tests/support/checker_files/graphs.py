@@ -16,11 +16,12 @@ from checker_files.files import (
     Document,
     Forger,
     as_written,
+    changed,
     network,
     scalar,
 )
 from checker_files.separable import REFUTED, ball, box, claim, doubles, second_box
-from checker_files.switching import Frames, bent
+from checker_files.switching import Frames
 from dobc_design.problem.groups import Observer
 
 GLOBAL = "global"
@@ -124,7 +125,7 @@ def _settings() -> dict[str, tuple[Document, Document]]:
 
 
 _FRAMES = Frames(_settings(), FRAME)
-_FORGER = Forger(_FRAMES.case, bent)
+_FORGER = Forger(_FRAMES.case)
 _case = _FRAMES.case
 _holds, _fails = _FORGER.holds, _FORGER.fails
 _wrong, _each_wrong = _FORGER.wrong, _FORGER.each_wrong
@@ -141,7 +142,7 @@ def safety(domain: Any, rate: Any, rho: str | None, **exact: Any) -> Document:
 
 def entered(check: Document, name: str, mode: str, *places: int, to: str) -> Document:
     """An entry of a vector or matrix of a mode changed."""
-    copied = bent(check)
+    copied = changed(check)
     part = copied["exact"][name][mode]
     for place in places[:-1]:
         part = part[place]
@@ -196,7 +197,7 @@ def _factors() -> Iterator[Case]:
     sqrt(2.0300) = 1.42479, that beside P_A alone sqrt(2.0099) = 1.41771."""
     forms = {"A": matrix("1 0; 0 1"), "B": matrix("1 1/10; 1/10 2")}
     for factor, code in ((1.43, HOLDS), (1.42, FAILS)):
-        check = bent(SQUARE, P=forms, rate=0.1, own="1/10") | {"factor": factor}
+        check = changed(SQUARE, P=forms, rate=0.1, own="1/10") | {"factor": factor}
         yield _case("link", code, f"a factor of {factor}", check, factor=factor)
 
 
@@ -206,7 +207,7 @@ def _good() -> Iterator[Case]:
         yield _holds(name, "in the mean", MEAN)
         yield _holds(name, "in mean square", SQUARE)
     steep: Document = {"A": vector("10 1"), "B": vector("10 8/5")}
-    yield _holds("link, pi", "in the mean", bent(MEAN, rate=0.25, own="1/4", w=steep))
+    yield _holds("link, pi", "in the mean", changed(MEAN, rate=0.25, own="1/4", w=steep))
     yield _holds("link, stays", "in the mean", MEAN)
     yield _holds("two modes of three", "almost surely", EVERYWHERE)
     third: Document = {
@@ -215,21 +216,21 @@ def _good() -> Iterator[Case]:
     }
     yield _holds("two sets", "apart", APART | third, **REFUTED)
     yield _holds(
-        "link", "doubles", bent(MEAN, w={"A": doubles(1.625, 1), "B": doubles(1.625, 1.625)})
+        "link", "doubles", changed(MEAN, w={"A": doubles(1.625, 1), "B": doubles(1.625, 1.625)})
     )
     for name in ("curved", "curved, stays", "sine", "kinked"):
-        yield _holds(name, "almost surely", bent(SURE, domain=box(0.7), rho="0.7"))
+        yield _holds(name, "almost surely", changed(SURE, domain=box(0.7), rho="0.7"))
     yield _holds("curved, observed", "almost surely", SEEN)
     yield _holds("link", "almost surely", EVERYWHERE)
     yield _holds("link, lost", "apart", APART, **REFUTED)
-    yield _holds("curved, lost", "apart", bent(APART, domain="consensus"), **REFUTED)
+    yield _holds("curved, lost", "apart", changed(APART, domain="consensus"), **REFUTED)
     for name in ("moving", "moving, held", "link"):
         yield _holds(name, "safe", SAFE)
     yield _holds("moving, flat", "safe", safety(box(1), None, "1"))
     yield _holds("moving, half", "safe", safety(box(1), None, "1"))
     yield _holds("moving, held", "held", HELD)
     yield _holds("moving, one mode", "held", NEAR)
-    yield _holds("moving, sine", "below pi/4", bent(NEAR, domain=box(0.78), rho="0.785"))
+    yield _holds("moving, sine", "below pi/4", changed(NEAR, domain=box(0.78), rho="0.785"))
     yield _holds("moving, observed", "held", FOLLOWED)
 
 
@@ -257,7 +258,9 @@ def _bent_means() -> Iterator[Case]:
         "link", "below 0", entered(entered(MEAN, "w", "A", 1, to="-1"), "w", "B", 1, to="-1")
     )
     yield _fails("link, slow observer", "an observer no faster", MEAN)
-    yield _holds("link, slow observer", "a faster observer", bent(MEAN, rate=0.3749, own="0.3749"))
+    yield _holds(
+        "link, slow observer", "a faster observer", changed(MEAN, rate=0.3749, own="0.3749")
+    )
     yield _wrong("link, slow observer", SQUARE, "a slower observer", own="3/8")
     for name in ("curved", "link, any signal", "link, one mode", "list"):
         yield _fails(name, "in the mean", MEAN)

@@ -1,8 +1,8 @@
 """Tolerances and inputs for the lone checker: certificates that `certify` makes, and just-false
 twins."""
 
-import hashlib
 import json
+from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -10,7 +10,18 @@ from typing import Any
 from certified import certified
 from texts import matrix, vector
 
-from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, scalar
+from checker_files.files import (
+    FAILS,
+    HOLDS,
+    OPEN,
+    UNREADABLE,
+    Case,
+    Document,
+    about,
+    check_of,
+    collected,
+    scalar,
+)
 from dobc_design import Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
@@ -42,24 +53,25 @@ def _made(problem: Problem) -> tuple[bytes, bytes]:
     return canonical_bytes(problem), certificate_bytes(certified(problem).claims)
 
 
-def _inputs(problem: Problem) -> dict[str, str]:
-    """The largest inputs that `certify` claims."""
-    checks = json.loads(_made(problem)[1])["checks"]
-    actuators = next(each for each in checks if each["id"] == "actuators")
-    return dict(actuators["exact"]["inputs"])
+def _claimed(problem: Problem, id: str) -> Document:
+    """What `certify` claims in the check with that id."""
+    exact = check_of(json.loads(_made(problem)[1]), id)["exact"]
+    return dict(exact)
 
 
-def _slower(problem: Problem, part: str) -> dict[str, Any]:
+def _slower(problem: Problem, part: str) -> Document:
     """alpha = kappa eta + r/2 of a tolerance, r the rate that max-separable gives, and this part of
     r as the rate: at most 1/2 follows."""
-    checks = {each["id"]: each for each in json.loads(_made(problem)[1])["checks"]}
-    exact, beside = checks["tolerance"]["exact"], checks["max-separable"]["exact"]
-    beta, kappa = Fraction(beside["beta"]), Fraction(beside["kappa"])
-    rate = min(Fraction(beside["alpha"]), beta - 1 / (kappa * min(map(Fraction, beside["v"]))))
-    alpha = kappa * Fraction(exact["eta"]) + rate / 2
+    beside = _claimed(problem, "max-separable")
+    beta = Fraction(beside["beta"])
+    kappa = Fraction(beside["kappa"])
+    lightest = min(map(Fraction, beside["v"]))
+    rate = min(Fraction(beside["alpha"]), beta - 1 / (kappa * lightest))
+    eta = Fraction(_claimed(problem, "tolerance")["eta"])
+    slower = float(rate * Fraction(part))
     return {
-        "alpha": str(alpha),
-        "rate": float(f"{float(rate * Fraction(part)):.6g}"),
+        "alpha": str(kappa * eta + rate / 2),
+        "rate": float(f"{slower:.6g}"),
         "factor": None,
     }
 
@@ -76,37 +88,36 @@ def bent(
     """The certificate with other parts of a check or of ``exact``; ``limit``, ``table``: other
     [actuators] and xi0."""
     document, claims = map(json.loads, _made(problem))
-    check = next(each for each in claims["checks"] if each["id"] == id)
+    check = check_of(claims, id)
     for key, value in changes.items():
-        place = (
-            document["actuators"]
-            if key == "limit"
-            else check
-            if key in ("rate", "domain", "factor")
-            else check["exact"]
-        )
+        place = check["exact"]
+        if key == "limit":
+            place = document["actuators"]
+        elif key in ("rate", "domain", "factor"):
+            place = check
         place[key] = value
     if check["rate"] is None:
         check["factor"] = None
     # which covers no region
     if changes.get("domain") == "consensus" and document["region"] is not None:
-        claims |= {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
+        claims |= OPEN
     elif claims["covered_by"] == id:
         claims |= {"rate": check["rate"], "factor": check["factor"]}
     if without == "accuracy":  # what rests on it falls, too
-        claims |= {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
-    if without in ("max-separable", "accuracy"):
-        claims["checks"] = [each for each in claims["checks"] if each["id"] != without]
+        claims |= OPEN
     if without == "actuators":
         del document[without]
+    elif without:
+        _take_away(claims, without)
     if table is not None:
-        document["actuators"]["amplitude"], document["simulation"]["xi0"] = None, table
-    text = json.dumps(document, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
-    data = f"{text}\n".encode()
-    claims["problem_sha256"] = hashlib.sha256(data).hexdigest()
-    return Case(
-        f"margins {id} {sorted(changes)} {table} {without}", json.dumps(claims).encode(), data, code
-    )
+        document["actuators"]["amplitude"] = None
+        document["simulation"]["xi0"] = table
+    name = f"margins {id} {sorted(changes)} {table} {without}"
+    return about(document, claims, name=name, code=code)
+
+
+def _take_away(claims: Document, id: str) -> None:
+    claims["checks"] = [each for each in claims["checks"] if each["id"] != id]
 
 
 def blindfolded(problem: Problem) -> Case:
@@ -114,16 +125,12 @@ def blindfolded(problem: Problem) -> Case:
     would fail, too."""
     document, claims = map(json.loads, _made(problem))
     document["uncertainty"]["known_to_agents"] = False
-    claims["checks"] = [each for each in claims["checks"] if each["id"] != "tolerance"]
-    claims |= {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
-    text = json.dumps(document, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
-    data = f"{text}\n".encode()
-    claims["problem_sha256"] = hashlib.sha256(data).hexdigest()
-    return Case("margins of blind observers", json.dumps(claims).encode(), data, FAILS)
+    _take_away(claims, "tolerance")
+    return about(document, claims | OPEN, name="margins of blind observers", code=FAILS)
 
 
-@cache
-def margins_cases() -> list[Case]:
+@collected
+def margins_cases() -> Iterator[Case]:
     """All of them, the good ones first."""
     table = {"weights": "1/10", "gains": "1/10"}
     near, seen = one(uncertainty=table, region=REGION), one(uncertainty=table, **SEEN)
@@ -143,7 +150,7 @@ def margins_cases() -> list[Case]:
     led = two(**SEEN, **WIDE, coupling="tanh(y)")
     # What the errors need, and sqrt(1/2) of the sine that starts at (1/2, 1/2): |C xi0|^2 + |C A
     # xi0|^2 / 4.
-    beside = Fraction(_inputs(sine)["1"]) - 9
+    beside = Fraction(_claimed(sine, "actuators")["inputs"]["1"]) - 9
     acts = {
         "disturbance": "1/10",
         "drift": "1/10",
@@ -165,69 +172,64 @@ def margins_cases() -> list[Case]:
         "uncertainty": {"weights": "1/100"},
     }
     own_box = one(**fast | tight, region=WIDE["region"], actuators={"limit": 8, "amplitude": 2})
-    return [
-        bent(own_box, "actuators", code=HOLDS),
-        bent(own_box, "actuators", v=vector("1 2 1")),
-        blindfolded(own_box),
-        *(bent(each, "actuators", code=HOLDS) for each in (heavy, straight, drifts, blind)),
-        *(bent(each, "accuracy", code=HOLDS) for each in (heavy, straight, drifts, blind)),
-        bent(heavy, "actuators", without="accuracy"),
-        bent(heavy, "actuators", alpha="-1"),
-        bent(heavy, "actuators", level="1/1000"),
-        bent(straight, "actuators", level="-1"),
-        bent(straight, "actuators", inputs={"1": "3.2"}),
-        bent(drifts, "actuators", kappa="1/1000", inputs={"1": "9000"}),
-        bent(drifts, "actuators", beta="1000", inputs={"1": "9000"}),
-        bent(drifts, "actuators", table=start, inputs={"1": "9000"}),
-        bent(drifts, "actuators", rho="1/10"),
-        *(bent(each, "tolerance", code=HOLDS) for each in (near, seen, unknown)),
-        bent(limited, "actuators", code=HOLDS),
-        bent(sine, "actuators", code=HOLDS, table=start, inputs={"1": "90"}),
-        bent(
-            sine,
-            "actuators",
-            code=HOLDS,
-            table=start,
-            inputs={"1": str(beside + Fraction("0.7072"))},
-        ),
-        bent(sine, "actuators", table=start, inputs={"1": str(beside + Fraction("0.7"))}),
-        bent(sine, "actuators", table=start, inputs={"1": str(beside)}),
-        bent(led, "actuators", code=HOLDS),
-        bent(
-            led,
-            "actuators",
-            inputs=_inputs(led) | {"2": str(Fraction(_inputs(led)["2"]) - Fraction(1, 100))},
-        ),
-        bent(near, "tolerance", weights="1/20"),
-        bent(near, "tolerance", gains="1/20"),
-        bent(near, "tolerance", weights="2"),
-        bent(one(region=REGION), "tolerance", gains="-1/10"),
-        bent(near, "tolerance", rate=None),
-        bent(near, "tolerance", eta="0"),
-        bent(near, "tolerance", v=["1"], alpha="2", rate=1, domain="consensus", code=HOLDS),
-        bent(near, "tolerance", v=["0"], alpha="2", rate=1, domain="consensus"),
-        bent(kinked, "tolerance", v=["1"], domain="consensus"),
-        bent(unknown, "tolerance", v=vector("1 2"), alpha="1/10", rate=None, domain="consensus"),
-        bent(limited, "actuators", without="max-separable"),
-        bent(limited, "actuators", without="actuators"),
-        bent(near, "tolerance", rate=4),
-        bent(seen, "tolerance", alpha="-1"),
-        bent(seen, "tolerance", domain="global"),
-        bent(seen, "tolerance", rate=0.001),
-        bent(unknown, "tolerance", eta="0"),
-        bent(unknown, "tolerance", **_slower(unknown, "2/5"), code=HOLDS),
-        bent(unknown, "tolerance", **_slower(unknown, "9/10")),
-        bent(limited, "actuators", limit={"1": "9", "2": "9"}, code=UNREADABLE),
-        bent(limited, "actuators", rate=0.1),
-        bent(limited, "actuators", rho="1000", inputs={"1": "9"}),
-        bent(one(region=REGION, actuators={}), "actuators", rho="1000", inputs={"1": "9000"}),
-        bent(limited, "actuators", inputs={"1": "9", "2": "9"}),
-        bent(limited, "actuators", inputs={"1": "2"}),
-        bent(limited, "actuators", inputs={"1": "10"}),
-        bent(sine, "actuators", table=[["1"]], inputs={"1": "90"}),
-        bent(one(**SWELLING, **WIDE), "actuators", table=matrix("1 0"), inputs={"1": "9000"}),
-        bent(one(**RISING, **WIDE), "actuators", table=matrix("1 1"), inputs={"1": "9000"}),
-    ]
+    yield bent(own_box, "actuators", code=HOLDS)
+    yield bent(own_box, "actuators", v=vector("1 2 1"))
+    yield blindfolded(own_box)
+    for each in (heavy, straight, drifts, blind):
+        yield bent(each, "actuators", code=HOLDS)
+    for each in (heavy, straight, drifts, blind):
+        yield bent(each, "accuracy", code=HOLDS)
+    yield bent(heavy, "actuators", without="accuracy")
+    yield bent(heavy, "actuators", alpha="-1")
+    yield bent(heavy, "actuators", level="1/1000")
+    yield bent(straight, "actuators", level="-1")
+    yield bent(straight, "actuators", inputs={"1": "3.2"})
+    yield bent(drifts, "actuators", kappa="1/1000", inputs={"1": "9000"})
+    yield bent(drifts, "actuators", beta="1000", inputs={"1": "9000"})
+    yield bent(drifts, "actuators", table=start, inputs={"1": "9000"})
+    yield bent(drifts, "actuators", rho="1/10")
+    for each in (near, seen, unknown):
+        yield bent(each, "tolerance", code=HOLDS)
+    yield bent(limited, "actuators", code=HOLDS)
+    yield bent(sine, "actuators", code=HOLDS, table=start, inputs={"1": "90"})
+    enough = {"1": str(beside + Fraction("0.7072"))}
+    yield bent(sine, "actuators", code=HOLDS, table=start, inputs=enough)
+    less = {"1": str(beside + Fraction("0.7"))}
+    yield bent(sine, "actuators", table=start, inputs=less)
+    yield bent(sine, "actuators", table=start, inputs={"1": str(beside)})
+    yield bent(led, "actuators", code=HOLDS)
+    inputs = _claimed(led, "actuators")["inputs"]
+    inputs["2"] = str(Fraction(inputs["2"]) - Fraction(1, 100))
+    yield bent(led, "actuators", inputs=inputs)
+    yield bent(near, "tolerance", weights="1/20")
+    yield bent(near, "tolerance", gains="1/20")
+    yield bent(near, "tolerance", weights="2")
+    yield bent(one(region=REGION), "tolerance", gains="-1/10")
+    yield bent(near, "tolerance", rate=None)
+    yield bent(near, "tolerance", eta="0")
+    yield bent(near, "tolerance", v=["1"], alpha="2", rate=1, domain="consensus", code=HOLDS)
+    yield bent(near, "tolerance", v=["0"], alpha="2", rate=1, domain="consensus")
+    yield bent(kinked, "tolerance", v=["1"], domain="consensus")
+    yield bent(unknown, "tolerance", v=vector("1 2"), alpha="1/10", rate=None, domain="consensus")
+    yield bent(limited, "actuators", without="max-separable")
+    yield bent(limited, "actuators", without="actuators")
+    yield bent(near, "tolerance", rate=4)
+    yield bent(seen, "tolerance", alpha="-1")
+    yield bent(seen, "tolerance", domain="global")
+    yield bent(seen, "tolerance", rate=0.001)
+    yield bent(unknown, "tolerance", eta="0")
+    yield bent(unknown, "tolerance", **_slower(unknown, "2/5"), code=HOLDS)
+    yield bent(unknown, "tolerance", **_slower(unknown, "9/10"))
+    yield bent(limited, "actuators", limit={"1": "9", "2": "9"}, code=UNREADABLE)
+    yield bent(limited, "actuators", rate=0.1)
+    yield bent(limited, "actuators", rho="1000", inputs={"1": "9"})
+    yield bent(one(region=REGION, actuators={}), "actuators", rho="1000", inputs={"1": "9000"})
+    yield bent(limited, "actuators", inputs={"1": "9", "2": "9"})
+    yield bent(limited, "actuators", inputs={"1": "2"})
+    yield bent(limited, "actuators", inputs={"1": "10"})
+    yield bent(sine, "actuators", table=[["1"]], inputs={"1": "90"})
+    yield bent(one(**SWELLING, **WIDE), "actuators", table=matrix("1 0"), inputs={"1": "9000"})
+    yield bent(one(**RISING, **WIDE), "actuators", table=matrix("1 1"), inputs={"1": "9000"})
 
 
 def two(**more: Any) -> Problem:

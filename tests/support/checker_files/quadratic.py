@@ -10,14 +10,13 @@ from typing import Any
 
 from texts import matrix
 
-from checker_files.files import FAILS, HOLDS, Case, Document
+from checker_files.files import FAILS, HOLDS, Case, Document, changed
 from checker_files.separable import (
     UNDECIDED,
     _frame_verdict,
     ball,
     box,
     case,
-    changed,
     claim,
     fails,
     holds,

@@ -12,12 +12,22 @@ from typing import Any
 
 from texts import matrix, vector
 
-from checker_files.files import FAILS, HOLDS, Case, Document, Forger, as_written, network, scalar
+from checker_files.files import (
+    FAILS,
+    HOLDS,
+    Case,
+    Document,
+    Forger,
+    as_written,
+    changed,
+    network,
+    scalar,
+)
 from checker_files.separable import REFUTED, ball, box, claim, doubles
-from checker_files.settling import bent as changed
+from checker_files.settling import bent as resettled
 from checker_files.settling import last, settling, tube
 from checker_files.settling import moved as shifted
-from checker_files.switching import Frames, bent
+from checker_files.switching import Frames
 from dobc_design import Network
 from dobc_design.problem.groups import Observer
 
@@ -99,7 +109,7 @@ _KNOWN = (
     "hurwitz",
 )
 _FRAMES = Frames(_settings(), (*_KNOWN, "linearisation"))
-_FORGER = Forger(_FRAMES.case, bent)
+_FORGER = Forger(_FRAMES.case)
 certificate, _case = _FRAMES.certificate, _FRAMES.case
 _holds, _fails = _FORGER.holds, _FORGER.fails
 _wrong, _each_wrong = _FORGER.wrong, _FORGER.each_wrong
@@ -128,10 +138,10 @@ def turned(check: Document, T: str = "2", low: str = "1", high: str = "1", **mor
 def _in_coordinates() -> Iterator[Case]:
     """With z = 2 e the same weights hold, a box of e is half as wide, and P is four times as
     large."""
-    boxed = bent(CHAINED, domain=box(9), rho="9")
+    boxed = changed(CHAINED, domain=box(9), rho="9")
     seen = OBSERVED | {"exact": OBSERVED["exact"] | {"P": [["4"]], "size": "4"}}
     yield _holds("chain", "in coordinates", turned(CHAINED))
-    yield _holds("chain", "in coordinates, in a box", turned(bent(boxed, rho="18")))
+    yield _holds("chain", "in coordinates, in a box", turned(changed(boxed, rho="18")))
     yield _fails("chain", "in coordinates, the box leaves the region", turned(boxed))
     yield _holds("chain, observed", "in coordinates, observed", turned(seen))
     yield _fails("chain, observed", "in coordinates, P of e", turned(OBSERVED))
@@ -152,15 +162,15 @@ def _in_coordinates() -> Iterator[Case]:
         yield _fails(
             "chain", f"turned {p}, {k}, {i}: {value}", turned(moved(CHAINED, p, k, i, value))
         )
-    rests = turned(bent(STANDING, domain=GLOBAL, rho=None), "1")
+    rests = turned(changed(STANDING, domain=GLOBAL, rho=None), "1")
     yield _fails("pair, for ever, linear", "in coordinates, a phase that stands", rests)
-    resting = turned(bent(RESTING, domain=GLOBAL, rho=None), "1")
+    resting = turned(changed(RESTING, domain=GLOBAL, rho=None), "1")
     yield _holds("pair, for ever, linear", "in coordinates, a phase that rests", resting)
 
 
 def moved(check: Document, p: int, k: int, i: int, value: str) -> Document:
-    """The weight of agent i at the k-th time of phase p changed."""
-    copied = bent(check)
+    """The weight of agent i at the k-th time of phase p resettled."""
+    copied = changed(check)
     copied["exact"]["phases"][p]["v"][k][i] = value
     return copied
 
@@ -169,7 +179,7 @@ def retimed(
     check: Document, times: list[str], *v: list[str], p: int = 0, **changes: Any
 ) -> Document:
     """Phase p replaced."""
-    copied = bent(check, **changes)
+    copied = changed(check, **changes)
     copied["exact"]["phases"][p] = phase(times, *v)
     return copied
 
@@ -213,7 +223,7 @@ STANDING = schedule(box(1), 0.05, "1", LEVEL, LEVEL)
 GRAPHS = schedule(GLOBAL, None, None)
 CURVED = schedule(box(1), None, "1")
 # kappa 2 >= 1, and 1 + 1/2 * 1/2 = 5/4.
-SEEN: Document = bent(CURVED, domain=box(1, 0.5), rho="5/4")
+SEEN: Document = changed(CURVED, domain=box(1, 0.5), rho="5/4")
 SEEN["exact"] |= PART | {"kappa": "1/2"}
 
 
@@ -280,12 +290,12 @@ def _good() -> Iterator[Case]:
     yield _holds(
         "chain",
         "doubles",
-        bent(
+        changed(
             CHAINED,
             phases=[phase(vector("0 1"), doubles(1, 2, 4), A_ENDS), CHAINED["exact"]["phases"][1]],
         ),
     )
-    yield _holds("chain", "in a box", bent(CHAINED, domain=box(9), rho="9"))
+    yield _holds("chain", "in a box", changed(CHAINED, domain=box(9), rho="9"))
     yield _holds("chain, observed", "true", OBSERVED)
     yield _holds("chain, observed", "in a box", NEAR)
     yield _holds("pair", "true", CUBIC)
@@ -296,7 +306,7 @@ def _good() -> Iterator[Case]:
     yield _holds("three, in turn", "by the graphs", GRAPHS)
     yield _holds("pair, for ever", "by the graphs", schedule(box(1), None, "1"))
     yield _holds("curved", "by the graphs", CURVED)
-    yield _holds("sine", "by the graphs, below pi/2", bent(CURVED, domain=box(0.7), rho="0.78"))
+    yield _holds("sine", "by the graphs, below pi/2", changed(CURVED, domain=box(0.7), rho="0.78"))
     yield _holds("curved, observed", "by the graphs", SEEN)
 
 
@@ -330,10 +340,10 @@ def _bent_weights() -> Iterator[Case]:
     yield _wrong("chain", CHAINED, phases=CHAINED["exact"]["phases"][:1])
     yield _wrong("chain", CHAINED, own="1e300")
     yield from _each_wrong(
-        "chain", bent(CHAINED, domain=box(9), rho="9"), rho=["8.999", "-9", None]
+        "chain", changed(CHAINED, domain=box(9), rho="9"), rho=["8.999", "-9", None]
     )
     yield from _each_wrong(
-        "chain", bent(CHAINED, domain=box(9), rho="9"), domain=[ball(9), box(1, 0.1)]
+        "chain", changed(CHAINED, domain=box(9), rho="9"), domain=[ball(9), box(1, 0.1)]
     )
     slow: Document = {"own": "0.05", "rate": 0.05}
     for what, times, v in (
@@ -374,7 +384,7 @@ def _bent_dwell() -> Iterator[Case]:
         yield _fails(
             "pair", f"phase {p}, time {k}, agent {i}: {value}", moved(CUBIC, p, k, i, value)
         )
-    linear = bent(CUBIC, domain=GLOBAL, rho=None)
+    linear = changed(CUBIC, domain=GLOBAL, rho=None)
     yield _holds("pair, linear", "true", linear)
     for k, i, value in ((1, 1, "1.2499"), (2, 1, "0.7499"), (1, 0, "0.5003")):
         yield _fails("pair, linear", f"time {k}, agent {i}: {value}", moved(linear, 0, k, i, value))
@@ -384,10 +394,10 @@ def _bent_dwell() -> Iterator[Case]:
     yield _wrong(name, RESTING, own="0.47")
     yield _wrong(name, RESTING, domain=box(1.001))
     yield _wrong(name, RESTING, rho="2.1")
-    standing = bent(STANDING, domain=GLOBAL, rho=None)
+    standing = changed(STANDING, domain=GLOBAL, rho=None)
     yield _fails(f"{name}, linear", "no fall at rest", standing)
     yield _holds(
-        name, "a fall at rest", retimed(bent(STANDING, phases=[BOTH, BOTH]), *_split(BOTH))
+        name, "a fall at rest", retimed(changed(STANDING, phases=[BOTH, BOTH]), *_split(BOTH))
     )
 
 
@@ -445,7 +455,7 @@ def _bent_graphs() -> Iterator[Case]:
 
 def _bent_problems() -> Iterator[Case]:
     """Problem files that the package does not write."""
-    times = bent(CHAINED, phases=[phase(["0"], A_STARTS)] * 2)
+    times = changed(CHAINED, phases=[phase(["0"], A_STARTS)] * 2)
     for name, change, check in (
         ("chain", {"sequence": ["A", "X"]}, CHAINED),
         ("chain", {"dwell": "0"}, times),
@@ -497,7 +507,7 @@ def _settled() -> Iterator[Case]:
         kept = {key: frame[key] for key in ("verdict", "rate", "covered_by")}
         return Case(f"{name}: settling, {what}", *certificate(name, check, **kept), code)
 
-    forger = Forger(settled, changed)
+    forger = Forger(settled, resettled)
     holds, fails = forger.holds, forger.fails
     wrong, each_wrong = forger.wrong, forger.each_wrong
     for check in (STAYS, GOES_ON, WIDE):
@@ -520,7 +530,7 @@ def _settled() -> Iterator[Case]:
     yield wrong("chain", GOES_ON, time="10.798")
     yield wrong("chain", GOES_ON, level="0.312")
     yield wrong("chain", GOES_ON, height="3.999")
-    faster = changed(GOES_ON)
+    faster = resettled(GOES_ON)
     faster["exact"]["last"]["certificate"]["rate"] = "0.1178"
     yield fails("chain", "a rate that weights do not have", faster)
     yield from each_wrong("chain", WIDE, times=[vector("0 2"), vector("0 1/2")])

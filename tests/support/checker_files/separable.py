@@ -24,7 +24,7 @@ from checker_files.files import (
     Case,
     Document,
     Forger,
-    bend,
+    changed,
     network,
     scalar,
 )
@@ -200,17 +200,7 @@ def case(name: str, code: int, what: str, *checks: Document, **overall: Any) -> 
     return Case(f"{name}: {what}", certificate(name, *checks, **overall), _frames()[name][1], code)
 
 
-def changed(check: Document, **changes: Any) -> Document:
-    """The check with changes; keys of ``exact`` go there."""
-    copied = json.loads(json.dumps(check))
-    own = {key: value for key, value in changes.items() if key in check}
-    bend(copied, own)
-    if set(changes) - set(own):
-        bend(copied["exact"], {key: value for key, value in changes.items() if key not in own})
-    return dict(copied)
-
-
-FORGER = Forger(case, changed, lambda check: f"{check['id']} with")
+FORGER = Forger(case, title=lambda check: f"{check['id']} with")
 holds, fails = FORGER.holds, FORGER.fails
 wrong, each_wrong = FORGER.wrong, FORGER.each_wrong
 

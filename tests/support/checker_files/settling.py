@@ -12,9 +12,9 @@ from typing import Any
 
 from texts import matrix, vector
 
-from checker_files.files import FAILS, HOLDS, Case, Document, Forger
+from checker_files.files import FAILS, HOLDS, Case, Document, Forger, changed
 from checker_files.quadratic import quadratic
-from checker_files.separable import BENT, MATRIX, _frame_verdict, ball, box, case, changed, claim
+from checker_files.separable import BENT, MATRIX, _frame_verdict, ball, box, case, claim
 
 
 def settling(

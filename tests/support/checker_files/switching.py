@@ -17,15 +17,6 @@ from dobc_design.certification import certify as certification
 from dobc_design.problem.canonical import canonical_bytes
 
 
-def bent(check: Document, **changes: Any) -> Document:
-    """The check with changes; ``own`` is the rate of its claim."""
-    copied: Document = json.loads(json.dumps(check))
-    for key, value in changes.items():
-        inside = key == "own" or (key in copied["exact"] and key != "rate")
-        (copied["exact"] if inside else copied)["rate" if key == "own" else key] = value
-    return copied
-
-
 @cache
 def _unweighted(problem: Problem) -> Claims:
     """What is claimed of the consensus, without searching for weights of agents."""

@@ -2,6 +2,7 @@
 twins."""
 
 import json
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -9,10 +10,11 @@ from certified import consensus_claims
 from texts import matrix, vector
 
 from checker_files.files import (
-    FAILS,
-    HOLDS,
     Case,
     Document,
+    Forger,
+    changed,
+    collected,
     conclude,
     fastest_proof,
     network,
@@ -52,6 +54,7 @@ HARMONIC: dict[str, Any] = {
     "exosystem": Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0")),
     "observer": Observer(W=matrix("16/5; 12/5")),
 }
+UNIT = matrix("1 0; 0 1")
 PAPER = matrix("1/2 -1/4; -1/4 1/3")
 BENT = matrix("1/2 -26/100; -24/100 1/3")
 
@@ -81,137 +84,110 @@ def problems() -> dict[str, Problem]:
     }
 
 
-def case(name: str, problem: str, check: Document, code: int) -> Case:
+def _made(name: str, code: int, what: str, check: Document) -> Case:
     """The certificate of a small problem with this one claim of the topic, and the verdict that
     follows."""
-    document = json.loads(certificate_bytes(consensus_claims(problems()[problem])))
+    problem = problems()[name]
+    document = json.loads(certificate_bytes(consensus_claims(problem)))
     topics = ("theorem1-weighted", "theorem2-weighted", "linearisation")
-    document["checks"] = [each for each in document["checks"] if each["id"] not in topics] + [check]
+    others = [each for each in document["checks"] if each["id"] not in topics]
+    document["checks"] = [*others, check]
     theorems = ("theorem1", "theorem2") if document["observer"]["W"] else ("lemma1",)
     best = fastest_proof(document, (*topics, *theorems, "max-separable", "lure"))
     counted = "unstable_roots" in json.dumps(document["checks"])
     conclude(document, best, refuted=check["verdict"] == "refuted" or counted)
-    data = canonical_bytes(problems()[problem])
-    return Case(f"{problem}: {name}", json.dumps(document).encode(), data, code)
+    return Case(f"{name}: {what}", json.dumps(document).encode(), canonical_bytes(problem), code)
 
 
-@cache
-def weighted_cases() -> list[Case]:
-    D_doubles = {"float64": "AAAAAAAAEEAAAAAAAADwPw=="}  # 4 and 1
-    good, both = weighted(), {"A": V, "B": V}
-    second = {"id": "theorem2-weighted", "w": both}
-    mixed = {"D": ["1"] * 4, "w": {"G": ["1"] * 4}}
-    lines = [
-        ("by hand", good, HOLDS),
-        ("in doubles", weighted(D=D_doubles), HOLDS),
-        ("no rate", weighted(None), HOLDS),
-        ("the rate of a singular matrix", weighted(0.75), FAILS),
-        ("a rate below 0", weighted(-0.5), FAILS),
-        ("a rate of 0", weighted(0), FAILS),
-        ("the weights of V = e'e", weighted(D=vector("1 1")), FAILS),
-        ("w too steep", weighted(w={"G": vector("1 4")}), FAILS),
-        ("w too flat", weighted(w={"G": vector("1 1")}), FAILS),
-        ("no positive D", weighted(D=vector("4 -1")), FAILS),
-        ("no positive w", weighted(w={"G": vector("-1 -2")}), FAILS),
-        ("another mode", weighted(w={"H": V}), FAILS),
-        ("a mode too many", weighted(w={"G": V, "H": V}), FAILS),
-        ("one weight", weighted(D=["4"]), FAILS),
-        ("a P without an exosystem", weighted(P=[["1"]]), FAILS),
-        ("a key too many", weighted(more="1"), FAILS),
-        ("a margin", good | {"margin": 1}, FAILS),
-        ("a witness", good | {"witness": {"kind": "vector"}}, FAILS),
-        ("refuted", good | {"verdict": "refuted", "rate": None}, FAILS),
-        ("another domain", good | {"domain": "consensus"}, FAILS),
-        ("a mode of its own", good | {"mode": "G"}, FAILS),
-        ("for several modes", weighted(id="theorem2-weighted"), FAILS),
-    ]
-    found = [case(name, "line", check, code) for name, check, code in lines]
+_FORGER = Forger(_made)
+holds, fails, wrong = _FORGER.holds, _FORGER.fails, _FORGER.wrong
+
+
+@collected
+def weighted_cases() -> Iterator[Case]:
+    """On the line by theorem 1, then of several modes, with observers, and linearisations."""
+    good = weighted()
+    yield holds("line", "by hand", good)
+    yield holds("line", "in doubles", changed(good, D={"float64": "AAAAAAAAEEAAAAAAAADwPw=="}))
+    yield holds("line", "no rate", changed(good, rate=None))
+    yield wrong("line", good, "the rate of a singular matrix", rate=0.75)
+    yield wrong("line", good, "a rate below 0", rate=-0.5)
+    yield wrong("line", good, "a rate of 0", rate=0)
+    yield wrong("line", good, "the weights of V = e'e", D=vector("1 1"))
+    yield wrong("line", good, "w too steep", w={"G": vector("1 4")})
+    yield wrong("line", good, "w too flat", w={"G": vector("1 1")})
+    yield wrong("line", good, "no positive D", D=vector("4 -1"))
+    yield wrong("line", good, "no positive w", w={"G": vector("-1 -2")})
+    yield wrong("line", good, "another mode", w={"H": V})
+    yield wrong("line", good, "a mode too many", w={"G": V, "H": V})
+    yield wrong("line", good, "one weight", D=["4"])
+    yield fails("line", "a P without an exosystem", weighted(P=[["1"]]))
+    yield fails("line", "a key too many", weighted(more="1"))
+    yield wrong("line", good, "a margin", margin=1)
+    yield wrong("line", good, "a witness", witness={"kind": "vector"})
+    yield wrong("line", good, "refuted", verdict="refuted", rate=None)
+    yield wrong("line", good, "another domain", domain="consensus")
+    yield wrong("line", good, "a mode of its own", mode="G")
+    yield wrong("line", good, "for several modes", id="theorem2-weighted")
+    yield from _several_modes()
+    yield from _observed()
+    yield from _straight()
+
+
+def _several_modes() -> Iterator[Case]:
     # With D = (1/2, 1) N w = (w_1 - w_2, 2 w_2 - w_1), and the arc adds (w_1 - w_2/2, -w_1/2) or
     # nothing.
-    for name, w, code in (
-        ("by hand", vector("5 4"), HOLDS),
-        ("the arc is not always there", vector("1/2 1/2"), FAILS),
-    ):
-        check = weighted(None, "theorem2-weighted", D=vector("1/2 1"), w={"G": w})
-        found.append(case(name, "comes and goes", check, code))
-    found += [
-        case(name, "two modes", weighted(**second | more), code)
-        for name, more, code in (
-            ("by hand", {}, HOLDS),
-            ("one mode is missing", {"w": {"A": V}}, FAILS),
-            ("fails in the second mode", {"w": {"A": V, "B": vector("1 4")}}, FAILS),
-            ("for one mode", {"id": "theorem1-weighted"}, FAILS),
-        )
-    ]
-    found += [
-        case(name, "seen", SEEN | {"exact": SEEN["exact"] | more}, code)
-        for name, more, code in (
-            ("by hand", {}, HOLDS),
-            ("weights too large for the observer", {"D": vector("3/2 3/8")}, FAILS),
-            ("a small P", {"P": [["1/3"]]}, FAILS),  # S = 1
-            ("a negative P", {"P": [["-1"]]}, FAILS),
-            ("a P of another size", {"P": matrix("1 0; 0 1")}, FAILS),
-        )
-    ]
-    found += [
-        case("the rate of the observer", "seen", SEEN | {"rate": 2}, FAILS),
-        case("the paper's P", "harmonic", weighted(None, D=vector("1 1/4"), P=PAPER), HOLDS),
-        case("not symmetric", "harmonic", weighted(None, D=vector("1 1/4"), P=BENT), FAILS),
-        case("P < 0", "bad W", weighted(None, D=vector("1 1/4"), P=[["-1"]]), FAILS),
-        case("no P", "seen", weighted(D=vector("1 1/4")), FAILS),
-        case("a gain mixes components", "mixed", weighted(None, **mixed), FAILS),
-        case("a coupling mixes components", "crossed", weighted(None, **mixed), FAILS),
-        case(
-            "a falling slope",
-            "falling",
-            weighted(None, D=vector("1 1"), w={"G": vector("1 1")}),
-            FAILS,
-        ),
-        case(
-            "a kink",
-            "kinked",
-            weighted(D=vector("1 1"), w={"G": vector("1 1")}) | {"domain": "consensus"},
-            FAILS,
-        ),
-    ]
-    found += [
-        case(name, problem, check, code)
-        for name, problem, check, code in (
-            ("proved", "falling", straight(), HOLDS),
-            ("no rate", "falling", straight(rate=None), HOLDS),
-            ("the rate of an eigenvalue", "falling", straight(rate=1), FAILS),
-            ("a rate below 0", "falling", straight(rate=-1), FAILS),
-            ("a margin", "falling", straight(margin=1), FAILS),
-            ("a witness", "falling", straight(witness={"kind": "vector"}), FAILS),
-            ("exact values", "falling", straight(exact={"unstable_roots": "0"}), FAILS),
-            (
-                "refuted, and stable",
-                "falling",
-                straight("refuted", None, {"unstable_roots": "1"}),
-                FAILS,
-            ),
-            ("several modes", "two modes", straight(), FAILS),
-            ("with the observer", "seen", straight(), HOLDS),
-            ("faster than the observer", "slow", straight(), FAILS),
-            ("as slow as the observer", "slow", straight(rate=0.4), HOLDS),
-            ("a kink", "kinked", straight() | {"domain": "consensus"}, FAILS),
-            ("irrational slopes", "irrational", straight(), FAILS),
-            ("proved, and unstable", "unstable", straight(rate=None), FAILS),
-            ("refuted", "unstable", straight("refuted", None, {"unstable_roots": "1"}), HOLDS),
-            ("two roots", "unstable", straight("refuted", None, {"unstable_roots": "2"}), FAILS),
-            ("no root", "unstable", straight("refuted", None, {"unstable_roots": "0"}), FAILS),
-            (
-                "half a root",
-                "unstable",
-                straight("refuted", None, {"unstable_roots": "1/2"}),
-                FAILS,
-            ),
-            (
-                "refuted at a rate",
-                "unstable",
-                straight("refuted", 1, {"unstable_roots": "1"}),
-                FAILS,
-            ),
-        )
-    ]
-    return found
+    pulled = weighted(None, "theorem2-weighted", D=vector("1/2 1"), w={"G": vector("5 4")})
+    yield holds("comes and goes", "by hand", pulled)
+    flat = {"G": vector("1/2 1/2")}
+    yield wrong("comes and goes", pulled, "the arc is not always there", w=flat)
+    both = weighted(id="theorem2-weighted", w={"A": V, "B": V})
+    yield holds("two modes", "by hand", both)
+    yield wrong("two modes", both, "one mode is missing", w={"A": V})
+    yield wrong("two modes", both, "fails in the second mode", w={"A": V, "B": vector("1 4")})
+    yield wrong("two modes", both, "for one mode", id="theorem1-weighted")
+
+
+def _observed() -> Iterator[Case]:
+    yield holds("seen", "by hand", SEEN)
+    yield wrong("seen", SEEN, "weights too large for the observer", D=vector("3/2 3/8"))
+    yield wrong("seen", SEEN, "a small P", P=[["1/3"]])  # S = 1
+    yield wrong("seen", SEEN, "a negative P", P=[["-1"]])
+    yield wrong("seen", SEEN, "a P of another size", P=UNIT)
+    yield wrong("seen", SEEN, "the rate of the observer", rate=2)
+    slow = changed(SEEN, rate=None)
+    yield holds("harmonic", "the paper's P", changed(slow, P=PAPER))
+    yield wrong("harmonic", slow, "not symmetric", P=BENT)
+    yield wrong("bad W", slow, "P < 0", P=[["-1"]])
+    yield fails("seen", "no P", weighted(D=vector("1 1/4")))
+    mixed = weighted(None, D=vector("1 1 1 1"), w={"G": vector("1 1 1 1")})
+    yield fails("mixed", "a gain mixes components", mixed)
+    yield fails("crossed", "a coupling mixes components", mixed)
+    even = weighted(D=vector("1 1"), w={"G": vector("1 1")})
+    yield wrong("falling", even, "a falling slope", rate=None)
+    yield wrong("kinked", even, "a kink", domain="consensus")
+
+
+def _straight() -> Iterator[Case]:
+    good = straight()
+    yield holds("falling", "proved", good)
+    yield holds("falling", "no rate", straight(rate=None))
+    yield wrong("falling", good, "the rate of an eigenvalue", rate=1)
+    yield wrong("falling", good, "a rate below 0", rate=-1)
+    yield wrong("falling", good, "a margin", margin=1)
+    yield fails("falling", "a witness", straight(witness={"kind": "vector"}))
+    yield fails("falling", "exact values", straight(exact={"unstable_roots": "0"}))
+    one_root = straight("refuted", None, {"unstable_roots": "1"})
+    yield fails("falling", "refuted, and stable", one_root)
+    yield fails("two modes", "several modes", good)
+    yield holds("seen", "with the observer", good)
+    yield fails("slow", "faster than the observer", good)
+    yield holds("slow", "as slow as the observer", straight(rate=0.4))
+    yield wrong("kinked", good, "a kink", domain="consensus")
+    yield fails("irrational", "irrational slopes", good)
+    yield fails("unstable", "proved, and unstable", straight(rate=None))
+    yield holds("unstable", "refuted", one_root)
+    yield wrong("unstable", one_root, "two roots", unstable_roots="2")
+    yield wrong("unstable", one_root, "no root", unstable_roots="0")
+    yield wrong("unstable", one_root, "half a root", unstable_roots="1/2")
+    yield wrong("unstable", one_root, "refuted at a rate", rate=1)

@@ -18,8 +18,8 @@ from campaigns.regions import (
     region_recheck_campaign,
 )
 from certified import certified, certify_once, consensus_claims
-from checker_files.files import FAILS, HOLDS, changed, outcome, second_loop
-from checker_files.separable import BENT, PAIR, SINE, certificate, claim, doubles, problems
+from checker_files.files import FAILS, HOLDS, changed, doubles, outcome, second_loop
+from checker_files.separable import BENT, PAIR, SINE, certificate, claim, problems
 from oracles.theorems import Oracle
 
 from dobc_design import Network, Problem

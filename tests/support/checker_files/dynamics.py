@@ -96,81 +96,83 @@ def problems() -> dict[str, Problem]:
     groups = Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0"))
     drag = {"dynamics": Dynamics(A=matrix("0 1; 0 -3"), B=matrix("0; 1")), "gains": {1: [[1, 0]]}}
     swing = Dynamics(f=["x2", "-sin(x1) - 3*x2"], B=matrix("0; 1"))
-    return {
-        "line": line(),
-        "two modes": line(network=BOTH),
-        "comes and goes": line(
-            network=Network.from_arcs(
-                [[2, 1]], arrow="listens_to", optional=[[1, 2, "1/4"]], agents=2
-            )
-        ),
-        "two inputs a unit": alone("1/2", "-y", 1).replace(dynamics=Dynamics(A=[["1/2"]], B=[[2]])),
-        "seen": line(**watched),
-        "seen by both": line(exosystem=scalar(0), observer=Observer(W=matrix("1/2 2"))),
-        "seen slowly": line(exosystem=scalar(0), observer=Observer(W=[["1/9"]])),
-        "harmonic": line(exosystem=groups, observer=Observer(W=matrix("16/5; 12/5"))),
-        "other gains": line(gains={1: [[1, 1]]}),
-        "integrators": line(dynamics=None, target=[0, 0], coupling=["y1 + y2", "y2"]),
-        "repelled": alone(1, "-y", [[-1]]),
-        "held": alone("-3/4", "-y", [[-1]]),
-        "irrational": alone(-9, "exp(1)*y"),
-        "pushed": alone(-9, "y", [[-1]]),
-        "one falls": alone(-9, "y", exceptions={(1, 0): "-y"}),
-        "unstable": alone("1/2", "y", 4),
-        "calm": alone(-2),
-        "kinked": alone(-2, "abs(y)"),
-        "planar": line(**planar),
-        "turned": line(**turned),
-        "pendulum": line(dynamics=Dynamics(f=["x2", "-sin(x1) - x2"], B=matrix("0; 1"))),
-        "bent": alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"])),
-        "cubic pull": alone(0).replace(dynamics=Dynamics(f=["-x**3"])),
-        "cubic push": alone(0, gain=1).replace(dynamics=Dynamics(f=["x**3"])),
-        "second": line(
-            network=BOTH_WAYS,
-            coupling="sin(y)",
-            dynamics=Dynamics(f=["-x**3"]),
-            gains="1/10",
-            region=WIDE,
-        ),
-        "led": line(**cubic),
-        "led near": line(
-            **cubic | {"leader": near, "region": {"initial_states": vector("-1/4 1/4")}}
-        ),
-        "led, unstable": alone("1/2", "y", 4, leader={"initial": [-1, 1]}),
-        "second, still": line(
-            network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE
-        ),
-        "second, led": line(
-            network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE, **at_0
-        ),
-        "pushed off": alone(1, leader={"initial": [0, 3]}, region={"initial_states": [1, 2]}),
-        "pushed elsewhere": alone(1, leader={"initial": [3, 4]}, region={"initial_states": [1, 2]}),
-        "apart": alone(
-            0, network=BOTH_WAYS, leader={"initial": [0, 5]}, region={"initial_states": [0, 1]}
-        ),
-        "apart elsewhere": alone(
-            0,
-            network=BOTH_WAYS,
-            leader={"initial": [-5, 5]},
-            region={"initial_states": [0, 1]},
-            offsets={1: 3},
-        ),
-        "drag": line(coupling="y1", **drag),
-        "drag, seen": line(coupling="y1", **drag, **watched),
-        "drag, pushed": line(coupling="y1", **drag, uncertainty={"disturbance": "1/10"}),
-        "drag, bent": line(coupling="tanh(y1)", **drag),
-        "drag, bent, seen": line(coupling="tanh(y1)", **drag, **watched),
-        "swinging": line(coupling="y1", gains=None, dynamics=swing),
-        "vectors": line(coupling=["y1*y2 + y1", "y2"], dynamics=None, target=[0, 0], gains=1),
-        "three, pushed": line(
-            dynamics=wide,
-            coupling=["y1", "y2"],
-            gains=None,
-            target=[0, 0, 0],
-            uncertainty={"disturbance": "1/10"},
-        ),
-        "three": line(dynamics=wide, coupling=["y1", "y2"], gains=None, target=[0, 0, 0]),
-    }
+    made: dict[str, Problem] = {}
+    made["line"] = line()
+    made["two modes"] = line(network=BOTH)
+    made["comes and goes"] = line(
+        network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2, "1/4"]], agents=2)
+    )
+    made["two inputs a unit"] = alone("1/2", "-y", 1).replace(
+        dynamics=Dynamics(A=[["1/2"]], B=[[2]])
+    )
+    made["seen"] = line(**watched)
+    made["seen by both"] = line(exosystem=scalar(0), observer=Observer(W=matrix("1/2 2")))
+    made["seen slowly"] = line(exosystem=scalar(0), observer=Observer(W=[["1/9"]]))
+    made["harmonic"] = line(exosystem=groups, observer=Observer(W=matrix("16/5; 12/5")))
+    made["other gains"] = line(gains={1: [[1, 1]]})
+    made["integrators"] = line(dynamics=None, target=[0, 0], coupling=["y1 + y2", "y2"])
+    made["repelled"] = alone(1, "-y", [[-1]])
+    made["held"] = alone("-3/4", "-y", [[-1]])
+    made["irrational"] = alone(-9, "exp(1)*y")
+    made["pushed"] = alone(-9, "y", [[-1]])
+    made["one falls"] = alone(-9, "y", exceptions={(1, 0): "-y"})
+    made["unstable"] = alone("1/2", "y", 4)
+    made["calm"] = alone(-2)
+    made["kinked"] = alone(-2, "abs(y)")
+    made["planar"] = line(**planar)
+    made["turned"] = line(**turned)
+    made["pendulum"] = line(dynamics=Dynamics(f=["x2", "-sin(x1) - x2"], B=matrix("0; 1")))
+    made["bent"] = alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"]))
+    made["cubic pull"] = alone(0).replace(dynamics=Dynamics(f=["-x**3"]))
+    made["cubic push"] = alone(0, gain=1).replace(dynamics=Dynamics(f=["x**3"]))
+    made["second"] = line(
+        network=BOTH_WAYS,
+        coupling="sin(y)",
+        dynamics=Dynamics(f=["-x**3"]),
+        gains="1/10",
+        region=WIDE,
+    )
+    made["led"] = line(**cubic)
+    made["led near"] = line(
+        **cubic | {"leader": near, "region": {"initial_states": vector("-1/4 1/4")}}
+    )
+    made["led, unstable"] = alone("1/2", "y", 4, leader={"initial": [-1, 1]})
+    made["second, still"] = line(
+        network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE
+    )
+    made["second, led"] = line(
+        network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE, **at_0
+    )
+    made["pushed off"] = alone(1, leader={"initial": [0, 3]}, region={"initial_states": [1, 2]})
+    made["pushed elsewhere"] = alone(
+        1, leader={"initial": [3, 4]}, region={"initial_states": [1, 2]}
+    )
+    made["apart"] = alone(
+        0, network=BOTH_WAYS, leader={"initial": [0, 5]}, region={"initial_states": [0, 1]}
+    )
+    made["apart elsewhere"] = alone(
+        0,
+        network=BOTH_WAYS,
+        leader={"initial": [-5, 5]},
+        region={"initial_states": [0, 1]},
+        offsets={1: 3},
+    )
+    made["drag"] = line(coupling="y1", **drag)
+    made["drag, seen"] = line(coupling="y1", **drag, **watched)
+    made["drag, pushed"] = line(coupling="y1", **drag, uncertainty={"disturbance": "1/10"})
+    made["drag, bent"] = line(coupling="tanh(y1)", **drag)
+    made["drag, bent, seen"] = line(coupling="tanh(y1)", **drag, **watched)
+    made["swinging"] = line(coupling="y1", gains=None, dynamics=swing)
+    made["vectors"] = line(coupling=["y1*y2 + y1", "y2"], dynamics=None, target=[0, 0], gains=1)
+    made["three, pushed"] = line(
+        dynamics=wide,
+        coupling=["y1", "y2"],
+        gains=None,
+        target=[0, 0, 0],
+        uncertainty={"disturbance": "1/10"},
+    )
+    made["three"] = line(dynamics=wide, coupling=["y1", "y2"], gains=None, target=[0, 0, 0])
+    return made
 
 
 @cache

@@ -15,11 +15,11 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
+import sympy as sp
 from certified import certified, consensus_claims, without_region
 from texts import matrix, vector
 
@@ -47,6 +47,7 @@ NOTHING |= {"factor": GONE}
 OPEN: Document = {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
 SAYS_NOTHING: Document = {}
 LEFT_OPEN = ("", OPEN)
+OPEN_THEOREM = ("theorem1", NOTHING)
 OPTIONAL = ("theorem1-weighted", "tolerance")
 NO_PAIR, NO_GAIN = {"P": None, "Q": None}, ("observer", dict.fromkeys(("W", "source", "P", "Q")))
 
@@ -213,53 +214,53 @@ def problems() -> dict[str, Problem]:
         return held("y", {1: gain}, line, target=[0, 0], region={"initial_states": list(states)})
 
     half = {1: "1/2", 2: "1/2"}
-    return {
-        "paper": without_region("paper-fixed"),
-        "plain": held("2*y", {1: 3}, notes=["a note"]),
-        "curved": held("exp(y) - 1 + y", {1: 3, 2: 3}),
-        "designed": held(exosystem=scalar(0)),
-        "given": observed([[2]]),
-        "good P": observed([[2]], [[1]]),
-        "small P": observed([[2]], [["1/100"]]),
-        "negative P": observed([[2]], [[-1]]),
-        "wrong P": observed(
-            matrix("16/5; 12/5"),
-            [[1, 0], [0, 100]],
-            Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0")),
-        ),
-        "bad W": observed([[-1]]),
-        "hidden": observed([[1]], exosystem=scalar(0, 0)),
-        "faint": held(exosystem=Exosystem(A=matrix("0 1 0; 0 0 0; 0 0 1"), C=matrix("0 1 0"))),
-        "calm bad W": observed(
-            [[-1]], coupling="tanh(y)", region={"initial_states": [-1, 1], "initial_disturbance": 0}
-        ),
-        "loose": held("2*y", None),
-        "far": held(gains={2: 1}, network=network([[2, 1], [3, 2]])),
-        "far, two components": asked([[1, 0], [0, 0]], [-1, 1], [-1, 1]),
-        "slanted": asked([[1, -1], [-1, 1]], [1, 2], [-2, -1]),
-        "beside": asked([[1, 0], [0, 0]], [1, 2], [-1, 1]),
-        "only 0": asked([[1, 0], [0, 0]], [-1, 1], [0, 0]),
-        "empty box": held(gains=None, offsets={2: 5}, region={"initial_states": [-1, 1]}),
-        "point box": held(gains=None, region={"initial_states": [0, 0]}),
-        "unstable": held("-y", half),
-        "unstable, elsewhere": held("-y", half, region={"initial_states": [0, 1]}),
-        "unstable, irrational": held("-exp(1)*y", half),
-        "unstable, large": held(gains={1: 1}, network=network([], agents=61)),
-        "repelled, large": held(
-            network=network([[i + 1, (i + k) % 61 + 1] for i in range(61) for k in (1, 60)]),
-            exceptions={(0, 1): "-3*y", (1, 0): "-3*y"},
-        ),
-        "not normal": held("5*y", {1: "1/2"}, network([[2, 1], [3, 2]])),
-        "kinked": held("abs(y)"),
-        "regional": held("tanh(y)", region={"initial_states": [-1, 1]}),
-        "two modes": held(gains={1: 4}, network=network({"A": EACH_OTHER, "B": [[2, 1]]})),
-        "ring": held(
-            gains={1: 1},
-            network=network([[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)]),
-        ),
-        "large": held("sqrt(2)*y", dict.fromkeys(range(1, 26), 5), network(chain)),
-        "long": held("y", dict.fromkeys(range(1, 26), 1), network(chain)),
-    }
+    made: dict[str, Problem] = {}
+    made["paper"] = without_region("paper-fixed")
+    made["plain"] = held("2*y", {1: 3}, notes=["a note"])
+    made["curved"] = held("exp(y) - 1 + y", {1: 3, 2: 3})
+    made["designed"] = held(exosystem=scalar(0))
+    made["given"] = observed([[2]])
+    made["good P"] = observed([[2]], [[1]])
+    made["small P"] = observed([[2]], [["1/100"]])
+    made["negative P"] = observed([[2]], [[-1]])
+    made["wrong P"] = observed(
+        matrix("16/5; 12/5"),
+        [[1, 0], [0, 100]],
+        Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0")),
+    )
+    made["bad W"] = observed([[-1]])
+    made["hidden"] = observed([[1]], exosystem=scalar(0, 0))
+    made["faint"] = held(exosystem=Exosystem(A=matrix("0 1 0; 0 0 0; 0 0 1"), C=matrix("0 1 0")))
+    made["calm bad W"] = observed(
+        [[-1]], coupling="tanh(y)", region={"initial_states": [-1, 1], "initial_disturbance": 0}
+    )
+    made["loose"] = held("2*y", None)
+    made["far"] = held(gains={2: 1}, network=network([[2, 1], [3, 2]]))
+    made["far, two components"] = asked([[1, 0], [0, 0]], [-1, 1], [-1, 1])
+    made["slanted"] = asked([[1, -1], [-1, 1]], [1, 2], [-2, -1])
+    made["beside"] = asked([[1, 0], [0, 0]], [1, 2], [-1, 1])
+    made["only 0"] = asked([[1, 0], [0, 0]], [-1, 1], [0, 0])
+    made["empty box"] = held(gains=None, offsets={2: 5}, region={"initial_states": [-1, 1]})
+    made["point box"] = held(gains=None, region={"initial_states": [0, 0]})
+    made["unstable"] = held("-y", half)
+    made["unstable, elsewhere"] = held("-y", half, region={"initial_states": [0, 1]})
+    made["unstable, irrational"] = held("-exp(1)*y", half)
+    made["unstable, large"] = held(gains={1: 1}, network=network([], agents=61))
+    made["repelled, large"] = held(
+        network=network([[i + 1, (i + k) % 61 + 1] for i in range(61) for k in (1, 60)]),
+        exceptions={(0, 1): "-3*y", (1, 0): "-3*y"},
+    )
+    made["not normal"] = held("5*y", {1: "1/2"}, network([[2, 1], [3, 2]]))
+    made["kinked"] = held("abs(y)")
+    made["regional"] = held("tanh(y)", region={"initial_states": [-1, 1]})
+    made["two modes"] = held(gains={1: 4}, network=network({"A": EACH_OTHER, "B": [[2, 1]]}))
+    made["ring"] = held(
+        gains={1: 1},
+        network=network([[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)]),
+    )
+    made["large"] = held("sqrt(2)*y", dict.fromkeys(range(1, 26), 5), network(chain))
+    made["long"] = held("y", dict.fromkeys(range(1, 26), 1), network(chain))
+    return made
 
 
 #: Whose certificates say all that `certify` says; those of the others speak of the consensus alone.
@@ -332,284 +333,241 @@ def bent(
 ) -> Case:
     """The certificate of a problem with changes: of a check by its id, of "observer", or of the
     whole ("")."""
-    copied = document(name) if optional else bare(document(name))
+    copied = document(name)
+    if not optional:
+        copied = bare(copied)
+    titles = []
     for place, values in changes:
-        bend(
-            copied
-            if place == ""
-            else copied["observer"]
-            if place == "observer"
-            else check_of(copied, place),
-            values,
-        )
-    title = what or " and ".join(f"{place}: {', '.join(values)}" for place, values in changes)
+        if place == "":
+            holder = copied
+        elif place == "observer":
+            holder = copied["observer"]
+        else:
+            holder = check_of(copied, place)
+        bend(holder, values)
+        titles.append(f"{place}: {', '.join(values)}")
+    title = what or " and ".join(titles)
     return Case(f"{name}: {title}", json.dumps(copied).encode(), _originals()[name][1], code)
 
 
-def _vector(labels: list[str], values: list[str], kind: str = "vector") -> Document:
-    return {"witness": {"kind": kind, "labels": labels, "values": values}}
+def forged(name: str, place: str, what: str = "", *, code: int = FAILS, **changes: Any) -> Case:
+    """The certificate of a problem with changes in this one place."""
+    return bent(name, (place, changes), code=code, what=what)
 
 
-def _doubles(*numbers: float) -> Document:
-    return {"float64": base64.b64encode(struct.pack(f"<{len(numbers)}d", *numbers)).decode()}
+def without_proof(name: str, *changes: tuple[str, Document], what: str) -> Case:
+    """The certificate without its optional checks, which says that the question is open."""
+    return bent(name, *changes, LEFT_OPEN, what=what, optional=False)
+
+
+def _witness(values: str, labels: str | None = None, kind: str = "vector") -> Document:
+    """Texts of numbers and of labels."""
+    if labels is None:
+        return {"kind": kind, "values": vector(values)}
+    return {"kind": kind, "labels": vector(labels), "values": vector(values)}
+
+
+def doubles(*numbers: float) -> Document:
+    """A vector as a certificate holds many of them."""
+    packed = struct.pack(f"<{len(numbers)}d", *numbers)
+    return {"float64": base64.b64encode(packed).decode()}
 
 
 def _bent_claims() -> Iterator[Case]:
-    proof: Document = {
-        "verdict": "proved",
-        "margin": 0,
-        "rate": None,
-        "exact": GONE,
-        "witness": GONE,
-    }
-    # Facts.
-    yield bent("paper", ("observability", {"exact": {"rank": "1"}}))
-    yield bent("paper", ("observability", {"margin": 0}))
-    yield bent("paper", ("observability", {"rate": 1}))
-    yield bent("paper", ("observability", {"domain": "consensus"}))
-    yield bent("paper", ("observability", {"witness": {"kind": "vector", "values": vector("1 0")}}))
-    for changes in (
-        {"rate": 1.7},
-        {"rate": -1},
-        {"rate": 0},
-        {"exact": {"routh": vector("1 16/5")}},
-        {"exact": GONE},
-    ):
-        yield bent("paper", ("hurwitz", changes))
-    yield bent("paper", ("detectability", {"exact": {"unobservable_polynomial": "1.0"}}))
-    yield bent(
-        "paper",
-        ("reachability", {"verdict": "refuted", "witness": {"kind": "agents", "labels": []}}),
-    )
-    yield bent("hidden", ("observability", {"verdict": "proved"}))
-    yield bent("hidden", ("observability", {"witness": {"kind": "vector", "values": ["0"]}}))
-    yield bent("hidden", ("detectability", {"witness": GONE}))
-    yield bent("bad W", ("hurwitz", {"rate": 1}))
-    yield bent("far", ("reachability", {"verdict": "perhaps"}))
-    yield bent("far", ("reachability", {"witness": {"kind": "agents", "labels": []}}))
-    for changes in (NOTHING | {"rate": 1}, NOTHING | {"margin": 1}, NOTHING | {"exact": {}}):
-        yield bent("designed", ("hurwitz", changes))
-    open_theorem = ("theorem1", NOTHING)
-    left = (open_theorem, LEFT_OPEN, NO_GAIN)
-    yield bent("designed", *left, what="hurwitz without W", optional=False)
-    yield bent(
-        "given", ("hurwitz", NOTHING), *left, what="no W where the problem has one", optional=False
-    )
-    # Proofs.
-    yield bent("plain", ("lemma1", {"exact": {}}))
-    yield bent("plain", ("lemma1", _vector(["1"], vector("1 0"))))
-    yield bent("plain", ("lemma1", {"margin": None}))
-    yield bent("plain", ("lemma1", {"rate": 0}), ("", {"rate": 0}), optional=False)
-    yield bent("plain", ("lemma1", {"rate": -1}), ("", {"rate": -1}), optional=False)
+    yield from _bent_facts()
+    yield from _bent_proofs()
+    yield from _bent_pairs()
+    yield from _forged_pairs()
+    yield from _bent_refutations()
+    yield from _bent_refutations_of_theorems()
+
+
+def _bent_facts() -> Iterator[Case]:
+    nobody = {"kind": "agents", "labels": []}
+    yield forged("paper", "observability", exact={"rank": "1"})
+    yield forged("paper", "observability", margin=0)
+    yield forged("paper", "observability", rate=1)
+    yield forged("paper", "observability", domain="consensus")
+    yield forged("paper", "observability", witness=_witness("1 0"))
+    for rate in (1.7, -1, 0):
+        yield forged("paper", "hurwitz", rate=rate)
+    yield forged("paper", "hurwitz", exact={"routh": vector("1 16/5")})
+    yield forged("paper", "hurwitz", exact=GONE)
+    yield forged("paper", "detectability", exact={"unobservable_polynomial": "1.0"})
+    yield forged("paper", "reachability", verdict="refuted", witness=nobody)
+    yield forged("hidden", "observability", verdict="proved")
+    yield forged("hidden", "observability", witness=_witness("0"))
+    yield forged("hidden", "detectability", witness=GONE)
+    yield forged("bad W", "hurwitz", rate=1)
+    yield forged("far", "reachability", verdict="perhaps")
+    yield forged("far", "reachability", witness=nobody)
+    yield forged("designed", "hurwitz", **NOTHING | {"rate": 1})
+    yield forged("designed", "hurwitz", **NOTHING | {"margin": 1})
+    yield forged("designed", "hurwitz", **NOTHING | {"exact": {}})
+    yield without_proof("designed", OPEN_THEOREM, NO_GAIN, what="hurwitz without W")
+    title = "no W where the problem has one"
+    yield without_proof("given", ("hurwitz", NOTHING), OPEN_THEOREM, NO_GAIN, what=title)
+
+
+def _bent_proofs() -> Iterator[Case]:
+    yield forged("plain", "lemma1", exact={})
+    yield forged("plain", "lemma1", witness=_witness("1 0", "1"))
+    yield forged("plain", "lemma1", margin=None)
+    for rate in (0, -1):
+        change = {"rate": rate}
+        yield bent("plain", ("lemma1", change), ("", change), optional=False)
     yield bent("plain", ("lemma1", {"rate": 5}), ("", {"rate": 5}))
-    yield bent("plain", ("lemma1", {"margin": 50}))
+    yield forged("plain", "lemma1", margin=50)
     # The eigenvector of the least eigenvalue of -Lambda = [[10, -4], [-4, 4]] shows all of it; (1,
     # 1) shows nothing.
-    yield bent(
-        "plain", ("lemma1", {"exact": {"v": _doubles(1, 2)}}), code=HOLDS, what="lemma1: its vector"
-    )
-    yield bent(
-        "plain",
-        ("lemma1", {"exact": {"v": _doubles(1, 2)}, "margin": 2.1}),
-        what="lemma1: too much for v",
-    )
-    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 1)}}), what="lemma1: another vector")
-    yield bent(
-        "plain", ("lemma1", {"exact": {"v": _doubles(-1, -2)}}), what="lemma1: a negative vector"
-    )
-    yield bent(
-        "plain", ("lemma1", {"exact": {"v": _doubles(1, 2, 3)}}), what="lemma1: a long vector"
-    )
-    yield bent(
-        "plain", ("lemma1", {"exact": {"v": vector("1 2")}}), what="lemma1: a vector of texts"
-    )
-    yield bent(
-        "plain",
-        ("lemma1", {"exact": {"v": _doubles(1, 2), "w": "1"}}),
-        what="lemma1: another value",
-    )
-    yield bent(
-        "paper",
-        ("lemma1", {"exact": {"v": _doubles(*[1] * 10)}}),
-        what="lemma1: a vector for theorem1 too",
-    )
-    yield bent("plain", ("lemma1", {"domain": "consensus"}))
-    yield bent("curved", ("lemma1", {"domain": "global"}))
-    yield bent("large", ("lemma1", {"margin": 10.1}))
-    yield bent("large", ("lemma1", {"margin": 100}))
-    yield bent("kinked", ("lemma1", proof), ("", {"verdict": "proved", "covered_by": "lemma1"}))
+    own = {"v": doubles(1, 2)}
+    yield forged("plain", "lemma1", "lemma1: its vector", exact=own, code=HOLDS)
+    yield forged("plain", "lemma1", "lemma1: too much for v", exact=own, margin=2.1)
+    yield forged("plain", "lemma1", "lemma1: another vector", exact={"v": doubles(1, 1)})
+    yield forged("plain", "lemma1", "lemma1: a negative vector", exact={"v": doubles(-1, -2)})
+    yield forged("plain", "lemma1", "lemma1: a long vector", exact={"v": doubles(1, 2, 3)})
+    yield forged("plain", "lemma1", "lemma1: a vector of texts", exact={"v": vector("1 2")})
+    yield forged("plain", "lemma1", "lemma1: another value", exact=own | {"w": "1"})
+    of_ten = {"v": doubles(*[1] * 10)}
+    yield forged("paper", "lemma1", "lemma1: a vector for theorem1 too", exact=of_ten)
+    yield forged("plain", "lemma1", domain="consensus")
+    yield forged("curved", "lemma1", domain="global")
+    yield forged("large", "lemma1", margin=10.1)
+    yield forged("large", "lemma1", margin=100)
+    proof: Document = {"verdict": "proved", "margin": 0, "rate": None}
+    proof |= {"exact": GONE, "witness": GONE}
     covering = ("", {"verdict": "proved", "covered_by": "lemma1"})
+    yield bent("kinked", ("lemma1", proof), covering)
     yield bent("loose", ("lemma1", proof | {"margin": -1}), covering, what="margin")
-    yield bent("paper", ("theorem1", {"margin": 0.6}))
+    yield forged("paper", "theorem1", margin=0.6)
     yield bent("paper", ("theorem1", {"rate": 0.3}), ("", {"rate": 0.3}))
+
+
+def _bent_pairs() -> Iterator[Case]:
+    exact = check_of(document("paper"), "theorem1")["exact"]
     for key in ("P", "Q", "S", "bound", "block"):
-        exact = check_of(document("paper"), "theorem1")["exact"]
-        yield bent("paper", ("theorem1", {"exact": exact | {key: "1"}}), what=f"another {key}")
-        less = {name: value for name, value in exact.items() if name != key}
-        yield bent(
-            "paper", ("theorem1", {"exact": GONE if key == "block" else less}), what=f"no {key}"
-        )
+        yield forged("paper", "theorem1", f"another {key}", exact=exact | {key: "1"})
+        less = dict(exact)
+        less.pop(key, None)
+        yield forged("paper", "theorem1", f"no {key}", exact=GONE if key == "block" else less)
     own = check_of(document("good P"), "theorem1-printed")["exact"]
-    yield bent("good P", ("theorem1-printed", {"exact": own | {"P": "1"}}), what="P is text")
-    yield bent(
-        "paper",
-        ("theorem1", {"exact": exact | {"P": [*exact["P"], vector("0 0")]}}),
-        what="P has three rows",
-    )
-    yield bent("paper", ("observer", {"Q": matrix("0; 0")}))
-    yield bent("paper", ("observer", {"Q": None}))
-    yield bent(
-        "paper", ("theorem1", NOTHING), LEFT_OPEN, what="a pair without a proof", optional=False
-    )
-    yield bent(
-        "designed",
-        ("hurwitz", NOTHING),
-        ("observer", {"W": None, "source": None}),
-        what="a pair without W",
-    )
-    yield bent("given", ("observer", {"source": "designed"}))
-    yield bent("designed", ("observer", {"source": "given"}))
-    yield from _forged_pairs()
+    yield forged("good P", "theorem1-printed", "P is text", exact=own | {"P": "1"})
+    longer = [*exact["P"], vector("0 0")]
+    yield forged("paper", "theorem1", "P has three rows", exact=exact | {"P": longer})
+    yield forged("paper", "observer", Q=matrix("0; 0"))
+    yield forged("paper", "observer", Q=None)
+    yield without_proof("paper", OPEN_THEOREM, what="a pair without a proof")
+    no_gain = ("observer", {"W": None, "source": None})
+    yield bent("designed", ("hurwitz", NOTHING), no_gain, what="a pair without W")
+    yield forged("given", "observer", source="designed")
+    yield forged("designed", "observer", source="given")
     # Lambda <= -2 by the vector (1, 1), and S = 25 of P = 1/100.
     listed = {"P": [["1/100"]], "Q": [["1/50"]], "S": [["25"]], "bound": "-25"}
     pair = {"verdict": "proved", "exact": listed, "margin": 0, "rate": None, "witness": GONE}
-    singled = ("lemma1", {"exact": {"v": _doubles(1, 1)}})
+    singled = ("lemma1", {"exact": {"v": doubles(1, 1)}})
     yield bent("small P", singled, code=HOLDS, what="lemma1: its vector")
-    yield bent(
-        "small P",
-        singled,
-        ("theorem1-printed", pair),
-        what="a pair with too large an S beside a vector",
-    )
-    # Refutations.
-    for changes in (
-        *(
-            {"rate": 1},
-            {"margin": 0.5},
-            {"witness": GONE},
-            {"exact": GONE},
-            {"exact": {"unstable_roots": "1"}},
-        ),
-        *(
-            {"exact": {"unstable_roots": "0", "value": "1/1000"}},
-            {"exact": {"unstable_roots": "-1"}},
-        ),
-        {"exact": {"unstable_roots": "1/2"}},
-    ):
-        yield bent("loose", ("lemma1", changes))
-    yield bent("loose", ("lemma1", _vector(vector("1 2"), vector("1 -1"))))
-    yield bent("loose", ("lemma1", _vector([], vector("0 0"))))
-    yield bent("loose", ("lemma1", _vector(["1"], vector("1 1"))))
-    yield bent("loose", ("lemma1", _vector(vector("1 2"), vector("1 1"), kind="agents")))
-    yield bent("loose", ("lemma1", _vector(vector("1 2"), vector("1 1 0"))))
-    yield bent("loose", ("lemma1", _vector(vector("1 2"), vector("1 1")) | {"margin": -1}))
-    yield bent("unstable", ("lemma1", {"margin": -9, "exact": {"unstable_roots": "1"}}))
-    yield bent(
-        "unstable, irrational",
-        ("lemma1", {"exact": {"unstable_roots": "1"}}),
-        ("", {"verdict": "refuted"}),
-    )
-    yield bent(
-        "not normal", ("lemma1", {"exact": {"unstable_roots": "1"}}), ("", {"verdict": "refuted"})
-    )
-    yield bent("not normal", ("", {"verdict": "refuted"}))
+    title = "a pair with too large an S beside a vector"
+    yield bent("small P", singled, ("theorem1-printed", pair), what=title)
+
+
+def _bent_refutations() -> Iterator[Case]:
+    one_root = {"unstable_roots": "1"}
+    yield forged("loose", "lemma1", rate=1)
+    yield forged("loose", "lemma1", margin=0.5)
+    yield forged("loose", "lemma1", witness=GONE)
+    yield forged("loose", "lemma1", exact=GONE)
+    yield forged("loose", "lemma1", exact={"unstable_roots": "0", "value": "1/1000"})
+    for roots in ("1", "-1", "1/2"):
+        yield forged("loose", "lemma1", exact={"unstable_roots": roots})
+    yield forged("loose", "lemma1", witness=_witness("1 -1", "1 2"))
+    yield forged("loose", "lemma1", witness=_witness("0 0", ""))
+    yield forged("loose", "lemma1", witness=_witness("1 1", "1"))
+    yield forged("loose", "lemma1", witness=_witness("1 1", "1 2", "agents"))
+    yield forged("loose", "lemma1", witness=_witness("1 1 0", "1 2"))
+    yield forged("loose", "lemma1", witness=_witness("1 1", "1 2"), margin=-1)
+    yield forged("unstable", "lemma1", margin=-9, exact=one_root)
+    refuted = ("", {"verdict": "refuted"})
+    yield bent("unstable, irrational", ("lemma1", {"exact": one_root}), refuted)
+    yield bent("not normal", ("lemma1", {"exact": one_root}), refuted)
+    yield bent("not normal", refuted)
+    half_a_root = {"unstable_roots": "1/2"}
+    yield bent("not normal", ("lemma1", {"exact": half_a_root}), refuted)
     # Symmetric J - K of 61 rows: a vector with v'Lambda v > 0 shows one unstable root, one with 0
     # shows none.
     assert check_of(document("repelled, large"), "lemma1")["exact"]["unstable_roots"] == "1"
-    yield bent("repelled, large", ("lemma1", {"exact": {"unstable_roots": "2"}}))
-    yield bent("unstable, large", ("lemma1", {"exact": {"unstable_roots": "1"}}))
-    yield bent(
-        "not normal", ("lemma1", {"exact": {"unstable_roots": "1/2"}}), ("", {"verdict": "refuted"})
-    )
-    long_w = f"1/{_decimal(10**5000 + 7)}"
-    long = ("observer", NO_PAIR | {"W": [[long_w]]})
-    what = "W with a long denominator"
-    yield bent(
-        "designed", ("hurwitz", NOTHING), open_theorem, LEFT_OPEN, long, code=UNREADABLE, what=what
-    )
+    yield forged("repelled, large", "lemma1", exact={"unstable_roots": "2"})
+    yield forged("unstable, large", "lemma1", exact=one_root)
+    digits = _decimal(10**5000 + 7)
+    long = ("observer", NO_PAIR | {"W": [[f"1/{digits}"]]})
+    title = "W with a long denominator"
+    changes = ("hurwitz", NOTHING), OPEN_THEOREM, LEFT_OPEN, long
+    yield bent("designed", *changes, code=UNREADABLE, what=title)
     yield _too_large_to_count()
     yield _long_denominators()
-    yield from _bent_refutations_of_theorems()
 
 
 def _bent_refutations_of_theorems() -> Iterator[Case]:
     theorem = check_of(document("bad W"), "theorem1")
     assert theorem["exact"] == {"block": "hurwitz"}
-    yield bent("bad W", ("theorem1", {"exact": {"block": "hurwitz", "mode": "G"}}))
-    yield bent("bad W", ("theorem1", {"margin": -1}))
-    yield bent("bad W", ("theorem1", {"exact": {"block": "closed"}}))
-    yield bent("bad W", ("theorem1", {"exact": {"block": "observable"}}))
-    yield bent("bad W", ("theorem1", {"witness": GONE}))
-    yield bent("bad W", ("theorem1", {"exact": GONE}))
-    without, refuted = ("observer", NO_PAIR), {"verdict": "refuted", "margin": None, "rate": None}
-    row = {"kind": "routh_row", "values": vector("1 -1")}
-    lambda_ = refuted | _vector(vector("1 2"), vector("1 1"))
-    for what, claim in (
-        (
-            "detectable",
-            {
-                "exact": {"block": "detectability"},
-                "witness": {"kind": "polynomial", "values": ["1"]},
-            },
-        ),
-        ("Lambda", lambda_ | {"exact": {"block": "Lambda", "mode": "G"}}),
-        ("Lambda of no mode", lambda_ | {"exact": {"block": "Lambda", "mode": "Gx"}}),
-    ):
-        yield bent(
-            "given", ("theorem1", refuted | claim), without, LEFT_OPEN, what=what, optional=False
-        )
-    unstable = refuted | {"witness": row}
-    bad = (
-        ("hurwitz", unstable | {"exact": GONE}),
-        ("theorem1", unstable | {"exact": {"block": "hurwitz"}}),
-    )
+    yield forged("bad W", "theorem1", exact={"block": "hurwitz", "mode": "G"})
+    yield forged("bad W", "theorem1", margin=-1)
+    yield forged("bad W", "theorem1", exact={"block": "closed"})
+    yield forged("bad W", "theorem1", exact={"block": "observable"})
+    yield forged("bad W", "theorem1", witness=GONE)
+    yield forged("bad W", "theorem1", exact=GONE)
+    refuted = {"verdict": "refuted", "margin": None, "rate": None}
+
+    def claimed(what: str, witness: Document, **exact: str) -> Case:
+        claim = ("theorem1", refuted | {"exact": exact, "witness": witness})
+        return without_proof("given", claim, ("observer", NO_PAIR), what=what)
+
+    yield claimed("detectable", _witness("1", kind="polynomial"), block="detectability")
+    ones = ("theorem1", refuted | {"witness": _witness("1 1", "1 2")})
+    for what, mode in (("Lambda", "G"), ("Lambda of no mode", "Gx")):
+        of_mode = ("theorem1", {"exact": {"block": "Lambda", "mode": mode}})
+        yield without_proof("given", ones, of_mode, ("observer", NO_PAIR), what=what)
+    unstable = refuted | {"witness": _witness("1 -1", kind="routh_row")}
+    gain = ("hurwitz", unstable | {"exact": GONE})
+    theorem = ("theorem1", unstable | {"exact": {"block": "hurwitz"}})
     pushing = ("observer", NO_PAIR | {"W": [["-1"]]})
-    yield bent("designed", *bad, pushing, LEFT_OPEN, what="a designed W refutes", optional=False)
-    printed = check_of(document("small P"), "theorem1-printed")
+    yield without_proof("designed", gain, theorem, pushing, what="a designed W refutes")
+    yield from _bent_printed_pairs(refuted)
+
+
+def _bent_printed_pairs(refuted: Document) -> Iterator[Case]:
+    id = "theorem1-printed"
+    printed = check_of(document("small P"), id)
     assert printed["verdict"] == "refuted"
-    labels, values = printed["witness"]["labels"], printed["witness"]["values"]
-    yield bent("small P", ("theorem1-printed", _vector(labels, values, kind="agents")))
-    yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"mode": "Gx"}}))
-    yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"mode": ["G"]}}))
-    yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"S": [["26"]]}}))
-    yield bent("small P", ("theorem1-printed", {"margin": -90}))
-    yield bent("good P", ("theorem1-printed", refuted | printed), ("", {"covered_by": "theorem1"}))
+    yield forged("small P", id, witness=printed["witness"] | {"kind": "agents"})
+    exact = printed["exact"]
+    yield forged("small P", id, exact=exact | {"mode": "Gx"})
+    yield forged("small P", id, exact=exact | {"mode": ["G"]})
+    yield forged("small P", id, exact=exact | {"S": [["26"]]})
+    yield forged("small P", id, margin=-90)
+    yield bent("good P", (id, refuted | printed), ("", {"covered_by": "theorem1"}))
     for name, block in (("negative P", "P"), ("wrong P", "Omega0")):
-        own = check_of(document(name), "theorem1-printed")
+        own = check_of(document(name), id)
         assert own["exact"] == {"block": block}
         values = own["witness"]["values"]
-        yield bent(name, ("theorem1-printed", {"margin": -1}))
-        yield bent(name, ("theorem1-printed", {"witness": {"kind": "agents", "values": values}}))
-        yield bent(
-            name,
-            ("theorem1-printed", {"witness": {"kind": "vector", "values": ["0"] * len(values)}}),
-        )
-        yield bent(name, ("theorem1-printed", {"exact": {"block": "Q"}}))
-    yield bent(
-        "wrong P", ("theorem1-printed", {"witness": {"kind": "vector", "values": vector("1 0")}})
-    )
-    witness = {"kind": "vector", "values": ["1"]}
-    claim = refuted | {"exact": {"block": "P"}, "witness": witness}
-    yield bent("good P", ("theorem1-printed", claim), what="P > 0 is refuted")
+        yield forged(name, id, margin=-1)
+        yield forged(name, id, witness={"kind": "agents", "values": values})
+        yield forged(name, id, witness={"kind": "vector", "values": ["0"] * len(values)})
+        yield forged(name, id, exact={"block": "Q"})
+    yield forged("wrong P", id, witness=_witness("1 0"))
+    claim = refuted | {"exact": {"block": "P"}, "witness": _witness("1")}
+    yield forged("good P", id, "P > 0 is refuted", **claim)
 
 
 def _forged_pairs() -> Iterator[Case]:
     """q = 1, A - W C = 1: for P = -1 Omega = -2 < 0, and for P = 1 S = -1/2; both make Lambda + S <
     0."""
     proof: Document = {"verdict": "proved", "margin": 0, "rate": None, "witness": GONE}
-    for P, S in (("-1", "1/2"), ("1", "-1/2")):
-        exact = {"P": [[P]], "Q": [[str(-int(P))]], "S": [[S]], "bound": str(-Fraction(S))}
-        claim, pair = (
-            ("theorem1", proof | {"exact": exact}),
-            ("observer", {"P": [[P]], "Q": exact["Q"]}),
-        )
-        yield bent(
-            "bad W",
-            claim,
-            pair,
-            ("", {"verdict": "proved", "covered_by": "theorem1"}),
-            what=f"P = {P}",
-        )
+    whole = ("", {"verdict": "proved", "covered_by": "theorem1"})
+    for P, Q, S, bound in (("-1", "1", "1/2", "-1/2"), ("1", "-1", "-1/2", "1/2")):
+        pair = {"P": [[P]], "Q": [[Q]]}
+        exact = pair | {"S": [[S]], "bound": bound}
+        claim = ("theorem1", proof | {"exact": exact})
+        yield bent("bad W", claim, ("observer", pair), whole, what=f"P = {P}")
     given = document("given")
     proofs = [(id, {"witness": GONE} | check_of(given, id)) for id in ("hurwitz", "theorem1")]
     overall = ("", {key: given[key] for key in OPEN})
@@ -619,31 +577,31 @@ def _forged_pairs() -> Iterator[Case]:
 
 def _asymmetric_pair() -> Case:
     """P is not symmetric, and everything else is as it would follow from it."""
-    problem, claims = problems()["paper"], certified(problems()["paper"]).claims
+    problem = problems()["paper"]
+    claims = certified(problem).claims
     assert claims.P is not None and problem.exosystem is not None and problem.observer.W is not None
-    A, C, W = problem.exosystem.A, problem.exosystem.C, problem.observer.W
-    P = [list(row) for row in claims.P]
-    P[0][1] += Fraction(1, 1000)
-    F = [[A[i][j] - W[i][0] * C[0][j] for j in range(2)] for i in range(2)]
-    half = [
-        [sum((P[i][k] * F[k][j] for k in range(2)), Fraction(0)) for j in range(2)]
-        for i in range(2)
-    ]
-    (a, b), (_, d) = [[-half[i][j] - half[j][i] for j in range(2)] for i in range(2)]
-    S = d / (a * d - b * b)  # C = (1, 0)
-    rows = [[str(x) for x in row] for row in P]
-    Q = [[str(P[i][0] * W[0][0] + P[i][1] * W[1][0])] for i in range(2)]
-    exact = {"P": rows, "Q": Q, "S": [[str(S)]], "bound": str(-S)}
+    A, C, W = (
+        as_rationals(M) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
+    )
+    P = as_rationals(claims.P)
+    P[0, 1] += sp.Rational(1, 1000)
+    half = P * (A - W * C)
+    S = C * (-half - half.T).inv() * C.T
+    pair = {"P": as_texts(P), "Q": as_texts(P * W)}
+    exact = pair | {"S": as_texts(S), "bound": str(-S[0, 0])}
     claim = ("theorem1", {"exact": exact, "margin": 0.1, "rate": None})
     whole = ("", {"rate": None, "covered_by": "theorem1"})
-    return bent(
-        "paper",
-        claim,
-        ("observer", {"P": rows, "Q": Q}),
-        whole,
-        what="P is not symmetric",
-        optional=False,
-    )
+    title = "P is not symmetric"
+    return bent("paper", claim, ("observer", pair), whole, what=title, optional=False)
+
+
+def as_rationals(rows: Any) -> sp.Matrix:
+    """Of numbers or of their texts."""
+    return sp.Matrix([[sp.Rational(str(x)) for x in row] for row in rows])
+
+
+def as_texts(M: sp.Matrix) -> list[list[str]]:
+    return [[str(x) for x in row] for row in M.tolist()]
 
 
 def _too_large_to_count() -> Case:
@@ -668,7 +626,8 @@ def _long_denominators() -> Case:
     bend(lemma, {"margin": None, "exact": {"unstable_roots": "0"}})
     problem = json.loads(_originals()["far"][1])
     problem["gains"] = []
-    bend(lemma, _vector(problem["labels"], near))
+    witness = {"kind": "vector", "labels": problem["labels"], "values": near}
+    bend(lemma, {"witness": witness})
     problem["modes"][0]["arcs"] = []
     bend(copied, {"verdict": "refuted", "rate": None, "covered_by": None})
     alone = {"verdict": "refuted", "witness": {"kind": "agents", "labels": problem["labels"]}}
@@ -696,21 +655,21 @@ def as_written(problem: Document) -> bytes:
 
 
 def _bent_frames() -> Iterator[Case]:
-    yield bent("plain", ("", {"problem": "another"}))
-    yield bent("plain", ("", {"problem_sha256": "0" * 64}))
-    yield bent("plain", ("", {"notes": []}))
-    yield bent("plain", ("", {"verdict": "refuted", "rate": None, "covered_by": None}))
-    yield bent("plain", ("", OPEN))
-    yield bent("plain", ("", {"rate": 0.001}))
-    yield bent("plain", ("", {"covered_by": "theorem1"}))
-    yield bent("plain", ("observer", {"W": [], "source": "designed"}))
-    yield bent("good P", ("", {"covered_by": "lemma1"}))
+    yield forged("plain", "", problem="another")
+    yield forged("plain", "", problem_sha256="0" * 64)
+    yield forged("plain", "", notes=[])
+    yield forged("plain", "", verdict="refuted", rate=None, covered_by=None)
+    yield forged("plain", "", **OPEN)
+    yield forged("plain", "", rate=0.001)
+    yield forged("plain", "", covered_by="theorem1")
+    yield forged("plain", "observer", W=[], source="designed")
+    yield forged("good P", "", covered_by="lemma1")
     rate = check_of(document("regional"), "lemma1")["rate"]
-    yield bent("regional", ("", {"verdict": "proved", "covered_by": "lemma1", "rate": rate}))
-    yield bent("calm bad W", ("", {"verdict": "refuted"}))
-    yield bent("unstable, elsewhere", ("", {"verdict": "refuted"}))
+    yield forged("regional", "", verdict="proved", covered_by="lemma1", rate=rate)
+    yield forged("calm bad W", "", verdict="refuted")
+    yield forged("unstable, elsewhere", "", verdict="refuted")
     for name in ("beside", "only 0", "empty box", "point box"):
-        yield bent(name, ("", OPEN | {"verdict": "refuted"}))
+        yield forged(name, "", **OPEN | {"verdict": "refuted"})
     lure = {
         "id": "lure",
         "domain": "global",
@@ -725,25 +684,23 @@ def _bent_frames() -> Iterator[Case]:
         ("another one in its place", [lure | {"domain": "consensus"}, *copied["checks"][1:]]),
         ("one more", [lure, *copied["checks"]]),
     ):
-        yield bent("paper", ("", {"checks": checks}), what=name)
+        yield forged("paper", "", name, checks=checks)
     two = document("two modes")
     lemmas = [each for each in two["checks"] if each["id"] == "lemma1"]
     assert len(lemmas) == 2
     swapped = [each | {"mode": "B"} if each["id"] == "lemma1" else each for each in two["checks"]]
-    yield bent("two modes", ("", {"checks": swapped}), what="one mode twice")
-    yield bent(
-        "two modes", ("", {"rate": max(each["rate"] for each in lemmas)}), what="the larger rate"
-    )
+    yield forged("two modes", "", "one mode twice", checks=swapped)
+    yield forged("two modes", "", "the larger rate", rate=max(each["rate"] for each in lemmas))
     # What cannot be read.
     for changes in ({"extra": 1}, {"reason": GONE}, {"reason": 5}):
-        yield bent("plain", ("", changes), code=UNREADABLE)
-    yield bent("loose", ("", {"notes": "text"}), code=UNREADABLE)
+        yield forged("plain", "", **changes, code=UNREADABLE)
+    yield forged("loose", "", notes="text", code=UNREADABLE)
     for changes in ({"observer": []}, {"rate": "0.5"}, {"rate": True}, {"format": "dobc-problem"}):
-        yield bent("plain", ("", changes), code=UNREADABLE)
+        yield forged("plain", "", **changes, code=UNREADABLE)
     for version in (True, 1.0, 2, "1"):
-        yield bent("plain", ("", {"version": version}), code=UNREADABLE, what=f"version {version}")
+        yield forged("plain", "", f"version {version}", version=version, code=UNREADABLE)
     for changes in ({"mode": None}, {"exact": "text"}, {"fix": {"kind": "x"}}):
-        yield bent("plain", ("lemma1", changes), code=UNREADABLE)
+        yield forged("plain", "lemma1", **changes, code=UNREADABLE)
     for number in (
         1,
         "0x1",
@@ -756,13 +713,8 @@ def _bent_frames() -> Iterator[Case]:
         "1_0",
         "\u0662",
     ):
-        yield bent(
-            "given",
-            ("observer", {"W": [[number]]}),
-            code=UNREADABLE,
-            what=f"W = {str(number)[:10]}",
-        )
-    yield bent("given", ("observer", {"W": matrix("2 0")}), code=UNREADABLE)
+        yield forged("given", "observer", f"W = {str(number)[:10]}", W=[[number]], code=UNREADABLE)
+    yield forged("given", "observer", W=matrix("2 0"), code=UNREADABLE)
 
 
 def _bent_problems() -> Iterator[Case]:

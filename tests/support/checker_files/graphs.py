@@ -17,10 +17,11 @@ from checker_files.files import (
     Forger,
     as_written,
     changed,
+    doubles,
     network,
     scalar,
 )
-from checker_files.separable import REFUTED, ball, box, claim, doubles, second_box
+from checker_files.separable import REFUTED, ball, box, claim, second_box
 from checker_files.switching import Frames
 from dobc_design.problem.groups import Observer
 
@@ -66,62 +67,71 @@ ALL: Document = {"gains": {1: 1, 2: "1/2"}}
 
 def _settings() -> dict[str, tuple[Document, Document]]:
     three = network({"A": [[2, 1]], "B": [[3, 2]], "C": []}, agents=3)
-    return {
-        "link": (LINK, BOTH),
-        "link, stays": (LINK, STAYS),
-        "link, lost": (LINK, LOST),
-        "link, any signal": (LINK, {"signal": "markov", "generator": [[-1, 1], [1, -1]]}),
-        "link, one mode": (
-            LINK | {"network": network({"A": [[2, 1]]}, agents=2)},
-            BOTH | {"generator": [[0]]},
-        ),
-        "link, observed": (LINK | WATCHED, BOTH),
-        "link, slow observer": (LINK | SLOW, BOTH),
-        "link, pi": (LINK | {"coupling": "pi*y"}, BOTH),
-        "link, falling": (LINK | {"coupling": "-y"}, BOTH),
-        "curved": (LINK | {"coupling": RISING}, BOTH),
-        "curved, stays": (LINK | {"coupling": RISING}, STAYS),
-        "curved, lost": (LINK | {"coupling": RISING}, LOST),
-        "curved, observed": (LINK | {"coupling": RISING} | WATCHED, BOTH),
-        "flat": (LINK | {"coupling": "y**3"}, BOTH),
-        "kinked": (LINK | {"coupling": "y + abs(y)/2"}, BOTH),
-        "half": (LINK | {"coupling": "y + abs(y)"}, BOTH),
-        "other half": (LINK | {"coupling": "y - abs(y)"}, BOTH),
-        "sine": (LINK | {"coupling": "sin(y)"}, BOTH),
-        "outward": (LINK | PLANE, BOTH),
-        "list": (LINK | {"coupling": ["y1 + y2", "y2"], "target": [0, 0]}, BOTH),
-        "two modes of three": (
-            LINK | {"network": three},
-            BOTH | {"generator": [[-1, 1, 0], [1, -1, 0], [1, 1, -2]]},
-        ),
-        "two sets": (
-            LINK | {"network": three},
-            BOTH | {"generator": [[-1, 1, 0], [1, -1, 0], [0, 0, 0]]},
-        ),
-        "pushed": (PUSHED, BOTH),
-        "pushed, stays": (PUSHED, STAYS),
-        "pushed, leaves": (PUSHED, LOST),
-        "pushed, dwell": (PUSHED, {"guarantee": "dwell", "dwell": 1}),
-        "pushed, not long": (PUSHED, {"guarantee": "dwell", "dwell": 1, "longest": 2}),
-        "pushed, in turn": (PUSHED, {"guarantee": "sequence", "dwell": 1, "sequence": ["A", "B"]}),
-        "pushed, over and over": (PUSHED, {"guarantee": "sequence", "dwell": 1, "sequence": ["A"]}),
-        "pushed, arbitrary": (PUSHED, {"guarantee": "arbitrary"}),
-        "second, any signal": (SECOND, {"guarantee": "arbitrary"}),
-        "second, in turn": (SECOND, {"guarantee": "sequence", "dwell": 1, "sequence": ["A", "B"]}),
-        "moving": (LINK, MOVES),
-        "moving, falling": (LINK | {"coupling": "-y"}, MOVES),
-        "moving, flat": (LINK | {"coupling": "y**3"}, MOVES),
-        "moving, half": (LINK | {"coupling": "y + abs(y)"}, MOVES),
-        "moving, sine": (LINK | {"coupling": "sin(y)"} | ALL, MOVES),
-        "moving, held": (LINK | ALL, MOVES),
-        "moving, one mode": (
-            LINK | ALL | {"network": network({"A": [[2, 1]]}, agents=2), "coupling": RISING},
-            MOVES,
-        ),
-        "moving, observed": (LINK | {"coupling": RISING} | WATCHED | ALL, MOVES),
-        "moving, outward": (LINK | PLANE, MOVES),
-        "moving, list": (LINK | {"coupling": ["y1 + y2", "y2"], "target": [0, 0]}, MOVES),
-    }
+    made: dict[str, tuple[Document, Document]] = {}
+    made["link"] = (LINK, BOTH)
+    made["link, stays"] = (LINK, STAYS)
+    made["link, lost"] = (LINK, LOST)
+    made["link, any signal"] = (LINK, {"signal": "markov", "generator": [[-1, 1], [1, -1]]})
+    made["link, one mode"] = (
+        LINK | {"network": network({"A": [[2, 1]]}, agents=2)},
+        BOTH | {"generator": [[0]]},
+    )
+    made["link, observed"] = (LINK | WATCHED, BOTH)
+    made["link, slow observer"] = (LINK | SLOW, BOTH)
+    made["link, pi"] = (LINK | {"coupling": "pi*y"}, BOTH)
+    made["link, falling"] = (LINK | {"coupling": "-y"}, BOTH)
+    made["curved"] = (LINK | {"coupling": RISING}, BOTH)
+    made["curved, stays"] = (LINK | {"coupling": RISING}, STAYS)
+    made["curved, lost"] = (LINK | {"coupling": RISING}, LOST)
+    made["curved, observed"] = (LINK | {"coupling": RISING} | WATCHED, BOTH)
+    made["flat"] = (LINK | {"coupling": "y**3"}, BOTH)
+    made["kinked"] = (LINK | {"coupling": "y + abs(y)/2"}, BOTH)
+    made["half"] = (LINK | {"coupling": "y + abs(y)"}, BOTH)
+    made["other half"] = (LINK | {"coupling": "y - abs(y)"}, BOTH)
+    made["sine"] = (LINK | {"coupling": "sin(y)"}, BOTH)
+    made["outward"] = (LINK | PLANE, BOTH)
+    made["list"] = (LINK | {"coupling": ["y1 + y2", "y2"], "target": [0, 0]}, BOTH)
+    made["two modes of three"] = (
+        LINK | {"network": three},
+        BOTH | {"generator": [[-1, 1, 0], [1, -1, 0], [1, 1, -2]]},
+    )
+    made["two sets"] = (
+        LINK | {"network": three},
+        BOTH | {"generator": [[-1, 1, 0], [1, -1, 0], [0, 0, 0]]},
+    )
+    made["pushed"] = (PUSHED, BOTH)
+    made["pushed, stays"] = (PUSHED, STAYS)
+    made["pushed, leaves"] = (PUSHED, LOST)
+    made["pushed, dwell"] = (PUSHED, {"guarantee": "dwell", "dwell": 1})
+    made["pushed, not long"] = (PUSHED, {"guarantee": "dwell", "dwell": 1, "longest": 2})
+    made["pushed, in turn"] = (
+        PUSHED,
+        {"guarantee": "sequence", "dwell": 1, "sequence": ["A", "B"]},
+    )
+    made["pushed, over and over"] = (
+        PUSHED,
+        {"guarantee": "sequence", "dwell": 1, "sequence": ["A"]},
+    )
+    made["pushed, arbitrary"] = (PUSHED, {"guarantee": "arbitrary"})
+    made["second, any signal"] = (SECOND, {"guarantee": "arbitrary"})
+    made["second, in turn"] = (
+        SECOND,
+        {"guarantee": "sequence", "dwell": 1, "sequence": ["A", "B"]},
+    )
+    made["moving"] = (LINK, MOVES)
+    made["moving, falling"] = (LINK | {"coupling": "-y"}, MOVES)
+    made["moving, flat"] = (LINK | {"coupling": "y**3"}, MOVES)
+    made["moving, half"] = (LINK | {"coupling": "y + abs(y)"}, MOVES)
+    made["moving, sine"] = (LINK | {"coupling": "sin(y)"} | ALL, MOVES)
+    made["moving, held"] = (LINK | ALL, MOVES)
+    made["moving, one mode"] = (
+        LINK | ALL | {"network": network({"A": [[2, 1]]}, agents=2), "coupling": RISING},
+        MOVES,
+    )
+    made["moving, observed"] = (LINK | {"coupling": RISING} | WATCHED | ALL, MOVES)
+    made["moving, outward"] = (LINK | PLANE, MOVES)
+    made["moving, list"] = (LINK | {"coupling": ["y1 + y2", "y2"], "target": [0, 0]}, MOVES)
+    return made
 
 
 _FRAMES = Frames(_settings(), FRAME)

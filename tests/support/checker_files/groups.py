@@ -64,32 +64,30 @@ def problems() -> dict[str, Problem]:
         Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]])),
         _one(3, scalar(-1), SLOW),
     ]
-    return {
-        "given": _pair(given, slow),
-        "mixed": _pair(given, _one(2, RAMP)),
-        **{
-            name: _pair(printed, _one(2, scalar(-1), Observer(W=[[1]], P=[[P]])))
-            for name, P in pairs.items()
-        },
-        "hidden": _pair(given, _one(2, scalar(0, 0))),
-        "bad W": _pair(given, bad),
-        "bad W, calm": _pair(given, bad, coupling="tanh(y)", region=calm),
-        "bad W beside a designed one": _pair(_one(1, RAMP), bad),
-        "loose": _pair(given, slow, gains=None),
-        "region": _pair(given, slow, coupling="tanh(y)", gains=2, region=noisy),
-        "plane": _pair(_one(1, line), _one(2, turned), coupling=["y1 + y2/2", "y2"], gains=2),
-        "one": _pair(given),
-        "one, printed": _pair(printed),
-        "one, limited": _pair(
-            given,
-            coupling="tanh(y)",
-            region=noisy,
-            actuators={"limit": 9},
-            simulation={"xi0": ["1/20"]},
-            uncertainty={"disturbance": "1/100", "weights": "1/100"},
-        ),
-        "three": linked([[1, 2], [2, 3], [3, 1]], gains=1, groups=three),
-    }
+    made: dict[str, Problem] = {}
+    made["given"] = _pair(given, slow)
+    made["mixed"] = _pair(given, _one(2, RAMP))
+    for name, P in pairs.items():
+        made[name] = _pair(printed, _one(2, scalar(-1), Observer(W=[[1]], P=[[P]])))
+    made["hidden"] = _pair(given, _one(2, scalar(0, 0)))
+    made["bad W"] = _pair(given, bad)
+    made["bad W, calm"] = _pair(given, bad, coupling="tanh(y)", region=calm)
+    made["bad W beside a designed one"] = _pair(_one(1, RAMP), bad)
+    made["loose"] = _pair(given, slow, gains=None)
+    made["region"] = _pair(given, slow, coupling="tanh(y)", gains=2, region=noisy)
+    made["plane"] = _pair(_one(1, line), _one(2, turned), coupling=["y1 + y2/2", "y2"], gains=2)
+    made["one"] = _pair(given)
+    made["one, printed"] = _pair(printed)
+    made["one, limited"] = _pair(
+        given,
+        coupling="tanh(y)",
+        region=noisy,
+        actuators={"limit": 9},
+        simulation={"xi0": ["1/20"]},
+        uncertainty={"disturbance": "1/100", "weights": "1/100"},
+    )
+    made["three"] = linked([[1, 2], [2, 3], [3, 1]], gains=1, groups=three)
+    return made
 
 
 @cache

@@ -20,10 +20,11 @@ from checker_files.files import (
     Forger,
     as_written,
     changed,
+    doubles,
     network,
     scalar,
 )
-from checker_files.separable import REFUTED, ball, box, claim, doubles
+from checker_files.separable import REFUTED, ball, box, claim
 from checker_files.settling import bent as resettled
 from checker_files.settling import last, settling, tube
 from checker_files.settling import moved as shifted
@@ -59,44 +60,44 @@ UNEVEN: Document = {"guarantee": "sequence", "schedule": [[0, "A"], [1, "B"]], "
 def _settings() -> dict[str, tuple[Document, Document]]:
     """Small problems, and their [switching]."""
     plane: Document = {"target": [0, 0], "gains": {1: 1, 2: [[1, 2], [-2, 1]]}}
-    return {
-        "chain": (CHAIN, TURNS),
-        "chain, listed": (CHAIN, TURNS | {"dwell": [1, 1]}),
-        "chain, in rounds": (CHAIN, UNEVEN),
-        "chain, by period": (CHAIN, TURNS | {"dwell": None, "period": 2}),
-        "chain, every mode": (CHAIN, TURNS | {"sequence": None}),
-        "chain, any signal": (CHAIN, {"guarantee": "arbitrary", "signal": "random", "dwell": 1}),
-        "chain, no guarantee": (CHAIN, {"signal": "random", "dwell": 1}),
-        "chain, one of two": (CHAIN, TURNS | {"sequence": ["A"]}),
-        "one mode": (
-            CHAIN | {"network": network({"A": [[2, 1]]}, agents=2)},
-            TURNS | {"sequence": ["A"]},
-        ),
-        "chain, observed": (CHAIN | WATCHED, TURNS),
-        "chain, bad W": (CHAIN | WATCHED | {"observer": Observer(W=[[-1]])}, TURNS),
-        "pair": (PAIR, DWELL | {"longest": 2}),
-        "pair, linear": (PAIR | {"coupling": "y"}, DWELL | {"longest": 2}),
-        "pair, for ever": (PAIR, DWELL),
-        "pair, for ever, linear": (PAIR | {"coupling": "y"}, DWELL),
-        "curved": (CHAIN | {"coupling": PAPER}, TURNS),
-        "curved, observed": (CHAIN | WATCHED | {"coupling": PAPER}, TURNS),
-        "sine": (CHAIN | {"coupling": "sin(y)"}, TURNS),
-        "chain, uneven": (CHAIN, UNEVEN | {"schedule": [[0, "A"], [1, "B"]], "period": "5/2"}),
-        "soft": (PAIR | {"coupling": "y - 2*y**3/25"}, DWELL),
-        "flat": (CHAIN | {"coupling": "y**3"}, TURNS),
-        "unused": (CHAIN | {"coupling": "-y", "exceptions": {(1, 0): "y", (2, 1): "y"}}, TURNS),
-        "three": (CHAIN | {"network": THREE}, DWELL | {"longest": 2}),
-        "three, in turn": (CHAIN | {"network": THREE}, TURNS | {"sequence": ["A", "C", "B"]}),
-        "two": (CHAIN, DWELL | {"longest": 2}),
-        "two, for ever": (CHAIN, DWELL),
-        "grows": (GROWS, TURNS | {"dwell": 3}),
-        "grows, watched": (GROWS | WATCHED, TURNS | {"dwell": 3}),
-        "grows, loose": (GROWS | {"network": LOOSE}, TURNS | {"dwell": 3}),
-        "grows, not": (GROWS | {"gains": "11/10"}, TURNS | {"dwell": 3}),
-        "grows, curved": (GROWS | {"coupling": "-y - y**3"}, TURNS | {"dwell": 3}),
-        "outward": (PAIR | {"coupling": "y"} | plane, DWELL),
-        "list": (PAIR | {"coupling": ["y1 + y2", "y2"], "target": [0, 0]}, DWELL),
-    }
+    made: dict[str, tuple[Document, Document]] = {}
+    made["chain"] = (CHAIN, TURNS)
+    made["chain, listed"] = (CHAIN, TURNS | {"dwell": [1, 1]})
+    made["chain, in rounds"] = (CHAIN, UNEVEN)
+    made["chain, by period"] = (CHAIN, TURNS | {"dwell": None, "period": 2})
+    made["chain, every mode"] = (CHAIN, TURNS | {"sequence": None})
+    made["chain, any signal"] = (CHAIN, {"guarantee": "arbitrary", "signal": "random", "dwell": 1})
+    made["chain, no guarantee"] = (CHAIN, {"signal": "random", "dwell": 1})
+    made["chain, one of two"] = (CHAIN, TURNS | {"sequence": ["A"]})
+    made["one mode"] = (
+        CHAIN | {"network": network({"A": [[2, 1]]}, agents=2)},
+        TURNS | {"sequence": ["A"]},
+    )
+    made["chain, observed"] = (CHAIN | WATCHED, TURNS)
+    made["chain, bad W"] = (CHAIN | WATCHED | {"observer": Observer(W=[[-1]])}, TURNS)
+    made["pair"] = (PAIR, DWELL | {"longest": 2})
+    made["pair, linear"] = (PAIR | {"coupling": "y"}, DWELL | {"longest": 2})
+    made["pair, for ever"] = (PAIR, DWELL)
+    made["pair, for ever, linear"] = (PAIR | {"coupling": "y"}, DWELL)
+    made["curved"] = (CHAIN | {"coupling": PAPER}, TURNS)
+    made["curved, observed"] = (CHAIN | WATCHED | {"coupling": PAPER}, TURNS)
+    made["sine"] = (CHAIN | {"coupling": "sin(y)"}, TURNS)
+    made["chain, uneven"] = (CHAIN, UNEVEN | {"schedule": [[0, "A"], [1, "B"]], "period": "5/2"})
+    made["soft"] = (PAIR | {"coupling": "y - 2*y**3/25"}, DWELL)
+    made["flat"] = (CHAIN | {"coupling": "y**3"}, TURNS)
+    made["unused"] = (CHAIN | {"coupling": "-y", "exceptions": {(1, 0): "y", (2, 1): "y"}}, TURNS)
+    made["three"] = (CHAIN | {"network": THREE}, DWELL | {"longest": 2})
+    made["three, in turn"] = (CHAIN | {"network": THREE}, TURNS | {"sequence": ["A", "C", "B"]})
+    made["two"] = (CHAIN, DWELL | {"longest": 2})
+    made["two, for ever"] = (CHAIN, DWELL)
+    made["grows"] = (GROWS, TURNS | {"dwell": 3})
+    made["grows, watched"] = (GROWS | WATCHED, TURNS | {"dwell": 3})
+    made["grows, loose"] = (GROWS | {"network": LOOSE}, TURNS | {"dwell": 3})
+    made["grows, not"] = (GROWS | {"gains": "11/10"}, TURNS | {"dwell": 3})
+    made["grows, curved"] = (GROWS | {"coupling": "-y - y**3"}, TURNS | {"dwell": 3})
+    made["outward"] = (PAIR | {"coupling": "y"} | plane, DWELL)
+    made["list"] = (PAIR | {"coupling": ["y1 + y2", "y2"], "target": [0, 0]}, DWELL)
+    return made
 
 
 _KNOWN = (

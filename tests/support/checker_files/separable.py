@@ -5,10 +5,8 @@ The consensus part of every certificate is what ``certify`` finds; its claims ab
 replaced by ours.
 """
 
-import base64
 import hashlib
 import json
-import struct
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
@@ -25,6 +23,7 @@ from checker_files.files import (
     Document,
     Forger,
     changed,
+    doubles,
     network,
     scalar,
 )
@@ -108,54 +107,53 @@ def _settings() -> dict[str, Document]:
         "second, far": {"target": 10, "region": asked(5)},
         "second, unobserved": {"exosystem": scalar(0, 0), "region": asked(5, "1/2")},
     }
-    found = {
-        "pair": given("exp(y) - 1 + y"),
-        "heavy": given("tanh(y)", network=heavy, gains="1e307"),
-        "observed": given(cubic, **WATCHED),
-        "observed, linear": given("y", **WATCHED),
-        "line": given("y", **first),
-        "heavy line": given("y", **first | {"network": network([[2, 1, 3]], agents=2)}),
-        "curved line": given("exp(y) - 1 + y", **first),
-        "no region": {"coupling": "y", **first},
-        "sine": given("sin(y)", **first),
-        "bent": given("-abs(y)", gains=5),
-        "pushed away": given("-max(y, 0)", gains="1/10"),
-        "below the target": given("tanh(y)", target=1, region=asked([-5, 0])),
-        "loose": given("2*tanh(y)", gains=None),
-        "half loose": given(
-            "tanh(y)", network=network({"A": [[1, 2]], "B": [[2, 1]]}), gains={1: 1}
-        ),
-        "matrix": given("tanh(y)", network=LINE_NET, gains=crossed, **plane),
-        "linear matrix": given("y", network=LINE_NET, gains=crossed, **plane),
-        "cubic": given(cubic, region=asked("0.49")),
-        "two kinds": given(cubic, exceptions={(1, 0): "2*y"}, region=asked("0.24")),
-        "unused": given(cubic, exceptions={(0, 1): "y", (1, 0): "y"}),
-        "flat": given("y - 9*max(y - 1, 0) + 9*max(-y - 1, 0)", region=asked("1/4")),
-        "list": given(["y1 + y2**3", "y2"], network=LINE_NET, **plane),
-        "straight list": given(["y1 + y2", "y2"], network=LINE_NET, **plane),
-        "wavy": given("sin(y)"),
-        "wavy, loose": given(
-            "sin(y)", network=Network.from_arcs([[1, 2]], arrow="listens_to", optional=[[2, 1]])
-        ),
-        "wavy, observed": given("sin(y)", **WATCHED | {"region": asked(1, "1/10")}),
-        "tangent": given("tan(y)", region=asked(2)),
-        "root": given("sqrt(1 + y) - 1"),
-        "log": given("log(1 + y)"),
-        "pole": given("y/clip(1 + y, 0, 2)"),
-        "hidden kink": given("-3*y + abs(y**0) - 1", gains=1),
-        "harmonic": given("y", region=asked(1, "1/2"), **harmonic),
-        "hidden": given(
-            "exp(y) - 1 + y",
-            **WATCHED | {"exosystem": scalar(-1, 0), "observer": Observer(W=[[0]])},
-        ),
-        "unobserved": given(cubic, exosystem=scalar(0, 0), region=asked(1, "1/2")),
-        "bad W": given("y", **WATCHED | {"observer": Observer(W=[[-1]])}),
-        "unstable": given("-y", gains="1/2"),
-        "second, curved list": given(
-            ["sin(y1)", "y2"], gains="1/10", target=[0, 0], region=asked([[-5, 5], [-5, 5]])
-        ),
-        "second, no region": {"network": PAIR_NET, "coupling": "sin(y)", "gains": "1/10"},
-    }
+    found: dict[str, Document] = {}
+    found["pair"] = given("exp(y) - 1 + y")
+    found["heavy"] = given("tanh(y)", network=heavy, gains="1e307")
+    found["observed"] = given(cubic, **WATCHED)
+    found["observed, linear"] = given("y", **WATCHED)
+    found["line"] = given("y", **first)
+    found["heavy line"] = given("y", **first | {"network": network([[2, 1, 3]], agents=2)})
+    found["curved line"] = given("exp(y) - 1 + y", **first)
+    found["no region"] = {"coupling": "y", **first}
+    found["sine"] = given("sin(y)", **first)
+    found["bent"] = given("-abs(y)", gains=5)
+    found["pushed away"] = given("-max(y, 0)", gains="1/10")
+    found["below the target"] = given("tanh(y)", target=1, region=asked([-5, 0]))
+    found["loose"] = given("2*tanh(y)", gains=None)
+    found["half loose"] = given(
+        "tanh(y)", network=network({"A": [[1, 2]], "B": [[2, 1]]}), gains={1: 1}
+    )
+    found["matrix"] = given("tanh(y)", network=LINE_NET, gains=crossed, **plane)
+    found["linear matrix"] = given("y", network=LINE_NET, gains=crossed, **plane)
+    found["cubic"] = given(cubic, region=asked("0.49"))
+    found["two kinds"] = given(cubic, exceptions={(1, 0): "2*y"}, region=asked("0.24"))
+    found["unused"] = given(cubic, exceptions={(0, 1): "y", (1, 0): "y"})
+    found["flat"] = given("y - 9*max(y - 1, 0) + 9*max(-y - 1, 0)", region=asked("1/4"))
+    found["list"] = given(["y1 + y2**3", "y2"], network=LINE_NET, **plane)
+    found["straight list"] = given(["y1 + y2", "y2"], network=LINE_NET, **plane)
+    found["wavy"] = given("sin(y)")
+    found["wavy, loose"] = given(
+        "sin(y)", network=Network.from_arcs([[1, 2]], arrow="listens_to", optional=[[2, 1]])
+    )
+    found["wavy, observed"] = given("sin(y)", **WATCHED | {"region": asked(1, "1/10")})
+    found["tangent"] = given("tan(y)", region=asked(2))
+    found["root"] = given("sqrt(1 + y) - 1")
+    found["log"] = given("log(1 + y)")
+    found["pole"] = given("y/clip(1 + y, 0, 2)")
+    found["hidden kink"] = given("-3*y + abs(y**0) - 1", gains=1)
+    found["harmonic"] = given("y", region=asked(1, "1/2"), **harmonic)
+    found["hidden"] = given(
+        "exp(y) - 1 + y",
+        **WATCHED | {"exosystem": scalar(-1, 0), "observer": Observer(W=[[0]])},
+    )
+    found["unobserved"] = given(cubic, exosystem=scalar(0, 0), region=asked(1, "1/2"))
+    found["bad W"] = given("y", **WATCHED | {"observer": Observer(W=[[-1]])})
+    found["unstable"] = given("-y", gains="1/2")
+    found["second, curved list"] = given(
+        ["sin(y1)", "y2"], gains="1/10", target=[0, 0], region=asked([[-5, 5], [-5, 5]])
+    )
+    found["second, no region"] = {"network": PAIR_NET, "coupling": "sin(y)", "gains": "1/10"}
     return found | {name: given("sin(y)", gains="1/10", **more) for name, more in second.items()}
 
 
@@ -302,10 +300,6 @@ def region_cases() -> list[Case]:
         *_bent_equilibria(),
         *_bent_frames(),
     ]
-
-
-def doubles(*values: float) -> Document:
-    return {"float64": base64.b64encode(struct.pack(f"<{len(values)}d", *values)).decode()}
 
 
 def _good() -> Iterator[Case]:

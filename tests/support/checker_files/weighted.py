@@ -65,23 +65,23 @@ def problems() -> dict[str, Problem]:
         return Problem(**{"network": LINE, "coupling": coupling, "gains": {1: 1}} | more)
 
     mixed = {"target": [0, 0], "gains": {1: [[1, "1/2"], ["-1/2", 1]], 2: 1}}
-    return {
-        "line": line(),
-        "two modes": line(network=BOTH),
-        "seen": line(**WATCHED),
-        "mixed": line(**mixed),
-        "crossed": line(["y1 + y2", "y2"], target=[0, 0]),
-        "falling": line("-y", gains={1: 1, 2: 3}),  # M = [[1, 0], [1, 2]]
-        "unstable": line("-y", gains={1: 1, 2: "1/2"}),  # M = [[1, 0], [1, -1/2]]
-        "kinked": line("abs(y)", gains=1),
-        "slow": line(**WATCHED | {"observer": Observer(W=[["1/2"]])}),
-        "bad W": line(**WATCHED | {"observer": Observer(W=[[-1]])}),
-        "harmonic": line(**HARMONIC),
-        "irrational": line("exp(1)*y"),
-        "comes and goes": line(
-            network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2]], agents=2)
-        ),
-    }
+    made: dict[str, Problem] = {}
+    made["line"] = line()
+    made["two modes"] = line(network=BOTH)
+    made["seen"] = line(**WATCHED)
+    made["mixed"] = line(**mixed)
+    made["crossed"] = line(["y1 + y2", "y2"], target=[0, 0])
+    made["falling"] = line("-y", gains={1: 1, 2: 3})  # M = [[1, 0], [1, 2]]
+    made["unstable"] = line("-y", gains={1: 1, 2: "1/2"})  # M = [[1, 0], [1, -1/2]]
+    made["kinked"] = line("abs(y)", gains=1)
+    made["slow"] = line(**WATCHED | {"observer": Observer(W=[["1/2"]])})
+    made["bad W"] = line(**WATCHED | {"observer": Observer(W=[[-1]])})
+    made["harmonic"] = line(**HARMONIC)
+    made["irrational"] = line("exp(1)*y")
+    made["comes and goes"] = line(
+        network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2]], agents=2)
+    )
+    return made
 
 
 def _made(name: str, code: int, what: str, check: Document) -> Case:

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from pathlib import Path
 from typing import Any
 
@@ -608,7 +608,7 @@ def _too_large_to_count() -> Case:
     """61 agents with one arc and one pin: with k = -1 J - K has an unstable root, which nobody
     counts; it is not symmetric, and so v'Lambda v > 0 alone shows none."""
     name = "unstable, large"
-    problem = json.loads(_originals()[name][1])
+    problem = problem_of(name)
     problem["gains"] = [[0, [["-1"]]]]
     problem["modes"][0]["arcs"] = [[1, 2, "1"]]
     copied = document(name)
@@ -624,7 +624,7 @@ def _long_denominators() -> Case:
     copied = document("far")
     lemma = check_of(copied, "lemma1")
     bend(lemma, {"margin": None, "exact": {"unstable_roots": "0"}})
-    problem = json.loads(_originals()["far"][1])
+    problem = problem_of("far")
     problem["gains"] = []
     witness = {"kind": "vector", "labels": problem["labels"], "values": near}
     bend(lemma, {"witness": witness})
@@ -670,97 +670,94 @@ def _bent_frames() -> Iterator[Case]:
     yield forged("unstable, elsewhere", "", verdict="refuted")
     for name in ("beside", "only 0", "empty box", "point box"):
         yield forged(name, "", **OPEN | {"verdict": "refuted"})
-    lure = {
-        "id": "lure",
-        "domain": "global",
-        "reason": "",
-        **{k: v for k, v in NOTHING.items() if v is not GONE},
-    }
-    copied = document("paper")
-    for name, checks in (
-        ("no checks", []),
-        ("one is missing", copied["checks"][1:]),
-        ("one stands there twice", [copied["checks"][1], *copied["checks"][1:]]),
-        ("another one in its place", [lure | {"domain": "consensus"}, *copied["checks"][1:]]),
-        ("one more", [lure, *copied["checks"]]),
-    ):
-        yield forged("paper", "", name, checks=checks)
-    two = document("two modes")
-    lemmas = [each for each in two["checks"] if each["id"] == "lemma1"]
+    checks = document("paper")["checks"]
+    others = checks[1:]
+    lure = {"id": "lure", "domain": "global", "reason": "", "verdict": "undecided"}
+    lure |= {"margin": None, "rate": None}
+    yield forged("paper", "", "no checks", checks=[])
+    yield forged("paper", "", "one is missing", checks=others)
+    yield forged("paper", "", "one stands there twice", checks=[others[0], *others])
+    other = lure | {"domain": "consensus"}
+    yield forged("paper", "", "another one in its place", checks=[other, *others])
+    yield forged("paper", "", "one more", checks=[lure, *checks])
+    lemmas = []
+    swapped = []
+    for each in document("two modes")["checks"]:
+        if each["id"] == "lemma1":
+            lemmas.append(each)
+            swapped.append(each | {"mode": "B"})
+        else:
+            swapped.append(each)
     assert len(lemmas) == 2
-    swapped = [each | {"mode": "B"} if each["id"] == "lemma1" else each for each in two["checks"]]
     yield forged("two modes", "", "one mode twice", checks=swapped)
-    yield forged("two modes", "", "the larger rate", rate=max(each["rate"] for each in lemmas))
-    # What cannot be read.
-    for changes in ({"extra": 1}, {"reason": GONE}, {"reason": 5}):
-        yield forged("plain", "", **changes, code=UNREADABLE)
-    yield forged("loose", "", notes="text", code=UNREADABLE)
-    for changes in ({"observer": []}, {"rate": "0.5"}, {"rate": True}, {"format": "dobc-problem"}):
-        yield forged("plain", "", **changes, code=UNREADABLE)
+    larger = max(each["rate"] for each in lemmas)
+    yield forged("two modes", "", "the larger rate", rate=larger)
+    yield from _unreadable()
+
+
+def _unreadable() -> Iterator[Case]:
+    unreadable = partial(forged, code=UNREADABLE)
+    yield unreadable("plain", "", extra=1)
+    yield unreadable("plain", "", reason=GONE)
+    yield unreadable("plain", "", reason=5)
+    yield unreadable("loose", "", notes="text")
+    yield unreadable("plain", "", observer=[])
+    yield unreadable("plain", "", rate="0.5")
+    yield unreadable("plain", "", rate=True)
+    yield unreadable("plain", "", format="dobc-problem")
     for version in (True, 1.0, 2, "1"):
-        yield forged("plain", "", f"version {version}", version=version, code=UNREADABLE)
-    for changes in ({"mode": None}, {"exact": "text"}, {"fix": {"kind": "x"}}):
-        yield forged("plain", "lemma1", **changes, code=UNREADABLE)
-    for number in (
-        1,
-        "0x1",
-        "1/0",
-        "nan",
-        "Infinity",
-        "1e401",
-        "1." + "0" * 10_000,
-        " 2",
-        "1_0",
-        "\u0662",
-    ):
-        yield forged("given", "observer", f"W = {str(number)[:10]}", W=[[number]], code=UNREADABLE)
-    yield forged("given", "observer", W=matrix("2 0"), code=UNREADABLE)
+        yield unreadable("plain", "", f"version {version}", version=version)
+    yield unreadable("plain", "lemma1", mode=None)
+    yield unreadable("plain", "lemma1", exact="text")
+    yield unreadable("plain", "lemma1", fix={"kind": "x"})
+    long = "1." + "0" * 10_000
+    for number in (1, "0x1", "1/0", "nan", "Infinity", "1e401", long, " 2", "1_0", "\u0662"):
+        shown = str(number)[:10]
+        yield unreadable("given", "observer", f"W = {shown}", W=[[number]])
+    yield unreadable("given", "observer", W=matrix("2 0"))
+
+
+#: Nothing that the reader of expressions takes.
+NO_COUPLINGS = """\
+y + 1; y/(1 - 1); foo(y); max(y); sin(y, y); y # + 1; z; y**99; y**65; y**y; y**-1; \
+((9**64)**64)**64*y; exp(16385)*y; log(0)*y; log(-1)*y; sqrt(-1)*y; sin(1e300)*y; sqrt(y); cos(y); \
+y if y else y; y or y; +y; y.real; (); y); 1.*y; 1e401*y; ...; exp(y=y); max(*y); \
+exp(y + 1) - exp(1); tan(pi/2)*y; 1/pi(y); exp; E; y // 1"""
+
+
+def problem_of(name: str) -> Document:
+    """The problem file of a certificate, as a document."""
+    return dict(json.loads(_originals()[name][1]))
 
 
 def _bent_problems() -> Iterator[Case]:
-    texts = "y + 1; y/(1 - 1); foo(y); max(y); sin(y, y); y # + 1; z; y**99; y**65; y**y; y**-1"
-    texts += (
-        "; ((9**64)**64)**64*y; exp(16385)*y; log(0)*y; log(-1)*y; sqrt(-1)*y; sin(1e300)*y; "
-        "sqrt(y); cos(y)"
-    )
-    texts += "; y if y else y; y or y; +y; y.real; (); y); 1.*y; 1e401*y; ...; exp(y=y); max(*y)"
-    texts += "; exp(y + 1) - exp(1); tan(pi/2)*y; 1/pi(y); exp; E; y // 1"
-    for h in (
-        *texts.split("; "),
-        "",
-        "(" * 300 + "y" + ")" * 300,
-        "y" * 2001,
-        "y" + " + 0*y" * 400,
-    ):
-        yield _with("plain", ("coupling", "h"), h, what=f"h = {h[:20]}")
-    yield _with("plain", ("coupling", "h"), ["y1", "y2"])
-    yield _with("plain", ("labels",), vector("1 1"))
-    yield _with("plain", ("labels",), [])
-    yield _with("plain", ("modes",), [])
-    arcs = json.loads(_originals()["plain"][1])["modes"]
-    yield _with("plain", ("modes",), arcs * 2, what="a mode twice")
+    for h in NO_COUPLINGS.split("; "):
+        yield _with("plain", "coupling.h", h, f"h = {h[:20]}")
+    yield _with("plain", "coupling.h", "", "h = ")
+    deep = "(" * 300 + "y" + ")" * 300
+    for h in (deep, "y" * 2001, "y" + " + 0*y" * 400):
+        yield _with("plain", "coupling.h", h, f"h = {h[:20]}")
+    yield _with("plain", "coupling.h", ["y1", "y2"])
+    yield _with("plain", "labels", ["1", "1"])
+    yield _with("plain", "labels", [])
+    yield _with("plain", "modes", [])
+    yield _with("plain", "modes", problem_of("plain")["modes"] * 2, "a mode twice")
     for agent in (True, 1.0, -1, 2, "1"):
-        yield _with("plain", ("gains",), [[agent, [["3"]]]], what=f"gain of {agent}")
-    yield _with("good P", ("observer", "W"), None)
-    yield _with("plain", ("dimension",), 0)
-    yield _with("plain", ("dimension",), "1")
-    wide = json.loads(_originals()["plain"][1]) | {
-        "dimension": 101,
-        "target": ["0"] * 101,
-        "gains": [],
-    }
+        yield _with("plain", "gains", [[agent, [["3"]]]], f"gain of {agent}")
+    yield _with("good P", "observer.W", None)
+    yield _with("plain", "dimension", 0)
+    yield _with("plain", "dimension", "1")
+    wide = problem_of("plain") | {"dimension": 101, "target": ["0"] * 101, "gains": []}
     yield about(wide, document("plain"), name="101 components", code=UNREADABLE)
-    yield _with("plain", ("extra",), 1)
-    yield _with("plain", ("version",), True)
+    yield _with("plain", "extra", 1)
+    yield _with("plain", "version", True)
     # A polynomial with a coefficient of 5000 digits, more than Python writes.
-    long = json.loads(_originals()["hidden"][1])
+    long = problem_of("hidden")
     long["exosystem"]["A"] = [["-" + "9" * 5000]]
     yield about(long, document("hidden"), name="hidden: a long polynomial", code=FAILS)
     # An agent that is pushed away: -Lambda < 0.
-    pushed = json.loads(_originals()["plain"][1]) | {
-        "gains": [[0, [["-1"]]], [1, [["-1"]]]],
-        "notes": [],
-    }
+    outward = [[0, [["-1"]]], [1, [["-1"]]]]
+    pushed = problem_of("plain") | {"gains": outward, "notes": []}
     pushed["modes"][0]["arcs"] = []
     claims = document("plain")
     bend(check_of(claims, "lemma1"), {"margin": 0, "rate": None})
@@ -769,74 +766,72 @@ def _bent_problems() -> Iterator[Case]:
     # One agent of a large network is pushed away: the vector that is found fails in a row, or is
     # none. Where all repel each other, M = circ(2, 2, 0, ..., 0, 2) has M 1 = 6 > 0, but its other
     # entries are not <= 0: it has the eigenvalue 2 + 4 cos(24 pi/25) < 0.
-    apart = {"coupling": {"h": "-y", "exceptions": []}, "gains": [[i, [["3"]]] for i in range(25)]}
-    for name, gain in (
-        ("long", "-1"),
-        ("long", "-20"),
-        ("ring", "-1/5"),
-        ("ring", "-1/2"),
-        ("ring", "3"),
-    ):
-        line = json.loads(_originals()[name][1])
-        line["gains"] = [[i, k] for i, k in line["gains"] if i != 12] + [[12, [[gain]]]]
-        claims = bare(document(name))
-        bend(check_of(claims, "lemma1"), {"margin": 0, "rate": None, "exact": GONE})
-        bend(claims, {"rate": None, "covered_by": "lemma1"})
-        yield about(
-            line | (apart if gain == "3" else {}),
-            claims,
-            name=f"{name}: agent 13 has k = {gain}",
-            code=FAILS,
-        )
+    yield _pushed("long", "-1")
+    yield _pushed("long", "-20")
+    yield _pushed("ring", "-1/5")
+    yield _pushed("ring", "-1/2")
+    apart = {"h": "-y", "exceptions": []}
+    yield _pushed("ring", "3", coupling=apart, gains=[[i, [["3"]]] for i in range(25)])
 
 
-def _with(name: str, path: tuple[str, ...], value: Any, *, what: str = "") -> Case:
+def _pushed(name: str, gain: str, **changes: Any) -> Case:
+    """Agent 13 of a large network with another gain, unless ``changes`` give the gains of all."""
+    problem = problem_of(name)
+    others = [[i, k] for i, k in problem["gains"] if i != 12]
+    problem["gains"] = [*others, [12, [[gain]]]]
+    claims = bare(document(name))
+    bend(check_of(claims, "lemma1"), {"margin": 0, "rate": None, "exact": GONE})
+    bend(claims, {"rate": None, "covered_by": "lemma1"})
+    title = f"{name}: agent 13 has k = {gain}"
+    return about(problem | changes, claims, name=title, code=FAILS)
+
+
+def _with(name: str, path: str, value: Any, what: str = "") -> Case:
     """The certificate beside a problem file that cannot be read."""
-    problem = json.loads(_originals()[name][1])
+    problem = problem_of(name)
+    *places, last = path.split(".")
     holder = problem
-    for key in path[:-1]:
-        holder = holder[key]
-    holder[path[-1]] = value
-    return about(problem, document(name), name=f"{name}: {what or path[-1]}", code=UNREADABLE)
+    for place in places:
+        holder = holder[place]
+    holder[last] = value
+    return about(problem, document(name), name=f"{name}: {what or last}", code=UNREADABLE)
 
 
 def _other_bytes() -> Iterator[Case]:
     data, problem = _originals()["plain"]
-    for name, other in (
-        ("nothing", b""),
-        ("a list", b"[]"),
-        ("cut", data[:-3]),
-        ("not UTF-8", b"\xff" + data),
-        ("UTF-16", data.decode().encode("utf-16")),
-        ("NaN", data.replace(b'"rate": ', b'"rate": NaN, "x": ', 1)),
-        ("deep", b"[" * 100_000),
-        ("a key twice", data.replace(b'"verdict"', b'"verdict": "refuted", "verdict"', 1)),
-        ("a huge integer", data.replace(b'"version": 1', b'"version": ' + b"1" * 5000, 1)),
-        ("a huge exponent", data.replace(b'"margin": ', b'"margin": 1e999999999, "x": ', 1)),
-    ):
-        yield Case(name, other, problem, UNREADABLE)
-        yield Case(f"problem: {name}", data, other, UNREADABLE)
+    yield from _no_file("nothing", b"")
+    yield from _no_file("a list", b"[]")
+    yield from _no_file("cut", data[:-3])
+    yield from _no_file("not UTF-8", b"\xff" + data)
+    yield from _no_file("UTF-16", data.decode().encode("utf-16"))
+    yield from _no_file("NaN", data.replace(b'"rate": ', b'"rate": NaN, "x": ', 1))
+    yield from _no_file("deep", b"[" * 100_000)
+    twice = data.replace(b'"verdict"', b'"verdict": "refuted", "verdict"', 1)
+    yield from _no_file("a key twice", twice)
+    huge = data.replace(b'"version": 1', b'"version": ' + b"1" * 5000, 1)
+    yield from _no_file("a huge integer", huge)
+    exponent = data.replace(b'"margin": ', b'"margin": 1e999999999, "x": ', 1)
+    yield from _no_file("a huge exponent", exponent)
+
+    def beside(what: str, other: bytes, code: int) -> Case:
+        assert other != problem
+        return Case(f"problem: {what}", data, other, code)
+
     source = json.loads(problem)
     backwards = {key: source[key] for key in sorted(source, reverse=True)}
-    for name, other, code in (
-        ("other blanks", json.dumps(source, indent=2).encode(), HOLDS),
-        ("keys in another order", json.dumps(backwards).encode(), HOLDS),
-        (
-            "escapes",
-            problem.replace(b"plain", b"pl\\u0061in").replace(b'"name"', b'"n\\u0061me"'),
-            HOLDS,
-        ),
-        (
-            "another spelling of a number",
-            problem.replace(b'"target":["0"]', b'"target":["0.0"]'),
-            FAILS,
-        ),
-        (
-            "a number that is no text",
-            problem.replace(b'"t_final":"20"', b'"t_final":20.0'),
-            UNREADABLE,
-        ),
-    ):
-        assert other != problem
-        yield Case(f"problem: {name}", data, other, code)
+    yield beside("other blanks", json.dumps(source, indent=2).encode(), HOLDS)
+    yield beside("keys in another order", json.dumps(backwards).encode(), HOLDS)
+    escaped = problem.replace(b"plain", b"pl\\u0061in").replace(b'"name"', b'"n\\u0061me"')
+    yield beside("escapes", escaped, HOLDS)
+    spelt = problem.replace(b'"target":["0"]', b'"target":["0.0"]')
+    yield beside("another spelling of a number", spelt, FAILS)
+    number = problem.replace(b'"t_final":"20"', b'"t_final":20.0')
+    yield beside("a number that is no text", number, UNREADABLE)
     yield Case("too large", data + b" " * 2**24, problem, UNREADABLE)
+
+
+def _no_file(name: str, other: bytes) -> Iterator[Case]:
+    """Bytes that are no certificate, and no problem file."""
+    data, problem = _originals()["plain"]
+    yield Case(name, other, problem, UNREADABLE)
+    yield Case(f"problem: {name}", data, other, UNREADABLE)

@@ -3,6 +3,7 @@ place each."""
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -21,8 +22,11 @@ from checker_files.files import (
     Case,
     Document,
     about,
+    as_rationals,
+    as_texts,
     bare,
     bend,
+    collected,
     network,
     scalar,
 )
@@ -48,22 +52,18 @@ def _one(agent: int, exosystem: Exosystem, observer: Observer | None = None) -> 
 @cache
 def problems() -> dict[str, Problem]:
     """One for every rule about groups."""
-    given, slow, bad = (
-        _one(1, scalar(0), Observer(W=[[2]])),
-        _one(2, scalar(-1), SLOW),
-        _one(2, scalar(0), GROWING),
-    )
+    given = _one(1, scalar(0), Observer(W=[[2]]))
+    slow = _one(2, scalar(-1), SLOW)
+    bad = _one(2, scalar(0), GROWING)
     printed = _one(1, scalar(0), Observer(W=[[2]], P=[[1]]))
     pairs = {"printed": 1, "small P": "1/100", "negative P": -1}
-    calm, noisy = ({"initial_states": [-1, 1], "initial_disturbance": s} for s in (0, "1/10"))
-    line, turned = (
-        Exosystem(A=[[0]], C=matrix("1; 2")),
-        Exosystem(A=matrix("0 0; 0 -1"), C=matrix("1 0; 0 1")),
-    )
-    three = [
-        Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]])),
-        _one(3, scalar(-1), SLOW),
-    ]
+    starts = {"initial_states": [-1, 1]}
+    calm = starts | {"initial_disturbance": 0}
+    noisy = starts | {"initial_disturbance": "1/10"}
+    line = Exosystem(A=[[0]], C=matrix("1; 2"))
+    turned = Exosystem(A=matrix("0 0; 0 -1"), C=matrix("1 0; 0 1"))
+    first_two = Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]]))
+    three = [first_two, _one(3, scalar(-1), SLOW)]
     made: dict[str, Problem] = {}
     made["given"] = _pair(given, slow)
     made["mixed"] = _pair(given, _one(2, RAMP))
@@ -95,90 +95,111 @@ def _originals() -> dict[str, tuple[bytes, bytes]]:
     """What `certify` says of the region, and of the others about the consensus alone."""
     found = {}
     for name, problem in problems().items():
-        claims = (
-            certified(problem).claims
-            if problem.region and name != "bad W, calm"
-            else consensus_claims(problem)
-        )
+        if problem.region and name != "bad W, calm":
+            claims = certified(problem).claims
+        else:
+            claims = consensus_claims(problem)
         found[name] = certificate_bytes(claims), canonical_bytes(problem)
     return found
 
 
-@cache
-def groups_cases() -> list[Case]:
+@collected
+def groups_cases() -> Iterator[Case]:
     """All of them, the good ones first."""
-    good = [
-        Case(f"groups: {name}", data, problem, HOLDS)
-        for name, (data, problem) in _originals().items()
-    ]
-    return [
-        *good,
-        *_bent_claims(),
-        *_undisturbed(),
-        *_bent_matrices(),
-        *_bent_obstacles(),
-        *_bent_problems(),
-    ]
+    for name, (data, problem) in _originals().items():
+        yield Case(f"groups: {name}", data, problem, HOLDS)
+    yield from _bent_claims()
+    yield from _undisturbed()
+    yield from _bent_matrices()
+    yield from _bent_obstacles()
+    yield from _bent_problems()
 
 
 def document(name: str) -> Document:
     return dict(json.loads(_originals()[name][0]))
 
 
+def problem_of(name: str) -> Document:
+    """The problem file, as a document."""
+    return dict(json.loads(_originals()[name][1]))
+
+
 def check(document: Document, id: str, group: str | None = None) -> Document:
     """The check of that id and group."""
-    return next(
-        each for each in document["checks"] if each["id"] == id and each.get("group") == group
-    )
+    for each in document["checks"]:
+        if each["id"] == id and each.get("group") == group:
+            found: Document = each
+            return found
+    raise LookupError(f"{id} of {group}")
+
+
+def _case(name: str, what: str, copied: Document, code: int = FAILS) -> Case:
+    data = json.dumps(copied).encode()
+    return Case(f"groups: {name}: {what}", data, _originals()[name][1], code)
 
 
 def bent(
-    name: str, *changes: tuple[str, str | None, Document], what: str, code: int = FAILS
+    name: str,
+    what: str,
+    id: str,
+    in_group: str | None = None,
+    /,
+    *,
+    code: int = FAILS,
+    **changes: Any,
 ) -> Case:
-    """A certificate with changes of checks by id and group, or of the whole ("")."""
+    """A certificate with changes of the check with that id and group, or of the whole ("")."""
     copied = document(name)
-    for id, group, values in changes:
-        bend(check(copied, id, group) if id else copied, values)
-    return Case(f"groups: {name}: {what}", json.dumps(copied).encode(), _originals()[name][1], code)
+    bend(check(copied, id, in_group) if id else copied, changes)
+    return _case(name, what, copied, code)
+
+
+def with_one_more(name: str, what: str, added: Document, code: int = FAILS) -> Case:
+    """A certificate with one check more."""
+    copied = document(name)
+    copied["checks"].append(added)
+    return _case(name, what, copied, code)
 
 
 def _bent_claims() -> Iterator[Case]:
-    for change, what in (
-        (("hurwitz", "2", {"group": "1"}), "one group twice"),
-        (("hurwitz", "2", {"group": "3"}), "a group that is not there"),
-        (("lemma1", None, {"group": "1"}), "a group on Lemma 1"),
-        (("theorem1", None, {"group": "1"}), "a group on the theorem"),
-        (("hurwitz", "1", {"rate": 2.5}), "a rate above 2"),
-        (("hurwitz", "1", {"exact": {"routh": vector("1 3")}}), "another Routh column"),
-    ):
-        yield bent("given", change, what=what)
-    yield bent("given", ("hurwitz", "1", {"rate": 1.99}), what="a rate below 2", code=HOLDS)
-    # Lambda = [[-4, 2], [2, -4]], lambda_max = -2; S = 1/(4 p) and 1/(4 p'): the margin is below 2.
-    # In "small P" S = diag(1/4, 25): the first agent's block alone would do.
-    second = {"kind": "vector", "labels": ["2"], "values": vector("0 1")}
-    first = {"kind": "vector", "labels": ["1"], "values": vector("1 0")}
-    for name, code, values, what in (
-        ("printed", FAILS, {"margin": 1.75}, "the margin 2 - 1/4"),
-        ("printed", HOLDS, {"margin": 1.7499}, "just below the margin"),
-        ("small P", HOLDS, {"witness": second, "margin": -20}, "its own agent"),
-        ("small P", FAILS, {"witness": second, "margin": -22}, "too much"),
-        ("small P", FAILS, {"witness": second | {"labels": ["1", "2"]}, "margin": None}, "labels"),
-        ("small P", FAILS, {"witness": second | {"kind": "agents"}, "margin": None}, "kind"),
-        ("small P", FAILS, {"witness": first, "margin": None}, "the other agent"),
-        ("negative P", FAILS, {"witness": {"kind": "vector", "values": vector("1 0")}}, "P"),
-    ):
-        yield bent(name, ("theorem1-printed", None, values), what=what, code=code)
-    yield bent("region", ("max-separable", None, {"rate": 3}), what="a rate that does not follow")
+    yield bent("given", "one group twice", "hurwitz", "2", group="1")
+    yield bent("given", "a group that is not there", "hurwitz", "2", group="3")
+    yield bent("given", "a group on Lemma 1", "lemma1", group="1")
+    yield bent("given", "a group on the theorem", "theorem1", group="1")
+    yield bent("given", "a rate above 2", "hurwitz", "1", rate=2.5)
+    routh = {"routh": vector("1 3")}
+    yield bent("given", "another Routh column", "hurwitz", "1", exact=routh)
+    yield bent("given", "a rate below 2", "hurwitz", "1", rate=1.99, code=HOLDS)
+    yield from _bent_printed_pairs()
+    yield bent("region", "a rate that does not follow", "max-separable", rate=3)
     # At the rate b = 1/10, S = diag(1/38, 1/(3.8 p)) for P = diag(10, p), and [[-4, 2], [2, -4]] +
     # 2 b I + S < 0 iff (3.8 - 1/38) (3.8 - 1/(3.8 p)) > 4, that is p > 0.09603: each agent has its
     # own S.
     for p, code in (("0.0961", HOLDS), ("0.0959", FAILS)):
-        copied, P = document("given"), [vector("10 0"), ["0", p]]
-        copied["checks"].append(
-            claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=P))
-        )
-        name = f"groups: a quadratic certificate with p = {p}"
-        yield Case(name, json.dumps(copied).encode(), _originals()["given"][1], code)
+        lure = _quadratic(matrix(f"10 0; 0 {p}"))
+        title = f"groups: a quadratic certificate with p = {p}"
+        yield replace(with_one_more("given", "", lure, code), name=title)
+
+
+def _quadratic(P: list[list[str]]) -> Document:
+    return claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=P))
+
+
+def _bent_printed_pairs() -> Iterator[Case]:
+    """Lambda = [[-4, 2], [2, -4]], lambda_max = -2; S = 1/(4 p) and 1/(4 p'): the margin is below
+    2.  In "small P" S = diag(1/4, 25): the first agent's block alone would do."""
+    id = "theorem1-printed"
+    second = {"kind": "vector", "labels": ["2"], "values": vector("0 1")}
+    first = {"kind": "vector", "labels": ["1"], "values": vector("1 0")}
+    yield bent("printed", "the margin 2 - 1/4", id, margin=1.75)
+    yield bent("printed", "just below the margin", id, margin=1.7499, code=HOLDS)
+    yield bent("small P", "its own agent", id, witness=second, margin=-20, code=HOLDS)
+    yield bent("small P", "too much", id, witness=second, margin=-22)
+    both = second | {"labels": ["1", "2"]}
+    yield bent("small P", "labels", id, witness=both, margin=None)
+    yield bent("small P", "kind", id, witness=second | {"kind": "agents"}, margin=None)
+    yield bent("small P", "the other agent", id, witness=first, margin=None)
+    yield bent("negative P", "P", id, witness={"kind": "vector", "values": vector("1 0")})
 
 
 def _undisturbed() -> Iterator[Case]:
@@ -186,182 +207,149 @@ def _undisturbed() -> Iterator[Case]:
     is needed; with the block of agent 1 for both p > 0.1462.  S = diag(1/4, 0) leaves Lambda + S
     the margin 1.871098."""
     for p, code in (("0.0958", HOLDS), ("0.0957", FAILS)):
-        copied = document("one")
-        copied["checks"].append(
-            claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=[[p]]))
-        )
-        name = f"groups: one: a quadratic certificate with p = {p}"
-        yield Case(name, json.dumps(copied).encode(), _originals()["one"][1], code)
-    for margin, code in ((1.871, HOLDS), (1.8711, FAILS)):
-        yield bent(
-            "one, printed",
-            ("theorem1-printed", None, {"margin": margin}),
-            what=f"margin {margin}",
-            code=code,
-        )
-    inputs = dict(check(document("one, limited"), "actuators")["exact"]["inputs"])
+        yield with_one_more("one", f"a quadratic certificate with p = {p}", _quadratic([[p]]), code)
+    id = "theorem1-printed"
+    yield bent("one, printed", "margin 1.871", id, margin=1.871, code=HOLDS)
+    yield bent("one, printed", "margin 1.8711", id, margin=1.8711)
+    exact = check(document("one, limited"), "actuators")["exact"]
+    inputs = exact["inputs"]
     for label, less in (("1", "1/20"), ("2", "1/1000")):  # of |d_1| = 1/20 and d_2 = 0
-        exact = check(document("one, limited"), "actuators")["exact"]
-        exact = exact | {"inputs": inputs | {label: str(Fraction(inputs[label]) - Fraction(less))}}
-        yield bent(
-            "one, limited",
-            ("actuators", None, {"exact": exact}),
-            what=f"a smaller input of agent {label}",
-        )
+        smaller = inputs | {label: str(Fraction(inputs[label]) - Fraction(less))}
+        title = f"a smaller input of agent {label}"
+        yield bent("one, limited", title, "actuators", exact=exact | {"inputs": smaller})
     for id in ("observability", "hurwitz"):
-        copied = document("one")
-        copied["checks"].append(check(copied, id, "1") | {"group": "2"})
-        yield Case(
-            f"groups: one: {id} of agent 2",
-            json.dumps(copied).encode(),
-            _originals()["one"][1],
-            FAILS,
-        )
+        again = check(document("one"), id, "1") | {"group": "2"}
+        yield with_one_more("one", f"{id} of agent 2", again)
     copied = document("one")
     for each in copied["checks"]:
         each.pop("group", None)
-    yield Case(
-        "groups: one: no group named", json.dumps(copied).encode(), _originals()["one"][1], FAILS
-    )
-
-
-def _texts(M: sp.Matrix) -> list[list[str]]:
-    return [[str(x) for x in M.row(i)] for i in range(M.rows)]
-
-
-def _rational(rows: list[list[str]]) -> sp.Matrix:
-    return sp.Matrix([[sp.Rational(x) for x in row] for row in rows])
+    yield _case("one", "no group named", copied)
 
 
 def _with_matrices(
-    name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, str, Document], what: str
+    name: str, what: str, W: sp.Matrix, P: sp.Matrix, *, routh: Document | None = None
 ) -> Case:
-    """The certificate with these W and P, and everything that follows from them."""
-    copied, parts = bare(document(name)), json.loads(_originals()[name][1])["exosystem"]["groups"]
-    A, C = (sp.diag(*(_rational(part[key]) for part in parts)) for key in "AC")
+    """The certificate with these W and P, and everything that follows from them; ``routh``: what
+    is said of the matrix of group 1."""
+    copied = bare(document(name))
+    parts = problem_of(name)["exosystem"]["groups"]
+    A, C = (sp.diag(*(as_rationals(part[key]) for part in parts)) for key in "AC")
     F = A - W * C
     S = C * (-(P * F + F.T * P)).inv() * C.T
-    copied["observer"] |= {"W": _texts(W), "P": _texts(P), "Q": _texts(P * W)}
-    exact = {"P": _texts(P), "Q": _texts(P * W), "S": _texts(S)}
-    exact |= {"bound": str(-S[0, 0])} if S[0, 0] * sp.eye(S.rows) == S else {}
+    pair = {"P": as_texts(P), "Q": as_texts(P * W)}
+    copied["observer"] |= {"W": as_texts(W)} | pair
+    exact = pair | {"S": as_texts(S)}
+    if S[0, 0] * sp.eye(S.rows) == S:
+        exact["bound"] = str(-S[0, 0])
     bend(check(copied, "theorem1"), {"exact": exact, "margin": 0, "rate": None})
     bend(copied, {"rate": None, "covered_by": "theorem1"})
-    for id, group, values in changes:
-        bend(check(copied, id, group), values)
-    return Case(
-        f"groups: {name}: {what}", json.dumps(copied).encode(), _originals()[name][1], FAILS
-    )
+    if routh is not None:
+        bend(check(copied, "hurwitz", "1"), {"exact": routh})
+    return _case(name, what, copied)
 
 
 def _bent_matrices() -> Iterator[Case]:
-    data = document("mixed")
-    W, P = _rational(data["observer"]["W"]), 20 * _rational(data["observer"]["P"])
-    slanted, joined = W.copy(), P.copy()
+    observer = document("mixed")["observer"]
+    W = as_rationals(observer["W"])
+    P = 20 * as_rationals(observer["P"])
+    slanted = W.copy()
     slanted[0, 1] = sp.Rational(1, 1000)
+    yield _with_matrices("mixed", "W between two groups", slanted, P)
+    joined = P.copy()
     joined[0, 1] = joined[1, 0] = sp.Rational(1, 1000)
-    yield _with_matrices("mixed", slanted, P, what="W between two groups")
-    yield _with_matrices("mixed", W, joined, what="P between two groups")
+    yield _with_matrices("mixed", "P between two groups", W, joined)
     faster = W.copy()
     faster[0, 0] = 3
-    routh = ("hurwitz", "1", {"exact": {"routh": vector("1 3")}})
-    yield _with_matrices("mixed", faster, P, routh, what="another W of a group that has one")
+    routh = {"routh": vector("1 3")}
+    yield _with_matrices("mixed", "another W of a group that has one", faster, P, routh=routh)
 
 
 def _bent_obstacles() -> Iterator[Case]:
-    for name, exact, what in (
-        ("hidden", {"block": "detectability"}, "no group named"),
-        ("hidden", {"block": "detectability", "group": "1"}, "the other group"),
-        ("hidden", {"block": "detectability", "group": "3"}, "no such group"),
-        ("hidden", {"block": "hurwitz", "group": "2"}, "no W of its own"),
-        ("bad W", {"block": "hurwitz"}, "no group named"),
-        ("bad W", {"block": "hurwitz", "group": "1"}, "the good gain"),
-        ("loose", {"block": "Lambda", "mode": "G", "group": "1"}, "a group on Lambda"),
-    ):
-        yield bent(name, ("theorem1", None, {"exact": exact}), what=what)
-    yield bent("bad W", ("", None, OPEN), what="refuted, and it says undecided")
-    yield bent(
-        "bad W, calm", ("", None, {"verdict": "refuted"}), what="undecided, and it says refuted"
-    )
-    yield bent(
-        "bad W beside a designed one", ("", None, OPEN), what="refuted, and it says undecided"
-    )
-    yield bent("bad W", ("theorem1", None, NOTHING), what="the theorem left open", code=HOLDS)
+    def obstacle(name: str, what: str, **exact: str) -> Case:
+        return bent(name, what, "theorem1", exact=exact)
+
+    yield obstacle("hidden", "no group named", block="detectability")
+    yield obstacle("hidden", "the other group", block="detectability", group="1")
+    yield obstacle("hidden", "no such group", block="detectability", group="3")
+    yield obstacle("hidden", "no W of its own", block="hurwitz", group="2")
+    yield obstacle("bad W", "no group named", block="hurwitz")
+    yield obstacle("bad W", "the good gain", block="hurwitz", group="1")
+    yield obstacle("loose", "a group on Lambda", block="Lambda", mode="G", group="1")
+    for name in ("bad W", "bad W beside a designed one"):
+        yield bent(name, "refuted, and it says undecided", "", **OPEN)
+    yield bent("bad W, calm", "undecided, and it says refuted", "", verdict="refuted")
+    yield bent("bad W", "the theorem left open", "theorem1", code=HOLDS, **NOTHING)
+
+
+def _unreadable(name: str, what: str, problem: Document, certificate: Document) -> Case:
+    return about(problem, certificate, name=f"groups: {name}: {what}", code=UNREADABLE)
+
+
+def _with_group(what: str, place: int, **values: Any) -> Case:
+    """Of "given", with values of one of its groups changed."""
+    problem = problem_of("given")
+    problem["exosystem"]["groups"][place] |= values
+    return _unreadable("given", what, problem, document("given"))
 
 
 def _bent_problems() -> Iterator[Case]:
-    def changed(name: str, certificate: Document, code: int, *, what: str, **parts: Any) -> Case:
-        problem = json.loads(_originals()[name][1])
-        for place, values in parts.items():
-            bend(
-                problem[place]
-                if place == "observer"
-                else problem["exosystem"]["groups"][int(place[1:])],
-                values,
-            )
-        return about(problem, certificate, name=f"groups: {name}: {what}", code=code)
-
-    plain = document("given")
-    for what, parts in {
-        "a W for nobody": {"observer": {"W": "2"}},
-        "a P for nobody": {"observer": {"P": "2"}},
-        "a P for one group": {"g0": {"P": [["1"]]}},
-        "P without W": {"g0": {"W": None, "P": [["1"]]}, "g1": {"P": [["1"]]}},
-        "an agent in no group": {"g0": {"agents": []}},
-        "an agent in two groups": {"g0": {"agents": [0, 1]}},
-        "an agent that is not there": {"g1": {"agents": [1, 2]}},
-        "no state": {"g0": {"A": [], "C": [[]], "W": []}},
-    }.items():
-        yield changed("given", plain, UNREADABLE, what=what, **parts)
+    for key in "WP":
+        problem = problem_of("given")
+        problem["observer"][key] = "2"
+        yield _unreadable("given", f"a {key} for nobody", problem, document("given"))
+    one = [["1"]]
+    yield _with_group("a P for one group", 0, P=one)
+    yield _with_group("an agent in no group", 0, agents=[])
+    yield _with_group("an agent in two groups", 0, agents=[0, 1])
+    yield _with_group("an agent that is not there", 1, agents=[1, 2])
+    yield _with_group("no state", 0, A=[], C=[[]], W=[])
+    problem = problem_of("given")
+    first, second = problem["exosystem"]["groups"]
+    first |= {"W": None, "P": one}
+    second["P"] = one
+    yield _unreadable("given", "P without W", problem, document("given"))
     turned = document("three")
     for each in turned["checks"]:
-        each.update({"group": "2"} if each.get("group") == "1" else {})
-    yield changed("three", turned, UNREADABLE, what="agents out of order", g0={"agents": [1, 0]})
-    backwards, problem = document("given"), json.loads(_originals()["given"][1])
-    problem["exosystem"]["groups"].reverse()
-    for holder, names in (
-        (backwards["observer"], "WPQ"),
-        (check(backwards, "theorem1")["exact"], "PQS"),
-    ):
-        holder |= {name: [row[::-1] for row in holder[name][::-1]] for name in names}
-    yield about(problem, backwards, name="groups: given: groups out of order", code=UNREADABLE)
-    for what, parts in {
-        "version 1": {"version": 1},
-        "no group": {"exosystem": {"groups": []}},
-        "all agents": {
-            "exosystem": {
-                "groups": [
-                    json.loads(_originals()["one"][1])["exosystem"]["groups"][0]
-                    | {"agents": [0, 1]}
-                ]
-            }
-        },
-    }.items():
-        file = json.loads(_originals()["one"][1]) | parts
-        yield about(file, document("one"), name=f"groups: one: {what}", code=UNREADABLE)
-    crowded = json.loads(_originals()["given"][1])
-    crowded["exosystem"]["groups"].append(
-        {"agents": [], "A": [["0"]], "C": [["1"]], "W": [["1"]], "P": None}
-    )
-    yield about(crowded, plain, name="groups: given: a group of nobody", code=UNREADABLE)
+        if each.get("group") == "1":
+            each["group"] = "2"
+    problem = problem_of("three")
+    problem["exosystem"]["groups"][0]["agents"] = [1, 0]
+    yield _unreadable("three", "agents out of order", problem, turned)
+    yield _backwards()
+    for what, parts in (("version 1", {"version": 1}), ("no group", {"exosystem": {"groups": []}})):
+        yield _unreadable("one", what, problem_of("one") | parts, document("one"))
+    problem = problem_of("one")
+    problem["exosystem"]["groups"][0]["agents"] = [0, 1]
+    yield _unreadable("one", "all agents", problem, document("one"))
+    crowded = problem_of("given")
+    nobody = {"agents": [], "A": [["0"]], "C": one, "W": one, "P": None}
+    crowded["exosystem"]["groups"].append(nobody)
+    yield _unreadable("given", "a group of nobody", crowded, document("given"))
     yield _alone()
+
+
+def _backwards() -> Case:
+    """The second group before the first, in the problem and in all matrices."""
+    problem = problem_of("given")
+    problem["exosystem"]["groups"].reverse()
+    claims = document("given")
+    exact = check(claims, "theorem1")["exact"]
+    for holder, names in ((claims["observer"], "WPQ"), (exact, "PQS")):
+        for name in names:
+            holder[name] = [row[::-1] for row in reversed(holder[name])]
+    return _unreadable("given", "groups out of order", problem, claims)
 
 
 def _alone() -> Case:
     """One group of all agents: a certificate of the plain problem with the group's name on its
     checks."""
-    same = Problem(
-        network=network(), coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]])
-    )
-    certificate, problem = (
-        json.loads(certificate_bytes(consensus_claims(same))),
-        json.loads(canonical_bytes(same)),
-    )
+    same = _pair(exosystem=scalar(0), observer=Observer(W=[[2]]))
+    certificate = json.loads(certificate_bytes(consensus_claims(same)))
     for each in certificate["checks"]:
-        each.update(
-            {"group": "1"} if each["id"] in ("observability", "detectability", "hurwitz") else {}
-        )
-    problem["exosystem"] = {
-        "groups": [problem["exosystem"] | {"agents": [0, 1], "W": [["2"]], "P": None}]
-    }
+        if each["id"] in ("observability", "detectability", "hurwitz"):
+            each["group"] = "1"
+    problem = json.loads(canonical_bytes(same))
+    all_agents = problem["exosystem"] | {"agents": [0, 1], "W": [["2"]], "P": None}
+    problem["exosystem"] = {"groups": [all_agents]}
     problem["observer"] = {"W": None, "P": None, "rate": None}
     return about(problem, certificate, name="groups: one group of all", code=UNREADABLE)

@@ -64,6 +64,11 @@ def claim(id: str, domain: Any, rate: Any, exact: Document | None, **more: Any) 
     }
 
 
+def agents(*labels: str) -> Document:
+    """A witness: these agents."""
+    return {"kind": "agents", "labels": list(labels)}
+
+
 def asked(reach: Any, disturbance: Any = None) -> Document:
     more = {} if disturbance is None else {"initial_disturbance": disturbance}
     return {

@@ -64,6 +64,17 @@ def claim(id: str, domain: Any, rate: Any, exact: Document | None, **more: Any) 
     }
 
 
+def weights(v: str, alpha: str, rho: str | None = None, **more: Any) -> Document:
+    """What a max-separable claim states."""
+    return {"v": vector(v), "alpha": alpha, "rho": rho} | more
+
+
+def separable(
+    domain: Any, rate: Any, v: str, alpha: str, rho: str | None = None, **more: Any
+) -> Document:
+    return claim("max-separable", domain, rate, weights(v, alpha, rho, **more))
+
+
 def agents(*labels: str) -> Document:
     """A witness: these agents."""
     return {"kind": "agents", "labels": list(labels)}

@@ -7,27 +7,35 @@ it.
 
 import json
 from collections.abc import Iterator
-from functools import cache
 from typing import Any
 
 from texts import matrix, vector
 
-from checker_files.files import FAILS, HOLDS, Case, Document, Forger, changed
+from checker_files.files import Case, Document, Forger, changed, collected
 from checker_files.quadratic import quadratic
-from checker_files.separable import BENT, MATRIX, _frame_verdict, ball, box, case, claim
+from checker_files.separable import (
+    BENT,
+    COMPOSITE,
+    MATRIX,
+    _frame_verdict,
+    ball,
+    box,
+    case,
+    claim,
+    weights,
+)
 
 
 def settling(
     domain: Document, tolerance: str, time: str, tube: Document, last: Document
 ) -> Document:
-    return claim(
-        "settling", domain, None, {"tolerance": tolerance, "time": time, "tube": tube, "last": last}
-    )
+    exact = {"tolerance": tolerance, "time": time, "tube": tube, "last": last}
+    return claim("settling", domain, None, exact)
 
 
-def tube(times: list[str], *boxes: list[str], **more: Any) -> Document:
+def tube(times: str, boxes: str, **more: Any) -> Document:
     """Boxes with equal faces, unless ``lower`` is given."""
-    return {"times": times, "upper": list(boxes), "lower": list(boxes)} | more
+    return {"times": vector(times), "upper": matrix(boxes), "lower": matrix(boxes)} | more
 
 
 def last(kind: str, certificate: Document, level: str, height: str, stretch: str = "1") -> Document:
@@ -64,45 +72,33 @@ def moved(check: Document, k: int, i: int, value: str, *faces: str) -> Document:
 # 2/3 and 4/9 in steps of 1/2; u_1 - u_2 <= u_2' at the start of it, so that 1 stays and then falls
 # to 5/6; up to a thousandth.  v = (1, 2) has the rate 1/2: N <= 0.445, and 0.89 exp(-(t - 1)/2) is
 # 0.1 at 1 + 2 ln 8.9 = 5.372103.
-SLOW = {"v": vector("1 2"), "alpha": "1/2", "rho": None}
-BOXES = vector("1 1"), vector("0.667 1.001"), vector("0.445 0.835")
+SLOW = weights("1 2", "1/2")
+BOXES = tuple(matrix("1 1; 0.667 1.001; 0.445 0.835"))
 LINE = settling(
     box(1),
     "0.1",
     "5.3722",
-    tube(vector("0 1/2 1"), *BOXES),
+    tube("0 1/2 1", "1 1; 0.667 1.001; 0.445 0.835"),
     last("max-separable", SLOW, "0.445", "2"),
 )
 # exp(y) - 1 + y on that arc: the same u_1, and u_2 stays: N <= 0.8008.  v = (1, 5/4) has the rate
 # 0.3769 on N <= 1.
-CLOSE = {"v": vector("1 5/4"), "alpha": "0.3769", "rho": "1"}
-CURVE = settling(
-    box(1),
-    "0.1",
-    "7",
-    tube(vector("0 1/2"), vector("1 1"), vector("0.667 1.001")),
-    last("max-separable", CLOSE, "0.8008", "5/4"),
-)
+CLOSE = last("max-separable", weights("1 5/4", "0.3769", "1"), "0.8008", "5/4")
+CURVE = settling(box(1), "0.1", "7", tube("0 1/2", "1 1; 0.667 1.001"), CLOSE)
 # y + y^3, k = 3, both ways, u_1 = u_2: -3 u <= u', so that 1 falls to 4/7 and 16/49 in steps of
 # 1/4.  Gains 1 to 2 on |y| <= 1: 9 - sqrt(10) = 2 * 2.918.  level^2 >= 2 * 0.327^2, and 1/2 +
 # ln(4.6245)/2.9 = 1.028060.
 WIDE = quadratic("2.9", "1", "2.00001", "1/2", "1")
-EVEN = {"v": vector("1 1"), "alpha": "3", "rho": "1"}
-FALLING = vector("1 1"), vector("0.572 0.572"), vector("0.327 0.327")
-CUBIC = settling(
-    box(1),
-    "0.1",
-    "1.0281",
-    tube(vector("0 1/4 1/2"), *FALLING),
-    last("quadratic", WIDE, "0.46245", "1"),
-)
+EVEN = weights("1 1", "3", "1")
+FALLING = tube("0 1/4 1/2", "1 1; 0.572 0.572; 0.327 0.327")
+CUBIC = settling(box(1), "0.1", "1.0281", FALLING, last("quadratic", WIDE, "0.46245", "1"))
 # -|y|, k = 5, both ways: -5 u <= u' allows 1 to fall to 2/3 in 1/10; u - 4 l <= l' at the end, so
 # that 1 falls to 10.667/14 = 0.76193.  N <= 0.763, and 1/10 + ln(7.63)/2.9999 = 0.777383.
 UNEVEN = settling(
     box(1),
     "0.1",
     "0.7774",
-    tube(vector("0 1/10"), vector("1 1"), vector("0.667 0.667"), lower=matrix("1 1; 0.763 0.763")),
+    tube("0 1/10", "1 1; 0.667 0.667", lower=matrix("1 1; 0.763 0.763")),
     last("max-separable", BENT["exact"], "0.763", "1"),
 )
 # Gains that mix components hold with 1: 1 falls to 2/3 in 1/2.
@@ -110,42 +106,35 @@ MIXED = settling(
     box(1),
     "0.1",
     "2.398",
-    tube(vector("0 1/2"), vector("1 1"), vector("0.667 0.667")),
+    tube("0 1/2", "1 1; 0.667 0.667"),
     last("max-separable", MATRIX["exact"], "0.667", "1"),
 )
 # With the observer, A - W C = -2, h = y, k = 3: c = exp(-2 t)/2.  -3 u + c <= u' at the end of
 # steps of 1/4: 1 falls to 0.614752, and 0.616 to 0.378277.  With N + E <= 0.38 + 0.183940 at rate
 # 1: 1/2 + ln 56.394 = 4.532364.  With P_e = 2 I and P = 4: level^2 >= 4 * 0.38^2 + 2 (2 *
 # 0.18394)^2 = 0.848272; 1/2 + ln(65.126) = 4.676328.
-CALM = {
-    "v": vector("1 1"),
-    "alpha": "3",
-    "rho": None,
-    "P": [["1"]],
-    "beta": "2",
-    "kappa": "1",
-    "size": "1",
-}
+CALM = weights("1 1", "3") | COMPOSITE
 STEEP = quadratic("1", "1", "1", None, None, size="2", P=[["4"]])
-HEARD = tube(
-    vector("0 1/4 1/2"), vector("1 1"), ["0.616"] * 2, ["0.38"] * 2, P=[["1"]], beta="2", size="1"
-)
-SEEN = settling(box(1, 0.5), "0.01", "4.5324", HEARD, last("max-separable", CALM, "0.56395", "1"))
-STRETCHED = settling(
-    box(1, 0.5), "0.01", "4.6764", HEARD, last("quadratic", STEEP, "0.92102", "0.707107", "2")
-)
+WATCHED = {"P": [["1"]], "beta": "2", "size": "1"}
+HEARD = tube("0 1/4 1/2", "1 1; 0.616 0.616; 0.38 0.38", **WATCHED)
+DISTURBED = box(1, 0.5)
+SEEN = settling(DISTURBED, "0.01", "4.5324", HEARD, last("max-separable", CALM, "0.56395", "1"))
+DECAYING = last("quadratic", STEEP, "0.92102", "0.707107", "2")
+STRETCHED = settling(DISTURBED, "0.01", "4.6764", HEARD, DECAYING)
 # E stays for ever: -3 u + 1/2 <= u' allows 1 to fall to 4.5/7; level^2 >= 4 * 0.65^2 + 8/4.
-STAYING = tube(vector("0 1/4"), vector("1 1"), ["0.65"] * 2, P=[["1"]], beta="1/1000", size="1")
-STILL = settling(
-    box(1, 0.5), "0.01", "6", STAYING, last("quadratic", STEEP, "1.921", "0.707107", "2")
-)
+STAYING = tube("0 1/4", "1 1; 0.65 0.65", **WATCHED | {"beta": "1/1000"})
+KEPT = last("quadratic", STEEP, "1.921", "0.707107", "2")
+STILL = settling(DISTURBED, "0.01", "6", STAYING, KEPT)
 GOOD = {"line": LINE, "curved line": CURVE, "cubic": CUBIC, "bent": UNEVEN, "linear matrix": MIXED}
 
 
-@cache
-def tube_cases() -> list[Case]:
+@collected
+def tube_cases() -> Iterator[Case]:
     """All of them, the good ones first."""
-    return [*_good(), *_bent_tubes(), *_bent_lasts(), *_bent_observer()]
+    yield from _good()
+    yield from _bent_tubes()
+    yield from _bent_lasts()
+    yield from _bent_observer()
 
 
 def _made(name: str, code: int, what: str, check: Document) -> Case:
@@ -163,30 +152,25 @@ def _good() -> Iterator[Case]:
     for check in (SEEN, STRETCHED, STILL):
         yield _holds("observed, linear", "true", check)
     yield _holds("observed, linear", "no disturbance", SEEN | {"domain": box(1, 0)})
-    at_once = bent(
-        LINE, times=["0"], upper=matrix("1 1"), lower=matrix("1 1"), level="1", time="5.9915"
-    )
-    yield _holds("line", "no segment", at_once)  # 2 exp(-t/2)
+    start = tube("0", "1 1")
+    at_once = bent(LINE, tube=start, level="1", time="5.9915")  # 2 exp(-t/2)
+    yield _holds("line", "no segment", at_once)
     yield _wrong("line", at_once, "no segment, too early", time="5.9914")
-    yield _holds(
-        "line", "a time beyond all exponents", bent(LINE, time="2e400", tolerance="1e-350")
-    )
+    endless = bent(LINE, time="2e400", tolerance="1e-350")
+    yield _holds("line", "a time beyond all exponents", endless)
     # A coupling that no arc has counts: the problem is not linear.
-    for rho, code in (("1", HOLDS), (None, FAILS)):
-        check = bent(CUBIC, last=last("max-separable", EVEN | {"rho": rho}, "0.327", "1"))
-        yield _made("unused", code, f"rho {rho}", check)
+    other = bent(CUBIC, last=last("max-separable", EVEN, "0.327", "1"))
+    yield _holds("unused", "rho 1", other)
+    yield _wrong("unused", other, "rho None", rho=None)
 
 
 def _bent_tubes() -> Iterator[Case]:
-    for k, i, value in (
-        (0, 0, "0.999"),
-        (1, 0, "0.6665"),
-        (2, 0, "0.444"),
-        (1, 1, "0.999"),
-        (2, 1, "0.833"),
-    ):
-        for face in ("upper", "lower"):
-            yield _fails("line", f"{face} {value}", moved(LINE, k, i, value, face))
+    for face in ("upper", "lower"):
+        yield _fails("line", f"{face} 0.6665", moved(LINE, 1, 0, "0.6665", face))
+        yield _fails("line", f"{face} 0.444", moved(LINE, 2, 0, "0.444", face))
+        yield _fails("line", f"{face} 0.833", moved(LINE, 2, 1, "0.833", face))
+        for k in (0, 1):
+            yield _fails("line", f"{face} 0.999", moved(LINE, k, k, "0.999", face))
     yield _fails("curved line", "agent 2 falls at once", moved(CURVE, 1, 1, "0.999"))
     for k, value in ((1, "0.571"), (2, "0.326")):
         yield _fails("cubic", f"agent 1 {value}", moved(CUBIC, k, 0, value))
@@ -197,50 +181,39 @@ def _bent_tubes() -> Iterator[Case]:
     apart = bent(moved(MIXED, 1, 1, "0.668", "lower"), level="0.668", time="3")
     yield _fails("linear matrix", "faces that differ, and mixed components", apart)
     yield _fails("linear matrix", "agent 2", moved(MIXED, 1, 1, "0.666"))
-    times = (
-        {"times": vector("0 0.49 1")},
-        {"times": vector("0 1/2 0.99")},
-        {"times": vector("1/10 0.6 1.1"), "time": "6"},
-    )
-    for change in times:
-        yield _wrong("line", LINE, **change)
+    yield _wrong("line", LINE, times=vector("0 0.49 1"))
+    yield _wrong("line", LINE, times=vector("0 1/2 0.99"))
+    yield _wrong("line", LINE, times=vector("1/10 0.6 1.1"), time="6")
     yield from _each_wrong("line", LINE, times=[vector("0 1/2 1/2"), vector("0 1"), []])
     yield from _each_wrong("line", LINE, times=[vector("0 1 1/2"), [0, 1, 2], None])
     yield _wrong("line", LINE, lower=[*BOXES, BOXES[2]])
-    yield from _each_wrong("line", LINE, upper=[BOXES[:2], [["1"] * 3] * 3])
-    yield from _each_wrong(
-        "line", LINE, upper=[[BOXES[0], vector("0 1"), BOXES[2]], [BOXES[0]] * 2 + [{}]]
-    )
-    empty = {"times": [], "upper": [], "lower": []}
-    many = {
-        "times": [f"{k}/1000" for k in range(2001)],
-        "upper": matrix("1 1") * 2001,
-        "lower": matrix("1 1") * 2001,
-    }
-    yield _wrong("line", bent(LINE, time="99", level="1"), **(empty))
-    yield _wrong("line", bent(LINE, time="99", level="1"), **(many))
+    first, _, third = BOXES
+    for upper in (BOXES[:2], [["1"] * 3] * 3, [first, vector("0 1"), third], [first, first, {}]):
+        yield _wrong("line", LINE, upper=upper)
+    long = bent(LINE, time="99", level="1")
+    yield _wrong("line", long, times=[], upper=[], lower=[])
+    times = [f"{k}/1000" for k in range(2001)]
+    many = [first] * 2001
+    yield _wrong("line", long, times=times, upper=many, lower=many)
     yield from _each_wrong("line", LINE, domain=[box(1.001), ball(1), box(1, 0.1)])
-    yield _fails("line", "a rate", LINE | {"rate": 0.5})
-    yield _fails("line", "refuted", LINE | {"verdict": "refuted", "domain": "global"})
+    yield _wrong("line", LINE, "a rate", rate=0.5)
+    yield _wrong("line", LINE, "refuted", verdict="refuted", domain="global")
     yield _fails("list", "of a list", MIXED)
     yield _fails("unobserved", "no W", LINE)
-    outside = settling(
-        box(1),
-        "9",
-        "1",
-        tube(vector("0 1/2"), vector("1 1"), vector("1 1")),
-        last("max-separable", EVEN, "1", "1"),
-    )
+    kept = last("max-separable", EVEN, "1", "1")
+    outside = settling(box(1), "9", "1", tube("0 1/2", "1 1; 1 1"), kept)
     yield _fails("log", "a box that leaves the domain of h", outside)
 
 
 def _bent_lasts() -> Iterator[Case]:
-    sizes = ("time", "5.372"), ("tolerance", "0.09999"), ("level", "0.4449"), ("height", "1.9999")
-    for change in ({key: value} for key, value in sizes):
-        yield _wrong("line", LINE, **change)
-    yield _wrong("line", bent(LINE, tolerance="9"), time="0.99")
-    yield _wrong("line", bent(LINE, tolerance="9"), stretch="2")
-    yield _wrong("line", bent(LINE, tolerance="9"), kind="vertices")
+    yield _wrong("line", LINE, time="5.372")
+    yield _wrong("line", LINE, tolerance="0.09999")
+    yield _wrong("line", LINE, level="0.4449")
+    yield _wrong("line", LINE, height="1.9999")
+    loose = bent(LINE, tolerance="9")
+    yield _wrong("line", loose, time="0.99")
+    yield _wrong("line", loose, stretch="2")
+    yield _wrong("line", loose, kind="vertices")
     growing = bent(LINE, tolerance="9", time="1")
     yield _holds("line", "the end of the tube", growing)
     yield from _each_wrong("line", growing, alpha=["0", "-1", "0.5001"])
@@ -256,15 +229,11 @@ def _bent_lasts() -> Iterator[Case]:
     yield from _each_wrong("curved line", wide, level=["1.0001", "0.8007"])
     yield _wrong("curved line", wide, rho=None)
     yield _wrong("curved line", wide, alpha="0.3771")
-    sizes = (
-        ("time", "1.028"),
-        ("level", "0.46243"),
-        ("height", "0.9999"),
-        ("rate", "2.92"),
-        ("radius", "0.65"),
-    )
-    for change in ({key: value} for key, value in sizes):
-        yield _wrong("cubic", CUBIC, **change)
+    yield _wrong("cubic", CUBIC, time="1.028")
+    yield _wrong("cubic", CUBIC, level="0.46243")
+    yield _wrong("cubic", CUBIC, height="0.9999")
+    yield _wrong("cubic", CUBIC, rate="2.92")
+    yield _wrong("cubic", CUBIC, radius="0.65")
     yield _wrong("cubic", CUBIC, level="-0.46245")
     yield _wrong("cubic", CUBIC, height="-1")
     yield _wrong("cubic", CUBIC, stretch="-1")
@@ -280,13 +249,12 @@ def _bent_lasts() -> Iterator[Case]:
 
 def _bent_observer() -> Iterator[Case]:
     name = "observed, linear"
-    for check in (SEEN, STRETCHED):
+    for check, too_large in ((SEEN, "1.1"), (STRETCHED, "1.2")):
         for k, value in ((1, "0.614"), (2, "0.378")):
             yield _fails(name, f"agent 1 {value}", moved(check, k, 0, value))
         yield from _each_wrong(name, check, domain=[box(1, 0.51), box(1.001, 0.5)])
         yield _wrong(name, check, beta="2.0001")
-        yield _wrong(name, check, **({"size": "1.1"} if check is SEEN else {"size": "1.2"}))
-        yield _wrong(name, check, size="0.9999")
+        yield from _each_wrong(name, check, size=["0.9999", too_large])
         yield _wrong(name, check, "time", time="4.53")
     for P in ([["0.9999"]], [["-1"]], matrix("1; 1")):
         tubed = bent(SEEN, time="9")
